@@ -11,6 +11,7 @@ import numpy as np
 
 import cartstiff
 from cartstiff.geometry import se3
+from cartstiff.identify.measurements import Measurements
 from cartstiff.identify.plan import candidates, simulated
 from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.loading.catalogue import bundled
@@ -136,6 +137,24 @@ def table_of(path, q, W, d, *, measured=("dx", "dy", "dz"), sd=None) -> Path:
     if sd is not None:
         columns |= {f"sd_{name}": np.full(len(q), sd) for name in measured}
     return write_table(path, columns)
+
+
+def measurements(q, W, values, *, sd=1e-6, axes="base", mass=None, session=(), **more):
+    """Measurements as a table gives them; `values` (by column) all with one deviation."""
+    n = len(q)
+    return Measurements(
+        np.asarray(q),
+        np.asarray(W),
+        np.zeros(n) if mass is None else mass,
+        np.zeros(n),
+        axes,
+        values,
+        {name: np.full(n, sd) for name in values},
+        more.pop("direction", np.full((n, 3), np.nan)),
+        session,
+        np.full(n, np.nan),
+        **more,
+    )
 
 
 def load(path: Path):

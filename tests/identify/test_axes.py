@@ -4,31 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.identify.campaigns import SPRINGS, arm, load, random_campaign
+from tests.identify.campaigns import SPRINGS, arm, load, measurements, random_campaign
 
 from cartstiff.errors import InputError
 from cartstiff.identify.identification import identify
-from cartstiff.identify.measurements import Measurements
 
 COLUMNS = ("drx", "dry", "drz", "dx", "dy", "dz")
 
 
-def measured(q, W, d, names=COLUMNS[3:], axes="base", sd=np.nan):
+def measured(q, W, d, names=COLUMNS[3:], axes="base"):
     values = {name: d[:, COLUMNS.index(name)] for name in names}
-    spreads = {name: np.full(len(q), sd) for name in names}
-    no = np.zeros(len(q))
-    return Measurements(
-        q,
-        W,
-        no,
-        no,
-        axes,
-        values,
-        spreads,
-        np.full((len(q), 3), np.nan),
-        (),
-        np.full(len(q), np.nan),
-    )
+    return measurements(q, W, values, axes=axes, sd=np.nan)
 
 
 def doubts(elastic, table):

@@ -5,17 +5,15 @@ Deflections by NumPy's roots, Jacobians by differences of poses, derivatives by 
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 from tests.identify.campaigns import jacobian, load
 from tests.identify.neighbours import neighbours
 from tests.identify.test_polynomials import _campaign, _five_bar, _pulled
+from tests.support.commands import answer, run
 
 import cartstiff
 from cartstiff import DeadForce, analyse_posture
-from cartstiff.cli.main import main
 from cartstiff.identify.identification import identify, with_result
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.vibration.sensitivities import intervals
@@ -29,23 +27,9 @@ _AXES = np.eye(3)
 def known(tmp_path_factory):
     """An arm of which the second joint's three coefficients were found besides five springs."""
     folder = tmp_path_factory.mktemp("bent")
-    path, table = _campaign(folder, 2, 6e-5, rows=40)
-    with pytest.raises(SystemExit) as exit_:
-        main(
-            [
-                "identify",
-                str(path),
-                str(table),
-                "--unknown",
-                "joints",
-                "--unknown",
-                "j2",
-                "-o",
-                str(folder / "known.yaml"),
-            ]
-        )
-    assert exit_.value.code == 0
-    return folder / "known.yaml"
+    file = folder / "known.yaml"
+    run("identify", *_campaign(folder, 2, 6e-5, rows=40), "--unknown joints --unknown j2 -o", file)
+    return file
 
 
 def _root(c, torque):
@@ -187,17 +171,8 @@ def test_what_does_not_fit_the_file_is_refused(known, tmp_path):
         assert "identified" in str(refused.value)
 
 
-def test_the_command_line_tells_intervals(known, capfd):
-    for command in ("analyse", "equilibrium"):
-        with pytest.raises(SystemExit) as exit_:
-            main([command, str(known), "--load", "0,0,0,0,0,-100", "--json"])
-        out, err = capfd.readouterr()
-        assert exit_.value.code == 0, err
-        shown = json.loads(out)
-        if command == "analyse":
-            assert (
-                shown["analysis"]["uncertainty"]["parameters"]["coefficient.j2 x^2"]["deviation"]
-                > 0
-            )
-        else:
-            assert max(shown["displacement_uncertainty"]["sd"]) > 0
+def test_the_command_line_tells_intervals(known):
+    load_ = "--load 0,0,0,0,0,-100"
+    found = answer("analyse", known, load_)["analysis"]["uncertainty"]["parameters"]
+    assert found["coefficient.j2 x^2"]["deviation"] > 0
+    assert max(answer("equilibrium", known, load_)["displacement_uncertainty"]["sd"]) > 0

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, table_of
 from tests.identify.neighbours import neighbours
+from tests.support.commands import run
 
 import cartstiff
 from cartstiff import DeadWrench, compensate, equilibrium
-from cartstiff.cli.main import main
 from cartstiff.identify.identification import identify, with_result
 from cartstiff.identify.plan import candidates, simulated
 from cartstiff.mechanisms.other_units import in_units
@@ -28,9 +28,7 @@ def known(tmp_path_factory):
     path = arm("elbow", folder)
     q, W, d = random_campaign(load(path), SPRINGS["elbow"], 9, 4, sd=8e-5)
     table = table_of(folder / "m.csv", q, W, d)
-    with pytest.raises(SystemExit) as exit_:
-        main(["identify", str(path), str(table), "-o", str(folder / "known.yaml")])
-    assert exit_.value.code == 0
+    run("identify", path, table, "-o", folder / "known.yaml")
     return folder / "known.yaml"
 
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 from scipy.linalg import lstsq
 from scipy.stats import t as student
 from tests.identify.campaigns import SPRINGS, arm, jacobian, load, random_campaign, table_of
+from tests.support.commands import answer, run
 
 import cartstiff
 from cartstiff import analyse_posture
-from cartstiff.cli.main import main
 from cartstiff.identify.identification import identify
 from cartstiff.identify.measurements import read_measurements
 from cartstiff.report.json_schema import json_schema
@@ -26,15 +24,6 @@ def _campaign(tmp_path, name="elbow", rows=20, seed=1, **settings):
     q, W, d = random_campaign(elastic, SPRINGS[name], rows, seed)
     table = table_of(tmp_path / "m.csv", q, W, d, **settings)
     return path, elastic, read_measurements(table, elastic), (q, W, d)
-
-
-def _run(capfd, *arguments):
-    capfd.readouterr()
-    with pytest.raises(SystemExit) as exit_:
-        main([str(a) for a in arguments])
-    out, err = capfd.readouterr()
-    assert exit_.value.code == 0, err
-    return out
 
 
 def test_estimates_are_those_of_the_textbook(tmp_path):
@@ -86,12 +75,12 @@ def test_a_joint_that_no_row_turns_is_named_and_gets_no_number(tmp_path):
         "j3": "not-identifiable",
         "j4": "determined",
     }
-    answer = result.as_dict()
-    lost = answer["parameters"][2]
+    told = result.as_dict()
+    lost = told["parameters"][2]
     assert lost["stiffness"] is None
     assert lost["compliance"] is None
-    assert answer["covariance"][2] == [None] * 4
-    assert [u["springs"] for u in answer["unseen"]] == [{"j3": pytest.approx(1.0, abs=1e-9)}]
+    assert told["covariance"][2] == [None] * 4
+    assert [u["springs"] for u in told["unseen"]] == [{"j3": pytest.approx(1.0, abs=1e-9)}]
     assert "not identifiable from these rows: j3" in [n.message for n in result.notes]
 
 
@@ -139,10 +128,10 @@ def test_a_nearly_rigid_joint_is_at_least(tmp_path):
     assert result.as_dict()["parameters"][0]["interval"] == [pytest.approx(low), None]
 
 
-def test_json_has_the_form_and_units_are_read(tmp_path, capfd):
+def test_json_has_the_form_and_units_are_read(tmp_path):
     path, elastic, measured, (q, W, d) = _campaign(tmp_path, rows=16, sd=2e-5)
     columns = table_of(tmp_path / "si.csv", q, W, d).read_text().splitlines()
-    shown = json.loads(_run(capfd, "identify", path, tmp_path / "si.csv", "--json"))
+    shown = answer("identify", path, tmp_path / "si.csv")
     jsonschema.validate(shown, json_schema("identify"))
     heads = [
         f"{n} [deg]" if n.startswith("j") else f"{n} [mm]" if n[0] == "d" else n
@@ -155,29 +144,28 @@ def test_json_has_the_form_and_units_are_read(tmp_path, capfd):
         cells[-3:] = [1e3 * x for x in cells[-3:]]
         scaled.append(",".join(map(repr, map(float, cells))))
     (tmp_path / "mm.csv").write_text("\n".join(scaled), "utf-8")
-    again = json.loads(_run(capfd, "identify", path, tmp_path / "mm.csv", "--json"))
+    again = answer("identify", path, tmp_path / "mm.csv")
     stiffness = [p["stiffness"] for p in shown["parameters"]]
     assert [p["stiffness"] for p in again["parameters"]] == pytest.approx(stiffness, rel=1e-9)
     # The same units by option instead of in the head.
     plain = [line.replace(" [deg]", "").replace(" [mm]", "") for line in scaled]
     (tmp_path / "o.csv").write_text("\n".join(plain), "utf-8")
-    out = _run(capfd, "identify", path, tmp_path / "o.csv", "--units", "mm,deg", "--json")
-    by_option = json.loads(out)
+    by_option = answer("identify", path, tmp_path / "o.csv", "--units mm,deg")
     assert by_option["units"]["length"] == "m"
     assert {p["unit"] for p in by_option["parameters"]} == {"N m/rad"}
     assert [p["stiffness"] for p in by_option["parameters"]] == pytest.approx(stiffness)
-    text = _run(capfd, "identify", path, tmp_path / "mm.csv")
+    text = run("identify", path, tmp_path / "mm.csv")
     assert "Stiffness, 95 % intervals" in text
     result = identify(elastic, measured)  # deviations given: the normal distribution
     assert result.as_dict()["degrees"] is None
     assert result.checks.probability > 0.001
 
 
-def test_the_file_written_carries_the_covariance_into_analyse(tmp_path, capfd):
+def test_the_file_written_carries_the_covariance_into_analyse(tmp_path):
     path, _, _, _ = _campaign(tmp_path, rows=16)
     (tmp_path / "sub").mkdir()
     out = tmp_path / "sub" / "known.yaml"
-    shown = json.loads(_run(capfd, "identify", path, tmp_path / "m.csv", "--json", "-o", out))
+    shown = answer("identify", path, tmp_path / "m.csv", "-o", out)
     known = cartstiff.load(str(out))
     found = [p["stiffness"] for p in shown["parameters"]]
     assert known.springs.stiffness == pytest.approx(found, rel=1e-12)
@@ -189,10 +177,10 @@ def test_the_file_written_carries_the_covariance_into_analyse(tmp_path, capfd):
     J = result.jacobian
     effects = (J * (J.T @ W))[3:]
     spread = np.sqrt(np.diag(effects @ known.identified.covariance @ effects.T))
-    answer = analyse_posture(result, wrench=W)["uncertainty"]
-    assert answer["method"] == "first order"
+    told = analyse_posture(result, wrench=W)["uncertainty"]
+    assert told["method"] == "first order"
     for i in range(3):
-        entry = answer["numbers"][f"deflection.displacement[{i}]"]
+        entry = told["numbers"][f"deflection.displacement[{i}]"]
         assert entry["deviation"] == pytest.approx(spread[i], rel=1e-5)
         half = student.ppf(0.975, known.identified.degrees) * spread[i]
         assert entry["upper"] - entry["nominal"] == pytest.approx(half, rel=1e-5)
@@ -203,10 +191,10 @@ def test_the_file_written_carries_the_covariance_into_analyse(tmp_path, capfd):
     assert known.with_springs(1e4).identified is None
 
 
-def test_a_changed_spring_contradicts_the_covariance(tmp_path, capfd):
+def test_a_changed_spring_contradicts_the_covariance(tmp_path):
     path, _, _, _ = _campaign(tmp_path, rows=16)
     out = tmp_path / "known.yaml"
-    _run(capfd, "identify", path, tmp_path / "m.csv", "-o", out)
+    run("identify", path, tmp_path / "m.csv", "-o", out)
     text = out.read_text()
     k = cartstiff.load(str(out)).springs.stiffness[0]
     out.write_text(text.replace(repr(float(k)), "12345.0"), "utf-8")

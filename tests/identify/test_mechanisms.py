@@ -14,6 +14,7 @@ from tests.identify.campaigns import (
     arm,
     jacobian,
     load,
+    measurements,
     random_campaign,
     table_of,
     write_table,
@@ -23,29 +24,9 @@ import cartstiff
 from cartstiff import DeadForce, equilibrium
 from cartstiff.geometry import se3
 from cartstiff.identify.identification import identify
-from cartstiff.identify.measurements import Measurements, read_measurements
+from cartstiff.identify.measurements import read_measurements
 from cartstiff.identify.models import LinearModel, LoadedModel
 from cartstiff.identify.unknowns import unknowns_of
-
-
-def _settings(q, W, values, *, mass=None, sd=1e-6, session=(), **more):
-    n = len(q)
-    spread = {name: np.full(n, sd) for name in values}
-    zero = np.zeros(n)
-    more = {"direction": np.full((n, 3), np.nan), **more}
-    return Measurements(
-        np.asarray(q),
-        np.asarray(W),
-        zero if mass is None else mass,
-        zero,
-        "base",
-        values,
-        spread,
-        more.pop("direction"),
-        session,
-        np.full(n, np.nan),
-        **more,
-    )
 
 
 def _softer(elastic, factors):
@@ -94,7 +75,7 @@ def test_legs_and_motors_of_loops_come_back(name, rows, axes):
     values = dict(zip(("dx", "dy", "dz"), np.array(moved).T, strict=True))
     if axes == 2:
         del values["dz"]
-    result = identify(elastic, _settings(q, W, values, sd=1e-3 * np.abs(moved).max()))
+    result = identify(elastic, measurements(q, W, values, sd=1e-3 * np.abs(moved).max()))
     found = [e.stiffness for e in result.estimates]
     assert found == pytest.approx(truth[sprung], rel=2e-4)
 
@@ -107,7 +88,7 @@ def test_the_derivative_is_that_of_the_equilibrium():
     W[:, 3:] = [[10.0, -20.0, 15.0], [5.0, 5.0, -30.0]]
     W[1, :3] = [0.3, -0.2, 0.1]
     nothing = {name: np.zeros(2) for name in ("dx", "dy", "dz", "drz")}
-    measured = _settings(q, W, nothing, mass=np.array([0.0, 1.0]))
+    measured = measurements(q, W, nothing, mass=np.array([0.0, 1.0]))
     unknowns = unknowns_of(elastic, ("joints", "links"))
     linear = LinearModel(unknowns, measured)
     model = LoadedModel(unknowns, measured)
@@ -118,7 +99,7 @@ def test_the_derivative_is_that_of_the_equilibrium():
         step[p] = 1e-3 * theta[p]
         rate = (model.at(theta + step)[0] - model.at(theta - step)[0]) / (2 * step[p])
         assert A[:, p] == pytest.approx(rate, rel=1e-5, abs=1e-6 * np.abs(y).max() / theta[p])
-    small = _settings(q, 1e-3 * W, nothing)
+    small = measurements(q, 1e-3 * W, nothing)
     straight, B = LinearModel(unknowns, small).at(theta)
     y, _ = LoadedModel(unknowns, small).at(theta)
     assert y == pytest.approx(straight, rel=1e-3, abs=1e-3 * np.abs(y).max())
@@ -145,7 +126,7 @@ def test_large_loads_need_the_equilibrium(tmp_path):
         moved.append(state.pose[:3, 3] - elastic.mechanism.at(one).pose[:3, 3])
     moved = np.array(moved) + rng.normal(size=(12, 3)) * 2e-5
     values = dict(zip(("dx", "dy", "dz"), moved.T, strict=True))
-    measured = _settings(q, np.zeros((12, 6)), values, mass=mass, sd=2e-5)
+    measured = measurements(q, np.zeros((12, 6)), values, mass=mass, sd=2e-5)
     linear = identify(elastic, measured)
     assert "linear-differs" in [n.code for n in linear.notes]
     result = identify(elastic, measured, loaded=True)
@@ -174,7 +155,7 @@ def test_own_weight_seen_by_a_tracker_in_two_unknown_frames(tmp_path):
         x = elastic.mechanism.at(one).pose[:3, 3] + sag[3:] + rng.normal(size=3) * 5e-6
         T = se3.exp(frames[name])
         seen.append(T[:3, :3] @ x + T[:3, 3])
-    measured = _settings(
+    measured = measurements(
         q,
         np.zeros((40, 6)),
         dict(zip("xyz", np.array(seen).T, strict=True)),

@@ -6,14 +6,14 @@ import json
 
 import numpy as np
 import pytest
-from tests.identify.campaigns import SPRINGS, arm, jacobian, load, table_of
+from tests.identify.campaigns import SPRINGS, arm, jacobian, load, measurements, table_of
+from tests.support.commands import answer, run
 
 import cartstiff
 from cartstiff import DeadForce, InputError
-from cartstiff.cli.main import main
 from cartstiff.errors import ConvergenceError
 from cartstiff.identify.identification import identify
-from cartstiff.identify.measurements import Measurements, read_measurements
+from cartstiff.identify.measurements import read_measurements
 from cartstiff.identify.models import BentModel, LoadedModel
 from cartstiff.identify.plan import candidates, plan, simulated
 from cartstiff.identify.unknowns import unknowns_of
@@ -104,19 +104,15 @@ def test_most_intervals_hold_the_truth(tmp_path):
     assert np.mean(held) >= 0.83  # of 24
 
 
-def test_the_file_written_has_the_polynomial(tmp_path, capfd):
+def test_the_file_written_has_the_polynomial(tmp_path):
     path, table = _campaign(tmp_path, 1, 1e-6)
-    arguments = ["identify", path, table, "--unknown", "joints", "--unknown", "j2"]
-    for more in ([], ["--json"]):
-        with pytest.raises(SystemExit) as exit_:
-            main([*map(str, arguments), *more, "-o", str(tmp_path / "found.yaml")])
-        out, err = capfd.readouterr()
-        assert exit_.value.code == 0, err
-        if not more:  # a coefficient stands with its interval, in its unit
-            [row] = [line.split() for line in out.splitlines() if line.strip().startswith("j2 x^3")]
-            assert float(row[3]) < float(row[2]) < float(row[4])
-            assert (row[5:7], row[-1]) == (["N", "m/rad^3"], "coefficient")
-    shown = {e["name"]: e for e in json.loads(out)["parameters"]}
+    command = "identify", path, table, "--unknown joints --unknown j2 -o", tmp_path / "found.yaml"
+    rows = [line.split() for line in run(*command).splitlines()]
+    # A coefficient stands with its interval, in its unit.
+    [row] = [row for row in rows if row[:2] == ["j2", "x^3"]]
+    assert float(row[3]) < float(row[2]) < float(row[4])
+    assert (row[5:7], row[-1]) == (["N", "m/rad^3"], "coefficient")
+    shown = {e["name"]: e for e in answer(*command)["parameters"]}
     assert shown["j2 x^3"]["stiffness"] is None
     assert shown["j2 x^3"]["compliance"] == pytest.approx(TRUE[2], rel=0.02)
     known = load(tmp_path / "found.yaml")
@@ -168,20 +164,8 @@ def _pulled(elastic, rows, seed, force):
         told = elastic.with_springs(rest={elastic.names[j]: q[-1][j] for j in motors})
         state = cartstiff.equilibrium(told, q[-1], DeadForce(w[3:]), limits=False)
         moved.append((state.pose - elastic.mechanism.at(q[-1]).pose)[:2, 3])
-    moved, nothing = np.array(moved), np.zeros(rows)
-    values = {"dx": moved[:, 0], "dy": moved[:, 1]}
-    return Measurements(
-        np.array(q),
-        W,
-        nothing,
-        nothing,
-        "world",
-        values,
-        {name: np.full(rows, 1e-6) for name in values},
-        np.full((rows, 3), np.nan),
-        (),
-        np.full(rows, np.nan),
-    )
+    values = dict(zip(("dx", "dy"), np.array(moved).T, strict=True))
+    return measurements(q, W, values, axes="world")
 
 
 def test_a_motor_of_a_loop_that_stiffens(tmp_path):
@@ -257,20 +241,8 @@ def test_an_arm_s_polynomial_under_large_loads(tmp_path):
             true.with_springs(rest=one), one, DeadForce(w[3:]), limits=False
         )
         moved.append((state.pose - true.mechanism.at(one).pose)[:3, 3])
-    nothing = np.zeros(14)
     values = dict(zip(("dx", "dy", "dz"), np.array(moved).T, strict=True))
-    measured = Measurements(
-        q,
-        W,
-        nothing,
-        nothing,
-        "world",
-        values,
-        {name: np.full(14, 1e-6) for name in values},
-        np.full((14, 3), np.nan),
-        (),
-        np.full(14, np.nan),
-    )
+    measured = measurements(q, W, values, axes="world")
     result = identify(start, measured, sought=("joints", "j2"), loaded=True)
     found = {e.name: e.compliance for e in result.estimates}
     truth = dict(zip(("j2", "j2 x^2", "j2 x^3"), (1 / TRUE[0], *TRUE[1:]), strict=True))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 
 import pytest
 from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, table_of
-
-from cartstiff.cli.main import main
+from tests.support.commands import answer, run
 
 Q = "j1,j2,j3,j4,j5,j6"
 HEAD = f"{Q},fx,fy,fz,dx,dy,dz"
@@ -192,39 +190,22 @@ OPTIONS = {
 }
 
 
-def _refused(capfd, *arguments):
-    capfd.readouterr()
-    with pytest.raises(SystemExit) as exit_:
-        main(["identify", *map(str, arguments)])
-    out, line = capfd.readouterr()
-    assert exit_.value.code == 2, line
-    assert out == ""
-    assert line.count("\n") == 1
-    return line
-
-
 @pytest.mark.parametrize("case", TABLES)
-def test_a_table_is_refused_in_one_line(case, folder, tmp_path, capfd):
+def test_a_table_is_refused_in_one_line(case, folder, tmp_path):
     text, words = TABLES[case]
     (tmp_path / "m.csv").write_text(text, "utf-8")
-    line = _refused(capfd, folder / "elbow.yaml", tmp_path / "m.csv")
-    for word in words:
-        assert word in line
+    line = run("identify", folder / "elbow.yaml", tmp_path / "m.csv", code=2)
+    assert [word for word in words if word not in line] == []
 
 
 @pytest.mark.parametrize("case", OPTIONS)
-def test_an_option_is_refused_in_one_line(case, folder, capfd):
+def test_an_option_is_refused_in_one_line(case, folder):
     options, words = OPTIONS[case]
-    line = _refused(capfd, folder / "elbow.yaml", folder / "good.csv", *options)
-    for word in words:
-        assert word in line
+    line = run("identify", folder / "elbow.yaml", folder / "good.csv", options, code=2)
+    assert [word for word in words if word not in line] == []
 
 
-def test_there_are_enough_of_them():
-    assert len(TABLES) >= 40
-
-
-def test_what_spreadsheets_write_is_understood(folder, capfd, tmp_path):
+def test_what_spreadsheets_write_is_understood(folder, tmp_path):
     """Semicolons, decimal commas, degrees, (um), q1 for the first joint, a line with sep=;."""
     head, *rows = (folder / "good.csv").read_text().splitlines()
     names = [name.split("[")[0].strip() for name in head.split(",")]
@@ -238,49 +219,31 @@ def test_what_spreadsheets_write_is_understood(folder, capfd, tmp_path):
         cells = [repr(float(x) * shown.get(name, ("", 1.0))[1]) for name, x in pairs]
         lines.append(";".join(cells).replace(".", ","))
     (tmp_path / "sheet.csv").write_text("\n".join(lines), "utf-8")
-    found = []
-    for path in (folder / "good.csv", tmp_path / "sheet.csv"):
-        with pytest.raises(SystemExit) as end:
-            main(["identify", str(folder / "elbow.yaml"), str(path), "--json"])
-        out, error = capfd.readouterr()
-        assert end.value.code == 0, error
-        found.append([p["compliance"] for p in json.loads(out)["parameters"]])
-    assert found[1] == pytest.approx(found[0], rel=1e-9)
+    plain, sheet = (
+        [p["compliance"] for p in answer("identify", folder / "elbow.yaml", path)["parameters"]]
+        for path in (folder / "good.csv", tmp_path / "sheet.csv")
+    )
+    assert sheet == pytest.approx(plain, rel=1e-9)
 
 
-def test_a_tool_given_by_option_is_that_point(folder, capfd, tmp_path):
+def test_a_tool_given_by_option_is_that_point(folder, tmp_path):
     """Measured and loaded at --point, or at M moved there by --tcp; -o would not hold it."""
-
-    def found(*options):
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as end:
-            main(["identify", str(folder / "elbow.yaml"), str(folder / "good.csv"), *options])
-        return end.value.code, *capfd.readouterr()
-
-    at_point = found("--point", "0.1,0.02,0.05", "--json")
-    by_tool = found("--tcp", "0.1,0.02,0.05", "--payload", "0.001", "--json")
-    assert at_point[0] == by_tool[0] == 0
-    sought = [
-        [p["compliance"] for p in json.loads(out)["parameters"]]
-        for _, out, _ in (at_point, by_tool)
-    ]
-    assert sought[0] == pytest.approx(sought[1], rel=1e-9)
+    command = "identify", folder / "elbow.yaml", folder / "good.csv"
+    at_point, by_tool = (
+        [p["compliance"] for p in answer(*command, option)["parameters"]]
+        for option in ("--point 0.1,0.02,0.05", "--tcp 0.1,0.02,0.05 --payload 0.001")
+    )
+    assert at_point == pytest.approx(by_tool, rel=1e-9)
     file = tmp_path / "known.yaml"
-    code, _, error = found("--tcp", "0.1,0,0", "-o", str(file))
-    assert (code, file.exists()) == (2, False)
-    assert "-o: the file written would not hold what --tcp say" in error
-    code, _, error = found("--gravity", "0,0,-3.7", "-o", str(file))
-    assert code == 0, error
+    words = "-o: the file written would not hold what --tcp say"
+    assert words in run(*command, "--tcp 0.1,0,0 -o", file, code=2)
+    assert not file.exists()
+    run(*command, "--gravity 0,0,-3.7 -o", file)
     assert "gravity: [0.0, 0.0, -3.7]\n" in file.read_text()
 
 
-def test_radians_that_are_read_as_degrees_are_doubted(folder, capfd):
+@pytest.mark.parametrize(("units", "is_doubtful"), [("--units mm,deg", True), ("", False)])
+def test_radians_that_are_read_as_degrees_are_doubted(folder, units, is_doubtful):
     """A campaign in which no joint leaves zero by more than a few degrees; the fit goes on."""
-    tables = folder / "elbow.yaml", folder / "good.csv"
-    for units, is_doubtful in ((["--units", "mm,deg"], True), ([], False)):
-        with pytest.raises(SystemExit) as end:
-            main(["identify", *map(str, tables), "--json", *units])
-        out, error = capfd.readouterr()
-        assert end.value.code == 0, error
-        codes = [note["code"] for note in json.loads(out)["notes"]]
-        assert ("small-angles" in codes) == is_doubtful
+    found = answer("identify", folder / "elbow.yaml", folder / "good.csv", units)
+    assert ("small-angles" in [note["code"] for note in found["notes"]]) == is_doubtful

@@ -6,9 +6,7 @@ import re
 import shlex
 from pathlib import Path
 
-import pytest
-
-from cartstiff.cli.main import main
+from tests.support.commands import outcome
 
 PAGE = Path(__file__).parents[2] / "docs" / "howto" / "joint-stiffness.md"
 
@@ -18,11 +16,8 @@ def test_the_worked_example_prints_what_the_page_says(tmp_path, monkeypatch, cap
     seen = 0
     blocks = re.findall(r"```console\n\$ cartstiff (.*?)\n(.*?)```", PAGE.read_text("utf-8"), re.S)
     for command, shown in blocks:
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as exit_:
-            main(shlex.split(command))
-        out, err = capfd.readouterr()
-        assert exit_.value.code == 0, err
+        end, out, error = outcome("", shlex.split(command))
+        assert end == 0, error
         printed = out.splitlines()
         for line in shown.splitlines():
             if line and line != "...":

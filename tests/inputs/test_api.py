@@ -182,12 +182,6 @@ def test_a_frame_is_a_name(frame):
         cartstiff.load("cubic", frame=frame)
 
 
-@pytest.mark.parametrize("stiffness", [[1.0, [2.0], 3.0], [[1.0], [1.0, 2.0]], "x", [None] * 6])
-def test_springs_are_numbers_of_one_shape(stiffness):
-    with pytest.raises(cartstiff.errors.InputError, match="stiffness"):
-        cartstiff.load("cubic").with_springs(stiffness)
-
-
 UNLOADED = {
     "analyse": cartstiff.analyse,
     "analyse_many": lambda arm, **load: cartstiff.analyse_many(arm, [GOOD], **load),

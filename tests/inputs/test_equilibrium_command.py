@@ -333,11 +333,6 @@ def test_bad_options(name, refused):
     refused("equilibrium hexapod", arguments, words=words)
 
 
-def test_bad_mechanism(refused):
-    refused("equilibrium hexapot", LOAD, words=("unknown mechanism",))
-    refused("equilibrium", words=("MECHANISM",))
-
-
 # -- between two gravities ------------------------------------------------------------------------
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.commands import answer
 
 import cartstiff
 from cartstiff.errors import InputError
@@ -57,19 +58,12 @@ def test_a_payload_sinks_as_far_in_all_units(length, force):
 
 
 @pytest.mark.parametrize(("length", "force"), [("mm", "kN"), ("in", "lbf")])
-def test_payload_of_the_command(length, force, capfd):
-    import json
-
-    from cartstiff.cli.main import main
-
-    found = []
-    for units in (("m", "N"), (length, force)):
-        with pytest.raises(SystemExit) as end:
-            main(["equilibrium", str(platform(*units)), "--payload", "20", "--json"])
-        out, _ = capfd.readouterr()
-        assert end.value.code == 0
-        found.append(json.loads(out)["displacement"][5])
-    assert found[1] * LENGTHS[length] == pytest.approx(found[0], rel=EQUILIBRIUM)
+def test_payload_of_the_command(length, force):
+    expected, found = (
+        answer("equilibrium", platform(*units), "--payload 20")["displacement"][5]
+        for units in (("m", "N"), (length, force))
+    )
+    assert found * LENGTHS[length] == pytest.approx(expected, rel=EQUILIBRIUM)
 
 
 @pytest.mark.parametrize(

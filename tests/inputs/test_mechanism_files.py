@@ -278,24 +278,6 @@ def test_names_of_files(name, accepted):
     assert accepted(f"./{name}")["mechanism"]["name"] == Path(name).stem
 
 
-def test_name_of_a_file_that_is_no_text_is_printed(capfd):
-    from cartstiff.cli.main import main
-
-    name = os.fsdecode(b"\xff.yaml")
-    with pytest.raises(SystemExit) as exit_:
-        main(["analyse", place(PLATFORM, name)])
-    assert exit_.value.code == 0
-    assert "udcff" in capfd.readouterr().out
-
-
-@pytest.mark.parametrize("number", ["300000", "3e5", "3.0e5", "3.0E+5", "300000.0", "0x493E0"])
-def test_ways_to_write_a_number(number, accepted):
-    springs = f"springs: {{j1: {{stiffness: {number}}}, j2: {{stiffness: 3e5}}}}\n"
-    got = accepted(place(ARM + springs))
-    even = accepted(place(ARM), "--stiffness", "300000")
-    assert got["compliance"] == even["compliance"]
-
-
 @pytest.mark.parametrize("model", ["two.urdf", "./two.urdf", "../folder/two.urdf", "A b/ü.URDF"])
 def test_model_paths_are_relative_to_the_file(model, accepted):
     folder = Path("folder")

@@ -7,10 +7,9 @@ import unicodedata
 from pathlib import Path
 
 import pytest
-from tests.support.commands import words as split
+from tests.support.commands import answer, outcome
 
 import cartstiff
-from cartstiff.cli.main import main
 from cartstiff.errors import printable
 from cartstiff.page.messages import Answer
 from cartstiff.potentials.loads import DeadForce
@@ -100,21 +99,17 @@ def test_escapes(text, shown):
         "models",
     ],
 )
-def test_no_command_reaches_a_terminal(arm, words, capfd):
-    with pytest.raises(SystemExit) as exit_:
-        main(split(words))
-    out, line = capfd.readouterr()
-    assert exit_.value.code in (0, 2), line
+def test_no_command_reaches_a_terminal(arm, words):
+    code, out, line = outcome(words)
+    assert code in (0, 2), line
     assert harmless(out + line)
     assert out + line
 
 
-def test_json_holds_the_names_themselves(arm, capfd):
+def test_json_holds_the_names_themselves(arm):
     Path("arm.urdf").write_text(URDF.replace(JOINT, "j\x7f1"))
     Path("arm.yaml").write_text("kind: serial\nmodel: arm.urdf\n")
-    with pytest.raises(SystemExit):
-        main(["analyse", arm, "--json"])
-    assert json.loads(capfd.readouterr().out)["mechanism"]["joints"][0] == "j\x7f1"
+    assert answer("analyse", arm)["mechanism"]["joints"][0] == "j\x7f1"
 
 
 def test_tables_and_pictures(arm):
@@ -138,25 +133,22 @@ def test_the_page_is_told_escapes():
     assert told == [printable(JOINT), r"\x7f", "\\u202e", "\\", "🦾", '"', "é\n", "\\\\u202e"]
 
 
-def test_an_exported_page_has_a_harmless_title(arm, capfd):
-    with pytest.raises(SystemExit) as exit_:
-        main(["export", arm, "-o", "page.html"])
-    assert exit_.value.code == 0, capfd.readouterr()
+def test_an_exported_page_has_a_harmless_title(arm):
+    code, _, error = outcome("export", arm, "-o page.html")
+    assert code == 0, error
     text = Path("page.html").read_text(encoding="utf-8")
     (title,) = re.findall("<title>(.*?)</title>", text)
     assert harmless(title)
     assert "owned" in title
 
 
-def test_a_file_whose_name_is_no_text(arm, capfd):
+def test_a_file_whose_name_is_no_text(arm):
     """A name of a file is bytes, of which some are no UTF-8."""
     name = b"\xff\x1b[1m.urdf".decode("utf-8", "surrogateescape")
     Path(name).write_text(URDF, encoding="utf-8")
     for words in (["analyse", name], ["export", name, "-o", "page.html"]):
-        with pytest.raises(SystemExit) as exit_:
-            main(split(words))
-        out, line = capfd.readouterr()
-        assert exit_.value.code == 0, line
+        code, out, line = outcome(words)
+        assert code == 0, line
         assert harmless(out)
 
 
@@ -183,7 +175,7 @@ BROKEN = "a\nNotes\n  [forged] x\ty\x1b"
         "map arm.yaml --random 3 --best 1 --quantity condition -o m.zarr",
     ],
 )
-def test_a_name_ends_no_line(arm, words, capfd):
+def test_a_name_ends_no_line(arm, words):
     """A name of several lines could put a line of its own, a note say, into a report."""
     joint = "j1\nNotes\t"
     text = URDF.replace(JOINT, joint.replace("\n", "&#10;").replace("\t", "&#9;"))
@@ -192,10 +184,8 @@ def test_a_name_ends_no_line(arm, words, capfd):
     keys = json.loads(Path(arm).read_text()) | {"name": BROKEN, "springs": springs}
     Path(arm).write_text(json.dumps(keys))
     Path("path.csv").write_text("1,0.2\n1.1,0.3\n")
-    with pytest.raises(SystemExit) as exit_:
-        main(split(words))
-    out, line = capfd.readouterr()
-    assert exit_.value.code == 0, line
+    code, out, line = outcome(words)
+    assert code == 0, line
     lines = (out + line).splitlines()
     assert not [x for x in lines if x.startswith(("  [forged]", "Notes\t")) or "\t" in x]
     assert r"a\nNotes\n  [forged] x\ty\x1b" in out or r"j1\nNotes\t" in out

@@ -129,14 +129,6 @@ def test_other_units_are_refused(units, expected):
     assert error.count("\n") == 1
 
 
-def test_a_mechanism_in_centimetres():
-    """tcp is in the units that were asked for, whatever the file's are."""
-    a = answer("analyse stewart-gough --tcp 1,2,3")
-    b = answer("analyse stewart-gough --tcp 10,20,30 --units mm")
-    assert a["units"]["length"] == b["units"]["length"] == "cm"
-    np.testing.assert_allclose(b["pose"], a["pose"], atol=1e-9)
-
-
 def test_measurements_are_planned_found_and_written_in_other_units(tmp_path):
     """Point, ranges, volume, springs and tables of `identify`; the file written is in its own."""
     small, large = ("--units", "mm,deg", "--point", "0,0,50"), ("--point", "0,0,0.05")
@@ -212,14 +204,6 @@ def test_no_picture_with_a_logarithm_prints_a_formula(scale):
 def test_what_holds_assembly_modes_has_a_unit():
     assert "Held: left_motor 126.051 deg, right" in run("assemble five-bar --all", SHOWN)
     assert "Held: leg1 836.457 mm, leg2" in run("assemble hexapod", SHOWN)
-
-
-def test_help_of_every_command_names_it():
-    from cartstiff.cli.main import _COMMANDS
-
-    for name in _COMMANDS:
-        if name not in ("models", "compare", "design"):
-            assert "--units" in run(name, "--help"), name
 
 
 def test_how_far_the_body_turns_is_told_in_degrees():

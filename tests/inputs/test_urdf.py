@@ -11,7 +11,6 @@ import pytest
 from tests.inputs.refusals import texts
 
 import cartstiff
-from cartstiff.errors import InputError
 from cartstiff.loading.catalogue import bundled_files, example_robots
 
 Refused = Callable[..., str]
@@ -235,28 +234,6 @@ def test_names_that_pinocchio_uses_too(name, accepted):
     )
 
 
-def test_continuous_joint_is_a_revolute_without_limits(accepted):
-    at = ("--q", "0.3,2.9,0.5", "--frame", "d")
-    expected = accepted(place(ARM), *at)
-    got = accepted(place(ARM.replace("revolute", "continuous")), *at)
-    assert got["q"] == expected["q"]
-    for key in ("pose", "jacobian"):
-        assert np.allclose(got[key], expected[key], atol=1e-14)
-
-
-def test_prismatic_joint_slides(accepted):
-    text = changed('name="j1" type="revolute"', 'name="j1" type="prismatic"')
-    zero, one = (
-        np.array(accepted(place(text), "--q", f"{x},0,0", "--frame", "d")["pose"]) for x in (0, 1)
-    )
-    assert np.allclose((one - zero)[:3, :3], 0)
-    # Along the joint's axis z, which the origin's angles turn in the base.
-    c = np.cos([0.3, 0.1, -0.2]), np.sin([0.3, 0.1, -0.2])
-    (cr, cp, cy), (sr, sp, sy) = c
-    z = [cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr]
-    assert np.allclose((one - zero)[:3, 3], z, atol=1e-15)
-
-
 @pytest.mark.parametrize(("factor", "offset"), [(1.0, 0.0), (-2.0, 0.3), (0.5, -0.1), (0.0, 0.2)])
 def test_mimic_joint_moves_as_the_same_arm_without_mimic(factor, offset, accepted):
     tag = f'<mimic joint="j1" multiplier="{factor}" offset="{offset}"/>'
@@ -304,11 +281,6 @@ def test_long_chain_of_fixed_joints(accepted):
     assert accepted(place(text))["mechanism"]["joints"] == ["j0"]
 
 
-def test_hundred_moving_joints(accepted):
-    data = accepted(place(chain(100)))
-    assert np.isfinite(data["compliance"]["B"]).all()
-
-
 # -- everything that comes with the library -------------------------------------------------------
 
 MOVES = re.compile(r"type=.(revolute|continuous|prismatic|floating|planar)\b")
@@ -354,21 +326,6 @@ def test_example_robot_at_a_random_posture(name, accepted, refused):
     assert data["q"] == q.tolist()
     assert np.shape(data["jacobian"]) == (6, n)
     check_finite(data)
-
-
-def test_unknown_example_robot(refused):
-    refused("analyse", "ur55", words=("unknown mechanism", "ur5", "'ur55'"))
-
-
-def test_robot_without_description(refused):
-    without = [name for name, path in example_robots().items() if path is None]
-    for name in without:
-        refused("analyse", name, words=(name,))
-
-
-def test_reading_is_an_input_error_in_python_too():
-    with pytest.raises(InputError, match="zero axis"):
-        cartstiff.load(place(changed(AXIS, '<axis xyz="0 0 0"/>')))
 
 
 # -- the frame that is taken where none is named --------------------------------------------------

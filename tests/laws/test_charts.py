@@ -181,14 +181,10 @@ def test_no_convergence_is_told():
 def loaded():
     legs = general_legs()
 
-    def energy(T):
-        along = legs.platform @ T[:3, :3].T + T[:3, 3] - legs.base
-        return 0.5 * float(legs.stiffness @ (np.linalg.norm(along, axis=1) - legs.rest) ** 2)
-
     elastic = legs_as_platform(legs)
     T = elastic.mechanism.pose_of(legs.q)
     _, W, K_B = elastic.springs.on_pose(T)
-    return T, energy, W, K_B
+    return T, legs.energy, W, K_B
 
 
 @EVERY

@@ -19,14 +19,22 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.support import add_frame, log_reference, platform_mechanism, random_pose, translation
+from tests.support import (
+    add_frame,
+    hexagons,
+    loads_of,
+    log_reference,
+    promised,
+    random_pose,
+    spread_springs,
+    translation,
+)
 
 import cartstiff
 from cartstiff import (
     DeadForce,
     DeadWrench,
     ElasticMechanism,
-    FollowerWrench,
     InputError,
     JointSprings,
     LineSprings,
@@ -56,13 +64,6 @@ REFUSED = re.compile(r"hold the mechanism in .*: smallest over largest singular 
 DIFFERENCES = 1e-5
 
 
-def _springs(rng, count, decades):
-    """Stiffnesses over so many decades from 1e-3 on, both ends among them."""
-    k = 10.0 ** rng.uniform(-3, decades - 3, count)
-    k[rng.permutation(count)[:2]] = 1e-3, 10.0 ** (decades - 3)
-    return k
-
-
 def _arm(rng, joints, distance, decades):
     """An arm whose last three axes meet, the middle one turned by `distance` from alignment."""
     model, last = pin.Model(), 0
@@ -74,20 +75,8 @@ def _arm(rng, joints, distance, decades):
     add_frame(model, "tip", last, translation(0.1, 0.05, 0.2))
     q = rng.uniform(-1.5, 1.5, joints)
     q[-2] = distance
-    open_rest = JointSprings(_springs(rng, joints, decades), np.full(joints, np.nan))
+    open_rest = JointSprings(spread_springs(rng, joints, decades), np.full(joints, np.nan))
     return ElasticMechanism("arm", Chain(plain_tree(model), "tip"), q, open_rest)
-
-
-def _platform(rng, distance, decades):
-    """Six legs between symmetric hexagons; turned by a right angle they are singular."""
-    corners = np.repeat(2 * np.pi / 3 * np.arange(3), 2)
-    base, top = (
-        np.array([[r * np.cos(a), r * np.sin(a), 0.0] for a in corners + np.tile([-h, h], 3)])
-        for r, h in ((0.5, 0.3), (0.3, 0.7))
-    )
-    yaw = 0.5 * np.pi - distance
-    q = np.array([0.0, 0.0, 0.4, 0.0, 0.0, yaw])
-    return platform_mechanism(base, top, _springs(rng, 6, decades), np.full(6, np.nan), q=q)
 
 
 def _closed_chain(rng, distance, decades):
@@ -110,7 +99,7 @@ def _closed_chain(rng, distance, decades):
     closures = [Closure(*ends, "point")]
     chain = Chain(plain_tree(model), "end0", closures=closures, actuated=[0, 2])
     k = np.zeros(4)
-    k[[0, 2]] = _springs(rng, 2, decades)
+    k[[0, 2]] = spread_springs(rng, 2, decades)
     return ElasticMechanism("five-bar", chain, np.array(q), JointSprings(k, np.full(4, np.nan)))
 
 
@@ -120,7 +109,7 @@ def _unit(angle):
 
 def _mechanism(name, rng, distance, decades):
     if name == "platform":
-        return _platform(rng, distance, decades)
+        return hexagons(rng, distance, decades)
     if name == "closed chain":
         return _closed_chain(rng, distance, decades)
     return _arm(rng, int(name[0]), distance, decades)
@@ -138,36 +127,6 @@ def _load(kind, rng, elastic):
         w[3:] = 0.0
     name = kind if kind in ("follower", "conservative") else "dead"
     return w, {"load_kind": name, "load_at": at}
-
-
-def _acting(kind, w, at, pose, length):
-    """The load as a potential of the equilibrium."""
-    R = pose[:3, :3]
-    if kind == "follower":
-        return [FollowerWrench([*(w[:3] + np.cross(at, w[3:])), *w[3:]])]
-    found = [DeadForce(R @ w[3:], at)]
-    if kind == "conservative":
-        z = w[:3] / np.linalg.norm(w[:3])
-        x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
-        x /= np.linalg.norm(x)
-        y, force = np.cross(z, x), np.linalg.norm(w[:3]) / (4.0 * length)
-        for end, along in ((x, y), (-x, -y), (y, -x), (-y, x)):
-            found.append(DeadForce(force * (R @ along), length * end))
-    elif w[:3].any():
-        found.append(DeadWrench([*(R @ w[:3]), 0.0, 0.0, 0.0]))
-    return found
-
-
-def _promised(result, matrix):
-    """The relative error that the notes admit."""
-    return max(
-        (
-            n.values["relative_error"]
-            for n in result.notes
-            if n.code == "ill-conditioned" and n.values["matrix"] == matrix
-        ),
-        default=0.0,
-    )
 
 
 def _codes(result):
@@ -314,7 +273,7 @@ def check_posture(name, load, distance, decades, seed):
     if K is not None and C is not None:
         size = np.sqrt(np.abs(np.diag(K)))
         rest = (C * np.outer(size, size)) @ (K / np.outer(size, size)) - np.eye(6)
-        known = max(_promised(result, "stiffness"), _promised(result, "compliance"))
+        known = max(promised(result, "stiffness"), promised(result, "compliance"))
         # An error of one is a share of its largest entries, which the other multiplies.
         scale = np.abs(C * np.outer(size, size)).max()
         assert np.abs(rest).max() <= max(1e-11, known) * scale, "K C = 1"
@@ -322,7 +281,7 @@ def check_posture(name, load, distance, decades, seed):
     at_origin = result
     if load not in ("none", "spring"):
         at_origin = cartstiff.analyse(elastic, q, wrench=result.wrench)
-    lost = max(_promised(at_origin, "compliance"), _promised(result, "compliance"))
+    lost = max(promised(at_origin, "compliance"), promised(result, "compliance"))
     direction = np.array([0.6, 0.0, 0.8])
     settings = Settings("load", 0.3, tuple(direction), tuple(w))
     many_wrench = None if wrench is None else result.wrench
@@ -345,7 +304,7 @@ def check_posture(name, load, distance, decades, seed):
     # A stiffness alone is a state where its note says that soft directions are lost.
     if at_origin.tangent is not None and many.is_regular[1]:
         alone = analyse_many(elastic, [q], wrench=many_wrench, outputs=("stiffness_load",))
-        is_lost = max(lost, _promised(at_origin, "stiffness")) > numerics.LOST_ERROR
+        is_lost = max(lost, promised(at_origin, "stiffness")) > numerics.LOST_ERROR
         assert alone.counts() == {"ill-conditioned" if is_lost else "regular": 1}
     # Held values are those of K's own digits, the others of the compliance's.
     tolerance = max(SAME, 100.0 * lost)
@@ -363,7 +322,7 @@ def check_posture(name, load, distance, decades, seed):
         _same(numbers["along_free"], single["directions"][-1]["along"]["free"], tolerance, "along")
         held = ellipsoids["stiffness"]["translation"]["held"]
         held = [np.nan] * 3 if held is None else held["eigenvalues"]
-        known = max(tolerance, 10.0 * _promised(at_origin, "stiffness"))
+        known = max(tolerance, 10.0 * promised(at_origin, "stiffness"))
         if "near-type-2-singularity" in _codes(result):  # of the largest, as the compliance above
             known = max(known, SAME * np.abs(held).max() / abs(held[0]))
         if np.isfinite(held).all() or np.isfinite(numbers["translation_held_min"]):
@@ -428,7 +387,7 @@ def check_posture(name, load, distance, decades, seed):
     told = any("type-2-singularity" in code for code in _codes(result))
     assert told or not is_type_2 or distance > 1e-3
     if wrench is not None:
-        acting = _acting(load, w, how["load_at"], result.pose, 0.1)
+        acting = loads_of(load, w, how["load_at"], result.pose[:3, :3], 0.1)
     # What a stiff spring gives is nothing beside what the soft one does under the same load.
     size = np.abs(C).max(axis=0)
     size = np.maximum(size, size.max() * (1.0 if decades > 2 else 1e-2))

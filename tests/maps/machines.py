@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from tests.support import loaded_arm, paper_platform
+from tests.support.commands import words
 
 import cartstiff
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -31,28 +32,17 @@ def softest(elastic: ElasticMechanism, q: np.ndarray, wrench: object = None) -> 
 # -- maps in processes of their own -------------------------------------------------------------
 
 # A mechanism that is computed posture by posture: in six parts.
-COMMAND = (
-    "map",
-    "delta",
-    "--grid",
-    "leg1/motor=0.3:0.5:2,leg2/motor=0.3:0.5:3,leg3/motor=0.3:0.5:4",
-    "--quantity",
-    "compliance_translation_free_max",
-    "--chunk",
-    "4",
-    "--length",
-    "0.1",
-    "--threads",
-    "1",
-    "--json",
+COMMAND = words(
+    "map delta --grid leg1/motor=0.3:0.5:2,leg2/motor=0.3:0.5:3,leg3/motor=0.3:0.5:4 --chunk 4 "
+    "--quantity compliance_translation_free_max --length 0.1 --threads 1 --json"
 )
 
 
-def start(*words: str, **environment: str) -> subprocess.Popen[str]:
+def start(*arguments: str, **environment: str) -> subprocess.Popen[str]:
     """Start Python with the library that is tested."""
     source = str(Path(cartstiff.__file__).parents[1])
     return subprocess.Popen(
-        [sys.executable, *words],
+        [sys.executable, *arguments],
         env={**os.environ, "PYTHONPATH": source, "OMP_NUM_THREADS": "1", **environment},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,

@@ -36,19 +36,9 @@ def scheduler(tmp_path_factory):
     """A scheduler on this machine, and its address."""
     folder = tmp_path_factory.mktemp("scheduler")
     about = folder / "scheduler.json"
-    process = start(
-        "-m",
-        "distributed.cli.dask_scheduler",
-        "--host",
-        "127.0.0.1",
-        "--port",
-        "0",
-        "--no-dashboard",
-        "--dashboard-address",
-        "127.0.0.1:0",
-        "--scheduler-file",
-        str(about),
-    )
+    local = "--host 127.0.0.1 --port 0 --no-dashboard --dashboard-address 127.0.0.1:0"
+    words = f"-m distributed.cli.dask_scheduler {local} --scheduler-file".split()
+    process = start(*words, str(about))
     try:
         for _ in range(3000):
             with contextlib.suppress(OSError, ValueError):
@@ -67,19 +57,9 @@ def worker(scheduler, tmp_path):
     started = []
 
     def one_more():
-        process = start(
-            "-m",
-            "distributed.cli.dask_worker",
-            scheduler,
-            "--no-nanny",
-            "--nthreads",
-            "1",
-            "--host",
-            "127.0.0.1",
-            "--no-dashboard",
-            "--local-directory",
-            str(tmp_path),
-        )
+        local = "--no-nanny --nthreads 1 --host 127.0.0.1 --no-dashboard --local-directory"
+        words = f"-m distributed.cli.dask_worker {scheduler} {local}".split()
+        process = start(*words, str(tmp_path))
         started.append(process)
         return process
 

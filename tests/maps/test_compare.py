@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import xarray
 from tests.maps.test_pictures import _made_up
+from tests.support.commands import answer, run
 
-from cartstiff.cli.main import main
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.maps.across import compare_maps, compared, single_branch
 from cartstiff.maps.pictures import draw_map
@@ -138,70 +138,26 @@ def test_a_single_branch_is_what_hangs_together():
     assert single_branch(flat, "stiffness") is flat
 
 
-def test_the_command(tmp_path, capfd):
-    def run(*words, code=0):
-        with pytest.raises(SystemExit) as exit_:
-            main(list(map(str, words)))
-        out, error = capfd.readouterr()
-        assert exit_.value.code == code, error
-        return out if code == 0 else error
-
+def test_the_command(tmp_path):
     a, b, picture = tmp_path / "a.zarr", tmp_path / "b.zarr", tmp_path / "p.png"
+    grid = "map hexapod --grid x=-0.01:0.01:2,y=-0.01:0.01:2 --quantity translation_free_min"
     for file, stiffness in ((a, "1e5"), (b, "2e5")):
-        run(
-            "map",
-            "hexapod",
-            "--grid",
-            "x=-0.01:0.01:2,y=-0.01:0.01:2",
-            "--quantity",
-            "translation_free_min",
-            "--stiffness",
-            stiffness,
-            "-o",
-            file,
-            "--json",
-        )
-    told = json.loads(run("compare", a, b, "--json", "--picture", picture))
+        answer(grid, "--stiffness", stiffness, "-o", file)
+    told = answer("compare", a, b, "--picture", picture)
     assert told["smallest"] == pytest.approx(0.5)
     assert told["largest"] == pytest.approx(0.5)
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert "mean 0.5" in run("compare", a, b)
-    assert "unknown quantity" in run("compare", a, b, "--quantity", "x", code=2)
+    assert "unknown quantity" in run("compare", a, b, "--quantity x", code=2)
     assert "c.zarr" in run("compare", a, tmp_path / "c.zarr", code=2)
-    refused = run(
-        "map",
-        "hexapod",
-        "--grid",
-        "x=-0.01:0.01:2",
-        "--quantity",
-        "condition",
-        "--single-branch",
-        "-o",
-        tmp_path / "d.zarr",
-        code=2,
-    )
-    assert "--single-branch" in refused
+    single = "map hexapod --grid x=-0.01:0.01:2 --quantity condition --single-branch -o"
+    assert "--single-branch" in run(single, tmp_path / "d.zarr", code=2)
 
 
-def test_the_place_of_a_slice_is_told(tmp_path, capsys):
-    maps = [str(tmp_path / f"{name}.zarr") for name in "ab"]
-    for path in maps:
-        with pytest.raises(SystemExit):
-            main(
-                [
-                    "map",
-                    "ur5",
-                    "--grid",
-                    "elbow_joint=0.2:2:4,wrist_1_joint=0:1:3",
-                    "-o",
-                    path,
-                    "--quantity",
-                    "condition",
-                    "--slice",
-                    "elbow_joint=0.85",
-                ]
-            )
-        assert "nearest places to the slice: elbow_joint 0.8 rad" in capsys.readouterr().out
-    with pytest.raises(SystemExit):
-        main(["compare", *maps, "--slice", "elbow_joint=0.85"])
-    assert "nearest places to the slice: elbow_joint 0.8 rad" in capsys.readouterr().out
+def test_the_place_of_a_slice_is_told(tmp_path):
+    maps, cut = (tmp_path / "a.zarr", tmp_path / "b.zarr"), "--slice elbow_joint=0.85"
+    grid = "map ur5 --grid elbow_joint=0.2:2:4,wrist_1_joint=0:1:3 --quantity condition -o"
+    told = "nearest places to the slice: elbow_joint 0.8 rad"
+    for file in maps:
+        assert told in run(grid, file, cut)
+    assert told in run("compare", *maps, cut)

@@ -8,12 +8,11 @@ import time
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from tests.support.commands import answer, run
 
 import cartstiff
 from cartstiff.batch.postures import analyse_many
 from cartstiff.batch.work import BY_REFERENCE, Work, describe, explained, timed, watched
-from cartstiff.cli.main import command
 from cartstiff.report.json_schema import json_schema
 
 
@@ -91,57 +90,29 @@ def test_limits_are_those_of_the_largest_share():
 def test_map_explains_itself(tmp_path):
     pytest.importorskip("llvmlite")
     pytest.importorskip("zarr")
-    words = [
-        "map",
-        "hexapod",
-        "--grid",
-        "x=-0.01:0.01:60",
-        "--grid",
-        "y=-0.01:0.01:50",
-        "--quantity",
-        "translation_free_min",
-        "-o",
-        str(tmp_path / "m.zarr"),
-    ]
-    ran = CliRunner().invoke(command, [*words, "--profile", "--json"], catch_exceptions=False)
-    told = json.loads(ran.output)["explained"]
+    words = "map hexapod --grid x=-0.01:0.01:60 --grid y=-0.01:0.01:50 --profile"
+    quantity = "--quantity translation_free_min -o", tmp_path / "m.zarr"
+    told = answer(words, *quantity)["explained"]
     by_name = {share["what"]: share for share in told["shares"]}
     ways = ("machine code", "recorded arithmetic")
     assert sum(s["postures"] for name, s in by_name.items() if name.startswith(ways)) == 3000
     assert "writing the file" in by_name
-    told_twice = [*words, "--profile", "--dask", "tcp://127.0.0.1:1"]
-    with pytest.raises(cartstiff.InputError, match="other processes"):
-        CliRunner().invoke(command, told_twice, catch_exceptions=False)
+    assert "other processes" in run(words, "--dask tcp://127.0.0.1:1", *quantity, code=2)
 
 
 def test_cartesian_map_tells_what_its_places_took(tmp_path):
     pytest.importorskip("zarr")
-    words = [
-        "map",
-        "ur5",
-        "--cartesian",
-        "x=0.3:0.4:3,y=0:0.1:2,z=0.4:0.4:1",
-        "--branches",
-        "1",
-        "--quantity",
-        "condition",
-        "-o",
-        str(tmp_path / "m.zarr"),
-    ]
-    ran = CliRunner().invoke(command, [*words, "--profile", "--json"], catch_exceptions=False)
-    shares = json.loads(ran.output)["explained"]["shares"]
-    counts = {share["what"]: share["postures"] for share in shares}
+    words = "map ur5 --cartesian x=0.3:0.4:3,y=0:0.1:2,z=0.4:0.4:1 --branches 1 --profile"
+    told = answer(words, "--quantity condition -o", tmp_path / "m.zarr")["explained"]
+    counts = {share["what"]: share["postures"] for share in told["shares"]}
     assert counts["inverse kinematics of the places"] == 6
 
 
 def test_analyse_explains_itself():
     jsonschema = pytest.importorskip("jsonschema")
-    words = ["analyse", "cubic", "--profile"]
-    ran = CliRunner().invoke(command, [*words, "--json"], catch_exceptions=False)
-    answer = json.loads(ran.output)
-    jsonschema.validate(answer, json_schema("analyse"))
-    names = [share["what"] for share in answer["explained"]["shares"]]
+    told = answer("analyse cubic --profile")
+    jsonschema.validate(told, json_schema("analyse"))
+    names = [share["what"] for share in told["explained"]["shares"]]
     assert names[0] == "reading the mechanism"
     assert any(name.startswith("engine") for name in names)
-    text = CliRunner().invoke(command, words, catch_exceptions=False).output
-    assert "what limits" in text
+    assert "what limits" in run("analyse cubic --profile")

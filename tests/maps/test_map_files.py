@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import xarray
 from tests.maps.machines import arm, platform, softest
+from tests.support.commands import refuses
 
 import cartstiff
 from cartstiff.errors import InputError, UnknownNameError
@@ -447,20 +448,14 @@ def test_bad_samplings(elastic):
     for axis in ((0, 1), (0, 1, 2.5), "abc", 3):
         with pytest.raises(InputError, match="expected low, high, count"):
             Grid({names[0]: axis}, names, elastic.q)  # type: ignore[dict-item]
-    with pytest.raises(InputError, match="1 to 10000000"):
-        Axis(0, 1, 0)
-    with pytest.raises(InputError, match="finite"):
-        Axis(0, np.inf, 3)
-    with pytest.raises(InputError, match="no limits"):
-        RandomPostures.within_limits(arm("RRPRRR", 4), 5)
+    refuses("1 to 10000000", Axis, 0, 1, 0)
+    refuses("finite", Axis, 0, np.inf, 3)
+    refuses("no limits", RandomPostures.within_limits, arm("RRPRRR", 4), 5)
     with pytest.raises(UnknownNameError, match="coordinate"):
         RandomPostures.within_limits(elastic, 5, ranges={"elbow": (0, 1)})
-    with pytest.raises(InputError, match="1 or more"):
-        RandomPostures(0, 0, [0.0], [1.0])
-    with pytest.raises(InputError, match="finite"):
-        Trajectory([[0.0, np.nan]])
-    with pytest.raises(InputError, match="no column"):
-        Trajectory.from_table({"time": [1.0]}, elastic, elastic.q)
+    refuses("1 or more", RandomPostures, 0, 0, [0.0], [1.0])
+    refuses("finite", Trajectory, [[0.0, np.nan]])
+    refuses("no column", Trajectory.from_table, {"time": [1.0]}, elastic, elastic.q)
     with pytest.raises(UnknownNameError, match="axis"):
         CartesianGrid({"w": Axis(0, 1, 2)}, elastic, elastic.q)
     with pytest.raises(UnknownNameError, match="redundancy"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.support import loaded_arm, paper_platform
+from tests.support.commands import refuses
 
 import cartstiff
 from cartstiff.analysis import asymmetry as asymmetries
@@ -347,14 +348,10 @@ def test_refusals():
         choose_quantities(["stiff"], Settings(), elastic)
     with pytest.raises(UnknownNameError, match="part of the analysis"):
         choose_quantities(["indices.nothing"], Settings(), elastic)
-    with pytest.raises(InputError, match="path to one number"):
-        choose_quantities(["indices.eigenvalues"], Settings(), elastic)
-    with pytest.raises(InputError, match="needs a direction"):
-        choose_quantities(["along_free"], Settings(), elastic)
-    with pytest.raises(InputError, match="needs a wrench"):
-        choose_quantities(["deflection"], Settings(), elastic)
-    with pytest.raises(InputError, match="twice"):
-        choose_quantities(["condition", "condition"], Settings(), elastic)
+    refuses("path to one number", choose_quantities, ["indices.eigenvalues"], Settings(), elastic)
+    refuses("needs a direction", choose_quantities, ["along_free"], Settings(), elastic)
+    refuses("needs a wrench", choose_quantities, ["deflection"], Settings(), elastic)
+    refuses("twice", choose_quantities, ["condition", "condition"], Settings(), elastic)
     with pytest.raises(UnknownNameError, match="connection"):
         choose_quantities(["condition"], Settings("C"), elastic)
     with pytest.raises(InputError, match="no quantity"):

@@ -4,6 +4,9 @@ import io
 
 import numpy as np
 from ruamel.yaml import YAML
+from scipy.spatial.transform import Rotation
+
+from cartstiff import analyse, load
 
 Z = (0, 0, 1)
 
@@ -72,3 +75,49 @@ def note(result, code):
     found = [n for n in result.notes if n.code == code]
     assert found, f"{code} not among {[n.code for n in result.notes]}"
     return found[0]
+
+
+def six_chains(folder, tilt=0.0, passive=None, spins=False, spin=None):
+    """The hexapod's legs as chains: universal joint, slide, ball at the platform.
+
+    Their bases are turned by up to `tilt`; `passive` is a spring in the universal joints. `spins`
+    adds a turn of each leg about its own line, and `spin` is the spring of that.
+    """
+    mechanism, pose = load("hexapod").mechanism, analyse(load("hexapod")).pose
+    turn = [joint("spin", "y", "cylinder")] if spins else []
+    leg = write_urdf(
+        folder,
+        joint("u1", "base", "x", axis=(1, 0, 0)),
+        joint("u2", "x", "y" if spins else "cylinder", axis=(0, 1, 0)),
+        *turn,
+        joint("slide", "cylinder", "rod", kind="prismatic"),
+        name="leg",
+    )
+    legs, rng = [], np.random.default_rng(6)
+    for a, b in zip(mechanism.anchors, mechanism.points, strict=True):
+        rpy = tilt * rng.uniform(-1, 1, 3)
+        base = Rotation.from_euler("xyz", rpy).as_matrix()
+        x, y, z = base.T @ (pose[:3, :3] @ b + pose[:3, 3] - a)
+        length = float(np.sqrt(x * x + y * y + z * z))
+        u1, u2 = np.arctan2(-y, z), np.arcsin(x / length)
+        # The ball starts at zero where the contact frame stands as the leg does.
+        grip = pose[:3, :3].T @ base @ Rotation.from_euler("XY", [u1, u2]).as_matrix()
+        springs = {"slide": {"stiffness": 2.0e6}}
+        for k, (name, q) in enumerate((("u1", u1), ("u2", u2)), 1) if passive else ():
+            springs[name] = {"stiffness": passive * k, "rest": q - 0.1 * k}
+        if spin is not None:
+            springs["spin"] = spin
+        legs.append(
+            {
+                "model": leg.name,
+                "frame": "rod",
+                "contact": "point",
+                "base": {"xyz": a, "rpy": rpy},
+                "grip": {"xyz": b, "rpy": Rotation.from_matrix(grip).as_euler("xyz")},
+                "q": {"u1": u1, "u2": u2, "slide": length},
+                "springs": springs,
+                "passive": [n for n in ("u1", "u2", "spin")[: 2 + spins] if n not in springs],
+            }
+        )
+    slides = [f"leg{i + 1}/slide" for i in range(6)]
+    return load(write_file(folder, kind="parallel", legs=legs, actuated=slides))

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.mechanisms.machines import write_file
 from tests.mechanisms.oracle import GRAVITY, Held, displaced
 from tests.support import gradient_of, relative_error
 
@@ -47,52 +46,6 @@ def test_springs_on_the_body_add(name):
         total = K + sum(a.matrices[connection] - K for a in added)
         assert relative_error(together.matrices[connection], total) <= SUM * 10
         assert relative_error(as_one.matrices[connection], total) <= SUM * 10
-
-
-def test_six_legs_add():
-    """A platform is the sum of six platforms with one spring each, loads included."""
-    whole = load("stewart-gough")
-    k, rest = whole.springs.stiffness, whole.springs.rest
-    result = analyse(whole)
-    parts = []
-    for s in range(6):
-        one = replace(
-            whole.springs,
-            anchors=whole.springs.anchors[[s]],
-            points=whole.springs.points[[s]],
-            stiffness=k[[s]],
-            rest_length=rest[[s]],
-        )
-        parts.append(analyse(replace(whole, springs=None, potentials=(one,))))
-    assert relative_error(sum(p.wrench for p in parts), result.wrench) <= SUM
-    assert abs(sum(p.energy for p in parts) - result.energy) <= SUM * result.energy
-    for name in "AB":
-        total = sum(p.matrices[name] for p in parts)
-        assert relative_error(total, result.matrices[name]) <= SUM
-
-
-def _without_last_leg(tmp_path, keep):
-    from ruamel.yaml import YAML
-    from tests.mechanisms.oracle import ROBOTS
-
-    data = YAML(typ="safe").load((ROBOTS / "3-rrr.yaml").read_text(encoding="utf-8"))
-    first = data["legs"][0]["grip"]["xyz"]
-    data["legs"] = [data["legs"][i] for i in keep]
-    data["actuated"] = [f"leg{i + 1}/motor" for i in range(len(keep))]
-    for leg in data["legs"]:
-        leg["model"] = str(ROBOTS / leg["model"])
-    assert first
-    return load(write_file(tmp_path, f"legs{'-'.join(map(str, keep))}", **data))
-
-
-def test_legs_of_a_parallel_mechanism_add(tmp_path):
-    """3-RRR unloaded: three mechanisms of one leg each sum to the whole."""
-    whole = analyse(load("3-rrr")).matrices["A"]
-    total = sum(analyse(_without_last_leg(tmp_path, [i])).matrices["A"] for i in range(3))
-    assert relative_error(total, whole) <= LEGS
-    pair = analyse(_without_last_leg(tmp_path, [0, 1])).matrices["A"]
-    last = analyse(_without_last_leg(tmp_path, [2])).matrices["A"]
-    assert relative_error(pair + last, whole) <= LEGS
 
 
 def test_loaded_legs_add():

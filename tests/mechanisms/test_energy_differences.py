@@ -12,7 +12,7 @@ from tests.mechanisms.oracle import (
     displaced,
     missed,
 )
-from tests.support import gradient_of, hessian_of, log_reference, relative_error
+from tests.support import relative_error
 
 from cartstiff import analyse, load
 
@@ -125,50 +125,3 @@ def test_preloaded_cables(moved):
     held.pose0 = elastic.mechanism.pose_of(q)
     assert (np.abs(result.wrench).max() > 10.0) == (moved > 0.0)
     _check(result, held, CABLE_STEP)
-
-
-def _five_bar(wrench, springs):
-    elastic = replace(load("five-bar"), gravity=GRAVITY)
-    if springs:
-        elastic, q = displaced(load("five-bar"), None, 0.05, springs, seed=4)
-        # Away from rest: the motors' springs are wound up.
-        return analyse(elastic, elastic.mechanism.assembled(q + np.array([0.05, 0, -0.04, 0])))
-    return analyse(elastic, wrench=wrench)
-
-
-@pytest.mark.parametrize("wrench", [WRENCH, None])
-@pytest.mark.parametrize("springs", [None, 20.0])
-def test_five_bar_on_its_two_motions(wrench, springs):
-    """Two freedoms: with W the load, Phi - W . log(T_0^-1 T) is stationary; its Hessian is K."""
-    if wrench is None and springs is None:
-        wrench = WRENCH * [1, 1, 1, -1, 1, 1]
-    result = _five_bar(wrench, springs)
-    assert result.matrices["B"] is None
-    W, elastic, chain = result.wrench, result.elastic, result.elastic.mechanism
-    motors = list(chain.actuated)
-    back = np.linalg.inv(result.pose)
-
-    def at(d):
-        """Posture with the motors moved by d: Newton on the closure with the elbows."""
-        q = result.q.copy()
-        q[motors] += d
-        others = [i for i in range(4) if i not in motors]
-        for _ in range(12):
-            posture = chain.at(q)
-            step = np.linalg.lstsq(posture.closure.jacobian[:, others], -posture.residual)[0]
-            q[others] += step
-        return chain.at(q)
-
-    def stationary(d):
-        posture = at(d)
-        energy = sum(term.evaluate(posture).energy for term in elastic.terms())
-        return energy - W @ log_reference(back @ posture.pose)
-
-    hessian = hessian_of(stationary, np.ones(2), STEP)
-    J = gradient_of(lambda d: log_reference(back @ at(d).pose), np.ones(2), STEP)
-    slope = gradient_of(stationary, np.ones(2), STEP)
-    assert np.abs(slope).max() <= SLOPE * np.abs(J.T @ W).max()
-    U, K_U = result.reduction.reachable, result.reduction.reachable_stiffness
-    rates = np.linalg.lstsq(J, U)[0]
-    assert np.abs(J @ rates - U).max() <= LOAD
-    assert relative_error(K_U, rates.T @ hessian @ rates) <= ENERGY

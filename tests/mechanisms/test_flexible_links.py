@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
-from tests.mechanisms.beams import GROUND, Frame
 from tests.mechanisms.machines import joint, write_file, write_urdf
 from tests.mechanisms.oracle import ROBOTS, natural_error
-from tests.support import adjoint_reference, relative_error
+from tests.support import adjoint_reference, relative_error, tip_compliance
 
 from cartstiff import analyse, load
 
@@ -43,22 +42,6 @@ class Leg:
         self.beams = [entry["flexible"][n]["beam"] for n in ("crank", "coupler")]
 
 
-def _tip_compliance(beam):
-    """Clamped-free beam along x: (rotation, displacement) of the tip per (moment, force)."""
-    E, L = beam["E"], beam["length"]
-    C = np.zeros((6, 6))
-    C[0, 0] = L / (beam["G"] * beam["J"])
-    C[3, 3] = L / (E * beam["area"])
-    C[2, 2], C[4, 4], C[2, 4] = (L**k / n for k, n in ((1, 1), (3, 3), (2, 2)))
-    C[2, [2, 4]] /= E * beam["Iz"]
-    C[4, 4] /= E * beam["Iz"]
-    C[1, 1], C[5, 5], C[1, 5] = (L**k / n for k, n in ((1, 1), (3, 3), (2, -2)))
-    C[1, [1, 5]] /= E * beam["Iy"]
-    C[5, 5] /= E * beam["Iy"]
-    C[4, 2], C[5, 1] = C[2, 4], C[1, 5]
-    return C
-
-
 def _leg_stiffness(leg, body):
     """Serial compliance of motor and beams; the hinges transmit no moment about their axes."""
 
@@ -69,7 +52,7 @@ def _leg_stiffness(leg, body):
     motor = seen(leg.crank) @ about_z
     C = np.outer(motor, motor) / leg.motor
     for tip, beam in zip((leg.crank_tip, leg.coupler_tip), leg.beams, strict=True):
-        C += seen(tip) @ _tip_compliance(beam) @ seen(tip).T
+        C += seen(tip) @ tip_compliance(beam) @ seen(tip).T
     hinges = np.stack([seen(leg.coupler) @ about_z, seen(leg.end) @ about_z], axis=1)
     bordered = np.block([[C, hinges], [hinges.T, np.zeros((2, 2))]])
     # Scaled, as compliances are small against lever arms.
@@ -91,38 +74,6 @@ def test_leg_by_leg(result):
     K = sum(_leg_stiffness(leg, legs[0].body) for leg in legs)
     for name in "ABK":
         assert natural_error(result.matrices[name], K, result.posture.length) <= ASSEMBLY
-
-
-def _finite_elements(pieces):
-    frame = Frame()
-    legs = [Leg(entry) for entry in _file()["legs"]]
-    body = legs[0].body
-    for leg in legs:
-        points = [T[:3, 3] for T in (leg.crank, leg.coupler, leg.end)]
-        # Ground: only the crank's rotation about z is free, and held by the motor.
-        (turn,) = frame.new(1)
-        frame.spring(turn, leg.motor)
-        elbow = frame.new()
-        (elbow_turn, wrist_turn) = frame.new(2)
-        on_body = frame.on_body(points[2] - body[:3, 3])
-        frame.beam([GROUND] * 5 + [turn], elbow, points[0], points[1], leg.beams[0], pieces)
-        frame.beam(
-            [*elbow[:5], elbow_turn],
-            [*on_body[:5], wrist_turn],
-            points[1],
-            points[2],
-            leg.beams[1],
-            pieces,
-        )
-    R = np.kron(np.eye(2), body[:3, :3])
-    return R.T @ frame.body_stiffness() @ R
-
-
-@pytest.mark.parametrize(("pieces", "tolerance"), [(1, ASSEMBLY), (4, ASSEMBLY)])
-def test_finite_elements(result, pieces, tolerance):
-    K = _finite_elements(pieces)
-    for name in "ABK":
-        assert natural_error(result.matrices[name], K, result.posture.length) <= tolerance
 
 
 def test_stiff_links_leave_the_motors(result):

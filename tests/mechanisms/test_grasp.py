@@ -86,17 +86,6 @@ def test_what_the_squeeze_does(tmp_path):
     assert rotation[2.0][1] < rotation[1.0][1] < rotation[0.0][1]
 
 
-def test_spin_about_the_contacts_costs_nothing(tmp_path):
-    for squeeze in (0.0, 1.0, 4.0):
-        result = analyse(_grasp(tmp_path, squeeze))
-        _, u, _ = _contact_force(result)
-        axis = result.pose[:3, :3].T @ u
-        spin = np.concatenate([axis, np.zeros(3)])
-        K = result.matrices["B"]
-        assert np.abs(K @ spin).max() <= FILE * np.abs(K).max()
-        assert result.compliances["B"] is None
-
-
 def test_contacts_that_hold_more_are_stiffer(tmp_path):
     """Point, soft-finger and rigid contacts, on the motions that the stiffer one still allows."""
     results = {c: analyse(_grasp(tmp_path, 0.0, c)) for c in ("point", "soft-finger", "rigid")}

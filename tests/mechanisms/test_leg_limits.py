@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
-from tests.inputs.test_every_key import PLATFORM, SPRINGS
+from tests.inputs.test_every_key import PLATFORM
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.test_chains_by_letters import CHAINS
 
@@ -171,12 +171,6 @@ def test_a_map_leaves_out_what_is_beyond(tmp_path):
 def test_what_cannot_be_a_limit_is_refused(tmp_path, legs, match):
     with pytest.raises(InputError, match=match):
         _load(tmp_path, legs)
-
-
-def test_cables_do_not_push(tmp_path):
-    base = SPRINGS | {"unilateral": True}
-    with pytest.raises(InputError, match="cables cannot push"):
-        _load(tmp_path, {"force": [-2.0, -1.0]}, base)
 
 
 def test_one_pair_of_lengths_stands_for_all_legs(tmp_path):

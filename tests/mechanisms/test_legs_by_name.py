@@ -8,9 +8,7 @@ differences with 50 digits. With tensions t of the drives, springs k and W on th
     C^B = V (A^T k A + t . d2a - W . d2 log)^-1 V^T
 """
 
-from collections.abc import Callable, Sequence
 from functools import cache
-from typing import Any
 
 import mpmath as mp
 import numpy as np
@@ -26,9 +24,6 @@ SAME = 1e-10
 STEP = mp.mpf(10) ** -14
 DIGITS = 50
 DELTA_HEIGHT = -0.5
-
-Vector = list[Any]
-Formula = Callable[[Sequence[Any]], tuple[Any, Vector, Vector]]
 
 
 def rotation(axis, angle):

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from scipy.linalg import null_space
-from scipy.spatial.transform import Rotation
-from tests.mechanisms.machines import codes, joint, note, write_file, write_urdf
+from tests.mechanisms.machines import codes, joint, note, six_chains, write_file, write_urdf
 from tests.mechanisms.oracle import natural_error
 from tests.support import body_jacobian, frame_pose, loaded_arm, relative_error, slope
 
@@ -16,48 +15,10 @@ ROUNDING = 1e-10
 DIFFERENCES = 1e-8
 
 
-def _sps(folder, spin=None):
-    """Six legs with balls at both ends: each may turn about its own line."""
-    platform = load("hexapod").mechanism
-    leg = write_urdf(
-        folder,
-        joint("u1", "base", "x", axis=(1, 0, 0)),
-        joint("u2", "x", "y", axis=(0, 1, 0)),
-        joint("spin", "y", "cylinder", axis=(0, 0, 1)),
-        joint("slide", "cylinder", "rod", axis=(0, 0, 1), kind="prismatic"),
-        name="sps",
-    )
-    pose = analyse(load("hexapod")).pose
-    legs = []
-    for a, b in zip(platform.anchors, platform.points, strict=True):
-        x, y, z = pose[:3, :3] @ b + pose[:3, 3] - a
-        length = float(np.sqrt(x * x + y * y + z * z))
-        u1, u2 = np.arctan2(-y, z), np.arcsin(x / length)
-        # The ball starts at zero: the contact frame stands as the leg does.
-        grip = pose[:3, :3].T @ Rotation.from_euler("XY", [u1, u2]).as_matrix()
-        springs = {"slide": {"stiffness": 2.0e6}}
-        if spin is not None:
-            springs["spin"] = spin
-        legs.append(
-            {
-                "model": leg.name,
-                "frame": "rod",
-                "contact": "point",
-                "base": {"xyz": a},
-                "grip": {"xyz": b, "rpy": Rotation.from_matrix(grip).as_euler("xyz")},
-                "q": {"u1": u1, "u2": u2, "slide": length},
-                "springs": springs,
-                "passive": ["u1", "u2"] + (["spin"] if spin is None else []),
-            }
-        )
-    slides = [f"leg{i + 1}/slide" for i in range(6)]
-    return load(write_file(folder, kind="parallel", legs=legs, actuated=slides))
-
-
 def test_legs_that_spin(tmp_path):
     """Six spins cost nothing and move nothing; the platform is the one of line springs."""
     wrench = np.array([300.0, -250.0, 180.0, 2000.0, -3000.0, -5000.0])
-    result = analyse(_sps(tmp_path), wrench=wrench)
+    result = analyse(six_chains(tmp_path, spins=True), wrench=wrench)
     found = note(result, "idle-self-motion")
     directions = np.array(found.values["directions"])
     assert directions.shape == (6, result.q.size)
@@ -79,7 +40,7 @@ def test_legs_that_spin(tmp_path):
 
 def test_springs_against_the_spin(tmp_path):
     """Springs at rest hold the spins: nothing idle is left, the platform does not feel them."""
-    result = analyse(_sps(tmp_path, {"stiffness": 3.0}))
+    result = analyse(six_chains(tmp_path, spins=True, spin={"stiffness": 3.0}))
     assert codes(result) == []
     lines = analyse(load("hexapod"))
     K = result.matrices["B"]
@@ -91,7 +52,7 @@ def test_springs_against_the_spin(tmp_path):
 
 def test_unbalanced_spin(tmp_path):
     """A spin wound up by 0.2 rad is not in balance: its torque is reported and nothing else."""
-    result = analyse(_sps(tmp_path, {"stiffness": 3.0, "rest": -0.2}))
+    result = analyse(six_chains(tmp_path, spins=True, spin={"stiffness": 3.0, "rest": -0.2}))
     found = note(result, "unbalanced")
     assert result.wrench is None
     assert all(K is None for K in result.matrices.values())

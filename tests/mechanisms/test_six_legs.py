@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
-from tests.mechanisms.machines import joint, write_file, write_urdf
+from tests.mechanisms.machines import six_chains
 from tests.mechanisms.oracle import Held, missed, natural_error
 from tests.support import relative_error
 
@@ -53,57 +52,11 @@ def test_tree_equals_lines_away_from_home():
     _same(tree, moved)
 
 
-def _legs(folder, passive=None, tilt=0.2):
-    """Six UPS legs as chains: two revolutes, a slide, a ball at the platform."""
-    platform = load("hexapod").mechanism
-    leg = write_urdf(
-        folder,
-        joint("u1", "base", "cross", axis=(1, 0, 0)),
-        joint("u2", "cross", "cylinder", axis=(0, 1, 0)),
-        joint("slide", "cylinder", "rod", axis=(0, 0, 1), kind="prismatic"),
-        name="ups",
-    )
-    pose = analyse(load("hexapod")).pose
-    legs = []
-    rng = np.random.default_rng(6)
-    for a, b in zip(platform.anchors, platform.points, strict=True):
-        rpy = tilt * rng.uniform(-1, 1, 3)
-        base = Rotation.from_euler("xyz", rpy).as_matrix()
-        x, y, z = base.T @ (pose[:3, :3] @ b + pose[:3, 3] - a)
-        length = float(np.sqrt(x * x + y * y + z * z))
-        u1, u2 = np.arctan2(-y, z), np.arcsin(x / length)
-        # The ball starts at zero where the contact frame stands as the leg does.
-        end = base @ Rotation.from_euler("XY", [u1, u2]).as_matrix()
-        grip = pose[:3, :3].T @ end
-        springs = {"slide": {"stiffness": 2.0e6}}
-        for k, (name, q) in enumerate((("u1", u1), ("u2", u2))):
-            if passive:
-                springs[name] = {"stiffness": passive * (k + 1), "rest": q - 0.1 * (k + 1)}
-        legs.append(
-            {
-                "model": leg.name,
-                "frame": "rod",
-                "contact": "point",
-                "base": {"xyz": a, "rpy": rpy},
-                "grip": {"xyz": b, "rpy": Rotation.from_matrix(grip).as_euler("xyz")},
-                "q": {"u1": u1, "u2": u2, "slide": length},
-                "springs": springs,
-                "passive": [] if passive else ["u1", "u2"],
-            }
-        )
-    return load(
-        write_file(
-            folder,
-            kind="parallel",
-            legs=legs,
-            actuated=[f"leg{i + 1}/slide" for i in range(6)],
-        )
-    )
-
-
+@pytest.mark.parametrize("tilt", [0.0, 0.2, 0.5])
 @pytest.mark.parametrize("wrench", [None, WRENCH])
-def test_chains_equal_lines(tmp_path, wrench):
-    chains = analyse(_legs(tmp_path), wrench=wrench)
+def test_chains_equal_lines(tmp_path, wrench, tilt):
+    """How a leg's base is turned is a choice of coordinates."""
+    chains = analyse(six_chains(tmp_path, tilt), wrench=wrench)
     lines = analyse(load("hexapod"), wrench=wrench)
     assert chains.matrices["F"] is not None
     _same(chains, lines)
@@ -111,7 +64,7 @@ def test_chains_equal_lines(tmp_path, wrench):
 
 def test_springs_in_the_joints(tmp_path):
     """Springs in the universal joints: stiffer, and by what the reduced energy says."""
-    elastic = analyse(_legs(tmp_path), wrench=WRENCH).elastic
+    elastic = analyse(six_chains(tmp_path, 0.2), wrench=WRENCH).elastic
     plain = analyse(elastic)
     hinges = {f"leg{i + 1}/{n}": 800.0 for i in range(6) for n in ("u1", "u2")}
     rest = {n: elastic.q[elastic.names.index(n)] - 0.05 * (-1) ** i for i, n in enumerate(hinges)}
@@ -125,8 +78,8 @@ def test_springs_in_the_joints(tmp_path):
 
 def test_springs_given_in_the_file(tmp_path):
     """Rest positions in a file and rest positions given later are the same springs."""
-    in_file = analyse(_legs(tmp_path, passive=400.0))
-    elastic = _legs(tmp_path)
+    in_file = analyse(six_chains(tmp_path, 0.2, passive=400.0))
+    elastic = six_chains(tmp_path, 0.2)
     k = {f"leg{i + 1}/{n}": 400.0 * (j + 1) for i in range(6) for j, n in enumerate(("u1", "u2"))}
     rest = {
         f"leg{i + 1}/{n}": elastic.q[elastic.names.index(f"leg{i + 1}/{n}")] - 0.1 * (j + 1)
@@ -138,15 +91,6 @@ def test_springs_given_in_the_file(tmp_path):
     assert np.abs(later.wrench).max() < SAME * np.abs(later.closure_forces).max()
     for name in "ABKF":
         assert relative_error(in_file.matrices[name], later.matrices[name]) <= SAME
-
-
-def test_legs_written_with_other_bases(tmp_path):
-    """How a leg's base is turned is a choice of coordinates."""
-    (tmp_path / "a").mkdir()
-    (tmp_path / "b").mkdir()
-    first = analyse(_legs(tmp_path / "a", tilt=0.0), wrench=WRENCH)
-    second = analyse(_legs(tmp_path / "b", tilt=0.5), wrench=WRENCH)
-    _same(first, second)
 
 
 def test_gravity_on_the_tree():

@@ -108,27 +108,6 @@ def test_the_branch_is_kept_there_and_back(solo):
     assert np.abs(q - solo.q).max() <= ASSEMBLED
 
 
-def test_the_five_bar_keeps_its_branch():
-    """Actuated joints are held by themselves; the elbows keep their side."""
-    elastic = load("five-bar")
-    chain = elastic.mechanism
-    motors = list(chain.actuated)
-    q, trail = elastic.q, [elastic.q]
-    step = np.array([-0.01, 0.012])
-    for _ in range(30):
-        guess = q.copy()
-        guess[motors] += step
-        q = chain.assembled(guess)
-        assert np.abs(q[motors] - guess[motors]).max() == 0.0
-        assert np.abs(q - guess).max() < 0.1
-        trail.append(q)
-    for before in trail[-2::-1]:
-        guess = q.copy()
-        guess[motors] -= step
-        q = chain.assembled(guess)
-        assert np.abs(q - before).max() <= ASSEMBLED
-
-
 @pytest.mark.parametrize(("spread", "least"), [(0.1, 200), (1.0, 0)])
 def test_guesses_converge_or_are_refused(solo, spread, least):
     """Never an open loop passed as a closed one, never another kind of failure."""

@@ -42,12 +42,7 @@ def _fields():
 def loaded():
     legs = general_legs()
     elastic = legs_as_platform(legs)
-
-    def energy(T):
-        along = legs.platform @ T[:3, :3].T + T[:3, 3] - legs.base
-        return 0.5 * float(legs.stiffness @ (np.linalg.norm(along, axis=1) - legs.rest) ** 2)
-
-    return analyse(elastic), energy
+    return analyse(elastic), legs.energy
 
 
 def along(f, T, twist):

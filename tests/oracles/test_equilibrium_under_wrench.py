@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.support import slope
+from tests.support import crossed_bars, slope
 
 import cartstiff
 from cartstiff import (
@@ -25,17 +25,6 @@ AT = np.array([0.02, -0.03, 0.06])
 WRENCH = np.array([2.0, -1.0, 3.0, 120.0, -80.0, -150.0])
 
 
-def _bars(moment: np.ndarray, size: float) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Ends of two crossed bars and the forces there whose moment is the given one."""
-    z = moment / np.linalg.norm(moment)
-    x = np.cross([0.3, 0.5, -0.8], z)
-    x /= np.linalg.norm(x)
-    y = np.cross(z, x)
-    force = np.linalg.norm(moment) / (4.0 * size)
-    ends = ((x, y), (-x, -y), (y, -x), (-y, x))
-    return [(size * end, force * direction) for end, direction in ends]
-
-
 def _one_by_one(kind: str, R: np.ndarray, axes: str) -> list:
     """The load from dead forces at points of the body, which need no theory of moments."""
     to_body = R.T if axes == "world" else np.eye(3)
@@ -45,7 +34,7 @@ def _one_by_one(kind: str, R: np.ndarray, axes: str) -> list:
     loads: list = [DeadForce(R @ force, AT)]
     if kind == "dead":
         return [*loads, DeadWrench([*(R @ moment), 0, 0, 0])]
-    return loads + [DeadForce(R @ f, AT + end) for end, f in _bars(moment, 0.05)]
+    return loads + [DeadForce(R @ f, AT + end) for end, f in crossed_bars(moment, 0.05)]
 
 
 @pytest.mark.parametrize("axes", ["body", "world"])
@@ -91,7 +80,7 @@ def test_a_semitangential_wrench_is_dead_forces_on_crossed_bars():
     w, R = rng.normal(size=6), start[:3, :3]
     load = SemitangentialWrench([*(R @ w[:3]), *(R @ w[3:])], R, point=AT)
     forces = [DeadForce(R @ w[3:], AT)]
-    forces += [DeadForce(R @ f, AT + end) for end, f in _bars(w[:3], 0.3)]
+    forces += [DeadForce(R @ f, AT + end) for end, f in crossed_bars(w[:3], 0.3)]
     for _ in range(5):
         T = se3.exp(rng.normal(size=6))
         parts = [f.on_pose(T) for f in forces]

@@ -6,10 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.support import adjoint_reference, exp_reference, log_reference, robot_file, slope
+from tests.support import (
+    adjoint_reference,
+    exp_reference,
+    loads_of,
+    log_reference,
+    robot_file,
+    slope,
+)
 
 import cartstiff
-from cartstiff import DeadForce, DeadWrench, FollowerWrench, InputError, LineSprings, equilibrium
+from cartstiff import DeadForce, DeadWrench, InputError, LineSprings, equilibrium
 from cartstiff.errors import UnknownNameError
 
 #: A load about the point, along the body's axes, as a share of what the mechanism bears.
@@ -29,29 +36,6 @@ MECHANISMS = {
     "6-ups": (0.1, 20.0),
 }
 HEXAPOD = ("dead wrench", "conservative")
-
-
-def _crossed_bars(moment: np.ndarray, size: float) -> list[DeadForce]:
-    """Dead forces on two crossed bars whose moment is the given one: it turns by half."""
-    z = moment / np.linalg.norm(moment)
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
-    x /= np.linalg.norm(x)
-    y = np.cross(z, x)
-    force = np.linalg.norm(moment) / (4.0 * size)
-    ends = ((x, y), (-x, -y), (y, -x), (-y, x))
-    return [(size * end, force * direction) for end, direction in ends]  # type: ignore[misc]
-
-
-def _loads(kind: str, w: np.ndarray, p: np.ndarray, R: np.ndarray, size: float) -> list:
-    """The load about the body's point p, for the equilibrium; R is the body's attitude."""
-    if kind == "follower":
-        return [FollowerWrench([*(w[:3] + np.cross(p, w[3:])), *w[3:]])]
-    loads: list = [DeadForce(R @ w[3:], p)] if w[3:].any() else []
-    if kind == "conservative":
-        return loads + [DeadForce(R @ f, c) for c, f in _crossed_bars(w[:3], size)]
-    if w[:3].any():
-        loads.append(DeadWrench([*(R @ w[:3]), 0.0, 0.0, 0.0]))
-    return loads
 
 
 def _motion_per_wrench(elastic, loads, state, T, size):
@@ -88,7 +72,7 @@ def test_the_tangent_is_the_derivative_of_the_equilibrium(name, load):
     p = length * np.array([0.7, -0.4, 1.1])
     w = np.array(shares) * force * np.repeat([length, 1.0], 3)
     result = cartstiff.analyse(elastic, wrench=w, load_kind=kind, load_at=p)
-    loads = _loads(kind, w, p, result.pose[:3, :3], length)
+    loads = loads_of(kind, w, p, result.pose[:3, :3], length)
     state = equilibrium(result.elastic, result.q, *loads, limits=False, settle=False)
     assert np.abs(state.q - result.q).max() < 1e-9
     sizes = np.repeat([length, 1.0], 3)
@@ -156,7 +140,7 @@ def test_the_compliance_exists_at_singular_postures(name):
     result = cartstiff.analyse(elastic, q, wrench=w, load_at=p)
     if result.tangent is not None:
         pytest.skip("regular")
-    loads = _loads("dead", w, p, result.pose[:3, :3], 0.1)
+    loads = loads_of("dead", w, p, result.pose[:3, :3], 0.1)
     state = equilibrium(result.elastic, result.q, *loads, limits=False, settle=False)
     C = _motion_per_wrench(result.elastic, loads, state, np.eye(4), 2.0)
     assert np.abs(C - result.tangent_compliance).max() < 1e-8 * np.abs(C).max()

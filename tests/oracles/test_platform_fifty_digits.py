@@ -8,7 +8,7 @@ from dataclasses import replace
 import mpmath as mp
 import numpy as np
 import pytest
-from tests.support import platform_mechanism
+from tests.support import hexagons, platform_mechanism
 from tests.support.digits import skew
 
 import cartstiff
@@ -16,18 +16,6 @@ from cartstiff import DeadForce, analyse_many, analyse_posture, equilibrium
 from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
 
 CORNERS = np.repeat(2 * np.pi / 3 * np.arange(3), 2)
-
-
-def hexagons(rng, distance, decades):
-    """Six legs between symmetric hexagons; turned by a right angle they are singular."""
-    base, top = (
-        np.array([[r * np.cos(a), r * np.sin(a), 0.0] for a in CORNERS + np.tile([-h, h], 3)])
-        for r, h in ((0.5, 0.3), (0.3, 0.7))
-    )
-    k = 10.0 ** rng.uniform(-3, decades - 3, 6)
-    k[rng.permutation(6)[:2]] = 1e-3, 10.0 ** (decades - 3)
-    q = np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.5 * np.pi - distance])
-    return platform_mechanism(base, top, k, np.full(6, np.nan), q=q)
 
 
 def exact(elastic, tensions, stiffness=None):

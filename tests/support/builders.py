@@ -15,7 +15,14 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cartstiff import ElasticMechanism, JointSprings, LineSprings
+from cartstiff import (
+    DeadForce,
+    DeadWrench,
+    ElasticMechanism,
+    FollowerWrench,
+    JointSprings,
+    LineSprings,
+)
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.platform import Platform
@@ -205,6 +212,11 @@ class LegGeometry:
     rest: np.ndarray
     lengths: np.ndarray = field(default_factory=lambda: np.zeros(6))
 
+    def energy(self, T: np.ndarray) -> float:
+        """Energy of the springs with the platform at a pose."""
+        along = self.platform @ T[:3, :3].T + T[:3, 3] - self.base
+        return 0.5 * float(self.stiffness @ (np.linalg.norm(along, axis=1) - self.rest) ** 2)
+
 
 def general_legs(seed: int = 5, stretch: float = 0.05) -> LegGeometry:
     """A six-legged platform of general geometry (metres), preloaded in tension and compression."""
@@ -299,3 +311,52 @@ def legs_as_tree(
         rest[hinges] = position[hinges] - passive_torque * rng.uniform(-1, 1, len(hinges)) / passive
     elastic = ElasticMechanism("tree", chain, position, JointSprings(k, rest), gravity=gravity)
     return model, elastic
+
+
+def spread_springs(rng: np.random.Generator, count: int, decades: float) -> np.ndarray:
+    """Stiffnesses over so many decades from 1e-3 on, both ends among them."""
+    k = 10.0 ** rng.uniform(-3, decades - 3, count)
+    k[rng.permutation(count)[:2]] = 1e-3, 10.0 ** (decades - 3)
+    return k
+
+
+def hexagons(rng: np.random.Generator, distance: float, decades: float) -> ElasticMechanism:
+    """Six legs between symmetric hexagons; turned by a right angle they are singular."""
+    corners = np.repeat(2 * np.pi / 3 * np.arange(3), 2)
+    base, top = (
+        np.array([[r * np.cos(a), r * np.sin(a), 0.0] for a in corners + np.tile([-h, h], 3)])
+        for r, h in ((0.5, 0.3), (0.3, 0.7))
+    )
+    q = np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.5 * np.pi - distance])
+    return platform_mechanism(base, top, spread_springs(rng, 6, decades), np.full(6, np.nan), q=q)
+
+
+def loads_of(kind: str, w: np.ndarray, at: np.ndarray, R: np.ndarray, size: float) -> list[Any]:
+    """A load about the body's point `at` by forces that stay or turn; R is the body's attitude.
+
+    A conservative moment is that of dead forces on two crossed bars, half as long as `size`: it
+    turns by half.
+    """
+    if kind == "follower":
+        return [FollowerWrench([*(w[:3] + np.cross(at, w[3:])), *w[3:]])]
+    loads: list[Any] = [DeadForce(R @ w[3:], at)] if w[3:].any() else []
+    if kind == "conservative" and w[:3].any():
+        loads += [DeadForce(R @ force, end) for end, force in crossed_bars(w[:3], size)]
+    elif w[:3].any():
+        loads.append(DeadWrench([*(R @ w[:3]), 0.0, 0.0, 0.0]))
+    return loads
+
+
+def crossed_bars(moment: np.ndarray, size: float) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Ends of two crossed bars and the forces there whose moment is the given one."""
+    z = moment / np.linalg.norm(moment)
+    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
+    x /= np.linalg.norm(x)
+    y, force = np.cross(z, x), np.linalg.norm(moment) / (4.0 * size)
+    return [(size * a, force * b) for a, b in ((x, y), (-x, -y), (y, -x), (-y, x))]
+
+
+def promised(result: Any, matrix: str = "compliance") -> float:
+    """The relative error that the notes admit."""
+    found = [n.values for n in result.notes if n.code == "ill-conditioned"]
+    return max((v["relative_error"] for v in found if v["matrix"] == matrix), default=0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import pytest
 
 from cartstiff.cli.main import main
+from cartstiff.errors import InputError
 
 
 def words(*parts: object) -> list[str]:
@@ -55,3 +57,9 @@ def answer(command: str, *more: object, said: str = "") -> Any:
 
 def _no_number(name: str) -> None:
     pytest.fail(f"{name} in JSON")
+
+
+def refuses(words: str, call: Callable[..., object], /, *arguments: Any, **named: Any) -> None:
+    """Check that a call is refused with words that match."""
+    with pytest.raises(InputError, match=words):
+        call(*arguments, **named)

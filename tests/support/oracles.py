@@ -240,3 +240,14 @@ def mass_gradient(model: Any, acceleration: np.ndarray) -> Callable[[np.ndarray]
         return -mass * np.array(pin.jacobianCenterOfMass(model, data, q)).T @ acceleration
 
     return gradient
+
+
+def tip_compliance(beam: dict[str, float]) -> np.ndarray:
+    """Clamped-free beam along x: (rotation, displacement) of the tip per (moment, force)."""
+    L, C = beam["length"], np.zeros((6, 6))
+    C[0, 0], C[3, 3] = L / (beam["G"] * beam["J"]), L / (beam["E"] * beam["area"])
+    for turn, shift, sign, inertia in ((2, 4, 1, "Iz"), (1, 5, -1, "Iy")):
+        bending = beam["E"] * beam[inertia]
+        C[turn, turn], C[shift, shift] = L / bending, L**3 / (3 * bending)
+        C[turn, shift] = C[shift, turn] = sign * L**2 / (2 * bending)
+    return C

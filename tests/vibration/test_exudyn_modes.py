@@ -1,15 +1,13 @@
-"""Frequencies under load against Exudyn: arms, platforms, closed chains.
+"""Frequencies of platforms under load against Exudyn's own linearisation.
 
-Platforms by its own linearisation, with the force at the mass centre: it leaves out how a load's
-lever turns, and feels the load by what it does to the legs.
+The force acts at the mass centre: Exudyn leaves out how a load's lever turns, and feels the load by
+what it does to the legs.
 """
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from tests.support import general_legs, legs_as_platform
-from tests.vibration.exudyn_tree import ExudynTree
-from tests.vibration.test_mujoco_modes import FIVE_BAR, TRIPOD, _loaded, arm_xml
 
 from cartstiff import DeadForce, equilibrium, modes
 
@@ -79,38 +77,3 @@ def test_platforms(seed, force):
     found = modes(state).frequencies
     hertz = peer(elastic.mechanism, elastic.springs, state.q, force)
     assert np.abs(hertz / found - 1).max() < FREQUENCIES
-
-
-def _against_the_tree(folder, xml, force, kind):
-    """Both at the rest that the mechanism finds; Exudyn says what is not balanced there."""
-    peer = ExudynTree(xml, force)
-    springs = {
-        name: {"stiffness": k, "rest": rest}
-        for name, k, rest in zip(peer.names, peer.k, peer.rest, strict=True)
-    }
-    elastic = _loaded(
-        folder, xml, kind=kind, springs=springs, q=dict(zip(peer.names, peer.rest, strict=True))
-    )
-    state = equilibrium(elastic, DeadForce(force))
-    q = dict(zip(elastic.names, state.q, strict=True))
-    squares, left = peer.squares(np.array([q[name] for name in peer.names]))
-    assert left < 1e-9
-    assert np.abs(np.sqrt(squares / modes(state).squares) - 1).max() < FREQUENCIES
-
-
-@pytest.mark.parametrize(
-    ("kinds", "seed"),
-    [("HHHHHH", 1), ("HHHHHHH", 2), ("HHSHHH", 3), ("HHHH", 4), ("SHHHHHH", 5), ("HHHHHH", 6)],
-)
-def test_arms(tmp_path, kinds, seed):
-    xml, _ = arm_xml(kinds, seed)
-    _against_the_tree(tmp_path, xml, [20.0, -15.0, -40.0], "serial")
-
-
-@pytest.mark.parametrize(
-    ("xml", "force"),
-    [(FIVE_BAR, [30.0, 0.0, -60.0]), (TRIPOD, [20.0, -12.0, -30.0])],
-    ids=["five bar", "two legs in space"],
-)
-def test_closed_chains(tmp_path, xml, force):
-    _against_the_tree(tmp_path, xml, force, "closed-chain")

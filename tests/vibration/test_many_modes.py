@@ -88,17 +88,6 @@ def test_of_postures_that_are_not_decided_so_many_are_looked_at():
     assert np.isfinite(ManyModes(elastic, q[:3], one_by_one=1).frequencies(1)).all()
 
 
-def test_a_map_of_frequencies(tmp_path):
-    elastic = load("ur5")
-    columns = {"elbow_joint": [1.0, 1.2, 1.6]}
-    sampling = Trajectory.from_table(columns, elastic, elastic.q)
-    data = compute_map(elastic, sampling, ["frequency_1", "frequency_6"], tmp_path / "f.zarr")
-    for i, angle in enumerate(columns["elbow_joint"]):
-        one = modes(elastic, {"elbow_joint": angle}).frequencies
-        assert float(data["frequency_1"].values[i]) == pytest.approx(one[0], rel=1e-6)
-        assert float(data["frequency_6"].values[i]) == pytest.approx(one[5], rel=1e-6)
-
-
 def test_criterion_of_a_path():
     """The working mode with the highest first frequency."""
     elastic = load("ur5")

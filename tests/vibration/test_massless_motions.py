@@ -5,7 +5,7 @@ from pathlib import Path
 import mpmath as mp
 import numpy as np
 import pytest
-from tests.support import adjoint_reference
+from tests.support import adjoint_reference, tip_compliance
 
 import cartstiff
 from cartstiff.statics.small_motions import spectrum_of
@@ -40,12 +40,8 @@ def _mechanism(tmp_path, segments):
 
 def _by_hand():
     """Hz from the compliance of the tip: joint, clamped-free beam by the textbook, joint."""
-    L, C = BEAM["length"], np.zeros((6, 6))
-    C[0, 0], C[3, 3] = L / (BEAM["G"] * BEAM["J"]), L / (BEAM["E"] * BEAM["area"])
-    z, y = BEAM["E"] * BEAM["Iz"], BEAM["E"] * BEAM["Iy"]
-    C[2, 2], C[4, 4], C[2, 4], C[4, 2] = L / z, L**3 / (3 * z), L**2 / (2 * z), L**2 / (2 * z)
-    C[1, 1], C[5, 5], C[1, 5], C[5, 1] = L / y, L**3 / (3 * y), -(L**2) / (2 * y), -(L**2) / (2 * y)
-    first = np.array([0, 0, 1.0, 0, L, 0])  # the first joint turns the end of the beam
+    C = tip_compliance(BEAM)
+    first = np.array([0, 0, 1.0, 0, BEAM["length"], 0])  # the first joint turns the end of the beam
     C += np.outer(first, first) / 4e4
     C[1, 1] += 1 / 1e4
     # The tip's masses about the end of the beam, turned by the second joint.

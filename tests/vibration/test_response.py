@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.support import loaded_arm, relative_error
+from tests.support.commands import refuses
 from tests.vibration.test_modes import LENGTH, M_1, K, column
 
 from cartstiff import analyse, load, modes
-from cartstiff.errors import InputError
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.vibration.response import (
     Damping,
@@ -109,16 +109,13 @@ def test_reciprocity_and_notes():
 
 def test_what_is_refused_and_written():
     found = modes(column())
-    with pytest.raises(InputError, match="kind of response"):
-        frequency_response(found, [1.0], kind="inertance")
-    with pytest.raises(InputError, match="frequencies"):
-        frequency_response(found, [-1.0])
-    with pytest.raises(InputError, match="wrong count of damping ratios"):
-        frequency_response(found, [1.0], Damping([0.1, 0.2, 0.3]))
-    with pytest.raises(InputError, match="damping ratios"):
-        Damping(-0.1)
-    with pytest.raises(InputError, match="Rayleigh"):
-        Damping(mass=-1.0)
+    refuses("kind of response", frequency_response, found, [1.0], kind="inertance")
+    refuses("frequencies", frequency_response, found, [-1.0])
+    refuses(
+        "wrong count of damping ratios", frequency_response, found, [1.0], Damping([0.1, 0.2, 0.3])
+    )
+    refuses("damping ratios", Damping, -0.1)
+    refuses("Rayleigh", Damping, mass=-1.0)
     response = frequency_response(found, [1.0, 2.0], 0.02)
     lines = response.as_csv().splitlines()
     assert lines[0].startswith("frequency_Hz,real_x,imaginary_x")
