@@ -342,6 +342,16 @@ def test_any_number_of_the_analysis_by_its_path(path):
         assert found[i] == pytest.approx(node, rel=1e-6)
 
 
+def test_springs_that_realise_the_matrix_by_their_paths():
+    """The squares of unit directions sum to the trace: a cubic platform has 2 k I, k = 1e6 N/m."""
+    elastic, settings = cartstiff.load("cubic"), Settings(length=LENGTH)
+    paths = [f"synthesis.springs.{i}.stiffness" for i in range(6)]
+    chosen = choose_quantities(paths, settings, elastic)
+    arrays = analyse_many(elastic, elastic.q[None], outputs=chosen[0].outputs(settings)).arrays
+    found = evaluate(chosen, arrays, settings)
+    assert sum(found[path][0] for path in paths) == pytest.approx(6e6, rel=1e-9)
+
+
 def test_refusals():
     elastic = MACHINES["six joints"][0]
     with pytest.raises(UnknownNameError, match="unknown quantity"):

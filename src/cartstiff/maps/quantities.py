@@ -393,7 +393,6 @@ def _single_analyses(s: Stacks) -> list[dict[str, Any]]:
                     connection=settings.connection,
                     compliance=compliance,
                     inverse=_or_none(s.C[i]),
-                    springs=False,
                 )
             )
         )
