@@ -192,6 +192,7 @@ class PostureStiffness(ShownInLines):
     posture: MechanismPosture
     evaluation: Evaluation
     reduction: Reduction
+    _notes: tuple[Note, ...] | None = None
     load: LoadKind = DEAD_AT_ORIGIN
     _load_is_given: bool = False
     #: The mechanism before its open rest positions were chosen; None if that is `elastic`.
@@ -457,7 +458,8 @@ class PostureStiffness(ShownInLines):
     @cached_property
     def notes_on_posture(self) -> tuple[Note, ...]:
         """The `notes` without those on matrices."""
-        return posture_notes.notes_on_posture(self.elastic, self.posture, self.reduction)
+        known, find = self._notes, posture_notes.notes_on_posture
+        return find(self.elastic, self.posture, self.reduction) if known is None else known
 
     def tensor(self, connection: str | Connection = "B") -> StiffnessTensor:
         """Stiffness tensor under a named connection ("A", "B", "K", "+", "F") or any other.
