@@ -446,10 +446,10 @@ class PostureStiffness(ShownInLines):
     def notes_on_digits(self) -> list[Note]:
         """Notes on lost digits."""
         parts = self.elastic, self.posture, self.evaluation, self.reduction, self.notes_on_posture
-        error = posture_notes.error_of_chosen_forces(*parts)
+        error = posture_notes.error_of_motions(*parts[1:4])
         known = self._inverses
-        if not self.is_loaded:
-            error = 0.0
+        if self.is_loaded:
+            error = max(error, posture_notes.error_of_chosen_forces(*parts))
         change = self.change_by_load if self._load_is_given else None
         return posture_notes.notes_on_digits(
             self.reduction, known["B"], self._natural, change, known["load"], error

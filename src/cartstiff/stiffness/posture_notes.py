@@ -69,8 +69,8 @@ def notes_on_digits(
         notes.append(
             Note(
                 "ill-conditioned",
-                "springs and load nearly cancel along a motion, or legs are nearly dependent: the "
-                f"compliance is known to a relative error of about {error:.1g}",
+                "springs and load nearly cancel along a motion, legs are nearly dependent, or "
+                "springs hardly move along it: the compliance is known " + _known(error),
                 {"matrix": "compliance", "relative_error": error},
             )
         )
@@ -79,9 +79,7 @@ def notes_on_digits(
         if error > numerics.REPORTED_ERROR:
             is_near = numerics.ratio(reduction.singular_values) < numerics.NEAR
             words = "so near to a singularity" if is_near else "with springs so far apart"
-            known = "not at all"
-            if error < 1:
-                known = f"to a relative error of about {error:.1g} only"
+            known = _known(error)
             notes.append(
                 Note(
                     "ill-conditioned",
@@ -107,12 +105,35 @@ def notes_on_digits(
     return notes
 
 
+def _known(error: float) -> str:
+    return f"to a relative error of about {error:.1g} only" if error < 1.0 else "not at all"
+
+
 def error_of_soft_directions(K: Array, C: Array) -> float:
     """Relative error of the softest direction of K, from the digits of K."""
     # With the known inverse C: the inverse of the rounded K may be too small.
     s = numerics.equilibration(K)
     sizes = s[:, None] * s
     return numerics.EPSILON * float(np.linalg.norm(K / sizes) * np.linalg.norm(C * sizes))
+
+
+def error_of_motions(posture: MechanismPosture, energy: Evaluation, reduction: Reduction) -> float:
+    """Relative error of the compliance due to the round-off of the motions that keep the closures.
+
+    Motions have an error of ``EPSILON / c``, where c is the smallest relative singular value of the
+    closures. Near a type-2 singularity springs hardly move along a motion, or all else moves far
+    beside them, so that a small error of the motion is a large one of its stiffness.
+    """
+    free, values = reduction.free, reduction.closures
+    inverse = None if free is None else free.inverse()
+    if values is None or not values.size or free is None or inverse is None or free.basis is None:
+        return 0.0
+    sizes = posture.coordinate_lengths
+    motions = np.abs(free.basis / sizes[:, None])
+    forces = (np.abs(energy.hessian * sizes[:, None] * sizes) @ motions).sum(axis=0)
+    shares = motions.max(axis=0, initial=0.0) * (1.0 + np.abs(inverse.matrix.diagonal()) * forces)
+    held = values[values > numerics.RANK * values.max()]
+    return numerics.EPSILON * float(shares.max(initial=0.0)) / numerics.ratio(held)
 
 
 def error_of_chosen_forces(
