@@ -89,3 +89,18 @@ def test_a_lower_end_is_of_a_spring(tmp_path):
     )
     with pytest.raises(cartstiff.InputError, match=r"identified.at_least: .*'j9'"):
         load(path)
+
+
+def test_springs_that_were_measured_are_not_called_illustrative(known):
+    """The source of the file's first springs stays in it; those that are not measured still are."""
+    text = "source: the springs are illustrative\n" + known.read_text("utf-8")
+    path = known.with_name("named.yaml")
+    path.write_text(text, "utf-8")
+    elastic = load(path)
+    assert not elastic.is_illustrative
+    found = elastic.identified
+    some = dataclasses.replace(
+        found, patterns=found.patterns[1:], values=found.values[1:], covariance=np.eye(5)
+    )
+    assert dataclasses.replace(elastic, identified=some).is_illustrative
+    assert dataclasses.replace(elastic, identified=None).is_illustrative

@@ -336,7 +336,10 @@ class ElasticMechanism(ShownInLines):
         if self.springs is None or len(self.parted_terms()[0]) > 1:
             return True
         shown = zip(self.spring_names, self.springs.stiffness, strict=True)
-        return not self.given.issuperset(name for name, k in shown if k)
+        known = set(self.given)
+        if (found := self.identified) is not None:  # a note names those that are not determined
+            known |= {*found.undetermined, *(a for p in found.patterns for a, _, _ in p.entries)}
+        return not known.issuperset(name for name, k in shown if k)
 
     @property
     def units(self) -> Units:
