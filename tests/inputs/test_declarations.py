@@ -11,12 +11,14 @@ import click
 import pytest
 from click.testing import CliRunner
 
+import cartstiff
 from cartstiff.cli import declare, path, reach
 from cartstiff.cli.declare import Command, Overrides
 from cartstiff.cli.main import _COMMANDS
 from cartstiff.cli.main import command as group
 from cartstiff.cli.options import Number, Pairs, Point, declared
 from cartstiff.errors import InputError
+from cartstiff.toolpaths.optimise import optimise_path
 
 
 @pytest.fixture(params=list(_COMMANDS))
@@ -203,3 +205,19 @@ def test_help_is_the_docstring() -> None:
         assert words in text
     assert "Examples:\n    make it" in text
     assert "colour" not in text
+
+
+@pytest.mark.parametrize(
+    ("kind", "function"),
+    [
+        (reach.Modes, cartstiff.assemble),
+        (reach.Search, cartstiff.workspace),
+        (path.Search, optimise_path),
+    ],
+)
+def test_what_the_api_says_of_a_parameter_is_the_help_of_its_option(kind, function) -> None:
+    known = declare.Documented.of(kind).parameters
+    said = " ".join((function.__doc__ or "").replace("``", "`").split())
+    assert {f.name for f in fields(kind)} <= known.keys()
+    own = {name for name in known if known[name][1] not in said}
+    assert own == ({"criterion", "singular"} if kind is path.Search else set())

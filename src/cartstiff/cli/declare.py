@@ -7,6 +7,10 @@ contributes the fields of that class, the same on every command; each of its bas
 section of the help. Metadata in ``Annotated`` are a `click.ParamType`, another spelling
 ("--range"), or `Overrides`.
 
+A class whose values are parameters of a function of the API names it in `API`: its source file in
+the package, and its name. A paragraph that the class does not have is then that of the function,
+read from the source, which is not imported.
+
 Such a class also states rules of its options: `NEEDS` (options that one requires beside it),
 `EXCLUSIVE` (options that are not given together) and `RARE` (options that only ``--help-all``
 shows).
@@ -16,7 +20,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from types import NoneType, UnionType
@@ -129,15 +133,37 @@ class Documented(NamedTuple):
     @classmethod
     def of(cls, thing: object) -> Documented:
         """Read the numpydoc docstring of a function, or of a class and its bases."""
-        about, *parts = re.split(r"^(\w+)\n-{3,}\n", inspect.getdoc(thing) or "", flags=re.M)
-        sections = dict(zip(parts[::2], parts[1::2], strict=True))
+        about, sections = _sections(inspect.getdoc(thing) or "")
         bases = getattr(thing, "__bases__", ())
         known = {n: w for base in bases for n, w in cls.of(base).parameters.items()}
-        for entry in re.split(r"\n(?=\S)", sections.get("Parameters", "").strip()):
-            head, _, words = entry.partition("\n")
+        of_api = dict(_of_api(*api) if (api := vars(thing).get("API")) else ())
+        known |= {name: ("", words) for name, words in of_api.items()}
+        for head, words in _entries(sections):
             name, _, shape = head.partition(" : ")
-            known[name.strip()] = shape, " ".join(words.split())
-        return cls(about.strip(), known, sections.get("Examples", "").strip())
+            known[name] = shape, words or of_api.get(name, "")
+        return cls(about, known, sections.get("Examples", "").strip())
+
+
+def _sections(text: str) -> tuple[str, dict[str, str]]:
+    """Text before the sections of a numpydoc docstring, and the sections."""
+    about, *parts = re.split(r"^(\w+)\n-{3,}\n", text, flags=re.M)
+    return about.strip(), dict(zip(parts[::2], parts[1::2], strict=True))
+
+
+def _entries(sections: dict[str, str]) -> Iterator[tuple[str, str]]:
+    """Heads and paragraphs of the parameters."""
+    for entry in re.split(r"\n(?=\S)", sections.get("Parameters", "").strip()):
+        head, _, words = entry.partition("\n")
+        yield head.strip(), " ".join(words.split()).replace("``", "`")
+
+
+def _of_api(file: str, function: str) -> Iterator[tuple[str, str]]:
+    """Names and paragraphs of the parameters of a function of the API."""
+    source = Path(__file__).parents[1].joinpath(file).read_text(encoding="utf-8")
+    _, doc, *_ = source.partition(f"\ndef {function}(")[2].split('"""', 2)
+    for head, words in _entries(_sections(inspect.cleandoc(doc))[1]):
+        for name in head.partition(" : ")[0].split(", "):
+            yield name, words
 
 
 def _split(hint: Any) -> tuple[Any, list[Any]]:

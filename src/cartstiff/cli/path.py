@@ -42,26 +42,15 @@ class Search:
     Parameters
     ----------
     redundant : JOINT
-        The spare joint whose position is sampled; default: the one that moves most.
     criterion : NAME
         Quantity to optimise: deflection, along_free, translation_free_min, isotropy, ...: those of
         `cartstiff map`.
-    connection
-        Stiffness that the criterion is read from; default with --loaded: load, the tangent under
-        the load (see --load-kind, --load-at). Without a load all but F are the same.
-    loaded
-        Read the stiffness under the load, which the springs balance.
-    objective
-        Improve the worst point of the path, or the mean of all points.
     singular : RATIO
         Leave out postures whose smallest singular value is below this share of the largest; default
         0.05.
-    samples
-        Values of each free choice.
-    seed
-        Seed of the random starts.
     """
 
+    API: ClassVar = "toolpaths/optimise.py", "optimise_path"
     RARE: ClassVar = "redundant connection objective singular samples seed"
 
     redundant: str | None = None

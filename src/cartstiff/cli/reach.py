@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import click
 
@@ -16,17 +16,9 @@ from cartstiff.errors import InputError, UndefinedError
 
 @dataclass(frozen=True)
 class Modes:
-    """Search for modes.
+    """Search for modes."""
 
-    Parameters
-    ----------
-    every
-        All assembly modes; without it the one nearest to the pose.
-    starts
-        Random starts, for closed chains; default 64. Platforms need none.
-    seed
-        Seed of the starts; default 0.
-    """
+    API: ClassVar = "reach/assembly.py", "assemble"
 
     every: Annotated[bool, "--all"] = False
     starts: Annotated[int | None, click.IntRange(0, 100_000)] = None
@@ -109,23 +101,9 @@ def assemble_command(
 
 @dataclass(frozen=True)
 class Search:
-    """Search for the boundary.
+    """Search for the boundary."""
 
-    Parameters
-    ----------
-    directions
-        Number of rays and columns, roughly; default 1000, or 200 for tensions and for legs made of
-        joints.
-    scan
-        Poses along each ray; parts that are thinner than a step may be missed.
-    radius
-        Farthest position that is tried; default as far as the longest lengths allow.
-    tensions
-        Which tensions of cables count: any within their limits, or those in closed form that are
-        nearest to the middle of the limits.
-    through_singularities
-        Also count poses beyond singular ones.
-    """
+    API: ClassVar = "reach/workspace.py", "workspace"
 
     directions: Annotated[int | None, click.IntRange(8, 1_000_000)] = None
     scan: Annotated[int, click.IntRange(2, 100_000)] = 48

@@ -349,11 +349,13 @@ def assemble(
     q : array_like (n,) or mapping, optional
         Posture with the leg lengths or the positions of the actuated joints; modes near it come
         first. Default the file's posture.
-    starts, seed : int, optional
-        For closed chains: number of random starts, default 64, and their seed, default 0. Beyond
-        100, starts that 40 Newton steps do not close are dropped.
+    starts : int, optional
+        Random starts, for closed chains; default 64. Beyond 100, starts that 40 Newton steps do not
+        close are dropped. Platforms need none.
+    seed : int, optional
+        Seed of the starts; default 0.
     every : bool
-        List all modes; else only the one nearest to `q`.
+        List all modes; without it only the one nearest to the posture.
     wrench, load_kind, load_at, load_axes : optional
         The load under which the stiffness of every mode is computed, as in `cartstiff.analyse`;
         the held actuators carry it.

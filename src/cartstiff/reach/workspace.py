@@ -1190,8 +1190,9 @@ def workspace(
     through_singularities : bool
         Count poses beyond singular ones, where the determinant of six legs has the other sign.
     tensions : {"any", "closed-form"}
-        For cables, and for more than six legs with limited forces: a pose counts if any tensions
-        within the limits carry the load, or if those nearest to the middle of the limits do.
+        Which tensions of cables, or forces of more than six legs with limits, may carry the load at
+        a pose that counts: any within the limits, or those in closed form that are nearest to the
+        middle of the limits.
     fits : bool
         Find the largest sphere and cube inside.
     progress : callable, optional

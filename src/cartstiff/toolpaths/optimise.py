@@ -1116,10 +1116,10 @@ def optimise_path(
         A quantity of `cartstiff.toolpaths.optimise.criteria`: "deflection" under the path's wrench,
         "along_free" for the stiffness along the path's directions, "translation_free_min", ...
     connection : {"load", "A", "B", "K", "F"}, optional
-        The stiffness that is read; default "load", the tangent under the path's wrench, with
-        `loaded`, and "B" without.
+        Stiffness that the criterion is read from; default "load", the tangent under the path's
+        wrench, with `loaded`, and "B" without.
     loaded : bool
-        Whether it is the stiffness under the path's wrench.
+        Read the stiffness under the path's wrench, which the springs balance.
     load_kind : {"dead", "follower", "conservative"}
         Behaviour of that wrench while the body moves, as in `cartstiff.analyse`.
     load_at : array_like (3,)
@@ -1140,8 +1140,10 @@ def optimise_path(
         postures.
     samples : int
         Number of values of each free choice.
-    starts, seed : int
+    starts : int
         Random starts of the inverse kinematics for each value at the first point.
+    seed : int
+        Seed of the random starts.
     refine : bool
         Refine the free choices continuously from the best samples.
     damping, milling
