@@ -8,7 +8,7 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-from tests.mechanisms.machines import codes, write_file
+from tests.mechanisms.machines import codes, note, write_file
 
 from cartstiff import analyse, load
 from cartstiff.kinematics.at_pose import at_pose
@@ -138,3 +138,45 @@ def test_plate_on_cranks_whose_rods_nearly_meet(tmp_path, legs, away):
     assert np.abs((found - C) / np.outer(size, size)).max() <= lost_digits(result)
     assert ("ill-conditioned" in codes(result)) == (away < 1e-5)
     assert ("near-type-2-singularity" in codes(result)) == (away < 0.05)
+
+
+@pytest.mark.parametrize("short", [1e-2, 1e-6, 1e-10, 0.0])
+def test_leg_of_a_plate_nearly_stretched(tmp_path, short):
+    """A stretched crank and rod let the plate go along them by nothing: a serial singularity."""
+    crank, rod, ring, plate, k, yaw = 0.25, 0.22, 0.4, 0.1, 2e4, 0.2
+    legs = {
+        "chain": "RRR",
+        "base": {"radius": ring},
+        "platform": {"radius": plate},
+        "crank": crank,
+        "rod": rod,
+        "mode": "plus",
+        "stiffness": k,
+    }
+    pose = {"xyz": [0, 0, 0], "rpy": [0, 0, yaw]}
+    elastic = load(write_file(tmp_path, kind="parallel", legs=legs, pose=pose))
+    away = (crank + rod - short) * np.array([np.cos(np.pi + 0.15), np.sin(np.pi + 0.15)])
+    place = np.array([ring, 0.0]) + away - plate * np.array([np.cos(yaw), np.sin(yaw)])
+    result = analyse(elastic, at_pose(elastic, [*place, 0, 0, 0, yaw])[0])
+    found = note(result, "fewer-than-six-freedoms")
+    values = np.array(found.values["singular_values"])
+    # A force along the rod turns the leg's own crank alone, on a lever that vanishes with `short`.
+    D = crank + rod - short
+    at_B = np.arccos(min(1.0, (rod**2 + D**2 - crank**2) / (2 * rod * D)))
+    sine = np.sin(np.arccos(max(-1.0, (crank**2 + rod**2 - D**2) / (2 * crank * rod))))
+    C, R = result.compliances["B"], result.pose[:3, :3]
+    costs = []
+    for angle in (0.15 - at_B, 0.15 + at_B):
+        n = R.T @ -np.array([np.cos(angle), np.sin(angle), 0.0])
+        grip = R.T @ np.array([np.cos(yaw), np.sin(yaw), 0.0]) * plate
+        line = np.array([*np.cross(grip, n), *n])
+        costs.append(line @ C @ line)
+    expected = (crank * sine) ** 2 / k
+    assert min(abs(c - expected) for c in costs) <= 1e-5 * expected + 1e-15 * np.abs(C).max()
+    if short == 0.0:
+        assert result.reduction.rank == 2
+        assert "and 1 of the 3 free motion(s) do not move it" in found.message
+    else:
+        near = "near-serial-singularity" in codes(result)
+        assert near == (values[2] < 0.05 * values[0]) == (short < 1e-3)
+        assert result.reduction.rank == 3

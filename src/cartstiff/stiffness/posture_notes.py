@@ -21,10 +21,11 @@ def notes_on_posture(
     elastic: ElasticMechanism, posture: MechanismPosture, reduction: Reduction
 ) -> tuple[Note, ...]:
     """Notes of loading, states of the reduction, near singularities and limits at a posture."""
+    rank, full = reduction.rank, min(6, reduction.freedoms)
     return (
         *elastic.notes,
         *reduction.states,
-        *(near_serial(posture, reduction.singular_values) if reduction.rank == 6 else ()),
+        *(near_serial(posture, reduction.singular_values, rank) if rank == full else ()),
         *near_type_2(posture, reduction.motions),
         *near_constraint(reduction),
         *elastic.diagnostics(posture),
@@ -168,15 +169,15 @@ def error_of_chosen_forces(
     return error
 
 
-def near_serial(posture: MechanismPosture, values: Array) -> list[Note]:
-    """Note on a near serial singularity, from six singular values of the scaled Jacobian."""
-    if not values[5] < numerics.NEAR * values[0]:
+def near_serial(posture: MechanismPosture, values: Array, rank: int = 6) -> list[Note]:
+    """Note on a near serial singularity, from singular values of the scaled Jacobian of a rank."""
+    if rank == 0 or not values[rank - 1] < numerics.NEAR * values[0]:
         return []
     return [
         Note(
             "near-serial-singularity",
             f"the end-effector hardly moves in one direction: smallest over largest singular "
-            f"value {values[5] / values[0]:.2g}",
+            f"value {values[rank - 1] / values[0]:.2g}",
             {"singular_values": values.tolist(), "characteristic_length": posture.length},
         )
     ]

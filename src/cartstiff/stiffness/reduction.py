@@ -298,12 +298,13 @@ def _reduced(
     if rank < len(rows):
         missing = lost * rows[:, None]
         kind = "fewer-than-six-freedoms" if freedoms < len(rows) else "serial-singularity"
-        short = len(states)
+        short, inner = len(states), freedoms - rank
+        inside = f", and {inner} of the {freedoms} free motion(s) do not move it" * (inner > 0)
         states.append(
             Note(
                 kind,
                 f"the end-effector cannot move in {len(rows) - rank} of {len(rows)} directions here"
-                + ("" if kind == "fewer-than-six-freedoms" else " (serial singularity)")
+                + (inside if kind == "fewer-than-six-freedoms" else " (serial singularity)")
                 + f": {_COMPLIANCE_ALONE}; the wrench along them is carried by the structure"
                 + (" and is taken as zero in the scaled norm" if force is None else ""),
                 {

@@ -391,7 +391,8 @@ export class Program {
     if (this.freedoms < 6 && serial) {
       notes.push({ code: "fewer-than-six-freedoms", message: `the end-effector cannot move in ${6 - this.freedoms} of 6 directions here: the stiffness matrix does not exist, the compliance does; `
         + `the wrench along them is carried by the structure${m.given ? "" : " and is taken as zero in the scaled norm"}`, values: { rank: this.freedoms, singular_values: serial.values, ...size } });
-    } else if (serial && this.least(serial) < NEAR) {
+    }
+    if (serial && this.least(serial) < NEAR) {
       notes.push({ code: "near-serial-singularity", message: `the end-effector hardly moves in one direction: smallest over largest singular value ${general(this.least(serial), 2)}`,
         values: { singular_values: serial.values, ...size } });
     }
