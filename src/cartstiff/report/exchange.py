@@ -182,20 +182,23 @@ def _of_platform(result: PostureStiffness, springs: LineSprings) -> Parts:
         head = se3.pose(translation=length * platform.points[i])
         if i == 0:
             end = se3.pose(foot[:3, :3], T[:3, :3] @ head[:3, 3] + T[:3, 3])
-            about = platform.body_inertia[:3, :3]
-            arm = se3.skew(platform.mass_centre)
-            own = length**2 * (about + platform.mass * arm @ arm)
-            body = (platform.mass, length * platform.mass_centre, own)
             links += [
                 Link("ball x", f"{leg} rod", np.eye(4), _X, joint="ball_x"),
                 Link("ball y", "ball x", np.eye(4), _Y, joint="ball_y"),
                 Link("ball z", "ball y", np.eye(4), _Z, joint="ball_z"),
-                Link("M", "ball z", se3.inverse(end) @ T, body=body),
+                Link("M", "ball z", se3.inverse(end) @ T, body=_body(platform, length)),
             ]
         else:
             points = [head[:3, 3].tolist(), [0.0, 0.0, 0.0]]
             closures.append({"frames": ["M", f"{leg} rod"], "type": "point", "points": points})
     return links, closures, {"actuated": list(named), "springs": named}
+
+
+def _body(platform: Platform, length: float) -> tuple[float, Array, Array]:
+    """Return the body's mass, its centre in M, and the inertia about it, with lengths in metres."""
+    arm = se3.skew(platform.mass_centre)
+    about = platform.body_inertia[:3, :3] + platform.mass * arm @ arm
+    return platform.mass, length * platform.mass_centre, length**2 * about
 
 
 def _bar(struts: Struts | None, i: int, length: float, fixed: bool) -> tuple[float, Array, Array]:
@@ -658,10 +661,7 @@ def _mujoco(result: PostureStiffness) -> bytes:
     if platform.struts is not None and platform.struts.mass:
         raise InputError("tendons have no mass", expected="legs without mass", where="legs.mass")
     length, force = convert_length(elastic.units, SI)
-    inertia = platform.body_inertia
-    mass, centre = platform.mass, platform.mass_centre * length
-    arm = se3.skew(platform.mass_centre)
-    about = (inertia[:3, :3] + mass * arm @ arm) * length**2
+    mass, centre, about = _body(platform, length)
     if mass <= 0.0 or np.linalg.eigvalsh(about)[0] <= 0.0:
         raise UndefinedError(
             "MuJoCo needs a mass and moments of inertia of the body",
