@@ -2,7 +2,7 @@
 
 import cartstiff
 from cartstiff.identify.identification import identify
-from cartstiff.identify.table import read_measurements
+from cartstiff.identify.measurements import read_measurements
 
 
 def answers(inputs, folder):
