@@ -298,8 +298,9 @@ def _reduced(
     if rank < len(rows):
         missing = lost * rows[:, None]
         kind = "fewer-than-six-freedoms" if freedoms < len(rows) else "serial-singularity"
-        short, inner = len(states), freedoms - rank
-        inside = f", and {inner} of the {freedoms} free motion(s) do not move it" * (inner > 0)
+        short, still_too = len(states), freedoms - rank
+        inside = f", and {still_too} of the {freedoms} free motion(s) do not move it"
+        inside *= still_too > 0
         states.append(
             Note(
                 kind,
