@@ -101,6 +101,26 @@ def test_a_file_of_a_closed_chain_moves_its_drives(name, tmp_path, pages):
     assert np.abs(np.array(places[12:15]) - expected.pose[:3, 3]).max() < 1e-6
 
 
+def test_a_load_that_bends_links_leaves_the_drives_of_a_file_where_they_are(tmp_path, pages):
+    """The next state begins with straight links, as on the live page."""
+    chain, wrench = cartstiff.load("3-rrr"), [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]
+    path = tmp_path / "chain.html"
+    path.write_text(export_page(Source(chain, load=wrench)), encoding="utf-8")
+    page = pages.open(path.as_uri(), offline=True)
+    drives = list(chain.mechanism.actuated)
+    q = np.array(page.evaluate("() => window.cartstiff.numbers.q"))
+    assert np.abs(q - chain.q).max() < 1e-12
+    assert np.abs(np.subtract(result(page)["q"], q)).max() > 1e-4, "links bend"
+    page.focus(f"#slider-{drives[0]}")
+    page.keyboard.press("ArrowRight")
+    settled(page)
+    moved = np.array(page.evaluate("() => window.cartstiff.numbers.q"))
+    assert moved[drives[0]] != q[drives[0]]
+    assert np.abs(moved - q)[drives[1:]].max() < 1e-12
+    expected = cartstiff.analyse(chain, moved, wrench=wrench)
+    assert np.abs(expected.q - result(page)["q"]).max() < 1e-10
+
+
 def test_a_file_that_computes_is_held_in_the_hand(tmp_path, pages):
     """Any slider, load, springs, point and drag of the tool, without a server."""
     arm = cartstiff.load("ur5")

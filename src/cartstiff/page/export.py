@@ -162,7 +162,9 @@ def export_page(
     with np.errstate(all="ignore"):
         session, shown = _session(source, elastic, state, picture)
         base = session.result(shown)
-        shown = shown.model_copy(update={"moved": None, "q": base.q.tolist()})
+        shown = shown.model_copy(
+            update={"moved": None, "q": session.before_load(base, shown).tolist()}
+        )
         program = browser_program(session.elastic, base)
         data, commands = client_data(session, shown, base, program)
         data["hello"]["address"] = address

@@ -132,7 +132,7 @@ class Session:
         cloud = self.source.cloud
         return state.model_copy(
             update={
-                "q": self._before_load(result, state).tolist(),
+                "q": self.before_load(result, state).tolist(),
                 "quantity": quantity,
                 "quantity_of_map": None if cloud is None else next(iter(cloud.values)),
             }
@@ -261,7 +261,7 @@ class Session:
                 q = mechanism.closed(q, hold=hold).q
         return elastic, q
 
-    def _before_load(self, result: PostureStiffness, state: ViewState) -> Array:
+    def before_load(self, result: PostureStiffness, state: ViewState) -> Array:
         """Coordinates before drives are commanded to move and before a load bends links.
 
         A page sends them back with the next state, which must not begin with bent links: a closed
@@ -273,8 +273,8 @@ class Session:
         return self._placed(state)[1] if state.command or is_bent else result.q
 
     def numbers(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
-        """Its numbers; "q" is where the sliders are, see `_before_load`."""
-        numbers = shown_numbers(result, state) | {"q": self._before_load(result, state).tolist()}
+        """Its numbers; "q" is where the sliders are, see `before_load`."""
+        numbers = shown_numbers(result, state) | {"q": self.before_load(result, state).tolist()}
         if state.gravity is not None or state.payload is not None:
             numbers["weighed"] = gravity_loads(result.elastic).text
         return numbers
@@ -413,13 +413,13 @@ class Session:
                 if moved_on := self._moved_on(result, at):
                     return {"reason": moved_on}
                 row = series_row(result, at)
-                return row if at.command else row | {"q": self._before_load(result, at).tolist()}
+                return row if at.command else row | {"q": self.before_load(result, at).tolist()}
         except CartstiffError as error:
             return {"reason": str(error)}
 
     def _moved_on(self, result: PostureStiffness, state: ViewState) -> str | None:
         """Return why a posture is not the wanted one: closures have moved a coordinate; or None."""
-        reached = self._before_load(result, state)
+        reached = self.before_load(result, state)
         names, wanted = self._elastic.names, state.q or ()
         away = [
             (

@@ -118,7 +118,7 @@ export class ComputingSource extends FileSource {
     try {
       const m = this.program.solve({ ...state, q });
       const [moved] = this.program.adjusted(m);
-      return moved ? { reason: moved.message } : rowOf(this.program.numbers({ ...state, q, mode: null }, m), m.q);
+      return moved ? { reason: moved.message } : rowOf(this.program.numbers({ ...state, q, mode: null }, m), m.straight);
     } catch ({ message }) {
       return { reason: message };
     }

@@ -124,6 +124,8 @@ export class Program {
     const asked = state.q.map((x, j) => (bending && !state.load && virtual.includes(j) ? 0 : Number(x)));
     let q = this.closed(asked);
     if (q.some((x, i) => !this.data.are_lengths[i] && Math.abs(x) > (this.data.platform ? 2 : 4) * Math.PI)) throw new Error(NOT_PLAIN);
+    // A next state begins with straight links: bent ones may not close at other positions of the drives.
+    const straight = q;
     const inputs = { q, ...this.springs(state) };
     let name = "free";
     if (state.load) {
@@ -136,7 +138,7 @@ export class Program {
     if (found("verdict")[0] !== 0) throw new Error(NOT_PLAIN);
     const { platform, are_lengths: areLengths, may_be_loaded: mayBeLoaded } = this.data;
     const m = {
-      q, asked, hessians: inputs.segment_hessians, pose: found("pose", 4), J: found("jacobian", this.n), W: found("wrench"), energy: found("energy")[0],
+      q, asked, straight, hessians: inputs.segment_hessians, pose: found("pose", 4), J: found("jacobian", this.n), W: found("wrench"), energy: found("energy")[0],
       frames: frames(found("frames")), ...legsOf(found), tensions: found("tensions"), length: found("length")?.[0] ?? this.data.length,
       given: Boolean(state.load?.some((x) => x)), stiffness: inputs.stiffness ?? this.data.shared.stiffness,
       ...(state.load || mayBeLoaded ? { at: actsAt(state), kind: state.load_kind } : { at: [0, 0, 0], kind: "dead" }),
@@ -270,7 +272,7 @@ export class Program {
     const asymmetries = Object.fromEntries(Object.entries(shown).map(([name, M]) => [name, M && asymmetry(M)]));
     const notes = this.notes(m, state);
     const answer = {
-      result: this.part(m, state.quantity, notes), has_compliance: true, position: place(m.pose), angles: angles(m.pose), frame: T,
+      q: m.straight, result: this.part(m, state.quantity, notes), has_compliance: true, position: place(m.pose), angles: angles(m.pose), frame: T,
       stiffness: null, compliance: null, wrench: here.wrench, principal: principalValues(here, state), indices: numbers,
       symmetric: { ...asymmetries, "+": asymmetries.A }, singularity: this.distance(m), legs: this.legs(m), moved: this.moved(m, state),
       modes: state.mode === null ? null : { missing: "Modes are computed by `cartstiff view`." },
@@ -423,7 +425,7 @@ export class Program {
   }
 
   /** Drives that the closures have moved: more of them than there are motions are not all free. */
-  adjusted({ q, asked }) {
+  adjusted({ straight: q, asked }) {
     const moved = this.data.actuated.filter((j) => Math.abs(q[j] - asked[j]) > CLOSE);
     if (!moved.length) return [];
     const { joints } = this.data.base.mechanism;
