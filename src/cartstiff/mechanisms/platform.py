@@ -404,7 +404,7 @@ class PlatformPosture(MechanismPosture):
         """The leg lengths, if they are six."""
         m = len(self._platform.points)
         if m != 6:
-            return f"K^F needs exactly six legs or cables; there are {m}"
+            return f"K^F needs exactly six legs or cables; there are {m} lines"
         return SecondOrderMap(
             self.lines.lines,
             lambda mu: second_derivative(self.lines, self._platform.points, mu),
