@@ -5,7 +5,7 @@ Also maps over commands: the stiffness at the equilibrium after the drives have 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
@@ -79,7 +79,11 @@ STATES = (
 # and fewer where each posture is computed by itself.
 _STACK_ROWS = 8192
 _SINGLE_ROWS = 128
+# Number of postures of a part that one thread computes.
+_PIECE_ROWS = 2**15
 _THREAD_LOCAL = local()
+#: Applies a function to each of several arguments, as the built-in `map`.
+Mapped = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 
 @dataclass(frozen=True)
@@ -161,37 +165,55 @@ class MapJob:
     def _closures(self) -> tuple[Any, ...]:
         return self.elastic.mechanism.closures
 
-    def compute(self, box: tuple[slice, ...]) -> dict[str, Array]:
-        """Arrays of a box by name: quantities, ``state``, ``position``, and ``q`` if stored."""
-        shape, counts = tuple(s.stop - s.start for s in box), None
+    def compute(self, box: tuple[slice, ...], mapped: Mapped = map) -> dict[str, Array]:
+        """Arrays of a box by name: quantities, ``state``, ``position``, and ``q`` if stored.
+
+        The box is computed in pieces along its first axis, by `mapped`, which may use threads.
+        """
+        sizes = tuple(s.stop - s.start for s in box)
+        arrays = {name: np.full(sizes, np.nan) for name in self.names}
+        arrays["state"] = np.full(sizes, STATES.index(UNREACHABLE), np.uint8)
+        arrays["position"] = np.full((*sizes, 3), np.nan)
+        if self.stores_q:
+            arrays["q"] = np.empty((*sizes, len(self.elastic.names)))
+        if isinstance(self.sampling, CartesianGrid):
+            arrays["branches"] = np.zeros(sizes[:-1], np.uint32)
+        step = max(1, _PIECE_ROWS // prod(sizes[1:]))
+        rows = [slice(i, min(i + step, sizes[0])) for i in range(0, sizes[0], step)]
+
+        def fill(piece: slice) -> None:
+            along = slice(box[0].start + piece.start, box[0].start + piece.stop)
+            self._fill_piece((along, *box[1:]), {name: a[piece] for name, a in arrays.items()})
+
+        for _ in mapped(fill, rows):
+            pass
+        if self.times is not None:
+            arrays["time"] = self.times[box[0]]
+        return arrays
+
+    def _fill_piece(self, box: tuple[slice, ...], arrays: dict[str, Array]) -> None:
+        """Compute the arrays of a box that is small enough to be computed at once."""
         if isinstance(self.sampling, CartesianGrid):
             q, counts = self.sampling.solve(box, self.elastic, self._cost)
+            arrays.pop("branches").flat[:] = counts
         else:
             q = self.sampling.postures(box, self.elastic)
-        count = len(q)
-        arrays = {name: np.full(count, np.nan) for name in self.names}
-        arrays["state"] = np.full(count, STATES.index(UNREACHABLE), np.uint8)
-        arrays["position"] = np.full((count, 3), np.nan)
+        count, stored = len(q), arrays.pop("q", None)
+        flat = {name: a.reshape(count, *a.shape[len(box) :]) for name, a in arrays.items()}
         if self._closures and not self.sampling.is_closed:
             there: NDArray[np.bool_] = np.array(np.isfinite(q).all(axis=1))
             q[there], is_closed = self._assembled(q[there], box)
             there[there] = ~is_closed
-            q[there], arrays["state"][there] = np.nan, STATES.index(NOT_ASSEMBLED)
+            q[there], flat["state"][there] = np.nan, STATES.index(NOT_ASSEMBLED)
         rows = _STACK_ROWS if self.in_stacks else _SINGLE_ROWS
         blocks = [slice(i, min(i + rows, count)) for i in range(0, count, rows)]
         # Machine code leaves few rows open: those of all blocks together take a tenth of the time.
-        unread = [np.zeros(0, int), *(self._compute_rows(q, some, arrays) for some in blocks)]
+        unread = [np.zeros(0, int), *(self._compute_rows(q, some, flat) for some in blocks)]
         rest = np.concatenate(unread)
         for some in (rest[i : i + rows] for i in range(0, len(rest), rows)):
-            self._fill(arrays, some, self._by_matrices(q[some], self.quantities))
-        arrays = {name: a.reshape(*shape, *a.shape[1:]) for name, a in arrays.items()}
-        if self.stores_q:
-            arrays["q"] = q.reshape(*shape, -1)
-        if self.times is not None:
-            arrays["time"] = self.times[box[0]]
-        if counts is not None:
-            arrays["branches"] = counts.astype(np.uint32).reshape(shape[:-1])
-        return arrays
+            self._fill(flat, some, self._by_matrices(q[some], self.quantities))
+        if stored is not None:
+            stored[...] = q.reshape(stored.shape)
 
     def _compute_rows(self, q: Array, rows: slice, arrays: dict[str, Array]) -> Array:
         """Fill rows; return the numbers (k,) of those whose quantities are still to be read."""
@@ -417,13 +439,13 @@ class CommandedJob(MapJob):
         """Always: the postures follow from equilibria."""
         return True
 
-    def compute(self, box: tuple[slice, ...]) -> dict[str, Array]:
-        """As `MapJob.compute`, after the commands of the box."""
+    def _fill_piece(self, box: tuple[slice, ...], arrays: dict[str, Array]) -> None:
+        """As `MapJob._fill_piece`, after the commands of the box."""
         job = self
         if isinstance(self.sampling, CommandGrid):
             told = dict(self.told or {})
             job = replace(self, rows=[told | row for row in self.sampling.commands(box)])
-        return super(CommandedJob, job).compute(box)
+        super(CommandedJob, job)._fill_piece(box, arrays)
 
     def _compute_rows(self, q: Array, rows: slice, arrays: dict[str, Array]) -> Array:
         part = replace(self, rows=self.rows[rows]) if self.rows else self

@@ -7,6 +7,7 @@ so that a worker that dies loses only the parts it was computing.
 
 from __future__ import annotations
 
+import ctypes
 import json
 import pickle
 import platform
@@ -15,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import asdict, fields, replace
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
 from os import cpu_count
@@ -42,9 +43,9 @@ from cartstiff.errors import (
     one_line,
 )
 from cartstiff.maps.cartesian import CartesianGrid
-from cartstiff.maps.job import STATES, CommandedJob, CommandGrid, MapJob
+from cartstiff.maps.job import STATES, CommandedJob, CommandGrid, MapJob, Mapped
 from cartstiff.maps.quantities import choose_quantities
-from cartstiff.maps.sampling import Grid, Sampling, chunk_shape, dimension_name
+from cartstiff.maps.sampling import MAX_CHUNK, Grid, Sampling, chunk_shape, dimension_name
 from cartstiff.maps.store import (
     CHECKSUM,
     INNER,
@@ -474,10 +475,11 @@ def prepare_map(
     return replace(job, path=taken["path"], by_kernel=bool(taken["by_kernel"])), existing
 
 
-def part_of(job: MapJob, file: MapFile, number: int) -> int:
+def part_of(job: MapJob, file: MapFile, number: int, mapped: Mapped = map) -> int:
     """Compute and write a part unless it is complete; return its number."""
     if not file.is_done(number):
-        arrays = job.compute(file.boxes[number])
+        _return_large_arrays()
+        arrays = job.compute(file.boxes[number], mapped)
         try:
             # Large parts are written one at a time: compression holds a second copy in memory.
             one = _WRITING_LOCK if file.count(number) > INNER else nullcontext()
@@ -493,6 +495,15 @@ def part_of(job: MapJob, file: MapFile, number: int) -> int:
     return number
 
 
+@cache
+def _return_large_arrays() -> None:
+    """Let the C library return large arrays to the system; it would keep them in every thread."""
+    if (set_option := getattr(ctypes.CDLL(None), "mallopt", None)) is not None:  # of glibc
+        set_option(_MMAP_THRESHOLD, _LARGE_BYTES)
+
+
+# Option of glibc, and the size of arrays in bytes from which on each has memory of its own.
+_MMAP_THRESHOLD, _LARGE_BYTES = -3, 2**22
 _LOADING_LOCK, _WRITING_LOCK = Lock(), Lock()
 
 
@@ -580,8 +591,15 @@ def _workers(
 ) -> Iterator[Callable[[int], Future[int]]]:
     """Yield a function that submits a part to threads, or to the workers of a scheduler."""
     if scheduler is None:
-        with numerics.one_thread(), ThreadPoolExecutor(threads) as pool:
-            yield lambda number: pool.submit(part_of, job, file, number)
+        # Few large parts are in memory at once; all threads compute their pieces.
+        parts = max(1, min(threads, MAX_CHUNK // file.count(0)))
+        with (
+            numerics.one_thread(),
+            ThreadPoolExecutor(threads) as threads_of_pieces,
+            ThreadPoolExecutor(parts) as pool,
+        ):
+            mapped = threads_of_pieces.map
+            yield lambda number: pool.submit(part_of, job, file, number, mapped)
         return
     data = packed(replace(job))  # a copy without cached results
     known, folder = tuple(versions().items()), local_path(file.address)
@@ -665,7 +683,7 @@ def run_map(
         advance(sum(map(file.count, done)))
         missing = [part for part in range(len(file.boxes)) if part not in done]
         if missing:
-            with _workers(job, file, min(count, len(missing)), dask) as submit:
+            with _workers(job, file, count, dask) as submit:
                 futures = [submit(part) for part in missing]
                 try:
                     for future in as_completed(futures):

@@ -369,7 +369,8 @@ class Trajectory(Sampling):
 
 # Smallest and largest number of postures in a chunk, and the number of chunks aimed at: the second
 # one where the overhead of a chunk exceeds the time of a posture.
-_MIN_CHUNK, _MAX_CHUNK, _TARGET_CHUNKS, _TARGET_LARGE_CHUNKS = 64, 11 * 2**16, 128, 32
+_MIN_CHUNK, _TARGET_CHUNKS, _TARGET_LARGE_CHUNKS = 64, 128, 32
+MAX_CHUNK = 11 * 2**16
 
 
 def usual_chunk(count: int, least: int | None = None) -> int:
@@ -378,8 +379,8 @@ def usual_chunk(count: int, least: int | None = None) -> int:
     `least` replaces the smallest number for postures that are computed fast.
     """
     if least is None:
-        return min(max(count // _TARGET_CHUNKS, _MIN_CHUNK), _MAX_CHUNK)
-    return min(max(count // _TARGET_LARGE_CHUNKS, least), _MAX_CHUNK)
+        return min(max(count // _TARGET_CHUNKS, _MIN_CHUNK), MAX_CHUNK)
+    return min(max(count // _TARGET_LARGE_CHUNKS, least), MAX_CHUNK)
 
 
 def chunk_shape(sampling: Sampling, postures: int | None = None) -> tuple[int, ...]:
