@@ -209,7 +209,7 @@ def test_resuming_reads_no_number(elastic, tmp_path, monkeypatch):
 
 def test_parts_are_few_large_objects_in_pieces(elastic, expected, tmp_path, monkeypatch):
     _, layout = planned(elastic, _random(elastic, 2 * 10**8), ["condition", "force", "isotropy"])
-    objects = len(layout.boxes) * (1 + len(layout.arrays))
+    objects = len(layout.parts.boxes) * (1 + len(layout.arrays))
     assert objects < 2000
     assert layout.encoding(layout.arrays["q"])["chunks"] == (45056, 6)
     monkeypatch.setattr(store, "INNER", 3)

@@ -560,7 +560,7 @@ def _check_ranked(quantities: tuple[str, ...]) -> None:
 def _answer(
     file: MapFile, output: str, computed: int, seconds: float, summed: dict[str, Any]
 ) -> dict[str, Any]:
-    about, total = file.attributes, math.prod(file.shape)
+    about, total = file.attributes, math.prod(file.parts.shape)
     return {
         "schema": about["schema"],
         "file": output,

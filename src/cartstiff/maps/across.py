@@ -251,26 +251,20 @@ def _labels(values: Array, q: Array) -> Array:
     from scipy.sparse.csgraph import connected_components
 
     known = np.isfinite(values)
-    number = np.full(values.shape, -1)
-    number[known] = np.arange(known.sum())
-    begins, ends = [np.empty(0, int)], [np.empty(0, int)]
-    for axis in range(values.ndim - 1):
-        count = values.shape[axis]
-        here, there = (np.arange(count - 1), np.arange(1, count))
-        a, b = (np.take(q, rows, axis) for rows in (here, there))
-        na, nb = (np.take(number, rows, axis) for rows in (here, there))
-        step = a[..., :, None, :] - b[..., None, :, :]
-        size = np.abs(step).max(axis=-1)
-        size = np.where((na[..., :, None] >= 0) & (nb[..., None, :] >= 0), size, np.inf)
-        size = np.where(np.isfinite(size), size, np.inf)
-        near = (size <= STEP) & (size <= size.min(axis=-1, keepdims=True))
-        near &= size <= size.min(axis=-2, keepdims=True)
-        rows = np.broadcast_to(na[..., :, None], near.shape)[near]
-        columns = np.broadcast_to(nb[..., None, :], near.shape)[near]
-        begins.append(rows)
-        ends.append(columns)
-    i, j = np.concatenate(begins), np.concatenate(ends)
     total = int(known.sum())
+    number = np.full(values.shape, -1)
+    number[known] = np.arange(total)
+    q = np.where(known[..., None], q, np.nan)
+    ends = [np.empty((2, 0), int)]
+    for axis in range(values.ndim - 1):
+        at, of = np.moveaxis(q, axis, 0), np.moveaxis(number, axis, 0)
+        step = np.abs(at[:-1, ..., :, None, :] - at[1:, ..., None, :, :]).max(axis=-1)
+        step[np.isnan(step)] = np.inf
+        near = step <= np.minimum(STEP, step.min(axis=-1, keepdims=True))
+        near &= step <= step.min(axis=-2, keepdims=True)
+        both = np.broadcast_arrays(of[:-1, ..., :, None], of[1:, ..., None, :])
+        ends.append(np.array([numbers[near] for numbers in both]))
+    i, j = np.concatenate(ends, axis=1)
     graph = coo_matrix((np.ones(len(i)), (i, j)), shape=(total, total))
     labels = np.full(values.shape, -1)
     labels[known] = connected_components(graph, directed=False)[1]
@@ -284,16 +278,12 @@ def _largest_configuration(labels: Array, values: Array, limit: float | None, be
         within &= values <= limit if below else values >= limit
 
     def places(counted: Any) -> Array:
-        count = int(labels.max(initial=-1)) + 1
-        rows = np.broadcast_to(
-            np.arange(labels[..., 0].size).reshape(labels.shape[:-1])[..., None], labels.shape
-        )
-        pairs = np.unique(np.column_stack([labels[counted], rows[counted]]), axis=0)
-        counts: Array = np.bincount(pairs[:, 0], minlength=count)
+        """Return the number of places of each configuration, each place counted once."""
+        rows = np.sort(np.where(counted, labels, -1), axis=-1)
+        is_new = np.diff(rows, axis=-1, prepend=-1) != 0
+        counts: Array = np.bincount(rows[is_new], minlength=int(labels.max()) + 1)
         return counts
 
     if not (labels >= 0).any():
         return 0
-    reached = places(labels >= 0)
-    kept = places((labels >= 0) & within)
-    return int(np.lexsort((-reached, -kept))[0])
+    return int(np.lexsort((-places(True), -places(within)))[0])

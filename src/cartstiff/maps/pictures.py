@@ -78,7 +78,7 @@ def draw_map(
     """
     quantity_of(dataset, quantity)
     if angle == "deg":
-        dataset = _in_degrees(dataset)
+        dataset = _rescaled(dataset, "rad", "deg", np.degrees(1.0))
     array = quantity_of(dataset, quantity)
     if kind == "auto":
         if by is not None:
@@ -97,13 +97,14 @@ def draw_map(
     return KINDS[kind](dataset, quantity)
 
 
-def _in_degrees(dataset: xarray.Dataset) -> xarray.Dataset:
-    """The map with the angles along its axes in degrees."""
-    shown = {}
-    for name, axis in dataset.coords.items():
-        if axis.attrs.get("units") == "rad":
-            shown[name] = (axis.dims, np.degrees(axis.values), axis.attrs | {"units": "deg"})
-    return dataset.assign_coords(shown)
+def _rescaled(dataset: xarray.Dataset, unit: str, shown: str, factor: float) -> xarray.Dataset:
+    """The map with the values along its axes in another unit."""
+    axes = {
+        name: (axis.dims, factor * axis.values, axis.attrs | {"units": shown})
+        for name, axis in dataset.coords.items()
+        if axis.attrs.get("units") == unit
+    }
+    return dataset.assign_coords(axes)
 
 
 def title_of(dataset: xarray.Dataset) -> str:
@@ -204,15 +205,6 @@ def _axis_label(coordinate: xarray.DataArray) -> str:
     return f"{coordinate.name} [{unit}]" if unit else str(coordinate.name)
 
 
-def _in_millimetres(coordinate: xarray.DataArray) -> xarray.DataArray:
-    """Convert a position in metres to millimetres, as in drawings."""
-    if coordinate.attrs.get("units") != "m":
-        return coordinate
-    shown: xarray.DataArray = coordinate.copy(data=1e3 * np.asarray(coordinate.values, float))
-    shown.attrs["units"] = "mm"
-    return shown
-
-
 def _cells(
     axis: Any, dataset: xarray.Dataset, quantity: str, norm: Any, level: float | None = None
 ) -> tuple[Any, set[str]]:
@@ -225,44 +217,29 @@ def _cells(
     spatial = set(dims) <= set("xyz")
     if spatial:
         dims = sorted(dims, reverse=True)
-        dataset = dataset.transpose(*dims, ...)
-    array = dataset[quantity]
-    y, x = (_in_millimetres(dataset[d]) if spatial else dataset[d] for d in dims)
-    values = np.asarray(array.values, float)
-    shown = np.ma.masked_invalid(values)
-    mesh = axis.pcolormesh(
-        _edges(x.values), _edges(y.values), shown, cmap=COLOURS, norm=norm, rasterized=True
+        dataset = _rescaled(dataset, "m", "mm", 1e3).transpose(*dims, ...)
+    y, x = dims
+    array = dataset[quantity].astype(float).compute()
+    values = array.values
+    shown = array.where(np.isfinite(array))
+    mesh = shown.plot.pcolormesh(
+        ax=axis, x=x, y=y, cmap=COLOURS, norm=norm, add_colorbar=False, rasterized=True
     )
-    if level is not None and min(values.shape) > 1 and np.isfinite(values).any():
-        low, high = np.nanmin(values), np.nanmax(values)
-        if low < level < high:
-            axis.contour(x.values, y.values, shown, levels=[level], colors="black", linewidths=1.5)
+    if level is not None and min(values.shape) > 1 and shown.min() < level < shown.max():
+        shown.plot.contour(
+            ax=axis, x=x, y=y, levels=[level], colors="black", linewidths=1.5, add_labels=False
+        )
     if spatial:
         axis.set_aspect("equal")
     reasons = reasons_of(dataset, values)
-    for name in sorted(set(reasons[reasons != ""].tolist())):
-        _hatch(axis, x.values, y.values, reasons == name, name)
-    axis.set(xlabel=_axis_label(x), ylabel=_axis_label(y))
-    return mesh, set(reasons[reasons != ""].tolist())
-
-
-def _hatch(axis: Any, x: Array, y: Array, where: Array, name: str) -> None:
-    from matplotlib.colors import ListedColormap
-
-    hatch, grey = style_of(name)
-    axis.pcolormesh(
-        _edges(x),
-        _edges(y),
-        np.ma.masked_where(~where, np.ones(where.shape)),
-        cmap=ListedColormap([grey]),
-        vmin=0.0,
-        vmax=1.0,
-        rasterized=True,
-    )
+    names = set(reasons[reasons != ""].tolist())
     # Two points per cell and direction, so that the hatching follows the cells' borders.
-    xx, yy = np.repeat(_edges(x), 2)[1:-1], np.repeat(_edges(y), 2)[1:-1]
-    fine = np.repeat(np.repeat(where, 2, axis=0), 2, axis=1).astype(float)
-    axis.contourf(xx, yy, fine, levels=[0.5, 1.5], colors="none", hatches=[hatch])
+    borders = [np.repeat(_edges(dataset[d].values), 2)[1:-1] for d in (x, y)]
+    for name in sorted(names):
+        hatch, grey = style_of(name)
+        where = np.repeat(np.repeat(reasons == name, 2, axis=0), 2, axis=1).astype(float)
+        axis.contourf(*borders, where, levels=[0.5, 1.5], colors=[grey], hatches=[hatch])
+    return mesh, names
 
 
 def heat_map(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> Any:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import heapq
 import json
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -228,13 +229,7 @@ def best_branch(dataset: xarray.Dataset, quantity: str) -> xarray.Dataset:
     if "branch" not in array.dims:
         return dataset
     sign = 1.0 if array.attrs.get("better") == "smaller" else -1.0
-    values: Array = sign * np.asarray(array.values, float)
-    axis = array.dims.index("branch")
-    pick = np.where(np.isnan(values), np.inf, values).argmin(axis=axis)
-    import xarray
-
-    dims = [d for d in array.dims if d != "branch"]
-    return dataset.isel(branch=xarray.DataArray(pick, dims=dims))
+    return dataset.isel(branch=(sign * array).fillna(np.inf).argmin("branch").compute())
 
 
 def unit_label(array: xarray.DataArray) -> str:
@@ -269,11 +264,10 @@ def summary(dataset: xarray.Dataset | MapFile) -> dict[str, Any]:
         arrays, attributes = dataset.data_vars, dataset.attrs
         own = [str(name) for name in arrays if name not in PLACES]
         facts = each_block(dataset, {name: partial(fact, name) for name in own})
-    names, counts = named_states(arrays["state"].attrs), dict[str, int]()
+    names, counts = named_states(arrays["state"].attrs), Counter[str]()
     every = np.sum(facts["state"], axis=0)
     for code in np.flatnonzero(every).tolist():
-        name = names.get(code, str(code))
-        counts[name] = counts.get(name, 0) + int(every[code])
+        counts[names.get(code, str(code))] += int(every[code])
     ranges = {}
     for name in (n for n in facts if n not in OTHERS):
         lows, highs, totals, numbers = zip(*facts[name], strict=True)
@@ -294,4 +288,4 @@ def summary(dataset: xarray.Dataset | MapFile) -> dict[str, Any]:
             "found": int(np.max(facts["branches"])),
             "kept": sampling["branches"],
         }
-    return {"states": counts, "quantities": ranges, **branches}
+    return {"states": dict(counts), "quantities": ranges, **branches}

@@ -22,7 +22,6 @@ from importlib.metadata import PackageNotFoundError, version
 from os import cpu_count
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Literal
-from uuid import uuid4
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,9 +54,11 @@ from cartstiff.maps.store import (
     Layout,
     MapFile,
     Run,
+    empty_dataset,
     is_there,
     local_path,
     open_map,
+    reached,
     with_postures,
 )
 from cartstiff.matrix_names import OF_MANY
@@ -389,38 +390,25 @@ def map_of(
     job, layout = planned(elastic, sampling, quantities, **asked)
     import dask.array
     import xarray
-    from dask.highlevelgraph import HighLevelGraph
 
-    def array(name: str, kind: Kind) -> Any:
-        known = dict(zip(sampling.dims, layout.chunk, strict=True)) | dict(layout.sizes)
-        sizes: Any = dask.array.core.normalize_chunks  # not typed, as the class
-        chunks = sizes(tuple(known[dim] for dim in kind.dims), layout.lengths(kind.dims))
-        own, graph, make = f"{name}-{token}", dict[Any, Any](), dask.array.Array
-        for i, cell in enumerate(cells):
-            key = (own, *(*cell, 0)[: len(kind.dims)])
-            graph[key] = _array_of_part, (token, i), name, kind.dtype
-        whole = HighLevelGraph({token: parts, own: graph}, {token: set(), own: {token}})
-        return make(whole, own, chunks, kind.dtype)  # type: ignore[no-untyped-call]
-
-    token, cells = f"map-{uuid4().hex}", list(np.ndindex(layout.cuts))
-    boxes = layout.boxes
-    parts: dict[Any, Any] = {(token, i): (job.compute, box) for i, box in enumerate(boxes)}
-    variables = {
-        name: (kind.dims, array(name, kind), kind.attributes, layout.encoding(kind))
-        for name, kind in layout.arrays.items()
+    empty, dims = empty_dataset(layout), sampling.dims
+    ranges: Any = dask.array.arange  # not typed
+    cells = {
+        f"cell_{dim}": (dim, ranges(n, chunks=chunk))
+        for dim, n, chunk in zip(dims, sampling.shape, layout.chunk, strict=True)
     }
-    axes = sampling.axes
-    coordinates = {
-        name: (k.dims, axes[name].values, k.attributes) for name, k in layout.axes.items()
-    }
-    dataset = xarray.Dataset(variables, coordinates, dict(layout.attributes))
-    if dataset.attrs.pop("coordinates", None):
-        dataset = dataset.set_coords("time")
-    return with_postures(dataset)
 
+    def computed(block: xarray.Dataset) -> xarray.Dataset:
+        at = [block[name].values.tolist() for name in cells]
+        arrays = job.compute(tuple(slice(cell[0], cell[-1] + 1) for cell in at))
+        variables = {
+            name: (kind.dims, arrays[name].astype(kind.dtype, copy=False))
+            for name, kind in layout.arrays.items()
+        }
+        return xarray.Dataset(variables, block.coords).set_coords(set(empty.coords))
 
-def _array_of_part(arrays: Mapping[str, Array], name: str, dtype: str) -> Array:
-    return arrays[name].astype(dtype, copy=False)
+    blocks = xarray.Dataset(cells, {name: empty[name] for name in layout.axes})
+    return with_postures(xarray.map_blocks(computed, blocks, template=empty))
 
 
 def _vibration(settings: Settings) -> dict[str, Any]:
@@ -480,18 +468,11 @@ def part_of(job: MapJob, file: MapFile, number: int, mapped: Mapped = map) -> in
     if not file.is_done(number):
         _return_large_arrays()
         arrays = job.compute(file.boxes[number], mapped)
-        try:
-            # Large parts are written one at a time: compression holds a second copy in memory.
-            one = _WRITING_LOCK if file.count(number) > INNER else nullcontext()
-            with one, timed("writing the file"):
-                file.write(number, arrays)
-        except OSError as error:  # a full disk, a store that does not answer
-            raise InputError(
-                "map cannot be written",
-                where=file.where,
-                got=error.strerror or one_line(str(error)),
-                expected="the same command to go on from the parts that are there",
-            ) from None
+        # Large parts are written one at a time: compression holds a second copy in memory.
+        one = _WRITING_LOCK if file.count(number) > INNER else nullcontext()
+        go_on = "the same command to go on from the parts that are there"
+        with one, timed("writing the file"), reached(file.address, "map cannot be written", go_on):
+            file.write(number, arrays)
     return number
 
 

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from cartstiff.arrays import Array
-from cartstiff.errors import InputError, MissingDependencyError, checked_kind, imported, one_line
+from cartstiff.errors import CartstiffError, InputError, checked_kind, imported, one_line
 from cartstiff.maps.sampling import Sampling, dimension_name
 
 if TYPE_CHECKING:
@@ -61,6 +61,24 @@ class Kind(NamedTuple):
     fill: float = np.nan
 
 
+class Parts(NamedTuple):
+    """Division of an array's shape into chunks, which are computed and stored one by one."""
+
+    shape: tuple[int, ...]
+    chunk: tuple[int, ...]
+
+    @property
+    def cuts(self) -> tuple[int, ...]:
+        """Number of parts along each dimension."""
+        return tuple(ceil(n / c) for n, c in zip(self.shape, self.chunk, strict=True))
+
+    @property
+    def boxes(self) -> list[tuple[slice, ...]]:
+        """Box of each part in the array, in C order."""
+        pairs = zip(self.shape, self.chunk, strict=True)
+        return list(product(*([slice(i, min(i + c, n)) for i in range(0, n, c)] for n, c in pairs)))
+
+
 @dataclass(frozen=True)
 class Layout:
     """Description of a map before any part of it is computed.
@@ -92,7 +110,7 @@ class Layout:
         for name in self.sampling.dims:
             if name in (*_RESERVED, *self.arrays, *self.sizes):
                 raise InputError("a dimension has the name of something else in the map", got=name)
-        if (count := prod(self.cuts)) > _MAX_PARTS:
+        if (count := prod(self.parts.cuts)) > _MAX_PARTS:
             raise InputError(
                 f"map of {self.sampling.size} postures has too many parts",
                 expected=f"at most {_MAX_PARTS}: fewer postures, or more in each",
@@ -100,14 +118,9 @@ class Layout:
             )
 
     @property
-    def cuts(self) -> tuple[int, ...]:
-        """Number of parts along each dimension."""
-        return cuts(self.sampling.shape, self.chunk)
-
-    @property
-    def boxes(self) -> list[tuple[slice, ...]]:
-        """Box of each part in the map."""
-        return boxes(self.sampling.shape, self.chunk)
+    def parts(self) -> Parts:
+        """Parts of the map."""
+        return Parts(tuple(self.sampling.shape), self.chunk)
 
     def lengths(self, dims: Iterable[str]) -> list[int]:
         """Lengths of dimensions."""
@@ -131,17 +144,6 @@ class Layout:
             "compressors": (BloscCodec(cname="lz4", clevel=1, shuffle="shuffle"), Crc32cCodec()),
             "fill_value": kind.fill,
         }
-
-
-def cuts(shape: Sequence[int], chunk: Sequence[int]) -> tuple[int, ...]:
-    """Return the number of parts of an array along each dimension."""
-    return tuple(ceil(n / c) for n, c in zip(shape, chunk, strict=True))
-
-
-def boxes(shape: Sequence[int], chunk: Sequence[int]) -> list[tuple[slice, ...]]:
-    """Return the parts of an array in C order."""
-    pairs = zip(shape, chunk, strict=True)
-    return list(product(*([slice(i, min(i + c, n)) for i in range(0, n, c)] for n, c in pairs)))
 
 
 def fact(name: str, values: Array) -> Array:
@@ -199,15 +201,23 @@ def _stored(address: Any) -> Any:
         return storage.LocalStore(path)
     if not isinstance(address, str):
         return address
-    try:
+    with reached(address):
         return storage.FsspecStore.from_url(address)
-    except Exception as error:  # protocols and their packages raise any kind
-        raise _unreachable(address, error) from None
 
 
-def _unreachable(address: Any, error: Exception) -> InputError:
-    got = one_line(f"{type(error).__name__}: {error}".removesuffix(": "), 200)
-    return InputError("store cannot be used", where=one_line(str(address)), got=got)
+@contextmanager
+def reached(
+    address: Any, what: str = "store cannot be used", expected: str | None = None
+) -> Iterator[None]:
+    """Refuse in one line what a store raises: protocols and their packages raise any kind."""
+    try:
+        yield
+    except CartstiffError:
+        raise
+    except Exception as error:
+        got = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+        where, got = one_line(str(address)), one_line(got.removesuffix(": "), 200)
+        raise InputError(what, where=where, expected=expected, got=got) from None
 
 
 def _read(store: Any, key: str) -> bytes | None:
@@ -228,33 +238,20 @@ def is_there(address: Any) -> bool:
     """Whether something exists at an address."""
     if (path := local_path(address)) is not None:
         return path.exists()
-    try:
+    with reached(address):
         return _read(_stored(address), "zarr.json") is not None
-    except InputError:
-        raise
-    except Exception as error:
-        raise _unreachable(address, error) from None
 
 
 def _checked_attributes(address: Any, store: Any) -> dict[str, Any]:
     """Return the attributes of a map after its description has passed its checksum."""
-    where, folder = one_line(str(address)), local_path(address)
-    try:
-        text = None
+    where, folder, text = one_line(str(address)), local_path(address), None
+    with reached(address):
         if folder is None or (folder / "zarr.json").is_file():
             if folder is not None:
                 _require_plain_files(folder)
             text = _read(store, "zarr.json")
-        if text is None:
-            raise InputError(
-                "is not a map", where=where, expected="a folder made by 'cartstiff map'"
-            )
-    except OSError as error:
-        raise InputError("map cannot be read", where=where, got=error.strerror or error) from None
-    except InputError:
-        raise
-    except Exception as error:
-        raise _unreachable(address, error) from None
+    if text is None:
+        raise InputError("is not a map", where=where, expected="a folder made by 'cartstiff map'")
     try:
         root = json.loads(text)
         attributes = dict(root["attributes"])
@@ -325,7 +322,11 @@ def _objects(layout: Layout) -> dict[str, bytes]:
             array[:] = axes[name].values
     columns = 1 + len(names) + sum(map(_fact_size, names))
     group.create_array(
-        _MARKS, shape=(prod(layout.cuts), columns), chunks=(1, columns), dtype="f8", fill_value=0
+        _MARKS,
+        shape=(prod(layout.parts.cuts), columns),
+        chunks=(1, columns),
+        dtype="f8",
+        fill_value=0,
     )
     later = ("zarr.json", f"{_PARTS}/zarr.json")
     fixed = {k: seal("", k, value.to_bytes()) for k, value in kept.items() if k not in later}
@@ -386,23 +387,17 @@ class MapFile:
     def create(cls, address: Any, layout: Layout) -> MapFile:
         """Create a map without computed parts, completely or not at all."""
         objects, place = _objects(layout), local_path(address)
-        if place is None:
-            try:
+        with reached(address):
+            if place is None:
                 _put(_stored(address), objects)
-            except OSError as error:
-                raise _unreachable(address, error) from None
-            return cls.at(address)
-        new = place.with_name(f".{place.name}.{os.getpid()}.new")
-        try:
+                return cls.at(address)
+            new = place.with_name(f".{place.name}.{os.getpid()}.new")
             shutil.rmtree(new, ignore_errors=True)
-            _put(_stored(new), objects)
-            new.rename(place)
-        except OSError as error:
-            raise InputError(
-                "map cannot be written", where=one_line(str(address)), got=error.strerror
-            ) from None
-        finally:
-            shutil.rmtree(new, ignore_errors=True)
+            try:
+                _put(_stored(new), objects)
+                new.rename(place)
+            finally:
+                shutil.rmtree(new, ignore_errors=True)
         return cls.at(address)
 
     @property
@@ -429,26 +424,16 @@ class MapFile:
         """Zarr arrays by name, without checking their contents."""
         return dict(self._group.arrays()) | {_MARKS: self._group[_MARKS]}
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the map."""
-        return tuple(self.described["state"].shape)
-
     @cached_property
-    def chunk(self) -> tuple[int, ...]:
-        """Shape of a part."""
+    def parts(self) -> Parts:
+        """Parts of the map."""
         state = self.described["state"]
-        return tuple(state.shards or state.chunks)
-
-    @cached_property
-    def cuts(self) -> tuple[int, ...]:
-        """Number of parts along each dimension."""
-        return cuts(self.shape, self.chunk)
+        return Parts(tuple(state.shape), tuple(state.shards or state.chunks))
 
     @cached_property
     def boxes(self) -> list[tuple[slice, ...]]:
         """Box of each part in the map."""
-        return boxes(self.shape, self.chunk)
+        return self.parts.boxes
 
     def count(self, part: int) -> int:
         """Return the number of postures in a part."""
@@ -456,7 +441,7 @@ class MapFile:
 
     def _keys(self, part: int) -> list[str]:
         """Return the keys of the objects of a part."""
-        cell = (*(int(i) for i in np.unravel_index(part, self.cuts)), 0)
+        cell = (*(int(i) for i in np.unravel_index(part, self.parts.cuts)), 0)
         arrays = [self.described[name] for name in self.names]
         codes = [array.metadata.encode_chunk_key(cell[: array.ndim]) for array in arrays]
         return [f"{name}/{code}" for name, code in zip(self.names, codes, strict=True)]
@@ -489,7 +474,7 @@ class MapFile:
         marks = self._marks() if marks is None else marks
         first = marks[:, :1]
         seals = np.where(first > 0, marks[:, 1 : 1 + len(names)], first - 1).astype(np.int64)
-        about = self.attributes[CHECKSUM], self._fixed, names, self.cuts, seals
+        about = self.attributes[CHECKSUM], self._fixed, names, self.parts.cuts, seals
         return SealedStore(self.inner, *about)
 
     @cached_property
@@ -544,15 +529,14 @@ class MapFile:
         """
         marks, place = self._marks(), f"{_MARKS}/c/%d/0 is not what was written there"
         wrong = {part: place % part for part in np.flatnonzero(marks[:, 0] < 0).tolist()}
-        listed = _result_of(_listed(self.inner))
-        group = _zarr().open_group(self.store(marks), mode="r", use_consolidated=True)
+        listed, sealed = _result_of(_listed(self.inner)), self.store(marks)
         for part in np.flatnonzero(marks[:, 0] > 0).tolist():
             if lost := [key for key in self._keys(part) if key not in listed]:
                 wrong[part] = f"{lost[0]} is missing"
             elif verify:
                 try:
-                    for name in self.names:
-                        group[name][self.boxes[part][: group[name].ndim]]
+                    for key in self._keys(part):
+                        _read(sealed, key)
                 except InputError as error:
                     wrong[part] = str(error)
         return wrong
@@ -629,22 +613,30 @@ def open_map(path: Any) -> xarray.Dataset:
         Without xarray, zarr or dask.
     """
     file = MapFile.at(path)
-    try:
-        import dask.array  # noqa: F401
-        import xarray
-    except ImportError as error:
-        raise MissingDependencyError(
-            package=error.name or "xarray", purpose="reading a map", extra="maps"
-        ) from None
     marks = file._marks()
     dims = file.described["state"].metadata.dimension_names
-    chunks = dict(zip(dims, file.chunk, strict=True))
-    dataset = xarray.open_zarr(file.store(marks), chunks=chunks, consolidated=True)
-    del dataset.attrs[CHECKSUM]
+    dataset = _opened(file.store(marks), file.names, dict(zip(dims, file.parts.chunk, strict=True)))
     dataset.attrs["chunks_done"] = int(np.count_nonzero(marks[:, 0] > 0))
     dataset.attrs["chunks"] = len(marks)
+    return with_postures(dataset)
+
+
+def empty_dataset(layout: Layout) -> xarray.Dataset:
+    """Return the dataset of a map of which nothing has been computed, without a file."""
+    store = _zarr().storage.MemoryStore()
+    _put(store, _objects(layout))
+    dims = layout.sampling.dims
+    return _opened(store, layout.arrays, dict(zip(dims, layout.chunk, strict=True)))
+
+
+def _opened(store: Any, names: Iterable[str], chunks: dict[str, int]) -> xarray.Dataset:
+    needed = {"purpose": "reading a map", "extra": "maps"}
+    xarray = imported("xarray", package="xarray", **needed)
+    imported("dask.array", package="dask", **needed)
+    dataset: xarray.Dataset = xarray.open_zarr(store, chunks=chunks, consolidated=True)
+    del dataset.attrs[CHECKSUM]
     # Zarr lists arrays by name.
-    return with_postures(dataset[[name for name in file.names if name in dataset.data_vars]])
+    return dataset[[name for name in names if name in dataset.data_vars]]
 
 
 def with_postures(dataset: xarray.Dataset) -> xarray.Dataset:
