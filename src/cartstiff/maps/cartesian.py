@@ -14,13 +14,13 @@ from cartstiff.arrays import Array, checked_seed, is_pose
 from cartstiff.batch.quick_poses import QuickPoses
 from cartstiff.batch.work import timed
 from cartstiff.checked_call import checked
-from cartstiff.errors import InputError, UnknownNameError, checked_kind
+from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.kinematics.at_pose import at_poses
 from cartstiff.kinematics.inverse import Free, inverse_kinematics
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.legs import legs_of
-from cartstiff.maps.sampling import Axis, RandomPostures, Sampling, as_axis, grid_indices
+from cartstiff.maps.sampling import Axis, RandomPostures, Sampling, checked_axes, grid_indices
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 
@@ -86,10 +86,7 @@ class CartesianGrid(Sampling):
         redundancy: Redundancy = "nearest",
     ) -> None:
         checked_elastic(elastic)
-        checked_kind(axes, Mapping, "axes of a grid", "names and (low, high, count)")
-        for name in axes:
-            if name not in _AXIS_NAMES:
-                raise UnknownNameError("axis", name, _AXIS_NAMES)
+        own = checked_axes(axes, _AXIS_NAMES, "axis")
         if branches < 1 or starts < 0:
             raise InputError("branches or starts cannot be used", got=(branches, starts))
         for what, value, known in (
@@ -101,8 +98,7 @@ class CartesianGrid(Sampling):
         posture = elastic.mechanism.closed(base)
         place = posture.pose[:3, 3]
         self.axes = {
-            name: as_axis(name, axes.get(name, (place[i], place[i], 1)))
-            for i, name in enumerate(_AXIS_NAMES)
+            name: own.get(name, Axis(place[i], place[i], 1)) for i, name in enumerate(_AXIS_NAMES)
         }
         self.orientation = np.array(
             posture.pose[:3, :3] if orientation is None else orientation, float

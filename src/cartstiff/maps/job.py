@@ -171,72 +171,69 @@ class MapJob:
         The box is computed in pieces along its first axis, by `mapped`, which may use threads.
         """
         sizes = tuple(s.stop - s.start for s in box)
-        arrays = {name: np.full(sizes, np.nan) for name in self.names}
-        arrays["state"] = np.full(sizes, STATES.index(UNREACHABLE), np.uint8)
-        arrays["position"] = np.full((*sizes, 3), np.nan)
+        count, inner = prod(sizes), prod(sizes[1:])
+        arrays = {name: np.full(count, np.nan) for name in self.names}
+        arrays["state"] = np.full(count, _code(UNREACHABLE), np.uint8)
+        arrays["position"] = np.full((count, 3), np.nan)
         if self.stores_q:
-            arrays["q"] = np.empty((*sizes, len(self.elastic.names)))
+            arrays["q"] = np.empty((count, len(self.elastic.names)))
         if isinstance(self.sampling, CartesianGrid):
-            arrays["branches"] = np.zeros(sizes[:-1], np.uint32)
-        step = max(1, _PIECE_ROWS // prod(sizes[1:]))
-        rows = [slice(i, min(i + step, sizes[0])) for i in range(0, sizes[0], step)]
+            arrays["branches"] = np.empty(count, np.uint32)
+        step = max(1, _PIECE_ROWS // inner)
 
-        def fill(piece: slice) -> None:
-            along = slice(box[0].start + piece.start, box[0].start + piece.stop)
-            self._fill_piece((along, *box[1:]), {name: a[piece] for name, a in arrays.items()})
+        def fill(first: int) -> None:
+            last = min(first + step, sizes[0])
+            along = slice(box[0].start + first, box[0].start + last)
+            rows = slice(first * inner, last * inner)
+            self._fill_piece((along, *box[1:]), {name: a[rows] for name, a in arrays.items()})
 
-        for _ in mapped(fill, rows):
-            pass
+        list(mapped(fill, range(0, sizes[0], step)))
+        arrays = {name: a.reshape(*sizes, *a.shape[1:]) for name, a in arrays.items()}
+        if "branches" in arrays:
+            arrays["branches"] = arrays["branches"][..., 0]
         if self.times is not None:
             arrays["time"] = self.times[box[0]]
         return arrays
 
     def _fill_piece(self, box: tuple[slice, ...], arrays: dict[str, Array]) -> None:
-        """Compute the arrays of a box that is small enough to be computed at once."""
+        """Compute the rows of a box that is small enough to be computed at once."""
         if isinstance(self.sampling, CartesianGrid):
             q, counts = self.sampling.solve(box, self.elastic, self._cost)
-            arrays.pop("branches").flat[:] = counts
+            arrays["branches"][:] = np.repeat(counts, self.sampling.branches)
         else:
             q = self.sampling.postures(box, self.elastic)
-        count, stored = len(q), arrays.pop("q", None)
-        flat = {name: a.reshape(count, *a.shape[len(box) :]) for name, a in arrays.items()}
         if self._closures and not self.sampling.is_closed:
             there: NDArray[np.bool_] = np.array(np.isfinite(q).all(axis=1))
             q[there], is_closed = self._assembled(q[there], box)
             there[there] = ~is_closed
-            q[there], flat["state"][there] = np.nan, STATES.index(NOT_ASSEMBLED)
-        rows = _STACK_ROWS if self.in_stacks else _SINGLE_ROWS
+            q[there], arrays["state"][there] = np.nan, _code(NOT_ASSEMBLED)
+        count, rows = len(q), _STACK_ROWS if self.in_stacks else _SINGLE_ROWS
         blocks = [slice(i, min(i + rows, count)) for i in range(0, count, rows)]
         # Machine code leaves few rows open: those of all blocks together take a tenth of the time.
-        unread = [np.zeros(0, int), *(self._compute_rows(q, some, flat) for some in blocks)]
-        rest = np.concatenate(unread)
+        rest = np.concatenate([self._compute_rows(q, some, arrays) for some in blocks])
         for some in (rest[i : i + rows] for i in range(0, len(rest), rows)):
-            self._fill(flat, some, self._by_matrices(q[some], self.quantities))
-        if stored is not None:
-            stored[...] = q.reshape(stored.shape)
+            self._fill(arrays, some, self._by_matrices(q[some], self.quantities))
+        if "q" in arrays:
+            arrays["q"][:] = q
 
     def _compute_rows(self, q: Array, rows: slice, arrays: dict[str, Array]) -> Array:
         """Fill rows; return the numbers (k,) of those whose quantities are still to be read."""
-        part = q[rows]
-        there: Array = np.asarray(np.isfinite(part).all(axis=1))
-        unread = np.zeros(0, int)
-        if there.any():
-            whole = bool(there.all())
-            answer, unknown = self._answer(part if whole else part[there])
-            at: slice | Array = rows if whole else rows.start + np.flatnonzero(there)
-            if self.moves:
-                q[at] = answer.q
-            self._fill(arrays, at, answer)
-            unread = rows.start + (unknown if whole else np.flatnonzero(there)[unknown])
-        return unread
+        at: Array = rows.start + np.flatnonzero(np.isfinite(q[rows]).all(axis=1))
+        if not at.size:
+            return at
+        answer, unknown = self._answer(q[at])
+        if self.moves:
+            q[at] = answer.q
+        self._fill(arrays, at, answer)
+        return at[unknown]
 
-    def _fill(self, arrays: dict[str, Array], at: slice | Array, answer: MapRows) -> None:
+    def _fill(self, arrays: dict[str, Array], at: Array, answer: MapRows) -> None:
         """Store states, positions and quantities at some rows; quantities beyond limits are NaN."""
         beyond = self._beyond(answer.q, answer.poses)
         some = bool(beyond.any())
         for name, value in answer.values.items():
             arrays[name][at] = np.where(beyond, np.nan, value) if some else value
-        arrays["state"][at] = np.where(beyond, STATES.index(BEYOND), answer.state)
+        arrays["state"][at] = np.where(beyond, _code(BEYOND), answer.state)
         arrays["position"][at] = answer.poses[:, :3, 3]
 
     def _answer(self, q: Array) -> tuple[MapRows, Array]:
@@ -495,4 +492,4 @@ class CommandedJob(MapJob):
 
 
 def _state_row(state: str) -> Any:
-    return np.array([STATES.index(state)], np.uint8)
+    return np.array([_code(state)], np.uint8)

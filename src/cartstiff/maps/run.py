@@ -15,10 +15,10 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager, nullcontext
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from functools import cache, lru_cache, partial
 from hashlib import sha256
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from os import cpu_count
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Literal
@@ -67,7 +67,6 @@ from cartstiff.mechanisms.identity import identity_of, require_same, require_ver
 from cartstiff.statics.command import checked_command
 from cartstiff.stiffness.applied_load import checked_load
 from cartstiff.stiffness.compute import analyse
-from cartstiff.version import __version__
 from cartstiff.vibration.chatter import Milling
 from cartstiff.vibration.response import Damping
 
@@ -202,28 +201,28 @@ def map_job(
     chosen = choose_quantities(names, settings, elastic)
     _check_used(settings, chosen)
     row = None if load is None else tuple(load.tolist())
-    job = MapJob(elastic, sampling, tuple(q.name for q in chosen), settings, row, load_axes)
-    best = isinstance(sampling, CartesianGrid) and sampling.redundancy == "best"
-    if best and chosen[0].better is None:
-        raise InputError(
-            f"neither end of {chosen[0].name} is better",
-            where="redundancy",
-            expected="another first quantity, or the nearest posture",
-        )
     steps = checked_command(elastic, told) if told else {}
-    if told or isinstance(sampling, CommandGrid):
-        if best:
+    is_commanded = bool(steps) or isinstance(sampling, CommandGrid)
+    if isinstance(sampling, CartesianGrid) and sampling.redundancy == "best":
+        if chosen[0].better is None:
+            raise InputError(
+                f"neither end of {chosen[0].name} is better",
+                where="redundancy",
+                expected="another first quantity, or the nearest posture",
+            )
+        if is_commanded:
             raise InputError(
                 "is chosen before the drives move",
                 where="redundancy",
                 expected="the nearest posture",
                 got="best",
             )
-        if isinstance(sampling, CommandGrid) and (both := set(steps) & set(sampling.names)):
-            raise InputError("is commanded twice", where="command", got=", ".join(sorted(both)))
-        own = {field.name: getattr(job, field.name) for field in fields(MapJob)}
-        return CommandedJob(**own, told=steps)
-    return job
+    if isinstance(sampling, CommandGrid) and (both := set(steps) & set(sampling.names)):
+        raise InputError("is commanded twice", where="command", got=", ".join(sorted(both)))
+    kind_of_job = partial(CommandedJob, told=steps) if is_commanded else MapJob
+    return kind_of_job(
+        elastic, sampling, tuple(q.name for q in chosen), settings, row, load_axes=load_axes
+    )
 
 
 def planned(
@@ -306,7 +305,9 @@ def planned(
         "numerical_path": job.path,
         "command": command,
         **({"told": ", ".join(f"{name} by {x:+g}" for name, x in steps.items())} if steps else {}),
-        **_versions(),
+        "python_version": platform.python_version(),
+        "zarr_version": version("zarr"),
+        **{f"{package}_version": number for package, number in versions().items()},
         "Conventions": "CF-1.11",
         "identity": sha256(json.dumps(description).encode()).hexdigest(),
         "description": json.dumps(description),
@@ -419,16 +420,6 @@ def _vibration(settings: Settings) -> dict[str, Any]:
         ratios = np.ravel(np.asarray(own.ratios, float)).tolist()
         damping = [*ratios, own.mass, own.stiffness, float(own.dampers)]
     return {"damping": damping, "milling": None if milling is None else asdict(milling)}
-
-
-def _versions() -> dict[str, str]:
-    versions = {"cartstiff_version": __version__, "python_version": platform.python_version()}
-    for package in ("numpy", "pin", "zarr"):
-        try:
-            versions[f"{package}_version"] = version(package)
-        except PackageNotFoundError:
-            continue
-    return versions
 
 
 def prepare_map(

@@ -82,6 +82,15 @@ def as_axis(name: str, axis: Any) -> Axis:
     raise InputError("not an axis", where=name, expected="low, high, count", got=axis)
 
 
+def checked_axes(axes: Any, known: Sequence[str], what: str) -> dict[str, Axis]:
+    """Return the axes of a grid by name, all of which are known."""
+    checked_kind(axes, Mapping, "axes of a grid", "names and (low, high, count)")
+    for name in axes:
+        if name not in known:
+            raise UnknownNameError(what, name, known)
+    return {name: as_axis(name, axis) for name, axis in axes.items()}
+
+
 class Sampling(ABC):
     """Postures in an array of one or more dimensions.
 
@@ -155,17 +164,13 @@ class Grid(Sampling):
         names: Sequence[str],
         base: ArrayLike,
     ) -> None:
-        checked_kind(axes, Mapping, "axes of a grid", "names and (low, high, count)")
-        if not axes:
+        self.names = tuple(checked_kind(n, str, "name of a coordinate", "text") for n in names)
+        own = checked_axes(axes, self.names, "coordinate")
+        if not own:
             raise InputError("a grid needs an axis")
-        names = [checked_kind(name, str, "name of a coordinate", "text") for name in names]
-        for name in axes:
-            if name not in names:
-                raise UnknownNameError("coordinate", name, names)
-        self.names = tuple(names)
         #: Positions of the grid's coordinates in q.
-        self.columns = [self.names.index(name) for name in axes]
-        self.axes = {dimension_name(name): as_axis(name, axis) for name, axis in axes.items()}
+        self.columns = [self.names.index(name) for name in own]
+        self.axes = {dimension_name(name): axis for name, axis in own.items()}
         self.base = checked_vector(base, len(self.names), "base")
         self.dims = tuple(self.axes)
         self.shape = tuple(axis.count for axis in self.axes.values())
