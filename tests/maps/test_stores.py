@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import threading
 import warnings
+import zipfile
 
+import fsspec
 import numpy as np
 import pytest
 import xarray
 import zarr
+import zarr.core.buffer.cpu
 from tests.maps.machines import arm
 from tests.maps.test_damage import _Killed, _killed_after
+from zarr.storage import LocalStore
 
 from cartstiff.errors import InputError
 from cartstiff.maps import Axis, Grid, RandomPostures, compute_map, map_of, open_map, store
+from cartstiff.maps.job import MapJob
 from cartstiff.maps.run import planned, prepare_map, run_map
 from cartstiff.maps.store import MapFile
 
@@ -98,6 +105,75 @@ def test_an_object_store(elastic, expected, monkeypatch):
 def test_an_address_that_nobody_knows(elastic):
     with pytest.raises(InputError, match=r"nobody://m\.zarr: store cannot be used.*nobody"):
         compute_map(elastic, _random(elastic), QUANTITIES, "nobody://m.zarr")
+
+
+def test_a_copy_in_another_store(elastic, expected, tmp_path):
+    """It needs nothing of the place where it was computed; units and flags are found."""
+    file = tmp_path / "m.zarr"
+    compute_map(elastic, _random(elastic), QUANTITIES, file, chunk=6, length=0.2)
+    in_memory, zipped = {}, tmp_path / "m.zip"
+    fsspec.filesystem("memory").put(str(file), "/copies/m.zarr", recursive=True)
+    with zipfile.ZipFile(zipped, "w") as archive:
+        for path in (p for p in file.rglob("*") if p.is_file()):
+            key, value = path.relative_to(file).as_posix(), path.read_bytes()
+            in_memory[key] = zarr.core.buffer.cpu.Buffer.from_bytes(value)
+            archive.writestr(key, value)
+    copies = [
+        "memory://copies/m.zarr",
+        zarr.storage.MemoryStore(in_memory),
+        zarr.storage.ZipStore(zipped, read_only=True),
+    ]
+    for copy in copies:
+        for found in (_plain(copy), open_map(copy)):
+            _same(found, expected)
+            assert found["translation_free_min"].attrs["units"] == "N/m"
+            state = found["state"].attrs
+            assert len(state["flag_values"]) == len(state["flag_meanings"].split())
+    (file / "parts" / "marks" / "c" / "1" / "0").unlink()
+    read_only = LocalStore(file, read_only=True)
+    with pytest.raises(InputError, match=r"written; .* same command .* read-only"):
+        compute_map(elastic, _random(elastic), QUANTITIES, read_only, chunk=6, length=0.2)
+
+
+def test_a_full_disk_is_named_and_the_map_goes_on(elastic, expected, tmp_path, monkeypatch):
+    asked = elastic, _random(elastic), QUANTITIES, tmp_path / "m.zarr"
+    job, file = prepare_map(*asked, chunk=6, length=0.2)
+    put, left = LocalStore.set, iter(range(8))
+
+    async def limited(self, key, value):
+        if next(left, None) is None:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        await put(self, key, value)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(LocalStore, "set", limited)
+        with pytest.raises(InputError, match=r"written; .* same command .* No space left"):
+            run_map(job, file, threads=1)
+    assert len(file.done()) == 1
+    _same(compute_map(*asked, chunk=6, length=0.2), expected)
+
+
+def test_large_parts_are_computed_one_at_a_time_in_pieces(elastic, expected, tmp_path, monkeypatch):
+    """All threads compute the pieces of a part, so that more threads need little more memory."""
+    monkeypatch.setattr("cartstiff.maps.job._PIECE_ROWS", 2)
+    monkeypatch.setattr("cartstiff.maps.run.MAX_CHUNK", 11)
+    at_once, most, compute = [], [], MapJob.compute
+
+    def counted(self, box, mapped):
+        at_once.append(box)
+        most.append(len(at_once))
+        arrays = compute(self, box, mapped)
+        at_once.remove(box)
+        return arrays
+
+    monkeypatch.setattr(MapJob, "compute", counted)
+    asked = elastic, _random(elastic), QUANTITIES, tmp_path / "m.zarr"
+    _same(compute_map(*asked, chunk=6, length=0.2, threads=4), expected)
+    assert most == [1, 1, 1, 1]
+    compute_map(elastic, _grid(elastic), QUANTITIES, tmp_path / "g.zarr", length=0.2)
+    monkeypatch.undo()
+    whole = compute_map(elastic, _grid(elastic), QUANTITIES, tmp_path / "w.zarr", length=0.2)
+    _same(open_map(tmp_path / "g.zarr"), whole)
 
 
 def test_two_writers_at_once(elastic, expected):
@@ -190,8 +266,6 @@ def test_killed_again_and_again(elastic, expected, tmp_path, monkeypatch, files)
 
 
 def test_resuming_reads_no_number(elastic, tmp_path, monkeypatch):
-    from zarr.storage import LocalStore
-
     asked = elastic, _random(elastic), QUANTITIES, tmp_path / "m.zarr"
     compute_map(*asked, chunk=6, length=0.2)
     (tmp_path / "m.zarr" / "parts" / "marks" / "c" / "1" / "0").unlink()

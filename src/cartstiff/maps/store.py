@@ -417,7 +417,8 @@ class MapFile:
 
     @cached_property
     def _group(self) -> Any:
-        return _zarr().open_group(self.inner, mode="r+", use_consolidated=True)
+        mode = "r" if self.inner.read_only else "r+"
+        return _zarr().open_group(self.inner, mode=mode, use_consolidated=True)
 
     @cached_property
     def described(self) -> dict[str, Any]:
@@ -631,9 +632,9 @@ def empty_dataset(layout: Layout) -> xarray.Dataset:
 
 def _opened(store: Any, names: Iterable[str], chunks: dict[str, int]) -> xarray.Dataset:
     needed = {"purpose": "reading a map", "extra": "maps"}
-    xarray = imported("xarray", package="xarray", **needed)
+    open_zarr = imported("xarray", package="xarray", **needed).open_zarr
     imported("dask.array", package="dask", **needed)
-    dataset: xarray.Dataset = xarray.open_zarr(store, chunks=chunks, consolidated=True)
+    dataset: xarray.Dataset = open_zarr(store, chunks=chunks, consolidated=True)
     del dataset.attrs[CHECKSUM]
     # Zarr lists arrays by name.
     return dataset[[name for name in names if name in dataset.data_vars]]
