@@ -59,6 +59,18 @@ def test_joints_alone_are_a_posture_of_an_arm_with_soft_links(soft, tmp_path):
     assert "6 numbers (shoulder_pan_joint, " in refusal
 
 
+def test_a_path_of_an_arm_with_soft_links_takes_the_joints_that_a_user_knows(soft, tmp_path):
+    """Links that a load bends are not at rest there: the refusal names them, not the joints."""
+    (table := tmp_path / "path.csv").write_text(",".join(map(str, JOINTS)))
+    said = run("equilibrium", soft, "--path", table, "--load 0,0,0,0,0,-100", code=3)
+    assert "its compliant links are not at rest in this posture" in said
+    free = answer("equilibrium", soft, "--path", table, "--against all")
+    assert np.abs(free["error_after"]).max() < 1e-12, "nothing acts: the posture is commanded"
+    table.write_text(",".join(map(str, JOINTS + [0.0] * 6)))  # or is it a wrench?
+    said = run("equilibrium", soft, "--path", table, "--load 0,0,0,0,0,-100", code=2)
+    assert "numbers without names fit two layouts; expected a line of names" in said
+
+
 def test_american_spelling():
     """A command is understood; in Python the name is told."""
     assert run("analyze ur5") == run("analyse ur5")

@@ -105,7 +105,7 @@ def test_positions_are_measured_in_the_base(robots, tmp_path):
 def test_offsets_need_sessions(robots, tmp_path):
     table = tmp_path / "measured.csv"
     for columns, numbers, words in (
-        ("fz,dz", "100,0.001", "there is no measured positions x, y, z"),
+        ("fz,dz", "100,0.001", "expected measured positions x, y, z"),
         ("fz,x,y,z", "100,0.1,0.2,0.3", "column session"),
     ):
         table.write_text(f"{JOINTS},{columns}\n{Q},{numbers}\n")

@@ -231,13 +231,15 @@ def _compensate(
     from cartstiff.report.statics import describe_path, draw_error_along_path
     from cartstiff.statics.toolpath import compensate
 
-    n, wrench = len(elastic.names), load.load
+    mechanism, wrench = elastic.mechanism, load.load
     rows = read_rows(
         path, "postures", units=elastic.units, factors=column_factors(elastic), joints=elastic.names
     )
-    _, table, unused = rows.arranged(elastic.names, (*elastic.names, *WRENCH))
+    joints = dict.fromkeys((elastic.names, mechanism.joint_names))
+    columns, table, unused = rows.arranged(*joints, *((*own, *WRENCH) for own in joints))
     say_unused(path, unused)
-    postures, wrenches = table[:, :n], [wrench] * len(table)
+    n = len([name for name in columns if name not in WRENCH])
+    postures, wrenches = mechanism.undeflected(table[:, :n]), [wrench] * len(table)
     if table.shape[1] > n:
         if wrench is not None:
             raise InputError("give wrenches by --load or in the path file, not both")

@@ -149,9 +149,7 @@ def poses_command(
         raise InputError("the table has no columns taught_JOINT", where="--before", got=table.name)
     joints = elastic.mechanism.joint_names
     _, q, unused = rows.arranged(*((commands,) if commanded else (elastic.names, joints)))
-    if q.shape[1] != len(elastic.names):
-        q = elastic.mechanism.undeflected(q)
-    text = robot_table(elastic, q, controller)
+    text = robot_table(elastic, elastic.mechanism.undeflected(q), controller)
     # Columns that are written beside the commands; the last line says which are used.
     known = ("taught_", "command_", "before_", "after_", *elastic.names)
     say_unused(table, [name for name in unused if not (commanded and name.startswith(known))])

@@ -66,6 +66,12 @@ class Rows(NamedTuple):
             If none fits.
         """
         width = self.values.shape[1]
+        if self.names is None and sum(len(layout) == width for layout in layouts) > 1:
+            raise InputError(
+                "numbers without names fit two layouts",
+                where=self.place,
+                expected="a line of names",
+            )
         wanted = {name for layout in layouts for name in layout}
         for layout in sorted(layouts, key=len, reverse=True):
             if self.names is None and len(layout) == width:

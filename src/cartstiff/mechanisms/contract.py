@@ -515,7 +515,12 @@ class Mechanism(ABC):
         return tuple(name for j, name in enumerate(self.names) if j not in self.virtual)
 
     def undeflected(self, rows: Array) -> Array:
-        """Return coordinates (..., n) from joint positions (..., m), without link deflections."""
+        """Return coordinates (..., n) from joint positions (..., m), without link deflections.
+
+        Rows of all coordinates are returned as they are.
+        """
+        if rows.shape[-1] == len(self.names):
+            return rows
         at = [j - k for k, j in enumerate(sorted(self.virtual))]
         return np.insert(rows, at, 0.0, axis=-1)
 

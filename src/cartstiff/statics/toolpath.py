@@ -210,7 +210,7 @@ def compensate(
         If a pose cannot be reached.
     UndefinedError
         Code ``"not-compensable"`` if no command balances the load at a point: joints without
-        springs would have to.
+        springs would have to carry a part of it, or compliant links are not at rest there.
     """
     springs = _springs(checked_elastic(elastic))
     against = against or ("all" if springs.is_complete else "load")
@@ -341,9 +341,14 @@ def _balancing_rest(
         left, carried = N.T @ left, np.abs(N).T @ carried
     unbalanced = float(np.abs(left).max(initial=0.0))
     if unbalanced > numerics.REPORTED_ERROR * float(carried.max(initial=0.0)):
+        why = "joints without springs would have to carry a part of it"
+        if elastic.mechanism.virtual:
+            why = (
+                "its compliant links are not at rest in this posture; `equilibrium` with --q shows "
+                "how they bend"
+            )
         raise UndefinedError(
-            f"no command balances the load at point {index + 1}: joints without springs would have "
-            "to carry a part of it",
+            f"no command balances the load at point {index + 1}: {why}",
             code="not-compensable",
             values={"point": index + 1, "unbalanced": unbalanced},
         )
