@@ -34,7 +34,7 @@ from cartstiff.page.browser_program import BrowserProgram, browser_program
 from cartstiff.page.files import page_script
 from cartstiff.page.messages import ViewState
 from cartstiff.page.session import Session
-from cartstiff.page.shown import series_row, shown_numbers
+from cartstiff.page.shown import series_row
 from cartstiff.page.source import Source
 from cartstiff.stiffness.applied_load import LoadKind
 
@@ -191,7 +191,7 @@ def test_a_page_without_a_server_says_what_the_library_says(name):
             continue
         answered += 1
         with np.errstate(all="ignore"):
-            expected = shown_numbers(session.result(state), state)
+            expected = session.numbers(session.result(state), state)
         same(found, json.loads(json.dumps(expected)))
         shown = found["result"][state.quantity] | {"load": found["result"]["load"][state.quantity]}
         there = expected["result"][state.quantity]

@@ -15,7 +15,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.loading.robot_facts import RobotFacts
 from cartstiff.mechanisms.tree_building import find_frame
-from cartstiff.notes import OPEN_LOOPS, Note
+from cartstiff.notes import Note
 
 #: Names that a note lists before it counts the rest.
 _MOST_NAMES = 6
@@ -73,7 +73,7 @@ def notes_on_branches(
         "real machine, this is the answer of one leg alone: name its loops under 'closures' in a "
         "mechanism file of kind closed-chain"
     )
-    return [*notes, Note(OPEN_LOOPS, message, {"frame": frame, "joints": beside})]
+    return [*notes, Note("open-loops", message, {"frame": frame, "joints": beside})]
 
 
 def equal_chains(model: Any, joint: int) -> list[list[str]]:

@@ -18,7 +18,6 @@ from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import asdict, replace
 from functools import cache, lru_cache, partial
 from hashlib import sha256
-from importlib.metadata import version
 from os import cpu_count
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Literal
@@ -60,6 +59,7 @@ from cartstiff.maps.store import (
     open_map,
     reached,
     with_postures,
+    zarr_library,
 )
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
@@ -306,7 +306,7 @@ def planned(
         "command": command,
         **({"told": ", ".join(f"{name} by {x:+g}" for name, x in steps.items())} if steps else {}),
         "python_version": platform.python_version(),
-        "zarr_version": version("zarr"),
+        "zarr_version": zarr_library().__version__,
         **{f"{package}_version": number for package, number in versions().items()},
         "Conventions": "CF-1.11",
         "identity": sha256(json.dumps(description).encode()).hexdigest(),

@@ -167,7 +167,8 @@ def _fact_size(name: str) -> int:
     return 0 if name in PLACES else {"state": 256, "branches": 1}.get(name, 4)
 
 
-def _zarr() -> Any:
+def zarr_library() -> Any:
+    """Zarr, imported when a map is written or read; MissingDependencyError without it."""
     return imported("zarr", package="zarr", purpose="keeping a map in a file", extra="maps")
 
 
@@ -194,8 +195,8 @@ def local_path(address: Any) -> Path | None:
 
 def _stored(address: Any) -> Any:
     """Return the Zarr store at an address."""
-    storage = _zarr().storage
-    kinds = str, Path, _zarr().abc.store.Store
+    storage = zarr_library().storage
+    kinds = str, Path, zarr_library().abc.store.Store
     checked_kind(address, kinds, "name of a map", "a path, an address or a store")
     if (path := local_path(address)) is not None:
         return storage.LocalStore(path)
@@ -297,7 +298,7 @@ def _require_plain_files(folder: Path) -> None:
 
 def _objects(layout: Layout) -> dict[str, bytes]:
     """Objects that describe a map, by key: the group, its arrays, and the values of the axes."""
-    zarr, kept = _zarr(), dict[str, Any]()
+    zarr, kept = zarr_library(), dict[str, Any]()
     from cartstiff.maps.sealed import seal
 
     names = list(layout.arrays)
@@ -418,7 +419,7 @@ class MapFile:
     @cached_property
     def _group(self) -> Any:
         mode = "r" if self.inner.read_only else "r+"
-        return _zarr().open_group(self.inner, mode=mode, use_consolidated=True)
+        return zarr_library().open_group(self.inner, mode=mode, use_consolidated=True)
 
     @cached_property
     def described(self) -> dict[str, Any]:
@@ -482,7 +483,7 @@ class MapFile:
     def _unread(self) -> Any:
         """The group as of a map without written parts."""
         store = self.store(np.zeros((len(self.boxes), 1 + len(self.names))))
-        return _zarr().open_group(store, mode="r+", use_consolidated=True)
+        return zarr_library().open_group(store, mode="r+", use_consolidated=True)
 
     def done(self) -> list[int]:
         """Parts that are complete, in order."""
@@ -624,7 +625,7 @@ def open_map(path: Any) -> xarray.Dataset:
 
 def empty_dataset(layout: Layout) -> xarray.Dataset:
     """Return the dataset of a map of which nothing has been computed, without a file."""
-    store = _zarr().storage.MemoryStore()
+    store = zarr_library().storage.MemoryStore()
     _put(store, _objects(layout))
     dims = layout.sampling.dims
     return _opened(store, layout.arrays, dict(zip(dims, layout.chunk, strict=True)))

@@ -300,7 +300,7 @@ def _reduced(
         kind = "fewer-than-six-freedoms" if freedoms < len(rows) else "serial-singularity"
         short, still_too = len(states), freedoms - rank
         inside = f", and {still_too} of the {freedoms} free motion(s) do not move it"
-        inside *= still_too > 0
+        inside = inside if still_too > 0 else ""
         states.append(
             Note(
                 kind,
