@@ -66,7 +66,7 @@ class Rows(NamedTuple):
             If none fits.
         """
         width = self.values.shape[1]
-        if self.names is None and sum(len(layout) == width for layout in layouts) > 1:
+        if self.names is None and sum(len(own) == width for own in {*layouts}) > 1:
             raise InputError(
                 "numbers without names fit two layouts",
                 where=self.place,
