@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
@@ -34,6 +34,12 @@ def printable(text: str) -> str:
 def joined(lines: Iterable[str]) -> str:
     r"""Lines as one text; line ends and tabs within a line are escaped."""
     return "\n".join(printable(line).replace("\n", r"\n").replace("\t", r"\t") for line in lines)
+
+
+def listed(words: Sequence[str], most: int, between: str = ", ") -> str:
+    """The first words in a row, and how many more there are; results for programs hold all."""
+    more = f"{between}and {len(words) - most} more" if len(words) > most else ""
+    return between.join(words[:most]) + more
 
 
 # Control, format (direction, joining), surrogates, ends of lines and paragraphs.

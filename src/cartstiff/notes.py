@@ -9,10 +9,8 @@ from typing import Any
 from cartstiff.arrays import plain
 from cartstiff.errors import UndefinedError
 
-#: Code of notes on a mechanism whose file seems to leave its loops open.
-OPEN_LOOPS = "open-loops"
 #: Codes of notes that come before an answer, which may say nothing about the real machine.
-DOUBTS = ("stiffness-assumed", OPEN_LOOPS)
+DOUBTS = ("stiffness-assumed", "open-loops")
 
 
 @dataclass(frozen=True)

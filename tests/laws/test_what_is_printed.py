@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from cartstiff.analysis.asymmetry import compare_connections
 from cartstiff.cli.main import command as cartstiff_command
 from cartstiff.geometry import se3
 from cartstiff.potentials.loads import Scaled
+from cartstiff.potentials.springs import JointSprings, PolynomialLaw
 from cartstiff.report.analysis import (
     describe,
     largest_share,
@@ -263,6 +265,9 @@ def test_springs_are_illustrative_until_all_were_given() -> None:
         .is_illustrative
     )
     assert delta.with_springs(1e4).is_illustrative  # the rods' springs are the file's
+    laws = {0: PolynomialLaw((1e4, 0.0, 1e3))}
+    curved = JointSprings(np.zeros(6), arm.q, laws)  # these have no stiffness beside their law
+    assert replace(arm, springs=curved).is_illustrative
 
 
 def test_a_compliant_link_is_named_with_the_sum_of_its_shares() -> None:

@@ -86,6 +86,13 @@ def test_orthoglide_at_its_constraint_singularity():
     assert result.compliances["B"] is None
 
 
+def plate_on_cranks(folder, yaw, **sizes):
+    """A plate in the plane on cranks and rods, turned by `yaw`."""
+    legs = {"chain": "RRR", "mode": "plus", **sizes}
+    pose = {"xyz": [0, 0, 0], "rpy": [0, 0, yaw]}
+    return load(write_file(folder, kind="parallel", legs=legs, pose=pose))
+
+
 @pytest.mark.parametrize("legs", [3, 4])
 @pytest.mark.parametrize("away", [1e-1, 1e-3, 1e-7, 1e-9])
 def test_plate_on_cranks_whose_rods_nearly_meet(tmp_path, legs, away):
@@ -93,23 +100,8 @@ def test_plate_on_cranks_whose_rods_nearly_meet(tmp_path, legs, away):
     crank, ring, plate, k = 0.25, 0.4, 0.1, 2e4
     C = np.array([ring + crank * np.cos(0.9), crank * np.sin(0.9)])
     rod, turn = float(np.hypot(*C) - plate), float(np.arctan2(C[1], C[0]))
-    elastic = load(
-        write_file(
-            tmp_path,
-            kind="parallel",
-            legs={
-                "chain": "RRR",
-                "symmetry": legs,
-                "base": {"radius": ring},
-                "platform": {"radius": plate},
-                "crank": crank,
-                "rod": rod,
-                "mode": "plus",
-                "stiffness": k,
-            },
-            pose={"xyz": [0, 0, 0], "rpy": [0, 0, turn]},
-        )
-    )
+    sizes = {"base": {"radius": ring}, "platform": {"radius": plate}, "crank": crank, "rod": rod}
+    elastic = plate_on_cranks(tmp_path, turn, symmetry=legs, stiffness=k, **sizes)
     result = analyse(elastic, at_pose(elastic, [0, 0, 0, 0, 0, turn + away])[0])
     R = result.pose[:2, :2]
     x, yaw = result.pose[:2, 3], float(np.arctan2(R[1, 0], R[0, 0]))
@@ -144,17 +136,8 @@ def test_plate_on_cranks_whose_rods_nearly_meet(tmp_path, legs, away):
 def test_leg_of_a_plate_nearly_stretched(tmp_path, short):
     """A stretched crank and rod let the plate go along them by nothing: a serial singularity."""
     crank, rod, ring, plate, k, yaw = 0.25, 0.22, 0.4, 0.1, 2e4, 0.2
-    legs = {
-        "chain": "RRR",
-        "base": {"radius": ring},
-        "platform": {"radius": plate},
-        "crank": crank,
-        "rod": rod,
-        "mode": "plus",
-        "stiffness": k,
-    }
-    pose = {"xyz": [0, 0, 0], "rpy": [0, 0, yaw]}
-    elastic = load(write_file(tmp_path, kind="parallel", legs=legs, pose=pose))
+    sizes = {"base": {"radius": ring}, "platform": {"radius": plate}, "crank": crank, "rod": rod}
+    elastic = plate_on_cranks(tmp_path, yaw, stiffness=k, **sizes)
     away = (crank + rod - short) * np.array([np.cos(np.pi + 0.15), np.sin(np.pi + 0.15)])
     place = np.array([ring, 0.0]) + away - plate * np.array([np.cos(yaw), np.sin(yaw)])
     result = analyse(elastic, at_pose(elastic, [*place, 0, 0, 0, yaw])[0])

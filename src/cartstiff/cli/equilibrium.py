@@ -238,7 +238,7 @@ def _compensate(
     joints = dict.fromkeys((elastic.names, mechanism.joint_names))
     columns, table, unused = rows.arranged(*joints, *((*own, *WRENCH) for own in joints))
     say_unused(path, unused)
-    n = len([name for name in columns if name not in WRENCH])
+    n = len(columns) if columns in joints else len(columns) - len(WRENCH)
     postures, wrenches = mechanism.undeflected(table[:, :n]), [wrench] * len(table)
     if table.shape[1] > n:
         if wrench is not None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import permutations, product
 from typing import Any, Literal
 
@@ -25,6 +25,7 @@ from cartstiff.errors import (
     ConvergenceError,
     InputError,
     UnknownNameError,
+    listed,
 )
 from cartstiff.identify.fitting import Fit, Noise, Robust, Solved, fitted, robust_fit
 from cartstiff.identify.measurements import (
@@ -795,7 +796,9 @@ def _exchanged(measured: Measurements) -> Iterator[tuple[str, Measurements]]:
 # Degrees of freedom below which the estimated noise is called uncertain.
 _FEW_DEGREES = 5.0
 # Standard deviations of a gross error, and the bound on the rows that a message lists.
-_GROSS, _MAX_LISTED = 20.0, 10
+_GROSS = 20.0
+# A note lists ten parts; results for programs hold all.
+_some = partial(listed, most=10, between="; ")
 # Error of a joint's zero [rad] whose effect is reported.
 _ZERO_ERROR = 5e-4
 # Deflection [rad] under its weight that no joint of an arm has; and the size [m] of a mechanism
@@ -925,7 +928,7 @@ def _cables(result: Identification) -> Iterator[Note]:
     words = f"cables are taken as taut in every row: {', '.join(names)}"
     if pushed:
         shown = "; ".join(
-            f"{name} in row(s) {_some(list(map(str, rows)))}" for name, rows in pushed.items()
+            f"{name} in row(s) {_some([*map(str, rows)])}" for name, rows in pushed.items()
         )
         words += f". Only preload keeps them so against the load: {shown}"
     yield Note("cables-taken-as-taut", words, {"cables": names, "against_load": pushed})
@@ -982,12 +985,6 @@ def _found(result: Identification) -> Iterator[Note]:
             f"left out by --reject: {shown}",
             {"rows": [r.row for r in result.rejected]},
         )
-
-
-def _some(words: list[str]) -> str:
-    """The first ten, and the number of the others; results for programs hold all."""
-    more = f"; and {len(words) - _MAX_LISTED} more" if len(words) > _MAX_LISTED else ""
-    return "; ".join(words[:_MAX_LISTED]) + more
 
 
 def _unseen(result: Identification) -> Iterator[Note]:

@@ -7,18 +7,20 @@ frame is then one leg, and its answer is that of a serial arm.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.errors import listed
 from cartstiff.loading.robot_facts import RobotFacts
 from cartstiff.mechanisms.tree_building import find_frame
 from cartstiff.notes import Note
 
-#: Names that a note lists before it counts the rest.
-_MOST_NAMES = 6
+# A note lists six names and counts the rest.
+_listed = partial(listed, most=6)
 #: Two equal chains of more joints are arms of one body.
 _MOST_OF_PAIR = 3
 #: Legs of walking machines, as fingers of hands, are alike and hold no common body.
@@ -131,10 +133,3 @@ def _kind(joint: Any) -> str:
     """Kind of a joint, without the direction of its axis."""
     name = str(joint.shortname()).removeprefix("JointModel")
     return re.sub("^(R|P)((UB)?[XYZ]|(evolute|rismatic)(Unbounded)?Unaligned)$", r"\1", name)
-
-
-def _listed(names: Iterable[str]) -> str:
-    """The first names, and how many more there are."""
-    names = list(names)
-    more = len(names) - _MOST_NAMES
-    return ", ".join(names[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "")

@@ -335,11 +335,11 @@ class ElasticMechanism(ShownInLines):
             return False
         if self.springs is None or len(self.parted_terms()[0]) > 1:
             return True
-        shown = zip(self.spring_names, self.springs.stiffness, strict=True)
+        sprung = zip(self.spring_names, self.springs.rest_is_free(every=True), strict=True)
         known = set(self.given)
         if (found := self.identified) is not None:  # a note names those that are not determined
             known |= {*found.undetermined, *(a for p in found.patterns for a, _, _ in p.entries)}
-        return not known.issuperset(name for name, k in shown if k)
+        return not known.issuperset(name for name, has_spring in sprung if has_spring)
 
     @property
     def units(self) -> Units:

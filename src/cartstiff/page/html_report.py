@@ -27,7 +27,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import beyond_limits, limits_of
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree import FixedFrame
-from cartstiff.notes import OPEN_LOOPS
 from cartstiff.page.export import export_page
 from cartstiff.page.shown import distance_to_singularity, legs, softest_in_room, verdict
 from cartstiff.page.source import Source
@@ -295,7 +294,7 @@ def _doubt(elastic: ElasticMechanism) -> str:
     """Lines in amber: springs that are assumed, or illustrative by their file, and open loops."""
     assumed = [note.message for note in elastic.notes if note.code == "stiffness-assumed"]
     lines = [
-        f"{n.message[0].upper()}{n.message[1:]}." for n in elastic.notes if n.code == OPEN_LOOPS
+        f"{n.message[0].upper()}{n.message[1:]}." for n in elastic.notes if n.code == "open-loops"
     ]
     if assumed:
         lines.append(f"The springs are assumed: {assumed[0]}.")

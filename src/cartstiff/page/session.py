@@ -268,7 +268,7 @@ class Session:
         chain whose links are bent may not close at other positions of its drives.
         """
         mechanism, q = self._elastic.mechanism, self._q if state.q is None else np.array(state.q)
-        links = sorted(mechanism.virtual) if isinstance(mechanism, Chain) else []
+        links = sorted(mechanism.virtual)
         is_bent = bool((result.q[links] != q[links]).any())
         return self._placed(state)[1] if state.command or is_bent else result.q
 

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cartstiff.errors import joined, printable
+from cartstiff.errors import joined, listed, printable
 from cartstiff.figures import new_figure
 from cartstiff.identify.identification import Identification
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.report.layout import body_frame, number, table
 
 if TYPE_CHECKING:
-    from cartstiff.identify.identification import Estimate, Identification
+    from cartstiff.identify.identification import Estimate
     from cartstiff.identify.plan import Plan
 
 
@@ -67,8 +67,7 @@ def describe_identification(result: Identification) -> str:
         shares = " ".join(f"{share:+.2f} {name}" for name, share in both.items())
         lines.append(f"  not seen: {shares}")
     if suspects := result.suspects:
-        more = f" and {len(suspects) - 10} more" if len(suspects) > 10 else ""
-        lines.append(f"Suspect rows: {', '.join(map(str, suspects[:10]))}{more}")
+        lines.append(f"Suspect rows: {listed([*map(str, suspects)], 10)}")
     if result.notes:
         lines += ["", "Notes"]
         lines += [f"  {note.code}: {note.message}" for note in result.notes]

@@ -299,8 +299,9 @@ def _reduced(
         missing = lost * rows[:, None]
         kind = "fewer-than-six-freedoms" if freedoms < len(rows) else "serial-singularity"
         short, still_too = len(states), freedoms - rank
-        inside = f", and {still_too} of the {freedoms} free motion(s) do not move it"
-        inside = inside if still_too > 0 else ""
+        inside = ""
+        if still_too > 0:
+            inside = f", and {still_too} of the {freedoms} free motion(s) do not move it"
         states.append(
             Note(
                 kind,

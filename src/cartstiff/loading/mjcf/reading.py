@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib.util
 import re
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,7 +22,7 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.child_process import answer_of
-from cartstiff.errors import InputError, MissingDependencyError, one_line
+from cartstiff.errors import InputError, MissingDependencyError, listed, one_line
 from cartstiff.geometry import se3
 from cartstiff.loading.mjcf import worker
 from cartstiff.loading.robot_facts import (
@@ -59,6 +60,9 @@ _NUMBERS = {
     "equality": "eq_data",
     "": "qpos0 qpos_spring opt.gravity dof_armature dof_damping key_qpos",
 }
+
+# A note lists twelve names of a group and counts the rest.
+_listed = partial(listed, most=12)
 
 
 def compile_mjcf(path: Path, where: str) -> dict[str, Any]:
@@ -686,8 +690,3 @@ def _turns(R: Array) -> Array:
     if abs(R[0, 2]) >= 1.0:
         return np.array([np.arctan2(R[1, 0], R[1, 1]), y, 0.0])
     return np.array([np.arctan2(-R[1, 2], R[2, 2]), y, np.arctan2(-R[0, 1], R[0, 0])])
-
-
-def _listed(names: list[str], most: int = 12) -> str:
-    more = f", and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
