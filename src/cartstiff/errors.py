@@ -38,7 +38,8 @@ def joined(lines: Iterable[str]) -> str:
 
 def listed(words: Sequence[str], most: int, between: str = ", ") -> str:
     """The first words in a row, and how many more there are; results for programs hold all."""
-    more = f"{between}and {len(words) - most} more" if len(words) > most else ""
+    before = between.replace(",", "")  # "a, b and 2 more", but "a; b; and 2 more"
+    more = f"{before}and {len(words) - most} more" if len(words) > most else ""
     return between.join(words[:most]) + more
 
 
