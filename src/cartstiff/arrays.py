@@ -401,7 +401,7 @@ def checked_length(value: object, what: str = "length", *, where: str | None = N
     return number
 
 
-def is_pose(T: ArrayLike, tolerance: float = numerics.CLOSE) -> bool:
+def is_pose(T: ArrayLike, tolerance: float = numerics.NEGLIGIBLE_DIFFERENCE) -> bool:
     """Tell whether every matrix (..., 4, 4) is a proper rigid motion up to `tolerance`."""
     T = real_array(T, "pose")
     if T.shape[-2:] != (4, 4) or not np.isfinite(T).all():
@@ -417,7 +417,11 @@ def is_pose(T: ArrayLike, tolerance: float = numerics.CLOSE) -> bool:
 
 
 def checked_pose(
-    T: ArrayLike, what: str = "pose", *, where: str | None = None, tolerance: float = numerics.CLOSE
+    T: ArrayLike,
+    what: str = "pose",
+    *,
+    where: str | None = None,
+    tolerance: float = numerics.NEGLIGIBLE_DIFFERENCE,
 ) -> Array:
     """A rigid motion (4, 4), or a stack (N, 4, 4) of them where the argument has three axes."""
     T = of_pinocchio(T)

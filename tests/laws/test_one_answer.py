@@ -402,9 +402,9 @@ def check_posture(name, load, distance, decades, seed):
         if refused := [words for words in found if isinstance(words, str)]:
             assert is_near, refused[0]
             noted = next(n for n in result.notes if "type-2-singularity" in n.code)
-            assert numerics.ratio(noted.values["singular_values"]) < numerics.NEAR
+            assert numerics.ratio(noted.values["singular_values"]) < numerics.NEAR_SINGULARITY
             for words in refused:
-                assert float(REFUSED.search(words).group(1)) < numerics.NEAR, words
+                assert float(REFUSED.search(words).group(1)) < numerics.NEAR_SINGULARITY, words
             continue
         expected = found[0][0] if len(found) == 1 else (4.0 * found[1][0] - found[0][0]) / 3.0
         unsure = max(each for _, each in found) / reach

@@ -305,7 +305,7 @@ def test_principal_values_with_the_others_held_are_those_of_fifty_digits():
     assert known[is_plain].all()
     assert (known & ~is_plain).sum() > 5
     lost = np.abs(found[:, :3] / expected - 1.0).max(axis=1)
-    assert lost[known].max() < numerics.EPSILON * numerics.PLAIN_BLOCK
+    assert lost[known].max() < numerics.EPSILON * numerics.LARGEST_BLOCK_CONDITION
     # The loss of digits in the inverse is known, and counts.
     growth = found[:, 3] / [loss_of_elimination(C, held) for C in compliances]
     assert growth.min() > 1.0 - 1e-9

@@ -6,7 +6,7 @@ import pytest
 import cartstiff
 from cartstiff.geometry import se3
 from cartstiff.kinematics.following import Follower
-from cartstiff.numerics import REACHED
+from cartstiff.numerics import CONSTRAINT_TOLERANCE
 
 #: A hand moves so far between two pictures.
 STEP = np.array([0.03, -0.02, 0.04, 0.02, 0.01, -0.015])
@@ -19,7 +19,7 @@ def test_it_arrives_and_stays_near(name):
     found = Follower(elastic).follow(elastic.q, T)
     assert found.reached
     assert found.stopped == ()
-    assert np.allclose(elastic.mechanism.at(found.q).pose, T, atol=10 * REACHED)
+    assert np.allclose(elastic.mechanism.at(found.q).pose, T, atol=10 * CONSTRAINT_TOLERANCE)
     assert np.abs(found.q - elastic.q).max() < 0.5
 
 

@@ -78,7 +78,7 @@ def asymmetry_of(stiffness: ArrayLike, wrench: ArrayLike) -> Asymmetry:
     measured = K - K.T
     predicted = -se3.bracket_form(checked_vector(wrench, 6, "wrench"))
     residual, size = (float(largest_in_blocks(x, K)) for x in (measured - predicted, measured))
-    return Asymmetry(measured, predicted, residual, size, residual < numerics.EXPLAINED)
+    return Asymmetry(measured, predicted, residual, size, residual < numerics.UNEXPLAINED_SHARE)
 
 
 def largest_in_blocks(entries: Array, stiffness: Array) -> Array:
@@ -227,7 +227,7 @@ def roots_of_positive(matrices: Array) -> Array:
     """Cholesky factors (N, 6, 6) of symmetric parts; zero where these are not positive definite."""
     half = symmetric_part(matrices)
     values, roots = np.linalg.eigvalsh(half), np.zeros_like(half)
-    positive = values[:, 0] > np.maximum(0.0, numerics.ZERO * values[:, -1])
+    positive = values[:, 0] > np.maximum(0.0, numerics.ZERO_SHARE * values[:, -1])
     roots[positive] = np.linalg.cholesky(half[positive])
     return roots
 
@@ -259,7 +259,7 @@ def _verdict(rows: list[ConnectionDifference], reference: str, threshold: float)
     if not known:
         return "nothing to compare: no other connection has a matrix here"
     worst, name = max(known)
-    size = 0.0 if worst < numerics.BLANK else 100.0 * worst  # what is only rounding is 0
+    size = 0.0 if worst < numerics.PRINTED_AS_ZERO else 100.0 * worst  # what is only rounding is 0
     largest = f"the largest relative change is {size:.2g} % (K^{name} against K^{reference})"
     if worst > threshold:
         return f"yes, the choice of connection matters: {largest}, above {100 * threshold:g} %"

@@ -54,7 +54,7 @@ def _symmetrising_point(
     turned = np.cross(shape.axes, coupling * shape.eigenvalues ** (power - 1), axis=0)
     others = 1.0 - np.eye(3)
     sums = others @ values
-    if not np.all(np.abs(sums) > numerics.ZERO * (others @ np.abs(values))):
+    if not np.all(np.abs(sums) > numerics.ZERO_SHARE * (others @ np.abs(values))):
         raise UndefinedError(
             f"the {name} is not a single point: two principal values of the {block} add to zero",
             code="no-" + name.replace(" ", "-"),
@@ -223,7 +223,7 @@ def _axes(coupling: Array, diagonal: Array) -> Array:
     size = max(float(np.abs(values).max()), numerics.TINY)
     start = 0
     for end in range(1, 4):
-        if end == 3 or values[end] - values[end - 1] > numerics.CLOSE * size:
+        if end == 3 or values[end] - values[end - 1] > numerics.NEGLIGIBLE_DIFFERENCE * size:
             group = axes[:, start:end]
             axes[:, start:end] = group @ np.linalg.eigh(group.T @ diagonal @ group)[1]
             start = end
@@ -234,7 +234,7 @@ def _axes(coupling: Array, diagonal: Array) -> Array:
 
 def _clean_coupling(coupling: Array, before: Array, lever: Array) -> Array:
     """Coupling block, zero if it is only the rounding of its subtraction."""
-    rounding = numerics.ZERO * max(float(np.abs(before).max()), float(np.abs(lever).max()))
+    rounding = numerics.ZERO_SHARE * max(float(np.abs(before).max()), float(np.abs(lever).max()))
     return np.zeros((3, 3)) if np.abs(coupling).max() <= rounding else coupling
 
 

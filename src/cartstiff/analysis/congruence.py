@@ -149,7 +149,7 @@ def _fit_compliance(K: Array, J: Array, S: Array) -> tuple[Array, Array | None, 
     x = _nnls([np.outer(column, column) for column in J.T], C)
     if np.any(S):
         x = _iterate(C / size, J, S, x, size)
-    x = np.where(x > numerics.ROUNDING * x.max(), x, 0.0)  # zero: a locked joint
+    x = np.where(x > numerics.ROUNDOFF * x.max(), x, 0.0)  # zero: a locked joint
     reached = J @ np.linalg.solve(np.eye(len(x)) - x[:, None] * S, x[:, None] * J.T)
     with np.errstate(divide="ignore"):
         springs = 1.0 / x
@@ -329,8 +329,8 @@ def joint_stiffness(
         definiteness(values),
         values,
         off,
-        off < numerics.CLOSE,
-        None if fit is None else fit.residual < numerics.EXPLAINED,
+        off < numerics.NEGLIGIBLE_DIFFERENCE,
+        None if fit is None else fit.residual < numerics.UNEXPLAINED_SHARE,
         stable == "positive",
         fit,
     )

@@ -131,7 +131,7 @@ def joint_shares(
     scale = np.sqrt(np.abs(np.diag(H)))
     scale[scale == 0.0] = 1.0
     values = np.linalg.svd(H / np.outer(scale, scale), compute_uv=False)
-    if not values[-1] > numerics.ZERO * values[0]:
+    if not values[-1] > numerics.ZERO_SHARE * values[0]:
         raise UndefinedError(
             "joint stiffness less its load term is singular: a motion of the joints is free",
             code="singular",

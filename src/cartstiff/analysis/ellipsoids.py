@@ -105,7 +105,7 @@ def _principal(
         values, vectors = np.linalg.eigh(m)
     if np.isnan(values).any():
         raise lost_digits(values, "this block")
-    sign = definiteness(values, zero=0.0 if inverse else numerics.ZERO)
+    sign = definiteness(values, zero=0.0 if inverse else numerics.ZERO_SHARE)
     shape = shape_of(values, vectors, sign)
     return shape.axes, shape.radii, shape.eigenvalues, sign
 
@@ -146,7 +146,7 @@ def softest(compliances: ArrayLike, axes: ArrayLike) -> tuple[float, list[float]
     least, middle, most = np.asarray(compliances, float).tolist()
     if not (least >= 0.0 and most > 0.0):
         return None
-    is_one = most - middle > numerics.CLOSE * most
+    is_one = most - middle > numerics.NEGLIGIBLE_DIFFERENCE * most
     return 1.0 / most, upright(np.asarray(axes, float)[:, 2].tolist()) if is_one else None
 
 
@@ -304,7 +304,7 @@ def _of_pair(
 def _without_rounding(shape: Ellipsoid, size: float) -> Ellipsoid:
     """Principal values that are only the rounding of a block of this size are zero."""
     values = shape.eigenvalues
-    values = np.where(np.abs(values) <= numerics.ZERO * size, 0.0, values)
+    values = np.where(np.abs(values) <= numerics.ZERO_SHARE * size, 0.0, values)
     sign = definiteness(values, zero=0.0)
     return replace(
         shape, eigenvalues=read_only(values), radii=read_only(np.abs(values)), definiteness=sign
@@ -337,7 +337,7 @@ def stiffnesses_on_axes(
     compliance = np.einsum("ni,nij,nj->n", directions, own, directions)
     # Without a K, a direction without compliance is held by the structure: its stiffness is
     # unknown.
-    rigid = np.abs(compliance) <= numerics.ZERO * np.abs(own).max(axis=(1, 2))
+    rigid = np.abs(compliance) <= numerics.ZERO_SHARE * np.abs(own).max(axis=(1, 2))
     with np.errstate(divide="ignore"):
         stiffness: Array = np.where(rigid & ~has_K, np.nan, 1.0 / compliance)
     for i in np.flatnonzero(has_K & ~has_C):

@@ -100,7 +100,7 @@ def symmetric_pair(
     return as_symmetric(stiffness), known
 
 
-def definiteness(eigenvalues: ArrayLike, zero: float = numerics.ZERO) -> Definiteness:
+def definiteness(eigenvalues: ArrayLike, zero: float = numerics.ZERO_SHARE) -> Definiteness:
     """Name the signs of eigenvalues; a share `zero` of the largest counts as zero."""
     # Called for every posture of a page: on a few floats NumPy takes ten times as long.
     values = real_array(eigenvalues).tolist()
@@ -229,7 +229,7 @@ def _plainly_eliminated(m: Array, keep: slice, rest: slice) -> tuple[Array, floa
     if left == 0.0:
         return free, float("inf"), False
     loss = max(1.0, growth * size / left)
-    is_plain = growth <= numerics.WELL_CONDITIONED and left > numerics.ZERO * size
+    is_plain = growth <= numerics.WELL_CONDITIONED and left > numerics.ZERO_SHARE * size
     return free, loss, is_plain
 
 
@@ -267,17 +267,17 @@ def _on_kept(m: Array, kept: Array, others: Array) -> tuple[Array, Array, Array,
     inner, edge = scaled[:, others[:, None], others], scaled[:, others[:, None], kept]
     u, values, vt = np.linalg.svd(inner)
     largest = np.abs(scaled).max(axis=(1, 2))
-    is_held = values > numerics.ZERO * largest[:, None]
+    is_held = values > numerics.ZERO_SHARE * largest[:, None]
     gains = np.where(is_held, 1.0 / np.where(is_held, values, 1.0), 0.0)
     moves = vt.swapaxes(1, 2) @ (gains[:, :, None] * (u.swapaxes(1, 2) @ edge))
     left = np.abs(inner @ moves - edge).max(axis=(1, 2))
     block = scaled[:, kept[:, None], kept]
     free = block - scaled[:, kept[:, None], others] @ moves
-    is_all = np.abs(free).max(axis=(1, 2)) <= numerics.ZERO * np.abs(block).max(axis=(1, 2))
+    is_all = np.abs(free).max(axis=(1, 2)) <= numerics.ZERO_SHARE * np.abs(block).max(axis=(1, 2))
     free[is_all] = 0.0  # rounding of the subtraction
     # An entry that couples to a zero stiffness is itself bounded by the root of it in a positive
     # semidefinite matrix.
-    free[left > np.sqrt(numerics.ZERO) * largest] = np.nan
+    free[left > np.sqrt(numerics.ZERO_SHARE) * largest] = np.nan
     return free / d[:, kept, None] / d[:, None, kept], left, values, length
 
 
@@ -311,7 +311,7 @@ def stiffnesses_of_motions(
     )
     rounding, size = numerics.EPSILON * terms, np.abs(values)
     doubtful = rounding > numerics.REPORTED_ERROR * size
-    is_zero = doubtful & is_singular & (size <= numerics.ZERO * terms)
+    is_zero = doubtful & is_singular & (size <= numerics.ZERO_SHARE * terms)
     values[doubtful & (rounding > numerics.LOST_ERROR * size)] = np.nan
     values[is_zero] = 0.0
     return values

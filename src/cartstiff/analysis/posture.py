@@ -160,7 +160,7 @@ def _without_rounding(deflection: Deflection, length: float) -> Deflection:
     """A motion without the parts that are rounding of the others, angles times the length."""
     twist, displacement = deflection.twist.tolist(), deflection.displacement.tolist()
     sizes = [*(length * abs(x) for x in twist[:3]), *map(abs, twist[3:] + displacement)]
-    if min(sizes) > (rounding := numerics.ROUNDING * max(sizes)):
+    if min(sizes) > (rounding := numerics.ROUNDOFF * max(sizes)):
         return deflection
     scaled, moved = np.array(sizes[:6]), np.array(sizes[6:])
     return replace(

@@ -157,7 +157,7 @@ def eigenscrews(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Ei
     others: tuple[complex, ...] = ()
     if signs == "indefinite":
         roots, solutions = _roots_of_indefinite(K, C, length)
-        real = np.abs(roots.imag) <= numerics.CLOSE * np.abs(roots)
+        real = np.abs(roots.imag) <= numerics.NEGLIGIBLE_DIFFERENCE * np.abs(roots)
         mu, x = roots[real].real, solutions[:, real].real
         others = tuple(complex(r) * length for r in roots[~real])
     else:

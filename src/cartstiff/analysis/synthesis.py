@@ -138,7 +138,7 @@ def _judged(K: Array, values: Array, vectors: Array) -> Realisability:
     share = abs(trace) / size if size > 0 else 0.0
     passive = bool(np.all(relative >= 0.0))
     screws = 0
-    if passive and share > numerics.ZERO:
+    if passive and share > numerics.ZERO_SHARE:
         F = vectors * np.sqrt(relative)
         mu = np.linalg.eigvalsh(F.T @ SWAP_FORM @ F)
         screws = _screw_count(mu, float(mu.sum()))
@@ -180,7 +180,7 @@ class Realisation(Result):
 def _screw_count(mu: Array, trace: float) -> int:
     """Fewest screw springs: how many of the largest eigenvalues (of the trace's sign) reach it."""
     signed = np.sort(mu * np.sign(trace))[::-1]
-    reached = np.cumsum(signed) >= abs(trace) * (1.0 - numerics.ROUNDING)
+    reached = np.cumsum(signed) >= abs(trace) * (1.0 - numerics.ROUNDOFF)
     return int(np.argmax(reached)) + 1
 
 
@@ -228,7 +228,7 @@ def _straighten(F: Array) -> Array:
         # tan of the angle from the root of d_i + 2 n_ij t + d_j t^2 = 0 without cancellation.
         # Columns are as a rule at right angles at first: no root is chosen by the sign of rounding.
         root = float(np.sqrt(N[i, j] ** 2 - d[i] * d[j]))
-        s = N[i, j] + (root if N[i, j] >= -numerics.ROUNDING * root else -root)
+        s = N[i, j] + (root if N[i, j] >= -numerics.ROUNDOFF * root else -root)
         t = -d[i] / s
         c = 1.0 / np.sqrt(1.0 + t * t)
         F[:, [i, j]] = F[:, [i, j]] @ np.array([[c, -t * c], [t * c, c]])
@@ -290,7 +290,7 @@ def realise(
         columns = _straighten(turned)
         sizes = np.linalg.norm(columns, axis=0)
         quality = float((np.linalg.norm(columns[3:], axis=0) / sizes).min())
-        if quality > best + numerics.ROUNDING * abs(best):
+        if quality > best + numerics.ROUNDOFF * abs(best):
             lines, best = columns, quality
     unscale = np.repeat([scale, 1.0], 3)
     springs = tuple(_spring(w * unscale, scale, True) for w in lines.T)
@@ -317,7 +317,7 @@ def _require_digits(springs: tuple[Spring, ...], back: Array) -> None:
 def _spring(w: Array, length: float, straight: bool) -> Spring:
     moment, force = w[:3], w[3:]
     size = float(np.linalg.norm(force))
-    if size * length <= numerics.CLOSE * float(np.linalg.norm(moment)):
+    if size * length <= numerics.NEGLIGIBLE_DIFFERENCE * float(np.linalg.norm(moment)):
         k = float(moment @ moment)
         return Spring("torsional", k, moment / np.sqrt(k), np.zeros(3), float("inf"))
     screw = screw_of_wrench(w, length)

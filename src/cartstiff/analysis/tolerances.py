@@ -738,7 +738,7 @@ class UncertainParameters:
             N = N[int((sizes > numerics.RANK * sizes[0]).sum()) :]
             missing, rows = N @ missing, rows @ N.T
         change = np.zeros_like(forces)
-        change[active] = np.linalg.lstsq(rows[active].T, missing, rcond=numerics.ROUNDING)[0]
+        change[active] = np.linalg.lstsq(rows[active].T, missing, rcond=numerics.ROUNDOFF)[0]
         return change
 
     def _placed_at(

@@ -21,7 +21,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.batch.tape import Number, Scalar, Tape, absolute, copysign, larger, pick, square_root
 from cartstiff.geometry.se3 import Array
-from cartstiff.numerics import EPSILON, NEAR, REPORTED_ERROR
+from cartstiff.numerics import EPSILON, NEAR_SINGULARITY, REPORTED_ERROR
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, wrench_in_body
 
 
@@ -390,7 +390,10 @@ PLAIN, FALLBACK, UNBALANCED = 0.0, 1.0, 2.0
 #: Largest condition numbers for the verdict `PLAIN`: of Jacobians (`cartstiff.analyse` calls them
 #: singular at 1 / `cartstiff.numerics.RANK`) and of matrices that are inverted to a compliance
 #: (beyond it, `cartstiff.analyse` equilibrates or reports the loss of digits).
-JACOBIAN_CONDITION, STIFFNESS_CONDITION = numerics.PLAIN_JACOBIAN, numerics.PLAIN_STIFFNESS
+JACOBIAN_CONDITION, STIFFNESS_CONDITION = (
+    numerics.LARGEST_JACOBIAN_CONDITION,
+    numerics.LARGEST_STIFFNESS_CONDITION,
+)
 
 
 #: Relative accuracy of the norm of an inverse that has lost nearly all digits; `cartstiff.analyse`
@@ -515,7 +518,7 @@ def noteworthy(
         squares, others = equilibrated_squares(*pair)
         lost = larger(lost, squares * others * (margin * EPSILON / REPORTED_ERROR) ** 2)
         lost = larger(lost, squares / _MAX_SQUARED_NORM)
-    return np.array([squared_condition * (1.01 * NEAR) ** 2, lost], object)
+    return np.array([squared_condition * (1.01 * NEAR_SINGULARITY) ** 2, lost], object)
 
 
 def changed_compliance(

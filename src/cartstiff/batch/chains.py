@@ -90,14 +90,14 @@ from cartstiff.batch.twists import (
 from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.tree import KinematicTree
-from cartstiff.numerics import BALANCE, ROUNDING
+from cartstiff.numerics import BALANCE_TOLERANCE, ROUNDOFF
 from cartstiff.potentials.springs import PolynomialLaw, SpringLaw, TabulatedLaw
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 
 #: Largest number of points of a recorded table: each piece is a choice of six numbers.
 _MAX_TABLE_POINTS = 33
 #: Number of Newton steps for a deflection, and largest relative change by the last of them.
-_NEWTON_STEPS, _MAX_LAST_CHANGE = 8, numerics.LAST_DIGITS**0.5
+_NEWTON_STEPS, _MAX_LAST_CHANGE = 8, numerics.ROUNDOFF_OF_SUMS**0.5
 #: Largest deflection, as a share of that at which a polynomial law no longer rises.
 _MAX_RISING_SHARE = 0.99
 
@@ -127,7 +127,9 @@ def deflection_for(law: SpringLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
         raise TypeError(law)
     c = np.array(law.coefficients, float)
     turning = np.polynomial.polynomial.Polynomial(c * np.arange(1, len(c) + 1)).roots()
-    real = np.abs(turning[np.abs(turning.imag) <= numerics.CLOSE * (1.0 + np.abs(turning))])
+    real = np.abs(
+        turning[np.abs(turning.imag) <= numerics.NEGLIGIBLE_DIFFERENCE * (1.0 + np.abs(turning))]
+    )
     x, verdict = _found(law, torque, torque * (1.0 / c[0]) if c[0] else np.nan)
     if real.size:
         verdict = larger(
@@ -265,8 +267,8 @@ def line_terms(
             if b in outward[a]:
                 entry = entry + across[a] @ D_b
             hessian[a, b] = hessian[b, a] = entry
-    least = numerics.SHORTEST * kinematics.size
-    size = larger(norm_squared(ends[0]), norm_squared(ends[1])) * numerics.SHORTEST**2
+    least = numerics.SHORTEST_LINE * kinematics.size
+    size = larger(norm_squared(ends[0]), norm_squared(ends[1])) * numerics.SHORTEST_LINE**2
     verdict = pick(larger(size, least * least), length * length, PLAIN, FALLBACK)
     return tension * stretch * 0.5, gradient, hessian, verdict
 
@@ -327,7 +329,7 @@ def kinetic(bodies: Bodies, kinematics: Kinematics) -> Array:
 
 #: Characteristic length, as a share of the chain's size, below which all axes meet in a point and
 #: `cartstiff.analyse` must choose the length.
-_LEAST_LENGTH_SHARE = numerics.NEARBY
+_LEAST_LENGTH_SHARE = numerics.NEGLIGIBLE_DISTANCE
 
 
 @dataclass(frozen=True)
@@ -620,7 +622,7 @@ _LEAST_PIVOT_SHARE = numerics.LOST_ERROR
 #: Largest ratio of factors with mixed signs to the entries of their row.
 _MAX_FACTOR_GROWTH = 100.0
 #: Largest relative change of an inverse by one step of Newton's method, whose square remains.
-_MAX_NEWTON_CHANGE = numerics.LAST_DIGITS**0.5
+_MAX_NEWTON_CHANGE = numerics.ROUNDOFF_OF_SUMS**0.5
 #: Least pivot of the self-motion's stiffness, and least norm of its Schur complement, as shares of
 #: the largest entry.
 _LEAST_SELF_MOTION_SHARE = numerics.LOST_ERROR
@@ -685,8 +687,8 @@ def _redundant(chain: ChainNumbers) -> tuple[Array, Array]:
         gradient = chain.gradient * columns
         turned = Q.apply_transposed(gradient)
         W = inverse_R @ turned[:6]
-        roundoff = largest(chain.hessian * columns * columns[:, None]) * ROUNDING
-        limit = largest(gradient) * BALANCE + roundoff
+        roundoff = largest(chain.hessian * columns * columns[:, None]) * ROUNDOFF
+        limit = largest(gradient) * BALANCE_TOLERANCE + roundoff
         torque = square_root(norm_squared(turned[6:]))
         # `cartstiff.analyse` has another basis of the self-motion: this bounds its largest entry.
         balanced = pick(
@@ -766,7 +768,7 @@ def _compliances(
         else:
             D = connections(zeros(6, 6), W, chain.case.load)[name]
             arrays[f"compliance_{name}"], doubt = changed_compliance(
-                C, D, chain.length, numerics.PLAIN_CHANGE
+                C, D, chain.length, numerics.LARGEST_CHANGE_CONDITION
             )
             verdict = larger(verdict, doubt)
     return verdict

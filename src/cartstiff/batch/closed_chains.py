@@ -224,7 +224,9 @@ class ClosedChainNumbers(ChainNumbers):
         verdict = limited(size, limit)
         missed = (np.concatenate(left) * sizes) @ (self.N / sizes[:, None])
         if not vanishes(missed):
-            least = largest(self.N / sizes[:, None]) * (numerics.CLOSE * case.length)
+            least = largest(self.N / sizes[:, None]) * (
+                numerics.NEGLIGIBLE_DIFFERENCE * case.length
+            )
             verdict = larger(verdict, pick(largest(missed), least, PLAIN, FALLBACK))
         return verdict
 
@@ -499,7 +501,7 @@ def is_shut(size: Any, step: Any, length: Any, before: Any) -> Any:
     """
     unit = np.maximum(1.0, length)
     return (size <= numerics.ATTAINABLE_PRECISION * unit) | (
-        (size <= numerics.ROUNDING * unit)
+        (size <= numerics.ROUNDOFF * unit)
         & ((size > 0.1 * before) | (step <= numerics.SMALLEST_STEP))
     )
 
@@ -518,7 +520,8 @@ def _close(
         futile = np.where(size < 0.9 * best, 0, futile + 1)
         goes_on = ~done & (doubt == PLAIN) & np.isfinite(step)
         vain = goes_on & (
-            (step <= numerics.SMALLEST_STEP) | (futile >= numerics.FUTILE) & (step < LONGEST_STEP)
+            (step <= numerics.SMALLEST_STEP)
+            | (futile >= numerics.MAX_FUTILE_STEPS) & (step < LONGEST_STEP)
         )
         is_vain[which[vain]] = True
         goes_on &= ~vain

@@ -21,7 +21,7 @@ from cartstiff.mechanisms.closures import ReferencePosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 # Largest change of a held coordinate by the closures.
-_MAX_HELD_CHANGE = numerics.CLOSE
+_MAX_HELD_CHANGE = numerics.NEGLIGIBLE_DIFFERENCE
 
 Closed = tuple[Array, NDArray[np.bool_]]
 

@@ -50,7 +50,7 @@ from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 
 #: Shortest line with the verdict `PLAIN`, as a share of the platform's size; `cartstiff.analyse`
 #: reports lines of zero length.
-_SHORTEST_LINE = numerics.SHORTEST
+_SHORTEST_LINE = numerics.SHORTEST_LINE
 #: Largest product of the condition numbers of lines and stiffness at which a compliance has enough
 #: digits, with a margin of one digit.
 _MAX_CONDITION_PRODUCT = 0.1 * numerics.LOST_ERROR / numerics.EPSILON

@@ -67,7 +67,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import tensions_of
-from cartstiff.numerics import BALANCE, RANK, ROUNDING
+from cartstiff.numerics import BALANCE_TOLERANCE, RANK, ROUNDOFF
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, checked_load
 from cartstiff.stiffness.compute import PostureStiffness, analyse
@@ -215,7 +215,7 @@ def lost_ranks(
         g, stiffest = looked_at[:, 6 * n : 7 * n], looked_at[:, 7 * n]
         free, motions = np.arange(n) >= ranks[:, None], np.linalg.svd(J)[2]
         torque = np.linalg.norm((motions @ g[:, :, None])[:, :, 0] * free, axis=1)
-        most = BALANCE * np.abs(g).max(axis=1) + ROUNDING * stiffest
+        most = BALANCE_TOLERANCE * np.abs(g).max(axis=1) + ROUNDOFF * stiffest
         unbalanced = is_lost & (torque > most * (_MARGIN * n))
         is_lost[:] = False
     for these in (is_lost, unbalanced):

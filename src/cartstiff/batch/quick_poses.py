@@ -120,7 +120,7 @@ def _damped(J: Array, e: Array, damping: Scalar) -> Array:
     M = J @ J.T
     trace: Any = M.trace()
     for i in range(6):
-        M[i, i] = M[i, i] + damping + trace * numerics.LAST_DIGITS + numerics.TINY
+        M[i, i] = M[i, i] + damping + trace * numerics.ROUNDOFF_OF_SUMS + numerics.TINY
     L, inverses, _ = positive_factor(M)
     x = below(L, e) * inverses
     for i in range(4, -1, -1):

@@ -101,7 +101,7 @@ _MAX_OFF_DIAGONAL = 4.0 * numerics.EPSILON
 _MAX_LAST_STEP = 64.0 * numerics.EPSILON
 #: Largest condition number of a block that alone determines all its eigenvalues, with a margin for
 #: two ways to compute it.
-_MAX_BLOCK_CONDITION = 0.99 * numerics.PLAIN_BLOCK
+_MAX_BLOCK_CONDITION = 0.99 * numerics.LARGEST_BLOCK_CONDITION
 
 
 def eigenvalues(matrix: Array) -> tuple[list[Scalar], Scalar]:
@@ -277,7 +277,7 @@ def periods(arrays: Mapping[str, Array], D: Array, number: int) -> tuple[list[Sc
     verdict: Scalar = PLAIN
     skew = D - D.T
     if not vanishes(skew):
-        least = largest(D) * numerics.ROUNDING
+        least = largest(D) * numerics.ROUNDOFF
         verdict = pick(least, largest(skew), FALLBACK, PLAIN)
     if not vanishes(D):
         H = H + congruence(J, (D + D.T) * 0.5)

@@ -316,7 +316,7 @@ class PostureCode:
             if (
                 doubt != PLAIN
                 or not step < inf
-                or (futile >= numerics.FUTILE and step < LONGEST_STEP)
+                or (futile >= numerics.MAX_FUTILE_STEPS and step < LONGEST_STEP)
             ):
                 return None
             q = record[: len(q)]

@@ -29,7 +29,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.tree import KinematicTree
 
 #: Largest difference of an entry of a rotation from 0, 1 or -1 that counts as round-off.
-_ENTRY_ROUNDOFF = numerics.TWO_UNITS
+_ENTRY_ROUNDOFF = numerics.TWO_UNITS_IN_LAST_PLACE
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,8 @@ def read_chain(chain: Chain) -> ChainConstants | str:
     screws = tree.screws()[path]
     for screw in screws:
         turning = np.linalg.norm(screw[:3])
-        if abs((turning or np.linalg.norm(screw[3:])) - 1.0) > numerics.ROUNDING or (
-            turning and np.abs(np.cross(screw[:3], screw[3:])).max() > numerics.LAST_DIGITS
+        if abs((turning or np.linalg.norm(screw[3:])) - 1.0) > numerics.ROUNDOFF or (
+            turning and np.abs(np.cross(screw[:3], screw[3:])).max() > numerics.ROUNDOFF_OF_SUMS
         ):
             return "a joint's axis does not pass through its own frame"
     mimic = offset = None

@@ -78,7 +78,7 @@ from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, wre
 _LARGEST_TURN = 0.42
 _NEWTON_STEPS = 5
 #: Largest relative change by the last of them: the remaining error is its square.
-_MAX_LAST_CHANGE = numerics.LAST_DIGITS**0.5
+_MAX_LAST_CHANGE = numerics.ROUNDOFF_OF_SUMS**0.5
 
 
 def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
@@ -376,7 +376,7 @@ class _Search:
             short, unsure = coupled["seen"].T
             now, doubt = np.maximum(now, short[:, None]), np.maximum(doubt, unsure)
             shift = coupled["shift"].reshape(count * m, 1)
-        settled = (now >= 0.5 * self._missed) & (now <= numerics.ROUNDING * whole)
+        settled = (now >= 0.5 * self._missed) & (now <= numerics.ROUNDOFF * whole)
         settled |= now <= ROUNDINGS * numerics.EPSILON * whole
         is_plain = (doubt == PLAIN) & np.isfinite(now).all(axis=1)
         done = is_plain & settled.all(axis=1)
@@ -453,7 +453,7 @@ def strut_states(
 #: Postures at a time, by machine code and by stacks of matrices, that fit into the cache.
 _COMPILED_ROWS, _STACKED_ROWS = 256, 64
 #: Largest asymmetry of a Hessian, as a share of its largest entry.
-_MAX_ASYMMETRY = numerics.ROUNDING
+_MAX_ASYMMETRY = numerics.ROUNDOFF
 
 
 class _Sums(NamedTuple):

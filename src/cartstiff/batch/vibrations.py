@@ -152,5 +152,5 @@ class ManyModes:
             frequencies[rows, :n] = np.where(inverse > least, hertz, np.nan)
             is_plain = values[:, 0] > numerics.LOST_ERROR * values[:, -1]
             skew = np.abs(added - added.swapaxes(1, 2)) / pairs
-            known[rows] = is_plain & (skew.max(axis=(1, 2)) <= numerics.ROUNDING)
+            known[rows] = is_plain & (skew.max(axis=(1, 2)) <= numerics.ROUNDOFF)
         return frequencies[:, :count], known

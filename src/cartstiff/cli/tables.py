@@ -181,7 +181,7 @@ def read_target(path: Path, order: str | None) -> Target:
             expected=f"at most {LARGEST_INPUT:g}",
             got=f"{np.abs(matrix).max():g}",
         )
-    if np.abs(matrix - matrix.T).max() > numerics.NEARBY * np.abs(matrix).max():
+    if np.abs(matrix - matrix.T).max() > numerics.NEGLIGIBLE_DISTANCE * np.abs(matrix).max():
         raise InputError(
             "matrix is not symmetric", where=where, expected="a symmetric stiffness (K^B)"
         )

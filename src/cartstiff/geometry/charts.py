@@ -117,11 +117,11 @@ class Chart:
         for _ in range(50):
             error = se3.log(se3.inverse(self.pose(xi)) @ T)
             size = float(np.linalg.norm(error))
-            if size < numerics.LAST_DIGITS * (1 + np.linalg.norm(xi)):
+            if size < numerics.ROUNDOFF_OF_SUMS * (1 + np.linalg.norm(xi)):
                 return xi
             step = self.inverse_basis(xi) @ error
             xi = xi + step / max(1.0, float(np.abs(step[:3]).max()))
-        if size < numerics.CONVERGED * (1 + np.linalg.norm(xi)):
+        if size < numerics.STALLED_RESIDUAL * (1 + np.linalg.norm(xi)):
             return xi
         raise ConvergenceError(
             f"no coordinates found in chart {self.name!r}", iterations=50, residual=size

@@ -30,7 +30,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import MATRICES
 
 # Laws are judged on the symbols' own scale; 1e-12 leaves four digits for rounding.
-_LAW_TOLERANCE = numerics.ROUNDING
+_LAW_TOLERANCE = numerics.ROUNDOFF
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +266,7 @@ def flat(jacobian: ArrayLike, jacobian_derivative: ArrayLike, name: str = "F") -
     J = checked_matrix(jacobian, "Jacobian", 6)
     dJ = checked_array(jacobian_derivative, (6, 6, 6), "derivative of the Jacobian")
     singular_values = np.linalg.svd(J, compute_uv=False)
-    if singular_values[-1] <= numerics.ZERO * singular_values[0]:
+    if singular_values[-1] <= numerics.ZERO_SHARE * singular_values[0]:
         raise UndefinedError(
             "the coordinates are no chart of SE(3) here: their Jacobian is singular",
             code="singular",

@@ -203,7 +203,7 @@ def _rotation_vector(R: Array) -> Array:
     q = np.where(q[..., 3:] < 0, -q, q)
     s = np.linalg.norm(q[..., :3], axis=-1)
     angle = 2 * np.arctan2(s, q[..., 3])
-    tiny = s < numerics.CLOSE
+    tiny = s < numerics.NEGLIGIBLE_DIFFERENCE
     scale = np.where(tiny, 2.0 / np.where(tiny, q[..., 3], 1.0), angle / np.where(tiny, 1.0, s))
     return scale[..., None] * q[..., :3]
 

@@ -26,7 +26,7 @@ from cartstiff.identify.models import Model
 from cartstiff.identify.unknowns import Unknowns
 
 # Share of an unobservable direction above which a parameter is not determined.
-_UNOBSERVABLE = numerics.ROUNDING**0.5
+_UNOBSERVABLE = numerics.ROUNDOFF**0.5
 # Bound on the iterations of the scales of the noise.
 _MAX_SCALE_STEPS = 60
 
@@ -207,7 +207,9 @@ def solved(
                 scales[g] = max(
                     np.sqrt(square / left) if left > _UNOBSERVABLE else np.nan, floor[g]
                 )
-        if np.isnan(scales).any() or np.all(np.abs(scales - before) <= numerics.REACHED * scales):
+        if np.isnan(scales).any() or np.all(
+            np.abs(scales - before) <= numerics.CONSTRAINT_TOLERANCE * scales
+        ):
             break
     if np.isnan(scales).any():
         raise InputError(
@@ -281,7 +283,7 @@ class _Basis:
             right,
             bounds=(lower[use], np.inf),
             method="bvls",
-            tol=numerics.LAST_DIGITS,
+            tol=numerics.ROUNDOFF_OF_SUMS,
             max_iter=10 * len(use),
         )
         x = np.zeros(len(use))
@@ -443,9 +445,9 @@ def _descended(
         start,
         jacobian,
         bounds=(np.where(bounded, 0.0, -np.inf), np.inf),
-        ftol=numerics.FLAT,
-        xtol=numerics.FLAT,
-        gtol=numerics.FLAT,
+        ftol=numerics.LEAST_DECREASE_OF_SQUARES,
+        xtol=numerics.LEAST_DECREASE_OF_SQUARES,
+        gtol=numerics.LEAST_DECREASE_OF_SQUARES,
         max_nfev=_MAX_EVALUATIONS,
     )
     if found.status <= 0:
@@ -554,7 +556,7 @@ def robust_fit(
         of_prediction = 1.0 + fit.variances_of_predictions(columns)
         spread = np.where(new, of_prediction, 1.0 - fit.leverage)
         raw = target - columns @ np.append(fit.unbounded, fit.offsets)
-        spread = np.maximum(spread, numerics.ROUNDING**0.5)
+        spread = np.maximum(spread, numerics.ROUNDOFF**0.5)
         shown = np.where(new, 1.0, spread)
         residual = raw / (noise.deviation * np.sqrt(spread))
         scales = np.array(fit.scales)
@@ -613,7 +615,7 @@ def _residuals(divided: Array, right: Array, noise: Noise, rank: int) -> tuple[A
     def scale_of(r: Array) -> float:
         return max(
             _MAD * float(np.median(np.abs(r))) * correction,
-            numerics.ROUNDING * float(np.abs(right).max(initial=numerics.TINY)),
+            numerics.ROUNDOFF * float(np.abs(right).max(initial=numerics.TINY)),
         )
 
     for loss, factor, rounds in (("soft_l1", 0.1, 2), ("cauchy", _CAUCHY, 3)):

@@ -233,7 +233,7 @@ def _left_out(fit: Fit, row: NDArray[np.intp], postures: NDArray[np.intp]) -> Ar
     for mine in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
         U = solution.basis[mine]
         left = np.eye(len(mine)) - U @ U.T
-        if np.linalg.eigvalsh(left)[0] > numerics.ROUNDING**0.5:
+        if np.linalg.eigvalsh(left)[0] > numerics.ROUNDOFF**0.5:
             answer[mine] = np.linalg.solve(left, r[mine])
     return answer * solution.deviation
 
@@ -273,7 +273,7 @@ def _patterns(
     if not names:
         return ()
     X = (np.stack(columns, axis=1) / solution.deviation[:, None])[kept]
-    least = numerics.ROUNDING**0.25 * np.linalg.norm(X, axis=0)  # else one of the fitted columns
+    least = numerics.ROUNDOFF**0.25 * np.linalg.norm(X, axis=0)  # else one of the fitted columns
     while freedom >= 1:
         X = X - U @ (U.T @ X)
         left = np.linalg.norm(X, axis=0)
@@ -919,7 +919,7 @@ def _cables(result: Identification) -> Iterator[Note]:
     pushed: dict[str, list[int]] = {}
     if isinstance(linear, LinearModel):
         forces, _ = linear.forces_in(written_values(result))
-        least = -numerics.ROUNDING * np.abs(forces).max(initial=0.0)
+        least = -numerics.ROUNDOFF * np.abs(forces).max(initial=0.0)
         for name in names:
             force = forces[:, result.unknowns.elements.index(name)]
             rows = np.unique(linear.observations.row[force < least])

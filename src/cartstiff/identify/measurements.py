@@ -634,7 +634,7 @@ def _postures(
                         expected="a posture that closes the chain",
                     ) from None
                 moved = np.abs(known[key] - row)[mechanism.held].max(initial=0.0)
-                if moved > numerics.NEARBY:  # a rounded table may be off by less
+                if moved > numerics.NEGLIGIBLE_DISTANCE:  # a rounded table may be off by less
                     raise InputError(
                         "the chain closes only if motors or links give way",
                         got=f"{moved:.3g}",

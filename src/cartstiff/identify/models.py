@@ -215,7 +215,7 @@ class LinearModel:
         y, A = self._at(theta)
         for p in self._tensioned:  # the tension, and with it the turning stiffness, changes too
             step = np.zeros(len(theta))
-            step[p] = numerics.WIDE_DIFFERENCE * self.unknowns.sizes[p]
+            step[p] = numerics.WIDE_DIFFERENCE_STEP * self.unknowns.sizes[p]
             A[:, p] = (self._at(theta + step)[0] - self._at(theta - step)[0]) / (2.0 * step[p])
         return y, A
 
@@ -432,7 +432,7 @@ class LoadedModel:
         """
         # Below this share of its natural size a compliance has no visible effect: from there on to
         # zero the prediction follows its derivative.
-        smallest = numerics.STIFFEST * self.unknowns.sizes
+        smallest = numerics.LEAST_COMPLIANCE_SHARE * self.unknowns.sizes
         least = np.where(self.unknowns.is_bounded, smallest, -np.inf)
         inside = np.maximum(theta, least)
         y, A = self._at(inside)

@@ -606,8 +606,8 @@ def _deviations_of(M: Array) -> Array:
     there = size > numerics.RANK * size.max(initial=0.0)
     scale = np.where(there, 1.0 / np.where(there, size, 1.0), 0.0)
     values, vectors = np.linalg.eigh(M * scale[:, None] * scale)
-    good = values > numerics.ROUNDING * values.max()
-    seen = there & (np.linalg.norm(vectors[:, ~good], axis=1) <= numerics.ROUNDING**0.25)
+    good = values > numerics.ROUNDOFF * values.max()
+    seen = there & (np.linalg.norm(vectors[:, ~good], axis=1) <= numerics.ROUNDOFF**0.25)
     spread = scale * np.linalg.norm(vectors[:, good] / np.sqrt(values[good]), axis=1)
     return np.where(seen, spread, np.inf)
 

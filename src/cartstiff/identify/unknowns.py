@@ -137,7 +137,9 @@ class Unknowns:
 
     def mechanism(self, theta: Array) -> ElasticMechanism:
         """The mechanism with these compliances; those at zero become very small."""
-        floor = np.where(self.is_bounded, numerics.CLOSE * np.abs(self.nominal), -np.inf)
+        floor = np.where(
+            self.is_bounded, numerics.NEGLIGIBLE_DIFFERENCE * np.abs(self.nominal), -np.inf
+        )
         theta = np.maximum(theta, floor)
         elastic = self.elements.with_compliance(self.compliance(theta))
         return with_coefficients(elastic, self._coefficients(theta))

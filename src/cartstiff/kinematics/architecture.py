@@ -114,7 +114,7 @@ def _name(platform: Platform) -> str:
         if numerics.rank(spread) < 2 and spread[0] > 0.0:
             return f"all points of the {where} are on a line"
         for four in combinations(range(len(rows)), 4):
-            if np.ptp(rows[list(four)], axis=0).max() <= numerics.NEARBY * spread[0]:
+            if np.ptp(rows[list(four)], axis=0).max() <= numerics.NEGLIGIBLE_DISTANCE * spread[0]:
                 return f"four legs meet in a point of the {where}"
     a, b = _flat(anchors), _flat(points)
     if a is None or b is None:
@@ -122,7 +122,7 @@ def _name(platform: Platform) -> str:
     one = np.ones((len(a), 1))
     if _rank_of(np.hstack([a, one, b])) == 3:
         scale, about = np.linalg.svd(np.linalg.lstsq(a, b, rcond=None)[0])[1], "affine images"
-        if abs(scale[0] - scale[1]) <= numerics.NEARBY * scale[0]:
+        if abs(scale[0] - scale[1]) <= numerics.NEGLIGIBLE_DISTANCE * scale[0]:
             about = "similar"
         return f"of Ma and Angeles' type: base and platform are {about}, on a conic"
     if _is_griffis_duffy(a, b) or _is_griffis_duffy(b, a):
@@ -150,5 +150,5 @@ def _on_sides(points: Array, corners: list[int], others: list[int]) -> bool:
     if numerics.rank(np.linalg.svd(triangle, compute_uv=False)) < 3:
         return False
     shares = np.linalg.solve(triangle.T, np.hstack([points[others], np.ones((3, 1))]).T)
-    zero = np.abs(shares) <= numerics.NEARBY
+    zero = np.abs(shares) <= numerics.NEGLIGIBLE_DISTANCE
     return bool((zero.sum(axis=0) == 1).all() and (zero.sum(axis=1) == 1).all())

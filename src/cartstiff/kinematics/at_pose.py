@@ -111,7 +111,7 @@ def at_pose(
     if chain.legs and (again := search.by_legs(search.at(q).pose)) is not None:
         q = again
     off = _difference(wanted, reached)
-    if np.all(np.abs(off) <= numerics.CLOSE * search.sizes):
+    if np.all(np.abs(off) <= numerics.NEGLIGIBLE_DIFFERENCE * search.sizes):
         return q, ()
     return q, (_note(elastic, wanted, reached, free),)
 
@@ -174,7 +174,7 @@ def _note(elastic: ElasticMechanism, wanted: Array, reached: Array, free: list[i
     units = [elastic.units.length] * 3 + ["rad"] * 3
     follow = [i for i in range(6) if i not in free]
     sizes = np.repeat([np.abs(reached[:3]).max(), 1.0], 3)
-    reached = np.where(np.abs(reached) < numerics.BLANK * sizes, 0.0, reached)
+    reached = np.where(np.abs(reached) < numerics.PRINTED_AS_ZERO * sizes, 0.0, reached)
     shown = [
         f"{COORDINATES[i]} = {reached[i]:.6g} {units[i]} ({wanted[i]:.6g} was given)"
         for i in follow
@@ -239,7 +239,11 @@ class _Search:
         posture = self.at(q)
         gap = np.abs(self._closing(posture)[0]).max(initial=0.0)
         away = np.abs(posture.pose - T).max()
-        return q if max(gap, away) <= numerics.REACHED * max(1.0, posture.length) else None
+        return (
+            q
+            if max(gap, away) <= numerics.CONSTRAINT_TOLERANCE * max(1.0, posture.length)
+            else None
+        )
 
     def _of_legs(self, T: Array) -> Array:
         """Coordinates (N, n) at poses (N, 4, 4) of M in closed form; NaN beyond reach."""
@@ -248,7 +252,7 @@ class _Search:
             with np.errstate(all="ignore"):
                 q[:, leg.columns], error = leg.shape.inverse(T @ leg.T_M_end, mode)
             errors = np.maximum(errors, error)  # NaN stays
-        q[~(errors <= numerics.REACHED)] = np.nan
+        q[~(errors <= numerics.CONSTRAINT_TOLERANCE)] = np.nan
         return q
 
     @cached_property
@@ -259,7 +263,7 @@ class _Search:
     def many_by_legs(self, wanted: Array, free: list[int]) -> Array:
         """Closed form at poses (N, 6); dependent coordinates by Gauss and Newton's method."""
         follow = [i for i in range(6) if i not in free]
-        at, steps = wanted.copy(), numerics.DIFFERENCE * self.sizes
+        at, steps = wanted.copy(), numerics.DIFFERENCE_STEP * self.sizes
         going = np.arange(len(wanted))
 
         def poses(x: Array) -> Array:
@@ -279,17 +283,17 @@ class _Search:
                 ahead, behind = x.copy(), x.copy()
                 ahead[:, i] += steps[i]
                 behind[:, i] -= steps[i]
-                rates.append((gaps(ahead) - gaps(behind)) / (2.0 * numerics.DIFFERENCE))
+                rates.append((gaps(ahead) - gaps(behind)) / (2.0 * numerics.DIFFERENCE_STEP))
             A = np.stack(rates, axis=2)
             known = np.isfinite(A).all(axis=(1, 2)) & np.isfinite(left).all(axis=1)
             going, x, A, left = going[known], x[known], A[known], left[known]
             if not going.size:
                 break
-            step = -(np.linalg.pinv(A, numerics.LEAST_EFFORT) @ left[:, :, None])[:, :, 0]
+            step = -(np.linalg.pinv(A, numerics.LEAST_CLOSURE_RATE) @ left[:, :, None])[:, :, 0]
             long = np.abs(step).max(axis=1, keepdims=True)
             step *= np.minimum(1.0, _LONGEST_LEG_STEP / np.maximum(long, numerics.TINY))
             at[going[:, None], follow] += step * self.sizes[follow]
-            going = going[long[:, 0] > numerics.ROUNDING]
+            going = going[long[:, 0] > numerics.ROUNDOFF]
         return self._of_legs(poses(at))
 
     def many_by_steps(self, legs: list[Leg], wanted: Array, free: list[int]) -> Array | None:
@@ -333,7 +337,9 @@ class _Search:
         every = [list(c) for c in combinations(range(6), count)]
         scores = [float(np.linalg.svd(rates[c], compute_uv=False).min(initial=1.0)) for c in every]
         return next(
-            c for c, s in zip(every, scores, strict=True) if s >= numerics.NEAR * max(scores)
+            c
+            for c, s in zip(every, scores, strict=True)
+            if s >= numerics.NEAR_SINGULARITY * max(scores)
         )
 
     def by_steps(self, wanted: Array, free: list[int]) -> Array | None:
@@ -355,7 +361,7 @@ class _Search:
             retract,
             evaluations=_MAX_STEPS,
             longest_step=2.0 * _LONGEST_LEG_STEP,
-            tolerance=numerics.REACHED,
-            rank=numerics.LEAST_EFFORT,
+            tolerance=numerics.CONSTRAINT_TOLERANCE,
+            rank=numerics.LEAST_CLOSURE_RATE,
         )
-        return posture.q if size <= numerics.REACHED else None
+        return posture.q if size <= numerics.CONSTRAINT_TOLERANCE else None

@@ -84,11 +84,11 @@ class Follower:
             coordinates, stopped = self._platform(self._mechanism, q, T_wanted)
         else:
             coordinates = self._joints(q, T_wanted, turning)
-            stopped = self._beyond(coordinates, np.eye(4), numerics.NEARBY)
+            stopped = self._beyond(coordinates, np.eye(4), numerics.NEGLIGIBLE_DISTANCE)
         posture = self._mechanism.at(coordinates)
         e = pose_errors(posture.pose[None], T_wanted[None], "none", 1.0)[0]
         distance, angle = float(np.linalg.norm(e[3:])), float(np.linalg.norm(e[:3]))
-        reached = max(distance / posture.length, angle) <= numerics.NEARBY
+        reached = max(distance / posture.length, angle) <= numerics.NEGLIGIBLE_DISTANCE
         return Followed(coordinates, distance, angle, reached, () if reached else stopped)
 
     def _joints(self, q: Array, T: Array, turning: bool) -> Array:

@@ -63,7 +63,7 @@ def inverse_kinematics(
     *,
     seed: int = 0,
     free: Free = "none",
-    tolerance: float = numerics.REACHED,
+    tolerance: float = numerics.CONSTRAINT_TOLERANCE,
     limits: bool = True,
     cost: Callable[[Array], Array] | None = None,
     most: int = MOST_LISTED,

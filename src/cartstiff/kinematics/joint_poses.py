@@ -147,7 +147,7 @@ def _axis_frames(screws: Array) -> tuple[Array, NDArray[np.bool_], Array]:
     x /= np.sqrt((x * x).sum(axis=0))
     points = np.where(turns[:, None], _cross(omega.T, v.T).T / size_or_1**2, 0.0)
     slides = np.where(turns, (v * z).sum(axis=1), size)
-    slides[np.abs(slides) < numerics.LAST_DIGITS] = 0.0
+    slides[np.abs(slides) < numerics.ROUNDOFF_OF_SUMS] = 0.0
     return se3.pose(np.stack([x, _cross(z.T, x), z.T]).T, points), turns, slides
 
 
@@ -249,11 +249,11 @@ class PlatformPoses:
         """Changes of the coordinates (N, 6, d) with the free turn, to first order."""
         motions = np.zeros((len(q), 6, dimension))
         if dimension:
-            step = numerics.WIDE_DIFFERENCE * se3.basis_twist("xyz".index(free))
+            step = numerics.WIDE_DIFFERENCE_STEP * se3.basis_twist("xyz".index(free))
             for i, row in enumerate(q):
                 change = self.platform.displaced(row, step) - row
                 motions[i, :, 0] = change - 2 * np.pi * np.round(change / (2 * np.pi))
-        return motions / numerics.WIDE_DIFFERENCE
+        return motions / numerics.WIDE_DIFFERENCE_STEP
 
     def rank(self, free: Free) -> int:
         """Number of conditions that the legs fulfil independently."""
@@ -279,7 +279,7 @@ LONGEST_STEP = 0.7
 # less than this share.
 _SLOW_STEPS, _SLOW = 6, 0.03
 #: Postures nearer than this in every coordinate (rad, or characteristic lengths) are one.
-SAME = numerics.NEARBY
+SAME = numerics.NEGLIGIBLE_DISTANCE
 
 
 def pose_errors(T: Array, T_wanted: Array, free: Free, length: float) -> Array:
@@ -299,7 +299,7 @@ def pose_errors(T: Array, T_wanted: Array, free: Free, length: float) -> Array:
         across = np.cross(axis, wanted)
         sine, cosine = np.linalg.norm(across, axis=1), wanted @ axis
         # Opposite directions: any axis across is possible; it is always the same one.
-        opposite = (sine < numerics.CLOSE) & (cosine < 0)
+        opposite = (sine < numerics.NEGLIGIBLE_DIFFERENCE) & (cosine < 0)
         across[opposite] = np.roll(axis, 1)
         angle = np.arctan2(sine, cosine)
         e[:, :3] = (
@@ -357,7 +357,9 @@ class JointPoses:
         if isinstance(mechanism, Chain) and mechanism.tree.mimic is not None:
             # A mimic joint need not return with its leader.
             turns &= np.abs(mechanism.tree.mimic).sum(axis=0) == 1.0
-        periodic: Array = turns & (self.upper - self.lower >= 2 * np.pi - numerics.CLOSE)
+        periodic: Array = turns & (
+            self.upper - self.lower >= 2 * np.pi - numerics.NEGLIGIBLE_DIFFERENCE
+        )
         return periodic
 
     def narrowed(
@@ -419,7 +421,11 @@ class JointPoses:
         q = np.array(q, float)
         for j in np.flatnonzero(self.periodic):
             # (-pi, pi], as far as the limits allow, so that equal postures have equal numbers.
-            turned = np.pi - np.mod(np.pi - q[:, j] + numerics.CLOSE, 2 * np.pi) + numerics.CLOSE
+            turned = (
+                np.pi
+                - np.mod(np.pi - q[:, j] + numerics.NEGLIGIBLE_DIFFERENCE, 2 * np.pi)
+                + numerics.NEGLIGIBLE_DIFFERENCE
+            )
             low, high = self.lower[j], self.upper[j]
             turned = np.where(turned > high, turned - 2 * np.pi, turned)
             q[:, j] = np.where(turned < low, turned + 2 * np.pi, turned)
@@ -449,7 +455,7 @@ class JointPoses:
         T_wanted: Array,
         starts: Array,
         free: Free = "none",
-        tolerance: float = numerics.REACHED,
+        tolerance: float = numerics.CONSTRAINT_TOLERANCE,
         held: Array | None = None,
     ) -> tuple[Array, Array]:
         """Postures (N, n) from starts (N, n) for poses (N, 4, 4), and which of them are solutions.
@@ -575,7 +581,7 @@ class JointPoses:
         q = self.random_starts(20, np.random.default_rng(0))
         J = self.task(q, np.broadcast_to(np.eye(4), (20, 4, 4)), free)[1]
         values = np.linalg.svd(J, compute_uv=False)
-        return int((values > numerics.USUAL_RANK * values[:, :1]).sum(axis=1).max())
+        return int((values > numerics.USUAL_RANK_RATIO * values[:, :1]).sum(axis=1).max())
 
     def redundancy(self, free: Free) -> int:
         """Dimension of the self-motions at most postures."""
@@ -588,7 +594,9 @@ def _damped(J: Array, e: Array, damping: Array) -> Array:
     M = J @ Jt
     r = M.shape[1]
     trace = np.einsum("nii->n", M)
-    M[:, range(r), range(r)] += (damping + numerics.LAST_DIGITS * trace + numerics.TINY)[:, None]
+    M[:, range(r), range(r)] += (damping + numerics.ROUNDOFF_OF_SUMS * trace + numerics.TINY)[
+        :, None
+    ]
     step: Array = (Jt @ np.linalg.solve(M, e[..., None]))[..., 0]
     return step
 
@@ -598,9 +606,9 @@ def _projections(J: Array, moving: Array) -> Array:
     J = J * moving[:, None, :]
     M = J @ J.swapaxes(1, 2)
     r = M.shape[1]
-    M[:, range(r), range(r)] += (numerics.LAST_DIGITS * np.einsum("nii->n", M) + numerics.TINY)[
-        :, None
-    ]
+    M[:, range(r), range(r)] += (
+        numerics.ROUNDOFF_OF_SUMS * np.einsum("nii->n", M) + numerics.TINY
+    )[:, None]
     P: Array = np.eye(J.shape[2]) * moving[:, None, :] - J.swapaxes(1, 2) @ np.linalg.solve(M, J)
     return P
 

@@ -101,7 +101,7 @@ _FIRST_STEP, _LONGEST_STEP, _LAST_STEP, _MAX_STEPS = 0.2, 0.5, numerics.NEGLIGIB
 # restarts at a slope that remains.
 _FLAT, _NO_SLOPE, _MAX_RESTARTS = 1e-3, numerics.NEGLIGIBLE_SLOPE, 3
 # Half the distance of the postures whose difference of costs gives a slope.
-_DIFFERENCE = numerics.DIFFERENCE
+_DIFFERENCE = numerics.DIFFERENCE_STEP
 
 
 def of_least_cost(
@@ -159,7 +159,7 @@ def of_least_cost(
         trial = np.clip(q - step * sizes, solver.lower, solver.upper)
         trial, good = solver.solve(T, trial, free, tolerance)
         reached = np.where(good, _values(cost, trial), np.inf)
-        better = reached < value - numerics.SUFFICIENT * (slope * step).sum(axis=1)
+        better = reached < value - numerics.SUFFICIENT_DECREASE * (slope * step).sum(axis=1)
         # Without a cost, both senses are tried.
         reach = np.where(better, 1.0, np.where(np.isfinite(value), 0.3, -0.8) * reach)
         moved = np.where(better[:, None], trial - q, 0.0) / sizes
@@ -187,7 +187,7 @@ def _slopes(cost: Callable[[Array], Array], q: Array, value: Array, sizes: Array
 def _updated(inverse: Array, moved: Array, change: Array) -> Array:
     """Inverse Hessians that explain how the slopes have changed, where the cost curves upwards."""
     curved = np.einsum("ni,ni->n", moved, change)
-    upwards = curved > numerics.SADDLE * _length(moved) * _length(change)
+    upwards = curved > numerics.SADDLE_STIFFNESS * _length(moved) * _length(change)
     scale = np.where(upwards, _ratio(1.0, curved), 0.0)
     left = np.eye(moved.shape[1]) - scale[:, None, None] * moved[:, :, None] * change[:, None, :]
     return left @ inverse @ left.swapaxes(1, 2) + scale[:, None, None] * (

@@ -71,12 +71,12 @@ class Placements:
             return ()
         names = []
         for name, x in self._all.items():
-            step = numerics.DIFFERENCE * (1.0 if self.is_angle(name) else length)
+            step = numerics.DIFFERENCE_STEP * (1.0 if self.is_angle(name) else length)
             more, less = (
                 held @ self.with_parameters({name: x + s}).at(self.posture.q).residual
                 for s in (step, -step)
             )
-            gap = np.abs(more - less).max() / (2.0 * numerics.DIFFERENCE)
+            gap = np.abs(more - less).max() / (2.0 * numerics.DIFFERENCE_STEP)
             if gap > numerics.NEGLIGIBLE_STEP * max(1.0, length):
                 names.append(name)
         return tuple(names)

@@ -229,7 +229,7 @@ _FINER = 0.1
 # A path whose parameter is below this is near its end, which is known to the root of it.
 _NEAR_END = 1e-3
 # Ends nearer than this (of unit vectors) are one multiple solution: four paths that meet are known
-# to the fourth root of `numerics.REACHED`.
+# to the fourth root of `numerics.CONSTRAINT_TOLERANCE`.
 _ONE = 3e-3
 # Distance from a multiple solution at which others beside it are sought: there the quadrics of an
 # isolated one, even a fourfold one, are larger than `numerics.MULTIPLE_SOLUTION_RESIDUAL`.
@@ -337,7 +337,7 @@ def poses_of_lengths(platform: Platform, lengths: Array) -> Poses:
     ends, single = _followed(Q)
     x, share = ends.x, rotation_share(ends.x)
     lost = ~single & (ends.at > _NEAR_END)
-    no_pose = ~single & ~lost & (share < numerics.NO_ROTATION)
+    no_pose = ~single & ~lost & (share < numerics.LEAST_ROTATION_SHARE)
     rest = np.flatnonzero(~single & ~no_pose & ~lost)
     moving = np.array([_is_on_curve(Q, x[i]) for i in rest], bool)
     real = _real_points(Q, x[single])
@@ -365,7 +365,7 @@ def _followed(Q: Array) -> tuple[Ends, NDArray[np.bool_]]:
     for way in _WAYS:
         ends = follow(way * start, Q, solutions.copy(), miss)
         sizes = np.linalg.svd(jacobians(Q, ends.x), compute_uv=False)
-        single = (ends.at == 0.0) & (sizes[:, -1] > numerics.USUAL_RANK * sizes[:, 0])
+        single = (ends.at == 0.0) & (sizes[:, -1] > numerics.USUAL_RANK_RATIO * sizes[:, 0])
         if not _coinciding(ends.x[single]) and not np.any(ends.at > _NEAR_END):
             break
         miss *= _FINER
@@ -375,7 +375,7 @@ def _followed(Q: Array) -> tuple[Ends, NDArray[np.bool_]]:
 def _coinciding(x: Complex) -> int:
     """How many of the unit vectors are also in front of themselves in the list."""
     overlap = np.triu(np.abs(x.conj() @ x.T), 1)
-    return int((overlap > 1.0 - 0.5 * numerics.NEARBY**2).any(axis=0).sum())
+    return int((overlap > 1.0 - 0.5 * numerics.NEGLIGIBLE_DISTANCE**2).any(axis=0).sum())
 
 
 def _real(x: Complex) -> Array:
@@ -428,8 +428,12 @@ def _real_on_curve(Q: Array, x: Complex) -> Array:
     """The first real point (1, 8) on curves of solutions that points x lead to, or (0, 8)."""
     for row in x:
         point = _refined(Q, _real(row[None])[0])
-        met = np.abs(values(Q, point[None])).max() < numerics.REACHED
-        if met and rotation_share(point[None])[0] > numerics.NO_ROTATION and _is_on_curve(Q, point):
+        met = np.abs(values(Q, point[None])).max() < numerics.CONSTRAINT_TOLERANCE
+        if (
+            met
+            and rotation_share(point[None])[0] > numerics.LEAST_ROTATION_SHARE
+            and _is_on_curve(Q, point)
+        ):
             return point[None]
     return np.empty((0, 8))
 

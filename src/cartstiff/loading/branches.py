@@ -125,7 +125,7 @@ def _are_equal(model: Any, one: Sequence[int], other: Sequence[int]) -> bool:
     )
     largest = float(sizes.max())
     differ = np.abs(sizes[0] - sizes[1]) > numerics.LOST_ERROR * largest
-    has_shape = largest > numerics.CLOSE or count >= _FEWEST_WITHOUT_LENGTH
+    has_shape = largest > numerics.NEGLIGIBLE_DIFFERENCE or count >= _FEWEST_WITHOUT_LENGTH
     return kinds[0] == kinds[1] and has_shape and not differ.any()
 
 

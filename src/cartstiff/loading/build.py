@@ -79,7 +79,7 @@ from cartstiff.mechanisms.platform import LegLimits, Platform, Struts
 from cartstiff.mechanisms.tree import FixedFrame, KinematicTree
 from cartstiff.mechanisms.tree_building import extended, find_frame, merged, plain_tree
 from cartstiff.notes import Note, assumed_stiffness
-from cartstiff.numerics import NEAR, ZERO, is_regular
+from cartstiff.numerics import NEAR_SINGULARITY, ZERO_SHARE, is_regular
 from cartstiff.potentials.beams import Beam, Section
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.flexure_struts import Flexure, FlexureStruts
@@ -280,7 +280,7 @@ _CANDIDATES_PER_SHARE, _RANGE_SHARES = 32, (0.25, 0.5, 1.0)
 _CANDIDATES_AT_ONCE = 16
 # The candidate closest to zero with at least this ratio is taken: twice the ratio that counts as
 # near a singularity.
-_REGULAR_RATIO = 2.0 * NEAR
+_REGULAR_RATIO = 2.0 * NEAR_SINGULARITY
 # An arm that at zero is at most this far below its base, in characteristic lengths, is taken to
 # stand on a floor.
 _MAX_DEPTH_ON_FLOOR = 0.1
@@ -315,12 +315,12 @@ def regular_posture(chain: Chain, q: Array, *, alone: bool) -> tuple[Array, list
         return numerics.ratios((jacobians * rows * sizes)[..., free])
 
     at_zero = float(ratios(posture.motion.jacobian))
-    if at_zero > NEAR:
+    if at_zero > NEAR_SINGULARITY:
         return q, []
     candidates = _candidates(chain, q, sizes, free).reshape(-1, _CANDIDATES_AT_ONCE, q.size)
 
     def search(floor: float) -> tuple[Array, float]:
-        best, largest = q, max(NEAR, at_zero)
+        best, largest = q, max(NEAR_SINGULARITY, at_zero)
         for few in candidates:
             ratio = ratios(np.array([chain.at(one).motion.jacobian for one in few]))
             if np.isfinite(floor):
@@ -333,12 +333,12 @@ def regular_posture(chain: Chain, q: Array, *, alone: bool) -> tuple[Array, list
                 break
         return best, largest
 
-    best, largest = q, NEAR
+    best, largest = q, NEAR_SINGULARITY
     heights, depth = _heights(chain, q), _MAX_DEPTH_ON_FLOOR * posture.length
     lowest, first = heights.min(), next((z for z in heights if abs(z) > depth), 0.0)
     if lowest > -depth or (alone and first > 0.0):  # the arm stands on a floor
         floor = min(lowest, 0.0) if lowest > -depth else 0.0
-        best, largest = search(floor - numerics.CLOSE)
+        best, largest = search(floor - numerics.NEGLIGIBLE_DIFFERENCE)
     if best is q:
         best, largest = search(-np.inf)
     if best is q:
@@ -509,7 +509,7 @@ def negative_links(springs: Sequence[Potential]) -> list[Note]:
     for spring in springs:
         if isinstance(spring, CoupledSprings):
             values = np.linalg.eigvalsh(spring.matrix)
-            if values[0] < -ZERO * abs(values).max():
+            if values[0] < -ZERO_SHARE * abs(values).max():
                 notes.append(f"link {spring.link}")
     return _negative(notes)
 
@@ -810,7 +810,7 @@ def beams_that_end_elsewhere(soft: Sequence[Potential], chain: Chain) -> list[No
         hung += [place.T_j_f[:3, 3] for place in frames.values() if place.joint == last]
         length = beam.length * len(beam.indices)
         nearest = min(hung, key=np.linalg.norm, default=np.zeros(3))
-        if np.linalg.norm(nearest) <= numerics.NEARBY * length:
+        if np.linalg.norm(nearest) <= numerics.NEGLIGIBLE_DISTANCE * length:
             continue
         x, y, z = nearest + np.array([length, 0.0, 0.0])
         notes.append(
@@ -1449,8 +1449,8 @@ def _checked_inertia(rows: list[list[float]] | None) -> Array:
         raise InputError("inertia is not symmetric", where="key body.inertia", got=inertia.tolist())
     moments = np.linalg.eigvalsh(inertia)
     if (
-        moments[0] < -numerics.CLOSE * moments[2]
-        or moments[0] + moments[1] < (1 - numerics.CLOSE) * moments[2]
+        moments[0] < -numerics.NEGLIGIBLE_DIFFERENCE * moments[2]
+        or moments[0] + moments[1] < (1 - numerics.NEGLIGIBLE_DIFFERENCE) * moments[2]
     ):
         raise InputError(
             "no body has these moments of inertia",

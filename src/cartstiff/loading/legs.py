@@ -76,8 +76,10 @@ def drawn(entry: NamedLegs, T_F_P: Array, leg: str = "") -> list[LegShape]:
         if family == "crank":
             level = np.cross(_Z, axis)
             size = float(np.linalg.norm(level))
-            along = level / size if size > numerics.NEARBY else frames[k][:, 0]
-            if along @ (base[k] * [1.0, 1.0, 0.0]) < -numerics.NEARBY * float(np.abs(base).max()):
+            along = level / size if size > numerics.NEGLIGIBLE_DISTANCE else frames[k][:, 0]
+            if along @ (base[k] * [1.0, 1.0, 0.0]) < -numerics.NEGLIGIBLE_DISTANCE * float(
+                np.abs(base).max()
+            ):
                 along = -along  # at zero a crank points outwards
         shape = LegShape(
             family,
@@ -122,7 +124,9 @@ def _at_home(shape: LegShape, sign: int, name: str, leg: str) -> LegShape:
             got=f"{name}, which is {shape.short_of(B):.3g} too short",
         )
     shape = replace(shape, home=value)
-    if float(np.linalg.norm(B - shape.centre)) <= numerics.NEARBY * float(np.abs(B).max()):
+    if float(np.linalg.norm(B - shape.centre)) <= numerics.NEGLIGIBLE_DISTANCE * float(
+        np.abs(B).max()
+    ):
         raise InputError(f"{name} has no length at the pose", where="key pose")
     n = shape.line
     try:
@@ -140,7 +144,7 @@ def _at_home(shape: LegShape, sign: int, name: str, leg: str) -> LegShape:
         sines.append(abs(float(n @ shape.end_axis)))
     if shape.middle == shape.end and not shape.spins:  # two hinges, or two universal joints
         sines.append(float(np.linalg.norm(np.cross(inner, end_inner))))
-    if (largest := max(sines)) > numerics.NEARBY:
+    if (largest := max(sines)) > numerics.NEGLIGIBLE_DISTANCE:
         raise InputError(
             f"the joints of {name} do not fit together at the pose",
             where="key pose",
@@ -224,7 +228,7 @@ def _directions(
 
 def _radial(p: Array, base: list[Array], where: str) -> Array:
     """Frame at a point with x away from the z axis."""
-    if np.hypot(p[0], p[1]) <= numerics.NEARBY * float(np.abs(base).max()):
+    if np.hypot(p[0], p[1]) <= numerics.NEGLIGIBLE_DISTANCE * float(np.abs(base).max()):
         raise InputError(
             "a joint on the z axis has no radial and no tangential direction",
             where=where,

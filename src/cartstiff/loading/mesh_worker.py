@@ -217,7 +217,7 @@ def corner_normals(corners: NDArray[np.float64]) -> NDArray[np.int8]:
     sizes = np.linalg.norm(areas, axis=1, keepdims=True)
     units = np.divide(areas, sizes, out=np.zeros_like(areas), where=sizes > 0)
     extent = float(np.ptp(corners, axis=0).max()) or 1.0
-    _, at = _distinct(np.round(corners / (numerics.NEARBY * extent)).astype(np.int64))
+    _, at = _distinct(np.round(corners / (numerics.NEGLIGIBLE_DISTANCE * extent)).astype(np.int64))
     order = np.argsort(at, kind="stable")
     counts = np.bincount(at)
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])

@@ -32,7 +32,7 @@ _TYPES = {pin.ContactType.CONTACT_3D: "point", pin.ContactType.CONTACT_6D: "weld
 #: Reference configurations that are the default posture, in this order of preference.
 _HOME_NAMES = ("home", "half_sitting", "standing", "default")
 #: Largest deviation of a quaternion's norm from 1, and of a follower's turn from zero.
-_TOLERANCE = numerics.NEARBY
+_TOLERANCE = numerics.NEGLIGIBLE_DISTANCE
 
 
 def is_pinocchio(source: object) -> bool:

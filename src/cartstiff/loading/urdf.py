@@ -235,7 +235,7 @@ class _Robot:
         if axis is not None and kind in (*_AXIAL_TYPES, "planar"):
             if axis.get("xyz") is None:
                 raise self.refuse(f"{what}: axis has no xyz", expected="<axis xyz=...>")
-            if math.hypot(*_floats(axis, "xyz", "")) < numerics.CLOSE:
+            if math.hypot(*_floats(axis, "xyz", "")) < numerics.NEGLIGIBLE_DIFFERENCE:
                 raise self.refuse(f"{what} has a zero axis")
         return str(kind)
 
@@ -841,7 +841,7 @@ class _Reader:
         if origin.get("rpy") is not None:
             raise self.refuse(f"{place} has both rpy and quat_xyzw", expected="one of them")
         quaternion = np.array(_floats(origin, "quat_xyzw", ""))
-        if np.linalg.norm(quaternion) < numerics.CLOSE:
+        if np.linalg.norm(quaternion) < numerics.NEGLIGIBLE_DIFFERENCE:
             raise self.refuse(f"{place}: quat_xyzw is zero", expected="a rotation")
         del origin.attrib["quat_xyzw"]
         R = pin.Quaternion(quaternion / np.linalg.norm(quaternion)).toRotationMatrix()

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 How = Literal["ratio", "difference"]
 
 # Relative difference of the values of two axes that are the same up to rounding.
-_AXIS_TOLERANCE = numerics.CLOSE
+_AXIS_TOLERANCE = numerics.NEGLIGIBLE_DIFFERENCE
 # Settings of a map, by what its quantity needs: key in the description, and words.
 _SETTINGS_BY_NEED = {
     "length": (("length", "characteristic length"),),

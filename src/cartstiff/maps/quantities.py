@@ -102,7 +102,7 @@ def block_values(
     """
     exists, known = (np.isfinite(matrices).all(axis=(1, 2)) for matrices in (stack, inverse))
     values = numerics.eigenvalues((stack if is_held else inverse)[:, keep, keep])
-    plain = np.asarray(numerics.condition(values) < numerics.PLAIN_BLOCK)
+    plain = np.asarray(numerics.condition(values) < numerics.LARGEST_BLOCK_CONDITION)
     if not is_held:
         values = np.sort(1.0 / values, axis=1)
     values[~exists] = np.nan
@@ -116,7 +116,7 @@ def block_values(
         blocks = own[:, keep, keep]
         size = np.abs(blocks).max(axis=(1, 2))[:, None]
         found = numerics.eigenvalues(blocks if is_held else eliminate_each(own, keep))
-        values[alone] = np.where(np.abs(found) <= numerics.ZERO * size, 0.0, found)
+        values[alone] = np.where(np.abs(found) <= numerics.ZERO_SHARE * size, 0.0, found)
     return values
 
 

@@ -38,10 +38,10 @@ from cartstiff.mechanisms.shapes import Piece
 from cartstiff.mechanisms.tree import WORLD, FixedFrame, KinematicTree, TreeState
 from cartstiff.numerics import (
     ATTAINABLE_PRECISION,
-    CLOSE,
-    LEAST_EFFORT,
-    NEARBY,
-    ROUNDING,
+    LEAST_CLOSURE_RATE,
+    NEGLIGIBLE_DIFFERENCE,
+    NEGLIGIBLE_DISTANCE,
+    ROUNDOFF,
     least_change,
 )
 from cartstiff.potentials.contract import IDENTITY, POSE, Evaluation, SecondOrderMap
@@ -84,15 +84,15 @@ _HALVES = np.repeat(np.eye(2), 3, axis=1)
 def _mean_distance(jacobian: Array, reach: float) -> float | None:
     """Root mean square distance of axes from the origin; None without axes and if all meet it.
 
-    A coordinate that turns the body by less than `NEARBY` has no axis: joints with opposite turns,
-    as in a parallelogram, turn the body by round-off only.
+    A coordinate that turns the body by less than `NEGLIGIBLE_DISTANCE` has no axis: joints with
+    opposite turns, as in a parallelogram, turn the body by round-off only.
     """
     turning, moments = _HALVES.dot(jacobian * jacobian).tolist()
-    axes = [(t, m) for t, m in zip(turning, moments, strict=True) if t > NEARBY**2]
+    axes = [(t, m) for t, m in zip(turning, moments, strict=True) if t > NEGLIGIBLE_DISTANCE**2]
     if not axes:
         return None
     length = sqrt(sum(m for _, m in axes) / sum(t for t, _ in axes))
-    return length if length > CLOSE * (reach + length) else None
+    return length if length > NEGLIGIBLE_DIFFERENCE * (reach + length) else None
 
 
 class ChainPosture(MechanismPosture):
@@ -365,7 +365,7 @@ class Chain(Mechanism):
         *,
         named: Sequence[int] | None = None,
         hold: Sequence[int] | None = None,
-        tolerance: float = ROUNDING,
+        tolerance: float = ROUNDOFF,
     ) -> ChainPosture:
         """Return the posture near `q_start` that satisfies the closures.
 
@@ -465,6 +465,6 @@ class Chain(Mechanism):
             evaluations=100,
             longest_step=LONGEST_STEP,
             tolerance=tolerance,
-            rank=LEAST_EFFORT,
+            rank=LEAST_CLOSURE_RATE,
         )
         return (closed if size <= tolerance else None), iterations, size

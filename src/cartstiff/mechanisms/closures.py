@@ -31,7 +31,7 @@ Near = Callable[[Array], tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]]
 
 _ROWS = {"weld": slice(0, 6), "point": slice(3, 6)}
 # With a smaller residual its Jacobian is that of the relative twist, to rounding.
-_CLOSED = numerics.LAST_DIGITS
+_CLOSED = numerics.ROUNDOFF_OF_SUMS
 
 
 @dataclass(frozen=True)

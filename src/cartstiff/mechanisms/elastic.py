@@ -137,7 +137,7 @@ def spring_torques(
         missing = np.where(known, missing - carried, 0.0)
     worst = int(np.argmax(np.abs(missing)))
     size = max(size, float(np.abs(gradient).max()))
-    if every and abs(missing[worst]) > numerics.BALANCE * size + numerics.ROUNDING:
+    if every and abs(missing[worst]) > numerics.BALANCE_TOLERANCE * size + numerics.ROUNDOFF:
         unit = elastic.units.effort(elastic.mechanism.coordinates[worst].is_length)
         raise InputError(
             f"{elastic.names[worst]} has no spring, but the wrench needs "
@@ -694,7 +694,7 @@ def adjusted(
     moved = [
         (c.name, float(given[j]), float(q[j]), mechanism.units.length if c.is_length else "rad")
         for j, c in enumerate(mechanism.coordinates)
-        if j in meant and abs(q[j] - given[j]) > numerics.CLOSE
+        if j in meant and abs(q[j] - given[j]) > numerics.NEGLIGIBLE_DIFFERENCE
     ]
     if not moved:
         return ()

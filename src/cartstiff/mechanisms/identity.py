@@ -22,7 +22,7 @@ import pinocchio as pin
 from cartstiff import version as own
 from cartstiff.errors import InputError, one_line
 from cartstiff.mechanisms.chain import Description
-from cartstiff.numerics import LAST_DIGITS, UNCOUPLED
+from cartstiff.numerics import ROUNDOFF_OF_SUMS, UNCOUPLED
 
 if TYPE_CHECKING:
     from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -185,7 +185,7 @@ def _difference(a: Any, b: Any, name: str) -> tuple[str, Any, Any] | None:
     if _numeric(a) and _numeric(b) and len(a) == len(b):
         x, y = np.array(a, float), np.array(b, float)
         sizes = np.maximum(np.abs(x), np.abs(y))
-        tolerance = _TOLERANCE * sizes + LAST_DIGITS * sizes.max(initial=0.0)
+        tolerance = _TOLERANCE * sizes + ROUNDOFF_OF_SUMS * sizes.max(initial=0.0)
         return (name, a, b) if np.any(np.abs(x - y) > tolerance) else None
     if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
         pairs = zip(a, b, strict=True)
@@ -236,7 +236,7 @@ class _Fingerprints:
         elif isinstance(value, np.ndarray) and value.dtype.kind == "f":
             largest = float(np.abs(value[np.isfinite(value)]).max(initial=0.0))
             yield f"{value.shape}"
-            yield from (_digits(x, LAST_DIGITS * largest) for x in value.ravel().tolist())
+            yield from (_digits(x, ROUNDOFF_OF_SUMS * largest) for x in value.ravel().tolist())
         elif isinstance(value, (list, tuple, np.ndarray)):
             yield f"{kind.__name__} {len(value)}"
             yield from map(self.of, value)
@@ -278,7 +278,7 @@ def _state(value: Any) -> Any:
 def _token(word: str) -> str:
     """Word of Pinocchio's own text, numbers to ten digits."""
     try:
-        return word if word.lstrip("-").isdigit() else _digits(float(word), LAST_DIGITS)
+        return word if word.lstrip("-").isdigit() else _digits(float(word), ROUNDOFF_OF_SUMS)
     except ValueError:
         return word
 

@@ -46,7 +46,9 @@ def frame_along(first: Array, second: Array) -> Array:
     y = second - (second * x).sum(axis=-1, keepdims=True) * x
     size = np.linalg.norm(y, axis=-1, keepdims=True)
     with np.errstate(invalid="ignore"):
-        y = np.where(size > numerics.CLOSE * np.linalg.norm(second), y / size, np.nan)
+        y = np.where(
+            size > numerics.NEGLIGIBLE_DIFFERENCE * np.linalg.norm(second), y / size, np.nan
+        )
     return np.stack([x, y, np.cross(x, y)], axis=-1)
 
 
@@ -290,7 +292,7 @@ def _across(axis: Array, line: Array) -> tuple[Array, Array]:
     """Two unit vectors across an axis: the nearest to a line, and the one across both."""
     m = line - (line @ axis) * axis
     size = float(np.linalg.norm(m))
-    if size < numerics.NEARBY:
+    if size < numerics.NEGLIGIBLE_DISTANCE:
         raise InputError(
             "the rod lies along an axis of its universal joint", expected="another axis or pose"
         )

@@ -212,7 +212,8 @@ class LegLimits:
         return [
             (i, j)
             for i, j in combinations(range(len(anchors)), 2)
-            if min(np.abs(p[i] - p[j]).max() for p in (anchors, points)) > numerics.NEARBY * size
+            if min(np.abs(p[i] - p[j]).max() for p in (anchors, points))
+            > numerics.NEGLIGIBLE_DISTANCE * size
         ]
 
     def rows(self, anchors: Array, points: Array) -> list[tuple[str, float, float, bool]]:
@@ -263,7 +264,7 @@ class RodLimits:
 
     def __init__(self, legs: Sequence[PlacedLeg]) -> None:
         places = [place for leg in legs for place in (leg.shape.anchor, leg.T_M_end[:3, 3])]
-        same = numerics.NEARBY * float(np.abs(places).max())
+        same = numerics.NEGLIGIBLE_DISTANCE * float(np.abs(places).max())
         self._pairs = []
         for (i, a), (j, b) in combinations(enumerate(legs, start=1), 2):
             ends = np.abs(a.T_M_end[:3, 3] - b.T_M_end[:3, 3]).max()
@@ -620,7 +621,7 @@ class Platform(Mechanism):
             return T @ se3.exp(scale * step)
 
         T, error, _ = numerics.least_change(T, equations, retract, evaluations=60, longest_step=0.3)
-        if error < numerics.CONVERGED:
+        if error < numerics.STALLED_RESIDUAL:
             return self.coordinates_of(T)
         raise ConvergenceError(
             "no pose with these leg lengths found from the start", iterations=60, residual=error

@@ -129,7 +129,7 @@ def superelement_mass(
     # Pseudo-inverse: masses on one line have no moment of inertia about it.
     sizes = numerics.equilibration(whole)
     values, vectors = np.linalg.eigh(whole / np.outer(sizes, sizes))
-    held = values > numerics.IDLE * values[-1]
+    held = values > numerics.FREE_MOTION_STIFFNESS * values[-1]
     vectors = vectors[:, held] / sizes[:, None]
     share = (vectors / values[held]) @ vectors.T @ both
     own = modes.T @ M @ modes

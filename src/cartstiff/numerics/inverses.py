@@ -7,7 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cartstiff.numerics.policy import EPSILON, INVERTIBLE, REPORTED_ERROR, Array, is_symmetric
+from cartstiff.numerics.policy import (
+    EPSILON,
+    LARGEST_INVERTIBLE_CONDITION,
+    REPORTED_ERROR,
+    Array,
+    is_symmetric,
+)
 
 # Largest entry beside a unit diagonal: it costs no more than one or two digits.
 _LARGEST_OFF_DIAGONAL = 10.0
@@ -93,7 +99,7 @@ def invert_each(matrices: Array, sizes: ArrayLike | None = None) -> tuple[Array,
     inverses = inverted(scaled)
     # The product of norms bounds the condition number; it is much cheaper than an SVD.
     bound = np.sqrt(_squares(scaled) * _squares(inverses))
-    known = bound < INVERTIBLE
+    known = bound < LARGEST_INVERTIBLE_CONDITION
     inverses[~known] = np.nan
     return inverses / both, np.where(known, EPSILON * bound, np.inf)
 

@@ -29,24 +29,24 @@ EPSILON: Final = float(np.finfo(float).eps)
 RANK: Final = 1e-10
 #: A singularity is near below this ratio of singular values: stiffnesses, which go with its square,
 #: then differ by more than a factor of 400 between directions.
-NEAR: Final = 0.05
+NEAR_SINGULARITY: Final = 0.05
 #: An eigenvalue below this share of the largest is round-off of a product of a few matrices of
 #: doubles.
-ZERO: Final = 1e-13
+ZERO_SHARE: Final = 1e-13
 #: A motion costs no energy if its stiffness is below this share of the terms in its sum.
-IDLE: Final = 1e-11
+FREE_MOTION_STIFFNESS: Final = 1e-11
 #: An equilibrated matrix is singular above this condition number: all but two digits are gone.
-INVERTIBLE: Final = 1e14
+LARGEST_INVERTIBLE_CONDITION: Final = 1e14
 #: A motion is balanced if the force along it is below this share of the forces in its sum,
-BALANCE: Final = 1e-8
+BALANCE_TOLERANCE: Final = 1e-8
 #: or below that of its springs for a round-off of this size (rad, or shares of the characteristic
 #: length) in the coordinates.
-ROUNDING: Final = 1e-12
+ROUNDOFF: Final = 1e-12
 #: A relative error above this is reported in a note.
 REPORTED_ERROR: Final = 1e-9
 #: Squares of frequencies that differ by less than this share belong to one subspace: any motion in
 #: it has the same frequency to six digits, and single directions are arbitrary.
-REPEATED: Final = 1e-6
+REPEATED_FREQUENCY: Final = 1e-6
 #: A number with a relative error above this does not count: it needs four digits.
 LOST_ERROR: Final = 1e-4
 #: Up to this condition number a stiffness and its inverse together determine all principal values:

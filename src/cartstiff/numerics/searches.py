@@ -7,8 +7,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from cartstiff.numerics.criteria import ATTAINABLE_PRECISION, FUTILE, SMALLEST_STEP
-from cartstiff.numerics.policy import RANK, ROUNDING, Array
+from cartstiff.numerics.criteria import ATTAINABLE_PRECISION, MAX_FUTILE_STEPS, SMALLEST_STEP
+from cartstiff.numerics.policy import RANK, ROUNDOFF, Array
 
 T = TypeVar("T")
 
@@ -20,15 +20,15 @@ def least_change(
     *,
     evaluations: int,
     longest_step: float,
-    tolerance: float = ROUNDING,
+    tolerance: float = ROUNDOFF,
     rank: float = RANK,
     weights: Array | float = 1.0,
 ) -> tuple[T, float, int]:
     """The point near x with the least residual, that residual, and the number of evaluations.
 
     The search ends at `ATTAINABLE_PRECISION`; below `tolerance` once a step no longer halves the
-    residual; after `FUTILE` consecutive whole steps without progress, at a minimum that is not
-    zero; and when steps are too small to change the point.
+    residual; after `MAX_FUTILE_STEPS` consecutive whole steps without progress, at a minimum
+    that is not zero; and when steps are too small to change the point.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def least_change(
         step = weights * np.linalg.lstsq(rates * weights, -residual, rcond=rank)[0]
         largest = float(np.abs(step).max(initial=0.0))
         is_whole = largest < longest_step
-        if not SMALLEST_STEP < largest < np.inf or (futile >= FUTILE and is_whole):
+        if not SMALLEST_STEP < largest < np.inf or (futile >= MAX_FUTILE_STEPS and is_whole):
             break
         x = retract(x, np.asarray(step * min(1.0, longest_step / largest), float))
     return kept, best, seen

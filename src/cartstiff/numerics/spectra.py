@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cartstiff.numerics.criteria import PLAIN_BLOCK
-from cartstiff.numerics.policy import EPSILON, LOST_ERROR, TINY, ZERO, Array
+from cartstiff.numerics.criteria import LARGEST_BLOCK_CONDITION
+from cartstiff.numerics.policy import EPSILON, LOST_ERROR, TINY, ZERO_SHARE, Array
 
 
 def eigenvalues(
@@ -20,7 +20,7 @@ def eigenvalues(
     A matrix M of doubles determines its eigenvalues to about ``EPSILON |M|``, its inverse C their
     inverses to ``EPSILON |C|``: the k largest (by size) are taken from M, the others from C, with
     the k that makes the largest error least. A well-conditioned matrix needs no inverse. Without an
-    inverse, eigenvalues below `ZERO` times the largest become exactly zero.
+    inverse, eigenvalues below `ZERO_SHARE` times the largest become exactly zero.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def eigenvalues(
         return _cleaned(a)
     result = _cleaned(a).reshape(-1, n)
     is_lossy = losses[0] != 1.0
-    todo = np.flatnonzero(is_lossy | ~(condition(result) < PLAIN_BLOCK))
+    todo = np.flatnonzero(is_lossy | ~(condition(result) < LARGEST_BLOCK_CONDITION))
     if not todo.size:
         return result.reshape(a.shape)
     others = np.broadcast_to(np.asarray(inverse, float), (*a.shape, n)).reshape(-1, n, n)[todo]
@@ -92,7 +92,7 @@ def eigenpairs(
 def hold_all_digits(values: Array) -> bool:
     """Whether a matrix with these eigenvalues (n,) alone determines all of them."""
     sizes = [abs(x) for x in values.tolist()]
-    return max(sizes, default=0.0) < PLAIN_BLOCK * min(sizes, default=0.0)
+    return max(sizes, default=0.0) < LARGEST_BLOCK_CONDITION * min(sizes, default=0.0)
 
 
 def number_of_large(a: Array, c: Array) -> tuple[int, float]:
@@ -123,7 +123,7 @@ def _of_symmetric(matrix: ArrayLike) -> Array:
 def _cleaned(values: Array) -> Array:
     """Eigenvalues with round-off of the largest set to zero."""
     size = np.abs(values)
-    return np.where(size <= ZERO * size.max(axis=-1, keepdims=True, initial=0.0), 0.0, values)
+    return np.where(size <= ZERO_SHARE * size.max(axis=-1, keepdims=True, initial=0.0), 0.0, values)
 
 
 def _merged(a: Array, c: Array, losses: tuple[float, float], doubtful: bool) -> Array:

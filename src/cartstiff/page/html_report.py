@@ -267,7 +267,11 @@ def _answer(
             far, angle = (float(np.linalg.norm(way)) for way in (moved, turned))
             least = numerics.REPORTED_ERROR * np.abs(moved).max()
             # A turn that is rounding beside the way is none.
-            angle = angle if angle * state.posture.length > numerics.CLOSE * far else 0.0
+            angle = (
+                angle
+                if angle * state.posture.length > numerics.NEGLIGIBLE_DIFFERENCE * far
+                else 0.0
+            )
             size, unit = sized(far, elastic.units.length)
             along = ", ".join(f"{x / size:+.4g}" if abs(x) > least else "0" for x in moved)
             lines.append(
@@ -445,7 +449,7 @@ def _displacements(elastic: ElasticMechanism, Q: Array, load: _Load) -> Array:
     known: NDArray[np.bool_] = np.asarray(np.isfinite(C).all(axis=(1, 2)))
     C = np.where(known[:, None, None], C, 0.0)
     values = np.linalg.eigvalsh((C + C.swapaxes(1, 2)) / 2)
-    return np.where(known & (values[:, 0] >= -numerics.ROUNDING * values[:, -1]), moved, np.nan)
+    return np.where(known & (values[:, 0] >= -numerics.ROUNDOFF * values[:, -1]), moved, np.nan)
 
 
 def _swept(elastic: ElasticMechanism, start: Array, load: _Load) -> dict[str, tuple[Array, Array]]:
@@ -514,7 +518,7 @@ def _skeleton(elastic: ElasticMechanism, q: Array, load: _Load, moved: Array | N
     if not lines:
         return ""
     every = np.vstack(lines)
-    low, size = every.min(axis=0), max(float(np.ptp(every, axis=0).max()), numerics.ROUNDING)
+    low, size = every.min(axis=0), max(float(np.ptp(every, axis=0).max()), numerics.ROUNDOFF)
     drawn, tip = [], posture.pose[:3, 3]
     arrows = _arrows(load, moved, size)
     flat = [(line - low) / size * 210 for line in lines]
@@ -689,7 +693,7 @@ def _matrix(result: PostureStiffness, load: _Load) -> str:
         pair = (f"rad/({m}) | rad/{f}", f"1/{f} | {x}/{f}")
     if K is None:
         return "<p>Neither stiffness nor compliance exists here; see what is assumed.</p>"
-    small = numerics.BLANK * np.abs(K).max()
+    small = numerics.PRINTED_AS_ZERO * np.abs(K).max()
     rows = [
         [*(f"{0.0 if abs(x) < small else x:.6g}" for x in row), pair[i // 3]]
         for i, row in enumerate(K)

@@ -61,7 +61,7 @@ from cartstiff.vibration.modes import modes
 
 _Work = Generator[None, None, Answer]
 # A coordinate that differs from the wanted one by more, relative to 1 or its size, has moved.
-_REACHED = numerics.CLOSE
+_REACHED = numerics.NEGLIGIBLE_DIFFERENCE
 # A sweep is refined to this share of its first step.
 _FINEST = 64
 

@@ -46,7 +46,7 @@ _TERMS = 20
 # Bounds of the axial force, as a share of the clamped buckling load (under tension: of the shear
 # stiffness); beyond them the force is constant, as in a buckled bar. Forces within the relative
 # distance _AT_BOUND of a bound are at it, as bisection has ended there.
-_LARGEST_SHARE, _AT_BOUND = 0.999, numerics.ROUNDING
+_LARGEST_SHARE, _AT_BOUND = 0.999, numerics.ROUNDOFF
 _MAX_STEPS = 100
 # Least share of the clamped buckling load, and least turn against the chord [rad], for the notes
 # that ask for more segments.
@@ -322,7 +322,10 @@ class Beam(Potential):
             low, high = np.where(missing > 0, N, low), np.where(missing < 0, N, high)
             step = missing / (softness - (s2 * squares).sum(axis=-1))
             # Round-off of the sum, and of N itself.
-            if (np.abs(step) <= numerics.TWO_UNITS * (np.abs(N) + np.abs(u) / softness)).all():
+            if (
+                np.abs(step)
+                <= numerics.TWO_UNITS_IN_LAST_PLACE * (np.abs(N) + np.abs(u) / softness)
+            ).all():
                 break
             following = N + step
             outside = (following < low) | (following > high)

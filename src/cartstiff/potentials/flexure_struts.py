@@ -149,7 +149,7 @@ class FlexureStruts(LineSprings):
         z = along / made[:, None]
         # x is horizontal if possible, so that equal struts about z are symmetric.
         x = np.cross([0.0, 0.0, 1.0], z)
-        upright = np.linalg.norm(x, axis=1) < numerics.NEARBY
+        upright = np.linalg.norm(x, axis=1) < numerics.NEGLIGIBLE_DISTANCE
         x[upright] = [1.0, 0.0, 0.0]
         x -= (x * z).sum(axis=1, keepdims=True) * z
         x /= np.linalg.norm(x, axis=1, keepdims=True)
@@ -253,7 +253,7 @@ class FlexureStruts(LineSprings):
             if gradient is not None:
                 short = gradient - (back @ W[..., None])[..., 0].sum(axis=1)
                 now = np.maximum(now, np.abs(short / W_size[0]).max(axis=1)[:, None])
-            ended = (now >= 0.5 * missed) & (now <= numerics.ROUNDING * whole)
+            ended = (now >= 0.5 * missed) & (now <= numerics.ROUNDOFF * whole)
             ended |= now <= ROUNDINGS * numerics.EPSILON * whole
             # Struts that exert a gradient together must all have converged.
             settled |= ended if gradient is None else ended.all(axis=1, keepdims=True)
@@ -328,7 +328,7 @@ class FlexureStruts(LineSprings):
         at = self.solve(T_a_b, rest, gradient, free)
         again = self.solve(T_a_b, np.where(at.is_found, at.rest_length, rest))
         difference = np.abs(at.wrench - again.wrench)[..., 3:].max(axis=-1)
-        same = difference <= numerics.NEARBY * self.stiffness * self.made
+        same = difference <= numerics.NEGLIGIBLE_DISTANCE * self.stiffness * self.made
         return at._replace(is_found=at.is_found & again.is_found & same)
 
     def evaluate(self, posture: Posture) -> Evaluation:

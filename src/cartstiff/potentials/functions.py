@@ -25,7 +25,7 @@ from cartstiff.potentials.contract import Evaluation, PosePotential, Posture, Po
 
 # Largest difference of derivatives with the full and with half the step, as a share of the
 # Hessian's scale; smooth functions of unit curvature reach 1e-10.
-_AGREEMENT = numerics.AGREEING
+_AGREEMENT = numerics.DERIVATIVE_DISAGREEMENT
 # Largest step of `taylor_check` for which the energy must be finite.
 _FINITE_STEP = 1e-2
 

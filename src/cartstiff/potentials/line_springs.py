@@ -60,7 +60,7 @@ def line_geometry(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
     geometry = lines_of_many(T_a_b, anchors, points)
     size = max(float(np.abs(anchors).max()), float(np.abs(points).max()))
     s = int(np.argmin(geometry.lengths))
-    if geometry.lengths[s] <= numerics.LAST_DIGITS * size:
+    if geometry.lengths[s] <= numerics.ROUNDOFF_OF_SUMS * size:
         raise UndefinedError(
             f"line {s + 1} has zero length: its direction does not exist",
             code="zero-length-line",
@@ -200,7 +200,7 @@ class LineSprings(PosePotential):
         lengths, _, lines = self.geometry(posture)
         if self.unilateral:
             pull = self._pull(lengths)
-            edge = np.abs(pull) <= numerics.CLOSE * np.abs(pull).max(initial=0.0)
+            edge = np.abs(pull) <= numerics.NEGLIGIBLE_DIFFERENCE * np.abs(pull).max(initial=0.0)
             at_edge = [int(i) + 1 for i in np.flatnonzero(edge & self.cables)]
             if at_edge:
                 numbers = ", ".join(map(str, at_edge))
@@ -267,14 +267,14 @@ class LineSprings(PosePotential):
         missing = wanted * scale - matrix @ tensions
         added, _, _, values = np.linalg.lstsq(matrix, missing, rcond=numerics.RANK)
         tensions = tensions + added
-        if numerics.ratio(values) < numerics.NEAR:  # correct the round-off once
+        if numerics.ratio(values) < numerics.NEAR_SINGULARITY:  # correct the round-off once
             missing = wanted * scale - matrix @ tensions
             tensions = tensions + np.linalg.lstsq(matrix, missing, rcond=numerics.RANK)[0]
         missed = np.abs(matrix @ tensions - wanted * scale)
         summed = np.abs(matrix) @ np.abs(tensions) + np.abs(geometry.lines.T * scale[:, None]) @ (
             np.abs(present)
         )
-        limit = numerics.BALANCE * np.abs(gradient * scale).max(initial=0.0)
+        limit = numerics.BALANCE_TOLERANCE * np.abs(gradient * scale).max(initial=0.0)
         if np.any(missed > limit + _SUM_ROUNDOFF * numerics.EPSILON * summed):
             raise InputError(
                 "no tensions of the lines balance this load at this pose",
@@ -371,14 +371,14 @@ def _pulling(matrix: Array, tensions: Array, given: float, cables: Array) -> Arr
     for share in numerics.TAUT_SHARES:
         short = ((share * mean - tensions) / size)[cables]
         if N.shape[1] == 0:
-            if (short <= numerics.BALANCE).all():
+            if (short <= numerics.BALANCE_TOLERANCE).all():
                 return np.where(cables, np.maximum(tensions, 0.0), tensions)
             continue
         u, _ = nnls(np.vstack([N[cables].T, short]), np.append(np.zeros(N.shape[1]), 1.0))
         r = np.append(N[cables].T @ u, short @ u - 1.0)
-        if not -r[-1] > numerics.BALANCE:
+        if not -r[-1] > numerics.BALANCE_TOLERANCE:
             continue
         found = tensions + size * (N @ (-r[:-1] / r[-1]))
-        if found[cables].min() >= -numerics.BALANCE * size:
+        if found[cables].min() >= -numerics.BALANCE_TOLERANCE * size:
             return np.where(cables, np.maximum(found, 0.0), found)
     return -np.ones(matrix.shape[1])

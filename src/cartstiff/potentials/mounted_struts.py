@@ -130,7 +130,7 @@ class MountedStruts(FlexureStruts):
         settled = np.zeros(len(T), bool)
         for _ in range(_MAX_STEPS):
             pulled = _pulled(self._row(T, q, W).J, W) @ compliance
-            settled = abs(pulled - q).max(axis=1) <= numerics.ROUNDING * np.abs(pulled).max(axis=1)
+            settled = abs(pulled - q).max(axis=1) <= numerics.ROUNDOFF * np.abs(pulled).max(axis=1)
             q = pulled
             if settled.all() or not np.isfinite(q).all():
                 break
@@ -151,7 +151,7 @@ class MountedStruts(FlexureStruts):
             gap = se3.log(se3.inverse(at.base @ at.T @ at.tip) @ T)
             right = np.hstack([pull, gap]) * sizes
             now = np.abs(right).max(axis=-1)
-            settled |= (now >= 0.5 * missed) & (now <= numerics.ROUNDING * whole)
+            settled |= (now >= 0.5 * missed) & (now <= numerics.ROUNDOFF * whole)
             settled |= now <= ROUNDINGS * numerics.EPSILON * whole
             if np.all(settled | ~np.isfinite(now)):
                 break

@@ -99,7 +99,7 @@ class PolynomialLaw(SpringLaw):
         """Real root of smallest size of ``law(x) = torque``."""
         roots = np.polynomial.polynomial.Polynomial([-torque, *self.coefficients]).roots()
         size = 1.0 + float(np.abs(roots).max(initial=0.0))
-        real = roots.real[np.abs(roots.imag) < numerics.CLOSE * size]
+        real = roots.real[np.abs(roots.imag) < numerics.NEGLIGIBLE_DIFFERENCE * size]
         if real.size == 0:
             raise InputError("polynomial spring never reaches the torque", got=f"{torque:.6g}")
         x = float(real[np.argmin(np.abs(real))])

@@ -74,11 +74,11 @@ def closed_from(
             posture = fixed.closed(row, hold=())
         except ConvergenceError:
             continue
-        if np.abs(posture.q[held] - q[held]).max() > numerics.NEARBY:
+        if np.abs(posture.q[held] - q[held]).max() > numerics.NEGLIGIBLE_DISTANCE:
             continue  # closed only by leaving the actuators' positions
         place = chain.tree.at(posture.q).joint_poses([*range(1, chain.tree.model.njoints)])
         where = np.append(place[:, :3, 3].ravel(), posture.pose[:3].ravel())
-        unit = numerics.NEARBY * max(1.0, posture.length)
+        unit = numerics.NEGLIGIBLE_DISTANCE * max(1.0, posture.length)
         if all(np.abs(where - other).max() > unit for other in places):
             places.append(where)
             closed.append(np.array(posture.q))
@@ -188,7 +188,7 @@ class AssemblyMode(ShownInLines):
             return None
         scale = np.repeat([self.result.posture.length, 1.0], 3)
         values = numerics.eigenvalues(0.5 * (C + C.T) * np.outer(scale, scale))
-        return bool(values[0] >= -numerics.ZERO * max(values[-1], 0.0))
+        return bool(values[0] >= -numerics.ZERO_SHARE * max(values[-1], 0.0))
 
     @cached_property
     def determinant(self) -> float | None:

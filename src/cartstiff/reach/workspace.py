@@ -447,7 +447,7 @@ class Margins(PoseMargins):
         change = (np.linalg.pinv(A, rcond=numerics.RANK) @ missing[..., None])[..., 0]
         left = np.abs((A @ change[..., None])[..., 0] - missing).max(axis=1)
         size = np.abs(missing).max(axis=1) + np.abs(A @ middle).max(axis=1)
-        carried = left <= numerics.BALANCE * size
+        carried = left <= numerics.BALANCE_TOLERANCE * size
         return np.where(carried[:, None], middle + change, np.inf)
 
     def distribution(self, pose: Array) -> dict[str, Any]:
@@ -740,7 +740,7 @@ def columns_inside(
     if not len(boundary):
         return Columns(0.0, np.empty((0, 2)), 0.0, 0)
     low, high = boundary.min(axis=0), boundary.max(axis=0)
-    wide = np.maximum(high - low, numerics.NEARBY * reach)
+    wide = np.maximum(high - low, numerics.NEGLIGIBLE_DISTANCE * reach)
     low, high = low - 0.03 * wide, high + 0.03 * wide
     poses, n = 0, count * count
     for _ in range(_WIDENINGS):
@@ -824,7 +824,7 @@ Determinant = Callable[[Array], Array]
 # Search for the nearest singular pose: bisections on rays, Newton steps and starts.
 _BISECTIONS, _STEPS, _STARTS = 40, 60, 48
 # Step of the difference quotients of the determinant, as a share of the characteristic length.
-_STEP = numerics.DIFFERENCE
+_STEP = numerics.DIFFERENCE_STEP
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,7 +64,9 @@ def describe(
         "Posture",
     ]
     # Round-off of coordinates as a share of their sizes, larger for those of a closed chain.
-    noise = numerics.BLANK if result.posture.closure is None else numerics.CONVERGED
+    noise = (
+        numerics.PRINTED_AS_ZERO if result.posture.closure is None else numerics.STALLED_RESIDUAL
+    )
     sizes = [result.posture.length if c.is_length else 1.0 for c in mechanism.coordinates]
     q = np.where(np.abs(result.q) <= noise * np.array(sizes), 0.0, result.q)
     for coordinate, value in zip(mechanism.coordinates, q, strict=True):
@@ -129,7 +131,7 @@ def _potential_of_loads(result: PostureStiffness) -> float:
         energy, gradient, _ = term.evaluate(result.posture)
         total += energy
         works += float(np.abs(gradient * result.posture.coordinate_lengths).max(initial=0.0))
-    return 0.0 if abs(total) <= numerics.BLANK * works else total
+    return 0.0 if abs(total) <= numerics.PRINTED_AS_ZERO * works else total
 
 
 def load_lines(result: PostureStiffness, at_rest: bool = False) -> list[str]:
@@ -198,7 +200,7 @@ def _reachable(result: PostureStiffness, at_rest: bool) -> list[str]:
 
 _FREEDOMS = {"translation": "rotation", "rotation": "translation"}
 # Ratio of squared sizes below which principal values are round-off.
-_SQUARED_ROUNDOFF = numerics.ZERO**2 / numerics.BLANK
+_SQUARED_ROUNDOFF = numerics.ZERO_SHARE**2 / numerics.PRINTED_AS_ZERO
 _FREE_OF_ASYMMETRIC = '  "free" comes from the symmetric part of its inverse: motion along a force'
 _DEFINITE = {"positive": "positive definite", "negative": "negative definite"}
 
@@ -487,7 +489,7 @@ def _indices(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
 
 def _difference(value: float, share: float) -> str:
     """Format a difference; 0 if its share is round-off."""
-    return number(0.0 if abs(share) < numerics.BLANK else value, 3)
+    return number(0.0 if abs(share) < numerics.PRINTED_AS_ZERO else value, 3)
 
 
 def _connections(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
@@ -569,7 +571,10 @@ def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
         # A compliant link turns and moves: its elongation has no single unit.
         unit = "" if s["is_length"] is None else u.length if s["is_length"] else angle
         own = s[first]
-        if s["is_length"] is not None and abs(own) < numerics.BLANK * sizes[s["is_length"]]:
+        if (
+            s["is_length"] is not None
+            and abs(own) < numerics.PRINTED_AS_ZERO * sizes[s["is_length"]]
+        ):
             own = 0.0
         moved = own * (turn if unit == angle else 1.0)
         if first == "motion":
@@ -579,7 +584,7 @@ def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
             last = effort and f"{number(0.0 if own == 0.0 else s['force'])} {effort}"
         rows.append([s["name"], number(moved), unit, _share(s["share"]), last])
     lines += [f"  shares {meaning}", *table(titles, rows)]
-    if d["kind"] == "springs" and abs(d["load_share"] or 0.0) > numerics.CLOSE:
+    if d["kind"] == "springs" and abs(d["load_share"] or 0.0) > numerics.NEGLIGIBLE_DIFFERENCE:
         lines.append(
             f"  the rest, {percent(d['load_share'])}, is what the load and other potentials "
             "take or give"
@@ -597,7 +602,7 @@ def _wrench(w: list[float], u: Units) -> str:
     force, moment = w[3:], w[:3]
     if any(force) or not any(moment):
         parts.append(f"force {vector(force, 4)} {u.force}")
-    if max(map(abs, moment)) > numerics.BLANK * max(map(abs, force)):
+    if max(map(abs, moment)) > numerics.PRINTED_AS_ZERO * max(map(abs, force)):
         parts.append(f"moment {vector(moment, 4)} {u.moment}")
     return " and ".join(parts)
 
@@ -664,7 +669,7 @@ def _are_repeated(numbers: Mapping[str, Any], prefix: str) -> bool:
     if not prefix.endswith("eigenvalues"):
         return False
     a, b, c = (numbers.get(f"{prefix}[{i}]", {}).get("nominal", float("nan")) for i in range(3))
-    return min(b - a, c - b) <= numerics.NEARBY * max(abs(a), abs(c))
+    return min(b - a, c - b) <= numerics.NEGLIGIBLE_DISTANCE * max(abs(a), abs(c))
 
 
 # Columns of a spread, and their digits.
@@ -745,7 +750,7 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
 
 def _axis_cells(a: Mapping[str, Any], size: float) -> list[str]:
     pitch = a["pitch"]
-    if pitch is not None and abs(pitch) < numerics.BLANK * size:
+    if pitch is not None and abs(pitch) < numerics.PRINTED_AS_ZERO * size:
         pitch = 0.0
     return [number(pitch, 5, "infinite"), row(a["direction"], 4, COSINES), row(a["point"], 4, size)]
 

@@ -425,7 +425,7 @@ def load_of_mujoco(result: PostureStiffness, parent: str) -> tuple[list[str], li
     length, force = convert_length(result.elastic.units, SI)
     at = np.array(load.at)
     m, f = (W[:3] - np.cross(at, W[3:])) * force * length, W[3:] * force
-    if load.kind == "conservative" and np.abs(m).max() > numerics.ROUNDING * np.abs(W).max():
+    if load.kind == "conservative" and np.abs(m).max() > numerics.ROUNDOFF * np.abs(W).max():
         raise InputError(
             "MuJoCo has no moment that turns by half",
             where="--load-kind",
@@ -583,7 +583,7 @@ def _in_room(result: PostureStiffness, K: Array) -> Array:
     turned = np.kron(np.eye(2), result.pose[:3, :3])
     in_room = turned @ K @ turned.T
     size = np.sqrt(np.abs(np.diag(in_room)))
-    noise = np.abs(in_room) <= numerics.ROUNDING * np.outer(size, size)
+    noise = np.abs(in_room) <= numerics.ROUNDOFF * np.outer(size, size)
     return np.where(noise, 0.0, 0.5 * (in_room + in_room.T))
 
 

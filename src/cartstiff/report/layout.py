@@ -15,7 +15,7 @@ from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.notes import Note
 
 #: Size for the round-off of components of unit vectors, so that those below 1e-9 are shown as 0.
-COSINES = numerics.REPORTED_ERROR / numerics.BLANK
+COSINES = numerics.REPORTED_ERROR / numerics.PRINTED_AS_ZERO
 
 
 def note_lines(notes: Iterable[Note]) -> list[str]:
@@ -28,14 +28,14 @@ def number(x: float | None, digits: int = 5, missing: str = "-", size: float = 0
     """Format a number, "-" if it does not exist; 0 if it is round-off of a size."""
     if x is None:
         return missing
-    return f"{0.0 if x == 0 or abs(x) < numerics.BLANK * size else x:.{digits}g}"
+    return f"{0.0 if x == 0 or abs(x) < numerics.PRINTED_AS_ZERO * size else x:.{digits}g}"
 
 
 def percent(x: float | None) -> str:
     """Format a share in per cent; 0 if it is round-off, "-" if it does not exist."""
     if x is None or not math.isfinite(x):
         return "-"
-    shown = f"{0.0 if abs(x) < numerics.BLANK else 100.0 * x:.2g}"
+    shown = f"{0.0 if abs(x) < numerics.PRINTED_AS_ZERO else 100.0 * x:.2g}"
     return f"{float(shown):g} %"
 
 
@@ -90,7 +90,7 @@ def placed(T: Array, unit: str) -> str:
     parts = []
     if size > 0.0:
         parts.append(f"at {vector(T[:3, 3], 6, size)} {unit}")
-    if np.abs(turned).max() > numerics.BLANK:
+    if np.abs(turned).max() > numerics.PRINTED_AS_ZERO:
         parts.append(f"turned by roll, pitch, yaw {vector(turned, 6, 1.0)} deg")
     return ", ".join(parts)
 

@@ -96,7 +96,7 @@ def _frequencies(modes: Modes, unloaded: Modes | None) -> list[str]:
 
 
 def _zero_roundoff(masses: np.ndarray, total: float) -> list[float]:
-    return [0.0 if abs(m) < numerics.CLOSE * total else float(m) for m in masses]
+    return [0.0 if abs(m) < numerics.NEGLIGIBLE_DIFFERENCE * total else float(m) for m in masses]
 
 
 #: Largest number of coordinates whose shares are all shown.
@@ -131,7 +131,9 @@ def _axes(modes: Modes) -> list[str]:
             point = vector(screw.point, size=size)
             words = f"about {vector(screw.direction, size=COSINES)} through {point}, pitch "
             reach = max(size, float(np.linalg.norm(screw.point)))
-            words += number(screw.pitch if abs(screw.pitch) > numerics.BLANK * reach else 0.0, 3)
+            words += number(
+                screw.pitch if abs(screw.pitch) > numerics.PRINTED_AS_ZERO * reach else 0.0, 3
+            )
         lines.append(f"  {i + 1:>3}  {words}")
     return lines
 

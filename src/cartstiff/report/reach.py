@@ -112,7 +112,7 @@ def _place(mode: AssemblyMode, elastic: ElasticMechanism) -> list[float]:
     else:
         q = np.append(mode.pose[:3, 3], se3.roll_pitch_yaw(mode.pose))
     sizes = np.repeat([elastic.mechanism.at(mode.q).length, 1.0], 3)
-    q = np.where(np.abs(q) < numerics.BLANK * sizes, 0.0, q)
+    q = np.where(np.abs(q) < numerics.PRINTED_AS_ZERO * sizes, 0.0, q)
     if isinstance(elastic.mechanism, Platform):
         return shown(elastic, q).tolist()
     q[3:] *= elastic.units.shown_per_radian

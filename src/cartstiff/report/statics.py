@@ -32,7 +32,7 @@ _STABLE = {
 
 
 def _sizes(posture: MechanismPosture) -> tuple[float, float]:
-    """Sizes of turns (rad) and lengths for the round-off of coordinates, a share `numerics.BLANK`.
+    """Sizes of turns (rad) and lengths, of which `numerics.PRINTED_AS_ZERO` is round-off.
 
     Closures are satisfied to more digits than single coordinates.
     """
@@ -336,7 +336,7 @@ def draw_error_along_path(path: CompensatedPath) -> Any:
     for axis, (part, unit, name, per) in zip(axes, parts, strict=True):
         for errors, label in ((path.before, "before"), (path.after, "after")):
             # A logarithmic axis has no zero: the round-off of poses takes its place.
-            least = numerics.ROUNDING * (size if unit == units.length else 1.0)
+            least = numerics.ROUNDOFF * (size if unit == units.length else 1.0)
             error = np.maximum(np.linalg.norm(errors[:, part], axis=1), least)
             axis.semilogy(points, per * error, "o-", markersize=3, label=label)
         axis.set_ylabel(f"{name} error [{unit}]")

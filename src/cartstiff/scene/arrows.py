@@ -170,7 +170,7 @@ class DeflectionPicture:
 
 
 # Force times the size of the picture, and moments, below this share of each other.
-_ROUNDING = numerics.CLOSE
+_ROUNDING = numerics.NEGLIGIBLE_DIFFERENCE
 
 
 def add_wrench(

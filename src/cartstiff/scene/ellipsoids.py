@@ -201,7 +201,7 @@ def _reason(shape: Ellipsoid, unit: str) -> str:
     kind = shape.definiteness
     low = number(float(shape.eigenvalues[0]), unit)
     if kind == "positive semidefinite":
-        size = numerics.ZERO * float(np.abs(shape.eigenvalues).max())
+        size = numerics.ZERO_SHARE * float(np.abs(shape.eigenvalues).max())
         zeros = int(np.sum(np.abs(shape.eigenvalues) <= size))
         return _FLAT[max(1, zeros)]
     if kind == "zero":

@@ -141,7 +141,7 @@ class PlatformPicture:
             self._body["plate"].set_object(flat)
         else:
             for i, point in enumerate(platform.points):
-                if np.linalg.norm(point) > numerics.NEARBY * size:
+                if np.linalg.norm(point) > numerics.NEGLIGIBLE_DISTANCE * size:
                     rod = self._body[f"rod {i + 1}"]
                     rod.set_object(objects.rod(radius, *theme.shade(look.plate, ghost)))
                     rod.set_transform(objects.segment(np.zeros(3), point))
@@ -210,7 +210,10 @@ def _edges(corners: Array, colour: int) -> objects.Object | None:
     ends = []
     for face, neighbours in enumerate(hull.neighbors):
         for corner, other in enumerate(neighbours):
-            bent = hull.equations[face, :3] @ hull.equations[other, :3] < 1 - numerics.CLOSE
+            bent = (
+                hull.equations[face, :3] @ hull.equations[other, :3]
+                < 1 - numerics.NEGLIGIBLE_DIFFERENCE
+            )
             if other > face and bent:
                 ends += [hull.points[v] for k, v in enumerate(hull.simplices[face]) if k != corner]
     return objects.lines(np.array(ends), colour) if ends else None

@@ -283,7 +283,7 @@ def segment_columns(start: list[float], end: list[float]) -> tuple[list[float], 
         x, y, z = axes_along(a, b, c, length)
     else:
         x, y, z = [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]
-    stretched = max(length, numerics.CLOSE)
+    stretched = max(length, numerics.NEGLIGIBLE_DIFFERENCE)
     return [stretched * c for c in x], y, z
 
 
@@ -396,7 +396,7 @@ def plate(corners: Array, thickness: float, colour: int, opacity: float) -> Obje
     centre = corners.mean(axis=0)
     _, sizes, axes = np.linalg.svd(corners - centre, full_matrices=True)
     sizes = np.append(sizes, [0.0] * (3 - len(sizes)))
-    if not sizes[1] > numerics.NEARBY * sizes[0]:
+    if not sizes[1] > numerics.NEGLIGIBLE_DISTANCE * sizes[0]:
         return None
     if sizes[2] < 1e-3 * sizes[0]:
         normal = axes[2] * (0.5 * thickness)

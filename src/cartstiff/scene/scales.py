@@ -24,9 +24,9 @@ def round_number(x: float) -> float:
     lead = x / 10.0**power
     step = (
         5.0
-        if lead >= 5 * (1 - numerics.ROUNDING)
+        if lead >= 5 * (1 - numerics.ROUNDOFF)
         else 2.0
-        if lead >= 2 * (1 - numerics.ROUNDING)
+        if lead >= 2 * (1 - numerics.ROUNDOFF)
         else 1.0
     )
     return float(f"{step}e{power}")
@@ -170,7 +170,7 @@ def _bounded_largest(sizes: list[float]) -> float:
 
 def _smallest(sizes: list[float]) -> float:
     """The smallest value; round-off beside the largest counts as zero and has no length."""
-    return min(v for v in sizes if v > numerics.ZERO * max(sizes))
+    return min(v for v in sizes if v > numerics.ZERO_SHARE * max(sizes))
 
 
 Scale = Linear | Root | Logarithmic

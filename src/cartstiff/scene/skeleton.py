@@ -77,7 +77,7 @@ def skeleton(chain: Chain, lines: tuple[LineSprings, ...] = ()) -> Skeleton:
     count = model.njoints
     parents = [int(p) for p in model.parents]
     at = [np.array(T.homogeneous) for T in model.jointPlacements]
-    scale = max([float(np.linalg.norm(T[:3, 3])) for T in at] + [numerics.CLOSE])
+    scale = max([float(np.linalg.norm(T[:3, 3])) for T in at] + [numerics.NEGLIGIBLE_DIFFERENCE])
     names = [str(model.names[j]) for j in range(count)]
     virtual = {j for j in range(1, count) if j - 1 in chain.virtual}
     prismatic = [
@@ -111,7 +111,7 @@ def skeleton(chain: Chain, lines: tuple[LineSprings, ...] = ()) -> Skeleton:
                 if placed.joint == joint and frame != "world":
                     ends += list(anchors @ placed.T_j_f[:3, :3].T + placed.T_j_f[:3, 3])
         for end in ends:
-            if np.linalg.norm(end) > numerics.NEARBY * scale:
+            if np.linalg.norm(end) > numerics.NEGLIGIBLE_DISTANCE * scale:
                 result.bones.append(Bone(joint, np.zeros(3), end))
     for joint in range(1, count):
         if joint in virtual or joint in free:
@@ -120,7 +120,7 @@ def skeleton(chain: Chain, lines: tuple[LineSprings, ...] = ()) -> Skeleton:
         shared = any(
             j not in virtual | free
             and not prismatic[j]
-            and np.linalg.norm(at[max(j, joint)][:3, 3]) <= numerics.CLOSE * scale
+            and np.linalg.norm(at[max(j, joint)][:3, 3]) <= numerics.NEGLIGIBLE_DIFFERENCE * scale
             for j in near
         )
         axis = _axis(model.joints[joint])

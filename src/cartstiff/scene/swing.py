@@ -15,7 +15,7 @@ from cartstiff.scene.mechanism import extent
 from cartstiff.vibration.modes import Modes
 
 # Largest turn (rad) of a joint that is drawn, and the step (natural units) of the first guess.
-_TURN, _STEP = 0.5, numerics.WIDE_DIFFERENCE
+_TURN, _STEP = 0.5, numerics.WIDE_DIFFERENCE_STEP
 
 
 @dataclass(frozen=True, eq=False)

@@ -202,7 +202,7 @@ def _driven(mechanism: Any, q: Array, steps: Mapping[int, float]) -> Array:
     held = sorted(mechanism.rigid | mechanism.virtual)
     assembled = mechanism.closed(wanted, hold=held).q
     gap = float(np.abs(assembled - wanted)[list(steps)].max())
-    if gap > numerics.CLOSE:
+    if gap > numerics.NEGLIGIBLE_DIFFERENCE:
         raise InputError(
             "the machine cannot follow its rigid drives there",
             where="command",

@@ -37,7 +37,7 @@ from cartstiff.mechanisms.elastic import (
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.notes import Note
-from cartstiff.numerics import IDLE
+from cartstiff.numerics import FREE_MOTION_STIFFNESS
 from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.statics.held import Held, displacement_between, shown_displacements
 from cartstiff.statics.newton import solve
@@ -181,7 +181,7 @@ class LoadPath:
         row = float(np.abs(along).max()) or 1.0
         matrix = np.block([[balance.scaled, (pushed / column)[:, None]], [along / row]])
         scaled = np.append(per * right[:-1], right[-1] / row)
-        solved = np.linalg.lstsq(matrix, scaled, rcond=numerics.LAST_DIGITS)[0]
+        solved = np.linalg.lstsq(matrix, scaled, rcond=numerics.ROUNDOFF_OF_SUMS)[0]
         return np.append(per * solved[:-1], solved[-1] / column)
 
     def step(self, start: CurvePoint, size: float, direction: Array | None = None) -> CurvePoint:
@@ -365,7 +365,7 @@ def _bracketed(
 
     states = [start, end]
     # A share of this motion's own stiffness, not of the stiffest one's.
-    zero = numerics.LAST_DIGITS * max(abs(measure(start)), abs(measure(end)))
+    zero = numerics.ROUNDOFF_OF_SUMS * max(abs(measure(start)), abs(measure(end)))
 
     def value(distance: float) -> float:
         if 0.0 < distance < size:
@@ -472,8 +472,8 @@ class LoadCurve(Result):
         length = self.elastic.mechanism.at(self.q[0]).length
         columns = []
         for part, smallest in (
-            (slice(0, 3), numerics.BLANK),
-            (slice(3, 6), numerics.BLANK * length),
+            (slice(0, 3), numerics.PRINTED_AS_ZERO),
+            (slice(3, 6), numerics.PRINTED_AS_ZERO * length),
         ):
             off = np.linalg.norm((self.linear - self.displacement)[:, part], axis=1)
             size = np.linalg.norm(self.displacement[:, part], axis=1)
@@ -687,9 +687,9 @@ def _linear_rate(origin: CurvePoint, path: LoadPath) -> Array:
     """Displacement (6,) per unit of the factor, by the compliance at the start."""
     posture, balance = origin.point.posture, origin.balance
     values = np.linalg.svd(balance.scaled, compute_uv=False)
-    if values.size and not values[-1] > numerics.ROUNDING * values[0]:
+    if values.size and not values[-1] > numerics.ROUNDOFF * values[0]:
         return np.full(6, np.nan)
-    y = -balance.solved(origin.push / path.span, numerics.ROUNDING)
+    y = -balance.solved(origin.push / path.span, numerics.ROUNDOFF)
     twist = posture.motion.jacobian @ (origin.balance.motion(y) * posture.coordinate_lengths)
     R = posture.pose[:3, :3]
     return np.concatenate([R @ twist[:3], R @ twist[3:]])
@@ -745,13 +745,13 @@ def _is_elsewhere(here: CurvePoint, there: CurvePoint, found: list[CriticalPoint
     """
     limits = [c for c in found if c.kind == "limit"]
     turns = here.direction[-1] * there.direction[-1] < 0.0
-    is_none = any(abs(c.eigenvalue) > numerics.NEARBY for c in limits)
+    is_none = any(abs(c.eigenvalue) > numerics.NEGLIGIBLE_DISTANCE for c in limits)
     return bool(limits) and (is_none or turns != bool(len(limits) % 2))
 
 
 def _is_singular(state: CurvePoint) -> bool:
     values = np.abs(state.eigenvalues)
-    return bool(values.size and values.min() <= numerics.CLOSE * values.max())
+    return bool(values.size and values.min() <= numerics.NEGLIGIBLE_DIFFERENCE * values.max())
 
 
 def _advance(path: LoadPath, here: CurvePoint, size: float) -> tuple[CurvePoint, float] | None:
@@ -790,7 +790,7 @@ def _verdict(state: CurvePoint) -> bool | None:
     if not state.is_conservative:
         return False if is_unstable(state.balance, state.vibrations) else None
     scaled = state.balance.modes[0]
-    if np.abs(scaled).min(initial=np.inf) <= IDLE:
+    if np.abs(scaled).min(initial=np.inf) <= FREE_MOTION_STIFFNESS:
         return None
     return bool(np.all(scaled > 0.0))
 

@@ -249,7 +249,7 @@ def _along_its_curve(system: System, q: Array, iterations: int, settle: bool) ->
     """
     try:
         ratio = system.at(q).stiffness_ratio
-        if not (system.loads and ratio > numerics.STIFF):
+        if not (system.loads and ratio > numerics.SLOWING_STIFFNESS_RATIO):
             return None
         curve = load_curve(
             system.elastic, q, *system.loads, held=system.held, points=_MAX_CURVE_POINTS

@@ -37,12 +37,12 @@ _HALVINGS = 30
 _MAX_STALLED_STEPS = 40
 # Steps of the watchdog, and the ratio of stiffnesses from which on it is used: elsewhere such steps
 # may lead to another equilibrium.
-_WATCHDOG_STEPS, _WATCHDOG_RATIO = 3, numerics.STIFF
+_WATCHDOG_STEPS, _WATCHDOG_RATIO = 3, numerics.SLOWING_STIFFNESS_RATIO
 # Cap of the first step and of any, and the largest turn of one step [rad].
 _FIRST_CAP, _LARGEST_CAP, _LARGEST_TURN = 0.3, 1e18, 1.0
-_SUFFICIENT, _ROUNDING = numerics.SUFFICIENT, numerics.LEAST_ENERGY_DECREASE
+_SUFFICIENT, _ROUNDING = numerics.SUFFICIENT_DECREASE, numerics.LEAST_ENERGY_DECREASE
 # Shares of a motion's stiffness scale: the least stiffness of a step, and a saddle's least slope.
-_SOFTEST, _SADDLE = numerics.SOFTEST, numerics.SADDLE
+_SOFTEST, _SADDLE = numerics.LEAST_STEP_STIFFNESS, numerics.SADDLE_STIFFNESS
 
 
 @dataclass(slots=True, eq=False)
@@ -181,7 +181,9 @@ class _Iteration:
             return self.met_saddle
         way = self.system.displacement(self.start, self.point)
         sizes = [float(np.linalg.norm(each)) for each in (way, self.predicted)]
-        return float(np.linalg.norm(way - self.predicted)) > max(0.5 * max(sizes), numerics.NEARBY)
+        return float(np.linalg.norm(way - self.predicted)) > max(
+            0.5 * max(sizes), numerics.NEGLIGIBLE_DISTANCE
+        )
 
     def _suspicion(self) -> str:
         """A likely reason why no equilibrium was found."""
@@ -194,7 +196,7 @@ class _Iteration:
             soft = np.diag(self.point.stiffness_scale)
             softest = int(np.where(soft > 0.0, soft, np.inf).argmin())
             return f"nothing holds {self.system.elastic.names[softest]!r} against the load"
-        if self.system.loads and ratio > numerics.STIFF:
+        if self.system.loads and ratio > numerics.SLOWING_STIFFNESS_RATIO:
             return f"stiffnesses differ by a factor {ratio:.0e}, which holds the search back"
         if self.system.loads:
             return "the load may be beyond what the mechanism carries"

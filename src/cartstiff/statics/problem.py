@@ -35,7 +35,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, limit_notes, limits_of
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.notes import Note
-from cartstiff.numerics import EPSILON, IDLE, eigenvalues, invert
+from cartstiff.numerics import EPSILON, FREE_MOTION_STIFFNESS, eigenvalues, invert
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Evaluation, Potential, SecondOrderMap
 from cartstiff.potentials.flexure_struts import FlexureStruts
@@ -280,7 +280,10 @@ def _rests_at(elastic: ElasticMechanism, start: MechanismPosture) -> bool:
         return True
     energy, lengths = elastic.evaluate(start), start.coordinate_lengths
     stiffness = np.abs(energy.hessian * np.outer(lengths, lengths)).max(initial=0.0)
-    return bool(np.abs(energy.gradient * lengths).max(initial=0.0) <= numerics.CLOSE * stiffness)
+    return bool(
+        np.abs(energy.gradient * lengths).max(initial=0.0)
+        <= numerics.NEGLIGIBLE_DIFFERENCE * stiffness
+    )
 
 
 def notes_at_start(mechanism: Mechanism, start: MechanismPosture, acting: Limits) -> list[Note]:
@@ -486,7 +489,7 @@ class System:
             A = to_constraints.jacobian * columns / units[:, None]
             closed = decompose(A)
             N, follow = closed.N, list(range(len(g)))
-            if is_graded := self._spread > numerics.FAR:
+            if is_graded := self._spread > numerics.HALF_DIGITS_STIFFNESS_RATIO:
                 # Stiff joints are the independent ones: their forces are none of the closures.
                 N, leading = numerics.stiffness_scaled_basis(N, np.abs(H).max(axis=0), closed.V)
                 follow = sorted(set(follow) - set(leading.tolist()))
@@ -517,7 +520,7 @@ class System:
             g, H, forces = N.T @ g, N.T @ H @ N, np.abs(N.T) @ forces
             scale = np.abs(H)
             lost = len(g) * EPSILON * float(point.stiffness_scale.max(initial=0.0))
-            own = np.maximum(np.diag(scale), lost / IDLE)
+            own = np.maximum(np.diag(scale), lost / FREE_MOTION_STIFFNESS)
             own_rounding = self._rounding_stiffness(point.posture, lines, N) * reach
         own = np.maximum(
             own, max(numerics.FREE_STIFFNESS_SHARE * float(own.max(initial=0.0)), numerics.TINY)
@@ -548,9 +551,9 @@ class System:
         Stiff lines would hide soft motions in rounding. None if no line is much stiffer than
         another, or if the lengths do not determine the body's motions.
         """
-        if parts is None or not 0.0 < float(parts[1].min()) * numerics.STIFF < float(
-            parts[1].max()
-        ):
+        if parts is None or not 0.0 < float(
+            parts[1].min()
+        ) * numerics.SLOWING_STIFFNESS_RATIO < float(parts[1].max()):
             return None
         lines, k, rest = parts
         for load in self.loads:
@@ -583,7 +586,10 @@ class System:
         """
         if point.posture.coordinates_are_pose:
             return False
-        return not self.elastic.potentials or point.stiffness_ratio > numerics.FAR
+        return (
+            not self.elastic.potentials
+            or point.stiffness_ratio > numerics.HALF_DIGITS_STIFFNESS_RATIO
+        )
 
     @cached_property
     def _farthest_anchor(self) -> float:
@@ -684,7 +690,7 @@ class System:
             longest_step=_LONGEST_RETRACTION,
             weights=self._step_weights,
         )
-        if size <= numerics.REACHED:
+        if size <= numerics.CONSTRAINT_TOLERANCE:
             return posture.q
         kinds = ("closures", posture.closure), ("held displacement", self.held)
         what = [name for name, one in kinds if one is not None] + ["limits"] * bool(contacts)

@@ -32,7 +32,7 @@ from cartstiff.mechanisms.identified import CompliancePattern
 from cartstiff.mechanisms.limits import deflection_notes, force_notes, limit_notes, limits_of
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
-from cartstiff.numerics import IDLE
+from cartstiff.numerics import FREE_MOTION_STIFFNESS
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Load
 from cartstiff.potentials.springs import JointSprings
@@ -81,7 +81,7 @@ def motion_under_forces(posture: MechanismPosture, balance: Balance, forces: Arr
     if balance.free is not None:
         right = balance.free.T @ right
     per = 1.0 / np.sqrt(balance.stiffness_scale)[:, None]
-    y = per * np.linalg.lstsq(balance.scaled, per * right, rcond=numerics.ZERO)[0]
+    y = per * np.linalg.lstsq(balance.scaled, per * right, rcond=numerics.ZERO_SHARE)[0]
     return np.asarray(columns * balance.motion(y))
 
 
@@ -210,7 +210,7 @@ def _by_energy(balance: Balance, is_anywhere: bool) -> tuple[bool | None, None, 
     No verdict if the rounding leaves the posture open.
     """
     scaled, modes = balance.modes
-    zero = max(IDLE, balance.undecided)
+    zero = max(FREE_MOTION_STIFFNESS, balance.undecided)
     if not is_anywhere and (scaled > zero).all():
         return True, None, []
     facts: dict[str, object] = {"eigenvalues": spectrum(balance, conservative=True).tolist()}
@@ -281,7 +281,7 @@ def _unresolved(point: Point, balance: Balance, start: MechanismPosture) -> list
     most = float(errors.max())
     away = np.abs(point.q - start.q) / point.posture.coordinate_lengths
     # The rounding includes the farthest anchor, up to twice as far away as the body.
-    if most <= max(2.0 * numerics.ROUNDING, numerics.LOST_ERROR * float(away.max())):
+    if most <= max(2.0 * numerics.ROUNDOFF, numerics.LOST_ERROR * float(away.max())):
         return []
     known = "are not known at all"
     if most < 1.0:
@@ -442,7 +442,7 @@ class Equilibrium(Result, ShownInLines):
         if curve.reason == "factor-reached":
             end = system.at(curve.q[-1])
             away = np.abs(system.displacement(end, self._solution.point)).max(initial=0.0)
-            if away > numerics.NEARBY:
+            if away > numerics.NEGLIGIBLE_DISTANCE:
                 words = "the loads, put on gradually, lead to another equilibrium than this one"
                 return [Note("other-equilibrium", words, {"q": end.q.tolist()})]
         return []
@@ -491,11 +491,16 @@ class Equilibrium(Result, ShownInLines):
         if self.stable is not None or not self.is_conservative or not balance.stiffness.size:
             return False
         values, modes = balance.modes
-        free = balance.motion(modes[:, np.abs(values) <= max(numerics.IDLE, balance.undecided)])
+        free = balance.motion(
+            modes[:, np.abs(values) <= max(numerics.FREE_MOTION_STIFFNESS, balance.undecided)]
+        )
         lengths = self.posture.coordinate_lengths[:, None]
         body = self.posture.motion.jacobian @ (lengths * free)
         body[3:] /= self.posture.length
-        return bool(np.abs(body).max(initial=0.0) > numerics.CLOSE * np.abs(free).max(initial=0.0))
+        return bool(
+            np.abs(body).max(initial=0.0)
+            > numerics.NEGLIGIBLE_DIFFERENCE * np.abs(free).max(initial=0.0)
+        )
 
     @cached_property
     def displacement_deviation(self) -> Array | None:

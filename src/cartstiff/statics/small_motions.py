@@ -37,7 +37,7 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture, Units, convert_length
 from cartstiff.notes import Note
-from cartstiff.numerics import IDLE
+from cartstiff.numerics import FREE_MOTION_STIFFNESS
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import DeadForce, Scaled
 from cartstiff.statics.problem import Balance, Point
@@ -87,7 +87,9 @@ def divergence(balance: Balance) -> Array | None:
     scaled = balance.scaled
     if not scaled.size or not np.linalg.slogdet(scaled)[0] < 0.0:
         return None
-    if not np.linalg.svd(scaled, compute_uv=False)[-1] > max(IDLE, balance.undecided):
+    if not np.linalg.svd(scaled, compute_uv=False)[-1] > max(
+        FREE_MOTION_STIFFNESS, balance.undecided
+    ):
         return None
     values, vectors = np.linalg.eig(scaled)
     real = np.where(values.imag == 0.0, values.real, np.inf)
@@ -100,7 +102,7 @@ def unstable_up_to(balance: Balance) -> float:
 
     Infinite if it is unstable with any masses, 0 if no statement is made; see the module.
     """
-    zero = max(IDLE, balance.undecided)
+    zero = max(FREE_MOTION_STIFFNESS, balance.undecided)
     values = balance.modes[0]
     if not values.size or values[0] >= -zero:
         return 0.0
@@ -150,9 +152,11 @@ def vibrations(
     length, force = convert_length(Units(), units)  # energies F L over kg L^2
     if spectrum.is_complex:
         growing = "flutter"
-        first = int(np.flatnonzero(np.abs(squares.imag) > numerics.COMPLEX * np.abs(squares))[0])
+        first = int(
+            np.flatnonzero(np.abs(squares.imag) > numerics.COMPLEX_SHARE * np.abs(squares))[0]
+        )
         frequency = float(np.sqrt(squares[first] * length / force).real / (2 * np.pi))
-    elif squares[0] < -IDLE * float(np.abs(squares).max()):
+    elif squares[0] < -FREE_MOTION_STIFFNESS * float(np.abs(squares).max()):
         growing = "divergence"
     mode = balance.motion(modes[:, first].real)
     return Vibrations(squares * length / force, mode / np.linalg.norm(mode), growing, frequency)
@@ -233,7 +237,7 @@ def spectrum_of(
         M, symmetric and positive semidefinite.
     terms : ndarray, shape (f, f)
         Sum of the absolute terms of each entry of K: a motion costs no energy if its stiffness is
-        below `numerics.IDLE` times these.
+        below `numerics.FREE_MOTION_STIFFNESS` times these.
     mass_terms : ndarray, shape (f, f), optional
         The same for M; default M itself.
     """
@@ -246,7 +250,7 @@ def spectrum_of(
         if loose.shape[1] and T.shape[1]:
             # An entry of a semidefinite matrix is at most the root of its two diagonal ones.
             size = np.sqrt(np.einsum("ij,ik,kj->j", np.abs(T), terms, np.abs(T)))
-            least = np.sqrt(numerics.IDLE * float(np.diag(terms).max())) * size
+            least = np.sqrt(numerics.FREE_MOTION_STIFFNESS * float(np.diag(terms).max())) * size
             across = np.hstack([T.T @ stiffness @ loose, T.T @ stiffness.T @ unmoved])
             coupled = bool((np.abs(across) > least[:, None]).any())
         if Z.shape[1]:
@@ -260,7 +264,9 @@ def spectrum_of(
         lost = f * numerics.EPSILON * float(np.abs(squares).max(initial=0.0))
     size = np.abs(vectors)
     cost = np.einsum("ij,ij->j", size, terms @ size)
-    squares = np.where(np.abs(squares) <= np.maximum(numerics.IDLE * cost, lost), 0.0, squares)
+    squares = np.where(
+        np.abs(squares) <= np.maximum(numerics.FREE_MOTION_STIFFNESS * cost, lost), 0.0, squares
+    )
     return Spectrum(squares, vectors, left, Z, quick, loose, coupled)
 
 
@@ -273,7 +279,7 @@ def _massive(stiffness: Array, terms: Array, mass: Array, size: Array) -> tuple[
     sizes = np.sqrt(np.diag(mass).clip(min=0.0))
     if len(mass) and (sizes > 0.0).all():  # a mass on every motion, known to its digits
         inertias, axes = np.linalg.eigh(mass / np.outer(sizes, sizes))
-        if inertias[0] > numerics.CLOSE * inertias[-1]:
+        if inertias[0] > numerics.NEGLIGIBLE_DIFFERENCE * inertias[-1]:
             return axes / np.sqrt(inertias) / sizes[:, None], np.zeros((len(mass), 0))
     left, found = _metric(stiffness, terms), []
     # Rounding of M: of each sum, and of the cancellation if an axis runs through a body's centre.
@@ -282,7 +288,7 @@ def _massive(stiffness: Array, terms: Array, mass: Array, size: Array) -> tuple[
         inertias, axes = np.linalg.eigh(left.T @ mass @ left)
         own = left @ axes
         rounding = np.einsum("ij,ik,kj->j", np.abs(own), size, np.abs(own))
-        heavy = inertias > numerics.NEARBY * inertias[-1]
+        heavy = inertias > numerics.NEGLIGIBLE_DISTANCE * inertias[-1]
         heavy &= inertias > len(mass) * numerics.EPSILON * rounding
         if not heavy.any():
             break
@@ -297,7 +303,11 @@ def _metric(stiffness: Array, terms: Array) -> Array:
     scaled = stiffness / size[:, None] / size
     values, axes = np.linalg.eigh(0.5 * (scaled + scaled.T))
     values = np.abs(values)
-    return axes / np.sqrt(np.where(values > numerics.IDLE, values, 1.0)) / size[:, None]
+    return (
+        axes
+        / np.sqrt(np.where(values > numerics.FREE_MOTION_STIFFNESS, values, 1.0))
+        / size[:, None]
+    )
 
 
 def _condensed(stiffness: Array, terms: Array, Z: Array) -> tuple[Array, Array, Array, Array]:
@@ -309,7 +319,7 @@ def _condensed(stiffness: Array, terms: Array, Z: Array) -> tuple[Array, Array, 
     size = np.sqrt(np.einsum("ij,ik,kj->j", np.abs(Z), terms, np.abs(Z)))
     Z = Z / np.where(size > 0.0, size, 1.0)
     U, values, Vt = np.linalg.svd(Z.T @ stiffness @ Z)
-    left, right, free = Z @ U, Z @ Vt.T, values <= numerics.IDLE
+    left, right, free = Z @ U, Z @ Vt.T, values <= numerics.FREE_MOTION_STIFFNESS
     quick = (right[:, ~free] / values[~free]) @ left[:, ~free].T
     loose, unmoved = (own[:, free] / np.linalg.norm(own[:, free], axis=0) for own in (right, left))
     return right[:, ~free], loose, unmoved, quick
@@ -327,7 +337,7 @@ def _symmetric_pairs(
     values, y = np.linalg.eigh(reduced)
     size = np.abs(values)
     lost = len(values) * numerics.EPSILON * float(size.max(initial=0.0))
-    if size.size and size.min() < numerics.FAR_APART * size.max():
+    if size.size and size.min() < numerics.SMALL_FREQUENCY_RATIO * size.max():
         inverse, free, held = numerics.invert(stiffness), size <= lost, 0.0
         if inverse is None and free.any():
             # Below all others, so that none is mixed with them.
@@ -347,7 +357,7 @@ def _pairs(reduced: Array, T: Array, back: Array) -> tuple[Array, Array, Array]:
     squares, y = np.linalg.eig(reduced)
     order = np.argsort(squares.real, kind="stable")
     squares, y = squares[order], y[:, order]
-    if not (np.abs(squares.imag) > numerics.COMPLEX * np.abs(squares)).any():
+    if not (np.abs(squares.imag) > numerics.COMPLEX_SHARE * np.abs(squares)).any():
         squares, y = squares.real, y.real
     y = y / np.linalg.norm(y, axis=0)
     try:

@@ -77,9 +77,9 @@ def irregular(
     curvatures = (closure.curvature(nu) for nu in lost.T)
     forms = [N.T @ (curvature * columns[:, None] * columns) @ N for curvature in curvatures]
     size = max(float(np.abs(form).max(initial=0.0)) for form in forms)
-    if size <= numerics.VANISHING * max(1.0, float(values.max(initial=0.0))):
+    if size <= numerics.VANISHING_FORM * max(1.0, float(values.max(initial=0.0))):
         return None
-    forms = [form for form in forms if np.abs(form).max() > numerics.VANISHING * size]
+    forms = [form for form in forms if np.abs(form).max() > numerics.VANISHING_FORM * size]
     root = _common_root(np.array(forms) / size)
     numbers: dict[str, object] = {
         "rank": rank,
@@ -122,8 +122,8 @@ def _common_root(forms: Array) -> Array | None:
         for _ in range(30):
             images = forms @ x
             residual = images @ x
-            if np.abs(residual).max() < numerics.CLOSE:
+            if np.abs(residual).max() < numerics.NEGLIGIBLE_DIFFERENCE:
                 return x
-            x = x - np.linalg.lstsq(2 * images, residual, rcond=numerics.ROUNDING)[0]
+            x = x - np.linalg.lstsq(2 * images, residual, rcond=numerics.ROUNDOFF)[0]
             x = x / max(float(np.linalg.norm(x)), numerics.TINY)
     return None

@@ -26,8 +26,9 @@ class FreeMotions:
         H_L on them.
     terms : ndarray, shape (f, f)
         Sizes of the terms in the sum of each entry of `hessian`. A motion with all entries below
-        `IDLE` times these costs no energy: those of its column (no force changes along it) or of
-        its row (no force works on it), which differ if there is no energy.
+        `FREE_MOTION_STIFFNESS` times these costs no energy: those of its column
+        (no force changes along it) or of its row (no force works on it), which differ if there is
+        no energy.
     basis : ndarray, shape (n, f), or None
         The motions; None if they are the coordinates themselves.
     is_symmetric : bool
@@ -82,9 +83,11 @@ class FreeMotions:
             H = np.concatenate([H, in_basis[None]])
         inverses, errors = numerics.invert_each(H)
         if loss > errors[-1]:
-            errors[-1] = loss if loss < numerics.EPSILON * numerics.INVERTIBLE else np.inf
+            errors[-1] = (
+                loss if loss < numerics.EPSILON * numerics.LARGEST_INVERTIBLE_CONDITION else np.inf
+            )
         terms = self.terms + np.abs(J.T) @ np.abs(changes) @ np.abs(J)
-        is_idle = np.abs(H[:count]) <= numerics.IDLE * terms
+        is_idle = np.abs(H[:count]) <= numerics.FREE_MOTION_STIFFNESS * terms
         errors[:count][(is_idle.all(axis=1) | is_idle.all(axis=2)).any(axis=1)] = np.inf
         basis = self._by_lengths if errors.max() > numerics.REPORTED_ERROR else None
         if basis is None:

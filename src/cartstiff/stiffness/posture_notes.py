@@ -78,7 +78,7 @@ def notes_on_digits(
     if K is not None and compliance is not None:
         error = error_of_soft_directions(K, compliance.matrix)
         if error > numerics.REPORTED_ERROR:
-            is_near = numerics.ratio(reduction.singular_values) < numerics.NEAR
+            is_near = numerics.ratio(reduction.singular_values) < numerics.NEAR_SINGULARITY
             words = "so near to a singularity" if is_near else "with springs so far apart"
             known = _known(error)
             notes.append(
@@ -171,7 +171,7 @@ def error_of_chosen_forces(
 
 def near_serial(posture: MechanismPosture, values: Array, rank: int = 6) -> list[Note]:
     """Note on a near serial singularity, from singular values of the scaled Jacobian of a rank."""
-    if rank == 0 or not values[rank - 1] < numerics.NEAR * values[0]:
+    if rank == 0 or not values[rank - 1] < numerics.NEAR_SINGULARITY * values[0]:
         return []
     return [
         Note(
@@ -187,11 +187,11 @@ def near_constraint(reduction: Reduction) -> list[Note]:
     """Note on singular values of closures that are neither zero nor clearly different from zero.
 
     The cause is axes that are not quite parallel, or a near bifurcation. A chain counts as closed
-    within `ROUNDING`, which leaves motions of that divided by such a value.
+    within `ROUNDOFF`, which leaves motions of that divided by such a value.
     """
     values = np.zeros(0) if reduction.closures is None else reduction.closures
     shares = values / max(float(values.max(initial=0.0)), numerics.TINY)
-    doubtful = shares[(shares > numerics.LAST_DIGITS) & (shares < numerics.LOST_ERROR)]
+    doubtful = shares[(shares > numerics.ROUNDOFF_OF_SUMS) & (shares < numerics.LOST_ERROR)]
     if not doubtful.size:
         return []
     held, least = int((doubtful > numerics.RANK).sum()), float(doubtful.min())
@@ -206,7 +206,7 @@ def near_constraint(reduction: Reduction) -> list[Note]:
                 "singular_values": values.tolist(),
                 "held": held,
                 "free": doubtful.size - held,
-                "unresolved": numerics.ROUNDING / least,
+                "unresolved": numerics.ROUNDOFF / least,
             },
         )
     ]
@@ -232,12 +232,12 @@ def near_actuation_singularity(
         return []
     _, values, motions = np.linalg.svd(rates)
     each = values.tolist()
-    if not each[-1] < numerics.NEAR * each[0]:
+    if not each[-1] < numerics.NEAR_SINGULARITY * each[0]:
         return []
     if free is not None:
         motions = motions @ free.T
     is_lost = each[-1] <= numerics.RANK * each[0]
-    limit, weak = (numerics.RANK if is_lost else numerics.NEAR) * each[0], 1
+    limit, weak = (numerics.RANK if is_lost else numerics.NEAR_SINGULARITY) * each[0], 1
     while weak < len(each) and each[-1 - weak] <= limit:
         weak += 1
     return [

@@ -268,8 +268,10 @@ def _reduced(
         missed = N.T @ (J.T @ asked - g)
         size = np.abs(N.T) @ (np.abs(J.T) @ np.abs(asked) + np.abs(g))
         # Rates that should be zero have the round-off of the others.
-        rounded = numerics.LAST_DIGITS * (np.abs(J).max() * np.abs(asked).sum() + np.abs(g).max())
-        roundoff = np.abs(N.T) @ (rounded + numerics.ROUNDING * stiff)
+        rounded = numerics.ROUNDOFF_OF_SUMS * (
+            np.abs(J).max() * np.abs(asked).sum() + np.abs(g).max()
+        )
+        roundoff = np.abs(N.T) @ (rounded + numerics.ROUNDOFF * stiff)
         if np.all(np.abs(missed) <= numerics.NEGLIGIBLE_FORCE * size + roundoff):
             w = asked
         else:
@@ -293,7 +295,7 @@ def _reduced(
         uncertain = force_roundoff(g, stiff)
         outward = np.abs(U) @ (np.abs(to_output.T) @ (np.abs(Y.T) @ uncertain))
         least += outward.sum() + lam.size * uncertain[follow].max(initial=0.0)
-    terms = sum(map(np.abs, parts)) + least / numerics.IDLE
+    terms = sum(map(np.abs, parts)) + least / numerics.FREE_MOTION_STIFFNESS
 
     if rank < len(rows):
         missing = lost * rows[:, None]
@@ -323,7 +325,7 @@ def _reduced(
         Z, inner = held
         S = Y.T @ H_L @ Y
         size = np.abs(Y)
-        idle = (np.abs(S) <= numerics.IDLE * (size.T @ terms @ size)).all(axis=1)
+        idle = (np.abs(S) <= numerics.FREE_MOTION_STIFFNESS * (size.T @ terms @ size)).all(axis=1)
         S[idle], S[:, idle] = 0.0, 0.0  # remove the round-off of motions that cost no energy
         if Z.shape[1]:
             S = S - (Y.T @ H_L @ Z) @ inner @ (Z.T @ H_L @ Y)
@@ -377,7 +379,7 @@ def _reduced(
 def _is_unbalanced(Z: Array, g: Array, stiff: Array) -> bool:
     """Whether the work of the forces g (n,) along self-motions Z (n, k) exceeds round-off."""
     size, forces = np.abs(Z), np.abs(g)
-    most = size.T @ (numerics.BALANCE * forces + numerics.ROUNDING * stiff)
+    most = size.T @ (numerics.BALANCE_TOLERANCE * forces + numerics.ROUNDOFF * stiff)
     # Entries of Z below `RANK` may be missing, and with them the forces there.
     most += size.max(axis=0) * (numerics.RANK * forces.sum())
     return bool((np.abs(Z.T @ g) > most).any())
@@ -405,7 +407,7 @@ def _held_self_motions(
     unit = every[:, Y.shape[1] :]
     block = unit.T @ H @ unit
     eigenvalues, modes = np.linalg.eigh(0.5 * (block + block.T))
-    idle = np.abs(eigenvalues) <= numerics.IDLE
+    idle = np.abs(eigenvalues) <= numerics.FREE_MOTION_STIFFNESS
     if np.any(eigenvalues[~idle] < 0.0):
         block = along.T @ H @ along
         stiffness, modes = np.linalg.eigh(0.5 * (block + block.T))
@@ -424,7 +426,7 @@ def _held_self_motions(
     if idle.any():
         Z0 = unit @ modes[:, idle]
         # An entry of a semidefinite matrix is at most the root of its two diagonal ones.
-        coupled = bool(np.abs(every.T @ H @ Z0).max() > np.sqrt(numerics.IDLE))
+        coupled = bool(np.abs(every.T @ H @ Z0).max() > np.sqrt(numerics.FREE_MOTION_STIFFNESS))
         Z0 = Z0 / np.linalg.norm(Z0, axis=0)
         states.append(
             Note(

@@ -39,7 +39,7 @@ def without_cancelled(sums: Array, K: Array, changes: Array, rows: Array) -> Arr
     for axis in (-1, -2):
         left = np.abs(sums / units).max(axis=axis, keepdims=True)
         size = (np.abs(K / units) + np.abs(changes / units)).max(axis=axis, keepdims=True)
-        sums = np.where(left <= numerics.LAST_DIGITS * size, 0.0, sums)
+        sums = np.where(left <= numerics.ROUNDOFF_OF_SUMS * size, 0.0, sums)
     return sums
 
 
@@ -57,7 +57,7 @@ def symmetric_part(matrix: Array, energy: Evaluation) -> Array:
 
 def force_roundoff(gradient: Array, stiffness: Array) -> Array:
     """Part of each generalised force that round-off of its coordinate may cause."""
-    return np.minimum(np.abs(gradient), numerics.ROUNDING * stiffness)
+    return np.minimum(np.abs(gradient), numerics.ROUNDOFF * stiffness)
 
 
 def exceeds_roundoff(wrench: Array, jacobian: Array, hessian: Array, sizes: Array) -> bool:
@@ -69,7 +69,7 @@ def exceeds_roundoff(wrench: Array, jacobian: Array, hessian: Array, sizes: Arra
     stiffness = np.abs(hessian * (sizes[:, None] * sizes)).max(axis=0, initial=0.0).tolist()
     most = max(stiffness, default=0.0)  # also for coordinates without a spring
     return any(
-        torque > numerics.ROUNDING * (k or most)
+        torque > numerics.ROUNDOFF * (k or most)
         for torque, k in zip(torques, stiffness, strict=True)
     )
 
@@ -77,7 +77,7 @@ def exceeds_roundoff(wrench: Array, jacobian: Array, hessian: Array, sizes: Arra
 def shown_wrench(wrench: Array, hessian: Array | None, sizes: Array, length: float) -> Array:
     """A wrench (6,) with round-off in its moment and force set to 0.
 
-    Round-off is the torque of the springs for a rotation by `numerics.ROUNDING`, and that share of
+    Round-off is the torque of the springs for a rotation by `numerics.ROUNDOFF`, and that share of
     the largest component, a force being multiplied by the characteristic length.
     """
     stiffest = 0.0
@@ -85,7 +85,7 @@ def shown_wrench(wrench: Array, hessian: Array | None, sizes: Array, length: flo
         stiffest = float(np.abs(hessian * (sizes[:, None] * sizes)).max(initial=0.0))
     values = wrench.tolist()
     scaled = [*map(abs, values[:3]), *(length * abs(x) for x in values[3:])]
-    roundoff = numerics.ROUNDING * max(stiffest, *scaled)
+    roundoff = numerics.ROUNDOFF * max(stiffest, *scaled)
     if min(scaled) > roundoff:
         return wrench
     return np.array([x if s > roundoff else 0.0 for x, s in zip(values, scaled, strict=True)])

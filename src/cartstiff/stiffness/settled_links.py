@@ -78,7 +78,7 @@ def settled(
         C_f, H_f = C[:, free], H[np.ix_(free, free)] / stiff
         system = np.block([[H_f, C_f.T], [C_f, np.zeros((r.size, r.size))]])
         right = -np.concatenate([gradient[free] / stiff, r])
-        solution = np.linalg.lstsq(system, right, rcond=numerics.LAST_DIGITS)[0]
+        solution = np.linalg.lstsq(system, right, rcond=numerics.ROUNDOFF_OF_SUMS)[0]
         step, lam = solution[: free.size], solution[free.size :] * stiff
         largest = float(np.abs(step).max(initial=0.0))
         if not np.isfinite(largest):

@@ -75,7 +75,8 @@ def format_matrix(matrix: Array, row_units: Sequence[str], title: str = "", digi
     size = float(np.abs(matrix).max(initial=0.0))
     for row, unit in zip(matrix, row_units, strict=True):
         cells = "".join(
-            f"{0.0 if abs(x) < numerics.LAST_DIGITS * size else x:>{width}.{digits}g}" for x in row
+            f"{0.0 if abs(x) < numerics.ROUNDOFF_OF_SUMS * size else x:>{width}.{digits}g}"
+            for x in row
         )
         lines.append(f"{cells}   {unit}".rstrip())
     return "\n".join(lines)
@@ -86,7 +87,7 @@ BlockUnits = tuple[tuple[str, str], tuple[str, str]]
 
 def numbers_text(values: Array) -> str:
     """A few numbers on one line, to four digits; round-off of the largest is printed as 0."""
-    least = numerics.BLANK * np.abs(values).max(initial=0.0)
+    least = numerics.PRINTED_AS_ZERO * np.abs(values).max(initial=0.0)
     return ", ".join(f"{x if abs(x) > least else 0.0:.4g}" for x in values.tolist())
 
 
@@ -103,7 +104,7 @@ def matrix_html(matrix: Array, block_units: BlockUnits, title: str, order: str) 
     rows = [
         (
             names[i // 3],
-            *(f"{0.0 if abs(x) < numerics.LAST_DIGITS * size else x:.6g}" for x in row),
+            *(f"{0.0 if abs(x) < numerics.ROUNDOFF_OF_SUMS * size else x:.6g}" for x in row),
             " | ".join(block_units[i // 3]),
         )
         for i, row in enumerate(matrix.tolist())

@@ -45,7 +45,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.other_units import shown, shown_factors
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
-from cartstiff.numerics import NEAR
+from cartstiff.numerics import NEAR_SINGULARITY
 from cartstiff.potentials.line_springs import line_geometry
 from cartstiff.stiffness.applied_load import LoadKind, checked_load
 from cartstiff.stiffness.compute import SCHEMA
@@ -58,7 +58,7 @@ from cartstiff.vibration.response import Damping
 Objective = Literal["worst", "mean"]
 
 # Factor within which costs are equal, so that rounding does not exclude the worst candidate itself.
-_ROUNDING_FACTOR = 1.0 + numerics.ROUNDING
+_ROUNDING_FACTOR = 1.0 + numerics.ROUNDOFF
 # Number of candidates of a layer in the first trial; each further trial takes four times as many.
 _FIRST_CANDIDATES = 100
 
@@ -404,7 +404,7 @@ def layers(
     grid: Choices,
     starts: int,
     seed: int,
-    tolerance: float = numerics.REACHED,
+    tolerance: float = numerics.CONSTRAINT_TOLERANCE,
     advance: Callable[[], None] | None = None,
 ) -> list[Layer]:
     """Candidates within the limits for each pose (m, 4, 4), up to the first pose without any.
@@ -744,13 +744,13 @@ class PathCost:
         if self.rank == 6:
             return np.eye(6)
         values, vectors = np.linalg.eigh(np.einsum("nij,nkj->ik", scaled, scaled))
-        if not values[-self.rank - 1] < numerics.ROUNDING * values[-1]:
+        if not values[-self.rank - 1] < numerics.ROUNDOFF * values[-1]:
             return None
         onto = vectors[:, -self.rank :] @ vectors[:, -self.rank :].T
         basis: list[Array] = []
         for column in onto.T:
             rest = column - sum((b * (b @ column) for b in basis), np.zeros(6))
-            if np.linalg.norm(rest) > numerics.NEARBY and len(basis) < self.rank:
+            if np.linalg.norm(rest) > numerics.NEGLIGIBLE_DISTANCE and len(basis) < self.rank:
                 basis.append(rest / np.linalg.norm(rest))
         return np.array(basis).T
 
@@ -1084,7 +1084,7 @@ def optimise_path(
     load_at: ArrayLike = (0.0, 0.0, 0.0),
     objective: Objective = "worst",
     max_step: float | Mapping[str, float] | ArrayLike | None = None,
-    singular: float = NEAR,
+    singular: float = NEAR_SINGULARITY,
     smoothness: float = 1e-3,
     samples: int = 36,
     starts: int = 16,
@@ -1151,7 +1151,7 @@ def optimise_path(
     ranges : mapping of str to (low, high), optional
         Ranges of joints besides their limits.
     near : mapping or array_like (n,), optional
-        A posture near which the path stays: all revolute joints within `NEARBY` of it.
+        A posture near which the path stays: all revolute joints within `NEGLIGIBLE_DISTANCE` of it.
     collisions : Collisions, optional
         Test that excludes postures in which links collide; without it collisions are not checked.
     progress : callable, optional
@@ -1392,8 +1392,8 @@ class _Search:
         wound = np.zeros(q.shape[1], bool)
         for j in np.flatnonzero(periodic):
             low, high = self.solver.lower[j], self.solver.upper[j]
-            least = np.ceil((low - q[:, j].min()) / (2 * np.pi) - numerics.ROUNDING)
-            most = np.floor((high - q[:, j].max()) / (2 * np.pi) + numerics.ROUNDING)
+            least = np.ceil((low - q[:, j].min()) / (2 * np.pi) - numerics.ROUNDOFF)
+            most = np.floor((high - q[:, j].max()) / (2 * np.pi) + numerics.ROUNDOFF)
             wound[j] = least > most
             if not wound[j]:
                 q[:, j] += 2 * np.pi * np.clip(0.0, least, most)

@@ -144,7 +144,7 @@ def _least_turn(a: Array, b: Array) -> Array:
     axis = np.cross(a, b)
     sine, cosine = float(np.linalg.norm(axis)), float(a @ b)
     angle = np.arctan2(sine, cosine)
-    if sine < numerics.ROUNDING:  # equal or opposite: half a turn about any normal axis
+    if sine < numerics.ROUNDOFF:  # equal or opposite: half a turn about any normal axis
         axis = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
         sine = float(np.linalg.norm(axis))
     turn: Array = se3.exp(np.concatenate([axis / sine * angle, np.zeros(3)]))[:3, :3]

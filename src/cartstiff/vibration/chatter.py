@@ -101,7 +101,7 @@ class Milling:
                 got=[self.entry, self.exit],
             )
         u, v = checked_unit(self.feed, "feed"), checked_unit(self.normal, "normal")
-        if abs(u @ v) > numerics.NEARBY:
+        if abs(u @ v) > numerics.NEGLIGIBLE_DISTANCE:
             raise InputError("feed and normal are not at right angles", got=float(u @ v))
         checked_vector(self.at, 3, "tool's tip")
 
@@ -183,7 +183,9 @@ class MeasuredReceptance:
             read_response(Path(path)) for path in (feed, normal) if path is not None
         ]
         for other, _ in more:
-            if other.shape != hertz.shape or not np.allclose(other, hertz, rtol=numerics.NEARBY):
+            if other.shape != hertz.shape or not np.allclose(
+                other, hertz, rtol=numerics.NEGLIGIBLE_DISTANCE
+            ):
                 raise InputError(
                     "the responses along feed and normal have other frequencies",
                     where=one_line(str(normal)),

@@ -88,7 +88,7 @@ def _frequencies(K: Array, mass: Array | None, units: Units) -> Array | None:
     if inverse is None:
         return None
     squares = np.linalg.eigvals(inverse.matrix @ K)
-    real = np.abs(squares.imag) <= numerics.REPEATED * np.abs(squares)
+    real = np.abs(squares.imag) <= numerics.REPEATED_FREQUENCY * np.abs(squares)
     with np.errstate(invalid="ignore"):
         hertz = np.sqrt(squares.real / units.kilogram) / (2 * np.pi)
     return np.sort(np.where(real, hertz, np.nan))

@@ -65,14 +65,14 @@ def double_diagonalisation(
     except np.linalg.LinAlgError:
         got = f"smallest eigenvalue {np.linalg.eigvalsh(M)[0]:.3g}"
         raise InputError("mass is not positive definite", got=got) from None
-    least = -numerics.IDLE * float(np.abs(squares).max(initial=0.0))
+    least = -numerics.FREE_MOTION_STIFFNESS * float(np.abs(squares).max(initial=0.0))
     if (squares < least).any():
         raise InputError(
             "stiffness is not positive semidefinite: no damping holds it",
             got=f"omega^2 of {squares[0]:.3g}",
         )
     squares = np.maximum(squares, 0.0)
-    same = np.diff(squares) <= numerics.REPEATED * squares[1:]
+    same = np.diff(squares) <= numerics.REPEATED_FREQUENCY * squares[1:]
     if (unlike := same & (np.diff(zeta) != 0.0)).any():
         first = int(np.flatnonzero(unlike)[0])
         raise InputError(
@@ -102,7 +102,7 @@ def square_root_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float = 0.
 
 def _root(matrix: Array, what: str) -> Array:
     values, vectors = np.linalg.eigh(matrix)
-    if values[0] < -numerics.IDLE * float(np.abs(values).max(initial=0.0)):
+    if values[0] < -numerics.FREE_MOTION_STIFFNESS * float(np.abs(values).max(initial=0.0)):
         raise InputError(
             f"{what} is not positive semidefinite", got=f"smallest eigenvalue {values[0]:.3g}"
         )

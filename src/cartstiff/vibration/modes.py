@@ -130,7 +130,10 @@ def _implausible_masses(chain: Chain, bodies: dict[str, Any], metres: float) -> 
                 f"robot's {size:.4g} m"
             )
             yield Note("inertia-absurd", words, values)
-        elif moments[0] < 0.0 or moments[0] + moments[1] < (1 - numerics.NEARBY) * moments[2]:
+        elif (
+            moments[0] < 0.0
+            or moments[0] + moments[1] < (1 - numerics.NEGLIGIBLE_DISTANCE) * moments[2]
+        ):
             words = (
                 f"no body has the moments of inertia of {name!r}: one is negative or larger than "
                 "the other two together"
@@ -312,7 +315,7 @@ class Modes(Result, ShownInLines):
         size = float(np.abs(squares).max(initial=0.0))
         groups: list[list[int]] = []
         for i, x in enumerate(squares):
-            near = numerics.REPEATED * abs(x) + numerics.ZERO * size
+            near = numerics.REPEATED_FREQUENCY * abs(x) + numerics.ZERO_SHARE * size
             if groups and abs(x - squares[groups[-1][-1]]) <= near:
                 groups[-1].append(i)
             else:
@@ -610,7 +613,7 @@ def stiffness_under_load(result: PostureStiffness) -> tuple[Array, Array]:
 
 
 def _force_roundoff(result: PostureStiffness) -> float:
-    """Stiffness in natural units, over `IDLE`, that round-off of forces may cause.
+    """Stiffness in natural units, over `FREE_MOTION_STIFFNESS`, that round-off of forces may cause.
 
     It counts the closures' forces and the load, and what springs exert beyond a rounding error.
     """
@@ -626,13 +629,13 @@ def _force_roundoff(result: PostureStiffness) -> float:
 def _stiffness_roundoff(
     exerted: Array, stiff: Array, forces: Array, posture: MechanismPosture
 ) -> float:
-    least = float(np.minimum(exerted, numerics.ROUNDING * stiff).sum())
+    least = float(np.minimum(exerted, numerics.ROUNDOFF * stiff).sum())
     carried = numerics.EPSILON * float(np.abs(forces).sum()) * max(1.0, posture.length)
-    return (least + carried) / numerics.IDLE
+    return (least + carried) / numerics.FREE_MOTION_STIFFNESS
 
 
 def _is_symmetric(D: Array) -> bool:
-    return bool(np.abs(D - D.T).max() <= numerics.ROUNDING * np.abs(D).max(initial=0.0))
+    return bool(np.abs(D - D.T).max() <= numerics.ROUNDOFF * np.abs(D).max(initial=0.0))
 
 
 def _solved(

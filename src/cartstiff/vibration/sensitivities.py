@@ -128,7 +128,7 @@ class Home:
         """
         best: Row | None = None
         refused: CartstiffError | None = None
-        for step in numerics.EIGHTH_ORDER:
+        for step in numerics.EIGHTH_ORDER_STEPS:
             try:
                 row = self._row(name, step, modes)
             except CartstiffError as error:
@@ -137,17 +137,17 @@ class Home:
             if best is not None and row.error >= best.error:
                 break  # smaller steps only increase the round-off
             best = row
-            if best.error <= numerics.CONVERGED:
+            if best.error <= numerics.STALLED_RESIDUAL:
                 break
         if best is None:
             raise refused or InputError(f"{name} cannot be varied")
         if (
-            numerics.BLANK < best.effect < numerics.NEGLIGIBLE_CHANGE
-            and best.error <= numerics.CONVERGED
+            numerics.PRINTED_AS_ZERO < best.effect < numerics.NEGLIGIBLE_CHANGE
+            and best.error <= numerics.STALLED_RESIDUAL
         ):
             with suppress(CartstiffError):
-                row = self._row(name, numerics.WIDEST_STEP, modes)
-                best = row if row.error <= numerics.CONVERGED else best
+                row = self._row(name, numerics.WIDEST_EIGHTH_ORDER_STEP, modes)
+                best = row if row.error <= numerics.STALLED_RESIDUAL else best
         return best
 
     def rows(
@@ -201,7 +201,7 @@ class Home:
             if size > 0.0:
                 off, effect = max(off, _largest(e) / size), max(effect, _largest(x) / size)
         # Entries below the round-off of their matrix are 0.
-        noise = max(numerics.LAST_DIGITS, min(off, numerics.CLOSE)) / natural
+        noise = max(numerics.ROUNDOFF_OF_SUMS, min(off, numerics.NEGLIGIBLE_DIFFERENCE)) / natural
         columns = np.repeat([1.0, self.nominal.posture.length], 3)
         energies = np.outer(columns, columns)
         for x, K in zip(dK, here[0], strict=True):
@@ -209,7 +209,7 @@ class Home:
             x[np.abs(x) <= noise * size / energies] = 0.0
         pose[np.abs(pose) <= noise * columns] = 0.0
         if modes is not None:
-            least = max(noise, numerics.BLANK / natural)
+            least = max(noise, numerics.PRINTED_AS_ZERO / natural)
             squares[np.abs(squares) <= least * np.abs(modes.squares)] = 0.0
         return Row(dK, pose, squares, off, effect)
 

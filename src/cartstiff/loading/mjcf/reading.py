@@ -190,7 +190,7 @@ class _Compiled:
         for name in ("body_quat", "body_iquat", "site_quat", "jnt_axis"):
             rows = np.reshape(self.data[name], (-1, 3 + name.endswith("quat")))
             sizes = np.linalg.norm(rows, axis=1)
-            if not (np.abs(sizes - 1.0) < numerics.CLOSE).all():
+            if not (np.abs(sizes - 1.0) < numerics.NEGLIGIBLE_DIFFERENCE).all():
                 what = "an orientation" if name.endswith("quat") else "a joint axis"
                 raise InputError(f"{what} has no direction", where=self.where)
         for j, (name, start) in enumerate(zip(self.joints, self.data["jnt_dofadr"], strict=True)):

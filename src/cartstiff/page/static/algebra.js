@@ -1,6 +1,6 @@
 // Small matrices as rows of numbers: products, inverses, eigenvalues, singular values, rigid motions.
 
-import { EPSILON, ROUNDING } from "./numerics.js";
+import { EPSILON, ROUNDOFF } from "./numerics.js";
 
 export const transposed = (A) => A[0].map((_, j) => A.map((row) => row[j]));
 export const times = (A, v) => A.map((row) => row.reduce((sum, x, k) => sum + x * v[k], 0));
@@ -176,4 +176,4 @@ export function general(x, digits) {
 }
 
 /** Zero where a number is rounding beside a size. */
-export const clean = (list, size) => list.map((x) => (Math.abs(x) > ROUNDING * size ? x : 0));
+export const clean = (list, size) => list.map((x) => (Math.abs(x) > ROUNDOFF * size ? x : 0));

@@ -2,7 +2,7 @@
 
 import { button, byId, choice, dropdown, el, engineering, heading, hint, stateChoice, tabs, toast } from "./dom.js";
 import { fields, sliderRow } from "./inputs.js";
-import { CLOSE, ZERO } from "./numerics.js";
+import { NEGLIGIBLE_DIFFERENCE, ZERO_SHARE } from "./numerics.js";
 import { standAtExtreme } from "./pick.js";
 
 const COORDINATES = ["x", "y", "z"];
@@ -100,7 +100,7 @@ export function controls(store) {
   function exerted() {
     const wrench = store.numbers?.result.wrench ?? [];
     const K = (store.matrix("B", store.numbers, "stiffness") ?? [[1e4]]).flat().map(Math.abs);
-    const noise = Math.max(CLOSE * Math.max(...wrench.map(Math.abs)), ZERO * Math.max(...K));
+    const noise = Math.max(NEGLIGIBLE_DIFFERENCE * Math.max(...wrench.map(Math.abs)), ZERO_SHARE * Math.max(...K));
     return wrench.map((x) => (Math.abs(x) > noise ? x : 0));
   }
 

@@ -2,7 +2,7 @@
 
 import { button, byId, el, engineering, heading, inSize, short, tuple, typeset } from "./dom.js";
 import { sup } from "./matrix.js";
-import { CLOSE, ROUNDING } from "./numerics.js";
+import { NEGLIGIBLE_DIFFERENCE, ROUNDOFF } from "./numerics.js";
 import { sway } from "./sway.js";
 
 // Loads to begin with: a size in the unit of force, and directions in the room.
@@ -24,7 +24,7 @@ function assumptions(store, moved) {
 function together(values, unit) {
   const most = Math.max(...values.map(Math.abs));
   const [factor, name] = inSize(most, unit);
-  return `${tuple(values.map((x) => (Math.abs(x) > CLOSE * most ? x / factor : 0)), 4)} ${name}`;
+  return `${tuple(values.map((x) => (Math.abs(x) > NEGLIGIBLE_DIFFERENCE * most ? x / factor : 0)), 4)} ${name}`;
 }
 
 /** Go to the posture that differs in one coordinate and at which the load moves the point least; says how much less. */
@@ -76,7 +76,7 @@ export function deflectionPanel(store) {
     const [A, K] = ["A", "K"].map((name) => store.matrix(name, store.numbers, "stiffness"));
     const most = A && K && Math.max(...A.flatMap((row, i) => row.map((x, j) => Math.abs(x - K[i][j]) / Math.sqrt(Math.abs(K[i][i] * K[j][j])))));
     apart.hidden = !Number.isFinite(most) || !soft;
-    apart.textContent = most < CLOSE ? `K${sup("A")} and K${sup("K")} are the same here` : `K${sup("A")} and K${sup("K")} differ by up to ${short(100 * most, 2)} %`;
+    apart.textContent = most < NEGLIGIBLE_DIFFERENCE ? `K${sup("A")} and K${sup("K")} are the same here` : `K${sup("A")} and K${sup("K")} differ by up to ${short(100 * most, 2)} %`;
     const { source, is_illustrative: isIllustrative } = store.hello.mechanism;
     const assumed = result.notes.find(({ code }) => code === "stiffness-assumed");
     doubt.hidden = !assumed && (Boolean(store.shown.stiffness) || !isIllustrative);
@@ -102,7 +102,7 @@ export function deflectionPanel(store) {
     if (!moved.resisted) return say("bad", "Unstable: the load pushes it away");
     // A turn that is rounding beside the way is none.
     const [way, turn] = [moved.displacement, moved.rotation].map((v) => Math.hypot(...v));
-    const turned = turn * store.hello.mechanism.size > CLOSE * way ? turn : 0;
+    const turned = turn * store.hello.mechanism.size > NEGLIGIBLE_DIFFERENCE * way ? turn : 0;
     const what = store.shown.point.some((x) => x) ? "the point" : "M";
     say("", `${what} moves `, el("b", {}, engineering(way, store.unit("length"))),
       ` and turns `, el("b", {}, engineering(turned, "rad")));
@@ -121,7 +121,7 @@ export function deflectionPanel(store) {
     for (const entry of ordered) {
       const { name, share } = entry;
       const bar = el("i");
-      bar.style.width = `${(100 * size(entry)) / Math.max(size(ordered[0]), ROUNDING)}%`;
+      bar.style.width = `${(100 * size(entry)) / Math.max(size(ordered[0]), ROUNDOFF)}%`;
       bars.append(el("div", { class: "moved-bar", title: `${name}: part of the point's way` },
         el("span", { class: "moved-name" }, name), el("span", { class: `meter wide${share < 0 ? " against" : ""}` }, bar),
         el("span", { class: "num" }, share === null ? "–" : typeset(`${Math.round(100 * share) || 0} %`))));

@@ -1,6 +1,6 @@
 // Small helpers: elements, numbers as text, downloads.
 
-import { BLANK, ROUNDING } from "./numerics.js";
+import { PRINTED_AS_ZERO, ROUNDOFF } from "./numerics.js";
 
 /** What the server says where it answers a later question of the same kind instead. */
 export const SUPERSEDED = "a newer question took the place of this one";
@@ -40,7 +40,7 @@ export const typeset = (text) => text.replaceAll(/(?<![\w)])-(?=[\d.])/g, MINUS)
 const PREFIXES = [[1e9, "G"], [1e6, "M"], [1e3, "k"], [1, ""], [1e-3, "m"], [1e-6, "µ"]];
 const STIFF = [[1e9, "MN/mm"], [1e6, "kN/mm"], [1e3, "N/mm"], [1, "N/m"]];
 const MILLIMETRES = /\bmm\b/g;
-const UP = 1 + ROUNDING;
+const UP = 1 + ROUNDOFF;
 
 /** The unit in which people read a size, and its value in the given one: [1000, "N/mm"]. */
 export function inSize(size, unit) {
@@ -86,7 +86,7 @@ export function sure(x, most = Math.abs(x)) {
 
 /** Numbers with those that are only rounding, beside the largest or a size, set to 0. */
 export const chop = (list, size = 0) => {
-  const noise = BLANK * Math.max(size, ...list.map(Math.abs));
+  const noise = PRINTED_AS_ZERO * Math.max(size, ...list.map(Math.abs));
   return list.map((x) => (Math.abs(x) < noise ? 0 : x));
 };
 

@@ -3,7 +3,7 @@
 import { general, motion, moved, place, rotation, times } from "./algebra.js";
 import { engineering } from "./dom.js";
 import { inFrame, principalValues } from "./program.js";
-import { CLOSE, ROUNDING, ZERO } from "./numerics.js";
+import { NEGLIGIBLE_DIFFERENCE, ROUNDOFF, ZERO_SHARE } from "./numerics.js";
 
 const ROOT = "/meshcat/cartstiff";
 
@@ -11,7 +11,7 @@ const ROOT = "/meshcat/cartstiff";
 function round(x) {
   const power = Math.floor(Math.log10(x));
   const lead = x / 10 ** power;
-  return Number(`${[5, 2].find((step) => lead >= step * (1 - ROUNDING)) ?? 1}e${power}`);
+  return Number(`${[5, 2].find((step) => lead >= step * (1 - ROUNDOFF)) ?? 1}e${power}`);
 }
 
 // Of scales that go with a power of the length: see `cartstiff.scene.scales`.
@@ -52,7 +52,7 @@ function fitting(kind, values, usual, target) {
 }
 
 function logarithmic(values, usual, target) {
-  const least = (list) => Math.min(...list.map(Math.abs).filter((x) => x > ZERO * largestOf(list)));
+  const least = (list) => Math.min(...list.map(Math.abs).filter((x) => x > ZERO_SHARE * largestOf(list)));
   const of = (list) => {
     const zero = Math.floor(Math.log10(least(list)) - 0.7);
     return [zero, target / Math.ceil(Math.log10(largestOf(list)) - zero)];
@@ -170,7 +170,7 @@ export class Drawing {
     const along = end.map((x, i) => x - start[i]);
     const length = Math.hypot(...along);
     const [x, y, z] = length ? across(along) : [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
-    const shown = Math.min(Math.max(length, CLOSE), most);
+    const shown = Math.min(Math.max(length, NEGLIGIBLE_DIFFERENCE), most);
     this.put(path, [x.map((c) => c * shown), y, z, start]);
   }
 

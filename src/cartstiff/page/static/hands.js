@@ -3,7 +3,7 @@
 /* global MeshCat */
 import { motion, moving, place, product, rotation, times, transposed } from "./algebra.js";
 import { byId, chop, engineering, hues, short, tipIn, tuple } from "./dom.js";
-import { CLOSE } from "./numerics.js";
+import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { limitRings } from "./rings.js";
 
 // Length of the handles' arms on the screen (dots), and how near (dots) a pointer brings them out.
@@ -94,7 +94,7 @@ export function hands(store) {
   function size(group) {
     const { camera } = viewer;
     const away = group.position.distanceTo(vector().setFromMatrixPosition(camera.matrixWorld));
-    group.scale.setScalar(Math.max(CLOSE, (ARM * 2 * away * Math.tan((camera.fov * Math.PI) / 360)) / Math.max(1, pane.size[1])));
+    group.scale.setScalar(Math.max(NEGLIGIBLE_DIFFERENCE, (ARM * 2 * away * Math.tan((camera.fov * Math.PI) / 360)) / Math.max(1, pane.size[1])));
   }
 
   function update() {
@@ -141,7 +141,7 @@ export function hands(store) {
   /** The line of the moment; of the force where there is no moment, and upwards where there is neither. */
   function line() {
     const { wrench } = store.numbers;
-    const found = [wrench.slice(0, 3), wrench.slice(3)].find((v) => Math.hypot(...v) > CLOSE * Math.hypot(...wrench));
+    const found = [wrench.slice(0, 3), wrench.slice(3)].find((v) => Math.hypot(...v) > NEGLIGIBLE_DIFFERENCE * Math.hypot(...wrench));
     const axes = found ? reference() : node().matrixWorld;
     return vector(...(found ?? [0, 0, 1])).transformDirection(axes);
   }
@@ -179,7 +179,7 @@ export function hands(store) {
   function onLine({ ray }, o, a) {
     const w = ray.origin.clone().sub(o);
     const b = a.dot(ray.direction);
-    return Math.abs(1 - b * b) < CLOSE ? 0 : (a.dot(w) - b * ray.direction.dot(w)) / (1 - b * b);
+    return Math.abs(1 - b * b) < NEGLIGIBLE_DIFFERENCE ? 0 : (a.dot(w) - b * ray.direction.dot(w)) / (1 - b * b);
   }
 
   function angleIn(point, origin, axis) {
@@ -212,7 +212,7 @@ export function hands(store) {
       const size = Math.hypot(...hold.vector);
       if (grip.kind === "twirl") {
         const first = (Math.hypot(...wrench.slice(3)) || FIRST_FORCE) * store.hello.mechanism.size * LEVER;
-        Object.assign(hold, { direction: toRoom(line(), toF).normalize(), size, half: size > CLOSE * first ? size : first });
+        Object.assign(hold, { direction: toRoom(line(), toF).normalize(), size, half: size > NEGLIGIBLE_DIFFERENCE * first ? size : first });
       } else hold.per = size / toRoom(origin.clone().sub(hold.base), toF).length();
     }
     pane.holding = true;

@@ -1,7 +1,7 @@
 // Fields of numbers, and sliders with a number.
 
 import { clamp, el, short, toast } from "./dom.js";
-import { CLOSE } from "./numerics.js";
+import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 
 const DEGREES = 180 / Math.PI;
 
@@ -65,7 +65,7 @@ export function sliderRow(store, { index, id = `slider-${index}`, name, label = 
   function set(x) {
     if (range.valueAsNumber !== x) range.value = x;
     if (document.activeElement !== number || !number.matches(":focus-visible")) number.value = shown(x);
-    node.classList.toggle("outside", Boolean(limited) && (x < lower - CLOSE || x > upper + CLOSE));
+    node.classList.toggle("outside", Boolean(limited) && (x < lower - NEGLIGIBLE_DIFFERENCE || x > upper + NEGLIGIBLE_DIFFERENCE));
     range.setAttribute("aria-valuetext", `${shown(x)} ${shownUnit.textContent}`);
   }
 

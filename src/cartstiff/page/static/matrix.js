@@ -2,7 +2,7 @@
 
 import { button, byId, choice, copy, dropdown, el, inSize, short, stateChoice, sure } from "./dom.js";
 import { sureOfInverse } from "./algebra.js";
-import { ROUNDING, UNCOUPLED } from "./numerics.js";
+import { ROUNDOFF, UNCOUPLED } from "./numerics.js";
 import { safeCell } from "./plotfiles.js";
 
 const WRENCH = ["mx", "my", "mz", "fx", "fy", "fz"];
@@ -107,7 +107,7 @@ export function matrixPanel(store) {
   function lostDigits() {
     const C = store.shown.quantity === "compliance" && store.numbers.legs && store.matrix(store.shown.connection);
     const error = C ? sureOfInverse(C) : 0;
-    return error > ROUNDING ? `ill-conditioned: known to ${short(error, 2)} of its largest entry` : "";
+    return error > ROUNDOFF ? `ill-conditioned: known to ${short(error, 2)} of its largest entry` : "";
   }
 
   /** A matrix in the units in which it is read. */

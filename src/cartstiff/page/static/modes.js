@@ -1,7 +1,7 @@
 // Modes in a table, played in the picture, and the response of the body over frequency.
 
 import { ARROWS, SUPERSEDED, button, byId, dropdown, el, engineering, hint, short } from "./dom.js";
-import { CLOSE } from "./numerics.js";
+import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { showPlaying, ticking } from "./player.js";
 import { Plot } from "./plot.js";
 import { mechanicsOf } from "./store.js";
@@ -88,7 +88,7 @@ export function modesPanel(store) {
     const what = shares.filter(([x]) => x > SMALL).map(([x, name]) => `${name.replace(/_joint$/, "")} ${Math.round(100 * x)} %`).join(", ");
     const hertz = f === null ? "unstable" : f === 0 ? "free" : `${short(f)} Hz`;
     const { direction, point, pitch } = modes.nodal_axes[i];
-    const list = (v) => v.map((x) => short(Math.abs(x) < CLOSE ? 0 : x, 3)).join(", ");
+    const list = (v) => v.map((x) => short(Math.abs(x) < NEGLIGIBLE_DIFFERENCE ? 0 : x, 3)).join(", ");
     const axis = !direction ? "M rests" : !point ? `M moves along ${list(direction)}`
       : `M turns about ${list(direction)} through ${list(point)}, pitch ${short(pitch, 3)} ${store.unit("length")}`;
     return el("button", { type: "button", role: "radio", class: "mode", "aria-checked": String(chosen),

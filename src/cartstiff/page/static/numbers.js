@@ -2,7 +2,7 @@
 
 import { button, byId, chop, clamp, el, engineering, heading, inSize, short, stateChoice, sure, tuple } from "./dom.js";
 import { symbol } from "./matrix.js";
-import { BLANK, NEAR, RANK } from "./numerics.js";
+import { PRINTED_AS_ZERO, NEAR_SINGULARITY, RANK } from "./numerics.js";
 
 const ICONS = { good: "✓", warning: "!", bad: "✕", none: "…" };
 
@@ -54,7 +54,7 @@ export function numbersPanel(store) {
     const [factor, read] = !store.fine || kind === "rotation" ? inSize(size, unit) : [1, unit];
     const cell = (x, i) => {
       const title = `${sure(x, size)} ${unit}\nalong ${tuple(found.axes[i])}${x < 0 ? "\nNEGATIVE: pushes away" : ""}`;
-      return el("td", { class: `num${x < -BLANK * size ? " negative" : ""}`, title }, Math.abs(x) < BLANK * size ? "0" : short(x / factor));
+      return el("td", { class: `num${x < -PRINTED_AS_ZERO * size ? " negative" : ""}`, title }, Math.abs(x) < PRINTED_AS_ZERO * size ? "0" : short(x / factor));
     };
     const none = () => el("td", { class: "num", title: "does not exist here" }, "–");
     return el("tr", { "data-row-of": kind },
@@ -89,8 +89,8 @@ export function numbersPanel(store) {
   function meter({ kind, ratio, smallest, largest, length }) {
     const words = `Distance to ${kind} singularity`;
     const share = ratio > 0 ? clamp(1 + Math.log10(ratio) / 4, 0, 1) : 0; // logarithmic from 0.0001 to 1
-    return el("div", { class: "singular", "data-level": ratio < RANK ? "bad" : ratio < NEAR ? "warning" : "good",
-      title: `smallest over largest singular value ${short(smallest)} / ${short(largest)}, lengths over ${engineering(length, store.unit("length"))}; below ${NEAR} is near` },
+    return el("div", { class: "singular", "data-level": ratio < RANK ? "bad" : ratio < NEAR_SINGULARITY ? "warning" : "good",
+      title: `smallest over largest singular value ${short(smallest)} / ${short(largest)}, lengths over ${engineering(length, store.unit("length"))}; below ${NEAR_SINGULARITY} is near` },
     el("span", { class: "label" }, words),
     el("span", { class: "meter wide", role: "meter", "aria-label": words, "aria-valuemin": 0, "aria-valuemax": 1, "aria-valuenow": ratio }, el("i", { style: `width: ${100 * share}%` })),
     el("span", { class: "num" }, ratio < RANK ? "singular" : short(ratio, 3)));

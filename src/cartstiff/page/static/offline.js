@@ -5,7 +5,7 @@ import { rowOf } from "./curves.js";
 import { clamp } from "./dom.js";
 import { Drawing } from "./drawing.js";
 import { NOT_CLOSED, NOT_PLAIN, Program } from "./program.js";
-import { CLOSE, NEAR, ROUNDING } from "./numerics.js";
+import { NEGLIGIBLE_DIFFERENCE, NEAR_SINGULARITY, ROUNDOFF } from "./numerics.js";
 
 const STEPS = 121;
 // Steps of the way to a pose, and halvings of a way that legs do not go to its end.
@@ -184,7 +184,7 @@ function turn(R) {
   const axis = [R[2][1] - R[1][2], R[0][2] - R[2][0], R[1][0] - R[0][1]].map((x) => x / 2);
   const sine = Math.hypot(...axis);
   const angle = Math.atan2(sine, (R[0][0] + R[1][1] + R[2][2] - 1) / 2);
-  return axis.map((x) => (sine > CLOSE ? (x * angle) / sine : x));
+  return axis.map((x) => (sine > NEGLIGIBLE_DIFFERENCE ? (x * angle) / sine : x));
 }
 
 /** What is left from a pose to another, along the axes of the first. */
@@ -198,7 +198,7 @@ export function stretched(program, q, lengths) {
   let here = program.place(q);
   for (let k = 0; k < MOST_STEPS; k++) {
     const error = lengths.map((length, i) => length - here.lengths[i]);
-    if (Math.hypot(...error) <= ROUNDING * Math.hypot(...lengths)) return here.q;
+    if (Math.hypot(...error) <= ROUNDOFF * Math.hypot(...lengths)) return here.q;
     const J = here.lines;
     const way = times(inverse(product(transposed(J), J)) ?? [], times(transposed(J), error));
     if (way.length < 6 || !way.every(Number.isFinite)) break;
@@ -233,13 +233,13 @@ export function follow(program, q, wanted) {
     let error = left(here.pose, wanted);
     const length = data.reach;
     const size = (e) => Math.hypot(...e.map((x, i) => (i < 3 ? x * length : x)));
-    let damping = NEAR * NEAR;
+    let damping = NEAR_SINGULARITY * NEAR_SINGULARITY;
     const { independent } = program;
     const ends = independent.map((j) => {
       const i = data.limits.columns.indexOf(j);
       return [data.limits.lower[i] ?? -Infinity, data.limits.upper[i] ?? Infinity];
     });
-    for (let k = 0; k < MOST_STEPS && size(error) > CLOSE * length; k++) {
+    for (let k = 0; k < MOST_STEPS && size(error) > NEGLIGIBLE_DIFFERENCE * length; k++) {
       const free = here.J[0].map((_, a) => !data.virtual.includes(independent[a]));
       let step;
       for (let again = 0; again < 2; again++) {
@@ -255,14 +255,14 @@ export function follow(program, q, wanted) {
       ends.forEach(([low, high], a) => { step[a] = clamp(found[independent[a]] + step[a], low, high) - found[independent[a]]; });
       const there = program.place(program.along(here, step));
       const rest = left(there.pose, wanted);
-      if (size(rest) < size(error)) [found, here, error, damping] = [there.q, there, rest, Math.max(ROUNDING, damping / 10)];
+      if (size(rest) < size(error)) [found, here, error, damping] = [there.q, there, rest, Math.max(ROUNDOFF, damping / 10)];
       else if ((damping *= 10) > 10) break;
     }
-    stopped = beyond({ q: found }, NEAR * NEAR * NEAR);
+    stopped = beyond({ q: found }, NEAR_SINGULARITY * NEAR_SINGULARITY * NEAR_SINGULARITY);
   }
   const rest = left(program.place(found).pose, wanted);
   const [angle, distance] = [Math.hypot(...rest.slice(0, 3)), Math.hypot(...rest.slice(3))];
-  const reached = Math.max(distance / data.reach, angle) <= NEAR ** 4;
+  const reached = Math.max(distance / data.reach, angle) <= NEAR_SINGULARITY ** 4;
   return { q: found, distance, angle, reached, stopped: reached ? [] : stopped };
 }
 

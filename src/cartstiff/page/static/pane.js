@@ -3,7 +3,7 @@
 /* global MeshCat */
 import { byId, typeset } from "./dom.js";
 import { arrange } from "./labels.js";
-import { CLOSE } from "./numerics.js";
+import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 
 // Time (ms) without a picture after which the next is not left to wait for the screen's turn.
 const REST = 250;
@@ -233,7 +233,7 @@ export class Pane {
       : camera.position.clone().set(...up(DIRECTIONS[preset]));
     const free = Math.max(0.3, (height - this.covered - this.above) / Math.max(1, height));
     const half = Math.tan((camera.fov * Math.PI) / 360) * Math.min(free, width / Math.max(1, height));
-    const radius = Math.max(CLOSE, Math.hypot(...low.map((x, i) => high[i] - x)) / 2);
+    const radius = Math.max(NEGLIGIBLE_DIFFERENCE, Math.hypot(...low.map((x, i) => high[i] - x)) / 2);
     controls.target.set(...middle);
     const tangent = Math.tan((camera.fov * Math.PI) / 360);
     const sizes = [(tangent * width) / Math.max(1, height), tangent * free];

@@ -1,7 +1,7 @@
 // A plot: its drawing, axes with round values, what is seen of them.
 
 import { clamp, short } from "./dom.js";
-import { CLOSE } from "./numerics.js";
+import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { svg } from "./plotfiles.js";
 
 // How many times nearer one step of the wheel goes.
@@ -22,7 +22,7 @@ export function nearer([low, high], [first, last], times, at, least) {
 }
 
 /** Whether all of [first, last] is seen. */
-export const isWhole = ([low, high], [first, last]) => high - low >= (last - first) * (1 - CLOSE);
+export const isWhole = ([low, high], [first, last]) => high - low >= (last - first) * (1 - NEGLIGIBLE_DIFFERENCE);
 
 /** Round values between two ends, so many at most; of an angle in degrees parts of a turn. */
 function ticks(first, last, most, isAngle = false) {
@@ -30,8 +30,8 @@ function ticks(first, last, most, isAngle = false) {
   const power = 10 ** Math.floor(Math.log10(span / most));
   const steps = isAngle && span > 10 ? [1, 2, 5, 10, 15, 30, 45, 60, 90, 180] : [1, 2, 5, 10].map((x) => x * power);
   const step = steps.find((x) => span / x <= most) ?? steps.at(-1);
-  const start = Math.ceil(first / step - CLOSE);
-  return Array.from({ length: Math.max(0, Math.floor(last / step + CLOSE) - start + 1) }, (_, k) => (start + k) * step);
+  const start = Math.ceil(first / step - NEGLIGIBLE_DIFFERENCE);
+  return Array.from({ length: Math.max(0, Math.floor(last / step + NEGLIGIBLE_DIFFERENCE) - start + 1) }, (_, k) => (start + k) * step);
 }
 
 /** Values at which a logarithmic axis has lines. */

@@ -5,7 +5,7 @@
 import { adjoint, angles, back, block, changed, clean, congruence, cross, dot, eigen, general, identity, inverse,
   largest, motion, moving, place, plus, product, rotation, scaled, scaledInverse, singular, sureOfInverse,
   symmetric, times, transposed } from "./algebra.js";
-import { ATTAINABLE_PRECISION, CLOSE, EPSILON, FUTILE, LIMIT_SLACK, NEAR, ROUNDING, SMALLEST_STEP, SYMMETRY, REPORTED_ERROR, ZERO } from "./numerics.js";
+import { ATTAINABLE_PRECISION, NEGLIGIBLE_DIFFERENCE, EPSILON, MAX_FUTILE_STEPS, LIMIT_SLACK, NEAR_SINGULARITY, ROUNDOFF, SMALLEST_STEP, SYMMETRY, REPORTED_ERROR, ZERO_SHARE } from "./numerics.js";
 
 export const NOT_PLAIN = "this posture is too near to a singularity, or its load too near to what the springs hold, for the formulas in this page: `cartstiff view` answers it";
 export const NOT_CLOSED = "the loops do not close with the drives there: the page answers where they do";
@@ -79,10 +79,10 @@ export class Program {
         const found = this.run(name, { q });
         const [size, step, length, doubt] = found("left");
         const unit = Math.max(1, length);
-        if (size <= ATTAINABLE_PRECISION * unit || (size <= ROUNDING * unit && (size > 0.1 * before || step <= SMALLEST_STEP))) return q;
+        if (size <= ATTAINABLE_PRECISION * unit || (size <= ROUNDOFF * unit && (size > 0.1 * before || step <= SMALLEST_STEP))) return q;
         if (doubt !== 0 || !Number.isFinite(step) || k === steps) throw new Error(NOT_PLAIN);
         futile = size < 0.9 * best ? 0 : futile + 1;
-        if (step <= SMALLEST_STEP || (futile >= FUTILE && step < longest)) break;
+        if (step <= SMALLEST_STEP || (futile >= MAX_FUTILE_STEPS && step < longest)) break;
         [before, best, q] = [size, Math.min(best, size), found("next")];
       }
     }
@@ -188,7 +188,7 @@ export class Program {
       const J = scaled(m.jacobian, [0, 1, 2, 3, 4, 5].map((i) => (i < 3 ? 1 : 1 / m.length)), m.sizes);
       const motions = m.orthonormal ? product(J, m.orthonormal) : J;
       m.singular.serial = singular(motions[0].length < 6 ? motions : transposed(motions));
-      if (this.least(m.singular.serial) <= CLOSE) throw new Error(NOT_PLAIN);
+      if (this.least(m.singular.serial) <= NEGLIGIBLE_DIFFERENCE) throw new Error(NOT_PLAIN);
       if (m.orthonormal && data.actuated.length >= this.freedoms) m.singular["type-2"] = singular(data.actuated.map((j) => m.orthonormal[j].map((x) => x * m.sizes[j])));
     }
     const held = m.singular["type-2"];
@@ -334,14 +334,14 @@ export class Program {
     const torque = times(transposed(J), m.W).map((x, j) => Math.abs(x) * m.columns[j]);
     const stiffest = transposed(scaled(m.H, m.columns)).map((column) => largest([column]));
     const most = Math.max(...stiffest);
-    return torque.some((x, j) => x > ROUNDING * (stiffest[j] || most));
+    return torque.some((x, j) => x > ROUNDOFF * (stiffest[j] || most));
   }
 
   /** The wrench with zeros for what is rounding of springs or of its other half. */
   shownWrench(m, W) {
     const stiffest = m.given ? 0 : largest(scaled(m.H, m.columns));
     const sizes = W.map((x, i) => Math.abs(x) * (i < 3 ? 1 : m.length));
-    const noise = ROUNDING * Math.max(stiffest, ...sizes);
+    const noise = ROUNDOFF * Math.max(stiffest, ...sizes);
     return W.map((x, i) => (sizes[i] > noise ? x : 0));
   }
 
@@ -352,12 +352,12 @@ export class Program {
     const energy = 0.5 * dot(m.W, twist);
     const size = Math.max(...twist.map((x, i) => Math.abs(x) * (i < 3 ? m.length : 1)), ...shift.map(Math.abs));
     const displacement = clean(shift, size);
-    const turn = twist.slice(0, 3).map((x) => (Math.abs(x) * m.length > ROUNDING * size ? x : 0));
+    const turn = twist.slice(0, 3).map((x) => (Math.abs(x) * m.length > ROUNDOFF * size ? x : 0));
     const { values } = eigen(m.C.load);
     const names = [...this.data.names, ...(this.data.bending?.beams ?? []).map(({ label }) => `${label} (link)`)];
     return {
       displacement, in_room: times(rotation(m.pose), displacement), rotation: turn, energy, acts_at: m.at,
-      resisted: values[0] >= 0 || -values[0] <= ZERO * Math.max(...values.map(Math.abs)),
+      resisted: values[0] >= 0 || -values[0] <= ZERO_SHARE * Math.max(...values.map(Math.abs)),
       shares: this.shares(m, twist, shift, energy, state.point).flatMap((share, i) => (m.stiffness[i] === 0 ? [] : [{ name: names[i], share }])), notes: [],
     };
   }
@@ -394,13 +394,13 @@ export class Program {
       notes.push({ code: "fewer-than-six-freedoms", message: `the end-effector cannot move in ${6 - this.freedoms} of 6 directions here: the stiffness matrix does not exist, the compliance does; `
         + `the wrench along them is carried by the structure${m.given ? "" : " and is taken as zero in the scaled norm"}`, values: { rank: this.freedoms, singular_values: serial.values, ...size } });
     }
-    if (serial && this.least(serial) < NEAR) {
+    if (serial && this.least(serial) < NEAR_SINGULARITY) {
       notes.push({ code: "near-serial-singularity", message: `the end-effector hardly moves in one direction: smallest over largest singular value ${general(this.least(serial), 2)}`,
         values: { singular_values: serial.values, ...size } });
     }
-    if (held && this.least(held) < NEAR) {
+    if (held && this.least(held) < NEAR_SINGULARITY) {
       const { values, vectors } = held;
-      const weak = values.filter((x) => x < NEAR * values[0]).length;
+      const weak = values.filter((x) => x < NEAR_SINGULARITY * values[0]).length;
       const all = m.orthonormal ? product(vectors, transposed(m.orthonormal)) : vectors;
       notes.push({ code: "near-type-2-singularity", message: `the actuators hardly hold the mechanism in ${weak} direction(s): smallest over largest singular value ${general(this.least(held), 2)}`,
         values: { singular_values: values, ...size, directions: all.slice(-weak).map((v) => v.map((x, i) => x * m.sizes[i])) } });
@@ -426,7 +426,7 @@ export class Program {
 
   /** Drives that the closures have moved: more of them than there are motions are not all free. */
   adjusted({ straight: q, asked }) {
-    const moved = this.data.actuated.filter((j) => Math.abs(q[j] - asked[j]) > CLOSE);
+    const moved = this.data.actuated.filter((j) => Math.abs(q[j] - asked[j]) > NEGLIGIBLE_DIFFERENCE);
     if (!moved.length) return [];
     const { joints } = this.data.base.mechanism;
     const words = moved.map((j) => `${joints[j]} ${general(asked[j], 6)} -> ${general(q[j], 6)} ${this.unit(j)}`);
@@ -543,7 +543,7 @@ export function principalValues(here, { quantity, connection, others }) {
 
 /** Eigenvalues of a matrix without an inverse, zero where they are rounding. */
 function known(values) {
-  const least = ZERO * Math.max(...values.map(Math.abs));
+  const least = ZERO_SHARE * Math.max(...values.map(Math.abs));
   return values.map((x) => (Math.abs(x) > least ? x : 0));
 }
 
@@ -552,7 +552,7 @@ function softest({ compliance, stiffness, pose }) {
   const { values: all, vectors } = eigen(block(compliance.load, 3));
   const values = stiffness.load ? all : known(all);
   if (!(values[0] >= 0 && values[2] > 0)) return null;
-  return { stiffness: 1 / values[2], direction: values[2] - values[1] > CLOSE * values[2] ? upright(times(rotation(pose), vectors[2])) : null };
+  return { stiffness: 1 / values[2], direction: values[2] - values[1] > NEGLIGIBLE_DIFFERENCE * values[2] ? upright(times(rotation(pose), vectors[2])) : null };
 }
 
 function asymmetry(M) {

@@ -3,7 +3,7 @@
 
 /* global MeshCat */
 import { hues } from "./dom.js";
-import { CLOSE } from "./numerics.js";
+import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 
 // A coordinate is near its end within this share of its range, and an angle within this (rad).
 const NEAR_END = 0.1;
@@ -52,7 +52,7 @@ export function limitRings(store, world, size) {
     if (!held) return;
     for (const { key, x, lower, upper, angle, name, at, axis, along } of limited()) {
       const near = Math.min((upper - lower) * NEAR_END, angle ? NEAR_ANGLE : Infinity);
-      const stops = stopped.includes(name) || Math.min(x - lower, upper - x) <= CLOSE;
+      const stops = stopped.includes(name) || Math.min(x - lower, upper - x) <= NEGLIGIBLE_DIFFERENCE;
       if (!stops && Math.min(x - lower, upper - x) > near) continue;
       if (!rings.has(key)) rings.set(key, made(angle ? upper - lower : 2 * Math.PI));
       const ring = rings.get(key);

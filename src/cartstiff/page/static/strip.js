@@ -3,7 +3,7 @@
 import { CURVES, plotted } from "./curves.js";
 import { LOST, SUPERSEDED, button, byId, clamp, download, dropdown, el, short, tipIn, toast } from "./dom.js";
 import { heat } from "./heat.js";
-import { BLANK } from "./numerics.js";
+import { PRINTED_AS_ZERO } from "./numerics.js";
 import { player } from "./player.js";
 import { CLOSER, Plot, isWhole, nearer } from "./plot.js";
 import { drawing, provenance, saveDrawing, table, svg } from "./plotfiles.js";
@@ -342,7 +342,7 @@ export function strip(store) {
     const stretches = [];
     rows.forEach((row, i) => {
       const values = valuesOf(row);
-      if (values && !(values[0] < -BLANK * Math.max(...values.map(Math.abs)))) return;
+      if (values && !(values[0] < -PRINTED_AS_ZERO * Math.max(...values.map(Math.abs)))) return;
       const [from, to] = [between(i, i - 1), between(i, i + 1)];
       plot.band(from, to - from, { class: values ? "gap negative" : "gap" });
       if (values) return;
