@@ -164,7 +164,7 @@ def differences(path: Path, seed: int = 0) -> list[str]:
         compare(f"limits of {own[0]}", limits[own[0]], expected)
         spring = facts.springs.get(own[0])
         k = model.jnt_stiffness[j] if not off & mujoco.mjtDisableBit.mjDSBL_SPRING else 0.0
-        if own[0] in folded or own[0] in facts.followers:
+        if own[0] in folded or own[0] in facts.followers or k < 0.0:  # negative: refused
             continue
         compare(f"stiffness of {own[0]}", spring.coefficients[0] if spring else 0.0, k)
         if spring and k:
