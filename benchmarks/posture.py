@@ -260,13 +260,13 @@ def ours_as_dict(
     elastic: cartstiff.ElasticMechanism, q: Array, wrench: Array | None = None
 ) -> dict[str, Any]:
     """The object that the command line prints, ready for `json.dumps`."""
-    return cartstiff.analyse(elastic, q, wrench=wrench).as_dict()
+    return cartstiff.analyse(elastic, q, wrench=wrench).to_dict()
 
 
 # -- cases -----------------------------------------------------------------------------------
 
 CARTSTIFF = "cartstiff: all of the JSON, as arrays"
-AS_DICT = "cartstiff: the same through `.as_dict()`"
+AS_DICT = "cartstiff: the same through `.to_dict()`"
 PLAIN = "plain script: only A, B, K, F, kinematic Hessian"
 LEAN = "plain script: only A, B, K, F, bracket contracted first"
 SOLVED = "plain script: only A, B, K, F, unloaded, closures solved for"

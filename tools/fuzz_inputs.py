@@ -111,9 +111,9 @@ def call(rng: random.Random) -> str:
     elastic = _loaded(rng.choice(["cubic", "ur5", "five-bar", "stewart-gough", "grasp"]))
     n = len(elastic.names)
     calls: list[Callable[[], Any]] = [
-        lambda: cartstiff.analyse(elastic, _array(rng, n)).as_dict(),
-        lambda: cartstiff.analyse(elastic, wrench=_array(rng, 6)).as_dict(),
-        lambda: cartstiff.analyse(elastic, _array(rng, n), wrench=_array(rng, 6)).as_dict(),
+        lambda: cartstiff.analyse(elastic, _array(rng, n)).to_dict(),
+        lambda: cartstiff.analyse(elastic, wrench=_array(rng, 6)).to_dict(),
+        lambda: cartstiff.analyse(elastic, _array(rng, n), wrench=_array(rng, 6)).to_dict(),
         lambda: cartstiff.analyse_many(elastic, _array(rng, n)),
         lambda: cartstiff.analyse_many(elastic, [_array(rng, n)], wrench=_array(rng, 6)),
         lambda: elastic.with_springs(_array(rng, n)),

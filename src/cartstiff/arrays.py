@@ -74,7 +74,7 @@ def fixed(array: Array) -> Array:
 class Result:
     """Base of frozen dataclasses with read-only arrays of their own."""
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON: each field; None if it does not exist."""
         data: dict[str, Any] = plain(self)
         return data

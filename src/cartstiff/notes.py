@@ -29,7 +29,7 @@ class Note:
     def __str__(self) -> str:
         return f"[{self.code}] {self.message}"
 
-    def as_dict(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, object]:
         """For JSON."""
         return {"code": self.code, "message": self.message, "values": plain(self.values)}
 

@@ -39,7 +39,7 @@ def test_a_file_of_one_posture_says_what_it_cannot_and_what_works(tmp_path, page
     said = page.inner_text("#left .exported")
     assert "This file shows one posture: its cables may be slack" in said
     assert "`cartstiff view` moves it" in said
-    expected = cartstiff.analyse(chain).as_dict()
+    expected = cartstiff.analyse(chain).to_dict()
     found = result(page)
     assert {key: expected[key] for key in found if key in expected} == {
         key: found[key] for key in found if key in expected
@@ -92,7 +92,7 @@ def test_a_file_of_a_closed_chain_moves_its_drives(name, tmp_path, pages):
     expected = cartstiff.analyse(chain, found["q"], wrench=[0, 0, 0, 0.3, -0.2, -0.4])
     assert np.abs(expected.q - found["q"]).max() < 1e-12
     kind = "compliance" if name in ("five-bar", "3-rps") else "stiffness"
-    there = expected.as_dict()["load"][kind]
+    there = expected.to_dict()["load"][kind]
     assert np.abs(np.array(found["load"][kind]) - there).max() < 1e-11 * np.abs(there).max()
     places = page.evaluate(
         "() => window.cartstiff.pane.viewer.scene_tree.children.meshcat.children.cartstiff"

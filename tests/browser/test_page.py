@@ -368,7 +368,7 @@ def test_another_frame_of_interest(ur5):
     settled(ur5)
     result = cartstiff.analyse(cartstiff.load("ur5", frame="wrist_3_link"))
     shown = ur5.evaluate("() => window.cartstiff.numbers.result")
-    assert shown == {key: result.as_dict()[key] for key in shown}
+    assert shown == {key: result.to_dict()[key] for key in shown}
     ur5.select_option("select[aria-label='Frame M']", "tool0")
     ur5.wait_for_selector("#kind:has-text('tool0')")
 
@@ -539,7 +539,7 @@ def test_downloads(ur5):
     with open(waiting.value.path(), encoding="utf-8") as file:  # noqa: PTH123
         import json
 
-        got, expected = json.load(file), cartstiff.analyse(cartstiff.load("ur5")).as_dict()
+        got, expected = json.load(file), cartstiff.analyse(cartstiff.load("ur5")).to_dict()
     assert set(got) == set(expected)
     for key, value in expected.items():
         for part in value if isinstance(value, dict) else [None]:

@@ -33,7 +33,7 @@ def test_output_of_analyse_has_the_form(name):
         pytest.skip("example-robot-data is not installed")
     result = cartstiff.analyse(cartstiff.load(name))
     analysis = analyse_posture(result, direction=[1.0, 2.0, 2.0], wrench=[0, 0, 0, 0, 0, 5.0])
-    _valid(result.as_dict() | {"analysis": analysis}, "analyse")
+    _valid(result.to_dict() | {"analysis": analysis}, "analyse")
 
 
 def test_the_form_of_an_analysis_refuses_what_is_wrong():
@@ -94,18 +94,18 @@ def test_units_of_an_analysis_follow_from_its_form():
 def test_output_of_equilibrium_has_the_form(name, load, held):
     elastic = cartstiff.load(name)
     start = cartstiff.analyse(elastic).elastic
-    _valid(equilibrium(start, load, held=held or None).as_dict(), "equilibrium")
+    _valid(equilibrium(start, load, held=held or None).to_dict(), "equilibrium")
 
 
 @pytest.mark.parametrize("name", ["stewart-simscape", "five-bar", "grasp", "3-rrr"])
 def test_output_of_modes_has_the_form(name):
-    _valid(cartstiff.modes(cartstiff.load(name)).as_dict(), "modes")
+    _valid(cartstiff.modes(cartstiff.load(name)).to_dict(), "modes")
 
 
 def test_the_schema_is_one_and_refuses_what_is_wrong():
     jsonschema.Draft202012Validator.check_schema(json_schema())
     jsonschema.Draft202012Validator.check_schema(json_schema("equilibrium"))
-    data = cartstiff.analyse(cartstiff.load("cubic")).as_dict()
+    data = cartstiff.analyse(cartstiff.load("cubic")).to_dict()
     for change in ({"wrench": [0.0] * 5}, {"order": "linear-angular"}, {"more": 1}):
         with pytest.raises(jsonschema.ValidationError):
             _valid(copy.deepcopy(data) | change, "analyse")

@@ -85,7 +85,7 @@ def test_suspects_are_ten_lines_in_text_and_all_in_json(tmp_path):
     bad = list(range(5, 77, 6))
     d[bad] += 5e-3
     result = identify(elastic, read_measurements(table_of(tmp_path / "t.csv", q, W, d), elastic))
-    assert result.as_dict()["suspects"] == [n + 1 for n in bad]
+    assert result.to_dict()["suspects"] == [n + 1 for n in bad]
     note = next(n for n in result.notes if n.code == "suspects")
     assert len(note.values["reasons"]) == 12
     assert note.message.count("row ") == 10

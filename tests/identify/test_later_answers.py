@@ -49,7 +49,7 @@ def test_commands_along_a_path_leave_what_the_springs_leave(known):
             variance += (per * displacement_between(ends[1], ends[0])) ** 2
         assert deviation == pytest.approx(np.sqrt(variance), rel=1e-4)
     assert "after_sd_" in path.as_csv().splitlines()[0]
-    assert np.array(path.as_dict()["error_after_sd"]).shape == (2, 6)
+    assert np.array(path.to_dict()["error_after_sd"]).shape == (2, 6)
 
 
 def test_another_unit_of_length_changes_no_interval(known):
@@ -63,9 +63,9 @@ def test_another_unit_of_length_changes_no_interval(known):
         there.displacement_deviation, here.displacement_deviation * sizes, rtol=1e-6
     )
     assert np.all(here.displacement_deviation[3:] > 0)
-    data = small.identified.as_dict()["compliances"]
+    data = small.identified.to_dict()["compliances"]
     # rad/(N mm)
-    assert data["j2"] == pytest.approx(1e-3 * elastic.identified.as_dict()["compliances"]["j2"])
+    assert data["j2"] == pytest.approx(1e-3 * elastic.identified.to_dict()["compliances"]["j2"])
 
 
 def test_ties_keep_their_lower_end_in_other_units(tmp_path):

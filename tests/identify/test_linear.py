@@ -75,7 +75,7 @@ def test_a_joint_that_no_row_turns_is_named_and_gets_no_number(tmp_path):
         "j3": "not-identifiable",
         "j4": "determined",
     }
-    told = result.as_dict()
+    told = result.to_dict()
     lost = told["parameters"][2]
     assert lost["stiffness"] is None
     assert lost["compliance"] is None
@@ -102,7 +102,7 @@ def test_two_springs_of_which_only_the_sum_is_seen(tmp_path):
     measured = read_measurements(table, elastic)
     result = identify(elastic, measured)
     assert [e.verdict for e in result.estimates] == ["not-identifiable"] * 2
-    shares = result.as_dict()["unseen"][0]["springs"]
+    shares = result.to_dict()["unseen"][0]["springs"]
     assert shares["j1"] == pytest.approx(-shares["j2"], rel=1e-6)
     tied = identify(elastic, measured, ties=[["j1", "j2"]])
     assert tied.estimates[0].name == "j1 = j2"
@@ -125,7 +125,7 @@ def test_a_nearly_rigid_joint_is_at_least(tmp_path):
     low, high = first.stiffness_interval
     assert high is None
     assert 1e5 < low < 1e9
-    assert result.as_dict()["parameters"][0]["interval"] == [pytest.approx(low), None]
+    assert result.to_dict()["parameters"][0]["interval"] == [pytest.approx(low), None]
 
 
 def test_json_has_the_form_and_units_are_read(tmp_path):
@@ -157,7 +157,7 @@ def test_json_has_the_form_and_units_are_read(tmp_path):
     text = run("identify", path, tmp_path / "mm.csv")
     assert "Stiffness, 95 % intervals" in text
     result = identify(elastic, measured)  # deviations given: the normal distribution
-    assert result.as_dict()["degrees"] is None
+    assert result.to_dict()["degrees"] is None
     assert result.checks.probability > 0.001
 
 

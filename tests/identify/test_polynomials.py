@@ -178,7 +178,7 @@ def test_a_motor_of_a_loop_that_stiffens(tmp_path):
     assert found["right_motor"] == pytest.approx(1 / 700.0, rel=1e-5)
     assert found["left_motor"] == pytest.approx(1 / 900.0, rel=1e-5)
     assert found["left_motor x^3"] == pytest.approx(2.0e4, rel=1e-4)
-    assert result.as_dict()["model"] == "loaded equilibrium"
+    assert result.to_dict()["model"] == "loaded equilibrium"
     assert "equilibrium-needed" in {note.code for note in result.notes}
     model = LoadedModel(result.unknowns, measured)
     theta = result.unknowns.nominal

@@ -250,7 +250,7 @@ def test_what_the_rows_do_not_separate_is_named_and_not_given(arm, tmp_path):
     assert len(groups) == 2
     lost = {g.name for g in result.geometry if g.value is None and g.interval is None}
     assert lost == first | last
-    data = result.as_dict()
+    data = result.to_dict()
     assert {g["name"] for g in data["geometry"] if not g["identifiable"]} == lost
     assert {n for u in data["unseen"] for n in u["offsets"]} == lost
     one = campaign(tmp_path / "b.csv", same=True)

@@ -101,7 +101,7 @@ def test_integers_are_numbers():
     ur5 = cartstiff.load("ur5").with_springs(1000)
     got = cartstiff.analyse(ur5, [0, -1, 1, 0, 1, 0], wrench=[0, 0, 0, 0, 0, 1])
     expected = cartstiff.analyse(ur5, [0.0, -1.0, 1.0, 0.0, 1.0, 0.0], wrench=np.eye(6)[5])
-    assert got.as_dict() == expected.as_dict()
+    assert got.to_dict() == expected.to_dict()
 
 
 def test_every_refusal_is_of_one_family():

@@ -57,7 +57,7 @@ def _codes(data):
 def test_a_loaded_mechanism(mechanism):
     _needs(mechanism)
     data = answer(f"equilibrium {mechanism} --load", LOADS[mechanism], "--world")
-    assert set(data) == set(cartstiff.analyse(cartstiff.load("cubic")).as_dict()) | MORE
+    assert set(data) == set(cartstiff.analyse(cartstiff.load("cubic")).to_dict()) | MORE
     assert data["stable"] is True
     assert data["residual"] < 1e-9
     assert min(data["eigenvalues"]) > 0
@@ -293,7 +293,7 @@ def test_a_payload_beside_links_without_mass_is_a_mass():
 def test_a_payload_without_gravity_weighs_alike_everywhere():
     """Each command assumes the earth's gravity, on the links too, and says so."""
     _write("path.csv", [(0.3, -1.1, 1.4, -0.7, 0.9, 0.2)])
-    analysed = cartstiff.analyse(cartstiff.load("ur5", payload=3)).as_dict()
+    analysed = cartstiff.analyse(cartstiff.load("ur5", payload=3)).to_dict()
     links = {part["name"]: part["mass"] for part in analysed["weighed"]} | {"payload": 0.0}
     for more in ([], ["--curve", "1"], ["--path", "path.csv"]):
         found = answer("equilibrium ur5 --payload 3", *more)

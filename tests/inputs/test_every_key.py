@@ -193,13 +193,13 @@ def answer(folder, content):
         if name is not None:
             file.write_text(f"name: {name}\n{file.read_text(encoding='utf-8')}")
         elastic = cartstiff.load(file)
-        result = cartstiff.analyse(elastic).as_dict()
+        result = cartstiff.analyse(elastic).to_dict()
     except InputError as error:
         return f"refused: {error}"
     limits = [(c.lower, c.upper) for c in elastic.mechanism.coordinates]
     lengths = getattr(elastic.mechanism, "limits", None)
     own = [limits, None if lengths is None else np.array(lengths).tolist()]
-    own += [None if elastic.identified is None else elastic.identified.as_dict()]
+    own += [None if elastic.identified is None else elastic.identified.to_dict()]
     own += [None if elastic.damping is None else elastic.damping.tolist(), vibrating(elastic)]
     return json.dumps([result, own, np.array(elastic.springs.stiffness).tolist()], default=str)
 
@@ -207,7 +207,7 @@ def answer(folder, content):
 def vibrating(elastic):
     """Modes, or why there are none: what masses act on without gravity."""
     try:
-        return cartstiff.modes(elastic).as_dict()
+        return cartstiff.modes(elastic).to_dict()
     except cartstiff.UndefinedError as error:
         return str(error)
 

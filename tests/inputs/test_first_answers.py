@@ -41,7 +41,7 @@ def test_joints_alone_are_a_posture_of_an_arm_with_soft_links(soft, tmp_path):
         found = answer("analyse", soft, "--analysis none", *more)
         assert found["q"] == pytest.approx(wanted["q"], abs=1e-12)
         np.testing.assert_allclose(found["stiffness"]["B"], K, rtol=1e-9, atol=1e-4)
-    python = cartstiff.analyse(arm, JOINTS).as_dict()
+    python = cartstiff.analyse(arm, JOINTS).to_dict()
     np.testing.assert_allclose(python["stiffness"]["B"], K, rtol=1e-12)
     by_joint = f"--stiffness={','.join(['3e4', '3e4', '2e4', '5e3', '5e3', '4e3'])}"
     found = answer("analyse", soft, "--analysis none", f"--q={six}", by_joint)

@@ -18,7 +18,7 @@ def arm():
 @pytest.mark.parametrize("name", ["ur5", "stewart-gough", "delta"])
 def test_what_is_read_cannot_be_written_to(name):
     result = cartstiff.analyse(cartstiff.load(name))
-    before = json.dumps(result.as_dict())
+    before = json.dumps(result.to_dict())
     arrays = [result.q, result.pose, result.wrench, result.jacobian, result.change_by_load]
     arrays += [result.tangent, result.tangent_compliance, result.closure_forces]
     arrays += [*result.matrices.values(), *result.compliances.values()]
@@ -27,7 +27,7 @@ def test_what_is_read_cannot_be_written_to(name):
             array[...] = 0.0
     with pytest.raises(TypeError, match="does not support item assignment"):
         result.matrices["A"] = np.zeros((6, 6))
-    assert json.dumps(result.as_dict()) == before
+    assert json.dumps(result.to_dict()) == before
 
 
 def test_rest_states_modes_and_curves_cannot_be_written_to(arm):

@@ -80,7 +80,7 @@ def checked(result: PostureStiffness, **options: Any) -> dict[str, Any]:
     assert set(found) == KEYS
     assert json.loads(json.dumps(found, allow_nan=False)) == found
     for level in LEVELS:
-        text = summary_text(found, result.elastic.units.as_dict(), level)
+        text = summary_text(found, result.elastic.units.to_dict(), level)
         assert "nan" not in text.replace("determinant", "")
         assert "None" not in text
     return found

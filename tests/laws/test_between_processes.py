@@ -49,12 +49,12 @@ def test_results_are_sent_whole(name):
     for read_before in (False, True):
         result = cartstiff.analyse(elastic)
         if read_before:
-            result.as_dict()
+            result.to_dict()
         found = pickle.loads(pickle.dumps(result))
-        assert found.as_dict() == result.as_dict()
+        assert found.to_dict() == result.to_dict()
     rest = cartstiff.equilibrium(elastic, DeadForce([0.0, 0.0, -1.0]))
     found = pickle.loads(pickle.dumps(rest))
-    assert found.as_dict() == rest.as_dict()
+    assert found.to_dict() == rest.to_dict()
     many = cartstiff.analyse_many(elastic, [elastic.q], outputs=["pose", "wrench"])
     found = pickle.loads(pickle.dumps(many))
     np.testing.assert_array_equal(found["pose"], many["pose"])
@@ -63,7 +63,7 @@ def test_results_are_sent_whole(name):
 def test_curves_are_sent_whole():
     curve = cartstiff.load_curve(cartstiff.load("ur5"), DeadForce([0.0, 0.0, -50.0]))
     found = pickle.loads(pickle.dumps(curve))
-    assert found.as_dict() == curve.as_dict()
+    assert found.to_dict() == curve.to_dict()
 
 
 def _modes():
@@ -96,10 +96,10 @@ def _study():
 def test_answers_about_machines_are_sent_whole(made):
     answer = made()
     found = pickle.loads(pickle.dumps(answer))
-    assert found.as_dict() == answer.as_dict()
+    assert found.to_dict() == answer.to_dict()
 
 
 def test_machines_are_read_in_threads():
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(lambda _: _machine().as_dict(), range(8)))
+        found = list(pool.map(lambda _: _machine().to_dict(), range(8)))
     assert all(each == found[0] for each in found)

@@ -174,7 +174,7 @@ def test_a_load_that_falls_too_far_ends_the_curve():
 
 def test_curves_as_text():
     curve = load_curve(column(2), DeadForce([-1.0, 0.0, 0.0]), to=0.5)
-    data = json.loads(json.dumps(curve.as_dict(), allow_nan=False))
+    data = json.loads(json.dumps(curve.to_dict(), allow_nan=False))
     assert len(data["factor"]) == len(data["displacement"]) == len(curve.factors)
     assert data["critical"][0]["kind"] == "bifurcation"
     lines = curve.as_csv().splitlines()
@@ -261,7 +261,7 @@ def test_a_command_under_which_the_posture_is_unstable_is_named():
 def test_compensated_paths_as_text():
     robot_file("ur_description/urdf/ur5_robot.urdf")
     path = compensate(cartstiff.load("ur5"), paths(), [DeadForce([50.0, 0, 0])] * 6)
-    data = json.loads(json.dumps(path.as_dict(), allow_nan=False))
+    data = json.loads(json.dumps(path.to_dict(), allow_nan=False))
     assert len(data["commands"]) == 6
     assert data["summary"]["after"]["points"] == 6
     assert path.as_csv().splitlines()[0].startswith("command_shoulder_pan_joint")

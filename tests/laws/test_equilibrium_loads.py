@@ -276,7 +276,7 @@ def test_springs_without_rest_position_carry_gravity_first():
 
 def test_result_is_plain_data():
     state = equilibrium(mechanism("ur5"), FollowerWrench([0.0, 0.0, 2.0, 10.0, 0.0, 0.0]))
-    data = json.loads(json.dumps(state.as_dict(), allow_nan=False))
+    data = json.loads(json.dumps(state.to_dict(), allow_nan=False))
     assert data["stable"] is None
     assert data["energy"] is None
     assert data["iterations"] == state.iterations

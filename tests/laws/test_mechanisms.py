@@ -307,7 +307,7 @@ def test_names_and_units():
     assert Coordinate("a", "prismatic").is_length
     assert paper_platform().units == Units("cm", "N")
     note = Note("code", "words", {"x": 1})
-    assert note.as_dict() == {"code": "code", "message": "words", "values": {"x": 1}}
+    assert note.to_dict() == {"code": "code", "message": "words", "values": {"x": 1}}
 
 
 def test_coordinates_by_name():
@@ -527,7 +527,7 @@ def test_no_chart():
         with pytest.raises(UndefinedError, match="this chain has 7") as caught:
             ask()
         assert caught.value.code == "kf-undefined"
-    assert "F" in result.as_dict()["stiffness"]
+    assert "F" in result.to_dict()["stiffness"]
     legs = legs_as_tree(general_legs())[1]
     chain = legs.mechanism
     unnamed = Chain(chain.tree, chain.frame, closures=chain.closures)
@@ -622,7 +622,7 @@ def test_as_dict(build):
     import json
 
     result = analyse(build())
-    data = json.loads(json.dumps(result.as_dict(), allow_nan=False))
+    data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert data["schema"] == SCHEMA == "cartstiff/1"
     assert data["order"] == "angular-linear"
     assert set(data["stiffness"]) == set(data["compliance"]) == set("ABKF")
@@ -644,4 +644,4 @@ def test_as_dict_without_an_energy():
         energy=lambda T: np.nan, wrench=lambda T: np.ones(6), stiffness=lambda T: np.zeros((6, 6))
     )
     result = analyse(loaded_arm("RRRRRR", 1).elastic.with_potential(follower))
-    assert result.as_dict()["energy"] is None
+    assert result.to_dict()["energy"] is None

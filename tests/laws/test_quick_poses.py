@@ -71,4 +71,4 @@ def test_a_map_has_the_same_branches_either_way(monkeypatch):
     assert count.max() >= 4
     np.testing.assert_allclose(found, expected, atol=1e-8)
     # Machine code stays behind where the sampling goes to another process.
-    assert pickle.loads(pickle.dumps(quick)).as_dict() == quick.as_dict()
+    assert pickle.loads(pickle.dumps(quick)).to_dict() == quick.to_dict()

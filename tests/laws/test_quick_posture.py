@@ -139,7 +139,7 @@ def compare(name, wrench, spread, quick, count=20):
             residual = ours.inverse_of_symmetric_tangent @ even - np.eye(6)
             assert np.abs(residual).max() <= 1e-14 * condition
         assert ours.is_loaded == engine.is_loaded
-        assert ours.as_dict().keys() == engine.as_dict().keys()
+        assert ours.to_dict().keys() == engine.to_dict().keys()
     assert found >= quick
 
 
@@ -201,7 +201,7 @@ def test_near_singularities_the_notes_are_the_engines(arm, bend):
     q = arm.q.copy()
     q[2] = bend  # the elbow straight
     ours, engine = cartstiff.analyse(arm, q), compute.analyse(arm, q)
-    assert [n.as_dict().keys() for n in ours.notes] == [n.as_dict().keys() for n in engine.notes]
+    assert [n.to_dict().keys() for n in ours.notes] == [n.to_dict().keys() for n in engine.notes]
     assert [n.code for n in ours.notes] == [n.code for n in engine.notes]
 
 

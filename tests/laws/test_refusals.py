@@ -571,7 +571,7 @@ def test_results_in_files(tmp_path):
             assert np.array_equal(archive[f"C_{name}"], result.compliances[name])
         for name in ("wrench", "pose", "jacobian", "q"):
             assert np.array_equal(archive[name], getattr(result, name))
-        assert json.loads(str(archive["description"])) == result.as_dict()
+        assert json.loads(str(archive["description"])) == result.to_dict()
     panda = analyse(loaded_arm("RRRRRRR", 1).elastic)
     write_result(panda, tmp_path / "P.npz")
     with np.load(tmp_path / "P.npz") as archive:

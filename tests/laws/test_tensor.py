@@ -289,7 +289,7 @@ def test_unit_factors():
         (0.3048, 9.80665), rel=1e-15
     )
     assert Units("cm", "N").moment == "N cm"
-    assert Units("cm", "N").as_dict() == {"length": "cm", "force": "N", "angle": "rad"}
+    assert Units("cm", "N").to_dict() == {"length": "cm", "force": "N", "angle": "rad"}
 
 
 def test_energy_of_a_motion_keeps_its_value():

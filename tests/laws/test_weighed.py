@@ -50,7 +50,7 @@ def test_links_and_payload_by_their_file(arm):
     found = gravity_loads(arm)
     assert found.bodies == masses_of_urdf() | {"payload": 5.0}
     assert found.massless == ()
-    assert found.as_dict()["gravity"] == GRAVITY.tolist()
+    assert found.to_dict()["gravity"] == GRAVITY.tolist()
     assert gravity_loads(replace(arm, gravity=None)).text == "Gravity: none"
 
 
@@ -101,7 +101,7 @@ def test_every_report_says_what_was_weighed(arm):
         (compensate(arm, [Q], [hung]), describe_path),
     ]
     for result, text in results:
-        data = json.loads(json.dumps(result.as_dict()))
+        data = json.loads(json.dumps(result.to_dict()))
         names = {part["name"]: part["mass"] for part in data["weighed"]}
         assert names["upper_arm_link"] == masses_of_urdf()["upper_arm_link"]
         assert names["payload"] == 5.0
@@ -111,8 +111,8 @@ def test_every_report_says_what_was_weighed(arm):
             assert names["payload among the loads"] == 2.0
             assert "payload of 2 kg" in text(result)
     light = cartstiff.analyse(replace(arm, gravity=None), Q)
-    assert light.as_dict()["gravity"] is None
-    assert light.as_dict()["weighed"] == []
+    assert light.to_dict()["gravity"] is None
+    assert light.to_dict()["weighed"] == []
     assert "Gravity: none" in describe(light)
 
 

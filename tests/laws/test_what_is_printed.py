@@ -36,7 +36,7 @@ def test_stored_energy_is_that_of_the_springs_alone():
     stored = 0.5 * float(np.sum(legs.stiffness * (lengths - legs.rest_length) ** 2))
     assert found.stored_energy == pytest.approx(stored, rel=1e-12)
     assert found.energy == pytest.approx(stored + 200.0 * state.pose[2, 3], rel=1e-12)
-    assert found.as_dict()["stored_energy"] == found.stored_energy
+    assert found.to_dict()["stored_energy"] == found.stored_energy
     text = describe_equilibrium(state)
     assert f"energy stored in the springs {stored:.6g} N m" in text
     assert f"potential of gravity and loads {200.0 * state.pose[2, 3]:.6g} N m" in text
@@ -64,7 +64,7 @@ def test_a_misfit_is_called_a_misfit():
     target = np.diag([1e3, 2e3, 3e3, 4e5, 5e5, 6e5])
     found = analyse_posture(cartstiff.analyse(arm), target=target)
     fit = found["synthesis"]["target"]["diagonal_fit"]
-    text = summary_text(found, arm.units.as_dict(), "full")
+    text = summary_text(found, arm.units.to_dict(), "full")
     assert f"independent springs miss it by {percent(fit['residual'])} at best" in text
     assert "as close as" not in text
 
@@ -219,7 +219,7 @@ def test_directions_are_shown_without_their_rounding():
     axes = np.array(summary["ellipsoids"]["stiffness"]["translation"]["free"]["axes"])
     small = np.abs(axes[(axes != 0.0) & (np.abs(axes) < 1e-9)])
     assert small.size
-    text = summary_text(summary, found.units.as_dict(), "full")
+    text = summary_text(summary, found.units.to_dict(), "full")
     shown = [line.split()[2:] for line in text.splitlines() if line.startswith("    axis ")]
     assert shown
     assert all(abs(float(x)) >= 1e-9 or float(x) == 0.0 for line in shown for x in line)

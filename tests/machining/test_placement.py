@@ -73,7 +73,7 @@ def test_dataset(found):
 
 
 def test_plain_data(found):
-    data = found.as_dict()
+    data = found.to_dict()
     assert data["schema"] == "cartstiff/1"
     shape = tuple(len(values) for values in data["axes"].values())
     worst = np.array([np.nan if v is None else v for v in data["worst"]]).reshape(shape)

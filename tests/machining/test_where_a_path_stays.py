@@ -68,9 +68,9 @@ def test_a_path_without_collisions():
     assert (wrist(inside.q) < 0.36 + HAND).any()
     assert (wrist(outside.q) >= 0.36 + HAND).all()
     assert outside.worst >= inside.worst
-    assert outside.as_dict()["collisions"]["checked"] is True
-    assert inside.as_dict()["collisions"]["checked"] is False
-    assert "not checked" in inside.as_dict()["collisions"]["message"]
+    assert outside.to_dict()["collisions"]["checked"] is True
+    assert inside.to_dict()["collisions"]["checked"] is False
+    assert "not checked" in inside.to_dict()["collisions"]["message"]
 
 
 def test_a_point_that_collides_in_every_posture():
@@ -89,7 +89,7 @@ def test_ranges_choose_the_elbow(sign):
         planar.arm(), PATH, free="z", samples=24, ranges={"j2": tuple(sorted((0.0, sign * 3.1)))}
     )
     assert (sign * found.q[:, 1] >= 0.0).all()
-    assert found.as_dict()["configuration"]["kept"] is True
+    assert found.to_dict()["configuration"]["kept"] is True
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -97,7 +97,7 @@ def test_near_a_posture(sign):
     posture = np.array([0.2, sign * 1.8, -sign * 1.0])
     found = optimise_path(planar.arm(), PATH, free="z", samples=24, near=posture)
     assert np.abs(found.q - posture).max() <= NEARBY + 1e-12
-    assert found.as_dict()["configuration"]["near"] == NEARBY
+    assert found.to_dict()["configuration"]["near"] == NEARBY
     assert "within 90 deg" in found.configuration
 
 

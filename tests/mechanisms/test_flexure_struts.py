@@ -143,7 +143,7 @@ def test_a_buckled_strut_is_a_state_wherever_postures_are_read(tmp_path):
     assert found.matrices["B"] is None
     states = {note.code: note.values for note in found.notes}
     assert states["strut-buckled"] == {"strut": 3}
-    assert found.as_dict()["energy"] is None
+    assert found.to_dict()["energy"] is None
     with pytest.raises(UndefinedError, match="strut 3 has buckled"):
         analyse(found.elastic.with_springs(rest=found.elastic.springs.rest), strict=True)
     held = elastic.with_springs(rest=made)

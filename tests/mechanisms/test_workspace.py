@@ -189,7 +189,7 @@ def test_boundaries_of_bodies_on_legs_agree_with_analyse(machines, name, axes):
     assert found.volume > 0
     if name == "delta":
         assert found.notes[-1].code == "no-fits"
-    json_text = json.dumps(found.as_dict(), allow_nan=False)
+    json_text = json.dumps(found.to_dict(), allow_nan=False)
     jsonschema.validate(json.loads(json_text), json_schema("workspace"))
     assert found.axes[2] in describe_workspace(found)
 
@@ -351,7 +351,7 @@ def test_tensions_nearest_to_the_middle_of_their_limits(tmp_path):
     assert np.allclose(middle.distribution["at_centre"], best.x, atol=1e-6)
     assert every.distribution["at_centre"] == middle.distribution["at_centre"]
     assert "nearest to the middle" in describe_workspace(middle)
-    jsonschema.validate(json.loads(json.dumps(middle.as_dict())), json_schema("workspace"))
+    jsonschema.validate(json.loads(json.dumps(middle.to_dict())), json_schema("workspace"))
     with pytest.raises(InputError, match="middle of the limits"):
         cartstiff.workspace(cartstiff.load("cable-robot"), tensions="closed-form", radius=2.0)
     with pytest.raises(InputError, match="unknown distribution"):
@@ -374,7 +374,7 @@ def test_what_is_singular_everywhere_is_named_once(path, code):
     found = cartstiff.workspace(cartstiff.load(path))
     assert found.volume is None
     assert found.notes[-1].code == code
-    text = json.dumps(found.as_dict(), allow_nan=False)
+    text = json.dumps(found.to_dict(), allow_nan=False)
     jsonschema.validate(json.loads(text), json_schema("workspace"))
 
 

@@ -345,7 +345,7 @@ def test_what_neither_matrix_knows_is_no_number():
     assert answer["indices"] is None
     assert answer["definiteness"] is None
     assert "ill-conditioned" in {n["code"] for n in answer["notes"]}
-    assert "indices, angles" not in summary_text(answer, elastic.units.as_dict())
+    assert "indices, angles" not in summary_text(answer, elastic.units.to_dict())
     settings = Settings("B", 0.3)
     quantities = choose_quantities(("minimum", "condition"), settings, elastic)
     outputs = sorted({o for quantity in quantities for o in quantity.outputs(settings)})

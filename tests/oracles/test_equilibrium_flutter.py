@@ -79,7 +79,7 @@ def test_zieglers_column_far_beyond_its_load():
     assert curve.critical[0].factor == pytest.approx(3.5 - np.sqrt(2.0), rel=1e-9)
     text = describe_curve(curve)
     assert "Critical load: flutter at factor 2.08578643" in text
-    data = json.loads(json.dumps(curve.as_dict(), allow_nan=False))
+    data = json.loads(json.dumps(curve.to_dict(), allow_nan=False))
     # Eigenvalues of an unsymmetric tangent depend on the coordinates: none is given.
     assert set(data["eigenvalue"]) == {None}
     assert data["critical"][0]["frequency"] > 0.0

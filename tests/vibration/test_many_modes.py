@@ -115,7 +115,7 @@ def test_springs_alone_need_no_stiffness_at_the_body(name, kind):
             }
             quick, whole = modes(elastic, q, **acting), modes(analyse(elastic, q, **acting))
             assert quick.squares == pytest.approx(whole.squares, rel=1e-12)
-            assert quick.as_dict()["notes"] == whole.as_dict()["notes"]
+            assert quick.to_dict()["notes"] == whole.to_dict()["notes"]
             assert quick.load["words"] == whole.load["words"]
             assert quick.elastic.springs.rest == pytest.approx(
                 whole.elastic.springs.rest, rel=1e-12, nan_ok=True

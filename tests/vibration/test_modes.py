@@ -243,7 +243,7 @@ def test_payload_has_inertia_wherever_it_comes_from():
     assert modes(hung).squares == pytest.approx(given.squares, rel=1e-12)
     assert given.squares[0] < modes(column()).squares[0]
     heavier = load("stewart-simscape").with_payload(0.5, [0.0, 0.0, 0.02])
-    assert modes(heavier).as_dict()["weighed"][0]["mass"] == 1.5
+    assert modes(heavier).to_dict()["weighed"][0]["mass"] == 1.5
     with pytest.raises(InputError, match="payload mass"):
         column().with_payload(-1.0)
 
@@ -295,7 +295,7 @@ def test_free_beam_of_lumped_segments_converges(tmp_path):
 
 def test_what_is_exported():
     assert cartstiff.modes is modes
-    data = modes(load("stewart-simscape"), wrench=[0, 0, 0, 0, 0, -100.0]).as_dict()
+    data = modes(load("stewart-simscape"), wrench=[0, 0, 0, 0, 0, -100.0]).to_dict()
     assert data["schema"] == "cartstiff-modes/1"
     assert np.array(data["mass_matrix"]).shape == (6, 6)
     assert data["load"]["given"]

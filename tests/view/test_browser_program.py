@@ -281,7 +281,7 @@ def test_singular_postures_are_not_answered():
     ]
     found = asked("ur5", wanted, "program.result(state)")
     assert [one is None for one in found[:3]] == [False, True, True]
-    whole = json.loads(json.dumps(cartstiff.analyse(arm).as_dict()))
+    whole = json.loads(json.dumps(cartstiff.analyse(arm).to_dict()))
     del whole["stored_energy"]
     same(found[0], whole)
     with pytest.raises(UndefinedError):
@@ -323,7 +323,7 @@ def test_a_closed_chain_is_assembled_led_and_swept_as_by_the_library(name):
         q = np.array(mechanism.closed(q).q)  # they cannot all go where they like
     far = ViewState(q=q.tolist())
     (found,) = asked(name, [far], "program.result(state)")
-    whole = json.loads(json.dumps(cartstiff.analyse(elastic, q).as_dict()))
+    whole = json.loads(json.dumps(cartstiff.analyse(elastic, q).to_dict()))
     del whole["stored_energy"]
     same(found, whole)
     assert np.abs(mechanism.closed(found["q"]).q - found["q"]).max() < 1e-12

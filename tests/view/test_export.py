@@ -66,7 +66,7 @@ def test_a_mechanism_that_the_browser_cannot_compute_is_one_posture(name):
     data, _ = held(export_page(Source(elastic, q)))
     result = cartstiff.analyse(elastic, q)
     posture = data["posture"]
-    assert posture["result"] == json.loads(json.dumps(result.as_dict()))
+    assert posture["result"] == json.loads(json.dumps(result.to_dict()))
     assert posture["why"] in (
         "a closed chain whose drives have no names is assembled posture by posture",
         "its cables may be slack",

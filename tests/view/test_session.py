@@ -62,7 +62,7 @@ def test_a_drawn_posture_is_the_api_s(session):
     q = [0.1, -1.0, 1.2, -0.5, 0.8, 0.3]
     load = [1, 2, 3, 4, 5, -60]
     state = {"q": q, "load": load}
-    expected = cartstiff.analyse(cartstiff.load("ur5"), q, wrench=load).as_dict()
+    expected = cartstiff.analyse(cartstiff.load("ur5"), q, wrench=load).to_dict()
     assert asked(session("ur5"), do="result", state=state)["result"] == expected
     found = asked(session("ur5"), do="draw", state=state)["numbers"]["result"]
     assert found == {key: expected[key] for key in found}

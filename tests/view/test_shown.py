@@ -34,7 +34,7 @@ def loaded(arm):
 
 
 def test_the_payload_holds_the_object_of_analyse(loaded):
-    whole = loaded.as_dict()
+    whole = loaded.to_dict()
     assert shown_numbers(loaded, ViewState(), whole=True)["result"] == whole
     for quantity in ("stiffness", "compliance"):
         numbers = shown_numbers(loaded, ViewState(quantity=quantity))

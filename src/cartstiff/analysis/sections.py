@@ -95,7 +95,7 @@ class Notes:
 
     def add(self, error: UndefinedError, what: str) -> None:
         """Note an error once."""
-        note = Note.of(error, what).as_dict()
+        note = Note.of(error, what).to_dict()
         if note not in self.entries:
             self.entries.append(note)
 

@@ -237,7 +237,7 @@ def command(
             from cartstiff.statics.equilibrium import relaxed
 
             result = analyse(elastic, relaxed(elastic, result.q), **manner)
-        data = result.as_dict()
+        data = result.to_dict()
         steps.end(ENGINE, 1)
         if order is not None or axes is not None:
             data["as_controller"] = _as_controller(result, order or ORDERS[0], axes or "body")

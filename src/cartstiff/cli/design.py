@@ -96,7 +96,7 @@ def command(
     from cartstiff.report.designs import describe_designs, draw_designs
 
     out.show(
-        designs.as_dict(),
+        designs.to_dict(),
         str(study),
         lambda: describe_designs(designs, best),
         csv=designs.to_csv,

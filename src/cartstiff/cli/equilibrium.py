@@ -177,7 +177,7 @@ def command(
             )
             start = before.q
         state = equilibrium(elastic, start, *loads, held=held, limits=not no_limits)
-        data = state.as_dict()
+        data = state.to_dict()
         more = parameters.add(state, bare, data, lambda e: moved(weighing(e))[0])
         out.show(data, elastic.name, lambda: "\n".join([describe_equilibrium(state), *more]))
         return
@@ -189,7 +189,7 @@ def command(
 
     result = load_curve(elastic, start, *loads, to=curve, held=held)
     out.show(
-        result.as_dict(),
+        result.to_dict(),
         elastic.name,
         lambda: describe_curve(result),
         csv=result.as_csv,
@@ -256,7 +256,7 @@ def _compensate(
         )
     result = compensate(elastic, postures, loads, against=against)
     out.show(
-        result.as_dict(),
+        result.to_dict(),
         elastic.name,
         lambda: describe_path(result, is_written=out.csv is not None),
         csv=result.as_csv,

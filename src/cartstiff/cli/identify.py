@@ -333,7 +333,7 @@ class Plan:
             level=fit.level,
         )
         out.show(
-            chosen.as_dict(),
+            chosen.to_dict(),
             mechanism,
             lambda: describe_plan(chosen),
             csv=lambda: table_text(chosen.rows, elastic, tuple(spreads)),
@@ -468,7 +468,7 @@ def command(
         name = one_line(data.name)
         write_whole(output, mechanism_file(result, robot.mechanism, robot.frame, output, name))
     out.show(
-        result.as_dict(),
+        result.to_dict(),
         robot.mechanism,
         lambda: describe_identification(result),
         plot=lambda: draw_residuals(result),

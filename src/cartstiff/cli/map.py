@@ -497,7 +497,7 @@ def command(
         dataset = one_branch(whole, quantities[0], level, side == "below")
     summed = summary(dataset if is_part else file)
     answer = _answer(file, output, computed, seconds, summed)
-    answer |= {"slice": places_of(whole, cuts), "notes": [n.as_dict() for n in elastic.notes]}
+    answer |= {"slice": places_of(whole, cuts), "notes": [n.to_dict() for n in elastic.notes]}
     for which, count in (("best", shown.best), ("worst", shown.worst)):
         if count is not None:
             answer[which] = {name: ranked(dataset, name, which, count) for name in quantities}

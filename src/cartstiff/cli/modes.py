@@ -89,9 +89,9 @@ class Controller:
         data["impedance"] = gains = {
             "given": {"order": target.order, "axes": self.axes, "ratios": ratios},
             "q": dict(zip(elastic.names, modes.q.tolist(), strict=True)),
-            "units": elastic.units.as_dict(),
+            "units": elastic.units.to_dict(),
             "for_controller": shown,
-            **answer.as_dict(),
+            **answer.to_dict(),
         }
         if self.output is not None:
             from cartstiff.report.output import write_whole
@@ -175,7 +175,7 @@ class Response:
                 if self.kind == "transmissibility"
                 else frequency_response(*asked, kind=self.kind, at=at)
             )
-            data["response"] = answer.as_dict(self.direction)
+            data["response"] = answer.to_dict(self.direction)
             lines += describe_response(answer, self.direction)
             made = {
                 "csv": lambda: answer.as_csv(self.direction),
@@ -202,7 +202,7 @@ class Response:
             else:
                 curve = lobes(modes, vibration.cutter, speeds, damping)
             milling = asdict(vibration.cutter)
-            data["lobes"] = {**curve.as_dict(), "milling": milling, "unit": units.length}
+            data["lobes"] = {**curve.to_dict(), "milling": milling, "unit": units.length}
             lines += describe_lobes(curve, units)
             made = {
                 "csv": lambda: lobes_csv(curve, units.length),
@@ -317,9 +317,9 @@ def command(
         words = f"{elastic.name}: no modes\n  [{error.code}] {error}"
         out.show(data, robot.mechanism, lambda: words)
         return
-    data = swinging.as_dict()
+    data = swinging.to_dict()
     if bare is not None:
-        unloaded = bare.as_dict()
+        unloaded = bare.to_dict()
         data["unloaded"] = {key: unloaded[key] for key in ("frequencies", "eigenvalues", "load")}
     lines: list[str] = []
     if compare is not None:
@@ -329,7 +329,7 @@ def command(
             shortcuts = compared(swinging, [name.strip() for name in compare.split(",")])
         except UnknownNameError as error:
             raise error.at("--compare") from None
-        data["compare"] = [shortcut.as_dict() for shortcut in shortcuts]
+        data["compare"] = [shortcut.to_dict() for shortcut in shortcuts]
         lines += describe_comparison(shortcuts)
     lines += parameters.add(swinging, robot, data)
     more, made = response.run(swinging, vibration, data)

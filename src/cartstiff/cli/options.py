@@ -980,19 +980,19 @@ class Parameters:
             again = reread if elastic.parameters else None
             with Progress("parameters") as bar:
                 known = sensitivities(subject, reread=again, progress=bar)
-            data["sensitivities"] = known.as_dict()
+            data["sensitivities"] = known.to_dict()
             lines += words.describe_sensitivities(known, elastic.units)
         if isinstance(subject, Modes) and is_uncertain:
             if known is None and t.any:
                 with Progress("parameters") as bar:
                     known = sensitivities(subject, geometry=bool(t.length or t.angle), progress=bar)
             band = intervals(subject, t, given=known)
-            data["intervals"] = band.as_dict()
+            data["intervals"] = band.to_dict()
             lines += words.describe_intervals(subject, band)
         if tolerance is not None:
             with Progress("parameters") as bar:
                 deviations = accuracy(subject, t, given=known, progress=bar)
-            data["accuracy"] = deviations.as_dict()
+            data["accuracy"] = deviations.to_dict()
             lines += words.describe_accuracy(deviations, elastic.units)
         return lines
 

@@ -212,7 +212,7 @@ def command(
         with Progress("path", progress) as advance:
             result = optimise_path(elastic, path, progress=advance, **options)
         out.show(
-            result.as_dict(),
+            result.to_dict(),
             elastic.name,
             lambda: describe_optimised_path(result, is_written=is_written),
             csv=result.as_csv,
@@ -225,7 +225,7 @@ def command(
         placement = best_placement(elastic, path, region, progress=advance, **options)
     write_files((plot_places, lambda: draw_placement(placement)))
     out.show(
-        placement.as_dict(),
+        placement.to_dict(),
         elastic.name,
         lambda: describe_placement(placement, is_written=is_written),
         csv=placement.path.as_csv,

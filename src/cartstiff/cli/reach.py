@@ -86,7 +86,7 @@ def assemble_command(
             elastic, robot.lengths, q=q, **asdict(search), progress=bar, **load.keywords
         )
     out.show(
-        modes.as_dict(),
+        modes.to_dict(),
         robot.mechanism,
         lambda: describe_assembly(modes),
         csv=lambda: assembly_csv(modes),
@@ -183,7 +183,7 @@ def workspace_command(
     with Progress("poses", progress) as bar:
         reached = workspace(elastic, q, **load.keywords, **asdict(search), progress=bar)
     out.show(
-        reached.as_dict(),
+        reached.to_dict(),
         robot.mechanism,
         lambda: describe_workspace(reached),
         csv=lambda: boundary_csv(reached),

@@ -97,7 +97,7 @@ class Design:
     state: Verdict = "feasible"
     reason: str = ""
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         return asdict(self)
 
@@ -511,7 +511,7 @@ class Designs(ShownInLines):
             )
         return csv_rows(head, rows)
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         study = self.study
 
@@ -543,7 +543,7 @@ class Designs(ShownInLines):
             else None,
         }
         frames = self.home.mechanism.frames_as_dict()
-        return described("design", own, frames, gravity_loads(self.home).as_dict(), self)
+        return described("design", own, frames, gravity_loads(self.home).to_dict(), self)
 
     @property
     def notes(self) -> list[Note]:
@@ -817,7 +817,7 @@ class Record:
     def add(self, design: Design) -> None:
         """Store a design."""
         self._known[key_of(design.parameters)] = design
-        entry = design.as_dict()
+        entry = design.to_dict()
         self._append({**entry, "sum": _sum(entry)})
 
     def _append(self, entry: Mapping[str, Any]) -> None:

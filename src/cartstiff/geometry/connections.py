@@ -138,7 +138,7 @@ class Connection:
         right = np.einsum("zik,kjm->zijm", c, g) + np.einsum("zjk,ikm->zijm", c, g)
         return self._vanishes(left - right)
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON; a named connection is its name, any other its symbols."""
         named = NAMED.get(self.name) is self
         return {
@@ -151,10 +151,10 @@ class Connection:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Connection:
-        """Inverse of `as_dict`."""
+        """Inverse of `to_dict`."""
         keys = {"name", "symbols", "meaning", "left_invariant", "flat"}
         if not isinstance(data, Mapping) or not data.keys() >= keys:
-            raise InputError("no data of a connection", expected="what as_dict makes", got=data)
+            raise InputError("no data of a connection", expected="what to_dict makes", got=data)
         if data["symbols"] is None:
             if data["name"] not in NAMED:
                 raise UnknownNameError("connection", data["name"], list(NAMED))

@@ -532,7 +532,7 @@ class Identification:
     def _rank(self) -> int:
         return numerics.rank(self.chosen.solved.singular_values)
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """The object printed by ``cartstiff identify --json``."""
         noise = self.noise()
         first = noise.get("length") or noise["angle"]

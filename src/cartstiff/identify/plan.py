@@ -393,7 +393,7 @@ class Plan:
     level: float
     geometry: tuple[OffsetEstimate, ...] = ()
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         rows = []
         for u, s in zip(self.unknowns.parameters, self.deviations[-1].tolist(), strict=True):

@@ -279,7 +279,7 @@ class PathCount:
         ]
         return f"{PATHS} paths: " + ", ".join(f"{n} {what}" for n, what in parts if n)
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {"total": PATHS, **asdict(self), "complete": self.is_complete}
 

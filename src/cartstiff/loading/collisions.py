@@ -109,7 +109,7 @@ class Collisions:
         """Whether links collide at N postures (N, n): bool (N,)."""
         return np.array([self._collide(row, first=True) for row in q], bool)
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         return {
             "checked": True,

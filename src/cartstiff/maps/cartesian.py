@@ -199,7 +199,7 @@ class CartesianGrid(Sampling):
             raise InputError("a Cartesian grid has no postures without its mechanism")
         return self.solve(box, elastic)[0]
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
             "kind": "cartesian",
@@ -238,6 +238,6 @@ class AtPoses(Sampling):
             raise InputError("poses have no postures without their mechanism")
         return np.asarray(at_poses(elastic, self.poses.postures(box))[0])
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON."""
-        return {"kind": "poses", "of": self.poses.as_dict()}
+        return {"kind": "poses", "of": self.poses.to_dict()}

@@ -405,7 +405,7 @@ class CommandGrid(Sampling):
         rows = self._grid.postures(box)[:, self._grid.columns].tolist()
         return [dict(zip(self.names, row, strict=True)) for row in rows]
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         axes = zip(self.names, self._grid.axes.values(), strict=True)
         return {

@@ -268,7 +268,7 @@ def planned(
         job = replace(job, path=path, by_kernel=reads)
     options = {
         "joints": list(elastic.names),
-        "sampling": sampling.as_dict(),
+        "sampling": sampling.to_dict(),
         "quantities": list(job.names),
         **{name: getattr(settings, name) for name in _DESCRIBED_SETTINGS},
         "load": row,
@@ -281,7 +281,7 @@ def planned(
         "states": list(STATES),
     }
     if elastic.identified is not None:
-        options["identified"] = elastic.identified.as_dict()
+        options["identified"] = elastic.identified.to_dict()
     description = identity_of(elastic, options) | {"path": job.path, "by_kernel": job.by_kernel}
     units, mechanism = elastic.units, elastic.mechanism
     attributes = {

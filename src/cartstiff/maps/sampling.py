@@ -129,7 +129,7 @@ class Sampling(ABC):
         """
 
     @abstractmethod
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Everything that determines the postures, for JSON."""
 
 
@@ -194,7 +194,7 @@ class Grid(Sampling):
             q[..., column] = part.reshape(-1, *[1] * (len(shape) - i - 1))
         return q.reshape(-1, len(self.base))
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
             "kind": "grid",
@@ -294,7 +294,7 @@ class RandomPostures(Sampling):
         q += self.lower
         return q
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
             "kind": "random",
@@ -362,7 +362,7 @@ class Trajectory(Sampling):
         """Coordinates (m, n) of a range of postures."""
         return self.q[box[0]].copy()
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON: a digest in place of the postures, which the file holds."""
         from hashlib import sha256
 

@@ -187,7 +187,7 @@ class Units:
 
     @classmethod
     def from_dict(cls, units: Mapping[str, str]) -> Units:
-        """Make units from the result of `as_dict`.
+        """Make units from the result of `to_dict`.
 
         Raises
         ------
@@ -272,7 +272,7 @@ class Units:
         length, force = convert_length(SI, self)
         return force / length
 
-    def as_dict(self) -> dict[str, str]:
+    def to_dict(self) -> dict[str, str]:
         """Return plain data for JSON."""
         return {"length": self.length, "force": self.force, "angle": self.angle}
 

@@ -173,7 +173,7 @@ class GravityLoads:
     weight: float
     unit: str
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON: keys "gravity" and "weighed"."""
         parts = [{"name": name, "mass": mass} for name, mass in self.bodies.items()]
         if self.payload:
@@ -395,7 +395,7 @@ class ElasticMechanism(ShownInLines):
         mechanism = self.mechanism
         about = {"name": self.name, "kind": mechanism.kind, "joints": list(self.names)}
         frames = mechanism.frames_as_dict()
-        return {"mechanism": about, **frames, "units": self.units.as_dict()}
+        return {"mechanism": about, **frames, "units": self.units.to_dict()}
 
     @property
     def names_with_units(self) -> list[str]:

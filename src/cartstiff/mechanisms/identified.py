@@ -168,7 +168,7 @@ class Identified:
             at_least=least,
         )
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON."""
         return {
             "compliances": dict(zip(self.names, self.values.tolist(), strict=True)),

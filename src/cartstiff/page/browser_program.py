@@ -232,12 +232,12 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
             "lower": plain(limits.lower.tolist()),
             "upper": plain(limits.upper.tolist()),
         },
-        "notes": [note.as_dict() for note in elastic.notes],
+        "notes": [note.to_dict() for note in elastic.notes],
         "last_notes": [
-            note.as_dict()
+            note.to_dict()
             for note in (*([] if elastic.gravity is None else gravity_loads(elastic).notes), *chart)
         ],
-        "base": result.as_dict(),
+        "base": result.to_dict(),
     }
     described["reach"] = result.posture.length
     if isinstance(mechanism, Platform):

@@ -185,7 +185,7 @@ def client_data(
     hello = session.hello().data
     if isinstance(program, str):
         numbers = session.numbers(base, shown.model_copy(update={"mode": 1}))
-        own = {"posture": {"numbers": numbers, "result": base.as_dict(), "why": program}}
+        own = {"posture": {"numbers": numbers, "result": base.to_dict(), "why": program}}
     else:
         shown = shown.model_copy(update=dict.fromkeys(_NOT_COMPUTED, False) | {"mode": None})
         own = {"program": program.data}

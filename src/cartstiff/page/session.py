@@ -197,7 +197,7 @@ class Session:
             if isinstance(message, Numbers):
                 facts = {"numbers": self.numbers(result, message.state)}
             elif isinstance(message, Result):
-                facts = {"result": result.as_dict()}
+                facts = {"result": result.to_dict()}
             elif isinstance(message, Bounds):
                 facts = {"bounds": self.picture.bounds(result)}
             elif isinstance(message, Response):

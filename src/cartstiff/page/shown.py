@@ -159,7 +159,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         "kind": mechanism.kind,
         "frame": mechanism.frame,
         "frames": _frames(elastic) if frames else [mechanism.frame],
-        "units": units.as_dict(),
+        "units": units.to_dict(),
         "coordinates": coordinates,
         "joints": _joints(elastic),
         "axes": _axes(elastic),
@@ -289,7 +289,7 @@ def shown_numbers(
     principal = _principal(here, state)
     numbers = None if pair is None else _indices(pair)
     answer: dict[str, Any] = {
-        "result": result.as_dict() if whole else _part(result, state.quantity),
+        "result": result.to_dict() if whole else _part(result, state.quantity),
         "has_compliance": pair is not None or result.reduction.compliance is not None,
         "position": result.pose[:3, 3].tolist(),
         "angles": se3.roll_pitch_yaw(result.pose).tolist(),
@@ -335,14 +335,14 @@ def _part(result: PostureStiffness, quantity: str) -> dict[str, Any]:
         "energy": plain(result.energy),
         quantity: {name: _listed(matrix) for name, matrix in table.items()},
         "load": result.load_as_dict(),
-        "notes": [note.as_dict() for note in result.notes],
+        "notes": [note.to_dict() for note in result.notes],
     }
 
 
 def modes_part(result: PostureStiffness) -> dict[str, Any]:
     """Return the part of ``cartstiff modes --json`` that the page shows, or why there is none."""
     try:
-        answer = modes(result).as_dict()
+        answer = modes(result).to_dict()
     except UndefinedError as error:
         return {"missing": str(error)}
     names = answer["mechanism"]["joints"]

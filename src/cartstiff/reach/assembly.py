@@ -212,7 +212,7 @@ class AssemblyMode(ShownInLines):
         except UndefinedError:
             return None
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         data = {
             "q": self.q,
@@ -298,12 +298,12 @@ class AssemblyModes(ShownInLines):
             f"  stable    {sum(mode.stable is True for mode in self.modes)}",
         ]
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON: numbers, lists, texts, None."""
         elastic, search = self.elastic, self.search
         method: dict[str, Any] | None = None
         if isinstance(search, PathCount):
-            method = {"method": "homotopy", **search.as_dict()}
+            method = {"method": "homotopy", **search.to_dict()}
         elif search is not None:
             method = {
                 "method": "starts",
@@ -314,9 +314,9 @@ class AssemblyModes(ShownInLines):
         own = {
             "found": self.found,
             "search": method,
-            "modes": [mode.as_dict() for mode in self.modes],
+            "modes": [mode.to_dict() for mode in self.modes],
         }
-        return described("assemble", own, elastic.about(), gravity_loads(elastic).as_dict(), self)
+        return described("assemble", own, elastic.about(), gravity_loads(elastic).to_dict(), self)
 
 
 @checked

@@ -853,7 +853,7 @@ class Singular:
     shift: float | None = None
     length: float = 1.0
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {"metric": "sqrt(distance^2 + (length angle)^2)", **plain(self)}
 
@@ -1116,7 +1116,7 @@ class Workspace(ShownInLines):
             f"  turns in every direction {self.least_turn} rad",
         ]
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON: numbers, lists, texts, None."""
         sphere, cube, near = self.sphere, self.cube, self.singularity
         own = {
@@ -1134,12 +1134,12 @@ class Workspace(ShownInLines):
                 "cut_by": self.turns.shares(),
             },
             "singularity": near and {"least_ratio": near[0], "position": near[1]},
-            "singular": self.singular and self.singular.as_dict(),
+            "singular": self.singular and self.singular.to_dict(),
             "tensions": self.distribution or None,
             "limits": [] if self.positions is None else [e[3] for e in self.positions.edges],
         }
         elastic = self.elastic
-        return described("workspace", own, elastic.about(), gravity_loads(elastic).as_dict(), self)
+        return described("workspace", own, elastic.about(), gravity_loads(elastic).to_dict(), self)
 
 
 @checked

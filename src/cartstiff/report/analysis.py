@@ -230,7 +230,7 @@ def summary_text(
         If a unit is missing.
     """
     check_name("level", level, LEVELS)
-    u = units if isinstance(units, Units) else Units.from_dict(units or SI.as_dict())
+    u = units if isinstance(units, Units) else Units.from_dict(units or SI.to_dict())
     if level == "none":
         return ""
     full = level == "full"

@@ -51,7 +51,7 @@ def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:
         answer["joints"] = [_body(mechanism)]
     if isinstance(elastic.springs, LineSprings):
         answer["legs"] = _legs(mechanism, elastic.springs)
-    gravity = gravity_loads(elastic).as_dict()
+    gravity = gravity_loads(elastic).to_dict()
     return described("frames", answer, elastic.about(), gravity, elastic)
 
 

@@ -113,7 +113,7 @@ def _row(e: Estimate, robust: float) -> tuple[str, ...]:
 
 def describe_plan(plan: Plan) -> str:
     """Describe the chosen rows, the predicted intervals, and their decrease with more rows."""
-    data, rows = plan.as_dict(), plan.rows
+    data, rows = plan.to_dict(), plan.rows
     elastic = plan.unknowns.elements.elastic
     what = {
         "all": "all compliances (D-optimal)",

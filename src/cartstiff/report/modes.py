@@ -37,7 +37,7 @@ def describe_modes(modes: Modes, unloaded: Modes | None = None, extra: Sequence[
         Lines before the notes.
     """
     elastic, mechanism, units = modes.elastic, modes.elastic.mechanism, modes.elastic.units
-    weighed = modes.as_dict()["weighed"]
+    weighed = modes.to_dict()["weighed"]
     masses = ", ".join(f"{part['name']} {part['mass']:.4g}" for part in weighed)
     lines = [
         f"{elastic.name}: {mechanism.kind}, {body_frame(mechanism)}, small undamped motions "

@@ -52,7 +52,7 @@ def write_result(
     Nastran (.nas, .bdf; legs as springs: .dat), MuJoCo (.xml, platforms on lines), the geometry
     as a table (.csv) or a tree (.urdf, with a mechanism file of the same name that closes its
     loops): `cartstiff.report.exchange`. `data` is the JSON object, if it holds more than
-    ``result.as_dict()``.
+    ``result.to_dict()``.
     """
     from cartstiff.report.exchange import EXCHANGE, exchanged, urdf_with_closures
 
@@ -64,7 +64,7 @@ def write_result(
         write_whole(path, tree)
         write_whole(path.with_suffix(".yaml"), closures)
         return
-    text = json.dumps(result.as_dict() if data is None else data, allow_nan=False, indent=1)
+    text = json.dumps(result.to_dict() if data is None else data, allow_nan=False, indent=1)
     if path.suffix.lower() == ".json":
         write_whole(path, text.encode() + b"\n")
         return

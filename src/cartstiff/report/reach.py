@@ -169,7 +169,7 @@ def describe_workspace(reached: Workspace) -> str:
     ]
     if reached.positions is None or reached.columns is None:
         return joined([*lines, "No workspace: singular everywhere", *note_lines(reached.notes)])
-    poses = reached.as_dict()["poses"]
+    poses = reached.to_dict()["poses"]
     lines += [
         "",
         f"Volume{' with this orientation' * is_place}: {number(reached.volume, 5)} "

@@ -495,14 +495,14 @@ class LoadCurve(Result):
         share = (tolerance - off[i - 1]) / (off[i] - off[i - 1])
         return float(factors[i - 1] + share * (factors[i] - factors[i - 1]))
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         of_critical = ("factor", "kind", "q", "mode", "frequency")
         data = {
             "schema": SCHEMA,
-            "units": self.elastic.units.as_dict(),
+            "units": self.elastic.units.to_dict(),
             "joints": self.elastic.names,
-            **self.weighed.as_dict(),
+            **self.weighed.to_dict(),
             "factor": self.factors,
             "q": self.q,
             "displacement": self.displacement,

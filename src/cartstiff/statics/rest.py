@@ -601,10 +601,10 @@ class Equilibrium(Result, ShownInLines):
         lower, upper = self.displacement - half, self.displacement + half
         return {"sd": s, "lower": lower, "upper": upper, "level": known.level}
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """The object printed by ``cartstiff equilibrium --json``: the stiffness's, and more."""
         own = {
             "displacement_uncertainty": self._uncertainty(),
             "elastic_wrench": self.elastic_stiffness.wrench,
         }
-        return self.stiffness.as_dict() | described("equilibrium", own, self)
+        return self.stiffness.to_dict() | described("equilibrium", own, self)

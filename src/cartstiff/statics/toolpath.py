@@ -115,7 +115,7 @@ class CompensatedPath:
                 }
         return report
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
 
         def rows(errors: Array) -> list[Array | None]:
@@ -123,8 +123,8 @@ class CompensatedPath:
 
         data = {
             "schema": SCHEMA,
-            "units": self.elastic.units.as_dict(),
-            **self.weighed.as_dict(),
+            "units": self.elastic.units.to_dict(),
+            **self.weighed.to_dict(),
             "springs": self.elastic.spring_names,
             "poses": self.poses,
             "q": self.q,

@@ -522,7 +522,7 @@ class PostureStiffness(ShownInLines):
             "compliance": None if C is None else C.tolist(),
         }
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """The object printed by ``cartstiff analyse --json``."""
 
         def plain(array: Array | None) -> list[Any] | None:
@@ -537,12 +537,12 @@ class PostureStiffness(ShownInLines):
             "jacobian": plain(self.jacobian),
             "wrench": plain(self.wrench),
             "load": self.load_as_dict(),
-            **gravity_loads(self.elastic).as_dict(),
+            **gravity_loads(self.elastic).to_dict(),
             "energy": None if np.isnan(self.energy) else self.energy,
             "stored_energy": None if np.isnan(self.stored_energy) else self.stored_energy,
             "stiffness": {name: plain(K) for name, K in self.matrices.items()},
             "compliance": {name: plain(C) for name, C in self.compliances.items()},
-            "notes": [note.as_dict() for note in self.notes],
+            "notes": [note.to_dict() for note in self.notes],
         }
 
 

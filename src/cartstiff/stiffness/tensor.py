@@ -420,16 +420,16 @@ class StiffnessTensor(LabelledMatrix):
 
     # -- output -----------------------------------------------------------------------------
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         return {
             "matrix": self.matrix.tolist(),
-            "connection": self.connection.as_dict(),
+            "connection": self.connection.to_dict(),
             "wrench": self.wrench.tolist(),
             "pose": self.pose.tolist(),
             "base": self.base.tolist(),
             "frame": self.frame,
-            "units": self.units.as_dict(),
+            "units": self.units.to_dict(),
             "order": self.order,
         }
 
@@ -504,7 +504,7 @@ class StiffnessTensor(LabelledMatrix):
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> StiffnessTensor:
-        """Inverse of `as_dict`."""
+        """Inverse of `to_dict`."""
         try:
             connection = Connection.from_dict(data["connection"])
             units = Units(data["units"]["length"], data["units"]["force"])
@@ -524,7 +524,7 @@ class StiffnessTensor(LabelledMatrix):
 
     def as_json(self) -> str:
         """JSON text with full double precision."""
-        return json.dumps(self.as_dict())
+        return json.dumps(self.to_dict())
 
     def as_csv(self) -> str:
         """The matrix as CSV at full double precision, with a comment line saying what it is."""
@@ -556,7 +556,7 @@ class StiffnessTensor(LabelledMatrix):
                 matrix=self.matrix,
                 wrench=self.wrench,
                 pose=self.pose,
-                description=np.array(json.dumps(self.as_dict())),
+                description=np.array(json.dumps(self.to_dict())),
             )
         else:
             raise InputError("unknown file ending", expected=".json, .csv or .npz", got=path.name)

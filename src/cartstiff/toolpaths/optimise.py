@@ -897,7 +897,7 @@ class OptimisedPath:
             words += f"; all joints within {np.degrees(self.nearby):.3g} deg of the given posture"
         return words
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         constant = self.constant
         data = {
@@ -905,7 +905,7 @@ class OptimisedPath:
             "mechanism": self.elastic.name,
             "joints": self.elastic.names,
             **self.elastic.mechanism.frames_as_dict(),
-            "units": self.elastic.units.as_dict(),
+            "units": self.elastic.units.to_dict(),
             "criterion": {
                 "name": self.criterion.name,
                 "description": self.criterion.description,
@@ -1246,7 +1246,7 @@ def optimise_path(
         constant,
         sum(len(layer.q) for layer in candidates),
         elastic.notes,
-        NOT_CHECKED if collisions is None else collisions.as_dict(),
+        NOT_CHECKED if collisions is None else collisions.to_dict(),
         singular > 0.0 if cost.rank == solver.movable.sum() else None,
         None if near is None else NEARBY,
     )

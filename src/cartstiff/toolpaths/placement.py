@@ -71,7 +71,7 @@ class Placement:
         """Return the number of unusable places of the grid by reason."""
         return _counted(self.codes)
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON; the grid's last axis runs fastest."""
         data = {
             "schema": SCHEMA,
@@ -81,7 +81,7 @@ class Placement:
             "points": [int(p) or None for p in self.points.ravel()],
             "unusable": self.counts(),
             "place": self.place,
-            "path": self.path.as_dict(),
+            "path": self.path.to_dict(),
             "notes": self.path.notes,
         }
         return plain_dict(data)

@@ -196,7 +196,7 @@ class Impedance(Result):
     modes: Modes
     dropped: float
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data, along the axes of M."""
         return {
             "order": "angular-linear",

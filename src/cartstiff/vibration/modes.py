@@ -377,7 +377,7 @@ class Modes(Result, ShownInLines):
             *notes_on_states(self.squares, self.shapes, self.groups, self.basis, self.spectrum),
         )
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """The object of ``cartstiff modes --json``; complex numbers as [real, imaginary]."""
         elastic = self.elastic
         total = None if self._momentum is None else self._momentum[1]

@@ -226,7 +226,7 @@ class FrequencyResponse(Result):
             return {"direction": self.along(direction)}
         return {name: self.along(e) for name, e in zip("xyz", np.eye(3), strict=True)}
 
-    def as_dict(self, direction: ArrayLike | None = None) -> dict[str, Any]:
+    def to_dict(self, direction: ArrayLike | None = None) -> dict[str, Any]:
         """Plain data: frequencies and curves as [real, imaginary]."""
         data = {
             "kind": self.kind,

@@ -346,7 +346,7 @@ class Sensitivities(Result):
         """Change (p, k) in Hz for one per cent of each parameter; NaN for parameters of zero."""
         return 0.01 * np.where(self.values, self.values, np.nan)[:, None] * self.frequencies
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data: derivatives per unit of each parameter, and Hz for one per cent."""
         data = {
             "left_out": self.left_out,
@@ -491,7 +491,7 @@ class Accuracy:
         order = np.argsort(-np.nan_to_num(shares), kind="stable")[:_MAX_CONTRIBUTORS]
         return [(self.names[i], float(shares[i])) for i in order if shares[i] > 0.0]
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain data."""
         answer: dict[str, Any] = {}
         for quantity, sd in self.deviations.items():
