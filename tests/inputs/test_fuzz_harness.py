@@ -30,3 +30,10 @@ def test_what_is_wrong_is_seen(kind, words):
 
 def test_inputs_of_every_kind_are_answered_or_refused():
     assert run(len(FAMILIES), seed=20, seconds=PATIENCE) == []
+
+
+def test_damaged_files_are_read_or_refused():
+    assert (
+        run(120, families=["urdf", "mjcf", "mechanism", "mechanism"], seed=4, seconds=PATIENCE)
+        == []
+    )

@@ -127,6 +127,8 @@ DOUBTFUL = {"determinant", "singular_value_ratio", "manipulability", "asymmetry"
 CASES = {
     "unloaded arm": ("ur5", None, "B"),
     "loaded arm": ("ur5", LOAD, "load"),
+    "loaded arm, K": ("ur5", LOAD, "K"),
+    "loaded arm, F": ("ur5", LOAD, "F"),
     "redundant arm, asymmetric": ("panda", LOAD, "A"),
     "platform": ("stewart-simscape", LOAD, "load"),
 }
