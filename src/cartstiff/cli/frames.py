@@ -143,11 +143,11 @@ def poses_command(
         table, "postures", units=elastic.units, factors=shown_factors(elastic), joints=elastic.names
     )
     word = "taught" if before else "command"
-    commands = tuple(f"{word}_{name}" for name in elastic.names)
+    joints = elastic.mechanism.joint_names
+    commands = tuple(f"{word}_{name}" for name in joints)
     commanded = rows.names is not None and set(commands) <= set(rows.names)
     if before and not commanded:
         raise InputError("the table has no columns taught_JOINT", where="--before", got=table.name)
-    joints = elastic.mechanism.joint_names
     _, q, unused = rows.arranged(*((commands,) if commanded else (elastic.names, joints)))
     text = robot_table(elastic, elastic.mechanism.undeflected(q), controller)
     # Columns that are written beside the commands; the last line says which are used.

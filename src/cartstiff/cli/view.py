@@ -81,9 +81,11 @@ class Shown:
 
         trajectory = None
         if self.trajectory is not None:
+            mechanism, factors = elastic.mechanism, shown_factors(elastic)
             trajectory = read_trajectory(
-                self.trajectory, elastic.names, elastic.units, shown_factors(elastic)
+                self.trajectory, elastic.names, elastic.units, factors, mechanism.joint_names
             )
+            trajectory = replace(trajectory, q=mechanism.undeflected(trajectory.q))
             say_unused(self.trajectory, trajectory.unused)
         return Source(
             elastic=elastic,

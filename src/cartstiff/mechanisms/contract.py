@@ -514,6 +514,11 @@ class Mechanism(ABC):
         """Names of the coordinates without the deflections of compliant links."""
         return tuple(name for j, name in enumerate(self.names) if j not in self.virtual)
 
+    @property
+    def shapes_of_rows(self) -> list[tuple[str, int]]:
+        """Shapes of tables of postures: all coordinates, or joint positions alone."""
+        return [("m", n) for n in dict.fromkeys((len(self.names), len(self.joint_names)))]
+
     def undeflected(self, rows: Array) -> Array:
         """Return coordinates (..., n) from joint positions (..., m), without link deflections.
 

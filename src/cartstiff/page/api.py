@@ -120,7 +120,7 @@ def show(
         Posture shown at first; default the mechanism's.
     wrench : array_like (6,), optional
         Load (moment, force) shown at first, as in `cartstiff.analyse`.
-    trajectory : array_like (N, n), optional
+    trajectory : array_like (N, n) or (N, joints), optional
         Postures for the time slider.
     workspace : Workspace, optional
         From `cartstiff.workspace`; its boundary and the singular surface are drawn.
@@ -171,8 +171,8 @@ def show(
 
 
 def _trajectory(elastic: ElasticMechanism, postures: ArrayLike) -> Playback:
-    q = checked_array(postures, ("m", len(elastic.mechanism.coordinates)), "trajectory")
-    return Playback(q, np.arange(float(len(q))))
+    q = checked_array(postures, elastic.mechanism.shapes_of_rows, "trajectory")
+    return Playback(elastic.mechanism.undeflected(q), np.arange(float(len(q))))
 
 
 def _in_notebook() -> bool:

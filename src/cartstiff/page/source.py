@@ -140,8 +140,11 @@ def read_trajectory(
     names: tuple[str, ...],
     units: Units = SI,
     factors: Mapping[str, float] = MappingProxyType({}),
+    joints: tuple[str, ...] = (),
 ) -> Playback:
     """A trajectory from CSV: one posture a line, in joint order or under a line of names.
+
+    The postures have columns `names` (all coordinates), or `joints` if only those are given.
 
     A column named ``t`` or ``time``, or a first one more than there are coordinates, is the time in
     seconds. Lines that start with # are comments.
@@ -155,17 +158,18 @@ def read_trajectory(
     if rows.names is not None:
         named = tuple("time" if x.lower() in ("t", "time") else x for x in rows.names)
         rows = rows._replace(names=named)
-    columns, table, unused = rows.arranged(names, ("time", *names))
+    layouts = dict.fromkeys((names, joints or names))
+    columns, table, unused = rows.arranged(*layouts, *(("time", *own) for own in layouts))
     where = one_line(str(path))
     if len(table) > _MOST_POSTURES:
         raise InputError(
             "too many postures", where=where, expected=f"at most {_MOST_POSTURES}", got=len(table)
         )
-    timed = len(columns) > len(names)
+    timed = columns not in layouts
     time = table[:, 0] if timed else np.arange(float(len(table)))
     if np.any(np.diff(time) < 0):
         raise InputError("times must not decrease", where=where)
-    return Playback(table[:, -len(names) :], time, timed, unused)
+    return Playback(table[:, int(timed) :], time, timed, unused)
 
 
 def read_cloud(path: Path, elastic: ElasticMechanism | None = None) -> Cloud:

@@ -204,10 +204,9 @@ def describe_path(path: CompensatedPath, *, is_written: bool = False) -> str:
         part = "of it the weight's" if path.against == "all" else "weight's, taught"
         lines[-1] = f"{lines[-1]:<30} {'':>12} {part:>18}"
     largest = [np.abs(part).max(axis=0) for part in (path.offsets, path.weight)]
-    coordinates = path.elastic.mechanism.coordinates
-    are_joints = path.elastic.spring_names == path.elastic.names
-    for i, (name, *values) in enumerate(zip(path.elastic.spring_names, *largest, strict=True)):
-        is_length = not are_joints or coordinates[i].is_length
+    turning = {c.name for c in path.elastic.mechanism.coordinates if not c.is_length}
+    for name, *values in zip(path.springs, *largest, strict=True):
+        is_length = name not in turning
         size, unit, per = (
             (length, units.length, 1.0)
             if is_length

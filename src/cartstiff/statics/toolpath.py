@@ -1,6 +1,7 @@
 r"""Deflection compensation along a path: commands that put the loaded tool on it.
 
-At a posture q where the end-effector has the pose wanted, the springs must balance everything else,
+At a posture q where the end-effector has the pose wanted and compliant links, which nothing
+commands, are at rest, the springs must balance everything else,
 
     dPhi_springs/dq = - (gravity + other potentials + loads) - C^T lam
 
@@ -36,7 +37,7 @@ from cartstiff.mechanisms.elastic import (
     gravity_loads,
 )
 from cartstiff.mechanisms.limits import finite, limit_notes, limits_of
-from cartstiff.mechanisms.other_units import shown
+from cartstiff.mechanisms.other_units import shown, shown_factors
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.line_springs import LineSprings
@@ -47,6 +48,7 @@ from cartstiff.statics.problem import System
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind
 from cartstiff.stiffness.closures import decomposed
 from cartstiff.stiffness.compute import SCHEMA
+from cartstiff.stiffness.settled_links import settled
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +60,11 @@ class CompensatedPath:
     poses : ndarray (m, 4, 4)
         ``T_F_M`` wanted.
     q : ndarray (m, n)
-        Postures that have these poses.
+        Postures that have these poses under the loads; compliant links are deflected there.
+    springs : tuple of str
+        Names of what is commanded: joints, without those within compliant links, or legs.
     commands : ndarray (m, k)
-        Rest positions to command, in spring order (joints; legs of a platform).
+        Rest positions to command, in the order of `springs`.
     naive : ndarray (m, k)
         Rest positions without compensation, of the program before: those that balance the weight
         alone at the posture, or against "all" those at which the springs carry nothing.
@@ -79,12 +83,14 @@ class CompensatedPath:
     weighed : GravityLoads
         Bodies under gravity, and payloads among the loads of the first point.
     notes : tuple of Note
-        Commands beyond limits, points without an equilibrium or with an unstable one.
+        Commands beyond limits, points without an equilibrium or with an unstable one, poses that
+        too few joints cannot give to the body on deflected links.
     """
 
     elastic: ElasticMechanism
     poses: Array
     q: Array
+    springs: tuple[str, ...]
     commands: Array
     naive: Array
     weight: Array
@@ -125,7 +131,7 @@ class CompensatedPath:
             "schema": SCHEMA,
             "units": self.elastic.units.to_dict(),
             **self.weighed.to_dict(),
-            "springs": self.elastic.spring_names,
+            "springs": self.springs,
             "poses": self.poses,
             "q": self.q,
             "against": self.against,
@@ -144,11 +150,14 @@ class CompensatedPath:
     def as_csv(self) -> str:
         """Commands after and before (taught), errors, postures wanted, one line a point."""
         elastic, names, columns = self.elastic, list[str](), list[Array]()
+        factors, units = (
+            shown_factors(elastic),
+            dict(zip(elastic.names, elastic.names_with_units, strict=True)),
+        )
+        heads = [units.get(name, f"{name} [{elastic.units.length}]") for name in self.springs]
+        per = np.array([factors.get(name, 1.0) for name in self.springs])
         for word, values in (("command", self.commands), ("taught", self.naive)):
-            heads = [f"{name} [{elastic.units.length}]" for name in elastic.spring_names]
-            if elastic.spring_names == elastic.names:
-                heads, values = elastic.names_with_units, shown(elastic, values)
-            names, columns = [*names, *(f"{word}_{head}" for head in heads)], [*columns, values]
+            names, columns = [*names, *(f"{word}_{h}" for h in heads)], [*columns, values / per]
         for when, values in (("before_", self.before), ("after_", self.after)):
             heads, values = shown_displacements(elastic.units, values, when)
             names, columns = [*names, *heads], [*columns, values]
@@ -183,7 +192,8 @@ def compensate(
     elastic : ElasticMechanism
         With springs whose rest positions are commanded; their present ones do not matter.
     path : array_like, shape (m, n) or (m, 4, 4)
-        Postures, or poses ``T_F_M`` for which postures are found, each near the one before.
+        Postures (of all coordinates, or of the joints alone without those within compliant
+        links), or poses ``T_F_M`` for which postures are found, each near the one before.
     wrenches : array_like (m, 6) or (6,), or a sequence of potentials
         (moment, force) of the process on the body at `load_at`, at each point or the same at all;
         or the loads at each point as potentials.
@@ -210,7 +220,7 @@ def compensate(
         If a pose cannot be reached.
     UndefinedError
         Code ``"not-compensable"`` if no command balances the load at a point: joints without
-        springs would have to carry a part of it, or compliant links are not at rest there.
+        springs would have to carry a part of it.
     """
     springs = _springs(checked_elastic(elastic))
     against = against or ("all" if springs.is_complete else "load")
@@ -220,18 +230,28 @@ def compensate(
     kind = LoadKind(load_kind or ("dead" if load_axes == "world" else "follower"), load_at)  # type: ignore[arg-type]
     poses = [elastic.mechanism.at(q).pose for q in postures]
     loads = _loads(wrenches, poses, kind, load_axes)
-    commands, unloaded, weight, before, after, deviation = [], [], [], [], [], []
+    inner, _ = elastic.parted_terms()
+    straight = replace(
+        elastic, gravity=None, potentials=tuple(t for t in inner if t is not springs)
+    )
+    reached, commands, unloaded, weight, before, after, deviation = ([] for _ in range(7))
     stable: list[bool | None] = []
     notes = list(elastic.notes)
-    for index, (here, target, acting) in enumerate(zip(postures, poses, loads, strict=True)):
+    for index, (given, target, acting) in enumerate(zip(postures, poses, loads, strict=True)):
+        here, under_weight, force_free = (
+            _with_links_at_rest(one, given, carried, target, index)
+            for one, carried in ((elastic, acting), (elastic, ()), (straight, ()))
+        )
         rest = _balancing_rest(elastic, here, acting, index)
-        force_free = _force_free_rest(elastic, here)
-        taught = _balancing_rest(elastic, here, (), index)
-        weight.append(taught - force_free)
-        unloaded.append(taught if against == "load" else force_free)
-        naive = _commanded(elastic, unloaded[-1])
+        taught = _balancing_rest(elastic, under_weight, (), index)
+        unbent = _force_free_rest(elastic, force_free)
+        weight.append(taught - unbent)
+        unloaded.append(taught if against == "load" else unbent)
+        reached.append(here)
         commands.append(rest)
-        error, deflected = _error(naive, acting, here, target, "before", index, notes)
+        program = under_weight if against == "load" else force_free
+        naive = _commanded(elastic, unloaded[-1])
+        error, deflected = _error(naive, acting, program, target, "before", index, notes)
         before.append(error)
         # The check starts beside the answer, on the side of the deflection.
         start = here if deflected is None else here + _START_OFFSET * (deflected.q - here)
@@ -243,16 +263,25 @@ def compensate(
         deviation.append(np.full(6, np.nan) if spread is None else spread)
         stable.append(_verdict(elastic, rest, acting, here, index, notes))
         _note_limits(elastic, rest, index, notes)
-        notes += limit_notes(elastic.mechanism, elastic.mechanism.at(here), f"point {index + 1}: ")
+        posture = elastic.mechanism.at(here)
+        notes += limit_notes(elastic.mechanism, posture, f"point {index + 1}: ")
+        away = displacement_between(target, posture.pose) / np.repeat([1.0, posture.length], 3)
+        if np.abs(away).max() > numerics.NEGLIGIBLE_DIFFERENCE:
+            words = "the joints cannot undo all of the links' deflection: the nearest pose is taken"
+            notes.append(Note("pose-missed", f"point {index + 1}: {words}", {"point": index + 1}))
     mass = gravity_loads(elastic, loads[0])
     notes += mass.notes
+    within = {elastic.names[j] for j in elastic.mechanism.virtual}
+    names = tuple(name for name in elastic.spring_names if name not in within)
+    own = [elastic.spring_names.index(name) for name in names]
     return CompensatedPath(
         elastic,
         np.array(poses),
-        postures,
-        np.array(commands),
-        np.array(unloaded),
-        np.array(weight),
+        np.array(reached),
+        names,
+        np.array(commands)[:, own],
+        np.array(unloaded)[:, own],
+        np.array(weight)[:, own],
         against,
         np.array(before),
         np.array(after),
@@ -265,9 +294,9 @@ def compensate(
 
 def _postures(elastic: ElasticMechanism, path: ArrayLike, start: ArrayLike | None) -> Array:
     mechanism = elastic.mechanism
-    rows = checked_array(path, [("m", len(mechanism.coordinates)), ("m", 4, 4)], "path")
+    rows = checked_array(path, [*mechanism.shapes_of_rows, ("m", 4, 4)], "path")
     if rows.ndim == 2:
-        return rows
+        return mechanism.undeflected(rows)
     q = elastic.q if start is None else mechanism.checked(start, "q")
     postures = []
     for index, T in enumerate(rows):
@@ -319,6 +348,19 @@ def _refuse_words(kind: LoadKind, axes: str) -> None:
         )
 
 
+def _with_links_at_rest(
+    elastic: ElasticMechanism, q: Array, loads: Sequence[Potential], target: Array, index: int
+) -> Array:
+    """Posture (n,) that has a pose while compliant links carry their part of loads and weight."""
+    try:
+        posture = settled(elastic, elastic.mechanism.at(q), loads, target)
+    except ConvergenceError as error:
+        raise ConvergenceError(
+            f"point {index + 1}: {error}", iterations=error.iterations, residual=error.residual
+        ) from None
+    return posture.q
+
+
 def _force_free_rest(elastic: ElasticMechanism, q: Array) -> Array:
     """Rest positions at which the springs carry nothing at q."""
     posture, springs = elastic.mechanism.at(q), _springs(elastic)
@@ -334,21 +376,22 @@ def _balancing_rest(
     loaded = _commanded(elastic, np.full(len(elastic.spring_names), np.nan)).with_potential(*loads)
     balanced, columns = loaded.with_rest_balancing(posture), posture.coordinate_lengths
     springs = _springs(balanced)
-    left = balanced.evaluate(posture).gradient * columns
+    acting = balanced.evaluate(posture)
+    left = acting.gradient * columns
     carried = np.abs(left - springs.evaluate(posture).gradient * columns)
     if posture.closure is not None:
         N = decomposed(posture.closure, columns).N
         left, carried = N.T @ left, np.abs(N).T @ carried
     unbalanced = float(np.abs(left).max(initial=0.0))
-    if unbalanced > numerics.REPORTED_ERROR * float(carried.max(initial=0.0)):
-        why = "joints without springs would have to carry a part of it"
-        if elastic.mechanism.virtual:
-            why = (
-                "its compliant links are not at rest in this posture; `equilibrium` with --q shows "
-                "how they bend"
-            )
+    stiffest = float(np.abs(acting.hessian * np.outer(columns, columns)).max())
+    shares = (
+        numerics.REPORTED_ERROR * carried.max(initial=0.0),
+        numerics.ROUNDOFF_OF_SUMS * stiffest,
+    )
+    if unbalanced > max(shares):
         raise UndefinedError(
-            f"no command balances the load at point {index + 1}: {why}",
+            f"no command balances the load at point {index + 1}: joints without springs would have "
+            "to carry a part of it",
             code="not-compensable",
             values={"point": index + 1, "unbalanced": unbalanced},
         )

@@ -97,7 +97,10 @@ def analyse(
             )
     elastic, posture = elastic.placed(q)
     if force is not None:
-        posture = settled(elastic, posture, force, kind.at, load_axes)
+        if elastic.mechanism.virtual:
+            # Components refer to the deflected posture, so that they are constant in their axes.
+            carried = LoadKind("dead" if load_axes == "world" else "follower", kind.at)
+            posture = settled(elastic, posture, (carried.acting(force, posture.pose, load_axes),))
         force = wrench_in_body(force, posture.pose, kind.at, load_axes)
     try:
         result = analyse_at(elastic, posture, force, kind)

@@ -1,21 +1,22 @@
-"""Deflection of compliant links to rest under a load, while the joints with springs stay."""
+"""Deflection of compliant links under loads to rest, while sprung joints or the body stay."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 
 from cartstiff import numerics
 from cartstiff.errors import ConvergenceError
+from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.beams import evaluate_together
+from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.springs import JointSprings
-from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff.stiffness.closures import decompose
 
 #: Largest number of steps.
 STEPS = 60
@@ -41,15 +42,25 @@ def settled_coordinates(elastic: ElasticMechanism) -> Array:
 def settled(
     elastic: ElasticMechanism,
     posture: MechanismPosture,
-    wrench: Array,
-    at: Sequence[float],
-    axes: Literal["body", "world"],
+    loads: Sequence[Potential],
+    target: Array | None = None,
 ) -> MechanismPosture:
-    """The posture with its links deflected so that they carry a wrench.
+    r"""The posture with its links deflected so that they carry loads.
 
     Coordinates with springs stay where they are: their rest positions are chosen afterwards. The
-    others, virtual joints of links and joints without springs, move until the forces on them and
-    the closures balance. Without compliant links the posture is returned unchanged.
+    others f, virtual joints of links and joints without springs, move until the forces on them and
+    the closures C balance, by Newton's steps for ``g_f + C_f^T lam = 0`` and the closures. Without
+    compliant links the posture is returned unchanged.
+
+    Parameters
+    ----------
+    elastic, posture
+        The mechanism, and where the search starts.
+    loads : sequence of Potential
+        They act besides the mechanism's own potentials.
+    target : ndarray (4, 4), optional
+        Pose ``T_F_M`` at rest. Coordinates with springs move as well then: the steps that keep the
+        balance bring the body as near to it as they can, which ends there if there are enough.
 
     Raises
     ------
@@ -59,15 +70,12 @@ def settled(
     free = settled_coordinates(elastic)
     if not free.size:
         return posture
-    # The components refer to the deflected posture, so that they are constant in their axes.
-    kind = LoadKind("dead" if axes == "world" else "follower", tuple(at))  # type: ignore[arg-type]
-    load = kind.acting(wrench, posture.pose, axes)
     lam = np.zeros(0)
     for _ in range(STEPS):
-        parts = evaluate_together((*elastic.terms(springs=False), load), posture)
+        parts = evaluate_together((*elastic.terms(springs=False), *loads), posture)
         sizes = posture.coordinate_lengths
-        gradient = sum(p.gradient for p in parts) * sizes
-        H = sum(p.hessian for p in parts) * np.outer(sizes, sizes)
+        gradient = sum((p.gradient for p in parts), np.zeros(sizes.size)) * sizes
+        H = sum((p.hessian for p in parts), np.zeros(2 * sizes.shape)) * np.outer(sizes, sizes)
         closure, missed = posture.closure, posture.residual
         C, r = np.zeros((0, sizes.size)), np.zeros(0)
         if closure is not None and missed is not None:
@@ -75,16 +83,29 @@ def settled(
             if lam.size:
                 H = H + closure.curvature(lam) * np.outer(sizes, sizes)
         stiff = max(float(np.abs(H).max()), numerics.TINY)
-        C_f, H_f = C[:, free], H[np.ix_(free, free)] / stiff
-        system = np.block([[H_f, C_f.T], [C_f, np.zeros((r.size, r.size))]])
+        moving = free if target is None else np.arange(sizes.size)
+        system = np.block(
+            [
+                [H[np.ix_(free, moving)] / stiff, C[:, free].T],
+                [C[:, moving], np.zeros((r.size, r.size))],
+            ]
+        )
         right = -np.concatenate([gradient[free] / stiff, r])
         solution = np.linalg.lstsq(system, right, rcond=numerics.ROUNDOFF_OF_SUMS)[0]
-        step, lam = solution[: free.size], solution[free.size :] * stiff
+        if target is not None:
+            away = se3.log(se3.inverse(posture.pose) @ target)
+            scale = np.repeat([1.0, 1.0 / posture.length], 3)
+            rates = np.zeros((6, system.shape[1]))
+            rates[:, moving] = scale[:, None] * posture.motion.jacobian * sizes
+            keeping = decompose(system).N
+            left = scale * away - rates @ solution
+            solution = solution + keeping @ np.linalg.lstsq(rates @ keeping, left, numerics.RANK)[0]
+        step, lam = solution[: moving.size], solution[moving.size :] * stiff
         largest = float(np.abs(step).max(initial=0.0))
         if not np.isfinite(largest):
             break
         move = np.zeros(sizes.size)
-        move[free] = step * sizes[free] * min(1.0, LONGEST / max(largest, LAST))
+        move[moving] = step * sizes[moving] * min(1.0, LONGEST / max(largest, LAST))
         posture = elastic.mechanism.at(posture.q + move)
         if largest <= LAST:  # the step is taken: on a stiff link it still changes the force
             return posture
