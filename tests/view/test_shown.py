@@ -10,11 +10,13 @@ import pytest
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.geometry import se3
+from cartstiff.mechanisms.other_units import in_units
 from cartstiff.page.messages import ViewState
 from cartstiff.page.session import Session
 from cartstiff.page.shown import describe_mechanism, reference_frame, series_row, shown_numbers
 from cartstiff.page.source import Source
 from cartstiff.potentials.loads import DeadForce
+from cartstiff.report.analysis import describe
 from cartstiff.scene.appearance import Appearance
 from cartstiff.statics.equilibrium import equilibrium
 
@@ -60,6 +62,18 @@ def test_principal_values_are_those_of_the_blocks(loaded, name, others, quantity
         assert np.allclose(found["values"], np.linalg.eigvalsh(block), rtol=1e-9)
         for value, axis in zip(found["values"], found["axes"], strict=True):
             assert np.allclose(block @ axis, value * np.array(axis), atol=1e-9 * abs(block).max())
+
+
+@pytest.mark.parametrize("unit", ["m", "mm", "um"])
+@pytest.mark.parametrize("force", [1e-4, 1e-2])
+def test_in_every_unit_page_text_and_analysis_agree_on_what_is_symmetric(arm, unit, force):
+    """A block of large entries, such as moments in N mm, hides no asymmetry of the others."""
+    result = cartstiff.analyse(in_units(arm, unit), wrench=[0.0, 0.0, 0.0, force, 0.0, 0.0])
+    analysis = analyse_posture(result, connection="A", springs=False)
+    size = shown_numbers(result, ViewState())["symmetric"]["A"]
+    assert analysis["symmetrised"] == (force > 1e-3) == (size > 0.0)
+    assert ("\nK^A  " in describe(result)) == (force > 1e-3)
+    assert ("asymmetric" in describe(result)) == (force > 1e-3)
 
 
 def test_symmetric_is_said_of_the_right_ones(loaded):

@@ -87,6 +87,11 @@ def largest_in_blocks(entries: Array, stiffness: Array) -> Array:
     return np.asarray((np.abs(entries) / np.where(scales == 0.0, 1.0, scales)).max(axis=(-2, -1)))
 
 
+def is_roundoff(entries: Array, stiffness: Array) -> bool:
+    """Whether matrices (..., 6, 6) are only the round-off of a stiffness or a compliance."""
+    return bool((largest_in_blocks(entries, stiffness) <= numerics.SYMMETRY).all())
+
+
 @dataclass(frozen=True, eq=False)
 class ConnectionDifference:
     """How one connection's matrix differs from the reference.

@@ -98,14 +98,11 @@ def _principal(
     matrix: bytes, inverse: bytes, losses: tuple[float, float] = (1.0, 1.0)
 ) -> tuple[Array, Array, Array, Definiteness]:
     """Axes, radii, eigenvalues and definiteness of a symmetric 3x3 matrix."""
-    m = np.frombuffer(matrix).reshape(3, 3)
-    if inverse:
-        values, vectors = numerics.eigenpairs(m, np.frombuffer(inverse).reshape(3, 3), losses)
-    else:
-        values, vectors = np.linalg.eigh(m)
+    m, *other = (np.frombuffer(x).reshape(3, 3) for x in (matrix, inverse) if x)
+    values, vectors = numerics.eigenpairs(m, *other, losses=losses)
     if np.isnan(values).any():
         raise lost_digits(values, "this block")
-    sign = definiteness(values, zero=0.0 if inverse else numerics.ZERO_SHARE)
+    sign = definiteness(values, zero=0.0)
     shape = shape_of(values, vectors, sign)
     return shape.axes, shape.radii, shape.eigenvalues, sign
 
@@ -303,8 +300,7 @@ def _of_pair(
 
 def _without_rounding(shape: Ellipsoid, size: float) -> Ellipsoid:
     """Principal values that are only the rounding of a block of this size are zero."""
-    values = shape.eigenvalues
-    values = np.where(np.abs(values) <= numerics.ZERO_SHARE * size, 0.0, values)
+    values = numerics.without_roundoff(shape.eigenvalues, size)
     sign = definiteness(values, zero=0.0)
     return replace(
         shape, eigenvalues=read_only(values), radii=read_only(np.abs(values)), definiteness=sign

@@ -116,7 +116,7 @@ def block_values(
         blocks = own[:, keep, keep]
         size = np.abs(blocks).max(axis=(1, 2))[:, None]
         found = numerics.eigenvalues(blocks if is_held else eliminate_each(own, keep))
-        values[alone] = np.where(np.abs(found) <= numerics.ZERO_SHARE * size, 0.0, found)
+        values[alone] = numerics.without_roundoff(found, size)
     return values
 
 

@@ -120,10 +120,14 @@ def _of_symmetric(matrix: ArrayLike) -> Array:
     return values
 
 
+def without_roundoff(values: Array, size: float | Array) -> Array:
+    """Eigenvalues of a matrix whose terms have a size; those that are its round-off are zero."""
+    return np.where(np.abs(values) <= ZERO_SHARE * size, 0.0, values)
+
+
 def _cleaned(values: Array) -> Array:
     """Eigenvalues with round-off of the largest set to zero."""
-    size = np.abs(values)
-    return np.where(size <= ZERO_SHARE * size.max(axis=-1, keepdims=True, initial=0.0), 0.0, values)
+    return without_roundoff(values, np.abs(values).max(axis=-1, keepdims=True, initial=0.0))
 
 
 def _merged(a: Array, c: Array, losses: tuple[float, float], doubtful: bool) -> Array:

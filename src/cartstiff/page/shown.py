@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.analysis.asymmetry import is_roundoff
 from cartstiff.analysis.ellipsoids import Freedom, softest
 from cartstiff.analysis.indices import condition, spectrum
 from cartstiff.analysis.posture import FoundDeflection, deflection_found
@@ -33,9 +34,6 @@ from cartstiff.vibration.modes import modes
 from cartstiff.vibration.response import frequency_response
 
 Level = Literal["good", "warning", "bad"]
-
-# Asymmetry below this share of the largest entry is round-off.
-_ROUNDING = numerics.SYMMETRY
 
 # Notes that say why there is no matrix, the most specific first.
 NO_MATRIX: tuple[tuple[str, Level, str], ...] = (
@@ -598,8 +596,8 @@ def _asymmetries(matrices: Mapping[str, Array | None]) -> dict[str, float | None
     sizes: dict[str, float | None] = dict.fromkeys(matrices)
     for name, K in matrices.items():
         if K is not None:
-            difference = float((K - K.T).max())
-            sizes[name] = difference if difference > _ROUNDING * np.abs(K).max() else 0.0
+            skew = K - K.T
+            sizes[name] = 0.0 if is_roundoff(skew, K) else float(skew.max())
     return sizes
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.analysis.asymmetry import is_roundoff
 from cartstiff.analysis.ellipsoids import softest
 from cartstiff.analysis.matrices import PURE
 from cartstiff.analysis.sections import unit_of
@@ -99,12 +100,9 @@ def describe(
             "",
         ]
     for names, K in _distinct_matrices(result, at_rest):
-        asymmetry = float(np.abs(K - K.T).max())
-        verdict = (
-            "symmetric"
-            if asymmetry <= numerics.SYMMETRY * float(np.abs(K).max())
-            else f"asymmetric, |K - K^T| up to {asymmetry:.4g}"
-        )
+        verdict, skew = "symmetric", K - K.T
+        if not is_roundoff(skew, K):
+            verdict = f"asymmetric, |K - K^T| up to {skew.max():.4g}"
         meaning = MATRICES[names[-1]].words if names[-1] == "load" or len(names) == 1 else _SAME
         lines += [
             f"{' = '.join(f'K^{name}' for name in names)}  {meaning}; {verdict}",
@@ -170,7 +168,7 @@ def _distinct_matrices(
         if K is None:
             continue
         for names, other in kinds:
-            if np.abs(K - other).max() <= numerics.SYMMETRY * np.abs(K).max():
+            if is_roundoff(K - other, K):
                 names.append(name)
                 break
         else:

@@ -90,13 +90,9 @@ def _frequencies(modes: Modes, unloaded: Modes | None) -> list[str]:
                 change = 0.0  # accuracy of two eigenvalue problems
             cells += [_hertz(bare), percent(change)]
         if masses is not None and total is not None:
-            cells += [number(m, 4) for m in _zero_roundoff(masses[i], total[1])]
+            cells += [number(m, 4, size=COSINES * total[1]) for m in masses[i]]
         rows.append(cells)
     return table(titles, rows)
-
-
-def _zero_roundoff(masses: np.ndarray, total: float) -> list[float]:
-    return [0.0 if abs(m) < numerics.NEGLIGIBLE_DIFFERENCE * total else float(m) for m in masses]
 
 
 #: Largest number of coordinates whose shares are all shown.

@@ -15,7 +15,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff import numerics
 from cartstiff.analysis.ellipsoids import Ellipsoid, Freedom, ellipsoid
 from cartstiff.arrays import checked_pose, real_array
 from cartstiff.errors import InputError
@@ -201,9 +200,7 @@ def _reason(shape: Ellipsoid, unit: str) -> str:
     kind = shape.definiteness
     low = number(float(shape.eigenvalues[0]), unit)
     if kind == "positive semidefinite":
-        size = numerics.ZERO_SHARE * float(np.abs(shape.eigenvalues).max())
-        zeros = int(np.sum(np.abs(shape.eigenvalues) <= size))
-        return _FLAT[max(1, zeros)]
+        return _FLAT[int(np.sum(shape.eigenvalues == 0.0))]
     if kind == "zero":
         return "it is zero"
     return f"{kind}, smallest principal value {low}"

@@ -3,7 +3,7 @@
 // verdict of the arithmetic is not plain, or digits are lost, nothing is said.
 
 import { adjoint, angles, back, block, changed, clean, congruence, cross, dot, eigen, general, identity, inverse,
-  largest, motion, moving, place, plus, product, rotation, scaled, scaledInverse, singular, sureOfInverse,
+  largest, motion, moving, place, plus, product, rotation, scaled, scaledInverse, singular, squares, sureOfInverse,
   symmetric, times, transposed } from "./algebra.js";
 import { ATTAINABLE_PRECISION, NEGLIGIBLE_DIFFERENCE, EPSILON, MAX_FUTILE_STEPS, LIMIT_SLACK, NEAR_SINGULARITY, ROUNDOFF, SMALLEST_STEP, SYMMETRY, REPORTED_ERROR, ZERO_SHARE } from "./numerics.js";
 
@@ -555,9 +555,13 @@ function softest({ compliance, stiffness, pose }) {
   return { stiffness: 1 / values[2], direction: values[2] - values[1] > NEGLIGIBLE_DIFFERENCE * values[2] ? upright(times(rotation(pose), vectors[2])) : null };
 }
 
+/** Largest entry of M - M^T; 0 where each is round-off beside its block, as `cartstiff.analysis.asymmetry.is_roundoff`. */
 function asymmetry(M) {
-  const found = largest(M.map((row, i) => row.map((x, j) => x - M[j][i])));
-  return found > SYMMETRY * largest(M) ? found : 0;
+  const skew = M.map((row, i) => row.map((x, j) => x - M[j][i]));
+  const [rr, rt, tt] = [[0, 0], [0, 3], [3, 3]].map(([i, j]) => squares(M.slice(i, i + 3).map((row) => row.slice(j, j + 3))) ** 0.5);
+  const size = (i, j) => (i !== j ? Math.sqrt(rr * tt) || rt : i ? tt : rr) || 1;
+  const counts = skew.some((row, i) => row.some((x, j) => Math.abs(x) > SYMMETRY * size(+(i > 2), +(j > 2))));
+  return counts ? largest(skew) : 0;
 }
 
 export function definiteness(values) {
