@@ -120,25 +120,35 @@ class UnknownNameError(InputError):
         The unknown name.
     valid : tuple of str
         The names that exist.
+
+    The parameter `also` says what else is accepted.
     """
 
     def __init__(
-        self, kind: str, name: str, valid: Iterable[str], *, where: str | None = None
+        self,
+        kind: str,
+        name: str,
+        valid: Iterable[str],
+        *,
+        where: str | None = None,
+        also: str = "",
     ) -> None:
         self.name = name
         self.valid = tuple(dict.fromkeys(valid))
+        given = str(name).lower()
         # A name that differs in upper and lower case only is the closest.
-        same = [v for v in self.valid if str(v).lower() == str(name).lower()]
-        close = same or get_close_matches(str(name), self.valid, n=3)
+        same = [v for v in self.valid if str(v).lower() == given]
+        longer = [v for v in self.valid if len(given) > 2 and str(v).lower().startswith(given)]
+        close = same or longer[:6] or get_close_matches(str(name), self.valid, n=3)
         shown = ", ".join(close or self.valid[:12])
         if not self.valid:
-            expected = "none exist here"
+            expected = "a name, but none exist here"
         elif close:
             expected = f"one of {len(self.valid)} names (closest: {shown})"
         else:
             more = ", ..." if len(self.valid) > 12 else ""
             expected = f"one of {shown}{more}"
-        super().__init__(f"unknown {kind}", where=where, expected=expected, got=repr(name))
+        super().__init__(f"unknown {kind}", where=where, expected=expected + also, got=repr(name))
 
 
 class UnknownArgumentError(UnknownNameError, TypeError):

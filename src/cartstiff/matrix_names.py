@@ -33,15 +33,22 @@ class MatrixName:
 #: Names and meanings by letter; the formulas are in `cartstiff.geometry.connections`.
 MATRICES: Final[dict[str, MatrixName]] = {
     "load": MatrixName(
-        "under the load", "what a small added wrench meets while the load goes on as stated"
+        "under the load", "the stiffness against a small added wrench while the load acts as stated"
     ),
     "A": MatrixName(
-        "Cartan minus", "wrench components along the moving body axes: the load turns with the body"
+        "Cartan minus",
+        "change of the wrench along the axes of the moving body: the load turns with the body",
     ),
-    "B": MatrixName("bi-invariant", "the symmetric part of A; independent of both frames"),
+    "B": MatrixName(
+        "bi-invariant",
+        "the symmetric part of A: second derivatives of the energy along screw motions",
+    ),
     "K": MatrixName(
-        "kinematic", "force components along axes fixed in the room; depends on the body's origin"
+        "kinematic",
+        "change of the force along the room's axes: it acts at the origin, its direction stays",
     ),
-    "F": MatrixName("flat", "Hessian in the joint coordinates, carried to the body"),
+    "F": MatrixName(
+        "flat", "Hessian in the joint coordinates, transformed by the Jacobian: J^-T H J^-1"
+    ),
     "+": MatrixName("Cartan plus", "the transpose of A: derivatives along axes fixed in the room"),
 }

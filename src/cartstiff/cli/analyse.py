@@ -166,8 +166,9 @@ def command(
     profile: bool = False,
     strict: bool = False,
 ) -> None:
-    """Stiffness matrices of MECHANISM at a posture, under every connection.
+    """Stiffness of MECHANISM at a posture: matrices under every connection, and what they say.
 
+    With a load the answer begins with the deflection and the joint that contributes most.
     MECHANISM is a bundled name (see `cartstiff models`), a mechanism file (.yaml), a URDF, xacro
     or MJCF file, or an example robot's name.
 
@@ -184,20 +185,19 @@ def command(
     out
         Output.
     output
-        Also write the result to a file. It is .json, .npz; its stiffness, and a platform's mass,
-        for Nastran (.nas, .bdf); the machine for MuJoCo (.xml), a platform on lines as springs of
-        Nastran (.dat); the geometry as a table (.csv), or as a tree (.urdf) with a mechanism file
-        beside it that closes its loops.
+        Also write the result to a file. Its ending says what: .json and .npz the result; .nas and
+        .bdf the stiffness, and a platform's mass, for Nastran; .dat a platform on lines as springs
+        for Nastran; .xml the machine for MuJoCo; .csv the geometry as a table; .urdf the geometry
+        as a tree, with a mechanism file beside it that closes its loops.
     relax
         If no wrench can balance the posture, move the joints until one can; the body stays.
     order
-        Also print the matrices as a controller has them. linear-angular is translation first.
+        Also print the matrices in this order. linear-angular has translation first.
     axes
-        Also print the matrices along these axes. About the body frame's origin: of the robot's own
-        base, of the body frame, or of the room (world).
+        Also print the matrices along these axes. They stay about the body frame's origin; base is
+        the robot's own base, world the room.
     profile
-        Also say what computed the answer, how long each part took, and what limits it on this
-        machine.
+        Also print the time of each part, what computed the answer, and what limits its speed.
     strict
         Exit with code 3 if a quantity does not exist.
 

@@ -372,6 +372,12 @@ class Command(click.Command):
             if f"{self.name} {option}" in GONE:
                 what, instead = GONE[f"{self.name} {option}"]
                 raise InputError(what, where=option, expected=instead) from None
+            if option[1:2].isdigit():
+                raise InputError(
+                    "numbers of an option are joined by commas, without spaces",
+                    expected="numbers such as 0,0,0,0,0,-100",
+                    got=option,
+                ) from None
             raise
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -419,6 +425,10 @@ class Command(click.Command):
         """Write the examples; without --help-all only the first ones."""
         whole = self.epilog
         if whole and HELP_ALL not in ctx.meta:
-            self.epilog = "\n".join(whole.split("\n")[: 2 + _SHOWN_EXAMPLES])
+            lines = whole.split("\n")
+            last = 2 + _SHOWN_EXAMPLES
+            while lines[:last][-1].endswith("\\"):  # a command over several lines
+                last += 1
+            self.epilog = "\n".join(lines[:last])
         super().format_epilog(ctx, formatter)
         self.epilog = whole

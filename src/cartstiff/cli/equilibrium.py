@@ -72,11 +72,12 @@ def command(
     against: Literal["load", "all"] | None = None,
     against_gravity: Vector = None,
 ) -> None:
-    """Equilibrium of MECHANISM under load, its stability, and its stiffness there.
+    """Where MECHANISM comes to rest under a load, whether it is stable, and its stiffness there.
 
-    Without the load the mechanism rests at the posture: springs without a rest position carry its
-    weight there. A dead load keeps its direction in the room while the body moves. A dead moment
-    has no energy; whether the rest is stable then depends on the masses.
+    Without the load the mechanism is at rest at the posture: springs without a rest position carry
+    its weight there. The displacement counts from this posture. A dead load keeps its direction in
+    the room while the body moves. A dead moment has no energy; then stability depends on the
+    masses.
 
     Parameters
     ----------
@@ -92,22 +93,22 @@ def command(
         The same as --load-kind follower.
     hold
         Prescribed displacement of the body: rx, ry, rz, x, y, z (rad, length), along the axes of
-        the unloaded body, or with --world the inertial axes.
+        the unloaded body, or with --world those of the room.
     no_limits
         Ignore joint and leg limits.
     curve
         Load-deflection curve, up to this multiple of the load, with critical loads.
     path : FILE.csv
         Compensate along a path: one posture a line, or posture and wrench (as for --load, in the
-        axes of the body at that posture), under a line of names if wanted; gives the commands that
-        put the loaded body there.
+        axes of the body at that posture), under a line of names if wanted. The answer has the
+        commands that put the loaded body there.
     against
         Deflection that --path compensates: that by the load (the default), for a program taught
         under the weight, or all, also that by the weight (the default where the file gives all rest
         positions).
     against_gravity
-        Gravity at the start, in F [m/s^2]. Under it the mechanism rests at the posture; the
-        displacement is the change from there to the gravity of --gravity or the file.
+        Gravity at the start, in F [m/s^2]. Under it the mechanism is at rest at the posture; the
+        displacement is that from there to the rest under the gravity of --gravity or the file.
 
     Examples
     --------
@@ -168,7 +169,11 @@ def command(
 
         if against_gravity is not None:
             if elastic.gravity is None:
-                raise InputError("there is no other gravity", where="--against-gravity")
+                raise InputError(
+                    "there is no other gravity to compare with",
+                    where="--against-gravity",
+                    expected="--gravity as well, or gravity in the file",
+                )
             first = elastic.with_gravity(against_gravity, where="--against-gravity")
             under = (*loads[: len(loads) - len(weight)], *_weight(first, hung))
             before = equilibrium(first, start, *under, limits=not no_limits)

@@ -166,9 +166,9 @@ class Fit:
     Parameters
     ----------
     unknown : NAME
-        Unknown stiffness: a spring, leg or line by name; joints (the default), lines, links; a
-        compliant link: LINK (its 6x6), LINK:diagonal, LINK:rx,ry. Beside springs, for measured
-        positions: zeros (of joints; or JOINT.zero), tool, base.
+        Spring, leg or line to be found, by name; joints (the default), lines, links; a compliant
+        link: LINK (its 6x6), LINK:diagonal, LINK:rx,ry. Beside springs, for measured positions:
+        zeros (of joints; or JOINT.zero), tool, base.
     tie : A=B
         Springs that are equal.
     known
@@ -181,10 +181,10 @@ class Fit:
     loaded
         Fit equilibria under the load, instead of displacements that are linear in it.
     fit
-        Fit whose estimates come first.
+        Fit whose stiffnesses are the result.
     reject
-        Leave rows out: the suspects of the robust fit, or all that are farther from it than this
-        number of standard deviations.
+        Rows left out: suspects of the robust fit, or all that are farther from it than this number
+        of standard deviations.
     level
         Probability of the intervals.
     """
@@ -263,8 +263,8 @@ class Plan:
     have : FILE.csv
         Rows that are measured already; the plan adds to them.
     simulate : SEED
-        Simulate measurements: fill the columns of --sd into the rows of DATA.csv, as MECHANISM
-        would show them, with noise of that size.
+        Simulate measurements, not a fit: fill the columns of --sd into the rows of DATA.csv, as
+        MECHANISM would show them, with noise of that size.
     outliers : N
         Rows of --simulate with an error of 20 standard deviations.
     """
@@ -398,10 +398,11 @@ def command(
 ) -> None:
     """Joint stiffness of MECHANISM from the loads and deflections in DATA.csv.
 
-    One row a measurement under a line of names: joints (rad, or "name [deg]"); the load fx,fy,fz,
-    mx,my,mz, or mass; what was measured, any of dx,dy,dz, drx,dry,drz, d along nx,ny,nz, x,y,z,
-    roll,pitch,yaw; standard deviations sd_NAME; session; time. The page "Which joint stiffness do
-    I enter?" says how to measure.
+    DATA.csv has a line of column names, then one measurement a row. The columns are the joints
+    (rad, or "name [deg]"); the load (fx,fy,fz, mx,my,mz, or mass); the measured numbers (any of
+    dx,dy,dz, drx,dry,drz, x,y,z, roll,pitch,yaw, or d along nx,ny,nz); and, if wanted, standard
+    deviations (sd_NAME), session and time. The page "Which joint stiffness do I enter?" of the
+    documentation says how to measure.
 
     Parameters
     ----------

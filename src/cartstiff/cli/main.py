@@ -7,11 +7,12 @@ import io
 import os
 import sys
 from importlib import import_module
+from typing import Any
 
 import click
 
 from cartstiff.cli.output import say
-from cartstiff.errors import CartstiffError, UndefinedError, one_line
+from cartstiff.errors import CartstiffError, UndefinedError, check_name, one_line
 from cartstiff.version import __version__
 
 EXIT_INPUT = 2
@@ -20,51 +21,60 @@ EXIT_INTERNAL = 70
 
 # Name: (module, one line of help). The modules import numpy and Pinocchio; --help does not.
 _COMMANDS = {
-    "analyse": ("cartstiff.cli.analyse", "Stiffness matrices of a mechanism at a posture."),
+    "analyse": (
+        "cartstiff.cli.analyse",
+        "Stiffness at a posture: matrices, deflection, share of each joint, softest direction.",
+    ),
     "equilibrium": (
         "cartstiff.cli.equilibrium",
-        "Equilibrium of a mechanism under load, and its stiffness there.",
-    ),
-    "assemble": (
-        "cartstiff.cli.reach",
-        "All assembly modes: poses with the same leg lengths or actuator positions.",
-    ),
-    "map": (
-        "cartstiff.cli.map",
-        "Stiffness over a grid, a trajectory or random postures, to a file and a picture.",
-    ),
-    "compare": (
-        "cartstiff.cli.map",
-        "Ratio or difference of two maps: two arms, two mountings.",
-    ),
-    "export": ("cartstiff.cli.view", "Write the page of `view` as one file for any browser."),
-    "path": (
-        "cartstiff.cli.path",
-        "The stiffest postures along a path, and where to put the workpiece.",
-    ),
-    "design": ("cartstiff.cli.design", "Sweep the parameters of a mechanism file."),
-    "identify": (
-        "cartstiff.cli.identify",
-        "Joint stiffness from measured loads and deflections, and what to measure.",
-    ),
-    "frames": ("cartstiff.cli.frames", "Frames, joints, limits, springs, masses as a tree."),
-    "modes": (
-        "cartstiff.cli.modes",
-        "Natural frequencies and modes at a posture, under its load.",
-    ),
-    "models": ("cartstiff.cli.frames", "Names that can be given as MECHANISM."),
-    "poses": ("cartstiff.cli.frames", "A table of postures as robot controllers show them."),
-    "report": (
-        "cartstiff.cli.view",
-        "Write a report: the answer, pictures, numbers in one HTML file.",
-    ),
-    "workspace": (
-        "cartstiff.cli.reach",
-        "Workspace of a platform or cable robot, and what limits it.",
+        "Where a mechanism comes to rest under a load, and whether it is stable there.",
     ),
     "view": (
         "cartstiff.cli.view",
         "Open a page in the browser: move the mechanism, see its stiffness.",
+    ),
+    "export": ("cartstiff.cli.view", "Write the page of `view` as one file for any browser."),
+    "report": (
+        "cartstiff.cli.view",
+        "Write a report to send on: the answer, pictures, numbers in one HTML file.",
+    ),
+    "map": (
+        "cartstiff.cli.map",
+        "Stiffness over a grid, a trajectory or random postures, in a file and a picture.",
+    ),
+    "compare": ("cartstiff.cli.map", "Ratio or difference of two maps: two arms, two mountings."),
+    "path": (
+        "cartstiff.cli.path",
+        "The stiffest postures along a path, and where to put the workpiece.",
+    ),
+    "poses": ("cartstiff.cli.frames", "Postures of a table as a robot controller shows them."),
+    "modes": (
+        "cartstiff.cli.modes",
+        "Natural frequencies under load, chatter, damping for an impedance controller.",
+    ),
+    "identify": (
+        "cartstiff.cli.identify",
+        "Joint stiffness from measured loads and deflections, and what to measure.",
+    ),
+    "workspace": (
+        "cartstiff.cli.reach",
+        "Workspace of a platform or cable robot, and the limits that end it.",
+    ),
+    "assemble": (
+        "cartstiff.cli.reach",
+        "All poses of a platform or closed chain with the same leg lengths or drives.",
+    ),
+    "design": (
+        "cartstiff.cli.design",
+        "Vary the parameters of a mechanism file, and find the best geometry.",
+    ),
+    "frames": (
+        "cartstiff.cli.frames",
+        "Frames, joints, limits, springs and masses of a mechanism, as a tree.",
+    ),
+    "models": (
+        "cartstiff.cli.frames",
+        "Names of mechanisms, example robots and published joint springs.",
     ),
 }
 
@@ -84,19 +94,26 @@ class _LazyGroup(click.Group):
         values = vars(import_module(_COMMANDS[name][0])).values()
         return next(v for v in values if isinstance(v, click.Command) and v.name == name)
 
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """Refuse an unknown command with the closest ones."""
+        if args[0] not in _SPELLINGS and not args[0].startswith("-"):
+            check_name("command", args[0], _COMMANDS)
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         with formatter.section("Commands"):
             formatter.write_dl([(name, text) for name, (_, text) in _COMMANDS.items()])
 
 
-_HELP = """How stiff a robot's end-effector really is: the Cartesian stiffness matrix under every
-affine connection on SE(3).
+_HELP = """Compute how far a load moves a robot's tool, and why: the Cartesian stiffness of arms,
+platforms, closed chains and cable robots, for every affine connection on SE(3).
 
 \b
 Examples:
-  cartstiff analyse stewart-gough
-  cartstiff analyse ur5 --load 0,0,0,0,0,-100
-  cartstiff models
+  cartstiff analyse ur5 --load 0,0,0,0,0,-100 --world     # N, down, in the room's axes
+  cartstiff equilibrium my_arm.urdf --springs kuka-kr210/gbt-adl-2023 --load 0,0,0,0,0,-300
+  cartstiff models                                        # names of mechanisms and springs
+  cartstiff analyse --help
 """
 
 

@@ -125,11 +125,12 @@ class Where:
         steps = {name: values[0] for name, values in told.items() if len(values) == 1}
         over = {name: values for name, values in told.items() if len(values) > 1}
         ways = (self.grid, self.random, self.cartesian, self.trajectory, over)
-        if sum(bool(kind) for kind in ways) != 1:
+        if (count := sum(bool(kind) for kind in ways)) != 1:
             raise InputError(
                 "say where the map looks",
-                expected="one of --grid, --random, --cartesian, "
+                expected="exactly one of --grid, --random, --cartesian, "
                 "--trajectory, --actuate NAME=LOW:HIGH:COUNT",
+                got=count or "none of them",
             )
         base = elastic.placed(q, "--q")[1].q
         if self.trajectory is not None:
@@ -216,7 +217,9 @@ def level_of(
         "unit does not fit",
         where=where,
         got=unit,
-        expected=f"one of the kind of {own}, the unit of {quantity}" if own else "a number alone",
+        expected=f"{own}, the unit of {quantity}, or one of its kind"
+        if own not in ("", "1")
+        else "no unit",
     )
 
 

@@ -41,7 +41,7 @@ class Controller:
     Parameters
     ----------
     impedance : FILE
-        Stiffness of a controller at the body frame (6x6; .json, .csv or .npy). The
+        Controller's stiffness at the body frame. A 6x6 matrix in a .json, .csv or .npy file. The
         answer has the damping by double diagonalisation with the masses at the posture, in the
         order and along the axes of the file, and joint-space gains.
     order
@@ -73,7 +73,7 @@ class Controller:
         from cartstiff.vibration.controllers import impedance
 
         elastic = modes.elastic
-        target = read_target(self.impedance, self.order)
+        target = read_target(self.impedance, self.order, "--impedance")
         wanted = StiffnessTensor.from_controller(
             target.in_units_of(elastic.mechanism),
             order=target.order,  # type: ignore[arg-type]

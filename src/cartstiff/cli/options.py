@@ -484,12 +484,12 @@ class Load:
     load_at
         Point of the body where the load acts. In its frame; default its origin.
     world
-        Loads and directions in the room's axes. Not in those of the body; points stay in the body's
-        frame.
+        Loads and directions in the room's axes. Without it in those of the body; points are always
+        in the body's frame.
     load_kind : KIND
-        Behaviour of the load while the body moves. dead: force and moment keep their direction in
-        the room; follower: they turn with the body; conservative: the force keeps its direction,
-        the moment turns by half.
+        How the load acts while the body moves. dead: force and moment keep their direction in the
+        room; follower: they turn with the body; conservative: the force keeps its direction, the
+        moment turns by half of the body's rotation.
     """
 
     NEEDS: ClassVar = {"world": "load added_load direction"}
@@ -543,12 +543,12 @@ class Posture:
     springs
         Published joint springs by name (see `cartstiff models`), a table (.csv) with columns joint
         and stiffness [N m/arcmin], or "actuators": the kp of an MJCF file's position actuators.
-        --stiffness goes before it.
+        --stiffness takes precedence.
     stiffness
         Stiffness of joints or legs. One number for all, one each, or name=value pairs, each with
-        its unit if that is another: "392 N m/arcmin", 20N/um; joints may be rigid.
+        its unit if that is not N m/rad or N/m: "392 N m/arcmin", 20N/um; joints may be rigid.
     rest
-        Rest positions of joints or legs. Those of legs are lengths; written as for --q.
+        Rest positions of joints or legs. Legs have rest lengths; written as for --q.
     actuate
         How far drives move from the posture. In rad or lengths, such as leg1/slide=0.001, or
         leg1=0.001 of a platform. The rest positions of their springs shift by the same amount, and
@@ -911,8 +911,8 @@ class Reading:
     direction
         Direction for stiffness along and about it. In the body's axes.
     added_load
-        Added wrench whose deflection is computed. Linear, in the body's axes; default the load
-        itself.
+        Added wrench whose deflection is computed. In the body's axes; the deflection is linear;
+        default the load itself.
     added_load_at
         Point of the body, in its frame, at which the wrench of --added-load acts; default its
         origin, or the point of --report-at.

@@ -117,7 +117,7 @@ def workspace_command(
     robot: Annotated[
         Robot,
         Overrides(
-            "lengths rest actuate",
+            "lengths rest actuate springs stiffness",
             pose="Orientation that is kept, and position around which rotations are tried: "
             "position and roll, pitch, yaw about fixed axes; default the file's.",
         ),
@@ -133,8 +133,8 @@ def workspace_command(
     out: Annotated[
         Output,
         Overrides(
-            csv="Write the boundary: positions, and the limit that cuts each. `cartstiff view "
-            "MECHANISM --workspace` draws it on the page.",
+            csv="Write the boundary: positions, each with its limit. `cartstiff view MECHANISM "
+            "--workspace` draws it on the page.",
             plot="Draw the boundary in space, from above and from two sides.",
         ),
     ],
@@ -142,11 +142,11 @@ def workspace_command(
     progress: bool | None = None,
     strict: bool = False,
 ) -> None:
-    """Workspace of MECHANISM (a platform, cable robot or body on legs) within all its limits.
+    """Poses that MECHANISM (a platform, cable robot or body on legs) reaches within its limits.
 
     The answer has the volume and its slices for one orientation, the rotations at one position,
-    the share of the boundary that each limit cuts, the largest sphere and cube inside, and the
-    distance to singular poses.
+    the share of the boundary that is due to each limit, the largest sphere and cube inside, and
+    the distance to singular poses.
 
     Parameters
     ----------
@@ -169,12 +169,6 @@ def workspace_command(
     cartstiff workspace hexapod --pose 0,0,0.7,0.1,0,0 --plot workspace.png --csv boundary.csv
     cartstiff workspace cable-robot --radius 2 --load 0,0,0,0,0,-50 --world --json
     """
-    if (robot.stiffness, robot.springs) != (None, None):
-        raise InputError(
-            "stiffness does not bear on where a body can be",
-            where="--stiffness" if robot.springs is None else "--springs",
-            expected="no stiffness",
-        )
     elastic, q = robot.load()
 
     from cartstiff.reach.workspace import workspace

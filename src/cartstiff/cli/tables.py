@@ -132,15 +132,18 @@ def _of_numpy(data: bytes) -> Any:
         raise ValueError(str(error)) from None
 
 
-def read_target(path: Path, order: str | None) -> Target:
-    """Read a 6x6 matrix from a file: .json (rows, or an object with "matrix"), .csv or .npy."""
+def read_target(path: Path, order: str | None, option: str = "--target") -> Target:
+    """Read a 6x6 matrix from a file: .json (rows, or an object with "matrix"), .csv or .npy.
+
+    Messages name the option that names the file.
+    """
     import numpy as np
 
     from cartstiff.arrays import checked_array
     from cartstiff.loading.tables import read_rows
     from cartstiff.loading.yaml_file import read_bytes
 
-    where = f"--target {one_line(str(path))}"
+    where = f"{option} {one_line(str(path))}"
     expected = "a 6x6 matrix of numbers"
     if path.suffix not in (".json", ".csv", ".npy"):
         raise InputError("unknown file ending", where=where, expected=".json, .csv or .npy")
@@ -148,7 +151,8 @@ def read_target(path: Path, order: str | None) -> Target:
     unusable = (ValueError, TypeError, RecursionError, MemoryError)
 
     def none_held(error: BaseException) -> InputError:
-        return InputError("does not hold a matrix", where=where, expected=expected, got=str(error))
+        got = getattr(error, "got", None) or str(error)
+        return InputError("does not hold a matrix", where=where, expected=expected, got=got)
 
     try:
         data = read_bytes(path, _LARGEST)

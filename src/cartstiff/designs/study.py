@@ -457,7 +457,7 @@ def check_names(study: Study, parameters: Mapping[str, float]) -> None:
         For a variable, or a name in arithmetic, that is no parameter of the mechanism.
     """
     for name in (*study.variables, *study.set):
-        check_name("parameter", name, parameters, "study")
+        check_name("parameter", name, parameters, f"variables or set of the study: {name}")
     for key, measure in study.measures.items():
         if measure.value is not None:
             for name in sorted(measure.arithmetic(key).names - set(parameters)):

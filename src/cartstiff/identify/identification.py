@@ -827,7 +827,7 @@ def _assumed(result: Identification) -> Iterator[Note]:
     yield from _cables(result)
     if not result.loaded:
         words = (
-            "displacements are taken as linear in the load, joints as where they are told: "
+            "displacements are taken as linear in the load, joints at their commanded positions: "
             "--loaded fits the equilibrium itself"
         )
         yield Note("linear-model", words)
@@ -1003,8 +1003,8 @@ def _unseen(result: Identification) -> Iterator[Note]:
     if not rows:
         return
     text = (
-        "the fit follows these rows, which hardly another one checks, so that errors of fewer "
-        f"standard deviations than told may stay unseen: {_some(words)}"
+        "no other rows check these rows, so that the fit follows them and errors of fewer "
+        f"standard deviations than listed may stay unseen: {_some(words)}"
     )
     yield Note("rows-unchecked", text, {"rows": list(rows), "errors": list(rows.values())})
 

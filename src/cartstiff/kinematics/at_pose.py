@@ -87,7 +87,7 @@ def at_pose(
         raise InputError(
             "is for platforms and bodies carried by legs",
             where="pose",
-            expected=f"q for {chain.kind}",
+            expected="joint positions (q) for an arm",
         )
     T = se3.from_roll_pitch_yaw(wanted[:3], wanted[3:]) @ T_P_M
     search = _Search(elastic, chain, T_P_M)
@@ -141,7 +141,7 @@ def at_poses(elastic: ElasticMechanism, poses: ArrayLike) -> tuple[Array, list[i
         raise InputError(
             "are for platforms and bodies carried by legs",
             where="poses",
-            expected=f"q for {chain.kind}",
+            expected="joint positions (q) for an arm",
         )
     search = _Search(elastic, chain, np.eye(4))
     free = search.freedoms()

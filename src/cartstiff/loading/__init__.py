@@ -249,7 +249,8 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
         )
     if not robots and text.isidentifier():
         example_robot(text)  # its error says how to install the robots that may have this name
-    raise UnknownNameError("mechanism", text, [*bundled_files(), *robots])
+    also = " (see `cartstiff models`), or a file: .yaml, .urdf, .xacro, MJCF .xml"
+    raise UnknownNameError("mechanism", text, [*bundled_files(), *robots], also=also)
 
 
 def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMechanism:

@@ -96,7 +96,7 @@ class LayoutModel(FileModel):
                     raise ValueError(f"{key} is not for a cubic layout")
             return self
         if self.height is None:
-            raise ValueError("key 'height' is missing: of P over F")
+            raise ValueError("key 'height' is missing: the height of P over F")
         each = 6 // (self.symmetry or 1)
         for name, ring in rings.items():
             if ring.radius is None:

@@ -59,7 +59,10 @@ def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism
         given = {k: GivenStiffness.read(f"{x} N m/rad") for k, x in about["stiffness"].items()}
     numbered = {str(i): c.name for i, c in enumerate(joints, start=1)}
     stiffness = {numbered.get(joint, joint): k for joint, k in given.items()}
-    elastic = elastic.with_springs(stiffness)
+    try:
+        elastic = elastic.with_springs(stiffness)
+    except InputError as error:
+        raise error.moved_to(f"--springs {name}") from None
     missing = [c.name for c in joints if c.name not in stiffness]
     grade = "" if is_table else f"grade {about['grade']} ({GRADES[about['grade']]}), "
     words = f"springs {name} ({about['robot']}): {grade}method: {about['method']}; "

@@ -82,13 +82,12 @@ class Rows(NamedTuple):
                     columns = [self.names.index(name) for name in layout]
                     return layout, self.values[:, columns], more
         if self.names is not None:
-            expected = " or ".join(", ".join(layout) for layout in layouts)
+            expected = " or ".join(dict.fromkeys(", ".join(layout) for layout in layouts))
             raise InputError(
                 "columns do not fit", where=self.place, expected=expected, got=", ".join(self.names)
             )
-        expected = ", or ".join(
-            f"{len(layout)} numbers ({', '.join(layout)})" for layout in layouts
-        )
+        shapes = dict.fromkeys(f"{len(layout)} numbers ({', '.join(layout)})" for layout in layouts)
+        expected = ", or ".join(shapes)
         raise InputError("wrong count", where=self.place, expected=expected, got=str(width))
 
 
@@ -237,8 +236,16 @@ def _names(line: str, place: str, separator: str = ",") -> tuple[str, ...] | Non
     """Names of columns, or None for a line of numbers."""
     cells = tuple(map(in_brackets, _cells(line, separator)))
     points = cells if separator == "," else [cell.replace(",", ".") for cell in cells]
-    if not any(map(_is_word, points)):
+    words = [cell for cell in points if _is_word(cell)]
+    if not words:
         return None
+    if 2 * len(words) < len(points):
+        raise InputError(
+            "not a number",
+            where=place,
+            expected="numbers alone, or names alone",
+            got=repr(words[0]),
+        )
     _refuse_twice(cells, place)
     return cells
 

@@ -426,9 +426,14 @@ def choose_quantities(
             raise InputError("quantity given twice", got=repr(name))
         quantity = quantity_named(name)
         if quantity.asks == "direction" and settings.direction is None:
-            raise InputError(f"the quantity {name} needs a direction")
+            raise InputError(
+                f"the quantity {name} needs a direction", expected="--direction (direction=)"
+            )
         if quantity.asks == "deflect" and settings.deflect is None and not settings.is_loaded:
-            raise InputError(f"the quantity {name} needs a wrench to deflect the body")
+            raise InputError(
+                f"the quantity {name} needs a wrench to deflect the body",
+                expected="--load, or --added-load (deflect=) of a map",
+            )
         if quantity.asks == "milling" and settings.milling is None:
             raise InputError(f"the quantity {name} needs a cutter (milling)")
         if quantity.asks in ("damping", "milling") and not settings.damping.acts_on(elastic):

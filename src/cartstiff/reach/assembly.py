@@ -408,7 +408,7 @@ def assemble(
         raise InputError(
             "assembly modes exist for closed chains and platforms",
             got=mechanism.kind,
-            expected="for an arm, inverse_kinematics",
+            expected="for an arm, the branches of its inverse kinematics (inverse_kinematics)",
         )
     starts = _DEFAULT_STARTS if starts is None else starts
     return _of_chain(elastic, mechanism, values, starts, seed or 0, every, stiffness, progress)

@@ -197,6 +197,7 @@ class LegMargins(PoseMargins):
         if not isinstance(chain, Chain) or legs is None:
             raise InputError(
                 "workspaces are found for platforms, and for bodies on legs or cables",
+                expected="for an arm, a map of random postures (`cartstiff map --random`)",
                 got=chain.kind,
             )
         super().__init__(elastic, float(chain.at(elastic.q).length))
@@ -1183,8 +1184,8 @@ def workspace(
         Approximate number of rays, and of columns; 1000, or 200 for cables, for more than six legs
         with limited forces, for struts with flexures, and for legs made of joints.
     scan : int
-        Poses along each ray before boundaries are bisected: gaps and parts thinner than
-        ``reach / scan`` may be missed.
+        Number of poses along each ray. Between two of them a boundary is found by bisection; gaps
+        and parts thinner than ``reach / scan`` may be missed.
     radius : float, optional
         Largest distance of positions; default the one that the longest lengths allow.
     through_singularities : bool
@@ -1237,9 +1238,9 @@ def workspace(
         if wrench is not None:
             if margins.forces is None:
                 raise InputError(
-                    "nothing limits forces, so that a load cuts nothing",
+                    "nothing limits forces, so that a load does not change the workspace",
                     where="wrench",
-                    expected="legs.force or cables",
+                    expected="limits of the legs' forces (legs.force in the file), or cables",
                 )
             margins.load = carried(kind, checked_input(wrench, (6,), "wrench"), load_axes, pose)
         if (everywhere := singular_note(margins, pose)) is not None:

@@ -138,7 +138,7 @@ def load_lines(result: PostureStiffness, at_rest: bool = False) -> list[str]:
         return []
     units, W = result.elastic.units, result.shown_wrench(result.wrench)
     if at_rest and not W.any():
-        return ["Load: part of what follows; nothing else holds the body"]
+        return ["Load: included in the stiffness below; no other wrench holds the body"]
     what = "the wrench that holds the body here" + (" besides the loads" if at_rest else "")
     if not (W.any() or result.is_loaded) and result.wrench_is_known:
         return ["Load: none; no wrench is needed to hold the body here"]
@@ -191,7 +191,7 @@ def _reachable(result: PostureStiffness, at_rest: bool) -> list[str]:
     lines += [*format_matrix(K, [""] * rank).split("\n"), ""]
     change = motions.T @ result.change_by_load @ motions
     if loaded and np.abs(change).max() > numerics.SYMMETRY * np.abs(K).max():
-        lines.append("K^load on them, the tangent under the load: what an added wrench meets")
+        lines.append("K^load on them: the stiffness against a small added wrench under the load")
         lines += [*format_matrix(K + change, [""] * rank).split("\n"), ""]
     return lines
 

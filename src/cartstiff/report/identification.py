@@ -159,7 +159,7 @@ def describe_plan(plan: Plan) -> str:
         widest = "not all are determined" if worst is None else f"+- {100 * factor * worst:.3g} %"
         lines.append(f"  {entry['rows']:>4}  {widest}")
     if plan.lost:
-        lines.append(f"no candidate tells anything about {', '.join(plan.lost)}")
+        lines.append(f"no candidate row loads {', '.join(plan.lost)}")
     return joined(lines)
 
 

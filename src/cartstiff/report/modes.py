@@ -48,10 +48,10 @@ def describe_modes(modes: Modes, unloaded: Modes | None = None, extra: Sequence[
         "Frequencies in Hz",
         *_frequencies(modes, unloaded),
         "",
-        "What moves: share of each coordinate in the kinetic energy, in per cent",
+        "Share of each coordinate in the kinetic energy, in per cent",
         *_participation(modes),
         "",
-        f"What the body turns about, in its frame ({units.length})",
+        f"Screw axis of the body's motion, in its frame ({units.length})",
         *_axes(modes),
         *extra,
     ]
@@ -79,7 +79,7 @@ def _frequencies(modes: Modes, unloaded: Modes | None) -> list[str]:
     if unloaded is not None:
         titles += ["unloaded", "change"]
     if masses is not None and total is not None:
-        titles += [f"moved along {axis} [kg]" for axis in "xyz"]
+        titles += [f"effective mass along {axis} [kg]" for axis in "xyz"]
     rows = []
     for i, f in enumerate(modes.frequencies):
         cells = [str(i + 1), _hertz(f)]

@@ -173,13 +173,13 @@ def describe_workspace(reached: Workspace) -> str:
     lines += [
         "",
         f"Volume{' with this orientation' * is_place}: {number(reached.volume, 5)} "
-        f"{_product(units)}, give or take {number(reached.volume_error, 2)} ({poses} poses tried)",
+        f"{_product(units)}, +- {number(reached.volume_error, 2)} ({poses} poses tried)",
         *table(
             [f"{reached.axes[2]} [{units[2]}]", f"area [{_product(units[:2])}]"],
             [(number(z), number(area, 4)) for z, area in reached.slices[::2]],
         ),
         "",
-        "The outer boundary is cut by (share of directions)",
+        "Limits that end the workspace (share of directions)",
         *_shares(reached.positions.shares()),
     ]
     if (least := reached.least_turn) is not None and reached.turns is not None:

@@ -155,9 +155,9 @@ def checked_load(kind: str, at: ArrayLike, axes: str, given: bool, own: bool = F
         ):
             if is_given:
                 raise InputError(
-                    "says something of a load, and none is given",
+                    "is about a load, and none is given",
                     where=name,
-                    expected="a wrench as well",
+                    expected="a wrench (--load) as well",
                 )
     return checked
 
