@@ -370,6 +370,8 @@ def test_processes_give_the_same(tmp_path):
     shared = cartstiff.design(asked, workers=2, output=path)
     assert shared.designs == cartstiff.design(asked).designs
     assert len(path.read_text().splitlines()) == 4
+    with pytest.raises(InputError, match="number of workers"):
+        cartstiff.design(asked, workers=0)
 
 
 def test_the_command(tmp_path):
@@ -394,67 +396,6 @@ def test_the_command(tmp_path):
         values = [d["values"][name] for d in answer["designs"][:4]]
         assert answer["best"][name] == values.index(max(values))
     assert (tmp_path / "d.csv").read_text().count("\n") == 6
-
-
-Q = {"quantity": "translation_held_min"}
-OWN = {"objectives": {"x": {"quantity": "own", "of": "max", "goal": "largest"}}}
-REFUSALS = [
-    ({"mechanism": "ur5"}, "unknown parameter"),
-    ({"mechanism": "arm.urdf"}, "a .yaml file"),
-    ({"mechanism": "nowhere.yaml"}, "No such file"),
-    ({"variables": {"q": [0, 1]}}, "unknown parameter.*sz"),
-    ({"variables": {"sz": [1, 0]}}, "low must be below high"),
-    ({"variables": {"sz": [0, 1, 2]}}, "variables.sz"),
-    ({"variables": {"sz": {"low": 1}}}, "low and high, or values"),
-    ({"variables": {"sz": {"low": -1, "high": 1, "log": True}}}, "above zero"),
-    ({"variables": {}}, "at least 1"),
-    ({"set": {"sz": 1}}, "'sz' is varied and set"),
-    ({"objectives": {"x": {"quantity": "translation_held_mim"}}}, "closest: translation_held_min"),
-    ({"objectives": {"x": {"quantity": "natural_length"}}}, "neither end"),
-    ({"objectives": {"x": {"quantity": "deflection"}}}, "needs a wrench"),
-    ({"objectives": {"x": {"value": "=sz"}}}, "needs a goal"),
-    ({"objectives": {"x": {"value": "=sz+w", "goal": "largest"}}}, "unknown parameter"),
-    ({"objectives": {"x": {"value": "=sz(", "goal": "largest"}}}, "arithmetic cannot be read"),
-    ({"objectives": {"x": {"value": "sz", "goal": "largest"}}}, "begins with '='"),
-    ({"quantities": {"own": "=natural_length"}}, "quantity 'own' is not used"),
-    ({"quantities": {"own": "natural_length"}} | OWN, "no arithmetic over quantities"),
-    ({"quantities": {"own": "=2*pi"}} | OWN, "no arithmetic over quantities"),
-    ({"quantities": {"own": "=sz"}} | OWN, "unknown quantity.*'sz'"),
-    (
-        {"quantities": {"own": "=natural_length"}, "objectives": {"x": {"quantity": "own"}}},
-        "neither",
-    ),
-    (
-        {
-            "quantities": {"deflection": "=2*natural_length"},
-            "objectives": {"x": {"quantity": "deflection"}},
-        },
-        "quantity already",
-    ),
-    ({"objectives": {"x": Q | {"of": "share"}}}, "share needs above or below"),
-    ({"objectives": {"x": Q | {"above": 1}}}, "above is for `of: share`"),
-    ({"objectives": {"x": Q | {"of": "reached"}}}, "reached needs `outside: leave-out`"),
-    ({"objectives": {"x": Q | {"gaol": "largest"}}}, "unknown key.*closest: goal"),
-    ({"objectives": {"x": Q | {"case": "c"}}}, "unknown case 'c'"),
-    ({"constraints": {"y": Q}}, "give at_least or at_most"),
-    ({"constraints": {"stiff": Q | {"at_least": 1}}}, "an objective and a constraint"),
-    ({"cases": {"c": {}, "d": {}}}, "say which case: c, d"),
-    ({"cases": {"c": {}, "d": {}}, "objectives": {"x": Q | {"case": "c"}}}, "case 'd' is not used"),
-    ({"poses": {"grid": {"u": [0, 1, 2]}}}, "unknown coordinate"),
-    ({"poses": {"grid": {"x": [0, 1, 1.5]}}}, "whole number"),
-    ({"poses": {"grid": {"x": [0, 1, 2]}, "random": {"count": 1, "ranges": {}}}}, "not both"),
-    ({"poses": {"grid": {"x": [0, 1, 4000], "y": [0, 1, 4000]}}}, "at most 10000000"),
-    ({"method": {"kind": "grid", "designs": 3}}, "designs is not for it"),
-    ({"method": {"seed": 3}}, "nothing is drawn"),
-    ({"method": {"kind": "local", "designs": 60}}, "local is no method: sweep .*evaluator"),
-    ({"method": {"kind": "evolution", "designs": 3}}, "evolution is no method: sweep"),
-]
-
-
-@pytest.mark.parametrize(("keys", "words"), REFUSALS)
-def test_refusals(keys, words):
-    with pytest.raises(InputError, match=words):
-        cartstiff.design(study(**keys))
 
 
 def test_a_study_has_quantities_of_its_own():
@@ -489,21 +430,6 @@ def test_a_number_of_the_analysis_has_its_unit_in_a_study():
     evaluation = StudyEvaluator(*read_study(study(objectives=objectives)))
     units = [evaluation.unit(one) for one in evaluation.study.objectives.values()]
     assert units == list(paths.values())
-
-
-def test_refusals_name_the_line(tmp_path):
-    path = tmp_path / "study.yaml"
-    path.write_text("mechanism: cubic\nvariables:\n  r: [1, 2]\n  s: [2, 1]\nobjectives: {}\n")
-    with pytest.raises(InputError, match=r"study.yaml, line 4, key variables.s: low must be below"):
-        read_study(path)
-    with pytest.raises(InputError, match="number of workers"):
-        cartstiff.design(study(), workers=0)
-
-
-def test_a_scheduler_is_refused():
-    answer = CliRunner().invoke(command, ["design", "study.yaml", "--scheduler", "tcp://a:1"])
-    assert isinstance(answer.exception, InputError)
-    assert "no scheduler any more; expected --workers" in str(answer.exception)
 
 
 def test_one_program_serves_platforms_of_every_size():

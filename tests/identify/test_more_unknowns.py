@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, table_of
+from tests.identify.campaigns import arm, load
 
 import cartstiff
 from cartstiff.identify.identification import identify
-from cartstiff.identify.measurements import read_measurements
 from cartstiff.identify.plan import candidates, simulated
 from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.identify.written_file import mechanism_file
@@ -113,21 +112,6 @@ def test_files_of_platforms_and_loops_are_written(name, tmp_path):
     assert sprung == pytest.approx(found)
     assert known.identified.rows == 20
     assert unknowns_of(known).names == result.unknowns.names
-
-
-def test_tables_of_other_countries_are_the_same_table(tmp_path):
-    path = arm("elbow", tmp_path)
-    elastic = load(path)
-    q, W, d = random_campaign(elastic, SPRINGS["elbow"], 5, 1)
-    plain = table_of(tmp_path / "m.csv", q, W, d)
-    text = plain.read_text()
-    for mark in ";\t":
-        other = tmp_path / "other.csv"
-        other.write_text(text.replace(",", mark).replace(".", ","))
-        a, b = (read_measurements(p, elastic) for p in (plain, other))
-        assert np.array_equal(a.q, b.q)
-        assert np.array_equal(a.wrench, b.wrench)
-        assert np.array_equal(a.values["dz"], b.values["dz"])
 
 
 def test_cables_that_only_preload_keeps_taut_are_named():

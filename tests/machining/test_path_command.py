@@ -1,4 +1,4 @@
-"""``cartstiff path``: what it accepts, what it writes, what it refuses in one line."""
+"""``cartstiff path``: what it accepts and what it writes."""
 
 import csv
 import importlib.util
@@ -113,73 +113,11 @@ def test_pictures(seam, tmp_path):
     assert b"<svg" in places.read_bytes()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        ((), "needs a wrench"),
-        ((*LOAD, "--load", "1,2,3,4,5,6"), "more than once"),
-        (("--load", "1,2"), "wrong count"),
-        ((*LOAD, "--criterion", "nonsense"), "unknown criterion"),
-        ((*LOAD, "--free-axis", "w"), "--free-axis"),
-        ((*LOAD, "--free-axis", "z", "--free-rotation"), "not both"),
-        ((*LOAD, "--free-rotation"), "cannot all be free"),
-        ((*LOAD, "--plot-places", "a.png"), "is for --place"),
-        ((*LOAD, "--plot", "a.txt"), "unknown file ending"),
-        ((*LOAD, "--csv", "no/such/folder.csv"), "no such folder"),
-        ((*LOAD, "--place", "x=0:1"), "NAME=LOW:HIGH:COUNT"),
-        ((*LOAD, "--place", "roll=0:1:2"), "unknown coordinate"),
-        ((*LOAD, "--place", "x=1:0:2"), "must rise"),
-        ((*LOAD, "--place", "x=0:1:1000,y=0:1:1000"), "too many places"),
-        ((*LOAD, "--max-step", "-1"), "must be above zero"),
-        ((*LOAD, "--singular", "2"), "singularity threshold"),
-        ((*LOAD, "--redundant", "leg1"), "unknown joint"),
-    ],
-)
-def test_refused_options(seam, arguments, expected):
-    assert expected in run("path hexapod", seam, *arguments, code=2)
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("", "file is empty"),
-        ("# nothing\n", "no points"),
-        ("x,y,z,roll,pitch,yaw\n", "no points"),
-        ("1,2,3\n", "line 1: wrong count"),
-        ("0,0,0,0,0,0\n0,0,0\n", "line 2: wrong count"),
-        ("0,0,0,0,0,nan\n", "line 1: not a finite number"),
-        ("x,y,z,roll,pitch,roll\n", "column named twice"),
-        ("x,y,z,roll,pitch,jaw\n0,0,0,0,0,0\n", "unknown column"),
-        ("x,y,z\n0,0,0\n", "columns define no pose"),
-        ("x,y,z,roll,pitch\n0,0,0,0,0\n", "columns are missing"),
-        ("x,y,z,ax,ay,az\n0,0,0,0,0,1\n", "--free-axis"),
-    ],
-)
-def test_refused_files(tmp_path, text, expected):
-    file = tmp_path / "path.csv"
-    file.write_text(text, encoding="utf-8")
-    error = run("path hexapod", file, *LOAD, code=2)
-    assert expected in error
-    assert "path.csv" in error
-
-
-def test_load_twice(tmp_path):
-    file = tmp_path / "path.csv"
-    file.write_text("0,0,0,0,0,0,0,0,0,0,0,1\n", encoding="utf-8")
-    assert "not both" in run("path hexapod", file, *LOAD, code=2)
-
-
 def test_path_that_cannot_be_followed(tmp_path):
     file = tmp_path / "path.csv"
     file.write_text("0,0,50,0,0,0\n", encoding="utf-8")
     error = run("path hexapod", file, *LOAD, code=3)
     assert "path-beyond-limits: point 1 of the path is reached only beyond the limits: leg" in error
-
-
-def test_nothing_is_written_when_refused(seam, tmp_path):
-    file = tmp_path / "postures.csv"
-    run("path hexapod", seam, *LOAD, f"--csv {file} --plot", tmp_path / "no" / "p.png", code=2)
-    assert not file.exists()
 
 
 def test_eight_cables_have_a_ratio_of_singular_values(tmp_path):

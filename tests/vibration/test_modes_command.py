@@ -1,8 +1,5 @@
 """The command `cartstiff modes` as a user runs it."""
 
-import re
-
-import pytest
 from tests.support.commands import answer, run
 
 
@@ -52,31 +49,3 @@ def test_no_masses_is_a_state():
     assert data["frequencies"] == []
     assert data["notes"][0]["code"] == "no-mass"
     assert "has a mass" in run("modes cubic --strict", code=3)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--response", "5"], "LOW:HIGH"),
-        (["--response", "9:5"], "0 <= LOW < HIGH"),
-        (["--response", "1:5:1.5"], "whole number"),
-        (["--damping", "0.1"], "is for --response"),
-        (["--lobes", "9:5", "--milling", "6e8,0.3,3,0,1"], "LOW:HIGH"),
-        (["--lobes", "5:9"], "force law"),
-        (["--tip", "0,0,1"], "is for --lobes"),
-        (["--csv", "a.csv"], "is for --response"),
-        (
-            ["--lobes", "5:9", "--milling", "6e8,0.3,3,0,1", "--response", "1:2", "--csv", "a.csv"],
-            "serve one at a time",
-        ),
-        (["--lobes", "5:9", "--milling", "6e8,0.3,3,0,1"], "needs damping"),
-        (["--kind", "mobility"], "is for --response"),
-        (["--response", "1:5", "--damping", "-0.1"], "zero or more"),
-        (["--response", "1:5", "--direction", "0,0,0"], "must not be zero"),
-        (["--compare", "A,Q"], "comparison"),
-        (["--tolerance", "0"], "not all zero"),
-        (["--world"], "is for --load"),
-    ],
-)
-def test_what_is_refused(arguments, words):
-    assert re.search(words, run("modes five-bar", arguments, code=2))
