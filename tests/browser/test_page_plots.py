@@ -18,8 +18,17 @@ LOAD = (1.0, 2.0, -3.0, 40.0, 20.0, -90.0)
 QUANTITY, ALONG, AND = (
     f"select[aria-label='{words}']" for words in ("Values of", "Along what", "And along what")
 )
-#: What one unit of a row is in the unit that is shown.
-SHOWN = {"deflection": 1e3, "turn": 1e3}
+#: Parts of the units that plots are written in, and what they are in those of a row.
+PREFIXES = {"k": 1e3, "M": 1e6, "G": 1e9, "m": 1e-3, "µ": 1e-6}
+WHOLE = {"1": 1.0, "m": 1.0, "m/N": 1.0, "N/mm": 1e3, "kN/mm": 1e6, "MN/mm": 1e9}
+
+
+def shown_unit(name: str) -> float:
+    """What the unit in brackets at the end of a column's name is in the mechanism's own."""
+    unit = name[name.index("[") + 1 : -1]
+    if unit in WHOLE or unit[0] not in PREFIXES:
+        return WHOLE.get(unit, 1.0)
+    return PREFIXES[unit[0]]
 
 
 def read_table(download, path) -> tuple[list[str], list[str], np.ndarray]:
@@ -66,7 +75,7 @@ def test_every_quantity_is_what_the_library_says(serve, pages, tmp_path, name, i
         q = np.array(elastic.q)
         q[i] = table[near, 0]
         row = series_row(cartstiff.analyse(elastic, q, wrench=LOAD), state)
-        expected = np.array(row[key]) * SHOWN.get(key, 1.0)
+        expected = np.array(row[key]) / shown_unit(names[1])
         assert table[near, 1:] == pytest.approx(expected, rel=1e-6), key
 
 
@@ -85,7 +94,7 @@ def test_a_file_plots_the_same_quantities(pages, tmp_path, name, i):
         at_rest = "#strip .plot:not(.computing)"
         drawn = f"{at_rest} .{key}.curve-0, {at_rest} .nothing"
         page.wait_for_selector(drawn, state="attached")
-        _, _, table = saved(page, "csv", tmp_path / "plot.csv")
+        _, names, table = saved(page, "csv", tmp_path / "plot.csv")
         near = int(np.argmin(np.abs(table[:, 0] - elastic.q[i])))
         q = np.array(elastic.q)
         q[i] = table[near, 0]
@@ -96,7 +105,7 @@ def test_a_file_plots_the_same_quantities(pages, tmp_path, name, i):
             assert np.isnan(table[near, 1:]).all(), key
         else:
             assert table[near, 1:] == pytest.approx(
-                np.array(row, float) * SHOWN.get(key, 1.0), rel=1e-6, abs=1e-15, nan_ok=True
+                np.array(row, float) / shown_unit(names[1]), rel=1e-6, abs=1e-15, nan_ok=True
             ), key
 
 

@@ -226,6 +226,20 @@ def test_a_larger_load_never_has_a_shorter_arrow_or_deflection():
     assert lengths[-1].max() < 0.3  # of an arm that reaches 0.85 m
 
 
+@pytest.mark.parametrize(("force", "is_covered"), [((0, 0, -100), True), ((60, 0, -80), False)])
+def test_a_displacement_is_drawn_beside_a_force_that_would_cover_it(force, is_covered):
+    drawing = Drawing("ur5" if not is_covered else "cubic")
+    drawing.result = cartstiff.analyse(drawing.elastic, wrench=[0, 0, 0, *force])
+    drawing.draw(deflection=True)
+    paths = (f"{ROOT}/wrench/force/arrow", f"{ROOT}/deflection/displacement/arrow")
+    pushed, moved = (drawing.viewer.world(path) for path in paths)
+    away = moved[:3, 3] - pushed[:3, 3]
+    along = pushed[:3, 0] / np.linalg.norm(pushed[:3, 0])
+    assert abs(away @ along) < 1e-12
+    heads = 3 * 0.022 * sum(np.linalg.norm(T[:3, 0]) for T in (pushed, moved))
+    assert (np.linalg.norm(away) > heads) == is_covered
+
+
 def test_a_load_that_is_rounding_is_no_arrow():
     drawing = Drawing("delta")
     assert np.abs(drawing.result.wrench).max() < 1e-9

@@ -166,6 +166,17 @@ def test_a_load_that_bends_links_leaves_the_sweep_and_the_sliders(session):
     assert numbers["q"] == pytest.approx(one.start.q, abs=1e-12), "sent back with the next state"
 
 
+def test_a_sweep_deflects_links_only_where_the_chain_closes(session, monkeypatch):
+    one, analysed = session("3-rrr"), []
+    real = Session._analysed
+    monkeypatch.setattr(Session, "_analysed", lambda *a: analysed.append(1) or real(*a))
+    state = {"load": [0, 0, 0, 0, 0, -100.0], "load_axes": "inertial"}
+    found = worked(one, do="sweep", coordinate=15, steps=13, state=state, refined=False)
+    reached = sum("reason" not in row for row in found["rows"])
+    assert 3 < reached < 13
+    assert len(analysed) == reached
+
+
 def test_the_motor_moves_and_the_closures_follow(session):
     one = session("five-bar")
     q = one.start.q

@@ -232,14 +232,17 @@ class Session:
     def result(self, state: ViewState) -> PostureStiffness:
         """The posture of a state, with its springs, its load and the commands of its drives."""
         commanded = state.command is not None and any(state.command)
-        elastic, q = self._placed(state, is_left=not commanded)
+        return self._analysed(*self._placed(state, is_left=not commanded), state)
+
+    def _analysed(self, elastic: ElasticMechanism, q: Array, state: ViewState) -> PostureStiffness:
+        """The posture at coordinates of a mechanism with the springs of a state."""
         axes = {} if state.load_axes == "body" else {"load_axes": "world"}
         load: dict[str, Any] = {} if state.load is None else {"wrench": state.load, **axes}
         # Its buttons stay as they are while there is no load.
         is_usual = state.load_kind == "dead" and not any(state.acts_at)
         if not is_usual and (load or elastic.may_be_loaded):
             load |= {"load_kind": state.load_kind, "load_at": state.acts_at}
-        if state.command is None or not commanded:
+        if state.command is None or not any(state.command):
             return analyse(elastic, q, **load)
         steps = named_values(state.command, elastic.spring_names, state.command, "command")
         command = {n: x for n, x in zip(elastic.spring_names, steps.tolist(), strict=True) if x}
@@ -409,17 +412,16 @@ class Session:
         at = state.model_copy(update={"q": q.tolist(), "moved": moved})
         try:
             with np.errstate(all="ignore"):
-                result = self.result(at)
-                if moved_on := self._moved_on(result, at):
+                elastic, reached = self._placed(at)
+                if moved_on := self._moved_on(reached, at):  # most of a row's time is the load's
                     return {"reason": moved_on}
-                row = series_row(result, at)
-                return row if at.command else row | {"q": self.before_load(result, at).tolist()}
+                row = series_row(self._analysed(elastic, reached, at), at)
+                return row if at.command else row | {"q": reached.tolist()}
         except CartstiffError as error:
             return {"reason": str(error)}
 
-    def _moved_on(self, result: PostureStiffness, state: ViewState) -> str | None:
+    def _moved_on(self, reached: Array, state: ViewState) -> str | None:
         """Return why a posture is not the wanted one: closures have moved a coordinate; or None."""
-        reached = self.before_load(result, state)
         names, wanted = self._elastic.names, state.q or ()
         away = [
             (

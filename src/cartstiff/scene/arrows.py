@@ -25,6 +25,9 @@ LONGEST_ARROW = 0.22
 SMALLEST_MOTION = 1e-7
 # Turn (rad) that is drawn as large as a displacement of the longest arrow.
 _TURN = 0.6
+# Cosine of the angle below which two arrows from one point cover each other, and the distance
+# between their middles then, over the sum of their lengths: that of their heads.
+_ALONG, _BESIDE = 0.98, 0.07
 # Load at which arrows of `add_wrench` begin: those of 10 then have the wanted size.
 _SMALLEST_LOAD = 1e-3
 
@@ -134,9 +137,18 @@ class DeflectionPicture:
         self._scale = Growing(1.0, SMALLEST_MOTION / LONGEST_ARROW)
 
     def draw(
-        self, twist: Array, T: Array, unit: str, wanted: float | None, labels: bool = True
+        self,
+        twist: Array,
+        T: Array,
+        unit: str,
+        wanted: float | None,
+        labels: bool = True,
+        force: tuple[Array, float] | None = None,
     ) -> dict[str, Any]:
-        """Show a twist (6,) of the frame with pose T, enlarged by `wanted` or visibly."""
+        """Show a twist (6,) of the frame with pose T, enlarged by `wanted` or visibly.
+
+        Beside an arrow along `force` (3,) in F, of that drawn length, if the two point alike.
+        """
         factor = self._factor(twist) if wanted is None else wanted
         if not self._made:
             self._made = True
@@ -145,7 +157,10 @@ class DeflectionPicture:
         self._frame.set_transform(T @ se3.exp(factor * twist))
         moved = displacement_of_point(twist, np.zeros(3))
         # The arrow's length is the displacement enlarged; its label is the true one.
-        self._arrow.draw(T[:3, :3] @ moved, T[:3, 3], unit, lambda size: factor * size, labels)
+        along, start = T[:3, :3] @ moved, T[:3, 3]
+        if force is not None and (aside := _aside(along, factor, *force)) is not None:
+            start = start + aside
+        self._arrow.draw(along, start, unit, lambda size: factor * size, labels)
         turn = float(np.linalg.norm(twist[:3]))
         return {
             "exaggeration": factor,
@@ -167,6 +182,15 @@ class DeflectionPicture:
         if self._made:
             self._frame.show(False)
             self._arrow.hide()
+
+
+def _aside(along: Array, factor: float, force: Array, length: float) -> Array | None:
+    """Shift (3,) of an arrow ``factor along`` that one of that length along a force covers."""
+    size, other = float(np.linalg.norm(along)), float(np.linalg.norm(force))
+    if not along @ force > _ALONG * size * other:
+        return None
+    across = objects.axes_along(*along.tolist(), size)[1]
+    return _BESIDE * (factor * size + length) * np.array(across)
 
 
 # Force times the size of the picture, and moments, below this share of each other.

@@ -27,12 +27,12 @@ from cartstiff.scene.viewer import ViewerNode
 # Largest number of decades with a ring.
 MOST_RINGS = 6
 # Half the thickness of a disc or a rod, over the size of the mechanism.
-_THICKNESS = 0.006
+FLAT = 0.006
 # Half the least thickness of an ellipsoid, over the size of the mechanism.
-FLAT = 1e-4
+THIN = 1e-4
 #: Least half length of an axis whose value is not zero, over the size of the mechanism.
 SHORTEST = 0.015
-_FLAT = {
+FLAT_WORDS = {
     1: "one principal value is zero: drawn as a disc",
     2: "two principal values are zero: drawn as a rod",
 }
@@ -104,7 +104,7 @@ class EllipsoidPicture:
         self._body.show(solid)
         if solid:
             # A flat side is still a visible surface.
-            thickness = (_THICKNESS if flat else FLAT) * self._size
+            thickness = (FLAT if flat else THIN) * self._size
             x, y, z = (
                 _along(column, max(radius, thickness))
                 for column, radius in zip(columns, radii, strict=True)
@@ -200,7 +200,7 @@ def _reason(shape: Ellipsoid, unit: str) -> str:
     kind = shape.definiteness
     low = number(float(shape.eigenvalues[0]), unit)
     if kind == "positive semidefinite":
-        return _FLAT[int(np.sum(shape.eigenvalues == 0.0))]
+        return FLAT_WORDS[int(np.sum(shape.eigenvalues == 0.0))]
     if kind == "zero":
         return "it is zero"
     return f"{kind}, smallest principal value {low}"

@@ -27,7 +27,15 @@ from cartstiff.scene.arrows import (
     DeflectionPicture,
     WrenchPicture,
 )
-from cartstiff.scene.ellipsoids import CUT, FLAT, MOST_RINGS, SHORTEST, EllipsoidPicture
+from cartstiff.scene.ellipsoids import (
+    CUT,
+    FLAT,
+    FLAT_WORDS,
+    MOST_RINGS,
+    SHORTEST,
+    THIN,
+    EllipsoidPicture,
+)
 from cartstiff.scene.environment import Environment
 from cartstiff.scene.mechanism import MechanismPicture, extent
 from cartstiff.scene.points import add_path, add_points
@@ -129,8 +137,8 @@ class Scene:
             "quantity": look.quantity,
             "others": look.others,
             "ellipsoids": {f: self._ellipsoid(f, look, here, reason) for f in _FREEDOMS},
-            "wrench": self._wrench(result, look, here.pose),
-            "deflection": self._deflection(result, look, added, here.pose),
+            "wrench": (wrench := self._wrench(result, look, here.pose)),
+            "deflection": self._deflection(result, look, added, here.pose, wrench),
             "screws": self._axes("screws", look.screws, look, here, reason),
             "compliant_axes": self._axes("axes", look.compliant_axes, look, here, reason),
             "centres": self._centres(look, here, reason),
@@ -203,7 +211,9 @@ class Scene:
                 zip(("force", "moment"), [s.legend() for s in self._arrow_scales()], strict=True)
             ),
             "smallest_motion": SMALLEST_MOTION,
-            "thin": FLAT * size,
+            "thin": THIN * size,
+            "flat": FLAT * size,
+            "flat_words": FLAT_WORDS,
             "shortest": SHORTEST * size,
             "cut": CUT,
             "rings": MOST_RINGS,
@@ -352,7 +362,12 @@ class Scene:
         return added + np.concatenate([np.cross(away, added[3:]), np.zeros(3)])
 
     def _deflection(
-        self, result: PostureStiffness, look: Appearance, added: Array | None, T: Array
+        self,
+        result: PostureStiffness,
+        look: Appearance,
+        added: Array | None,
+        T: Array,
+        wrench: dict[str, Any] | None,
     ) -> dict[str, Any] | None:
         if not look.deflection:
             self._deflections.hide()
@@ -366,7 +381,8 @@ class Scene:
             self._deflections.hide()
             return {"shown": False, "reason": "no load: nothing moves"}
         unit = self._elastic.units.length
-        answer = self._deflections.draw(twist, T, unit, look.exaggeration, look.labels)
+        force = None if wrench is None else (T[:3, :3] @ wrench["wrench"][3:], wrench["force"])
+        answer = self._deflections.draw(twist, T, unit, look.exaggeration, look.labels, force)
         acts_at = result.load.at if look.added is None else look.added_at or look.point
         return {"shown": True, "reason": None, "acts_at": list(acts_at), **answer}
 

@@ -1,10 +1,10 @@
 // What plots show: each from the numbers of one posture, with its words and its unit. Words and
 // units are of the state that the numbers are of.
 
+import { inSize } from "./dom.js";
 import { freeness } from "./numbers.js";
 
 const THREE = ["least", "middle", "largest"];
-const MILLI = 1000;
 
 const size = (v) => Math.hypot(...v);
 const principal = (kind) => ({ principal: found }) => found?.[kind].values ?? null;
@@ -12,44 +12,44 @@ const resisted = (of) => ({ moved }) => (moved?.resisted ? [of(moved)] : null);
 const UNSTABLE = "unstable: the load pushes it away";
 const only = (...values) => (values.every((x) => x === null || x === undefined) ? null : values.map((x) => x ?? null));
 
-/** `of` reads numbers, in the units of the mechanism; `scale` says what one of these is in `unit`; `nothing` why a row has no value. */
+/** `of` reads numbers, in the units of the mechanism; `scale` says what one of these is in `unit`, if not 1; `nothing` why a row has no value. */
 export const CURVES = [
   { key: "deflection", words: "deflection", title: () => "How far the load moves the point", nothing: ({ unstable }) => (unstable ? UNSTABLE : "no load: nothing moves"),
-    of: resisted(({ displacement }) => size(displacement)), scale: (store) => fine(store)[0], unit: (store) => fine(store)[1] },
+    of: resisted(({ displacement }) => size(displacement)), unit: (store) => store.unit("length") },
   { key: "turn", words: "turn under the load", title: () => "How far the load turns the body", nothing: ({ unstable }) => (unstable ? UNSTABLE : "no load: nothing turns"),
-    of: resisted(({ rotation }) => size(rotation)), scale: () => MILLI, unit: () => "mrad" },
+    of: resisted(({ rotation }) => size(rotation)), unit: () => "rad" },
   { key: "translation", words: "translation", title: (_, state) => `Principal ${state.quantity} of translation, ${freeness(state)[0]}`, lines: THREE,
     of: principal("translation"), scale: (store, { quantity }) => store.read(1, quantity), unit: (store, { quantity }) => store.blockUnits(quantity)[1][1] },
   { key: "rotation", words: "rotation", title: (_, state) => `Principal ${state.quantity} of rotation, ${freeness(state)[1]}`, lines: THREE,
-    of: principal("rotation"), scale: () => 1, unit: (store, { quantity }) => store.blockUnits(quantity)[0][0] },
+    of: principal("rotation"), unit: (store, { quantity }) => store.blockUnits(quantity)[0][0] },
   { key: "condition", words: "condition", title: () => "Condition number of the stiffness, of its translations (rotation held), of its rotations (translation held)",
-    lines: ["whole", "translation", "rotation"], nothing: () => "the stiffness does not exist here", unit: () => "1", scale: () => 1,
+    lines: ["whole", "translation", "rotation"], nothing: () => "the stiffness does not exist here", unit: () => "1",
     of: ({ indices }) => indices && only(indices.condition_number, indices.translational_condition, indices.rotational_condition) },
-  { key: "singularity", words: "singular values", title: () => "Smallest over largest singular value: 0 at a singularity", unit: () => "1", scale: () => 1,
+  { key: "singularity", words: "singular values", title: () => "Smallest over largest singular value: 0 at a singularity", unit: () => "1",
     of: ({ singularity }) => (singularity.length ? [Math.min(...singularity.map(({ ratio }) => ratio))] : null) },
   { key: "energy", words: "energy", title: () => "Energy that potentials store at the posture", nothing: () => "no energy is stored",
-    of: ({ result }) => only(result.energy), scale: () => 1, unit: (store) => store.unit("moment") },
+    of: ({ result }) => only(result.energy), unit: (store) => store.unit("moment") },
   { key: "leg_force", words: "leg force", title: () => "Largest force of a leg", nothing: () => "no legs, or none with a force",
     of: ({ legs }) => (legs?.some(({ tension }) => tension !== null) ? [Math.max(...legs.map(({ tension }) => Math.abs(tension ?? 0)))] : null),
-    scale: () => 1, unit: (store) => store.unit("force") },
+    unit: (store) => store.unit("force") },
 ];
-
-// Where lengths are metres or their parts, people say millimetres.
-const fine = (store) => ({ m: [1000, "mm"], mm: [1, "mm"], cm: [10, "mm"] })[store.unit("length")] ?? [1, store.unit("length")];
 
 /** One posture of a sweep or a trajectory, as the server answers it. */
 export const rowOf = (numbers, q) => ({ q, position: numbers.position, unstable: numbers.moved?.resisted === false,
   ...Object.fromEntries(CURVES.map(({ key, of }) => [key, of(numbers)])) });
 
-/** What the plot of a state shows: values of a row, in the unit that is shown; words. */
-export function plotted(store, key, state) {
+/** What the plot of a state shows: values of a row, in a unit of the rows' size unless one was chosen; words. */
+export function plotted(store, key, state, rows) {
   const curve = CURVES.find((each) => each.key === key);
-  const lines = curve.lines ?? [curve.words];
+  const own = curve.scale?.(store, state) ?? 1;
+  const sizes = rows.flatMap((row) => row?.[key] ?? []).filter(Number.isFinite).map(Math.abs).sort((a, b) => a - b);
+  const middle = own * (sizes[sizes.length >> 1] ?? 0);
+  const [factor, unit] = store.fine ? [1, curve.unit(store, state)] : inSize(middle, curve.unit(store, state));
   return {
-    lines,
-    unit: curve.unit(store, state),
+    lines: curve.lines ?? [curve.words],
+    unit,
     title: curve.title(store, state),
-    values: (row) => row?.[key]?.map((x) => (x === null ? null : x * curve.scale(store, state))) ?? null,
+    values: (row) => row?.[key]?.map((x) => (x === null ? null : (x * own) / factor)) ?? null,
     why: (row) => row.reason ?? curve.nothing?.(row)
       ?? (state.quantity === "stiffness" ? "the stiffness does not exist here; the compliance may" : "the compliance does not exist here"),
     legend: ["grey: no value; hatched: a value is negative"],

@@ -1,6 +1,6 @@
 // The first question: how far does the load move the point, and what gives way.
 
-import { button, byId, el, engineering, heading, inSize, short, tuple, typeset } from "./dom.js";
+import { button, byId, el, engineering, heading, hint, short, together, tuple, typeset } from "./dom.js";
 import { sup } from "./matrix.js";
 import { NEGLIGIBLE_DIFFERENCE, ROUNDOFF } from "./numerics.js";
 import { sway } from "./sway.js";
@@ -18,13 +18,6 @@ function assumptions(store, moved) {
   const load = [[f, "force"], [m, "moment"]].filter(([x]) => x > 0).map(([x, kind]) => engineering(x, store.unit(kind))).join(", ");
   const at = moved.acts_at.some((x) => x) ? `${together(moved.acts_at, store.unit("length"))} in M` : "M";
   return `${load} at ${at}: ${result.load.meaning}. ${store.numbers.weighed ?? store.hello.mechanism.weighed}. To first order.`;
-}
-
-/** Components in one unit; what is rounding beside the largest is 0. */
-function together(values, unit) {
-  const most = Math.max(...values.map(Math.abs));
-  const [factor, name] = inSize(most, unit);
-  return `${tuple(values.map((x) => (Math.abs(x) > NEGLIGIBLE_DIFFERENCE * most ? x / factor : 0)), 4)} ${name}`;
 }
 
 /** Go to the posture that differs in one coordinate and at which the load moves the point least; says how much less. */
@@ -117,14 +110,18 @@ export function deflectionPanel(store) {
     line.textContent = says;
     line.title = says;
     const size = ({ share }) => Math.abs(share ?? 0);
-    const ordered = moved.shares.filter((entry) => entry.share === null || Math.round(100 * size(entry))).toSorted((a, b) => size(b) - size(a));
+    const ordered = moved.shares.filter((entry) => Math.round(100 * size(entry))).toSorted((a, b) => size(b) - size(a));
     for (const entry of ordered) {
       const { name, share } = entry;
       const bar = el("i");
       bar.style.width = `${(100 * size(entry)) / Math.max(size(ordered[0]), ROUNDOFF)}%`;
       bars.append(el("div", { class: "moved-bar", title: `${name}: part of the point's way` },
         el("span", { class: "moved-name" }, name), el("span", { class: `meter wide${share < 0 ? " against" : ""}` }, bar),
-        el("span", { class: "num" }, share === null ? "–" : typeset(`${Math.round(100 * share) || 0} %`))));
+        el("span", { class: "num" }, typeset(`${Math.round(100 * share) || 0} %`))));
+    }
+    if (moved.shares.length && moved.shares.every(({ share }) => share === null)) {
+      bars.append(hint(way ? "No share is known: the springs store no energy" : turned ? "The point does not move: nothing has a share of its way"
+        : "The structure carries this load: no spring has a share"));
     }
     for (const note of moved.notes) bars.append(el("div", { class: "dim small" }, note));
   });

@@ -1,6 +1,6 @@
 // Small helpers: elements, numbers as text, downloads.
 
-import { PRINTED_AS_ZERO, ROUNDOFF } from "./numerics.js";
+import { PRINTED_AS_ZERO, NEGLIGIBLE_DIFFERENCE, ROUNDOFF } from "./numerics.js";
 
 /** What the server says where it answers a later question of the same kind instead. */
 export const SUPERSEDED = "a newer question took the place of this one";
@@ -70,6 +70,13 @@ export const short = (x, digits = 4) => engineering(x, "", digits);
 
 /** Components for reading: "(1, 0, 0)". */
 export const tuple = (list, digits = 3) => `(${list.map((x) => short(x, digits)).join(", ")})`;
+
+/** Components in one unit of the largest one's size, "(0, 0, −110.5) µm"; what is rounding beside it is 0. */
+export function together(values, unit) {
+  const most = Math.max(...values.map(Math.abs));
+  const [factor, name] = inSize(most, unit);
+  return `${tuple(values.map((x) => (Math.abs(x) > NEGLIGIBLE_DIFFERENCE * most ? x / factor : 0)), 4)} ${name}`;
+}
 
 /** A number with every digit that it has. */
 const full = (x) => (x === null || x === undefined ? "–" : String(x).replace("-", MINUS));

@@ -213,7 +213,8 @@ export class Drawing {
     const { values, definiteness: kind } = found;
     const R = rotation(here.pose);
     const axes = found.axes.map((v) => times(R, v));
-    const solid = kind === "positive";
+    const isFlat = kind === "positive semidefinite";
+    const solid = isFlat || kind === "positive";
     const unit = assets.units[`${quantity}/${freedom}`];
     const kept = state.measures?.[freedom];
     const scale = kept?.kind === state.scale ? scaleOf(kept) : fitting(state.scale, values, assets.usual[`${quantity}/${freedom}`], assets.radius);
@@ -221,7 +222,7 @@ export class Drawing {
     const [lengths, centre] = [values.map(scale.length), place(here.pose)];
     const along = (v, x, from = [0, 0, 0]) => v.map((c, i) => from[i] + x * c);
     this.show(`${at}/body`, solid);
-    if (solid) this.put(`${at}/body`, [...axes.map((v, i) => along(v, Math.max(lengths[i], assets.thin))), centre]);
+    if (solid) this.put(`${at}/body`, [...axes.map((v, i) => along(v, Math.max(lengths[i], isFlat ? assets.flat : assets.thin))), centre]);
     axes.forEach((v, i) => {
       const path = `${at}/axis ${i + 1}`;
       const shown = state.labels && lengths[i] > 0;
@@ -244,8 +245,9 @@ export class Drawing {
     }
     const { length } = this.scene.units;
     const cut = Math.max(...lengths) >= scale.most ? `; cut at ${inLength(scale.most, length)}: the stiffest axis is longer` : "";
-    const words = solid ? `: ${scale.words(unit, length, assets.bar)}${cut}`
-      : ` is not drawn: ${kind}, smallest principal value ${number(values[0], unit)}`;
+    const flat = isFlat ? `; ${assets.flat_words[values.filter((x) => x === 0).length]}` : "";
+    const words = solid ? `: ${scale.words(unit, length, assets.bar)}${cut}${flat}`
+      : ` is not drawn: ${kind === "zero" ? "it is zero" : `${kind}, smallest principal value ${number(values[0], unit)}`}`;
     return { mark: freedom, text: called + words };
   }
 

@@ -44,7 +44,11 @@ export function heat(store, what) {
   const on = () => select.value !== "" && what.along() !== null;
   const second = () => Number(select.value);
   const coordinate = (i) => store.hello.mechanism.coordinates[i];
-  const valueOf = (row) => what.shown(map.state).values(row)?.[0] ?? null;
+  /** Values of rows, unit and words of the map that is drawn. */
+  function told() {
+    const { values, ...words } = what.shown({ state: map.state, rows: map.rows.flatMap((line) => line ?? []) });
+    return { ...words, valueOf: (row) => values(row)?.[0] ?? null };
+  }
 
   function show() {
     plot.node.style.display = on() ? "" : "none";
@@ -102,7 +106,7 @@ export function heat(store, what) {
   }
 
   /** Why a cell has no colour. */
-  const why = (row) => (valueOf(row) === null ? what.shown(map.state).why(row) : "not above zero");
+  const why = ({ valueOf, why: reason }, row) => (valueOf(row) === null ? reason(row) : "not above zero");
 
   /** Which row stands for a place: its own, or one before it while that has not come. */
   const standsFor = (j) => [j, j - 1, j - 2, j - 3].find((k) => map.rows[k]);
@@ -135,12 +139,12 @@ export function heat(store, what) {
   function draw() {
     const { width, height, margin } = plot;
     if (!on() || !map || width < 120 || height < 50) return;
+    const { unit, title, valueOf } = told();
     const values = map.rows.map((_, j) => map.rows[standsFor(j)]?.map(valueOf).map((value) => (value > 0 ? value : null)));
     const all = values.flat().filter(Number.isFinite);
     const [low, high] = [Math.min(...all), Math.max(...all)];
     const isLog = high > WIDE * low;
     const share = (value) => (high === low ? 0.5 : isLog ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low));
-    const { unit, title } = what.shown(map.state);
     const [x, y] = axes();
     plot.node.replaceChildren();
     cells(x, y, values, share);
@@ -182,9 +186,11 @@ export function heat(store, what) {
   });
   plot.node.addEventListener("pointermove", (event) => {
     const found = under(event);
-    const value = found && valueOf(found.row);
-    const words = value === null ? why : () => `${short(value, 5)} ${what.shown(map.state).unit}`;
-    what.say(found && `${inWords(store, map.first, found.x, 3)}, ${inWords(store, map.second, found.y, 3)}: ${words(found.row)}`, event);
+    if (!found) return what.say(null);
+    const all = told();
+    const value = all.valueOf(found.row);
+    const words = value === null ? why(all, found.row) : `${short(value, 5)} ${all.unit}`;
+    what.say(`${inWords(store, map.first, found.x, 3)}, ${inWords(store, map.second, found.y, 3)}: ${words}`, event);
   });
   plot.node.addEventListener("pointerleave", () => what.say(null));
   plot.node.addEventListener("click", (event) => {
@@ -194,21 +200,22 @@ export function heat(store, what) {
 
   /** The map as a file. */
   function keep(kind, name) {
-    const { title, unit } = what.shown(map.state);
+    const all = told();
+    const { title, unit, valueOf } = all;
     const [first, second] = [map.first, map.second].map(coordinate);
     const lines = provenance(store, map.state, `${title} [${unit}] along ${first.name} and ${second.name}`);
     if (kind !== "csv") return saveDrawing(kind, name, drawing(plot.node, lines, ["colours as in the bar; grey: no value, or one that is not above zero; ring: the posture"]));
     const head = [first, second].map((one) => `${one.name} [${one.unit}]`);
     const rows = map.ys.flatMap((y, j) => map.xs.map((x, i) => {
       const value = valueOf(map.rows[j][i]);
-      return [x, y, value, value === null ? why(map.rows[j][i]) : null];
+      return [x, y, value, value === null ? why(all, map.rows[j][i]) : null];
     }));
     download(`${name}.csv`, table(lines, [...head, `value [${unit}]`, "why there is no value"], rows), "text/csv");
   }
 
   store.on("hello", ({ mechanism: { sliders } }) => {
     map = asked = null;
-    select.offer([["", "alone"], ...sliders.map((i) => [i, `and ${coordinate(i).name}`])]);
+    select.offer([["", "as curves"], ...sliders.map((i) => [i, `and ${coordinate(i).name}, as colours`])]);
     select.hidden = sliders.length < 2 || !store.source.moves;
     show();
   });

@@ -1,6 +1,6 @@
 // Modes in a table, played in the picture, and the response of the body over frequency.
 
-import { ARROWS, SUPERSEDED, button, byId, dropdown, el, engineering, hint, short } from "./dom.js";
+import { ARROWS, LOST, SUPERSEDED, button, byId, dropdown, el, engineering, hint, short } from "./dom.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { showPlaying, ticking } from "./player.js";
 import { Plot } from "./plot.js";
@@ -124,7 +124,7 @@ export function modesPanel(store) {
       if (!shown.playing) show(phase);
       else if (!halt) run();
     } catch (error) {
-      if (mine === asked && error.message !== SUPERSEDED) words.textContent = error.message;
+      if (mine === asked && ![LOST, SUPERSEDED].includes(error.message)) words.textContent = error.message;
     }
   }
 
@@ -230,6 +230,10 @@ function responseStrip(store) {
       answer = found;
     } catch (error) {
       if (key !== now) return;
+      if (error.message === LOST) {
+        key = null; // the next numbers ask again
+        return;
+      }
       answer = { missing: error.message };
     }
     draw();
@@ -261,6 +265,7 @@ function responseStrip(store) {
     plot.node.setAttribute("aria-label", `Receptance over frequency, ${label.textContent}`);
   }
 
+  store.on("hello", () => { key = null; });
   store.on("numbers", () => {
     request();
     draw();

@@ -1,6 +1,6 @@
 // Verdict, principal values, condition, distance to singularities, notes.
 
-import { button, byId, chop, clamp, el, engineering, heading, inSize, short, stateChoice, sure, tuple } from "./dom.js";
+import { button, byId, chop, clamp, el, engineering, heading, inSize, short, stateChoice, sure, together, tuple } from "./dom.js";
 import { symbol } from "./matrix.js";
 import { PRINTED_AS_ZERO, NEAR_SINGULARITY, RANK } from "./numerics.js";
 
@@ -75,14 +75,14 @@ export function numbersPanel(store) {
       el("tbody", {}, row("translation", "●", units[1][1], free), row("rotation", "◆", units[0][0], turned)));
     const { indices } = numbers;
     const length = store.unit("length");
-    const place = chop(numbers.position, numbers.singularity[0]?.length).map((c) => short(c)).join(", ");
     const fact = (name, value, title = "") => [el("dt", {}, name), el("dd", { title }, value)];
     facts.replaceChildren(
       ...fact("Condition number", !indices ? "–" : indices.condition_number === null ? "∞ (singular)"
         : `${short(indices.condition_number)} at length ${engineering(indices.length, length)}`,
       indices ? `Angles are multiplied by a length: ${indices.length_reason}. Smallest eigenvalue over largest: ${indices.eigenvalues.map((x) => short(x)).join(", ")}` : ""),
-      ...fact("… translation; rotation (held)", indices ? `${short(indices.translational_condition)}; ${short(indices.rotational_condition)}` : "–"),
-      ...fact("Position", `${place} ${length}`, `roll, pitch, yaw ${numbers.angles.map((a) => short((a * 180) / Math.PI)).join(", ")}°`));
+      ...(indices ? fact("… of translation, rotation held", short(indices.translational_condition)) : []),
+      ...(indices ? fact("… of rotation, translation held", short(indices.rotational_condition)) : []),
+      ...fact("Position", together(chop(numbers.position, numbers.singularity[0]?.length), length), `roll, pitch, yaw ${numbers.angles.map((a) => short((a * 180) / Math.PI)).join(", ")}°`));
     meters.replaceChildren(...numbers.singularity.map(meter));
   }
 

@@ -2,10 +2,12 @@
 
 import { clamp, short } from "./dom.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
-import { svg } from "./plotfiles.js";
+import { WIDE_LETTER, svg, wrapped } from "./plotfiles.js";
 
 // How many times nearer one step of the wheel goes.
 export const CLOSER = 1.25;
+// Height of a line of words instead of curves, in dots.
+const LINE = 16;
 
 /** Values from `low` to `high` along a drawing, between two dots. */
 function axis(low, high, start, end) {
@@ -75,7 +77,8 @@ export class Plot {
   /** Words instead of curves. */
   say(words) {
     this.node.replaceChildren();
-    this.text(this.width / 2, this.height / 2, words, "middle", "nothing");
+    const lines = wrapped(words, Math.floor(this.width / WIDE_LETTER) - 2);
+    lines.forEach((line, k) => this.text(this.width / 2, this.height / 2 + (k + (1 - lines.length) / 2) * LINE, line, "middle", "nothing"));
   }
 
   /** A path through points [x, y]; null interrupts it. */

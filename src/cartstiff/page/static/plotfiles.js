@@ -6,8 +6,8 @@ const SVG_SPACE = "http://www.w3.org/2000/svg";
 // What a style sheet says of a line or a word, which a file must say itself.
 const OWN = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font-size", "font-family", "font-weight", "paint-order"];
 const ROW = 14;
-// Width of a letter below a drawing, about.
-const LETTER = 6;
+// Width of a letter below a drawing, and of one in it, about.
+export const [LETTER, WIDE_LETTER] = [6, 7];
 
 /** What a plot is of: mechanism, state and program, in lines. */
 export function provenance({ hello }, state, title) {
@@ -31,7 +31,7 @@ export function svg(tag, attributes = {}, ...children) {
 }
 
 /** A text in lines of at most so many letters. */
-const wrapped = (text, most) => text.match(new RegExp(`.{1,${most}}(?:\\s|$)|\\S{${most}}`, "g")).map((line) => line.trim());
+export const wrapped = (text, most) => text.match(new RegExp(`.{1,${most}}(?:\\s|$)|\\S{${most}}`, "g")).map((line) => line.trim());
 
 /** A drawing of its own: an SVG with words below, each a text or {text, colour}. */
 export function sheet(copy, { width, height, ink, paper }, words) {

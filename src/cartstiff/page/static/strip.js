@@ -6,12 +6,12 @@ import { heat } from "./heat.js";
 import { PRINTED_AS_ZERO } from "./numerics.js";
 import { player } from "./player.js";
 import { CLOSER, Plot, isWhole, nearer } from "./plot.js";
-import { drawing, provenance, saveDrawing, table, svg } from "./plotfiles.js";
+import { LETTER, drawing, provenance, saveDrawing, table, svg } from "./plotfiles.js";
 import { curvesOf, inDegrees, inWords } from "./store.js";
 
 export const MARGIN = { left: 52, right: 12, top: 20, bottom: 18 };
-// Length of a line in the key, and width of a letter in a gap, in dots.
-const [SAMPLE, LETTERS] = [26, 6];
+// Length of a line in the key, in dots.
+const SAMPLE = 26;
 // Width from which on the key names what is compared, too: that has its name at its end.
 const KEY_FITS = 460;
 // Half the width of the slider's thumb: its middle runs below the plot.
@@ -47,7 +47,7 @@ export function strip(store) {
   store.plot = { ...usual };
   store.usualPlot = usual;
   // Words, units and values are of the state that the rows are of, whatever is wished meanwhile.
-  const now = (state = series.state) => plotted(store, store.plot.of, state);
+  const now = ({ state, rows } = series) => plotted(store, store.plot.of, state, rows);
 
   const what = dropdown("Along what", [], (along) => showPlot({ along, seen: null }));
   const quantity = dropdown("Values of", CURVES.map(({ key: name, words }) => [name, words]), (of) => showPlot({ of }), { title: "What the curves show" });
@@ -351,7 +351,7 @@ export function strip(store) {
       else stretches.push({ end: i, from, to, reason });
     });
     for (const { from, to, reason } of stretches) {
-      if (to - from > LETTERS * reason.length) plot.text((from + to) / 2, plot.height - MARGIN.bottom - 6, reason, "middle");
+      if (to - from > LETTER * reason.length) plot.text((from + to) / 2, plot.height - MARGIN.bottom - 6, reason, "middle");
     }
   }
 
