@@ -40,13 +40,14 @@ CHAINS = {
     "RRR": ({**THREE, "crank": 0.2, "rod": 0.2}, 0.0, 3),
     "RPR": ({**THREE, "platform": {"radius": 0.1, "angles": [0.4]}, "symmetry": 3}, 0.0, 3),
     "PRR": ({**THREE, "rod": 0.25, "rail": "tangential"}, 0.0, 3),
+    "RUU skew": ({**THREE, **CRANK, "end_axis": [0, 1, 0.5]}, 0.5, 3),
 }
 
 
 @pytest.mark.parametrize("chain", CHAINS)
 def test_chains_close_and_come_back_from_their_poses(chain):
     legs, height, freedoms = CHAINS[chain]
-    machine = cartstiff.parallel({"chain": chain, **legs}, [0, 0, height, 0, 0, 0])
+    machine = cartstiff.parallel({"chain": chain.split()[0], **legs}, [0, 0, height, 0, 0, 0])
     m = machine.mechanism
     home = cartstiff.analyse(machine)
     assert np.abs(home.pose[:3, 3] - [0, 0, height]).max() < EXACT
@@ -141,6 +142,9 @@ def test_lengths_in_other_units_and_a_tool():
         ({"springs": {"u9": {"stiffness": 3.0}}}, None, "unknown joint.*u9"),
         ({"base": {"radius": 0.3}}, None, "expected 3 joints as on the base, got 6"),
         ({"axis": [0, 0, 0]}, None, "a direction has no length"),
+        ({"end_axis": [1, 0, 0]}, None, "a leg PUS has no end_axis"),
+        ({"chain": "PSR", **THREE, "axis": "radial", "end_axis": "radial"}, None, "not both"),
+        ({"chain": "PUR", **THREE, "end_axis": "vertical"}, None, "joints of leg 1 do not fit"),
         ({"limits": [3, 1]}, None, "wrong way round"),
         ({"chain": "PRS", **THREE}, [0.02, 0, 0.5, 0, 0, 0], "joints of leg 2 do not fit"),
         ({"stiffness": None}, None, "driven joint 'slide' has no spring"),

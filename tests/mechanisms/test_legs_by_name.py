@@ -8,12 +8,16 @@ differences with 50 digits. With tensions t of the drives, springs k and W on th
     C^B = V (A^T k A + t . d2a - W . d2 log)^-1 V^T
 """
 
+import re
+from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import mpmath as mp
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
+from scipy.spatial.transform import Rotation
 from tests.support.digits import skew, turned
 
 import cartstiff
@@ -24,6 +28,25 @@ SAME = 1e-10
 STEP = mp.mpf(10) ** -14
 DIGITS = 50
 DELTA_HEIGHT = -0.5
+#: Two struts in a plane that turns about x, and one across it: UPR, UPR, SPR.
+EXECHON = [
+    {
+        "chain": "UPR",
+        "base": {"points": [[-0.4, 0, 0], [0.4, 0, 0]]},
+        "platform": {"points": [[-0.15, 0, 0], [0.15, 0, 0]]},
+        "axis": [1, 0, 0],
+        "end_axis": [0, 1, 0],
+        "stiffness": [1e7, 2e7],
+    },
+    {
+        "chain": "SPR",
+        "base": {"points": [[0, 0.5, 0]]},
+        "platform": {"points": [[0, 0.2, 0]]},
+        "end_axis": [1, 0, 0],
+        "stiffness": 3e7,
+    },
+]
+EXECHON_PLACE = ("0.3", "0.1", "0.9")  # turn of the plane, turn within it, distance
 
 
 def rotation(axis, angle):
@@ -243,6 +266,51 @@ def delta():
     return formula
 
 
+def exechon():
+    """The body's y axis is that of the plane; the last hinge, its x axis, is across its strut."""
+    turn, within, away = map(mp.mpf, EXECHON_PLACE)
+    ends = [(leg["base"]["points"], leg["platform"]["points"]) for leg in EXECHON]
+    base, points = ([p for pair in ends for p in pair[i]] for i in (0, 1))
+
+    def formula(y):
+        t, f, r = turn + y[0], within + y[1], away + y[2]
+        x = mp.tan(f) * (base[2][1] * mp.sin(t) - r)
+        R = rotation(0, t) * rotation(1, f)
+        p = list(rotation(0, t) * mp.matrix([x, 0, -r]))
+        d = [plus(carried(R, p, b), a, -1) for a, b in zip(base, points, strict=True)]
+        return R, p, [mp.sqrt(dot(v, v)) for v in d]
+
+    return formula
+
+
+@cache
+def par4_turned():
+    machine = cartstiff.load(Path(__file__).parents[2] / "examples/par4.yaml")
+    turned = cartstiff.analyse(machine, {"motor1": 0.3, "motor2": 0.1, "motor4": -0.2})
+    return replace(machine, q=turned.q), turned.pose
+
+
+def par4():
+    """The sides of the plate translate; the tool is in the middle of a bar that turns between them."""
+    _, T = par4_turned()
+    yaw, p0 = mp.atan2(mp.mpf(T[1, 0]), mp.mpf(T[0, 0])), [mp.mpf(x) for x in T[:3, 3]]
+    half_x, half_y = mp.mpf("0.06"), mp.mpf("0.09")
+    corners = [(1, 1), (-1, 1), (-1, -1), (1, -1)]
+
+    def formula(y):
+        p, R = plus(p0, y[:3]), rotation(2, yaw + y[3])
+        drives = []
+        for a, (i, j) in zip((1, 3, 5, 7), corners, strict=True):
+            end = plus(carried(R, p, [0, j * half_y, 0]), [(i - 1) * half_x, 0, 0])
+            out = [mp.cos(a * mp.pi / 4), mp.sin(a * mp.pi / 4), mp.mpf(0)]
+            rod = plus([half_x * i, half_y * j, mp.mpf("-0.7")], out, -mp.mpf("0.6"))
+            d = plus(end, out, -mp.mpf("0.25"))
+            drives.append(on_crank(d, out, [0, 0, 1], 0.35, mp.sqrt(dot(rod, rod)), 1))
+        return R, p, drives
+
+    return formula
+
+
 def four_rrr():
     legs = entry("4-rrr")["legs"]
     angles = [mp.pi / 2 * k for k in range(4)]
@@ -274,10 +342,19 @@ MACHINES = {
     "tricept": (tricept, 3),
     "4-rrr": (four_rrr, 3),
     "delta": (delta, 3),
+    "exechon": (exechon, 3),
+    "par4": (par4, 4),
 }
 
 
 def machine_of(name):
+    if name == "par4":
+        return par4_turned()[0]
+    if name == "exechon":
+        R, p, _ = exechon()([mp.mpf(0)] * 3)
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = np.array(R.tolist(), float), [float(x) for x in p]
+        return cartstiff.parallel(EXECHON, T)
     if name != "delta":
         return cartstiff.load(name)
     legs = {
@@ -333,7 +410,7 @@ def derivatives(name):
 def test_stiffness_is_that_of_the_energy(name, loaded):
     machine = machine_of(name)
     f0, slopes, bends = derivatives(name)
-    drives = [machine.names.index(n) for n in machine.names if n.endswith(("/slide", "/crank"))]
+    drives = [machine.names.index(n) for n in machine.names if re.search("/slide|/crank|^motor", n)]
     drives = [j for j in drives if machine.springs.stiffness[j] > 0]
     assert np.abs(np.angle(np.exp(1j * (machine.q[drives] - f0[6:])))).max() < SAME
     k = machine.springs.stiffness[drives]
@@ -357,3 +434,15 @@ def test_stiffness_is_that_of_the_energy(name, loaded):
     if loaded:  # the load is felt: without it the matrices would be others
         plain = V @ np.linalg.solve(A.T @ (k[:, None] * A), V.T)
         assert np.abs(plain - C).max() > 1e-5 * np.abs(C).max()
+
+
+def test_a_machine_with_axes_of_its_own_takes_a_pose():
+    """From the straight posture to another that the body can take."""
+    _, p, _ = exechon()([mp.mpf(0)] * 3)
+    wanted = cartstiff.analyse(machine_of("exechon")).pose
+    machine = cartstiff.parallel(EXECHON, [0, 0, -float(EXECHON_PLACE[2]), 0, 0, 0])
+    roll, pitch, yaw = Rotation.from_matrix(wanted[:3, :3]).as_euler("xyz")
+    q, notes = cartstiff.at_pose(machine, [*map(float, p), roll, pitch, yaw])
+    assert notes == ()
+    posture = machine.mechanism.at(q)
+    assert max(np.abs(posture.pose - wanted).max(), np.abs(posture.residual).max()) < SAME

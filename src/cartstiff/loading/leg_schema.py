@@ -93,6 +93,11 @@ class NamedLegs(FileModel):
         "leg; default vertical for chains of R and P only, else tangential",
         None,
     )
+    end_axis: Direction | None = keyed(
+        "of hinges at the body, and of the body's axes of universal joints there, as axis but in P; "
+        "default parallel to axis where the body is parallel to F",
+        None,
+    )
     rail: Direction | None = keyed(
         "direction of the rails of chains that begin with P, as axis; default vertical", None
     )
@@ -137,11 +142,15 @@ class NamedLegs(FileModel):
         if not _KNOWN_CHAINS.fullmatch(self.chain):
             raise ValueError(f"unknown chain {self.chain!r} (expected {_CHAIN_EXAMPLES})")
         strut = self.chain[1] in "PC"
+        only_at_end = self.chain[0 if strut else 1] == "S" and self.chain[0] != "R"
+        if self.end_axis is not None and only_at_end:
+            only_one(self, "axis", "end_axis", needed=False)
         if self.turn is not None and self.platform.half_angle is None:
             raise ValueError("turn is of the platform's pairs: give its half_angle, or angles")
         for key, belongs in (
             ("rail", self.chain[0] == "P"),
             ("mode", not strut),
+            ("end_axis", len(self.chain) > 2 and self.chain[-1] in "RU"),
             ("rod", not strut),
             ("crank", self.chain[0] == "R" and not strut),
         ):

@@ -64,6 +64,9 @@ def drawn(entry: NamedLegs, T_F_P: Array, leg: str = "") -> list[LegShape]:
         mirrored,
         leg,
     )
+    at_body = axes
+    if is_skew := entry.end_axis is not None:
+        at_body = _directions(entry.end_axis, "end_axis", base, frames, mirrored, leg)
     rails = _directions(entry.rail or "vertical", "rail", base, frames, mirrored, leg)
     rods, cranks, modes = (
         one_each(getattr(entry, key), m, f"{leg}key legs.{key}") for key in ("rod", "crank", "mode")
@@ -89,13 +92,13 @@ def drawn(entry: NamedLegs, T_F_P: Array, leg: str = "") -> list[LegShape]:
             base[k],
             along,
             axis,
-            R @ axis,
+            R @ at_body[k],
             cranks[k] or 0.0,
             rods[k] or 0.0,
             0.0,
             se3.pose(R, B),
         )
-        shapes.append(_at_home(shape, _root(shape, modes[k]), f"leg {k + 1}", leg))
+        shapes.append(_at_home(shape, _root(shape, modes[k]), f"leg {k + 1}", leg, is_skew))
     return shapes
 
 
@@ -112,8 +115,11 @@ def _root(shape: LegShape, mode: str | None) -> int:
     return values[max(values) if mode == "plus" else min(values)]
 
 
-def _at_home(shape: LegShape, sign: int, name: str, leg: str) -> LegShape:
-    """Set the driven coordinate at home; refuse joints that cannot be assembled there."""
+def _at_home(shape: LegShape, sign: int, name: str, leg: str, is_skew: bool) -> LegShape:
+    """Set the driven coordinate at home; refuse joints that cannot be assembled there.
+
+    With `is_skew`, a rod's axes at its two ends need not be parallel.
+    """
     B = shape.end_home[:3, 3]
     value = float(shape.driven(B[None], sign)[0][0])
     if not np.isfinite(value):
@@ -142,7 +148,9 @@ def _at_home(shape: LegShape, sign: int, name: str, leg: str) -> LegShape:
         sines.append(abs(float(n @ shape.axis)))
     if shape.end == "R":
         sines.append(abs(float(n @ shape.end_axis)))
-    if shape.middle == shape.end and not shape.spins:  # two hinges, or two universal joints
+    if shape.middle == shape.end and not (
+        shape.spins or is_skew
+    ):  # two hinges, or two universal joints
         sines.append(float(np.linalg.norm(np.cross(inner, end_inner))))
     if (largest := max(sines)) > numerics.NEGLIGIBLE_DISTANCE:
         raise InputError(
@@ -211,7 +219,7 @@ def _directions(
         if value != "vertical":
             frames = [_radial(p, base, f"{leg}key legs.{key}") for p in base]
         # With -y as its axis a positive angle raises a crank that points outwards.
-        value = [0, -1, 0] if (key, value) == ("axis", "tangential") else words[value]
+        value = [0, -1, 0] if key != "rail" and value == "tangential" else words[value]
     one = is_word or not isinstance(value[0], list)
     directions = []
     for k, entry in enumerate(one_each(value, m, f"{leg}key legs.{key}", row=True)):
@@ -221,7 +229,7 @@ def _directions(
             raise InputError("a direction has no length", where=f"{leg}key legs.{key}")
         v = v / size
         if one and mirrored[k]:  # an axis of rotation is reversed in a mirror
-            v = v * (np.array([-1.0, 1.0, -1.0]) if key == "axis" else np.array([1.0, -1.0, 1.0]))
+            v = v * (np.array([-1.0, 1.0, -1.0]) if key != "rail" else np.array([1.0, -1.0, 1.0]))
         directions.append(frames[k] @ v if one else v)
     return directions
 
