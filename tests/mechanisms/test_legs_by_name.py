@@ -291,7 +291,7 @@ def par4_turned():
 
 
 def par4():
-    """The sides of the plate translate; the tool is in the middle of a bar that turns between them."""
+    """The sides of the plate translate; the tool is in the middle of a bar between them."""
     _, T = par4_turned()
     yaw, p0 = mp.atan2(mp.mpf(T[1, 0]), mp.mpf(T[0, 0])), [mp.mpf(x) for x in T[:3, 3]]
     half_x, half_y = mp.mpf("0.06"), mp.mpf("0.09")

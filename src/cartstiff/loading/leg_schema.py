@@ -94,8 +94,8 @@ class NamedLegs(FileModel):
         None,
     )
     end_axis: Direction | None = keyed(
-        "of hinges at the body, and of the body's axes of universal joints there, as axis but in P; "
-        "default parallel to axis where the body is parallel to F",
+        "of hinges at the body, and of the body's axis of universal joints there, as axis but in "
+        "P; default parallel to axis where the body is parallel to F",
         None,
     )
     rail: Direction | None = keyed(
