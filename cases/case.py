@@ -17,7 +17,7 @@ from cartstiff.loading.schema import Number, Positive, Text, only_one
 from cartstiff.loading.yaml_file import read_yaml
 
 #: How close to a stored value its own tool must come, relative to the largest entry.
-SAME = numerics.CLOSE
+SAME = numerics.NEGLIGIBLE_DIFFERENCE
 
 Values = Number | list[Number] | list[list[Number]] | list[list[list[Number]]]
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, table_of
+from tests.identify.test_zeros import _urdf, campaign
 
+import cartstiff
 from cartstiff.errors import InputError
 from cartstiff.identify.fitting import Fit, Noise, robust_fit, solved
 from cartstiff.identify.identification import identify
@@ -76,6 +79,43 @@ def test_springs_that_hold_nothing_are_doubted_with_numbers(tmp_path, moved, gra
     assert "Other units" in describe_identification(result)
     sound = identify(elastic, read_measurements(_table(tmp_path, elastic), elastic))
     assert "doubtful-springs" not in {n.code for n in sound.notes}
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_an_answer_that_springs_do_not_explain_doubts_itself_first(tmp_path, is_known):
+    """A tool 1 cm off, or readings that scatter by 1 cm: numbers before the table of springs.
+
+    The share is recomputed from the simulated positions: the springs move the tip by millimetres.
+    """
+    ten = cartstiff.load(str(_urdf(tmp_path / "ten.yaml")))
+
+    def found(**how):
+        path = campaign(tmp_path / "a.csv", zeros=np.zeros(6), **how)
+        rows = read_measurements(path, ten)
+        if not is_known:
+            unknown = {n: np.full(len(rows), np.nan) for n in rows.deviations}
+            rows = replace(rows, deviations=unknown)
+        result = identify(ten, rows)
+        return result, describe_identification(result).split("\n\nStiffness")[0], rows
+
+    result, first, rows = found(tool=(0.01, 0.0, 0.0))
+    assert "residuals look like errors of tool.x 0.00999 m" in first
+    assert "--unknown joints,tool estimates them" in first
+    places = np.array([ten.mechanism.at(q).pose[:3, 3] for q in rows.q])
+    moved = np.stack([rows.values[n] for n in "xyz"], axis=1) - places
+    left = result.chosen.solved.residual
+    share = np.linalg.norm(left) / np.linalg.norm(moved)
+    assert result.checks.unexplained == pytest.approx(share, rel=1e-9)
+    assert share > 0.9
+    assert f"explain {100 * (1 - share**2):.2g} % of what was measured" in first
+    assert ("scatter-larger" in first) == is_known
+    codes = [n.code for n in result.notes]
+    assert codes[0] == "hardly-explained"
+    result, first, _ = found(sd=0.01)
+    assert ("hardly-explained" in first) != is_known, "mere noise of the size that was given"
+    result, first, _ = found()
+    assert "DOUBTFUL" not in first
+    assert result.checks.unexplained < 0.1
 
 
 def test_suspects_are_ten_lines_in_text_and_all_in_json(tmp_path):

@@ -58,6 +58,7 @@ from cartstiff.identify.unknowns import (
     offsets_of,
     unit_of,
     unknowns_of,
+    zeros_of,
 )
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, convert_length
@@ -80,12 +81,13 @@ class Pattern:
 
     Attributes
     ----------
-    kind : {"backlash", "stiffening", "drift"}
+    kind : {"backlash", "stiffening", "drift", "geometry"}
         Kind of the term.
     name : str
-        Name of the spring or column.
+        Name of the spring or column; of a zero or offset that is not sought ("tool.x").
     size : float
-        Its factor: half the play (rad, length); compliance per force; displacement per second.
+        Its factor: half the play (rad, length); compliance per force; displacement per second; the
+        error of the zero or offset.
     probability : float
         Probability of so large a t without it, by Bonferroni's rule, beside those found before.
     """
@@ -116,6 +118,9 @@ class Checks:
         Leave-one-posture-out residuals, in the numbers' units; NaN for indispensable postures.
     patterns : tuple of Pattern
         The significant ones.
+    unexplained : float
+        Root of the weighted sum of squares over that without the springs: 0 if these explain all
+        that was measured beyond the rigid mechanism and its offsets, 1 if nothing.
     """
 
     chi_squared: float | None
@@ -125,6 +130,7 @@ class Checks:
     lack_of_fit: float | None
     left_out: Array
     patterns: tuple[Pattern, ...]
+    unexplained: float
 
 
 def inflation_of(checks: Checks) -> float:
@@ -170,9 +176,14 @@ def contradictions(measured: Measurements) -> None:
 
 
 def checked(
-    model: Model, fit: Fit, unknowns: Unknowns, measured: Measurements, kept: NDArray[np.bool_]
+    model: Model,
+    fit: Fit,
+    unknowns: Unknowns,
+    measured: Measurements,
+    kept: NDArray[np.bool_],
+    offsets: Array,
 ) -> Checks:
-    """Tests of a fit; `kept` are the numbers (m,) that it uses."""
+    """Tests of a fit; `kept` are the numbers (m,) that it uses, `offsets` the columns (m, S)."""
     solution, seen = fit.solved, model.observations
     r = solution.residual / solution.deviation
     freedom = float(np.sum(1.0 - solution.leverage[kept]))
@@ -184,6 +195,9 @@ def checked(
         from scipy.special import chdtrc
 
         probability = float(chdtrc(freedom, chi))
+    per = 1.0 / solution.deviation[kept]
+    rigid, N = per * fit.target[kept], per[:, None] * offsets[kept]
+    rigid = rigid - N @ np.linalg.lstsq(N, rigid, rcond=numerics.RANK)[0]
     repeats, lack = _lack_of_fit(seen.column, seen.row, r, freedom, measured, kept)
     patterns: tuple[Pattern, ...] = ()
     if isinstance(model, LinearModel):
@@ -196,6 +210,7 @@ def checked(
         lack,
         _left_out(fit, seen.row, measured.postures),
         patterns,
+        float(np.linalg.norm(r[kept])) / max(float(np.linalg.norm(rigid)), numerics.TINY),
     )
 
 
@@ -259,6 +274,13 @@ def _patterns(
         sign = np.where(carried > numerics.RANK * carried.max(), np.sign(force), 0.0)
         names += [("backlash", name), ("stiffening", name)]
         columns += [by_functional[:, e] * sign, by_functional[:, e] * force * carried]
+    if model.observations.is_absolute.any():
+        elastic = unknowns.elements.elastic
+        others = {*zeros_of(elastic), "tool", "base"}.difference(unknowns.geometry)
+        more = replace(unknowns, geometry=tuple(sorted(others)))
+        wrong = offsets_of(more, model.observations, measured, "none")
+        names += [("geometry", name) for name in wrong.names]
+        columns += list(wrong.columns.T)
     time = measured.time[model.observations.row]
     if not np.isnan(time).any() and np.ptp(time) > 0.0:
         seen = np.array(model.observations.column)
@@ -793,6 +815,19 @@ def _exchanged(measured: Measurements) -> Iterator[tuple[str, Measurements]]:
             yield text, replace(measured, values=values, deviations=spreads)
 
 
+# Share of what was measured, as a root of squares, above which the residuals make springs doubtful.
+_POORLY_EXPLAINED = 0.5
+# Notes that make the springs themselves doubtful, and the least factor of a scatter that does.
+_LARGE_SCATTER = 2.0
+_DOUBTS = (
+    "other-axes",
+    "hardly-explained",
+    "scatter-larger",
+    "residual-pattern",
+    "lack-of-fit",
+    "doubtful-springs",
+    "negative-compliance",
+)
 # Degrees of freedom below which the estimated noise is called uncertain.
 _FEW_DEGREES = 5.0
 # Standard deviations of a gross error, and the bound on the rows that a message lists.
@@ -808,6 +843,12 @@ _COLLAPSE, _TALL = np.radians(5.0), 0.3
 _SWINGING_JOINTS = 3
 # Number of rows whose equilibrium is compared: those that move most.
 _COMPARED_ROWS = 3
+
+
+def is_doubt(note: Note) -> bool:
+    """Whether a note makes the springs found doubtful: such are the first lines of an answer."""
+    factor = note.values.get("factor", _LARGE_SCATTER)
+    return note.code in _DOUBTS and isinstance(factor, float) and factor >= _LARGE_SCATTER
 
 
 def notes_of(result: Identification) -> list[Note]:
@@ -1107,6 +1148,16 @@ def _angles(result: Identification) -> Iterator[Note]:
 def _doubts(result: Identification) -> Iterator[Note]:
     checks = result.checks
     yield from _collapsed(result)
+    if checks.unexplained > _POORLY_EXPLAINED and not (checks.probability or 0.0) >= _SIGNIFICANT:
+        sizes = ", ".join(
+            f"{entry['residual_rms']:.3g} {entry['unit']}" for entry in result.noise().values()
+        )
+        words = (
+            f"the springs explain {100.0 * (1.0 - checks.unexplained**2):.2g} % of what was "
+            f"measured beyond the rigid mechanism (squares), and leave {sizes} (rms): it is mostly "
+            "something else than springs, and the intervals hold only if that is mere noise"
+        )
+        yield Note("hardly-explained", words, {"unexplained": checks.unexplained})
     if result.inflation > 1.0:
         words = (
             f"the scatter is {result.inflation:.3g} times what the deviations given explain "
@@ -1119,23 +1170,7 @@ def _doubts(result: Identification) -> Iterator[Note]:
             f"{checks.lack_of_fit:.2g}): something that it does not know bends the rows"
         )
         yield Note("lack-of-fit", words, {"probability": checks.lack_of_fit})
-    meaning = {
-        "backlash": "a play or friction of {size} in {name}",
-        "stiffening": "a compliance of {name} that changes with its torque ({size})",
-        "drift": "a drift of {size} per second in {name}",
-    }
-    elements, units = result.unknowns.elements, result.elastic.units
-    for p in checks.patterns:
-        if p.kind == "drift":
-            unit = units.angle if p.name in (*ROTATION, *TURN) else units.length
-        else:
-            is_length = bool(elements.is_length[elements.index(p.name)])
-            unit = units.coordinate(is_length)
-            if p.kind == "stiffening":
-                unit += f"/({units.effort(is_length)})^2"
-        what = meaning[p.kind].format(size=f"{p.size:.3g} {unit}", name=p.name)
-        words = f"the residuals look like {what} (probability {p.probability:.2g} without)"
-        yield Note("residual-pattern", words, vars(p))
+    yield from _of_patterns(result)
     if result.degrees < _FEW_DEGREES:
         words = (
             f"the noise is estimated from {result.degrees:.3g} degrees of freedom: "
@@ -1149,6 +1184,42 @@ def _doubts(result: Identification) -> Iterator[Note]:
     if differing and result.fit == "plain":
         words = f"the robust fit lies outside the intervals of {', '.join(differing)}"
         yield Note("robust-differs", words, {"springs": differing})
+
+
+def _of_patterns(result: Identification) -> Iterator[Note]:
+    """Notes on terms that the residuals look like; errors of geometry together in one."""
+    meaning = {
+        "backlash": "a play or friction of {}",
+        "stiffening": "a compliance that changes with its torque ({})",
+        "drift": "a drift of {} per second",
+    }
+    elements, units = result.unknowns.elements, result.elastic.units
+    wrong = [p for p in result.checks.patterns if p.kind == "geometry"]
+    if wrong:
+        shown = _some([f"{p.name} {p.size:.3g} {unit_of(result.elastic, p.name)}" for p in wrong])
+        words = ("zeros" if p.name.endswith(ZERO) else p.name.split(".")[0] for p in wrong)
+        sought = ",".join(dict.fromkeys(words))
+        text = (
+            f"the residuals look like errors of {shown} (probability of the first "
+            f"{wrong[0].probability:.2g} without; --unknown joints,{sought} estimates them)"
+        )
+        sizes = {p.name: p.size for p in wrong}
+        yield Note("residual-pattern", text, {"kind": "geometry", "sizes": sizes})
+    for p in result.checks.patterns:
+        if p.kind == "geometry":
+            continue
+        if p.kind == "drift":
+            unit = units.angle if p.name in (*ROTATION, *TURN) else units.length
+        else:
+            is_length = bool(elements.is_length[elements.index(p.name)])
+            unit = units.coordinate(is_length)
+            if p.kind == "stiffening":
+                unit += f"/({units.effort(is_length)})^2"
+        what = meaning[p.kind].format(f"{p.size:.3g} {unit}")
+        words = (
+            f"in {p.name} the residuals look like {what} (probability {p.probability:.2g} without)"
+        )
+        yield Note("residual-pattern", words, vars(p))
 
 
 def _collapsed(result: Identification) -> Iterator[Note]:
@@ -1284,10 +1355,13 @@ def identify(
     chosen = robust.fit if fit == "robust" else plain
     seen = model.observations
     _check_frame(model, chosen, elastic)
-    checks = checked(model, chosen, unknowns, measured, rows_in_fit(robust, fit, len(seen)))
+    columns, kept = (
+        offsets_of(unknowns, seen, measured, offsets),
+        rows_in_fit(robust, fit, len(seen)),
+    )
+    checks = checked(model, chosen, unknowns, measured, kept, columns.columns)
     inflation = inflation_of(checks)
     springs = estimates(chosen.solved, unknowns, level, inflation)
-    columns = offsets_of(unknowns, seen, measured, offsets)
     half = quantile(level, freedom_of(chosen.solved, inflation)) * inflation
     solution = chosen.solved
     placed = estimated(elastic, columns, solution.offsets, solution.offset_covariance, found)
@@ -1320,7 +1394,8 @@ def identify(
         springs = estimates(chosen.solved, unknowns, level, inflation, bias)
         result = replace(result, estimates=tuple(springs))
     doubts = other_axes(unknowns, measured, chosen.solved.residual, seen.target, offsets)
-    return replace(result, notes=(*doubts, *notes_of(result)))
+    notes = (*doubts, *notes_of(result))
+    return replace(result, notes=tuple(sorted(notes, key=lambda note: not is_doubt(note))))
 
 
 def _check_frame(model: Model, fit: Fit, elastic: ElasticMechanism) -> None:

@@ -237,13 +237,18 @@ def unknowns_of(
     return Unknowns(elements, tuple(parameters), patterns, rest, geometry)
 
 
+def zeros_of(elastic: ElasticMechanism) -> list[str]:
+    """Names of the zeros that can be sought: those of an open chain's joints."""
+    mechanism = elastic.mechanism
+    is_open = isinstance(mechanism, Chain) and not mechanism.closures
+    return [f"{name}{ZERO}" for name in mechanism.joint_names] if is_open else []
+
+
 def _geometry(
     elastic: ElasticMechanism, elements: Elements, sought: Sequence[str]
 ) -> tuple[tuple[str, ...], list[str]]:
     """Sought geometry, each once, and the remaining words."""
-    mechanism = elastic.mechanism
-    is_open = isinstance(mechanism, Chain) and not mechanism.closures
-    zeros = [f"{n}{ZERO}" for j, n in enumerate(elastic.names) if j not in mechanism.virtual]
+    zeros = [f"{name}{ZERO}" for name in elastic.mechanism.joint_names]
     own = {*elements.names, *_links(elastic), *_polynomials(elastic)}
     names: list[str] = []
     others = []
@@ -251,7 +256,7 @@ def _geometry(
         if word in own or word not in (*GEOMETRY, *zeros):
             others.append(word)
             continue
-        if word not in ("tool", "base") and not is_open:
+        if word not in ("tool", "base") and not zeros_of(elastic):
             raise InputError(
                 "zeros of joints are found for open chains only", where="--unknown", got=word
             )

@@ -8,7 +8,7 @@ import numpy as np
 
 from cartstiff.errors import joined, listed, printable
 from cartstiff.figures import new_figure
-from cartstiff.identify.identification import Identification
+from cartstiff.identify.identification import Identification, is_doubt
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.report.layout import body_frame, number, table
 
@@ -25,6 +25,7 @@ def describe_identification(result: Identification) -> str:
     lines = [
         f"{result.elastic.name}, {body_frame(result.elastic.mechanism)}: {rows}, "
         f"{len(result.model.observations)} numbers; {result.fit} fit of {model}",
+        *(f"  DOUBTFUL, {n.code}: {n.message}" for n in result.notes if is_doubt(n)),
         "",
         f"Stiffness, {100 * result.level:g} % intervals",
     ]
@@ -68,9 +69,9 @@ def describe_identification(result: Identification) -> str:
         lines.append(f"  not seen: {shares}")
     if suspects := result.suspects:
         lines.append(f"Suspect rows: {listed([*map(str, suspects)], 10)}")
-    if result.notes:
+    if notes := [note for note in result.notes if not is_doubt(note)]:
         lines += ["", "Notes"]
-        lines += [f"  {note.code}: {note.message}" for note in result.notes]
+        lines += [f"  {note.code}: {note.message}" for note in notes]
     return joined(lines)
 
 
