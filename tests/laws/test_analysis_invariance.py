@@ -420,6 +420,21 @@ def test_relative_change_is_the_same_in_every_frame_and_for_every_length(seed: i
         assert np.isclose(a.change, b.change, rtol=1e-6)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_relative_change_of_springs_far_apart_is_measured_by_energy(seed: int) -> None:
+    """K alone knows its soft directions to 1e-3 only: whether it is positive, its inverse says."""
+    rng = np.random.default_rng(seed)
+    U = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    values = np.array([1e-2, 1.0, 2.0, 3.0, 4.0, 1e12])
+    K, C = (U * values) @ U.T, (U / values) @ U.T
+    soft, d = U[:, :5], np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    within = (soft.T @ d @ soft) / np.sqrt(np.outer(values[:5], values[:5]))
+    for length in (0.1, 1.0):
+        table = compare_connections({"B": K, "A": K + d}, length=length, compliance=C)
+        assert table.measure == "energy"
+        assert table.rows[0].change == pytest.approx(np.linalg.norm(within, 2), rel=1e-4)
+
+
 @given(seeds)
 def test_differences_sit_in_the_blocks_that_the_wrench_names(seed: int) -> None:
     _, W, matrices = loaded(seed)

@@ -19,6 +19,7 @@ from cartstiff.analysis.matrices import (
     block_scales,
     scale_lengths,
     symmetric_part,
+    with_angles_times,
 )
 from cartstiff.arrays import (
     Array,
@@ -134,9 +135,9 @@ class ConnectionTable:
     threshold : float
         Relative change above which the choice matters.
     measure : {"energy", "length"}
-        "energy": the largest singular value of ``L^-1 dK L^-T`` with L L^T the reference, the same
-        for every length and body frame. "length": that of dK_l over that of the reference K_l,
-        used where the reference is not positive definite.
+        "energy": the largest singular value of ``R^T dK R`` with R R^T the compliance of the
+        reference, the same for every length and body frame. "length": that of dK_l over that of the
+        reference K_l, used where the reference is not positive definite.
     length : float
         Length scale of "length".
     matters : bool
@@ -160,6 +161,7 @@ def compare_connections(
     reference: str = "B",
     length: float = 1.0,
     threshold: float = THRESHOLD,
+    compliance: ArrayLike | None = None,
 ) -> ConnectionTable:
     """Differences between the stiffness matrices of several connections at one posture and load.
 
@@ -173,6 +175,8 @@ def compare_connections(
         Used only where the reference is not positive definite.
     threshold : float
         Relative change that matters.
+    compliance : array_like, shape (6, 6), optional
+        Inverse of the symmetric part of the reference, if it is known better than by inversion.
 
     Raises
     ------
@@ -195,8 +199,13 @@ def compare_connections(
         )
     K = checked_matrix(base, f"stiffness {reference}")
     scale = checked_length(length)
+    if compliance is None:
+        inverse = numerics.invert(symmetric_part(K))
+        C = np.full((6, 6), np.nan) if inverse is None else inverse.matrix
+    else:
+        C = checked_matrix(compliance, "compliance")
     scaled = scale_lengths(K, scale)[None]
-    root, rows = roots_of_positive(scaled), []
+    root, rows = roots_of_compliances(scaled, with_angles_times(C, scale)[None]), []
     for name, matrix in stiffness.items():
         if name == reference:
             continue
@@ -228,21 +237,25 @@ def compare_connections(
     )
 
 
-def roots_of_positive(matrices: Array) -> Array:
-    """Cholesky factors (N, 6, 6) of symmetric parts; zero where these are not positive definite."""
-    half = symmetric_part(matrices)
-    values, roots = np.linalg.eigvalsh(half), np.zeros_like(half)
-    positive = values[:, 0] > np.maximum(0.0, numerics.ZERO_SHARE * values[:, -1])
-    roots[positive] = np.linalg.cholesky(half[positive])
+def roots_of_compliances(stiffness: Array, compliance: Array) -> Array:
+    """R (N, 6, 6) with ``R R^T = C``; zero where there is no C, or K is not positive definite.
+
+    Both are (N, 6, 6) with lengths scaled; C is the inverse of the symmetric part of K, or NaN.
+    """
+    positive = numerics.eigenvalues(stiffness, compliance)[:, 0] > 0.0
+    positive &= np.isfinite(compliance).all(axis=(1, 2))
+    values, vectors = np.linalg.eigh(symmetric_part(compliance[positive]))
+    roots = np.zeros_like(stiffness)
+    roots[positive] = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
     return roots
 
 
 def relative_changes(reference: Array, roots: Array, difference: Array) -> Array:
     """`ConnectionDifference.change` (N,) of matrices with lengths scaled; NaN beside zero."""
-    positive = roots[:, 0, 0] > 0.0
-    left = np.linalg.solve(roots[positive], difference[positive]).swapaxes(1, 2)
-    changes = np.empty(len(roots))
-    changes[positive] = np.linalg.norm(np.linalg.solve(roots[positive], left), 2, axis=(1, 2))
+    positive = roots.any(axis=(1, 2))
+    changes, R = np.empty(len(roots)), roots[positive]
+    on_axes = R.swapaxes(1, 2) @ difference[positive] @ R
+    changes[positive] = np.linalg.norm(on_axes, 2, axis=(1, 2))
     change, size = (np.linalg.norm(m[~positive], 2, axis=(1, 2)) for m in (difference, reference))
     with np.errstate(divide="ignore", invalid="ignore"):
         changes[~positive] = change / size

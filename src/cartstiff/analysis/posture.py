@@ -361,14 +361,15 @@ def summarise(
         compliance = notes.attempt("compliance", invert, base)
     elif compliance is not None:
         compliance = checked_matrix(compliance, "compliance")
+    if inverse is None:
+        inverse = compliance
+        if base is not None and not numerics.is_about_symmetric(base):
+            inverted = numerics.invert(symmetric_part(base))
+            inverse = None if inverted is None else inverted.matrix
     base = _moved(base, T_m_n, move_stiffness)
     free = inverse_pair(base, _moved(compliance, T_m_n, move_compliance))
-    K = None if base is None else symmetric_part(base)
-    C = free[1]
-    if inverse is not None:
-        C = symmetric_part(inverse if T_m_n is None else move_compliance(inverse, T_m_n))
-    elif base is not None and not numerics.is_about_symmetric(base):
-        C = None if (inverted := numerics.invert(symmetric_part(base))) is None else inverted.matrix
+    C = _moved(inverse, T_m_n, move_compliance)
+    K, C = (None if matrix is None else symmetric_part(matrix) for matrix in (base, C))
     scale = characteristic_length(K, C, given=length, mass=mass, inertia=inertia)
     if K is None:
         reason = (
@@ -403,7 +404,11 @@ def summarise(
     result["connections"] = None
     if name is not None:
         result["connections"] = asymmetries.compare_connections(
-            stiffness, reference=name, length=scale.value, threshold=threshold
+            stiffness,
+            reference=name,
+            length=scale.value,
+            threshold=threshold,
+            compliance=inverse,
         )
     result["notes"] = notes.entries
     answer: dict[str, Any] = plain(result)

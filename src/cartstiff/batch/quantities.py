@@ -453,7 +453,7 @@ QUANTITIES: dict[str, Quantity] = {
             "largest relative change of stiffness by another choice of connection",
             "1",
             lambda s: s.connection_change(),
-            tuple(f"stiffness_{name}" for name in OF_MANY),
+            ("inverse", *(f"stiffness_{name}" for name in OF_MANY)),
             "length",
             "smaller",
             is_recorded=False,

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
-from cartstiff.analysis.asymmetry import relative_changes, roots_of_positive
+from cartstiff.analysis.asymmetry import relative_changes, roots_of_compliances
 from cartstiff.analysis.ellipsoids import (
     Freedom,
     Others,
@@ -237,7 +237,7 @@ class Stacks(Source):
         own, scale = self.settings.connection, 1.0 / self.settings.length
         reference = self.arrays[f"stiffness_{own}"]
         scaled = with_angles_times(reference, scale)
-        roots = on_finite(roots_of_positive, scaled, shape=(6, 6))
+        roots = roots_of_compliances(scaled, with_angles_times(self.C, self.settings.length))
         worst = np.full(len(reference), np.nan)
         for name in OF_MANY:
             d = self.arrays[f"stiffness_{name}"] - reference
