@@ -11,14 +11,13 @@ import click
 import pytest
 from click.testing import CliRunner
 
-import cartstiff
-from cartstiff.cli import declare, path, reach
+from cartstiff.cli import analyse, declare, identify, modes, options, path, reach
+from cartstiff.cli import map as maps
 from cartstiff.cli.declare import Command, Overrides
 from cartstiff.cli.main import _COMMANDS
 from cartstiff.cli.main import command as group
 from cartstiff.cli.options import Number, Pairs, Point, declared
 from cartstiff.errors import InputError
-from cartstiff.toolpaths.optimise import optimise_path
 
 
 @pytest.fixture(params=list(_COMMANDS))
@@ -207,17 +206,44 @@ def test_help_is_the_docstring() -> None:
     assert "colour" not in text
 
 
-@pytest.mark.parametrize(
-    ("kind", "function"),
-    [
-        (reach.Modes, cartstiff.assemble),
-        (reach.Search, cartstiff.workspace),
-        (path.Search, optimise_path),
-    ],
-)
-def test_what_the_api_says_of_a_parameter_is_the_help_of_its_option(kind, function) -> None:
+#: Classes of options with parameters of the API, and the options that have words of their own.
+OF_API = {
+    options.Load: "world",
+    options.Posture: "mechanism q pose pose_of lengths stiffness rest actuate",
+    options.Tool: "",
+    options.File: "",
+    options.Reading: "",
+    options.Vibration: "rayleigh milling",
+    options.Parameters: "sensitivities",
+    analyse.Analysis: "level report_at inertia target target_order",
+    maps.Where: "grid random cartesian actuate trajectory seed",
+    maps.Held: "quantities",
+    modes.Controller: "impedance order output",
+    modes.Response: "response kind direction lobes measured",
+    identify.Table: "units sd",
+    identify.Fit: "unknown",
+    identify.Plan: "plan q load candidates simulate outliers",
+    reach.Modes: "",
+    reach.Search: "",
+    path.Search: "criterion singular",
+}
+
+
+@pytest.mark.parametrize("kind", OF_API)
+def test_what_the_api_says_of_a_parameter_is_the_help_of_its_option(kind) -> None:
     known = declare.Documented.of(kind).parameters
-    said = " ".join((function.__doc__ or "").replace("``", "`").split())
     assert {f.name for f in fields(kind)} <= known.keys()
-    own = {name for name in known if known[name][1] not in said}
-    assert own == ({"criterion", "singular"} if kind is path.Search else set())
+    of_api = {
+        words
+        for one in kind.__mro__
+        for api in vars(one).get("API", ())
+        for words in declare._of_api(api).values()
+    }
+    own = {f.name for f in fields(kind) if known[f.name][1] not in of_api}
+    assert own == set(OF_API[kind].split())
+
+
+def test_an_option_that_needs_another_names_it_in_its_help() -> None:
+    text = CliRunner().invoke(maps.command, ["--help-all"]).output
+    assert "With --cartesian: largest number of branches" in text
+    assert "With --milling: normal to the feed" in text

@@ -561,11 +561,11 @@ def analyse_posture(
     result : PostureStiffness
         From `cartstiff.analyse`.
     connection : str, optional
-        One of `cartstiff.matrix_names.LETTERS`: the matrix that is analysed. Default "load", the
-        tangent under the load, where there is one; without a load all are the same and the default
-        is B.
+        Matrix that is analysed: load, A, B, K, F or +. Default under a load: load, the tangent
+        stiffness under it; without a load all are the same, and the default is B.
     length : float, optional
-        Characteristic length in the mechanism's unit; see `summarise`.
+        Characteristic length, which makes angles comparable with lengths; default that of the rigid
+        body, if one is given, else the natural length, else one unit.
     mass, inertia, mass_centre : float, array_like (3, 3), array_like (3,), optional
         A rigid body as the metric of "modes"; in the frame of the analysis, mass in
         force time^2 per length.
@@ -574,17 +574,19 @@ def analyse_posture(
         the point of "deflection" is its origin. Every matrix moves there as a tensor: K^K stays
         that of M's origin, and the load acts where it does.
     direction : array_like, shape (3,), optional
-        Direction in N along and about which the stiffness is given, besides x, y, z.
+        Direction along and about which the stiffness is given, besides x, y, z; in the axes of the
+        analysis.
     wrench : array_like, shape (6,), optional
-        Wrench (moment, force) in the axes of M added to the load, whose linear deflection is
-        given; default the load itself, if there is one.
+        Wrench added to the load, whose linear deflection is given: moment and force, in the axes of
+        M; default the load itself, if there is one.
     load_at : array_like, shape (3,), optional
-        Point in M at which the wrench acts; default the origin of N.
+        Point of the body, in M, at which that wrench acts; default the point that is analysed.
     target : array_like, shape (6, 6), optional
         Desired K^B in M, for which joint (or leg) stiffnesses are given.
     tolerances : Tolerances, optional
-        Standard deviations of the parameters; without them those of measured springs count, where
-        the mechanism has any.
+        Standard deviations: relative of every spring stiffness, absolute of every length and
+        rotation [rad] of the geometry. Without them those of measured springs count, where the
+        mechanism has any.
     samples : int
         Draws for a Monte Carlo propagation of the tolerances; 0 propagates to first order.
     threshold : float

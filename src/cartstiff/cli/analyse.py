@@ -47,11 +47,7 @@ class Analysis(Reading):
     inertia
         Rigid body with its mass centre at the point, in kg and kg m^2; adds natural frequencies and
         takes its radius of gyration as the characteristic length.
-    tolerance
-        Standard deviations: relative of every spring stiffness, absolute of every length (and
-        rotation, rad) of the geometry.
     samples : N
-        Propagate the tolerances by N random draws; 0, the default: to first order.
     target : FILE
         Desired stiffness (6x6, symmetric, body frame; .json, .csv or .npy): the joint stiffness
         that produces it under the load. A .json may name its order, units and frame.
@@ -60,6 +56,7 @@ class Analysis(Reading):
         (rotation before translation).
     """
 
+    API: ClassVar = ("analysis/posture.py analyse_posture tolerance=tolerances",)
     NEEDS: ClassVar = {"samples": "tolerance", "target_order": "target"}
     RARE: ClassVar = "inertia tolerance samples target target_order"
 

@@ -7,9 +7,10 @@ contributes the fields of that class, the same on every command; each of its bas
 section of the help. Metadata in ``Annotated`` are a `click.ParamType`, another spelling
 ("--range"), or `Overrides`.
 
-A class whose values are parameters of a function of the API names it in `API`: its source file in
-the package, and its name. A paragraph that the class does not have is then that of the function,
-read from the source, which is not imported.
+A class whose values are parameters of functions or classes of the API names these in `API`: for
+each the source file in the package, the name, and options with another name than the parameter, as
+``option=parameter``. A paragraph that the class does not have is then that of the parameter, read
+from the source, which is not imported; names of other parameters in it become their options.
 
 Such a class also states rules of its options: `NEEDS` (options that one requires beside it),
 `EXCLUSIVE` (options that are not given together) and `RARE` (options that only ``--help-all``
@@ -22,6 +23,7 @@ import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import (
@@ -136,8 +138,10 @@ class Documented(NamedTuple):
         about, sections = _sections(inspect.getdoc(thing) or "")
         bases = getattr(thing, "__bases__", ())
         known = {n: w for base in bases for n, w in cls.of(base).parameters.items()}
-        of_api = dict(_of_api(*api) if (api := vars(thing).get("API")) else ())
-        known |= {name: ("", words) for name, words in of_api.items()}
+        own = {f.name for f in fields(thing)} if is_dataclass(thing) else set[str]()
+        told = (entry for api in vars(thing).get("API", ()) for entry in _of_api(api).items())
+        of_api = {name: words for name, words in told if name in own}
+        known |= {name: (known.get(name, ("",))[0], words) for name, words in of_api.items()}
         for head, words in _entries(sections):
             name, _, shape = head.partition(" : ")
             known[name] = shape, words or of_api.get(name, "")
@@ -151,19 +155,33 @@ def _sections(text: str) -> tuple[str, dict[str, str]]:
 
 
 def _entries(sections: dict[str, str]) -> Iterator[tuple[str, str]]:
-    """Heads and paragraphs of the parameters."""
-    for entry in re.split(r"\n(?=\S)", sections.get("Parameters", "").strip()):
+    """Heads and paragraphs of the parameters, or of the attributes of a class."""
+    listed = sections.get("Parameters") or sections.get("Attributes", "")
+    for entry in re.split(r"\n(?=\S)", listed.strip()):
         head, _, words = entry.partition("\n")
         yield head.strip(), " ".join(words.split()).replace("``", "`")
 
 
-def _of_api(file: str, function: str) -> Iterator[tuple[str, str]]:
-    """Names and paragraphs of the parameters of a function of the API."""
+@cache
+def _of_api(api: str) -> dict[str, str]:
+    """Options and paragraphs of the parameters that an entry of `API` names."""
+    file, path, *renamed = api.split()
     source = Path(__file__).parents[1].joinpath(file).read_text(encoding="utf-8")
-    _, doc, *_ = source.partition(f"\ndef {function}(")[2].split('"""', 2)
-    for head, words in _entries(_sections(inspect.cleandoc(doc))[1]):
-        for name in head.partition(" : ")[0].split(", "):
-            yield name, words
+    for part in path.split("."):
+        source = re.split(rf"^ *(?:def|class) {part}\b", source, maxsplit=1, flags=re.M)[1]
+    entries = [*_entries(_sections(inspect.cleandoc(source.split('"""', 2)[1]))[1])]
+    names = {name: name for head, _ in entries for name in head.partition(" : ")[0].split(", ")}
+    names |= {name: option for option, _, name in (pair.partition("=") for pair in renamed)}
+
+    def spelled(match: re.Match[str]) -> str:
+        option = names.get(match[1])
+        return match[0] if option is None else f"--{option.replace('_', '-')}"
+
+    return {
+        names[name]: re.sub(r"`(\w+)`", spelled, words)
+        for head, words in entries
+        for name in head.partition(" : ")[0].split(", ")
+    }
 
 
 def _split(hint: Any) -> tuple[Any, list[Any]]:
@@ -200,6 +218,8 @@ def _parameter(
         spelling = f"{spelling}/--no-{spelling[2:]}"
     merges = isinstance(kind, OptionType) and kind.merges
     given: dict[str, Any] = {} if is_needed or merges or several else {"default": default}
+    if (several or merges) and "repeat it" not in text:
+        text += " Repeat it for several."
     option = _Option(
         [*(["-o"] if name == "output" else []), spelling, name],
         type=None if is_flag else kind or hint,
@@ -270,6 +290,11 @@ def _brief(text: str, room: int) -> str:
     return brief + bounds if len(brief + bounds) <= room else brief
 
 
+def _beside(needed: str, text: str) -> str:
+    """Return a help text that names the option that is needed."""
+    return text if needed in text else f"With {needed}: {text[:1].lower()}{text[1:]}"
+
+
 class Command(click.Command):
     """A command whose options are declared by the signature of a function.
 
@@ -323,8 +348,9 @@ class Command(click.Command):
                 f.name: next(c for c in classes if f.name in vars(c).get("__annotations__", ()))
                 for f in names
             }
+            of_class = Documented.of(kind)
             for part in classes[-2::-1]:
-                of_class = Documented.of(part)
+                about = Documented.of(part).about.partition(".")[0]
                 self._exclusive += vars(part).get("EXCLUSIVE", ())
                 self._rare += vars(part).get("RARE", "").split()
                 rules.append(vars(part).get("NEEDS", {}))
@@ -332,7 +358,7 @@ class Command(click.Command):
                     if owner[f.name] is part:
                         shape, text = of_class.parameters.get(f.name, ("", ""))
                         words = shape, taken.words.get(f.name, text)
-                        section = None if f.default is MISSING else of_class.about.partition(".")[0]
+                        section = None if f.default is MISSING else about
                         params.append(_parameter(f.name, own[f.name], f.default, words, section))
         there = {str(p.name) for p in params}
         needed = {n: w for rule in [*rules, needs] for ns, w in rule.items() for n in ns.split()}
@@ -341,6 +367,11 @@ class Command(click.Command):
             for name, words in needed.items()
             if name in there and (known := [w for w in words.split() if w in there])
         }
+        spelled = {p.name: p.opts[-1] for p in params if isinstance(p, click.Option)}
+        for option in params:
+            only, *more_needed = self._needs.get(str(option.name), [""])
+            if isinstance(option, click.Option) and only and not more_needed:
+                option.help = _beside(spelled[only], option.help or "")
         self._exclusive = [x for x in self._exclusive if there.issuperset(x.split())]
         self._rare = [name for name in self._rare if name in there]
         lines = f"Examples:\n{documented.examples}".replace("\n", "\n  ").split("\n  \n")

@@ -91,19 +91,14 @@ class Table:
 
     Parameters
     ----------
-    point
-        Measured point of the body, in its frame; default its origin.
-    load_at
-        Point of the body where loads act, in its frame; default the measured one.
-    axes
-        Axes of the columns mx,my,mz,fx,fy,fz; default base, and body in a table of
-        `cartstiff path`.
     units
         Units of numbers given and shown, such as mm,deg, and of columns without one in their head;
         there SI otherwise.
     sd
         Standard deviation of a column, such as dx=0.02mm; else estimated.
     """
+
+    API: ClassVar = ("identify/measurements.py read_measurements",)
 
     point: Point = None
     load_at: Point = None
@@ -170,25 +165,12 @@ class Fit:
         link: LINK (its 6x6), LINK:diagonal, LINK:rx,ry. Beside springs, for measured positions:
         zeros (of joints; or JOINT.zero), tool, base.
     tie : A=B
-        Springs that are equal.
-    known
-        A stiffness that is known and kept.
-    prior
-        A stiffness that is known with this standard deviation.
-    offsets
-        Unknown placement of the measuring frame in each session of a table with positions: position
-        and rotation (rigid, the default), position alone, or none.
-    loaded
-        Fit equilibria under the load, instead of displacements that are linear in it.
-    fit
-        Fit whose stiffnesses are the result.
-    reject
-        Rows left out: suspects of the robust fit, or all that are farther from it than this number
-        of standard deviations.
-    level
-        Probability of the intervals.
     """
 
+    API: ClassVar = (
+        "identify/identification.py identify",
+        "identify/unknowns.py unknowns_of tie=ties prior=priors",
+    )
     RARE: ClassVar = "tie known prior offsets level"
 
     unknown: tuple[str, ...] = ()
@@ -243,25 +225,13 @@ class Plan:
     ----------
     plan : N
         Choose N rows to measure instead; DATA.csv is not needed.
-    criterion
-        Quantity that the plan minimises: the widest interval (worst, the default), the determinant
-        of all compliances (D-optimal), or the deflection at the posture --q under --load.
     q
         Posture of --criterion posture; default the file's.
     load
         Load of --criterion posture, along F.
-    mass
-        Mass hung on the body in the plan.
-    force
-        Force on the body in the plan, along an axis of F.
-    ranges
-        Range of a joint in the plan, rad or m.
-    within
-        Volume of the measured point in the plan: x, y, z in F; z keeps it off the floor.
     candidates : N
         Random postures that the plan chooses from; default 4000 for an open arm, else 1000.
     have : FILE.csv
-        Rows that are measured already; the plan adds to them.
     simulate : SEED
         Simulate measurements, not a fit: fill the columns of --sd into the rows of DATA.csv, as
         MECHANISM would show them, with noise of that size.
@@ -269,6 +239,7 @@ class Plan:
         Rows of --simulate with an error of 20 standard deviations.
     """
 
+    API: ClassVar = ("identify/plan.py plan", "identify/plan.py candidates")
     NEEDS: ClassVar = {
         "criterion q load mass force ranges within candidates have": "plan",
         "outliers": "simulate",

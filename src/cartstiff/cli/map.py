@@ -67,8 +67,6 @@ class Where:
         --q or the file has them.
     random : N
         N random postures within the joints' limits; compliant links start straight.
-    ranges
-        Other limits of a coordinate; --range NAME=V:V holds it. For --random.
     cartesian
         Positions x, y, z of the body frame in F, by inverse kinematics.
     actuate
@@ -79,19 +77,12 @@ class Where:
         Postures of a file: a line of coordinate names, then one posture a line.
     seed
         Seed of random postures and starts.
-    orientation
-        With --cartesian: roll, pitch, yaw about fixed axes.
-    free
-        With --cartesian: the body may turn about this axis of its own, or in any way.
-    redundancy
-        With --cartesian, where many postures reach a place: nearest to the base posture, or best in
-        the first quantity.
-    branches
-        With --cartesian: most postures kept at a place.
-    starts
-        With --cartesian: random starts of the inverse kinematics.
     """
 
+    API: ClassVar = (
+        "maps/sampling.py RandomPostures.within_limits",
+        "maps/cartesian.py CartesianGrid",
+    )
     NEEDS: ClassVar = {
         "ranges": "random",
         "orientation free redundancy branches starts": "cartesian",
@@ -255,11 +246,11 @@ class Held(Reading):
     Parameters
     ----------
     quantities : NAME
-        A quantity that the map holds; repeat it for several.
+        A quantity that the map holds.
     connection : LETTER
-        Matrix that is read: A, B, K, F or load, the tangent stiffness under the load. Default
-        under a load: load.
     """
+
+    API: ClassVar = ("maps/run.py map_job added_load=deflect added_load_at=deflect_at",)
 
     connection: Annotated[Literal["load", "A", "B", "K", "F"] | None, "--connection"] = None
     quantities: Annotated[tuple[str, ...], "--quantity"] = ()

@@ -46,15 +46,14 @@ class Controller:
         order and along the axes of the file, and joint-space gains.
     order
         Order of the rows of --impedance; default what its file says, else angular-linear.
-    axes
-        Axes of --impedance, about the body frame's origin: of the robot's own base, of the body
-        frame, or of the room (world).
-    ratio
-        Damping ratios of the six oscillators of --impedance, softest first; default 0.7.
     output
         Write the controller of --impedance.
     """
 
+    API: ClassVar = (
+        "stiffness/tensor.py StiffnessTensor.from_controller",
+        "vibration/controllers.py impedance ratio=ratios",
+    )
     NEEDS: ClassVar = {"order axes ratio output": "impedance"}
     RARE: ClassVar = "order axes ratio output"
 
@@ -128,8 +127,6 @@ class Response:
     kind
         Displacement, velocity or acceleration per force; or motion of the body per motion of the
         ground.
-    point
-        Point of the body, in its frame, for --response.
     direction
         Direction for --response, along the body's axes (the room's for a transmissibility); default
         x, y and z.
@@ -141,6 +138,7 @@ class Response:
         columns, frequency [Hz], real and imaginary part [um/N]; given twice: along feed and normal.
     """
 
+    API: ClassVar = ("vibration/response.py frequency_response point=at",)
     NEEDS: ClassVar = {
         "kind point direction": "response",
         "milling feed normal tip measured": "lobes",

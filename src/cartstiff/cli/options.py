@@ -478,20 +478,13 @@ class Load:
 
     Parameters
     ----------
-    load
-        Wrench on the body. Moment about and force at the point --load-at, in the body's axes; rest
-        positions are chosen so that the springs balance it.
-    load_at
-        Point of the body where the load acts. In its frame; default its origin.
     world
         Loads and directions in the room's axes. Without it in those of the body; points are always
         in the body's frame.
     load_kind : KIND
-        How the load acts while the body moves. dead: force and moment keep their direction in the
-        room; follower: they turn with the body; conservative: the force keeps its direction, the
-        moment turns by half of the body's rotation.
     """
 
+    API: ClassVar = ("stiffness/compute.py analyse load=wrench",)
     NEEDS: ClassVar = {"world": "load added_load direction"}
 
     load: Wrench = None
@@ -540,10 +533,6 @@ class Posture:
         With M at a pivot, other angles are a motion about it.
     lengths
         Posture by six leg lengths, near the file's pose.
-    springs
-        Published joint springs by name (see `cartstiff models`), a table (.csv) with columns joint
-        and stiffness [N m/arcmin], or "actuators": the kp of an MJCF file's position actuators.
-        --stiffness takes precedence.
     stiffness
         Stiffness of joints or legs. One number for all, one each, or name=value pairs, each with
         its unit if that is not N m/rad or N/m: "392 N m/arcmin", 20N/um; joints may be rigid.
@@ -555,6 +544,7 @@ class Posture:
         the pose of the new rest is found.
     """
 
+    API: ClassVar = ("loading/__init__.py load",)
     RARE: ClassVar = "pose_of"
 
     mechanism: str
@@ -577,16 +567,9 @@ class Tool:
     Parameters
     ----------
     frame : NAME
-        Body frame M: a link or site.
-    tcp
-        Place of M in the frame. Position, and roll, pitch, yaw about fixed axes.
-    payload
-        Mass on the body [kg], and its centre in M. It has weight under the gravity of --gravity or
-        the file; without either under 9.81 m/s^2 along -z.
-    gravity
-        Gravity in F [m/s^2], such as 0,0,-9.81. It replaces the file's.
     """
 
+    API: ClassVar = ("loading/__init__.py load",)
     frame: str | None = None
     tcp: Tcp = None
     payload: Payload = None
@@ -599,15 +582,10 @@ class File:
 
     Parameters
     ----------
-    parameters
-        A parameter of the mechanism file, in its units, instead of the value there; repeat it for
-        several.
-    xacro_args
-        Argument of a xacro file; repeat it for several.
     package_path : FOLDER
-        Folder in or under which ROS packages are looked for.
     """
 
+    API: ClassVar = ("loading/__init__.py load",)
     RARE: ClassVar = "parameters xacro_args package_path"
 
     parameters: Annotated[dict[str, float] | None, Pairs("NAME=VALUE"), "--set"] = None
@@ -906,21 +884,9 @@ class Reading:
     Parameters
     ----------
     connection : LETTER
-        Matrix that is read: load, A, B, K, F or +. Default under a load: load, the tangent
-        stiffness under it (see --load-kind, --load-at). Without a load all are the same.
-    direction
-        Direction for stiffness along and about it. In the body's axes.
-    added_load
-        Added wrench whose deflection is computed. In the body's axes; the deflection is linear;
-        default the load itself.
-    added_load_at
-        Point of the body, in its frame, at which the wrench of --added-load acts; default its
-        origin, or the point of --report-at.
-    length
-        Characteristic length. It makes angles comparable with lengths; in a map the same at all
-        postures.
     """
 
+    API: ClassVar = ("analysis/posture.py analyse_posture added_load=wrench added_load_at=load_at",)
     NEEDS: ClassVar = {"added_load_at": "added_load"}
     RARE: ClassVar = "added_load_at length"
 
@@ -940,11 +906,9 @@ class Parameters:
     sensitivities
         Also print the derivatives of the stiffness, of the frequencies and of the pose at rest, by
         each stiffness, mass, length and parameter of the file.
-    tolerance
-        Standard deviations: relative of every spring stiffness, absolute of every length and
-        rotation (rad) of the geometry. The answer has what follows from them, and what contributes
-        most.
     """
+
+    API: ClassVar = ("vibration/sensitivities.py accuracy tolerance=tolerances",)
 
     sensitivities: bool = False
     tolerance: Tolerance = None
@@ -1003,21 +967,17 @@ class Vibration:
 
     Parameters
     ----------
-    damping
-        Damping ratio of every mode, or one for each.
     rayleigh
         Damping alpha M + beta K [1/s, s]. Dampers of the mechanism always act.
     milling
         Force law of a mill: tangential force per area, radial over tangential, teeth, and angles
         (rad) at which a tooth enters and leaves (slot 0,3.1416; half up 0,1.5708).
-    feed
-        Direction of the feed of --milling, in M; default x.
-    normal
-        Normal to the feed, in M; default y.
-    tip
-        Tip of the mill, in M; default its origin.
     """
 
+    API: ClassVar = (
+        "vibration/response.py Damping damping=ratios",
+        "vibration/chatter.py Milling tip=at",
+    )
     NEEDS: ClassVar = {"feed normal tip": "milling"}
     RARE: ClassVar = "rayleigh feed normal tip"
 

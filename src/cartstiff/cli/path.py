@@ -50,7 +50,7 @@ class Search:
         0.05.
     """
 
-    API: ClassVar = "toolpaths/optimise.py", "optimise_path"
+    API: ClassVar = ("toolpaths/optimise.py optimise_path",)
     RARE: ClassVar = "redundant connection objective singular samples seed"
 
     redundant: str | None = None

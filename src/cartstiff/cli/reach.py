@@ -18,7 +18,7 @@ from cartstiff.errors import InputError, UndefinedError
 class Modes:
     """Search for modes."""
 
-    API: ClassVar = "reach/assembly.py", "assemble"
+    API: ClassVar = ("reach/assembly.py assemble",)
 
     every: Annotated[bool, "--all"] = False
     starts: Annotated[int | None, click.IntRange(0, 100_000)] = None
@@ -103,7 +103,7 @@ def assemble_command(
 class Search:
     """Search for the boundary."""
 
-    API: ClassVar = "reach/workspace.py", "workspace"
+    API: ClassVar = ("reach/workspace.py workspace",)
 
     directions: Annotated[int | None, click.IntRange(8, 1_000_000)] = None
     scan: Annotated[int, click.IntRange(2, 100_000)] = 48

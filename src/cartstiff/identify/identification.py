@@ -1307,12 +1307,13 @@ def identify(
         default "rigid" if the table has sessions. Without sessions, positions are in the robot's
         own base frame B.
     loaded : bool
-        Fit the equilibrium under load itself, not displacements linear in the load.
+        Fit the equilibrium under the load itself, not displacements linear in it.
     fit : {"plain", "robust"}
-        Source of the estimates: least squares, or the robust fit, which is computed anyway.
+        Fit whose stiffnesses are the result: least squares, or the robust fit, which is computed
+        anyway.
     reject : float or "suspects", optional
-        Rejected rows: suspects of the robust fit, or rows with a number beyond this many standard
-        deviations from it.
+        Rows left out: suspects of the robust fit, or all that are farther from it than this number
+        of standard deviations.
     level : float
         Probability of the intervals.
     progress : callable, optional

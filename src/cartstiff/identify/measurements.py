@@ -459,14 +459,16 @@ def read_measurements(
     elastic : ElasticMechanism
         The measured mechanism.
     axes : {"base", "body", "world"}, optional
-        Along which the wrench columns are; default those of the base. A table that
-        `cartstiff path` wrote has them along the body's; they are turned into those of the base.
+        Axes of the columns mx, my, mz, fx, fy, fz; default base, and body in a table that
+        `cartstiff path` wrote. They are turned into those of the base.
     units : mapping of str to str, optional
         Units by kind ("length": "mm") of columns without one in their head; default SI.
     deviations : mapping of str to float, optional
         Standard deviations by column, in SI, if the table has none.
-    point, load_at : tuple of 3 floats
-        Points of the body in M: measured; and loaded, default the measured one.
+    point : tuple of 3 floats
+        Measured point of the body, in M; default its origin.
+    load_at : tuple of 3 floats
+        Point of the body, in M, at which loads act; default the measured one.
     open_cells : bool
         Whether measured columns may be missing or empty.
 

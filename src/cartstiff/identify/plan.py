@@ -150,11 +150,11 @@ def candidates(
     count, seed : int
         Number of candidates, and the seed of the draw.
     mass : float
-        Hung at `load_at`, in kg, pulling along gravity.
+        Mass [kg] that hangs on the body.
     force : float
-        Pushing along +-x, +-y or +-z of F, drawn for each posture, if no mass is hung.
+        Force on the body along +-x, +-y or +-z of F, drawn for each posture, if no mass hangs.
     ranges : mapping of str to (low, high), optional
-        Narrower than the joints' limits.
+        Ranges of joints, narrower than their limits.
     within : mapping of str to (low, high), optional
         Range of the measured point's x, y, z in F: the volume that can be measured and entered.
     point, load_at : tuple of 3 floats
@@ -503,11 +503,12 @@ def plan(
     count : int
         Rows to choose; a candidate is taken again only where all are taken.
     criterion : {"worst", "all", "posture"}
-        Quantity that is minimised, see the module.
+        Quantity that is minimised: the widest interval (worst), the determinant of all compliances
+        (all: D-optimal), or the deflection at a posture under a load (posture).
     test : (q, wrench), optional
         The user's posture (n,) and wrench (6,) on M along F, for "posture".
     have : Measurements, optional
-        Rows that are measured already, with standard deviations.
+        Rows that are measured already, with standard deviations; the plan adds to them.
     beside : callable, optional
         Neighbours of rows, see `cartstiff.identify.plan.beside`: the chosen rows are moved to the
         best of these.

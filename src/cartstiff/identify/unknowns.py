@@ -178,9 +178,9 @@ def unknowns_of(
     ties : sequence of sequences of str
         Springs with equal stiffness.
     known : mapping of str to float, optional
-        Stiffnesses that are held.
+        Stiffnesses that are known and kept.
     priors : mapping of str to (float, float), optional
-        Known stiffnesses with their standard deviations.
+        Stiffnesses that are known with a standard deviation.
 
     Raises
     ------

@@ -53,30 +53,31 @@ def load(
         robot_descriptions ("ur5e_description"), looked up in this order; or an object of
         Pinocchio: a model, a wrapper, or a tuple (model, collision model, visual model).
     frame : str, optional
-        The frame of interest, instead of the file's.
+        Frame of the body: a link or a site, instead of the file's.
     locked : mapping of str to float, optional
         Positions (rad, m) of joints that do not move; for serial arms and closed chains.
     springs : str, optional
-        Published joint springs by name ("kuka-kr270/klimchik-2013", see `cartstiff models`), your
-        own table (.csv: joint, stiffness [N m/arcmin]), or "actuators": the kp of an MJCF file's
-        position actuators.
+        Published joint springs by name (see `cartstiff models`), such as
+        "kuka-kr270/klimchik-2013"; your own table (.csv: joint, stiffness [N m/arcmin]); or
+        "actuators": the kp of an MJCF file's position actuators.
     stiffness, rest : float, mapping of str to float, or array_like, optional
         Stiffness and rest positions of the joint springs, as in `ElasticMechanism.with_springs`;
         they replace those of `springs`.
     tcp : array_like (3,), (6,) or (4, 4), optional
-        M in the frame of interest: x, y, z[, roll, pitch, yaw] about fixed axes, or the pose.
+        Place of M in the frame. Position and, if wanted, roll, pitch, yaw about fixed axes; or, in
+        Python, the pose.
     gravity : array_like (3,), optional
-        Acceleration of the uniform field in F, m/s^2, instead of the file's.
+        Gravity in F [m/s^2], such as 0,0,-9.81, instead of the file's.
     payload : array_like (1,) or (4,), optional
-        A mass [kg] on the body, and its centre in M; added to that of the file. Without any gravity
+        Mass on the body [kg], and its centre in M; added to that of the file. Without any gravity
         that of the earth is assumed, along -z of F, and a note says so.
     xacro_args : mapping of str to str, optional
-        Arguments of a xacro file, such as ``{"ur_type": "ur5e"}``.
+        Arguments of a xacro file, by name.
     package_path : sequence of str or Path, optional
         Folders in or under which ROS packages are searched, before ROS_PACKAGE_PATH,
         AMENT_PREFIX_PATH and the folders above the file.
     parameters : mapping of str to float, optional
-        Values that replace those of the mechanism file's parameters; in its units.
+        Values that replace those of the mechanism file's parameters, in its units.
     **of_model
         For Pinocchio's models, see `cartstiff.loading.pinocchio_model.from_pinocchio`: `visual`,
         `q`, `closures`, `actuated`, `name`.

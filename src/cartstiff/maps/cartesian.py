@@ -56,12 +56,14 @@ class CartesianGrid(Sampling):
     orientation : array_like (3, 3), optional
         Rotation of the body frame in F; default that of the base posture.
     branches : int
-        Largest number of branches kept.
-    starts, seed : int
-        Number of random starts besides the base posture, and their seed; for a body on legs the
-        number of starts of each leg.
+        Largest number of branches that are kept at a place.
+    starts : int
+        Random starts of the inverse kinematics besides the base posture; for a body on legs, of
+        each leg.
+    seed : int
+        Seed of the random starts.
     free : {"none", "x", "y", "z", "rotation"}
-        A rotation about an axis of the body, or all of its rotation, may be left free.
+        Rotation of the body that is left free, about one of its axes or any.
     redundancy : {"nearest", "best"}
         Choice among the postures of a self-motion: each start's solution moves along it to the
         local minimum of the distance from the base posture, or to the local optimum of the map's

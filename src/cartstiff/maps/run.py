@@ -132,14 +132,16 @@ def map_job(
     quantities : str or sequence of str
         Names in `cartstiff.batch.quantities.QUANTITIES`, or paths of the analysis.
     connection : {"load", "B", "A", "K", "F"}, optional
-        The matrix that is read; default "load", the tangent under the load, if one can act, as in
-        the analysis of one posture; without a load all but F are the same.
+        Matrix that is read. Default under a load: load, the tangent stiffness under it, as in the
+        analysis of one posture; without a load all but F are the same.
     length : float, optional
-        Characteristic length for all postures; see `default_length`.
+        Characteristic length, which makes angles comparable with lengths, for all postures; default
+        the natural length at the default posture.
     direction : array_like (3,), optional
-        Direction of the stiffness along and about it.
+        Direction along and about which the stiffness is computed, in the body's axes.
     deflect : array_like (6,), optional
-        Wrench (moment, force) added to the load, whose deflection is computed; default the load.
+        Wrench added to the load, whose linear deflection is computed: moment and force, in the
+        body's axes; default the load itself.
     deflect_at : array_like (3,)
         Point of the body, in M, at which that wrench acts; the deflection is that of M's origin.
     world : bool

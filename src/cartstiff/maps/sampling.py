@@ -252,7 +252,7 @@ class RandomPostures(Sampling):
         count, seed : int
             As above.
         ranges : mapping of str to (low, high), optional
-            Limits by coordinate name that replace the mechanism's.
+            Limits of coordinates instead of the mechanism's; equal ends hold a coordinate.
 
         Raises
         ------

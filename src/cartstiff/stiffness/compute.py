@@ -51,16 +51,16 @@ def analyse(
         Coordinates in rad and length units, in joint order or by name; default the file's posture.
         For a platform: x, y, z, roll, pitch, yaw. A closed chain is assembled from there.
     wrench : array_like (6,), optional
-        (moment, force) that the environment applies to the body at `load_at`; there it is W. All
-        rest positions are then chosen so that the springs balance it at q, and it deflects
-        compliant links, whose virtual joints start at q. Without it, springs with a rest position
-        keep that, and those without carry gravity.
+        Wrench on the body. Moment about and force at the point `load_at`; all rest positions are
+        then chosen so that the springs balance it at the posture, and it deflects compliant links,
+        whose virtual joints start there. Without it, springs with a rest position keep that, and
+        those without carry gravity.
     load_kind : {"dead", "follower", "conservative"}
-        Behaviour of the load while the body moves, on which the `tangent` depends: it keeps its
-        direction in the room, turns with the body, or its force keeps its direction while its
-        moment turns by half. See `cartstiff.stiffness.applied_load`.
+        How the load acts while the body moves. dead: moment and force keep their direction in the
+        room; follower: they turn with the body; conservative: the force keeps its direction, and
+        the moment turns by half of the body's rotation. The tangent stiffness depends on it.
     load_at : array_like (3,)
-        The point of the body at which the load acts, in the frame M.
+        Point of the body, in its frame M, at which the load acts; default its origin.
     load_axes : {"body", "world"}
         Axes of the wrench's components: those of M or of F.
     strict : bool

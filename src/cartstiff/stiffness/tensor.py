@@ -454,7 +454,7 @@ class StiffnessTensor(LabelledMatrix):
         order : {"linear-angular", "angular-linear"}
             Order of its rows and columns; most controllers have translation first.
         axes : {"base", "body", "world"}
-            Along which its components are: those of the robot's own base B, of M, or of the room F.
+            Axes of its components: of the robot's own base B, of M, or of the room F (world).
         pose : array_like (4, 4), optional
             ``T_F_M``, which base and world axes need.
         base : array_like (4, 4), optional

@@ -62,10 +62,12 @@ class Milling:
         Angles [rad] at which a tooth enters and leaves, from the normal in the direction of the
         cutter's turn, ``0 <= entry < exit <= pi``. Half immersion: 0 to pi/2 up-milling, pi/2 to pi
         down-milling; a slot: 0 to pi, which may be typed as 3.1416.
-    feed, normal : tuple of float
-        Directions of the feed and of the normal to it, in M; at right angles.
+    feed : tuple of float
+        Direction of the feed, in M; default x.
+    normal : tuple of float
+        Normal to the feed, in M; default y.
     at : tuple of float
-        The tool's tip, in M.
+        Tip of the tool, in M; default its origin.
 
     Raises
     ------

@@ -249,7 +249,7 @@ def impedance(
         A tensor at M (see `StiffnessTensor.from_controller`), or a matrix in the axes of M, order
         angular-linear. Only the symmetric part is used.
     ratios : float or sequence of float
-        Damping ratios of the six oscillators, softest first.
+        Damping ratios of the six oscillators, softest first; default 0.7.
 
     Raises
     ------

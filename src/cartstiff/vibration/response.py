@@ -51,7 +51,7 @@ class Damping:
     Attributes
     ----------
     ratios : float or sequence of float
-        Share of critical damping: one for all modes, or one for each.
+        Damping ratios, shares of critical damping: one for all modes, or one for each.
     mass, stiffness : float
         Rayleigh's alpha [1/s] and beta [s].
     dampers : bool
@@ -264,7 +264,7 @@ def frequency_response(
     kind : {"receptance", "mobility", "accelerance"}
         Displacement, velocity or acceleration per force.
     at : array_like (3,)
-        The point, in M.
+        Point of the body, in M; default its origin.
 
     Raises
     ------

@@ -531,8 +531,9 @@ def accuracy(
         A held posture, whose rest positions follow; or an equilibrium, whose pose has an error as
         well.
     tolerances : Tolerances, optional
-        Standard deviations of stiffnesses (relative), lengths and angles. Without one of the
-        stiffness, measured springs have their own.
+        Standard deviations: relative of every spring stiffness, absolute of every length and
+        rotation [rad] of the geometry. Without one of the stiffness, measured springs have their
+        own. The answer has what follows from them, and what contributes most.
     level : float, optional
         Probability between 0 and 1; default that of the measured springs, else 0.95.
     given : Sensitivities, optional
