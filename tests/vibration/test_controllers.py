@@ -11,6 +11,7 @@ from tests.support.commands import answer, refuses, run
 
 from cartstiff import StiffnessTensor, analyse, load, modes
 from cartstiff.errors import InputError, UndefinedError
+from cartstiff.mechanisms.other_units import in_units
 from cartstiff.vibration.controllers import (
     double_diagonalisation,
     impedance,
@@ -100,6 +101,23 @@ def test_impedance_of_an_arm():
     assert impedance(found, again, 0.7).damping == pytest.approx(answer.damping, rel=1e-9)
     with pytest.raises(UndefinedError, match="masses as the body feels"):
         impedance(modes(load("five-bar")), K)
+
+
+@pytest.mark.parametrize("unit", ["cm", "mm", "in"])
+def test_impedance_in_any_unit(unit):
+    """One controller of one arm: frequencies and ratios are numbers without lengths."""
+    K = np.diag([30.0, 30, 20, 1000, 1500, 800])
+    inches = {"cm": 100.0, "mm": 1000.0, "in": 1 / 0.0254}[unit]
+    to_unit = np.repeat([inches, 1.0], 3)  # N m/rad and N/m: one length more in each rotation
+    scale = np.sqrt(np.outer(to_unit, to_unit) / np.outer(inches / to_unit, inches / to_unit))
+    one = impedance(modes(load("panda")), K, 0.7)
+    other = impedance(modes(in_units(load("panda"), unit)), K * scale, 0.7)
+    assert other.damping == pytest.approx(one.damping * scale, rel=1e-9, abs=1e-9)
+    assert other.by_square_roots == pytest.approx(one.by_square_roots * scale, rel=1e-6, abs=1e-9)
+    assert other.frequencies == pytest.approx(one.frequencies, rel=1e-9)
+    assert other.ratios == pytest.approx(one.ratios, rel=1e-6)
+    assert other.coupling == pytest.approx(one.coupling, rel=1e-6)
+    assert other.null_masses == pytest.approx(inches * one.null_masses, rel=1e-9)
 
 
 def test_from_controller_and_back():

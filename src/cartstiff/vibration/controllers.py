@@ -23,6 +23,7 @@ from cartstiff.arrays import Array, Result, checked_array, checked_matrix, plain
 from cartstiff.choices import Axes, Order
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry.connections import NAMED
+from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.stiffness.tensor import StiffnessTensor
 from cartstiff.vibration.comparison import mass_at_tip
 from cartstiff.vibration.modes import Modes
@@ -158,7 +159,7 @@ class Impedance(Result):
     stiffness, damping : ndarray (6, 6)
         At M, axes of M, order angular-linear.
     by_square_roots : ndarray (6, 6)
-        Damping of the square-root rule.
+        Damping of the square-root rule, applied in metres.
     ratios : ndarray (6,)
         Damping ratios of the square-root rule: the diagonal of its damping in the basis of the
         double diagonalisation, over ``2 omega``; NaN for motions without stiffness.
@@ -174,7 +175,8 @@ class Impedance(Result):
         Motions of the joints, of unit size, that do not move M and get neither stiffness nor
         damping from the controller.
     null_masses : ndarray (n - 6,)
-        ``z^T M z`` of each: with a stiffness k of its own, ``2 zeta sqrt(k m)`` damps it.
+        ``z^T M z`` of each, in units of the joints' stiffness times s^2: with a stiffness k of its
+        own, ``2 zeta sqrt(k m)`` damps it.
     modes : Modes
         Modes at the posture.
     dropped : float
@@ -270,9 +272,15 @@ def impedance(
     whole = checked_matrix(wanted, "stiffness wanted")
     K = _symmetrised(whole)
     dropped = float(np.abs(whole - K).max() / max(float(np.abs(whole).max()), numerics.TINY))
-    D, V, squares = double_diagonalisation(mass, K, ratios)
+    units = modes.elastic.units
+    # Of the same units as the stiffness: force, length and second.
+    inertia = units.kilogram * mass
+    D, V, squares = double_diagonalisation(inertia, K, ratios)
     zeta = float(np.mean(_ratios(ratios, 6)))
-    other = square_root_damping(mass, K, zeta)
+    # The square roots depend on the unit of length: controllers have metres.
+    metres = np.repeat([1.0, convert_length(SI, units)[0]], 3)
+    scale = np.outer(metres, metres)
+    other = square_root_damping(scale * inertia, scale * K, zeta) / scale
     projected = V.T @ other @ V
     beside = projected - np.diag(np.diag(projected))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -283,7 +291,9 @@ def impedance(
     is_open = modes.posture.closure is None
     null = np.linalg.svd(J)[2][6:] if is_open else np.zeros((0, J.shape[1]))
     null_masses = (
-        np.einsum("ki,ij,kj->k", null, modes.full_mass, null) if len(null) else np.zeros(0)
+        units.kilogram * np.einsum("ki,ij,kj->k", null, modes.full_mass, null)
+        if len(null)
+        else np.zeros(0)
     )
     return Impedance(
         K,
