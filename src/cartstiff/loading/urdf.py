@@ -683,8 +683,10 @@ def _is_possible(inertia: ET.Element) -> bool:
     if not np.isfinite(matrix).all() or np.abs(matrix).max() > LARGEST_NUMBER:
         return False
     small, middle, large = np.linalg.eigvalsh(matrix)
-    # Thin plates meet the triangle rule with equality, to the digits that are printed.
-    return bool(small >= 0.0 and small + middle >= (1.0 - 1e-3) * large)
+    # Thin plates meet the triangle rule with equality, to the digits that are printed. Rods, such
+    # as two point masses, have a moment of zero, to rounding.
+    is_positive = small >= -numerics.NEGLIGIBLE_DIFFERENCE * large
+    return bool(is_positive and small + middle >= (1.0 - 1e-3) * large)
 
 
 class _Reader:
