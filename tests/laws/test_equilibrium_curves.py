@@ -32,6 +32,7 @@ from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree_building import plain_tree
+from cartstiff.potentials.springs import PolynomialLaw
 from cartstiff.report.output import save_figure
 from cartstiff.report.statics import draw_error_along_path, draw_load_curve
 from cartstiff.statics.continuation import branch
@@ -376,12 +377,26 @@ def test_an_equilibrium_says_what_its_load_passes_on_the_way():
         assert buckled.stable
         assert np.abs(buckled.q).max() > 0.1
         assert _on_the_way(buckled) == {"bifurcation": pytest.approx(1 / times, rel=1e-6)}
+        (note,) = [n for n in buckled.notes if n.code == "bifurcation"]
+        assert note.values["mirror"] == pytest.approx(-buckled.q, abs=1e-9)
     straight = equilibrium(column(2), DeadForce([-0.9 * CRITICAL, 0.0, 0.0]))
     assert straight.stable
     assert _on_the_way(straight) == {}
     mirrored = equilibrium(column(2), -buckled.q, DeadForce([-1.5 * CRITICAL, 0.0, 0.0]))
     assert mirrored.stable
     assert mirrored.q == pytest.approx(-buckled.q, abs=1e-9)
+
+
+def test_a_buckled_state_without_a_mirror_image_is_not_given_one():
+    """A column with a spring that is stiffer on one side: its two states differ."""
+    even = column(2)
+    law = PolynomialLaw((1.0, 0.1, 0.05))
+    uneven = replace(even, springs=replace(even.springs, laws={0: law}))
+    for machine, is_even in ((even, True), (uneven, False)):
+        state = equilibrium(machine, DeadForce([-1.2 * CRITICAL, 0.0, 0.0]))
+        (note,) = [n for n in state.notes if n.code == "bifurcation"]
+        assert ("a mirror state exists" in note.message) is is_even
+        assert ("mirror" in note.values) is is_even
 
 
 @pytest.mark.parametrize("imperfection", [1e-2, 1e-6])

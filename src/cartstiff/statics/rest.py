@@ -38,7 +38,7 @@ from cartstiff.potentials.loads import Load
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.continuation import load_curve
 from cartstiff.statics.held import displacement_between
-from cartstiff.statics.newton import Solution
+from cartstiff.statics.newton import Solution, solve
 from cartstiff.statics.problem import (
     Balance,
     Point,
@@ -321,8 +321,7 @@ _MAX_CURVE_POINTS = 200
 _CRITICAL_LOADS = {
     "limit": "a limit point, where the mechanism snaps through: it comes to rest elsewhere than a "
     "small load leads to",
-    "bifurcation": "a bifurcation, where the mechanism buckles: another state, in a symmetric "
-    "mechanism the mirror image of this one, is as good",
+    "bifurcation": "a bifurcation, where the mechanism buckles",
 }
 
 
@@ -438,7 +437,12 @@ class Equilibrium(Result, ShownInLines):
             code = "limit-point" if passed.kind == "limit" else "bifurcation"
             factor = float(passed.factor)
             words = f"the way from the unloaded state passes, at {factor:.4g} of the load, "
-            return [Note(code, words + _CRITICAL_LOADS[passed.kind], {"factor": factor})]
+            words, values = words + _CRITICAL_LOADS[passed.kind], {"factor": factor}
+            mirror = None if code == "limit-point" else self._mirrored(curve.q[-1])
+            if mirror is not None:
+                words += ", and a mirror state exists: it is stable, too, and has the same energy"
+                values["mirror"] = mirror.q.tolist()
+            return [Note(code, words, values)]
         if curve.reason == "factor-reached":
             end = system.at(curve.q[-1])
             away = np.abs(system.displacement(end, self._solution.point)).max(initial=0.0)
@@ -446,6 +450,31 @@ class Equilibrium(Result, ShownInLines):
                 words = "the loads, put on gradually, lead to another equilibrium than this one"
                 return [Note("other-equilibrium", words, {"q": end.q.tolist()})]
         return []
+
+    def _mirrored(self, middle: Array) -> Equilibrium | None:
+        """The other stable state of the same energy, sought opposite to this one; None without.
+
+        Parameters
+        ----------
+        middle : ndarray (n,)
+            Coordinates on the curve that both states have left.
+        """
+        system = self._system
+        try:
+            start = self.elastic.mechanism.closed(2.0 * middle - self.q, hold=[]).q
+            with bounded(self.elastic):
+                found = state_of_rest(system, solve(system, start), self.start, 1)
+        except (ConvergenceError, UndefinedError):
+            return None
+        away = np.abs(system.displacement(found._solution.point, self._solution.point))
+        differ = abs(found.energy - self.energy)
+        scale = abs(self.energy) + float(np.abs(self.eigenvalues).max(initial=0.0))
+        is_mirror = away.max(initial=0.0) > numerics.NEGLIGIBLE_DISTANCE
+        return (
+            found
+            if is_mirror and found.stable and differ <= numerics.NEGLIGIBLE_DIFFERENCE * scale
+            else None
+        )
 
     def _lines(self) -> list[str]:
         stable = {True: "stable", False: "unstable", None: "stability not decided"}[self.stable]
