@@ -69,6 +69,7 @@ SMALL = {
     "notes",
     "numerics",
     "parsing",
+    "results",
     "ros_packages",
     "version",
 }

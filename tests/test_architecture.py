@@ -22,6 +22,7 @@ LAYERS = [
     {"choices", "errors", "lazily", "matrix_names", "numerics", "version"},
     {"parsing", "expressions", "arrays", "child_process", "ros_packages", "figures", "notebook"},
     {"checked_call", "described", "notes"},
+    {"results"},
     {"geometry"},
     {"potentials"},
     {"mechanisms"},

@@ -74,11 +74,6 @@ def fixed(array: Array) -> Array:
 class Result:
     """Base of frozen dataclasses with read-only arrays of their own."""
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON: each field; None if it does not exist."""
-        data: dict[str, Any] = plain(self)
-        return data
-
     def __post_init__(self) -> None:
         """Copy the arrays."""
         for name, value in vars(self).items():

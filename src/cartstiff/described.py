@@ -7,7 +7,7 @@ page.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,23 @@ def output_keys() -> dict[str, Keys]:
     for keys in table.values():
         keys |= {key: table["analyse"][key] for key, kind in keys.items() if kind == "as analyse"}
     return table
+
+
+def kinds_of(command: str) -> dict[str, tuple[str, str]]:
+    """Kind and description of a command's keys, by dotted name; of lists by those of an entry."""
+
+    def walk(keys: Mapping[str, Any], before: str) -> Iterator[tuple[str, tuple[str, str]]]:
+        for entry, kind in keys.items():
+            name = before + entry.removesuffix("?")
+            inner = kind.get("each", kind) if isinstance(kind, Mapping) else kind
+            if isinstance(inner, Mapping):
+                yield from walk(inner, f"{name}.")
+            else:
+                sizes, _, words = inner.partition("|")
+                yield name, (sizes.strip(), words.strip())
+
+    table = output_keys()
+    return dict(walk(table[command] | (table["analyse"] if command == "equilibrium" else {}), ""))
 
 
 def described(command: str, *sources: object) -> dict[str, Any]:

@@ -48,7 +48,7 @@ def test_commands_along_a_path_leave_what_the_springs_leave(known):
             ]
             variance += (per * displacement_between(ends[1], ends[0])) ** 2
         assert deviation == pytest.approx(np.sqrt(variance), rel=1e-4)
-    assert "after_sd_" in path.as_csv().splitlines()[0]
+    assert "after_sd_" in path.to_csv().splitlines()[0]
     assert np.array(path.to_dict()["error_after_sd"]).shape == (2, 6)
 
 

@@ -114,15 +114,14 @@ def test_json_holds_the_names_themselves(arm):
 
 def test_tables_and_pictures(arm):
     from cartstiff.report.output import save_figure
-    from cartstiff.report.statics import draw_load_curve
     from cartstiff.statics.continuation import load_curve
 
     elastic = cartstiff.load(arm)
     curve = load_curve(elastic, DeadForce([0, 0, -1.0]))
-    assert harmless(curve.as_csv())
-    assert r"j\u202e1\x9b31m" in curve.as_csv().splitlines()[0]
+    assert harmless(curve.to_csv())
+    assert r"j\u202e1\x9b31m" in curve.to_csv().splitlines()[0]
     for ending in ("svg", "png", "pdf"):  # a name is no formula either
-        save_figure(draw_load_curve(curve), f"curve.{ending}")
+        save_figure(curve.plot(), f"curve.{ending}")
     assert harmless(Path("curve.svg").read_text(encoding="utf-8"))
 
 

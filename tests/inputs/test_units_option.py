@@ -13,7 +13,6 @@ import cartstiff
 from cartstiff.figures import figure_content, new_figure
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.potentials.loads import DeadForce
-from cartstiff.report.statics import draw_error_along_path
 from cartstiff.statics.toolpath import compensate
 
 SHOWN = "--units mm,deg"
@@ -172,7 +171,7 @@ def test_measurements_are_planned_found_and_written_in_other_units(tmp_path):
 def test_pictures_of_errors_are_in_the_units_shown():
     """Ticks are plain text: a picture's words are no formulas."""
     arm = in_units(cartstiff.load("ur5"), "mm", "deg")
-    figure = draw_error_along_path(compensate(arm, [arm.q] * 2, [[DeadForce([0, 0, -50])]] * 2))
+    figure = compensate(arm, [arm.q] * 2, [[DeadForce([0, 0, -50])]] * 2).plot()
     figure_content(figure, ".png")
     assert [a.get_ylabel() for a in figure.axes] == [
         "translation error [mm]",

@@ -34,7 +34,6 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.potentials.springs import PolynomialLaw
 from cartstiff.report.output import save_figure
-from cartstiff.report.statics import draw_error_along_path, draw_load_curve
 from cartstiff.statics.continuation import branch
 
 HALF, HEIGHT, STIFFNESS = 1.0, 0.3, 50.0
@@ -178,7 +177,7 @@ def test_curves_as_text():
     data = json.loads(json.dumps(curve.to_dict(), allow_nan=False))
     assert len(data["factor"]) == len(data["displacement"]) == len(curve.factors)
     assert data["critical"][0]["kind"] == "bifurcation"
-    lines = curve.as_csv().splitlines()
+    lines = curve.to_csv().splitlines()
     assert lines[0].startswith("factor,joint1 [rad],joint2 [rad],rx [rad]")
     assert np.allclose(np.loadtxt(lines[1:], delimiter=",")[:, 0], curve.factors, rtol=0, atol=0)
 
@@ -265,8 +264,8 @@ def test_compensated_paths_as_text():
     data = json.loads(json.dumps(path.to_dict(), allow_nan=False))
     assert len(data["commands"]) == 6
     assert data["summary"]["after"]["points"] == 6
-    assert path.as_csv().splitlines()[0].startswith("command_shoulder_pan_joint")
-    assert len(path.as_csv().splitlines()) == 7
+    assert path.to_csv().splitlines()[0].startswith("command_shoulder_pan_joint")
+    assert len(path.to_csv().splitlines()) == 7
 
 
 def unsprung():
@@ -338,21 +337,21 @@ def test_figures(tmp_path):
     pytest.importorskip("matplotlib")
     curve = load_curve(truss(), DeadForce([0.0, 0.0, -1.0]), to=2.0)
     file = tmp_path / "curve.png"
-    save_figure(draw_load_curve(curve), file)
+    save_figure(curve.plot(), file)
     assert file.stat().st_size > 1000
     path = compensate(column(2), [[0.3, 0.4], [0.2, 0.5]], [0, 0, 0, 0.1, 0.2, 0])
-    save_figure(draw_error_along_path(path), tmp_path / "path.svg")
+    save_figure(path.plot(), tmp_path / "path.svg")
     with pytest.raises(InputError, match="unknown file ending"):
-        save_figure(draw_load_curve(curve), tmp_path / "curve.txt")
+        save_figure(curve.plot(), tmp_path / "curve.txt")
     with pytest.raises(InputError, match="file cannot be written"):
-        save_figure(draw_load_curve(curve), tmp_path / "nowhere" / "curve.png")
+        save_figure(curve.plot(), tmp_path / "nowhere" / "curve.png")
 
 
 def test_figures_without_matplotlib(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     curve = load_curve(column(1), DeadForce([-1.0, 0.0, 0.0]), to=0.5)
     with pytest.raises(MissingDependencyError, match=r"cartstiff\[plots\]") as caught:
-        draw_load_curve(curve)
+        curve.plot()
     assert isinstance(caught.value, CartstiffError)
 
 

@@ -64,7 +64,7 @@ def test_search_around_the_best(found):
 
 def test_dataset(found):
     pytest.importorskip("xarray")
-    data = found.as_dataset()
+    data = found.to_dataset()
     assert data["worst"].dims == ("x", "y")
     assert data["worst"].attrs["units"] == "m"
     best = float(data["worst"].min())
@@ -83,12 +83,11 @@ def test_plain_data(found):
 
 @pytest.mark.skipif(importlib.util.find_spec("matplotlib") is None, reason="needs matplotlib")
 def test_pictures(found):
-    from cartstiff.report.statics import draw_path, draw_placement
 
-    figure = draw_placement(found)
+    figure = found.plot()
     (mesh,) = figure.axes[0].collections
     assert np.ma.count(mesh.get_array()) == np.isfinite(found.worst).sum()
-    figure = draw_path(found.path)
+    figure = found.path.plot()
     assert len(figure.axes) == 2
 
 

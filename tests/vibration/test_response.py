@@ -117,7 +117,7 @@ def test_what_is_refused_and_written():
     refuses("damping ratios", Damping, -0.1)
     refuses("Rayleigh", Damping, mass=-1.0)
     response = frequency_response(found, [1.0, 2.0], 0.02)
-    lines = response.as_csv().splitlines()
+    lines = response.to_csv().splitlines()
     assert lines[0].startswith("frequency_Hz,real_x,imaginary_x")
     row = [float(x) for x in lines[2].split(",")]
     assert row[3] + 1j * row[4] == response.along([0, 1, 0])[1]

@@ -93,12 +93,12 @@ def command(
         sys.stdout.flush()
         raise click.exceptions.Exit(130) from None
 
-    from cartstiff.report.designs import describe_designs, draw_designs
+    from cartstiff.report.designs import describe_designs
 
     out.show(
         designs.to_dict(),
         str(study),
         lambda: describe_designs(designs, best),
         csv=designs.to_csv,
-        plot=lambda: draw_designs(designs),
+        plot=designs.plot,
     )

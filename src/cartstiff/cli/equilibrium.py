@@ -189,7 +189,7 @@ def command(
     if not loads:
         raise InputError("a curve needs a load", expected="--load or --payload")
 
-    from cartstiff.report.statics import describe_curve, draw_load_curve
+    from cartstiff.report.statics import describe_curve
     from cartstiff.statics.continuation import load_curve
 
     result = load_curve(elastic, start, *loads, to=curve, held=held)
@@ -197,8 +197,8 @@ def command(
         result.to_dict(),
         elastic.name,
         lambda: describe_curve(result),
-        csv=result.as_csv,
-        plot=lambda: draw_load_curve(result),
+        csv=result.to_csv,
+        plot=result.plot,
     )
 
 
@@ -233,7 +233,7 @@ def _compensate(
     out: Output,
 ) -> None:
     from cartstiff.loading.tables import read_rows
-    from cartstiff.report.statics import describe_path, draw_error_along_path
+    from cartstiff.report.statics import describe_path
     from cartstiff.statics.toolpath import compensate
 
     mechanism, wrench = elastic.mechanism, load.load
@@ -264,6 +264,6 @@ def _compensate(
         result.to_dict(),
         elastic.name,
         lambda: describe_path(result, is_written=out.csv is not None),
-        csv=result.as_csv,
-        plot=lambda: draw_error_along_path(result),
+        csv=result.to_csv,
+        plot=result.plot,
     )

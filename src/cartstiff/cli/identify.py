@@ -429,7 +429,7 @@ def command(
 
     from cartstiff.identify.identification import identify
     from cartstiff.identify.written_file import mechanism_file
-    from cartstiff.report.identification import describe_identification, draw_residuals
+    from cartstiff.report.identification import describe_identification
     from cartstiff.report.output import write_whole
 
     measured = table.read(data, elastic)
@@ -443,7 +443,7 @@ def command(
         result.to_dict(),
         robot.mechanism,
         lambda: describe_identification(result),
-        plot=lambda: draw_residuals(result),
+        plot=result.plot,
     )
 
 

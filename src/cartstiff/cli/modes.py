@@ -161,7 +161,7 @@ class Response:
         lines: list[str] = []
         made: dict[str, Any] = {}
         if self.response is not None:
-            from cartstiff.report.modes import describe_response, draw_response
+            from cartstiff.report.modes import describe_response
             from cartstiff.vibration.response import frequency_response, transmissibility
 
             low, high, count = self.response
@@ -176,11 +176,11 @@ class Response:
             data["response"] = answer.to_dict(self.direction)
             lines += describe_response(answer, self.direction)
             made = {
-                "csv": lambda: answer.as_csv(self.direction),
-                "plot": lambda: draw_response(answer, self.direction, modes),
+                "csv": lambda: answer.to_csv(self.direction),
+                "plot": lambda: answer.plot(self.direction, modes),
             }
         if self.lobes is not None and vibration.cutter is not None:
-            from cartstiff.report.modes import describe_lobes, draw_lobes, lobes_csv
+            from cartstiff.report.modes import describe_lobes, lobes_csv
             from cartstiff.vibration.chatter import MeasuredReceptance, lobes
 
             damping, units = vibration.damped, modes.elastic.units
@@ -204,7 +204,7 @@ class Response:
             lines += describe_lobes(curve, units)
             made = {
                 "csv": lambda: lobes_csv(curve, units.length),
-                "plot": lambda: draw_lobes(curve, units.length),
+                "plot": lambda: curve.plot(units.length),
             }
         return lines, made
 

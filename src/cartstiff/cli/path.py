@@ -170,8 +170,6 @@ def command(
     from cartstiff.report.statics import (
         describe_optimised_path,
         describe_placement,
-        draw_path,
-        draw_placement,
     )
     from cartstiff.toolpaths.optimise import optimise_path
     from cartstiff.toolpaths.placement import best_placement
@@ -215,21 +213,21 @@ def command(
             result.to_dict(),
             elastic.name,
             lambda: describe_optimised_path(result, is_written=is_written),
-            csv=result.as_csv,
-            plot=lambda: draw_path(result),
+            csv=result.to_csv,
+            plot=result.plot,
         )
         return
     from cartstiff.report.output import write_files
 
     with Progress("places", progress) as advance:
         placement = best_placement(elastic, path, region, progress=advance, **options)
-    write_files((plot_places, lambda: draw_placement(placement)))
+    write_files((plot_places, placement.plot))
     out.show(
         placement.to_dict(),
         elastic.name,
         lambda: describe_placement(placement, is_written=is_written),
-        csv=placement.path.as_csv,
-        plot=lambda: draw_path(placement.path),
+        csv=placement.path.to_csv,
+        plot=placement.path.plot,
     )
 
 

@@ -172,7 +172,7 @@ def workspace_command(
     elastic, q = robot.load()
 
     from cartstiff.reach.workspace import workspace
-    from cartstiff.report.reach import boundary_csv, describe_workspace, draw_workspace
+    from cartstiff.report.reach import boundary_csv, describe_workspace
 
     with Progress("poses", progress) as bar:
         reached = workspace(elastic, q, **load.keywords, **asdict(search), progress=bar)
@@ -181,7 +181,7 @@ def workspace_command(
         robot.mechanism,
         lambda: describe_workspace(reached),
         csv=lambda: boundary_csv(reached),
-        plot=lambda: draw_workspace(reached),
+        plot=reached.plot,
     )
     if strict and reached.positions is None:
         note = reached.notes[-1]

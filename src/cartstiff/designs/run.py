@@ -21,7 +21,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -39,6 +39,7 @@ from cartstiff.errors import (
     check_name,
     one_line,
 )
+from cartstiff.figures import new_figure
 from cartstiff.geometry import se3
 from cartstiff.kinematics.at_pose import COORDINATES
 from cartstiff.lazily import cached_property
@@ -58,8 +59,8 @@ from cartstiff.mechanisms.elastic import (
 from cartstiff.mechanisms.identity import Files, identity_of, require_same
 from cartstiff.mechanisms.other_units import in_units, shown_factors
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
+from cartstiff.results import LabelledResult
 
 #: Largest number of a design's poses that are analysed singly where stacks cannot decide them.
 MAX_SINGLE_POSES = 8
@@ -389,8 +390,12 @@ def _reason(state: Array, lacking: Array) -> str:
     return f"{counted(lacking)} of {len(state)} poses{also}"
 
 
+#: Largest number of panels of a picture: pairs of four objectives.
+_MAX_PANELS = 6
+
+
 @dataclass(frozen=True, repr=False)
-class Designs(ShownInLines):
+class Designs(LabelledResult):
     """Results of a study.
 
     Attributes
@@ -408,6 +413,8 @@ class Designs(ShownInLines):
     damaged : int
         Number of lines of the output that could not be read again.
     """
+
+    command: ClassVar = "design"
 
     study: Study
     home: ElasticMechanism
@@ -567,6 +574,68 @@ class Designs(ShownInLines):
             words = f"{self.damaged} damaged line(s) of the output: those designs were made again"
             notes.append(Note("damaged-lines", words, {"lines": self.damaged}))
         return notes
+
+    def plot(self) -> Any:
+        """Draw objectives against each other with the Pareto front, or one against the variables.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Feasible self dark, infeasible ones pale, the front joined by a line.
+
+        Raises
+        ------
+        InputError
+            If every design has failed.
+        """
+        names = list(self.better)
+        if all(design.state == "failed" for design in self.designs):
+            raise InputError("no design has values to draw", got="all have failed")
+        single = len(names) == 1
+        pairs = (
+            [(v, names[0]) for v in self.study.variables]
+            if single
+            else list(itertools.combinations(names, 2))
+        )
+        pairs = pairs[:_MAX_PANELS]
+        columns = min(len(pairs), 3)
+        rows = -(-len(pairs) // columns)
+        figure = new_figure(1.0 + 3.8 * columns, 0.6 + 3.2 * rows)
+        front = list(self.front)
+        feasible = np.zeros(len(self), bool)
+        feasible[list(self.feasible)] = True
+        for i, (x, y) in enumerate(pairs):
+            axis = figure.add_subplot(rows, columns, i + 1)
+            a, b = self.table(x), self.table(y)
+            axis.plot(a[~feasible], b[~feasible], "o", color="0.8", ms=4, label="infeasible")
+            axis.plot(a[feasible], b[feasible], "o", color="C0", ms=4, label="feasible")
+            order = sorted(front, key=lambda j: a[j])
+            axis.plot(
+                a[order],
+                b[order],
+                "o-" if not single and len(names) == 2 else "o",
+                color="C1",
+                ms=6,
+                lw=1.2,
+                label="best" if single else "Pareto front",
+            )
+            axis.set(xlabel=self._label(x), ylabel=self._label(y))
+            for values, direction in ((a, "x"), (b, "y")):
+                if _decades(values):
+                    axis.set(**{f"{direction}scale": "log"})
+                    own = getattr(axis, f"{direction}axis")
+                    own.set_major_formatter("{x:g}")  # texts are not read as formulas
+                    own.set_minor_formatter("")
+        figure.axes[0].legend(fontsize="small")
+        figure.suptitle(f"{len(self)} self of {self.home.name}", fontsize="medium")
+        return figure
+
+    def _label(self, name: str) -> str:
+        if name in self.study.variables:
+            return name
+        unit = self.units[name]
+        words = self.study.measures[name].words
+        return f"{name}: {words}" + (f" [{unit}]" if unit else "")
 
 
 SCHEMA = "cartstiff-designs/2"
@@ -837,3 +906,9 @@ class Record:
 
 def _sum(entry: Mapping[str, Any]) -> int:
     return zlib.crc32(json.dumps(entry, sort_keys=True).encode())
+
+
+def _decades(values: Array) -> bool:
+    """Whether values span decades."""
+    finite = values[np.isfinite(values)]
+    return bool(finite.size and finite.min() > 0 and finite.max() > 100 * finite.min())

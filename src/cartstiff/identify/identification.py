@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import permutations, product
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,9 @@ from cartstiff.errors import (
     InputError,
     UnknownNameError,
     listed,
+    printable,
 )
+from cartstiff.figures import new_figure
 from cartstiff.identify.fitting import Fit, Noise, Robust, Solved, fitted, robust_fit
 from cartstiff.identify.measurements import (
     DISPLACEMENT,
@@ -66,6 +68,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identified import CompliancePattern, Identified
 from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.results import LabelledResult
 
 #: Probability under the model below which a test is significant.
 _SIGNIFICANT = 0.01
@@ -419,8 +422,8 @@ class Rejected:
     reason: str
 
 
-@dataclass(frozen=True, eq=False)
-class Identification:
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(LabelledResult):
     """Springs found from measurements.
 
     Attributes
@@ -462,6 +465,8 @@ class Identification:
     notes : tuple of Note
         Assumptions and findings.
     """
+
+    command: ClassVar = "identify"
 
     elastic: ElasticMechanism
     unknowns: Unknowns
@@ -589,6 +594,71 @@ class Identification:
             "checks": {k: v for k, v in vars(self.checks).items() if k != "left_out"},
         }
         return described("identify", own, first, self.elastic.about(), self)
+
+    def plot(self) -> Any:
+        """Draw residuals over their standard deviation against load, posture, and time or row.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        MissingDependencyError
+            Without matplotlib.
+        """
+        measured, seen, solved = self.measured, self.model.observations, self.chosen.solved
+        force = np.linalg.norm(measured.wrench[:, 3:], axis=1) / self.elastic.units.newtons
+        weight = measured.mass * 9.81
+        moment = np.linalg.norm(measured.wrench[:, :3], axis=1)
+        load, unit = force + weight, "N" if self.elastic.units.force == "N" else "SI"
+        name = "force"
+        if not load.any():
+            load, name, unit = moment, "moment", self.elastic.units.moment
+        time = measured.time
+        has_time = not np.isnan(time).any() and np.ptp(time) > 0.0
+        standard = solved.residual / solved.deviation
+        suspect = np.isin(seen.row, self.robust.suspects)
+        figure = new_figure(9.0, 7.2)
+        axes = figure.subplots(2, 2)
+        over = (
+            (load[seen.row], f"{name} [{unit}]"),
+            (measured.postures[seen.row] + 1, "posture, in order of appearance"),
+            (
+                time[seen.row] if has_time else measured.rows[seen.row],
+                "time [s]" if has_time else "row",
+            ),
+        )
+        columns = np.array(seen.column)
+        for axis, (x, label) in zip(axes.flat[:3], over, strict=True):
+            for column in dict.fromkeys(seen.column):
+                mine = (columns == column) & ~suspect
+                axis.plot(x[mine], standard[mine], ".", label=printable(column))
+            if suspect.any():
+                axis.plot(x[suspect], standard[suspect], "x", color="tab:red", label="suspect")
+            for level in (-2.0, 0.0, 2.0):
+                axis.axhline(level, color="0.7", linewidth=0.7, zorder=0)
+            axis.set_xlabel(label)
+            axis.set_ylabel("residual over standard deviation")
+        axes.flat[0].legend(fontsize="small")
+        self._draw_stiffness(axes.flat[3])
+        return figure
+
+    def _draw_stiffness(self, axis: Any) -> None:
+        """Draw compliances with their intervals, relative to those of the mechanism's file."""
+        names: list[str] = []
+        for e, nominal in zip(self.estimates, self.unknowns.nominal, strict=True):
+            if e.compliance is None or e.interval is None or not nominal:
+                continue
+            low, high = e.interval
+            centre = e.compliance / nominal
+            wings = [[max(centre - low / nominal, 0.0)], [max(high / nominal - centre, 0.0)]]
+            axis.errorbar([centre], [len(names)], xerr=wings, fmt="o", color="tab:blue", capsize=3)
+            names.append(printable(e.name))
+        axis.set_yticks(range(len(names)), names, fontsize="small")
+        axis.invert_yaxis()
+        axis.axvline(0.0, color="0.7", linewidth=0.7)
+        axis.set_xlabel(f"compliance over the file's, {100 * self.level:g} % interval")
 
 
 def _rms(values: Array) -> float:

@@ -43,6 +43,7 @@ from cartstiff.identify.unknowns import (
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.results import LabelledResult
 
 
 def _check_columns(names: Iterable[str], what_for: str) -> None:
@@ -357,8 +358,8 @@ _SHARES = tuple(0.1 * 0.6**k for k in range(8))
 _LEAST_DISTANCE = 0.02
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(LabelledResult):
     """Rows to be measured, and the predicted intervals.
 
     Attributes

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,6 +33,7 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.potentials.flexure_struts import FlexureStruts
+from cartstiff.results import LabelledResult
 from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.vibration.modes import modes
@@ -240,7 +241,7 @@ _DEFAULT_STARTS = 64
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class AssemblyModes(ShownInLines):
+class AssemblyModes(LabelledResult):
     """Assembly modes of a mechanism, and how completely they are known.
 
     Attributes
@@ -259,6 +260,8 @@ class AssemblyModes(ShownInLines):
     found : int
         Number of modes that were found; with ``every=False`` more than are listed.
     """
+
+    command: ClassVar = "assemble"
 
     elastic: ElasticMechanism
     given: Mapping[str, float]

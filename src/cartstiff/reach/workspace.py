@@ -45,7 +45,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations, product
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -57,6 +57,7 @@ from cartstiff.checked_call import checked
 from cartstiff.choices import TENSIONS, Distribution
 from cartstiff.described import described
 from cartstiff.errors import InputError
+from cartstiff.figures import new_figure
 from cartstiff.geometry import se3
 from cartstiff.kinematics.architecture import architecture_of, orientation_rank
 from cartstiff.kinematics.at_pose import COORDINATES, at_poses
@@ -65,10 +66,10 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic, gravity_loads
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.potentials.flexure_struts import FlexureStruts, ideal_joints_only
 from cartstiff.potentials.line_springs import LineSprings, lines_of_many
+from cartstiff.results import LabelledResult
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, checked_load
 
 
@@ -1009,7 +1010,7 @@ def singular_note(margins: Margins, pose: Array) -> Note | None:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Workspace(ShownInLines):
+class Workspace(LabelledResult):
     """Workspace of a platform or a body on legs: positions at one orientation, and rotations.
 
     Attributes
@@ -1044,6 +1045,8 @@ class Workspace(ShownInLines):
     notes : tuple of Note
         Assumptions, and results that do not exist.
     """
+
+    command: ClassVar = "workspace"
 
     elastic: ElasticMechanism
     pose: Array
@@ -1141,6 +1144,40 @@ class Workspace(ShownInLines):
         }
         elastic = self.elastic
         return described("workspace", own, elastic.about(), gravity_loads(elastic).to_dict(), self)
+
+    def plot(self) -> Any:
+        """Draw the boundary in space and along three axes, by the limit that is reached there."""
+        figure = new_figure(11.0, 8.0)
+        from matplotlib import colormaps
+
+        unit, places = self.elastic.units.length, self.boundary
+        names = [] if self.positions is None else [edge[3] for edge in self.positions.edges]
+        kinds = sorted(set(names))
+        colours = colormaps["tab20"].colors  # type: ignore[attr-defined]
+        labels = [f"{name} [{unit if name in 'xyz' else 'rad'}]" for name in self.axes]
+        is_place = self.axes == ("x", "y", "z")
+        for position, plane in enumerate(((0, 1, 2), (0, 1), (0, 2), (1, 2)), start=1):
+            axis = figure.add_subplot(2, 2, position, projection="3d" if len(plane) == 3 else None)
+            for k, kind in enumerate(kinds):
+                own = np.array([name == kind for name in names])
+                axis.scatter(*places[own][:, plane].T, s=4, color=colours[k % 20], label=kind)
+            if len(plane) == 3 and self.singular is not None and len(self.singular.surface):
+                axis.scatter(*self.singular.surface.T, s=1, color="0.6", label="singular surface")
+            for i, name in zip(plane, "xyz", strict=False):
+                getattr(axis, f"set_{name}label")(labels[i])
+            if is_place:
+                axis.set_aspect("equal", adjustable="datalim" if len(plane) == 2 else "box")
+        if kinds:
+            figure.legend(
+                *axis.get_legend_handles_labels(),
+                loc="outside lower center",
+                ncols=4,
+                fontsize=7,
+                markerscale=3,
+            )
+        words = "boundary with one orientation" if is_place else "boundary"
+        figure.suptitle(f"{self.elastic.name}: {words}, and the limit that cuts")
+        return figure
 
 
 @checked

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import itertools
 from collections import Counter
-from typing import Any
 
 import numpy as np
 
-from cartstiff.arrays import Array
 from cartstiff.designs.run import Designs
-from cartstiff.errors import InputError, joined
-from cartstiff.figures import new_figure
+from cartstiff.errors import joined
 from cartstiff.mechanisms.elastic import gravity_loads
 from cartstiff.report.layout import body_frame, note_lines, number, table
 
 #: Largest number of reasons listed.
 _MAX_REASONS = 5
-#: Largest number of panels of a picture: pairs of four objectives.
-_MAX_PANELS = 6
 
 
 def describe_designs(designs: Designs, best: int = 10) -> str:
@@ -104,78 +98,3 @@ def _reasons(answer: Designs, state: str) -> list[str]:
     lines = [f"  {n:>5}  {reason} (design {first[reason] + 1})" for reason, n in reasons]
     more = len(first) - len(reasons)
     return [*lines, *([f"         ... {more} other reasons"] if more > 0 else [])]
-
-
-def draw_designs(designs: Designs) -> Any:
-    """Draw objectives against each other with the Pareto front, or one against the variables.
-
-    Parameters
-    ----------
-    designs : Designs
-        The study's designs.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Feasible designs dark, infeasible ones pale, the front joined by a line.
-
-    Raises
-    ------
-    InputError
-        If every design has failed.
-    """
-    names = list(designs.better)
-    if all(design.state == "failed" for design in designs.designs):
-        raise InputError("no design has values to draw", got="all have failed")
-    single = len(names) == 1
-    pairs = (
-        [(v, names[0]) for v in designs.study.variables]
-        if single
-        else list(itertools.combinations(names, 2))
-    )
-    pairs = pairs[:_MAX_PANELS]
-    columns = min(len(pairs), 3)
-    rows = -(-len(pairs) // columns)
-    figure = new_figure(1.0 + 3.8 * columns, 0.6 + 3.2 * rows)
-    front = list(designs.front)
-    feasible = np.zeros(len(designs), bool)
-    feasible[list(designs.feasible)] = True
-    for i, (x, y) in enumerate(pairs):
-        axis = figure.add_subplot(rows, columns, i + 1)
-        a, b = designs.table(x), designs.table(y)
-        axis.plot(a[~feasible], b[~feasible], "o", color="0.8", ms=4, label="infeasible")
-        axis.plot(a[feasible], b[feasible], "o", color="C0", ms=4, label="feasible")
-        order = sorted(front, key=lambda j: a[j])
-        axis.plot(
-            a[order],
-            b[order],
-            "o-" if not single and len(names) == 2 else "o",
-            color="C1",
-            ms=6,
-            lw=1.2,
-            label="best" if single else "Pareto front",
-        )
-        axis.set(xlabel=_label(designs, x), ylabel=_label(designs, y))
-        for values, direction in ((a, "x"), (b, "y")):
-            if _decades(values):
-                axis.set(**{f"{direction}scale": "log"})
-                own = getattr(axis, f"{direction}axis")
-                own.set_major_formatter("{x:g}")  # texts are not read as formulas
-                own.set_minor_formatter("")
-    figure.axes[0].legend(fontsize="small")
-    figure.suptitle(f"{len(designs)} designs of {designs.home.name}", fontsize="medium")
-    return figure
-
-
-def _label(designs: Designs, name: str) -> str:
-    if name in designs.study.variables:
-        return name
-    unit = designs.units[name]
-    words = designs.study.measures[name].words
-    return f"{name}: {words}" + (f" [{unit}]" if unit else "")
-
-
-def _decades(values: Array) -> bool:
-    """Whether values span decades."""
-    finite = values[np.isfinite(values)]
-    return bool(finite.size and finite.min() > 0 and finite.max() > 100 * finite.min())

@@ -12,7 +12,6 @@ from cartstiff import numerics
 from cartstiff.arrays import csv_text
 from cartstiff.choices import AXES_WORDS, ORDERS
 from cartstiff.errors import joined, one_line
-from cartstiff.figures import new_figure
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.report.layout import COSINES, body_frame, note_lines, number, percent, table, vector
 from cartstiff.stiffness.tensor import format_matrix
@@ -341,90 +340,3 @@ def describe_impedance(answer: Impedance, shown: Mapping[str, Any], units: Units
     if answer.dropped:
         lines.append(f"  antisymmetric part dropped: {percent(answer.dropped)}")
     return lines
-
-
-def draw_response(
-    response: FrequencyResponse, direction: ArrayLike | None = None, modes: Modes | None = None
-) -> Any:
-    """Draw a Bode diagram: size and phase of each curve, frequencies of the modes as thin lines.
-
-    Parameters
-    ----------
-    response : FrequencyResponse
-        The response.
-    direction : array_like (3,), optional
-        Direction of a single curve; default x, y and z.
-    modes : Modes, optional
-        Modes whose frequencies are marked.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    MissingDependencyError
-        Without matplotlib.
-    """
-    figure = new_figure(7.0, 5.0)
-    size, phase = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-    for name, values in response.curves(direction).items():
-        shown = np.where(np.abs(values) > 0.0, np.abs(values), np.nan)
-        if np.isfinite(shown).any():
-            size.semilogy(response.frequencies, shown, label=name)
-            phase.plot(response.frequencies, np.degrees(np.angle(values)))
-    for f in [] if modes is None else modes.frequencies:
-        if response.frequencies[0] <= f <= response.frequencies[-1]:
-            for axis in (size, phase):
-                axis.axvline(f, color="0.8", linewidth=0.8, zorder=0)
-    if response.frequencies[0] > 0.0:
-        size.set_xscale("log")
-        phase.xaxis.set_major_formatter("{x:g}")
-        phase.xaxis.set_minor_formatter("{x:g}" if _is_narrow(response.frequencies) else "")
-    size.yaxis.set_major_formatter("{x:.0e}")
-    size.set(ylabel=f"{response.kind} [{response.unit}]")
-    phase.set(
-        xlabel="frequency [Hz]",
-        ylabel="phase [deg]",
-        ylim=(-190, 190),
-        yticks=[-180, -90, 0, 90, 180],
-    )
-    if size.get_legend_handles_labels()[0]:
-        size.legend()
-    return figure
-
-
-def draw_lobes(curve: Lobes, unit: str) -> Any:
-    """Draw the limiting depth over the spindle's speed, and the depth stable at every speed.
-
-    Parameters
-    ----------
-    curve : Lobes
-        By the zeroth-order theory.
-    unit : str
-        Unit of the depths.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    MissingDependencyError
-        Without matplotlib.
-    """
-    figure = new_figure(7.0, 4.0)
-    axis = figure.subplots()
-    depths = np.where(np.isfinite(curve.depths), curve.depths, np.nan)
-    axis.plot(curve.speeds, depths, label="zeroth order")
-    if np.isfinite(curve.least):
-        axis.axhline(curve.least, color="0.6", linestyle="--", label="stable at every speed")
-    axis.set(xlabel="speed [rev/min]", ylabel=f"limiting depth [{unit}]")
-    axis.set_ylim(bottom=0.0)
-    axis.legend()
-    return figure
-
-
-def _is_narrow(frequencies: np.ndarray) -> bool:
-    """Whether a logarithmic axis would have only one or two labels."""
-    return bool(frequencies[-1] < 10.0 * frequencies[0])

@@ -27,6 +27,7 @@ from cartstiff import numerics
 from cartstiff.arrays import Result, csv_text, plain_dict
 from cartstiff.checked_call import checked
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
+from cartstiff.figures import new_figure
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import (
     ElasticMechanism,
@@ -39,6 +40,7 @@ from cartstiff.mechanisms.other_units import shown
 from cartstiff.notes import Note
 from cartstiff.numerics import FREE_MOTION_STIFFNESS
 from cartstiff.potentials.contract import Evaluation, Potential
+from cartstiff.results import LabelledResult
 from cartstiff.statics.held import Held, displacement_between, shown_displacements
 from cartstiff.statics.newton import solve
 from cartstiff.statics.problem import (
@@ -411,8 +413,8 @@ def _named(state: CurvePoint, stiffest: float) -> CriticalPoint:
 Reason = Literal["factor-reached", "factor-left", "points-reached", "limit-contact", "lost"]
 
 
-@dataclass(frozen=True, eq=False)
-class LoadCurve(Result):
+@dataclass(frozen=True, eq=False, repr=False)
+class LoadCurve(Result, LabelledResult):
     """Equilibria along a growing (and perhaps falling) load.
 
     Attributes
@@ -515,13 +517,79 @@ class LoadCurve(Result):
         }
         return plain_dict(data)
 
-    def as_csv(self) -> str:
+    def to_csv(self) -> str:
         """Factor, coordinates, displacement, linear prediction, eigenvalue: one line a point."""
         heads, moved = shown_displacements(self.elastic.units, self.displacement, "")
         linear_heads, linear = shown_displacements(self.elastic.units, self.linear, "linear_")
         names = ["factor", *self.elastic.names_with_units, *heads, *linear_heads, "eigenvalue"]
         q = shown(self.elastic, self.q)
         return csv_text(np.column_stack([self.factors, q, moved, linear, self.eigenvalue]), names)
+
+    def plot(self, *, rotation: bool = False) -> Any:
+        """Draw load factor over displacement with stability, critical loads and linear prediction.
+
+        Parameters
+        ----------
+        rotation : bool
+            Show the rotation angle instead of the distance.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            See `cartstiff.report.output.save_figure`.
+
+        Raises
+        ------
+        MissingDependencyError
+            Without matplotlib.
+        """
+        figure = new_figure()
+        axes = figure.subplots()
+        part = slice(0, 3) if rotation else slice(3, 6)
+        units = self.elastic.units
+        unit, per = (units.shown_angle, units.shown_per_radian) if rotation else (units.length, 1.0)
+        size = per * np.linalg.norm(self.displacement[:, part], axis=1)
+        kinds = ((True, "-", "stable"), (False, "--", "unstable"), (None, "-.", "not decided"))
+        for verdict, style, label in kinds:
+            shown = np.array([s is verdict for s in self.stable])
+            # Each part includes the neighbouring points, so that the line has no gaps.
+            near = shown.copy()
+            near[1:] |= shown[:-1]
+            near[:-1] |= shown[1:]
+            if shown.any():
+                axes.plot(
+                    np.where(near, size, np.nan),
+                    np.where(near, self.factors, np.nan),
+                    style,
+                    color="C0",
+                    label=label,
+                )
+        last = int(np.argmax(np.abs(self.factors)))
+        linear = per * float(np.linalg.norm(self.linear[last, part]))
+        if np.isfinite(linear):
+            # Only as far as the curve, to keep its scale.
+            share = min(1.0, 1.1 * float(size.max()) / max(linear, numerics.TINY))
+            axes.plot(
+                [0.0, share * linear],
+                [0.0, share * self.factors[last]],
+                ":",
+                color="0.4",
+                label="linear",
+            )
+        for point in self.critical:
+            axes.axhline(point.factor, color="C3", linewidth=0.8)
+            axes.annotate(
+                f"{point.kind} {point.factor:.6g}",
+                (0.02, point.factor),
+                xycoords=("axes fraction", "data"),
+                va="bottom",
+                color="C3",
+            )
+        axes.set_xlabel(f"{'rotation' if rotation else 'displacement'} of the body frame [{unit}]")
+        axes.set_ylabel("load factor")
+        axes.set_title(self.elastic.name)
+        axes.legend()
+        return figure
 
 
 # A step whose direction changes by more than this cosine is halved, down to the smallest step.

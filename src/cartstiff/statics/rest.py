@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -30,12 +30,12 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.elements import Elements, law_of
 from cartstiff.mechanisms.identified import CompliancePattern
 from cartstiff.mechanisms.limits import deflection_notes, force_notes, limit_notes, limits_of
-from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.numerics import FREE_MOTION_STIFFNESS
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Load
 from cartstiff.potentials.springs import JointSprings
+from cartstiff.results import LabelledResult
 from cartstiff.statics.continuation import load_curve
 from cartstiff.statics.held import displacement_between
 from cartstiff.statics.newton import Solution, solve
@@ -353,7 +353,7 @@ class Reactions:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Equilibrium(Result, ShownInLines):
+class Equilibrium(Result, LabelledResult):
     """A state in which all forces balance.
 
     Attributes
@@ -386,6 +386,8 @@ class Equilibrium(Result, ShownInLines):
     reactions : Reactions
         Forces of held components, limits and closures.
     """
+
+    command: ClassVar = "equilibrium"
 
     elastic: ElasticMechanism
     loads: tuple[Potential, ...]
@@ -485,6 +487,10 @@ class Equilibrium(Result, ShownInLines):
             f"  moved  {numbers_text(moved)} {self.elastic.units.length} since the start, in F",
             f"  notes  {codes_of(self.notes)}",
         ]
+
+    def plot(self) -> Any:
+        """Draw how far M moves under a small added unit force: see `PostureStiffness.plot`."""
+        return self.stiffness.plot()
 
     @property
     def pose(self) -> Array:

@@ -29,6 +29,7 @@ from cartstiff.errors import (
     UndefinedError,
     UnknownNameError,
 )
+from cartstiff.figures import new_figure
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import (
     ElasticMechanism,
@@ -42,6 +43,7 @@ from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
+from cartstiff.results import LabelledResult
 from cartstiff.statics.equilibrium import Equilibrium, equilibrium
 from cartstiff.statics.held import Held, displacement_between, shown_displacements
 from cartstiff.statics.problem import System
@@ -51,8 +53,8 @@ from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.stiffness.settled_links import settled
 
 
-@dataclass(frozen=True, eq=False)
-class CompensatedPath:
+@dataclass(frozen=True, eq=False, repr=False)
+class CompensatedPath(LabelledResult):
     """Commands along a path, and the errors without and with them.
 
     Attributes
@@ -147,7 +149,7 @@ class CompensatedPath:
         }
         return plain_dict(data)
 
-    def as_csv(self) -> str:
+    def to_csv(self) -> str:
         """Commands after and before (taught), errors, postures wanted, one line a point."""
         elastic, names, columns = self.elastic, list[str](), list[Array]()
         factors, units = (
@@ -166,6 +168,34 @@ class CompensatedPath:
             heads, values = shown_displacements(elastic.units, self.deviation, "after_sd_")
             names, columns = [*names, *heads], [*columns, values]
         return csv_text(np.column_stack(columns), names)
+
+    def plot(self) -> Any:
+        """Draw the loaded end-effector's errors before and after compensation, point by point.
+
+        Raises
+        ------
+        MissingDependencyError
+            Without matplotlib.
+        """
+        figure = new_figure(6.4, 7.2)
+        axes = figure.subplots(2, 1, sharex=True)
+        points = np.arange(1, len(self.q) + 1)
+        units, size = self.elastic.units, self.elastic.mechanism.at(self.q[0]).length
+        parts = (
+            (slice(3, 6), units.length, "translation", 1.0),
+            (slice(0, 3), units.shown_angle, "rotation", units.shown_per_radian),
+        )
+        for axis, (part, unit, name, per) in zip(axes, parts, strict=True):
+            for errors, label in ((self.before, "before"), (self.after, "after")):
+                # A logarithmic axis has no zero: the round-off of poses takes its place.
+                least = numerics.ROUNDOFF * (size if unit == units.length else 1.0)
+                error = np.maximum(np.linalg.norm(errors[:, part], axis=1), least)
+                axis.semilogy(points, per * error, "o-", markersize=3, label=label)
+            axis.set_ylabel(f"{name} error [{unit}]")
+            axis.legend()
+        axes[-1].set_xlabel("point of the path")
+        axes[0].set_title(self.elastic.name)
+        return figure
 
 
 AGAINST = ("load", "all")

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,15 +30,16 @@ from cartstiff.arrays import (
     read_only,
 )
 from cartstiff.errors import UndefinedError, UnknownNameError
+from cartstiff.figures import new_figure
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import BI_INVARIANT, NAMED, Connection
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import MechanismPosture, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
-from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
+from cartstiff.results import LabelledResult
 from cartstiff.stiffness import posture_notes
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind
 from cartstiff.stiffness.flat_chart import FlatChart, flat_chart, flat_connection, pose_by_chart
@@ -168,7 +169,7 @@ _HERE = np.eye(4).tobytes()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PostureStiffness(ShownInLines):
+class PostureStiffness(LabelledResult):
     """Everything known about a mechanism's stiffness at one posture.
 
     Attributes
@@ -186,6 +187,8 @@ class PostureStiffness(ShownInLines):
     load : LoadKind
         Behaviour of the load while the body moves, and its point of application.
     """
+
+    command: ClassVar = "analyse"
 
     elastic: ElasticMechanism
     q: Array
@@ -215,6 +218,39 @@ class PostureStiffness(ShownInLines):
             + f" in {elastic.units.force} and {elastic.units.length}: .A .B .K .F, .matrices",
             f"  notes    {codes_of(self.notes)}",
         ]
+
+    def plot(self) -> Any:
+        """Draw how far M moves under a unit force of any direction, in the planes of its axes.
+
+        The curves are the outlines of the ellipsoid ``{C f : |f| = 1}`` of the translational block
+        C of `compliance`; all other freedoms are free.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        UndefinedError
+            Where this compliance does not exist.
+        MissingDependencyError
+            Without matplotlib.
+        """
+        block = self.compliance.matrix[3:, 3:]
+        squares = block @ block.T
+        angle = np.linspace(0.0, 2.0 * np.pi, 181)
+        figure = new_figure(10.0, 3.8)
+        for axis, plane in zip(figure.subplots(1, 3), ([0, 1], [0, 2], [1, 2]), strict=True):
+            values, vectors = np.linalg.eigh(squares[np.ix_(plane, plane)])
+            outline = vectors * np.sqrt(values.clip(0.0))
+            axis.plot(*(outline @ [np.cos(angle), np.sin(angle)]))
+            axis.set_aspect("equal", adjustable="datalim")
+            unit = f"{self.units.length}/{self.units.force}"
+            labels = (f"{'xyz'[i]} of M [{unit}]" for i in plane)
+            axis.set(**dict(zip(("xlabel", "ylabel"), labels, strict=True)))
+            axis.ticklabel_format(scilimits=(-3, 3))
+        figure.suptitle(f"{self.elastic.name}: displacement of M under a unit force")
+        return figure
 
     def _repr_html_(self) -> str:
         lines = super()._repr_html_()

@@ -526,7 +526,7 @@ class StiffnessTensor(LabelledMatrix):
         """JSON text with full double precision."""
         return json.dumps(self.to_dict())
 
-    def as_csv(self) -> str:
+    def to_csv(self) -> str:
         """The matrix as CSV at full double precision, with a comment line saying what it is."""
         buffer = io.StringIO()
         (a, b), (c, d) = self.block_units
@@ -549,7 +549,7 @@ class StiffnessTensor(LabelledMatrix):
         if path.suffix == ".json":
             path.write_text(self.as_json() + "\n", encoding="utf-8")
         elif path.suffix == ".csv":
-            path.write_text(self.as_csv(), encoding="utf-8")
+            path.write_text(self.to_csv(), encoding="utf-8")
         elif path.suffix == ".npz":
             np.savez(
                 path,

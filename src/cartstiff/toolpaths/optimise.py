@@ -35,6 +35,7 @@ from cartstiff.batch.quantities import QUANTITIES, Quantity, Settings
 from cartstiff.batch.vibrations import ManyModes
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError, check_name, checked_kind
+from cartstiff.figures import new_figure
 from cartstiff.geometry import se3
 from cartstiff.kinematics.joint_poses import SAME, Free, JointPoses, PlatformPoses, distinct
 from cartstiff.loading.collisions import NOT_CHECKED, Collisions
@@ -47,6 +48,7 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 from cartstiff.numerics import NEAR_SINGULARITY
 from cartstiff.potentials.line_springs import line_geometry
+from cartstiff.results import LabelledResult
 from cartstiff.stiffness.applied_load import LoadKind, checked_load
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.stiffness.tensor import COMPONENTS
@@ -775,8 +777,8 @@ class ConstantChoice:
     values: Array
 
 
-@dataclass(frozen=True, eq=False)
-class OptimisedPath:
+@dataclass(frozen=True, eq=False, repr=False)
+class OptimisedPath(LabelledResult):
     """Postures along a path, and the stiffness they have there.
 
     Attributes
@@ -949,7 +951,7 @@ class OptimisedPath:
             return None
         return self.path.wrenches_in_body(np.arange(len(self.path)), self.poses, self.load.at)
 
-    def as_csv(self) -> str:
+    def to_csv(self) -> str:
         """One line per point: coordinates, wrench, free angle, criterion, singular value ratio.
 
         `cartstiff equilibrium --path`, `view --trajectory`, `map --trajectory` and `poses` read it.
@@ -969,6 +971,67 @@ class OptimisedPath:
             columns.append(self.constant.values[:, None])
             names.append(f"{self.criterion.name}_constant{unit}")
         return csv_text(np.hstack(columns), names)
+
+    def plot(self) -> Any:
+        """Draw the criterion along the path, optimised and with a constant choice, and the choice.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            See `cartstiff.report.output.save_figure`.
+
+        Raises
+        ------
+        MissingDependencyError
+            Without matplotlib.
+        """
+        chosen = self._choice()
+        figure = new_figure(6.4, 4.2 if chosen is None else 6.0)
+        axes = np.atleast_1d(figure.subplots(1 if chosen is None else 2, 1, sharex=True))
+        points = np.arange(1, len(self.q) + 1)
+        if self.constant is not None:
+            axes[0].plot(
+                points,
+                self.constant.values,
+                "s--",
+                color="0.5",
+                markersize=3,
+                label="best constant choice",
+            )
+        axes[0].plot(points, self.values, "o-", color="C0", markersize=3, label="optimised")
+        better = self.criterion.better
+        axes[0].set_ylabel(f"{self.criterion.name} [{self.unit}], {better} is better")
+        axes[0].set_ylim(bottom=0)
+        axes[0].legend()
+        axes[0].set_title(f"{self.elastic.name}: {self.criterion.description}", fontsize="medium")
+        if chosen is not None:
+            label, values, constant = chosen
+            if constant is not None:
+                axes[1].axhline(constant, linestyle="--", color="0.5")
+            axes[1].plot(points, values, "o-", color="C0", markersize=3)
+            axes[1].set_ylabel(label)
+        axes[-1].set_xlabel("point of the path")
+        axes[-1].locator_params(axis="x", integer=True)
+        return figure
+
+    def _choice(self) -> tuple[str, np.ndarray[Any, Any], float | None] | None:
+        """Return label, values and best constant value of the free choice along the path."""
+        constant = {} if self.constant is None else self.constant.choice
+        if self.angles is not None:
+            angle = constant.get("angle")
+            if angle is not None:  # in the turn in which the path is
+                angle += 2 * np.pi * np.round((self.angles.mean() - angle) / (2 * np.pi))
+            return (
+                f"turn about the tool's {self.free} axis [deg]",
+                np.degrees(self.angles),
+                None if angle is None else float(np.degrees(angle)),
+            )
+        if self.joint is not None:
+            j = self.elastic.names.index(self.joint)
+            is_length = self.elastic.mechanism.coordinates[j].is_length
+            unit = self.elastic.units.coordinate(is_length)
+            return f"{self.joint} [{unit}]", self.q[:, j], constant.get("position")
+        return None
 
 
 #: Distance in characteristic lengths beyond which a point suggests another unit of length.

@@ -19,8 +19,10 @@ from cartstiff.errors import (
     checked_kind,
     imported,
 )
+from cartstiff.figures import new_figure
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.results import LabelledResult
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.toolpaths.optimise import OptimisedPath, optimise_path
 from cartstiff.toolpaths.tool_path import ToolPath
@@ -35,8 +37,8 @@ def workpiece_pose(place: Mapping[str, float]) -> Array:
     return se3.from_roll_pitch_yaw([x, y, z], [0.0, 0.0, yaw])
 
 
-@dataclass(frozen=True, eq=False)
-class Placement:
+@dataclass(frozen=True, eq=False, repr=False)
+class Placement(LabelledResult):
     """Comparison of places of the workpiece, and the best one.
 
     Attributes
@@ -86,7 +88,7 @@ class Placement:
         }
         return plain_dict(data)
 
-    def as_dataset(self) -> Any:
+    def to_dataset(self) -> Any:
         """The grid as an xarray Dataset, with units as attributes.
 
         Raises
@@ -116,6 +118,56 @@ class Placement:
                 **{f"best_{name}": value for name, value in self.place.items()},
             },
         )
+
+    def plot(self) -> Any:
+        """Draw the worst value of the criterion over one or two coordinates of the places.
+
+        For more coordinates it is the slice of the grid nearest to the best place. Crosses mark
+        places from which the path cannot be followed.
+
+        Raises
+        ------
+        MissingDependencyError
+            Without matplotlib.
+        """
+        names = [n for n, values in self.axes.items() if len(values) > 1]
+        shown, units = names[:2], self.path.elastic.units
+        index = tuple(
+            slice(None) if n in shown else int(np.argmin(np.abs(v - self.place[n])))
+            for n, v in self.axes.items()
+        )
+        worst = self.worst[index]
+        label = f"worst {self.path.criterion.name} [{self.path.unit}]"
+        titles = [f"workpiece {n} [{'rad' if n == 'yaw' else units.length}]" for n in shown]
+        figure = new_figure(6.4, 4.6)
+        axes = figure.subplots()
+        if len(shown) < 2:
+            values = self.axes[shown[0]] if shown else np.zeros(1)
+            axes.plot(values, np.atleast_1d(worst), "o-")
+            for value in values[np.isnan(np.atleast_1d(worst))]:
+                axes.axvline(value, color="0.8")
+            axes.set_ylabel(label)
+        else:
+            x, y = (self.axes[n] for n in shown)
+            mesh = axes.pcolormesh(
+                x, y, np.ma.masked_invalid(worst.T), shading="nearest", cmap="cividis"
+            )
+            figure.colorbar(mesh, ax=axes, label=label)
+            i, j = np.nonzero(np.isnan(worst))
+            axes.plot(x[i], y[j], "x", color="0.4", label="cannot be followed")
+            axes.plot(
+                self.place[shown[0]],
+                self.place[shown[1]],
+                "*",
+                color="C3",
+                markersize=14,
+                label="best place",
+            )
+            axes.set_ylabel(titles[1])
+            figure.legend(loc="outside lower center", ncols=2)
+        axes.set_xlabel(titles[0] if titles else "workpiece")
+        axes.set_title(self.path.elastic.name)
+        return figure
 
 
 @checked

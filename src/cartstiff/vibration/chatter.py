@@ -34,11 +34,13 @@ from cartstiff.arrays import (
     fixed,
 )
 from cartstiff.errors import CartstiffError, InputError, one_line
+from cartstiff.figures import new_figure
 from cartstiff.loading.tables import read_response
 from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.springs import CoupledSprings
+from cartstiff.results import LabelledResult
 from cartstiff.vibration.modes import Modes, modes
 from cartstiff.vibration.response import Damping, motion_at, transfer
 
@@ -199,8 +201,8 @@ class MeasuredReceptance:
         return cls(hertz, parts * (length / force))
 
 
-@dataclass(frozen=True, eq=False)
-class Lobes(Result):
+@dataclass(frozen=True, eq=False, repr=False)
+class Lobes(Result, LabelledResult):
     """Limits of stability over the spindle's speed.
 
     Attributes
@@ -222,6 +224,34 @@ class Lobes(Result):
     chatter: Array
     least: float
     assumed: str = ""
+
+    def plot(self, unit: str) -> Any:
+        """Draw the limiting depth over the spindle's speed, and the depth stable at every speed.
+
+        Parameters
+        ----------
+        unit : str
+            Unit of the depths.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        MissingDependencyError
+            Without matplotlib.
+        """
+        figure = new_figure(7.0, 4.0)
+        axis = figure.subplots()
+        depths = np.where(np.isfinite(self.depths), self.depths, np.nan)
+        axis.plot(self.speeds, depths, label="zeroth order")
+        if np.isfinite(self.least):
+            axis.axhline(self.least, color="0.6", linestyle="--", label="stable at every speed")
+        axis.set(xlabel="speed [rev/min]", ylabel=f"limiting depth [{unit}]")
+        axis.set_ylim(bottom=0.0)
+        axis.legend()
+        return figure
 
 
 def _limits(

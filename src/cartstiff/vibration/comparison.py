@@ -20,14 +20,15 @@ from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.results import LabelledResult
 from cartstiff.vibration.modes import Modes
 
 #: Models to compare: stiffness matrices, the tangent under the load, and the full problem.
 COMPARED = ("A", "B", "K", "F", "load", "energy")
 
 
-@dataclass(frozen=True, eq=False)
-class Shortcut(Result):
+@dataclass(frozen=True, eq=False, repr=False)
+class Shortcut(Result, LabelledResult):
     """Frequencies of a stiffness matrix at the tip.
 
     Attributes

@@ -24,6 +24,7 @@ from cartstiff.choices import Axes, Order
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry.connections import NAMED
 from cartstiff.mechanisms.contract import SI, convert_length
+from cartstiff.results import LabelledResult
 from cartstiff.stiffness.tensor import StiffnessTensor
 from cartstiff.vibration.comparison import mass_at_tip
 from cartstiff.vibration.modes import Modes
@@ -150,8 +151,8 @@ _PRINTED = [
 ]
 
 
-@dataclass(frozen=True, eq=False)
-class Impedance(Result):
+@dataclass(frozen=True, eq=False, repr=False)
+class Impedance(Result, LabelledResult):
     """A controller's stiffness and damping at a posture.
 
     Attributes

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,16 +25,17 @@ from cartstiff.arrays import Array, Result, checked_input, fixed, plain
 from cartstiff.checked_call import checked
 from cartstiff.described import described
 from cartstiff.errors import InputError, UndefinedError, checked_kind
+from cartstiff.figures import new_figure
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import LENGTHS, MechanismPosture, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, without_mass
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.springs import JointSprings
+from cartstiff.results import LabelledResult
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.statics.small_motions import Spectrum, kinetic_matrix, spectrum_of
 from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
@@ -204,7 +205,7 @@ def notes_on_states(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Modes(Result, ShownInLines):
+class Modes(Result, LabelledResult):
     """Small vibrations about a rest state.
 
     Attributes
@@ -224,6 +225,8 @@ class Modes(Result, ShownInLines):
         The equilibrium, for modes of a mechanism that came to rest by itself.
     """
 
+    command: ClassVar = "modes"
+
     elastic: ElasticMechanism
     posture: MechanismPosture
     basis: Array
@@ -241,6 +244,26 @@ class Modes(Result, ShownInLines):
             f"  frequencies  {shown} Hz",
             f"  notes        {codes_of(self.notes)}",
         ]
+
+    def plot(self) -> Any:
+        """Draw the natural frequencies of the modes.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        MissingDependencyError
+            Without matplotlib.
+        """
+        figure = new_figure()
+        axes = figure.subplots()
+        axes.barh(range(1, len(self.frequencies) + 1), self.frequencies)
+        axes.set(xlabel="natural frequency [Hz]", ylabel="mode", title=self.elastic.name)
+        axes.locator_params(axis="y", integer=True)
+        axes.invert_yaxis()
+        return figure
 
     @cached_property
     def result(self) -> PostureStiffness | None:

@@ -35,12 +35,14 @@ from cartstiff.arrays import (
 )
 from cartstiff.choices import RESPONSES
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.figures import new_figure
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.notes import Note
 from cartstiff.potentials.springs import JointSprings
+from cartstiff.results import LabelledResult
 from cartstiff.vibration.modes import Modes
 
 
@@ -167,8 +169,8 @@ def poles(modes: Modes, damping: Damping) -> tuple[Array, Array]:
     return upper.imag / (2 * np.pi), -upper.real / np.abs(upper)
 
 
-@dataclass(frozen=True, eq=False)
-class FrequencyResponse(Result):
+@dataclass(frozen=True, eq=False, repr=False)
+class FrequencyResponse(Result, LabelledResult):
     """A response over frequency.
 
     Attributes
@@ -212,7 +214,7 @@ class FrequencyResponse(Result):
             return "1"
         return f"{self.units.length}{per[RESPONSES[self.kind]]}/{self.units.force}"
 
-    def as_csv(self, direction: ArrayLike | None = None) -> str:
+    def to_csv(self, direction: ArrayLike | None = None) -> str:
         """Columns: frequency, then real and imaginary part along x, y, z or along a direction."""
         names, columns = ["frequency_Hz"], [self.frequencies]
         for name, values in self.curves(direction).items():
@@ -241,6 +243,52 @@ class FrequencyResponse(Result):
             "notes": self.notes,
         }
         return plain_dict(data)
+
+    def plot(self, direction: ArrayLike | None = None, modes: Modes | None = None) -> Any:
+        """Draw a Bode diagram: size and phase of each curve, with thin lines at the modes.
+
+        Parameters
+        ----------
+        direction : array_like (3,), optional
+            Direction of a single curve; default x, y and z.
+        modes : Modes, optional
+            Modes whose frequencies are marked.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        MissingDependencyError
+            Without matplotlib.
+        """
+        figure = new_figure(7.0, 5.0)
+        size, phase = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
+        for name, values in self.curves(direction).items():
+            shown = np.where(np.abs(values) > 0.0, np.abs(values), np.nan)
+            if np.isfinite(shown).any():
+                size.semilogy(self.frequencies, shown, label=name)
+                phase.plot(self.frequencies, np.degrees(np.angle(values)))
+        for f in [] if modes is None else modes.frequencies:
+            if self.frequencies[0] <= f <= self.frequencies[-1]:
+                for axis in (size, phase):
+                    axis.axvline(f, color="0.8", linewidth=0.8, zorder=0)
+        if self.frequencies[0] > 0.0:
+            size.set_xscale("log")
+            phase.xaxis.set_major_formatter("{x:g}")
+            phase.xaxis.set_minor_formatter("{x:g}" if _is_narrow(self.frequencies) else "")
+        size.yaxis.set_major_formatter("{x:.0e}")
+        size.set(ylabel=f"{self.kind} [{self.unit}]")
+        phase.set(
+            xlabel="frequency [Hz]",
+            ylabel="phase [deg]",
+            ylim=(-190, 190),
+            yticks=[-180, -90, 0, 90, 180],
+        )
+        if size.get_legend_handles_labels()[0]:
+            size.legend()
+        return figure
 
 
 def frequency_response(
@@ -397,3 +445,8 @@ def _by_matrices(modes: Modes, omega: Array, damping: Damping, out: Array, into:
     poles = np.linalg.det(dynamic) == 0.0
     dynamic[poles] = np.nan
     return np.asarray((out / size) @ np.linalg.solve(dynamic, into / size[:, None]))
+
+
+def _is_narrow(frequencies: np.ndarray) -> bool:
+    """Whether a logarithmic axis would have only one or two labels."""
+    return bool(frequencies[-1] < 10.0 * frequencies[0])

@@ -35,6 +35,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements, linearised
 from cartstiff.mechanisms.identified import CompliancePattern, Identified
+from cartstiff.results import LabelledResult
 from cartstiff.statics.equilibrium import again
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.statics.small_motions import kinetic_matrix
@@ -280,8 +281,8 @@ def _constraint_forces(
     return mu_right, mu_left
 
 
-@dataclass(frozen=True, eq=False)
-class Sensitivities(Result):
+@dataclass(frozen=True, eq=False, repr=False)
+class Sensitivities(Result, LabelledResult):
     """Derivatives by all parameters.
 
     Attributes
@@ -454,8 +455,8 @@ def in_hertz(modes: Modes, squares: Array) -> Array:
 _MAX_CONTRIBUTORS = 3
 
 
-@dataclass(frozen=True, eq=False)
-class Accuracy:
+@dataclass(frozen=True, eq=False, repr=False)
+class Accuracy(LabelledResult):
     """Standard deviations that follow from tolerances, and the contributing parameters.
 
     Attributes
@@ -624,8 +625,8 @@ def _by_compliance(modes: Modes, measured: Identified) -> Array:
     return np.array(rows).reshape(len(rows), modes.frequencies.size)
 
 
-@dataclass(frozen=True, eq=False)
-class FrequencyInterval(Result):
+@dataclass(frozen=True, eq=False, repr=False)
+class FrequencyInterval(Result, LabelledResult):
     """Interval of each frequency from tolerances and identified springs.
 
     Attributes

@@ -1,0 +1,93 @@
+"""Results are plain data, labelled arrays, a few lines, and a picture where they have one."""
+
+import json
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.results import LabelledResult
+
+xarray = pytest.importorskip("xarray")
+pytest.importorskip("matplotlib")
+W = [0.0, 0.0, 0.0, 10.0, 0.0, -50.0]
+
+
+@pytest.fixture(scope="module")
+def results():
+    arm, platform = cartstiff.load("ur5"), cartstiff.load("stewart-gough")
+    weight = cartstiff.DeadForce([0.0, 0.0, -50.0])
+    found = [
+        cartstiff.analyse(arm, wrench=W),
+        cartstiff.analyse(platform),
+        cartstiff.equilibrium(arm, wrench=W),
+        cartstiff.load_curve(arm, wrench=W),
+        cartstiff.compensate(arm, [arm.q] * 6, [[weight]] * 6),
+        cartstiff.modes(arm),
+        cartstiff.assemble(platform),
+        cartstiff.sensitivities(cartstiff.modes(arm)),
+    ]
+    return {f"{i} {type(r).__name__}": r for i, r in enumerate(found)}
+
+
+def _numbers(value):
+    """All numbers in plain data, those of notes left out: these become texts."""
+    if isinstance(value, dict):
+        value = [v for key, v in value.items() if key != "notes"]
+    if isinstance(value, list):
+        return [x for v in value for x in _numbers(v)]
+    return [float(value)] if isinstance(value, (int, float)) else []
+
+
+def test_a_dataset_has_the_numbers_of_the_plain_data(results):
+    for name, result in results.items():
+        data, dataset = json.loads(json.dumps(result.to_dict())), result.to_dataset()
+        kept = [
+            dataset[v].values.ravel() for v in dataset.variables if dataset[v].dtype.kind != "U"
+        ]
+        kept = np.concatenate([k.astype(float) for k in kept])
+        kept = kept[np.isfinite(kept)]
+        np.testing.assert_array_equal(np.sort(kept), np.sort(_numbers(data)), err_msg=name)
+
+
+def test_dimensions_have_names(results):
+    of_arm, curve, path, modes = (list(results.values())[i].to_dataset() for i in (0, 3, 4, 5))
+    K = of_arm["stiffness.K"]
+    assert (K.dims, K.attrs["long_name"]) == (
+        ("row", "column"),
+        "6x6, kinematic connection; null where it does not exist",
+    )
+    assert of_arm.sel(joint="elbow_joint").q.item() == pytest.approx(1.4)
+    assert of_arm.attrs["units.force"] == "N"
+    assert curve.q.dims == ("point", "joint")
+    assert curve.factor.dims == curve.stable.dims == ("point",)
+    assert path.error_before.dims[0] == path.stable.dims[0] == "point"
+    assert modes["nodal_axes.point"].dims[0] == "nodal_axes"
+    modes = results["6 AssemblyModes"].to_dataset()
+    assert modes["modes.notes"].dims == ("modes",)
+    assert modes["modes.notes"][0].item().startswith("the actuators hardly hold")
+
+
+def test_results_show_themselves_in_a_few_lines(results):
+    for name, result in results.items():
+        assert isinstance(result, LabelledResult)
+        lines = repr(result).splitlines()
+        assert len(lines) < 40, name
+        assert "array(" not in repr(result), name
+        assert result._repr_html_().startswith("<pre>"), name
+
+
+def test_the_outline_reaches_as_far_as_any_unit_force_moves_the_body(results):
+    result = results["0 PostureStiffness"]
+    reach = np.linalg.norm(np.linalg.inv(result.tangent)[3:, 3:], axis=1)
+    for axes, (i, j) in zip(result.plot().axes, ((0, 1), (0, 2), (1, 2)), strict=True):
+        x, y = axes.lines[0].get_data()
+        assert [x.max(), y.max()] == pytest.approx([reach[i], reach[j]], rel=1e-3)
+        assert axes.get_xlabel() == f"{'xyz'[i]} of M [m/N]"
+
+
+def test_results_with_a_picture_draw_it(results):
+    for name, result in results.items():
+        if hasattr(result, "plot"):
+            assert result.plot().axes, name
+    assert not hasattr(results["6 AssemblyModes"], "plot")
