@@ -81,7 +81,7 @@ def test_text_has_units(mechanism):
     assert lines[0].startswith("Equilibrium: stable, residual ")
     assert lines[1].endswith(f" N {length}")
     rows = {line.split()[0]: line for line in lines if line.startswith("  ")}
-    assert "Displacement of the body frame, inertial axes" in text
+    assert "Displacement of the body frame from the start to the equilibrium, axes of F" in text
     assert f" {length}\n" in text[text.index("  translation") :]
     assert " deg\n" in text[text.index("  rotation") :]
     if "Wrench that the springs balance" in text:

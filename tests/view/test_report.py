@@ -57,6 +57,23 @@ def words(text):
     return html.unescape(re.sub(r"<[^>]+>", " ", text))
 
 
+def test_displacements_of_two_definitions_are_named(arm):
+    """Soft springs: from equilibrium to equilibrium it is another number than by the stiffness."""
+    soft, W = arm.with_springs(0.05 * arm.springs.stiffness), [0, 0, 0, 0, 30, -200]
+    said = words(report_page(soft, Q, wrench=W, load_axes="world"))
+    state = equilibrium(soft, q=Q, wrench=W, load_axes="world")
+    moved = 1e3 * np.linalg.norm(state.displacement[3:])
+    result = cartstiff.analyse(soft, Q, wrench=W, load_axes="world")
+    linear = 1e3 * np.linalg.norm(analyse_posture(result)["deflection"]["displacement"])
+    assert abs(linear - moved) > 5e-3 * moved
+    assert f"The tip moves {moved:.4g} mm" in said
+    assert "from the equilibrium without the load to that with it" in said
+    assert (
+        f"Linear, by K^load at the stated posture (the answer of analyse), it is {linear:.4g} mm"
+        in said
+    )
+
+
 def test_the_answer_is_that_of_the_commands(arm):
     W = [0, 0, 0, 0, 30, -200]
     text = report_page(

@@ -276,8 +276,17 @@ def _answer(
             along = ", ".join(f"{x / size:+.4g}" if abs(x) > least else "0" for x in moved)
             lines.append(
                 f"The tip moves {engineering(far, elastic.units.length)} ({along} {unit} along the "
-                f"axes of F) and turns {engineering(angle, 'rad')} under the load."
+                f"axes of F) and turns {engineering(angle, 'rad')} from the equilibrium without "
+                "the load to that with it."
             )
+            linear = resisted_deflection(analysis)
+            by_stiffness = np.linalg.norm(linear.get("displacement", moved))
+            shown = engineering(float(by_stiffness), elastic.units.length)
+            if shown != engineering(far, elastic.units.length):
+                lines.append(
+                    f"Linear, by K^{linear['connection']} at the stated posture (the answer of "
+                    f"analyse), it is {shown}."
+                )
             lines += _largest_share(elastic, analysis)
         lines.append(
             {

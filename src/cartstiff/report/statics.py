@@ -46,7 +46,7 @@ def describe_equilibrium(state: Equilibrium) -> str:
         _softest(state),
         *(f"  {line}" for line in beyond_limits(state.notes)),
         "",
-        "Displacement of the body frame, inertial axes",
+        "Displacement of the body frame from the start to the equilibrium, axes of F",
         f"  rotation     {wide_row(np.degrees(state.displacement[:3]), np.degrees(turn))} deg",
         f"  translation  {wide_row(state.displacement[3:], length)} {units.length}",
     ]
