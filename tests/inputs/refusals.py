@@ -1,50 +1,17 @@
-"""What is refused, and with which words: the tables of `refusals.yaml`."""
+"""What is refused, and with which words: the rows of `refusals.yaml`."""
 
 import json
 import shlex
-from functools import cache
+from copy import deepcopy
 from pathlib import Path
 
 import yaml
 
 
-@cache
-def _tables():
-    text = Path(__file__).with_name("refusals.yaml").read_text(encoding="utf-8")
-    tables = yaml.safe_load(text)
-    return tables
-
-
-def commands(section):
-    """By name: the words of a command, and the words of its answer."""
-    table = _tables()[section]
-    return {n: (shlex.split(case["run"]), tuple(case["says"])) for n, case in table.items()}
-
-
-def texts(section, changed):
-    """By name: a whole text, or one by a change of a good one; and the words of the answer."""
-    return {
-        name: (
-            changed(*case["change"]) if "change" in case else case["text"],
-            tuple(case["says"]),
-        )
-        for name, case in _tables()[section].items()
-    }
-
-
-def rows(section):
-    """The words of each command, and what its answer says."""
-    return [(shlex.split(run), says) for run, says in _tables()[section]]
-
-
 def cases():
-    """Of every section of "commands", row by row: section, words of a command, words of its answer,
-    and files by name.
-
-    A row is the end of the section's command, what is said, and what it writes in place of the
-    section's files: a text, [old, new] of the text, or keys of the mapping.
-    """
-    for name, section in _tables()["commands"].items():
+    """Of every row: its section, the words of a command, words of the answer, and files by name."""
+    text = Path(__file__).with_name("refusals.yaml").read_text(encoding="utf-8")
+    for name, section in yaml.safe_load(text).items():
         files = section.get("files", {})
         for end, says, *more in section["rows"]:
             own = {n: _changed(files.get(n), now) for n, now in (more[0] if more else {}).items()}
@@ -56,11 +23,25 @@ def _changed(was, now):
     if isinstance(now, list):
         assert now[0] in was
         return was.replace(*now)
-    return (was or {}) | now if isinstance(now, dict) else now
+    if not isinstance(now, dict):
+        return now
+    new = deepcopy(was or {})
+    for path, value in now.items():
+        *above, key = path.split(".")
+        place = new
+        for step in above:
+            place = place[step]
+        place[key] = value
+        if value is None:
+            del place[key]
+    return new
 
 
 def write(files):
-    """Write files by name here: texts, and mappings as JSON, which is YAML."""
+    """Write files by name here: texts, and mappings as JSON, which is YAML; "name/" is a folder."""
     for name, content in files.items():
+        if name.endswith("/"):
+            Path(name).mkdir()
+            continue
         text = content if isinstance(content, str) else json.dumps(content)
         Path(name).write_text(text, encoding="utf-8")

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from tests.inputs.refusals import rows
 from tests.support.commands import answer, run
 
 import cartstiff
@@ -211,41 +210,6 @@ def test_output_file_holds_the_analysis(workplace):
     assert json.loads((workplace / "result.json").read_text()) == json.loads(out)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    rows("analyse: analysis"),
-)
-def test_refusals(refused, arguments, words):
-    refused("analyse cubic", arguments, words=words)
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "words"),
-    [
-        ("a.csv", "1,2\n3,4\n", "does not hold a matrix"),
-        ("a.csv", "one,two\n", "does not hold a matrix"),
-        ("a.json", "{", "does not hold a matrix"),
-        ("a.json", '{"rows": 3}', 'no key matrix; expected {"matrix": [6 rows]}, got rows'),
-        ("a.json", "{}", "there is no key matrix"),
-        ("a.json", '{"matrix": null}', "does not hold a matrix"),
-        ("a.json", wanted(axes="base"), "unknown key axes; expected matrix, order, units, frame"),
-        ("a.json", "[[1, 2], [3]]", "does not hold a matrix"),
-        ("a.npy", "text", "does not hold a matrix"),
-        ("a.csv", "\n".join(["1,2,3,4,5,6"] * 6), "matrix is not symmetric"),
-        ("a.csv", "\n".join(["inf,2,3,4,5,6"] * 6), "does not hold a matrix"),
-        ("a.json", wanted(order="moment first"), "unknown order"),
-        ("a.json", wanted(units={"length": "cubit"}), "unknown length unit"),
-        ("a.json", wanted(units={"angle": "deg"}), "unknown unit of angles"),
-        ("a.json", wanted(units="mm"), "units cannot be used"),
-        ("a.json", wanted(frame="tool7"), "another frame"),
-        ("a.json", wanted(frame=3), "frame is not a name"),
-    ],
-)
-def test_refused_targets(refused, workplace, name, text, words):
-    (workplace / name).write_text(text)
-    refused(f"analyse cubic --target {name}", words=("--target", words))
-
-
 def test_a_spread_that_does_not_exist_is_a_dash(analysis):
     """A tolerance far beyond its parameter leaves values without a spread, or a spread alone."""
     from cartstiff.mechanisms.contract import SI
@@ -295,15 +259,3 @@ def test_world_means_every_wrench_and_direction(analysis):
 
 def _listed(numbers):
     return ",".join(f"{x:g}" for x in numbers)
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        "analyse cubic",
-        "map cubic --grid x=0:0.01:2 --quantity condition -o m.zarr",
-        "equilibrium cubic",
-    ],
-)
-def test_world_needs_what_it_is_about(command, refused):
-    refused(command, "--world", words=("--world: is for --load",))

@@ -4,27 +4,21 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from tests.inputs.refusals import commands
 
 ROOT = Path(__file__).resolve().parents[2]
-Refused = Callable[..., str]
-Accepted = Callable[..., dict[str, Any]]
 
 ARM = """<robot name="arm"><link name="a"/><link name="b"/><link name="c"/>
 <joint name="j1" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
 <origin xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
 <joint name="j2" type="prismatic"><parent link="b"/><child link="c"/><axis xyz="0 1 0"/>
 <origin xyz="1 0 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>"""
-SIX = "0,0,0,0,0,0"
 
 #: Arguments of `analyse`, and words of the answer.
-BAD = commands("analyse: options") | {
+BAD = {
     "output too long": (["arm.urdf", "-o", "x" * 5000 + ".json"], ("File name too long",)),
     "mechanism far too long": (["x" * 100_000], ("File name too long",)),
     "mechanism of lines": (["a\nb\x1b[31m"], ("unknown mechanism",)),
@@ -37,22 +31,6 @@ def test_bad_options_are_refused(case, refused):
     Path("folder.json").mkdir()
     arguments, words = BAD[case]
     refused("analyse", arguments, words=words)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "word"),
-    [
-        ([], "--help"),
-        (["analise", "ur5"], "analise"),
-        (["--json"], "--json"),
-        (["ur5"], "ur5"),
-        (["models", "ur5"], "ur5"),
-        (["models", "--all"], "--all"),
-        (["--versions"], "--versions"),
-    ],
-)
-def test_bad_commands_are_refused(arguments, word, refused):
-    refused(arguments, words=(word,))
 
 
 def test_output_is_not_touched_by_a_refusal(refused):

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.inputs.refusals import commands
 from tests.support.commands import answer, run
 
 import cartstiff
@@ -312,26 +311,6 @@ def test_a_payload_without_gravity_weighs_alike_everywhere():
 
 # -- refusals -------------------------------------------------------------------------------------
 
-LOAD = "--load 0,0,0,0,0,-10"
-BAD = commands("equilibrium: options")
-
-
-@pytest.fixture
-def files():
-    _write("path.csv", POSES)
-    Path("empty.csv").write_text("# nothing\n\n", encoding="utf-8")
-    Path("short.csv").write_text("0,0,1\n", encoding="utf-8")
-    _write("ragged.csv", [POSES[0], [*POSES[1], 1.0]])
-    Path("text.csv").write_text("x,r\n0,0\n", encoding="utf-8")
-    _write("wrenches.csv", [POSES[0] + WRENCHES[0]])
-
-
-@pytest.mark.usefixtures("files")
-@pytest.mark.parametrize("name", BAD)
-def test_bad_options(name, refused):
-    arguments, words = BAD[name]
-    refused("equilibrium hexapod", arguments, words=words)
-
 
 # -- between two gravities ------------------------------------------------------------------------
 
@@ -394,19 +373,6 @@ def test_sag_is_the_difference_of_two_equilibria_of_springs_with_rests(tmp_path)
     np.testing.assert_allclose(
         data["displacement"][3:], poses[1][:3, 3] - poses[0][:3, 3], rtol=0, atol=1e-10
     )
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ("--against-gravity 0,0,-9.81", "--against-gravity: there is no other gravity"),
-        ("--gravity 0,0,-9.81 --against-gravity 0,0", "--against-gravity"),
-        ("--gravity 0,0,-9.81 --against-gravity 0,1,0 --hold z=0.001", "--hold"),
-        ("--pose-of M", "--pose-of: is for --pose"),
-    ],
-)
-def test_what_goes_with_another_gravity_and_a_pose(options, words):
-    assert words in run(f"equilibrium cubic {options}", code=2)
 
 
 @pytest.mark.parametrize("name", ["hexapod", "6-pus"])

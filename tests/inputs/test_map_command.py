@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.inputs.refusals import rows
 from tests.support.commands import answer, run
 
 import cartstiff
@@ -127,32 +126,6 @@ def test_quantities_are_listed():
         assert data["schema"] == "cartstiff-quantities/1"
         assert [quantity["name"] for quantity in data["quantities"]] == list(QUANTITIES)
         assert set(data["quantities"][0]) == {"name", "unit", "description", "asks", "better"}
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    rows("map: options"),
-)
-def test_refused_in_one_line(refused, arguments, words):
-    refused(arguments, words=words)
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "file is empty"),
-        ("x,yaw\n", "no postures"),
-        ("x,x\n0,0\n", "named twice"),
-        ("0,0\n", "columns have no names"),
-        ("x,elbow\n0,0\n", "unknown column"),
-        ("x,yaw\n0\n", "line 2"),
-        ("x,yaw\n0,zero\n", "line 2"),
-        ("time\n0\n", "no column of a coordinate"),
-    ],
-)
-def test_bad_trajectories(refused, text, words):
-    Path("p.csv").write_text(text)
-    refused(CUBIC, "--trajectory p.csv -o m.zarr", words=(words,))
 
 
 def test_another_map_s_file_is_left_alone(refused):

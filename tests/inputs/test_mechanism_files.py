@@ -2,14 +2,11 @@
 
 import os
 import re
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from tests.inputs.refusals import texts
 
 import cartstiff
 from cartstiff.errors import InputError
@@ -17,7 +14,6 @@ from cartstiff.loading.yaml_file import read_yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 PLATFORM = (ROOT / "robots" / "stewart-gough.yaml").read_text(encoding="utf-8")
-LEGS = "legs:\n"
 URDF = """<robot name="two">
   <link name="a"/><link name="b"/><link name="c"/>
   <joint name="j1" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
@@ -27,8 +23,6 @@ URDF = """<robot name="two">
 </robot>
 """
 ARM = "kind: serial\nmodel: two.urdf\nframe: c\n"
-Refused = Callable[..., str]
-Accepted = Callable[..., dict[str, Any]]
 
 
 def changed(old, new):
@@ -44,107 +38,23 @@ def place(text, name="file.yaml"):
 
 # -- one number ----------------------------------------------------------------------------------
 
-NUMBERS = {
-    ".nan": "finite number, got nan",
-    ".NaN": "finite number, got nan",
-    ".inf": "finite number, got inf",
-    "-.INF": "finite number, got -inf",
-    "1e400": "finite number",
-    "1e200": "at most 1e+30, got 1e+200",
-    "-1e31": "at least -1e+30",
-    "nan": "a number, got 'nan'",
-    "abc": "a number, got 'abc'",
-    "true": "a number, got True",
-    "null": "a number, got nothing",
-    "~": "a number, got nothing",
-    "1:30": "a number, got '1:30'",
-    "0:0:1": "a number",
-    "1_000": "a number, got '1_000'",
-    "1,5": "wrong count",
-    '"1"': "a number, got '1'",
-    "[1]": "a number, got [1]",
-    "{a: 1}": "a number",
-    "yes": "a number, got 'yes'",
-    "on": "a number, got 'on'",
-    "2001-01-01": "a number",
-    "!!int abc": "a number, got 'abc'",
-    "!!bool abc": "a number",
-    "1" + "0" * 400: "a number",
-    "1" + "0" * 5000: "finite number",
-}
-
-
-@pytest.mark.parametrize("text", NUMBERS, ids=lambda t: t[:12])
-def test_bad_number_is_refused_with_line_and_key(text, refused):
-    file = place(changed("[0, 0, 0]", f"[{text}, 0, 0]"))
-    key = "key base.1: " if text == "1,5" else "key base.1.1: "
-    refused("analyse", file, words=("file.yaml, line 10, ", key, NUMBERS[text]))
-
 
 # -- one change to a good platform ----------------------------------------------------------------
-
-PLATFORMS = texts("platform files", changed) | {
-    "legs missing": (PLATFORM.partition(LEGS)[0], ("key legs", "'legs' is missing")),
-    "legs is a list": (
-        PLATFORM.partition(LEGS)[0] + "legs: [1, 2, 3, 4, 5, 6]\n",
-        ("line 23, key legs", "a mapping of keys"),
-    ),
-    "pose of two numbers": (PLATFORM + "pose: {xyz: [0, 0]}\n", ("line 26, key pose.xyz", "got 2")),
-    "pose is a list": (PLATFORM + "pose: [0, 0, 0, 0, 0, 0]\n", ("line 26, key pose",)),
-    "frame is text": (PLATFORM + "frame: tool\n", ("line 26, key frame", "'tool'")),
-    "gravity is a number": (PLATFORM + "gravity: -9.81\n", ("line 26, key gravity", "a list")),
-    "gravity of two numbers": (PLATFORM + "gravity: [0, -9.81]\n", ("key gravity: wrong count",)),
-    "payload negative": (PLATFORM + "payload: {mass: -1}\n", ("payload.mass", "zero or more")),
-    "payload without mass": (
-        PLATFORM + "payload: {com: [0, 0, 0]}\n",
-        ("line 26, key payload.mass", "'mass' is missing"),
-    ),
-    "name is a number": (PLATFORM + "name: 7\n", ("line 26, key name", "text, got 7")),
-    "name is empty": (PLATFORM + 'name: ""\n', ("line 26, key name", "text, got nothing")),
-    "name is endless": (PLATFORM + f"name: {'x' * 5000}\n", ("at most 4000 characters",)),
-    "two documents": (PLATFORM + "---\n" + PLATFORM, ("one YAML document", "several")),
-    "YAML 1.1": ("%YAML 1.1\n---\n" + PLATFORM, ("line 1", "directives", "%YAML 1.1")),
-    "tag directive": ("# c\n%TAG ! tag:x,2000:\n---\n" + PLATFORM, ("line 2", "directives")),
-    "fewer platform points": (
-        changed("stewart-gough", "springs").replace("  - [10, 4, 12]\n", "", 1),
-        ("line 16, key platform: wrong count", "6, one per leg, got 5"),
-    ),
-}
-
-
-@pytest.mark.parametrize("case", PLATFORMS)
-def test_bad_platform_is_refused_with_line_and_key(case, refused):
-    text, words = PLATFORMS[case]
-    refused("analyse", place(text), words=words)
 
 
 # -- one change to a good arm ---------------------------------------------------------------------
 
-SPRINGS = "springs: {j1: {stiffness: 10}, j2: {stiffness: 10}}\n"
-ARMS = texts("arm files", changed) | {
-    "model far too long": (f"kind: serial\nmodel: {'x' * 3000}.urdf\n", ("File name too long",)),
-}
-
-
-@pytest.mark.parametrize("case", ARMS)
-def test_bad_arm_is_refused(case, refused):
-    text, words = ARMS[case]
-    refused("analyse", place(text), words=words)
-
 
 # -- files that are no mechanism files ------------------------------------------------------------
 
+
+def _number(text):
+    return PLATFORM.replace("[0, 0, 0]", f"[{text}, 0, 0]", 1).encode()
+
+
 CONTENTS = {
-    "empty": (b"", "file is empty"),
     "white space": (b" \n\t\r\n ", "file is empty"),
     "byte order mark": (b"\xef\xbb\xbf", "one YAML document"),
-    "comments": (b"# nothing\n# here\n", "one YAML document"),
-    "no document": (b"---\n...\n", "mapping of keys"),
-    "text": (b"stewart-gough\n", "mapping of keys"),
-    "number": (b"3\n", "mapping of keys"),
-    "list": (b"- kind: serial\n", "mapping of keys"),
-    "empty mapping": (b"{}\n", "unknown kind"),
-    "null": (b"null\n", "mapping of keys"),
     "binary": (bytes(range(256)) * 10, "not UTF-8 text"),
     "zero bytes": (bytes(4096), "zero byte"),
     "one zero byte": (PLATFORM.encode() + b"\0", "zero byte"),
@@ -153,14 +63,10 @@ CONTENTS = {
     "UTF-16": (PLATFORM.encode("utf-16"), "not UTF-8 text"),
     "half a character": ("name: ä".encode()[:-1], "not UTF-8 text"),
     "control character": (b"kind: \x01\n", "not valid YAML"),
-    "JSON with a list": (b'[{"kind": "serial"}]', "mapping of keys"),
-    "XML": (b"<robot/>\n", "mapping of keys"),
-    "Python": (b"import os\nos.system('id')\n", "mapping of keys"),
     "deep brackets": (b"[" * 100_000, "nested too deeply"),
     "deep braces": (b"{a: " * 20_000, "nested too deeply"),
     "deep lists": (b"- " * 100_000 + b"1", "nested too deeply"),
     "deep keys": (b"".join(b" " * i + b"a:\n" for i in range(600)), "nested too deeply"),
-    "moderately deep": (b"a: " + b"[" * 40 + b"]" * 40, "nested too deeply"),
     "thousand documents": (b"--- 1\n" * 20_000, "one YAML document"),
     "billion laughs": (
         b"a: &a [lol, lol]\n"
@@ -170,10 +76,15 @@ CONTENTS = {
         ),
         "too many values",
     ),
-    "an alias of itself": (b"a: &a [*a]\n", "nested too deeply"),
-    "two aliases of itself": (b"a: &a [*a, *a]\n", "nested too deeply"),
     "half a million values": (b"kind: springs\nx: [" + b"1," * 300_000 + b"]\n", "too many values"),
     "many keys": (b"".join(b"k%d: 1\n" % i for i in range(50_000)), "too many values"),
+    "number of 400 digits": (
+        _number("1" + "0" * 400),
+        "key base.1.1: cannot be used; expected a number",
+    ),
+    "number of 5000 digits": (_number("1" + "0" * 5000), "finite number"),
+    "endless name": ((PLATFORM + f"name: {'x' * 5000}\n").encode(), "at most 4000 characters"),
+    "endless model": (b"kind: serial\nmodel: " + b"x" * 3000 + b".urdf\n", "File name too long"),
 }
 
 

@@ -62,20 +62,6 @@ def test_targets_that_are_none(tmp_path, refused):
     refused(*UR5, folder / "none.json", words=("file cannot be read",))
 
 
-@pytest.mark.parametrize(
-    ("grid", "words"),
-    [
-        ("elbow_joint=0:1:10000000000", "an axis cannot have so many values"),
-        ("elbow_joint=0:1:100000000000000000000", "count cannot be used"),
-        ("elbow_joint=0:1:9999999,wrist_1_joint=0:1:9999999", "has too many parts"),
-    ],
-)
-def test_more_postures_than_there_is_room_for(grid, words, refused):
-    refused(
-        *("map", "ur5", "--grid", grid, "--quantity", "condition", "-o", "m.zarr"), words=(words,)
-    )
-
-
 @pytest.mark.parametrize("closed", ["1", "2", "1, 2"])
 def test_closed_streams(closed, tmp_path):
     """Nobody listens: the work is done, and its file holds nothing that was meant for a stream."""

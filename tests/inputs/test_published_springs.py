@@ -119,20 +119,6 @@ def test_a_table_of_ones_own(tmp_path):
         cartstiff.load("ur5", springs=str(table))
 
 
-@pytest.mark.parametrize(
-    ("robot", "name", "words"),
-    [
-        ("ur5", "kuka-kr500/gbt-adl-2023", "not to be used"),
-        ("panda", KLIMCHIK, "6 turning joints"),
-        ("ur5", "kuka-kr270/klimchic", "closest: kuka-kr270/klimchik-2013"),
-        ("stewart-gough", KLIMCHIK, "mechanisms with joints"),
-        ("ur5", "nothing.csv", "nothing.csv"),
-    ],
-)
-def test_refusals(robot, name, words):
-    assert words in run("analyse", robot, "--springs", name, code=2)
-
-
 def test_models_lists_them():
     text, data = run("models"), answer("models")
     assert f"{KLIMCHIK}         B  KUKA KR 270, joints 2, 3, 4, 5, 6" in text

@@ -103,47 +103,6 @@ def test_packages_are_found_where_ros_has_them(workspace, tmp_path, monkeypatch)
     [
         (ARM, {"knid": "long"}, r"unknown xacro argument; .*closest: kind.*got 'knid'"),
         (ARM, {"kind": "wide"}, r"xacro: .*No such file.*wide.yaml.* in \$\{xacro.load_yaml"),
-        ("<robot name='a'><link name='l'/></robot>", {}, "robot has no movable joints"),
-        (
-            "<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><xacro:none/></robot>",
-            {},
-            "unknown macro name: xacro:none",
-        ),
-        (
-            "<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><link name='${1/0}'/></robot>",
-            {},
-            "division by zero",
-        ),
-        (
-            "<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'>"
-            "<link name='$(arg b)'/></robot>",
-            {},
-            r"argument 'b' has no value; expected --xacro-arg b:=VALUE",
-        ),
-        (
-            "<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><link name='${b}'/></robot>",
-            {},
-            "name 'b' is not defined",
-        ),
-        (
-            "<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'>"
-            "<xacro:include filename='none.xacro'/></robot>",
-            {},
-            "No such file.*none.xacro",
-        ),
-        (
-            "<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'>"
-            "<xacro:include filename='$(find none)/a.xacro'/></robot>",
-            {},
-            "package 'none'",
-        ),
-        ("<robot", {}, "not valid XML"),
-        ("<!DOCTYPE a [<!ENTITY b 'c'>]><robot/>", {}, "document types"),
-        (
-            "<robot name='a' xmlns:xacro='http://ros.org/wiki/xacro'><a b='${9**9**9}'/></robot>",
-            {},
-            r"a value is too large in \$\{9\*\*9\*\*9\}",
-        ),
     ],
 )
 def test_what_is_wrong_is_one_line(workspace, text, arguments, words):

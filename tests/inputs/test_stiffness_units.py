@@ -1,7 +1,6 @@
 """Stiffnesses with their units, wherever one is given: files, options, Python, heads of tables."""
 
 import math
-import re
 
 import numpy as np
 import pytest
@@ -100,39 +99,6 @@ def test_known_springs_of_identify(tmp_path):
     assert len(found[0]["parameters"]) == 3
     for a, b in zip(*(one["parameters"] for one in found), strict=True):
         assert a["compliance"] == pytest.approx(b["compliance"], rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [("20 N/um", "slides"), ("3 N m/foo", "N m/arcmin"), ("3 N m", "N m/arcmin")],
-)
-def test_what_is_no_stiffness_of_the_joint(text, words, tmp_path):
-    (path := tmp_path / "arm.yaml").write_text(ARM % text)
-    with pytest.raises(InputError, match=words) as error:
-        cartstiff.load(path)
-    assert "springs.shoulder_pan_joint.stiffness" in str(error.value)
-    assert "line 5" in str(error.value)
-    assert words in run("analyse ur5", [f"--stiffness={text}"], code=2)
-    path.write_text(HEXAPOD % "stiffness: 392 N m/arcmin")
-    with pytest.raises(InputError, match=r"line 4, key legs\.stiffness: unit is of .* turns"):
-        cartstiff.load(path)
-
-
-@pytest.mark.parametrize(
-    ("units", "key"),
-    [
-        ("{length: furlong}", "units.length"),
-        ("{length: [m]}", "units.length"),
-        ("mm", "units"),
-        ("{mass: g}", "units.mass"),
-    ],
-)
-def test_units_that_cannot_be_used_are_refused_at_their_line(units, key, tmp_path):
-    (path := tmp_path / "hexapod.yaml").write_text(
-        re.sub("units: .*", f"units: {units}", HEXAPOD % "stiffness: 20 N/um")
-    )
-    with pytest.raises(InputError, match=rf"hexapod.yaml, line \d+, key {key}: "):
-        cartstiff.load(path)
 
 
 def test_units_of_parameters_in_the_files_own(tmp_path):

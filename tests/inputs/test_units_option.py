@@ -110,24 +110,6 @@ def test_columns_without_units_are_in_those_of_the_option(tmp_path):
     assert a == run(f"poses ur5 {named} --for ur --units deg")
 
 
-@pytest.mark.parametrize(
-    ("units", "expected"),
-    [
-        ("furlong", "unknown unit"),
-        ("mm,cm", "two units of length"),
-        ("deg,rad", "two units of"),
-        ("", "unknown unit"),
-        ("N", "unknown unit"),
-        ("mm;deg", "unknown unit"),
-    ],
-)
-def test_other_units_are_refused(units, expected):
-    error = run("analyse five-bar", ["--units", units], code=2)
-    assert expected in error
-    assert "--units" in error
-    assert error.count("\n") == 1
-
-
 def test_measurements_are_planned_found_and_written_in_other_units(tmp_path):
     """Point, ranges, volume, springs and tables of `identify`; the file written is in its own."""
     small, large = ("--units", "mm,deg", "--point", "0,0,50"), ("--point", "0,0,0.05")

@@ -4,7 +4,6 @@ import inspect
 
 import numpy as np
 import pytest
-from tests.support.commands import run
 
 import cartstiff
 from cartstiff.errors import InputError
@@ -90,20 +89,6 @@ def test_each_argument_of_another_kind_is_refused_or_answered(name):
             except cartstiff.CartstiffError:
                 refused += 1
     assert refused >= len(arguments)
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        "analyse grasp --axes body --tcp 1e30,0,0 --sensitivities",
-        "equilibrium ur5 --load 1,2,3,4,5,6 --no-limits --tcp 1e30,0,0",
-        "equilibrium ur5 --payload 1,1e30,0,0",
-        "analyse ur5 --load 0,0,0,0,0,1 --load-at 0,1e30,0",
-    ],
-)
-def test_points_out_of_reach_are_refused(words):
-    """Turns about them leave no digits of what is at the robot: a double has sixteen."""
-    assert "too far away" in run(words, code=2)
 
 
 def test_a_potential_with_an_old_name_of_a_method_is_refused():

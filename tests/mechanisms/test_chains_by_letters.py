@@ -5,7 +5,6 @@ import pytest
 from scipy.optimize import brentq
 
 import cartstiff
-from cartstiff.errors import InputError
 
 EXACT = 1e-10
 SIX = {
@@ -129,47 +128,6 @@ def test_lengths_in_other_units_and_a_tool():
     for leg in small.mechanism.legs:
         x, _ = leg.shape.inverse((T @ leg.T_M_end)[None], leg.mode(small.q, T))
         assert np.abs(x[0] - small.q[list(leg.columns)]).max() < EXACT * 1e3
-
-
-@pytest.mark.parametrize(
-    ("change", "pose", "words"),
-    [
-        ({"chain": "QQQ"}, None, "unknown chain 'QQQ'"),
-        ({"strut": {"axial": 1e6}}, None, "strut is of kind stewart-gough"),
-        ({"crank": 0.1}, None, "a leg PUS has no crank"),
-        ({"rod": 0.05}, None, "leg 1, which is .* too short"),
-        ({"rod": [0.5, 0.5]}, None, r"key legs\.rod: wrong count"),
-        ({"springs": {"u9": {"stiffness": 3.0}}}, None, "unknown joint.*u9"),
-        ({"base": {"radius": 0.3}}, None, "expected 3 joints as on the base, got 6"),
-        ({"axis": [0, 0, 0]}, None, "a direction has no length"),
-        ({"end_axis": [1, 0, 0]}, None, "a leg PUS has no end_axis"),
-        ({"chain": "PSR", **THREE, "axis": "radial", "end_axis": "radial"}, None, "not both"),
-        ({"chain": "PUR", **THREE, "end_axis": "vertical"}, None, "joints of leg 1 do not fit"),
-        ({"limits": [3, 1]}, None, "wrong way round"),
-        ({"chain": "PRS", **THREE}, [0.02, 0, 0.5, 0, 0, 0], "joints of leg 2 do not fit"),
-        ({"stiffness": None}, None, "driven joint 'slide' has no spring"),
-        (
-            {
-                "chain": "UPS",
-                "rod": None,
-                "axis": [1, 0, 0],
-                "base": {"points": [[0, 0, 0]]},
-                "platform": {"points": [[0, 0, 0]]},
-            },
-            [0, 0, 0, 0, 0, 0],
-            "leg 1 has no length",
-        ),
-    ],
-)
-def test_what_cannot_be_is_refused(change, pose, words):
-    legs = {"chain": "PUS", **SIX, **ROD, **change}
-    with pytest.raises(InputError, match=words):
-        cartstiff.parallel(legs, pose or [0, 0, 0.5, 0, 0, 0], name="machine")
-
-
-def test_legs_by_name_need_a_pose():
-    with pytest.raises(InputError, match="key 'pose' is missing"):
-        cartstiff.parallel({"chain": "UPS", **SIX})
 
 
 @pytest.mark.parametrize("mode", ["minus", "plus", None])

@@ -9,7 +9,6 @@ import pytest
 from tests.mechanisms.machines import write_file
 
 import cartstiff
-from cartstiff import InputError
 from cartstiff.loading.catalogue import example_robot
 
 # a, alpha, d, theta. Puma 560: Corke, Robotics, Vision and Control (2011), without the height of
@@ -187,44 +186,6 @@ def test_table_of_a_catalogue(tmp_path):
     lower = [c.lower for c in elastic.mechanism.coordinates]
     np.testing.assert_allclose(lower, [-2 * pi, -2 * pi, -pi, *[-np.inf] * 3, -0.05])
     assert {"masses-unknown", "stiffness-assumed"} <= {note.code for note in elastic.notes}
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("a,alpha [deg]\n0,90\n", "line 1: column 'a' cannot be used; expected a [unit]"),
-        ("a [mm],alpha [mm]\n0,90\n", "column 'alpha [mm]' cannot be used; expected alpha [unit]"),
-        ("a [mm],offset [deg]\n0,90\n", "unknown column; expected"),
-        ("a [mm],theta [deg]\n0,q1\n", "line 2, column theta"),
-        ("a [mm],type\n0,ball\n", "line 2, key type: cannot be used; expected 'revolute'"),
-        ("a [mm],lower [mm],upper [mm]\n1,0,1\n", "limits do not fit the joint"),
-        ("a [mm],lower [deg]\n1,0\n", "limits do not fit the joint"),
-        ("a [mm],joint\n1,x\n1,x\n", "two rows have one name"),
-        ("a [mm],type\n1,fixed\n", "robot has no movable joints"),
-    ],
-)
-def test_tables_that_cannot_be_used(tmp_path, text, words):
-    (tmp_path / "table.csv").write_text(text, encoding="utf-8")
-    dh = {"convention": "standard", "table": "table.csv"}
-    with pytest.raises(InputError) as raised:
-        cartstiff.load(write_file(tmp_path, "arm", kind="serial", dh=dh))
-    assert words in str(raised.value)
-
-
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ({}, "key model: key 'model' is missing"),
-        ({"model": "ur5", "dh": {"convention": "standard", "joints": [{}]}}, "model, dh"),
-        ({"dh": {"joints": [{}]}}, "key 'convention' is missing"),
-        ({"dh": {"convention": "craig", "joints": [{}]}}, "'standard' or 'modified'"),
-        ({"dh": {"convention": "standard"}}, "give exactly one of joints, table"),
-    ],
-)
-def test_keys_that_cannot_be_used(tmp_path, keys, words):
-    with pytest.raises(InputError) as raised:
-        cartstiff.load(write_file(tmp_path, "arm", kind="serial", **keys))
-    assert words in str(raised.value)
 
 
 def test_engine_and_recorded_program_agree(tmp_path):

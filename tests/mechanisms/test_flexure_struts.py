@@ -183,35 +183,6 @@ def test_a_command_lengthens_its_strut(tmp_path):
     assert not np.allclose(lengths, np.eye(6)[1] * 1e-4, atol=1e-8)
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"lower": {**LOWER, "torsion": 0.0}, "upper": {**UPPER, "torsion": 0.0}}, "would spin"),
-        ({"lower": {**LOWER, "offset": 0.2}}, "pass each other"),
-        ({"lower": {**LOWER, "axial": 0.0}}, "axial"),
-        ({"lower": {"bending": 3.0}}, "torsion"),
-        ({"axial": [1e7, 2e7]}, "6, one per leg"),
-    ],
-)
-def test_what_is_no_strut_is_refused(tmp_path, change, words):
-    strut = {"axial": AXIAL, "lower": LOWER, "upper": UPPER} | change
-    path = write_file(tmp_path, kind="stewart-gough", layout=LAYOUT, legs={"strut": strut})
-    with pytest.raises(InputError, match=words):
-        load(path)
-
-
-def test_stiffness_or_strut(tmp_path):
-    with pytest.raises(InputError, match="exactly one of stiffness, strut"):
-        _short(tmp_path, stiffness=1e7)
-    with pytest.raises(InputError, match="stiffness"):
-        cartstiff.hexapod(**LAYOUT, legs={"preload": 1.0})
-
-
-def test_more_than_the_flexures_hold_is_refused(tmp_path):
-    with pytest.raises(InputError, match="stiffer than its flexures"):
-        _short(tmp_path).with_springs(1e9)
-
-
 def test_a_search_that_runs_away_is_refused_in_words(tmp_path, recwarn):
     ends = {
         "base": {"radius": 0.235, "half_angle": 0.65},

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cartstiff
-from cartstiff.errors import InputError
 
 CASES = Path(__file__).parents[2] / "cases"
 SIMSCAPE = {
@@ -155,52 +154,3 @@ def test_units_are_those_of_the_file():
     large = cartstiff.hexapod(base=ring, platform=ring, height=0.4, legs=1e6)
     in_metres = cartstiff.analyse(small).B.to_units("m", "N").matrix
     assert np.abs(in_metres - stiffness(large)).max() < 1e-6
-
-
-RING = {"radius": 1.0}
-REFUSALS = [
-    ({"base": RING, "platform": RING}, "'height' is missing"),
-    ({"base": RING, "height": 1.0}, "'radius' of platform is missing"),
-    ({"base": {"radius": -1.0}, "platform": RING, "height": 1.0}, r"layout.base.radius: .*above"),
-    ({"base": RING | {"radus": 1.0}, "platform": RING, "height": 1.0}, "unknown key.*radius"),
-    (
-        {"base": RING | {"half_angle": 0.1, "angles": [0] * 6}, "platform": RING, "height": 1.0},
-        "half_angle or angles, not both",
-    ),
-    ({"base": RING | {"angles": [0, 1]}, "platform": RING, "height": 1.0}, "angles must be 6"),
-    (
-        {"base": RING | {"angles": [0] * 6}, "platform": RING, "height": 1.0, "symmetry": 3},
-        "angles must be 2 with symmetry 3",
-    ),
-    ({"base": RING, "platform": RING, "height": 1.0, "symmetry": 3}, "symmetry is for angles"),
-    (
-        {"base": RING, "platform": RING | {"angles": [0] * 6}, "height": 1.0, "turn": 1.0},
-        "turn is for pairs",
-    ),
-    ({"cubic": {"edge": 1.0, "size": 1.0}}, "exactly one of edge, size"),
-    ({"cubic": {}}, "exactly one of edge, size"),
-    ({"cubic": {"edge": 1.0}, "base": RING}, "base.radius is not for a cubic layout"),
-    ({"cubic": {"edge": 1.0}, "turn": 1.0}, "turn is not for a cubic layout"),
-    ({"cubic": {"edge": 1.0}, "pose": {}}, "give layout or pose, not both"),
-    ({"cubic": {"edge": 1.0, "centre": [0, 0]}}, "layout.cubic.centre"),
-    ({"base": RING, "platform": RING, "height": 0.0, "turn": 0.0}, "zero length"),
-]
-
-
-@pytest.mark.parametrize(("keys", "words"), REFUSALS)
-def test_refusals(keys, words):
-    with pytest.raises(InputError, match=words):
-        cartstiff.hexapod(**{"legs": 1.0, **keys})
-
-
-def test_points_and_layout_together_are_refused_with_the_line(tmp_path):
-    path = tmp_path / "both.yaml"
-    path.write_text("kind: stewart-gough\nlayout: {cubic: {edge: 1}}\nbase: []\nlegs: {}\n")
-    with pytest.raises(InputError, match=r"line 3, key base: give layout or base, not both"):
-        cartstiff.load(path)
-    path.write_text("kind: stewart-gough\nlegs: {stiffness: 1}\n")
-    with pytest.raises(InputError, match="key 'base' is missing: give base and platform, or lay"):
-        cartstiff.load(path)
-    path.write_text("kind: springs\nlayout: {cubic: {edge: 1}}\nlegs: {stiffness: 1}\n")
-    with pytest.raises(InputError, match="line 2, key layout: unknown key"):
-        cartstiff.load(path)

@@ -13,7 +13,6 @@ from tests.mechanisms.machines import write_file
 from tests.mechanisms.test_chains_by_letters import CHAINS
 
 import cartstiff
-from cartstiff.errors import InputError
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import distances_of_segments
 
@@ -152,25 +151,6 @@ def test_a_map_leaves_out_what_is_beyond(tmp_path):
     ]
     assert [state == 0 for state in states] == expected
     assert 0 < sum(expected) < 9
-
-
-@pytest.mark.parametrize(
-    ("legs", "match"),
-    [
-        ({"diameter": [0.1] * 5}, "diameter.*6, one per leg"),
-        ({"base_joints": {"axis": [0, 0, 0], "angle": 0.1}}, "direction"),
-        ({"base_joints": {"axis": [[0, 0, 1]] * 5, "angle": 0.1}}, "axis.*6, one per leg"),
-        (
-            {"platform_joints": {"axis": [0, 0, 1], "angle": [0.1] * 2}},
-            "6, one per leg, got 2",
-        ),
-        ({"force": [3.0, 1.0]}, "wrong way round"),
-        ({"force": [[0.0, 1.0]] * 3}, "force.*6, one per leg"),
-    ],
-)
-def test_what_cannot_be_a_limit_is_refused(tmp_path, legs, match):
-    with pytest.raises(InputError, match=match):
-        _load(tmp_path, legs)
 
 
 def test_one_pair_of_lengths_stands_for_all_legs(tmp_path):

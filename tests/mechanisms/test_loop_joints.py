@@ -9,7 +9,6 @@ from tests.laws.test_many_engine import assert_same
 from tests.mechanisms.machines import joint, masses, note, write_file, write_urdf
 
 import cartstiff
-from cartstiff import InputError
 
 Y = (0, 1, 0)
 #: Crank, coupler and rocker of a four-bar that is no parallelogram, and the way between pivots.
@@ -310,49 +309,6 @@ def test_closure_list_of_example_parallel_robots(tmp_path, keys):
     q = {"mot1": 0.1, "mot2": -0.05}
     a, b = (cartstiff.analyse(elastic, q).compliances["B"] for elastic in (listed, own))
     np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ({"type": []}, "closed_loop and type do not fit; expected 1 of type, got 0"),
-        ({"type": ["7d"]}, "closures.1.type"),
-        ({"type": ["6d"], "joint_name": ["wrist"]}, "joint_name and joint_type do not fit"),
-        ({"type": ["6d"], "name_mots": []}, "unknown key"),
-        ({"type": "6d"}, "expected a list"),
-        (
-            {"type": ["6d"], "joint_name": ["writs"], "joint_type": ["SPHERICAL"]},
-            "unknown joint; expected one of 6 names (closest: wrist)",
-        ),
-        ({"type": ["6d"], "joint_name": ["wrist"], "joint_type": ["PLANAR"]}, "'ujoint_xy'"),
-    ],
-)
-def test_lists_that_cannot_be_used(tmp_path, keys, words):
-    with pytest.raises(InputError) as raised:
-        cartstiff.load(write_list(tmp_path, **keys))
-    assert words in str(raised.value)
-
-
-def test_a_list_without_its_urdf(tmp_path):
-    path = write_list(tmp_path, type=["6d"])
-    (tmp_path / "robot.urdf").unlink()
-    with pytest.raises(InputError, match=r"no URDF beside the list of closures; expected robot"):
-        cartstiff.load(path)
-
-
-@pytest.mark.parametrize(
-    ("closure", "words"),
-    [
-        ({"type": "ball", "axes": [Y, Y]}, "axes are of a hinge or a universal joint"),
-        ({"type": "hinge", "axes": [Y, [0, 0, 0]]}, "an axis has no direction"),
-        ({"type": "hinge", "axes": [Y]}, "at least 2"),
-        ({"type": "slide"}, "'hinge'"),
-    ],
-)
-def test_closures_that_cannot_be_used(tmp_path, closure, words):
-    with pytest.raises(InputError) as raised:
-        four_bar(tmp_path, {"frames": ["coupler", "rocker"], **closure})
-    assert words in str(raised.value)
 
 
 def _step(d, alpha, angle):

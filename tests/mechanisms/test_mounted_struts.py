@@ -103,23 +103,6 @@ def test_one_many_and_other_units_tell_the_same(tmp_path):
         assert relative_error(other / np.outer(sizes, sizes) * 1e3, one.B.matrix) <= SAME
 
 
-@pytest.mark.parametrize(
-    ("flexible", "words"),
-    [
-        ({"table": FLEXIBLE["base"]}, "table"),
-        ({"base": {"stiffness": np.diag([1.0, 1, 1, 1, 1, 0]).tolist()}}, "hold the body"),
-        ({"base": {"stiffness": np.triu(np.ones((6, 6))).tolist()}}, "symmetric"),
-        (
-            {"base": {"beam": {"E": 1, "G": 1, "length": 1, "area": 1, "Iy": 1, "Iz": 1, "J": 1}}},
-            "a beam",
-        ),
-    ],
-)
-def test_what_does_not_give_as_a_spring_is_refused(tmp_path, flexible, words):
-    with pytest.raises(InputError, match=words):
-        _machine(tmp_path, flexible=flexible)
-
-
 def test_cables_need_a_rigid_mounting(tmp_path):
     ends = np.random.default_rng(1).normal(size=(7, 3)).tolist()
     with pytest.raises(InputError, match="cables need a rigid mounting"):

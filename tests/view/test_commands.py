@@ -127,27 +127,3 @@ def test_a_page_with_the_workspace_is_that_of_the_workspace(tmp_path, monkeypatc
         assert np.array_equal(cloud.positions[len(reached.boundary) :], reached.singular.surface)
         words = " ".join(cloud.values["limit that cuts"])
         assert ("force of leg1" in words) is bool(forces)
-
-
-def test_refusals_of_export(refused, tmp_path):
-    assert "unknown file ending; expected .html" in refused("export", "cubic", "-o", "page.pdf")
-    assert "no such folder" in refused("export", "cubic", "-o", "nowhere/page.html")
-    assert "Missing option '-o'" in refused("export", "cubic")
-    assert "not both" in refused(
-        "export", "cubic", "-o", "p.html", "--load", "0,0,0,0,0,1", "--rest", "1,1,1,1,1,1"
-    )
-    (tmp_path / "path.csv").write_text("1,2,3\n")
-    line = refused("export", "cubic", "-o", "p.html", "--trajectory", "path.csv")
-    assert "path.csv, line 1: wrong count" in line
-    assert "unknown mechanism" in refused("export", "ur6", "-o", "p.html")
-    line = refused("export", "cubic", "-o", "p.html", "--frames", "3")
-    assert "No such option --frames" in re.sub("[:']", "", line)  # releases of click differ
-
-
-def test_refusals_of_view(refused):
-    assert "unknown mechanism" in refused("view", "ur6", "--no-open")
-    assert "range 0<=x<=65535" in refused("view", "cubic", "--port", "65536", "--no-open")
-    assert "cannot serve here" in refused("view", "cubic", "--host", "192.0.2.1", "--no-open")
-    assert "wrong count" in refused("view", "cubic", "--q", "1,2", "--no-open")
-    assert "or a radius" in refused("view", "cable-robot", "--workspace", "--no-open")
-    assert "no --map" in refused("view", "cubic", "--workspace", "--map", "b.csv", "--no-open")

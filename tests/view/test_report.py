@@ -15,7 +15,6 @@ from tests.support.read_units import read, si
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.cli.main import command as cartstiff_command
-from cartstiff.errors import CartstiffError
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.page.html_report import report_page
 from cartstiff.potentials.loads import DeadWrench
@@ -186,27 +185,6 @@ def test_the_command_writes_one_file(tmp_path):
     assert done.exit_code == 0, done.output
     assert f"{file}: " in done.output
     assert file.read_text(encoding="utf-8").startswith("<!doctype html>")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("cubic",), "Missing option '-o'"),
-        (("cubic", "-o", "x.pdf"), "unknown file ending"),
-        (("cubic", "-o", "/none/x.html"), "no such folder"),
-        (("cubic", "-o", "x.html", "--world"), "--world"),
-        (("cubic", "-o", "x.html", "--load-at", "0,0,1"), "--load-at"),
-        (("cubic", "-o", "x.html", "--load", "1,2"), "wrong count"),
-        (("cubic", "-o", "x.html", "--load", "0,0,0,0,0,1", "--rest", "1"), "not both"),
-        (("none", "-o", "x.html"), "unknown mechanism"),
-    ],
-)
-def test_refusals(arguments, said, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    done = run(*arguments)
-    assert isinstance(done.exception, (CartstiffError, SystemExit))
-    assert said in f"{done.output} {done.exception}"
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_map_stands_in_the_report(arm, tmp_path):
