@@ -46,7 +46,7 @@ def test_a_file_of_one_posture_says_what_it_cannot_and_what_works(tmp_path, page
     }
     # What would move it is switched off; the picture turns, and the numbers are read.
     assert page.is_disabled("#slider-0")
-    assert page.is_disabled("[aria-label='Quantity'] [data-value='compliance']")
+    assert page.is_disabled("[aria-label='Quantity'] [data-value='compliance'] input")
     assert not page.is_visible("#strip")
     assert page.is_hidden("#banner")
     drawn = "() => window.cartstiff.pane.viewer.renderer.info.render.triangles"

@@ -24,7 +24,7 @@ BOXES = """() => {
 #: Controls that are lower than a finger needs, and fields that cut their digits.
 SMALL = """() => [...document.querySelectorAll("button, select, summary, input")]
     .filter((one) => one.checkVisibility() && !one.closest("#pane, .dg"))
-    .filter((one) => (one.type === "checkbox" ? one.closest("label") : one)
+    .filter((one) => (/checkbox|radio/.test(one.type) ? one.closest("label") : one)
         .getBoundingClientRect().height < 31.5)
     .map((one) => one.outerHTML.slice(0, 80))"""
 CUT = """() => [...document.querySelectorAll("input[type=number]")]

@@ -178,7 +178,7 @@ def _legend_lines(legend: Mapping[str, Any]) -> list[dict[str, str]]:
     if (nodal := legend.get("nodal")) is not None:
         text = f"{nodal['name']}, {_few(nodal['value'])} Hz"
         if nodal["shown"]:
-            text += f", pitch {_few(nodal['pitch'])} {length}"
+            text += f", pitch {number(nodal['pitch'], length)}"
         else:
             text += f" not drawn: {nodal['reason']}"
         lines.append({"mark": "nodal", "text": text})

@@ -422,11 +422,13 @@ class Session:
 
     def _moved_on(self, reached: Array, state: ViewState) -> str | None:
         """Return why a posture is not the wanted one: closures have moved a coordinate; or None."""
-        names, wanted = self._elastic.names, state.q or ()
+        coordinates, units = self._elastic.mechanism.coordinates, self._elastic.units
+        wanted = state.q or ()
         away = [
             (
                 abs(reached[i] - wanted[i]),
-                f"{names[i]} moves from {wanted[i]:.4g} to {reached[i]:.4g}",
+                f"{coordinates[i].name} moves from {wanted[i]:.4g} to {reached[i]:.4g} "
+                f"{units.coordinate(coordinates[i].is_length)}",
             )
             for i in slider_coordinates(self._elastic)
             if abs(reached[i] - wanted[i]) > _REACHED * max(1.0, abs(wanted[i]))

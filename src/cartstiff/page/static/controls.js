@@ -194,7 +194,7 @@ export function pictureControls(store) {
       box.disabled = store.source.shows !== null && !store.source.shows.includes(key);
       box.parentElement.title = box.disabled ? "`cartstiff view` draws this" : "";
     }
-    for (const button of scale.children) button.disabled = !store.source.moves;
+    for (const { control } of scale.children) control.disabled = !store.source.moves;
     const points = hello.cloud;
     document.querySelector("#map-choice")?.remove();
     if (!points) return;

@@ -1,6 +1,6 @@
 // Small helpers: elements, numbers as text, downloads.
 
-import { PRINTED_AS_ZERO, NEGLIGIBLE_DIFFERENCE, ROUNDOFF } from "./numerics.js";
+import { PRINTED_AS_ZERO, ROUNDOFF } from "./numerics.js";
 
 /** What the server says where it answers a later question of the same kind instead. */
 export const SUPERSEDED = "a newer question took the place of this one";
@@ -71,11 +71,12 @@ export const short = (x, digits = 4) => engineering(x, "", digits);
 /** Components for reading: "(1, 0, 0)". */
 export const tuple = (list, digits = 3) => `(${list.map((x) => short(x, digits)).join(", ")})`;
 
-/** Components in one unit of the largest one's size, "(0, 0, −110.5) µm"; what is rounding beside it is 0. */
+/** Components in one unit and to one decimal, four digits of the largest: "(0, −0.011, −110.5) µm". */
 export function together(values, unit) {
   const most = Math.max(...values.map(Math.abs));
-  const [factor, name] = inSize(most, unit);
-  return `${tuple(values.map((x) => (Math.abs(x) > NEGLIGIBLE_DIFFERENCE * most ? x / factor : 0)), 4)} ${name}`;
+  const [factor, name] = most ? inSize(most, unit) : [1, unit];
+  const decimals = most ? clamp(3 - Math.floor(Math.log10(most / factor)), 0, 20) : 0;
+  return `${tuple(values.map((x) => Number((x / factor).toFixed(decimals))), 8)} ${name}`;
 }
 
 /** A number with every digit that it has. */
@@ -109,9 +110,6 @@ export function download(name, content, type = "text/plain") {
   setTimeout(() => URL.revokeObjectURL(link.href), 2000);
 }
 
-/** What arrow keys do in a group. */
-export const ARROWS = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 };
-
 /** A list of options [value, words] of which one is chosen; `offer` gives it others. */
 export function dropdown(label, options, onchoose, more = {}) {
   const node = el("select", { "aria-label": label, onchange: () => onchoose(node.value), ...more });
@@ -127,32 +125,19 @@ export const hint = (...words) => el("p", { class: "dim small" }, ...words);
 
 export const button = (words, onclick, more = {}) => el("button", { type: "button", onclick, ...more }, words);
 
-/** A group of buttons of which one is chosen; returns [element, choose]. */
-export function choice(label, options, onchoose) {
-  const buttons = new Map();
-  const group = el("div", { class: "choice", role: "radiogroup", "aria-label": label });
-  const choose = (value) => {
-    for (const [key, node] of buttons) {
-      node.ariaChecked = String(key === value);
-      node.tabIndex = key === value ? 0 : -1;
-    }
-  };
-  for (const [value, text, title] of options) {
-    const node = button(text, () => onchoose(value), { role: "radio", title, "data-value": value, "aria-checked": "false" });
-    node.addEventListener("keydown", (event) => {
-      const step = ARROWS[event.key];
-      if (!step) return;
-      event.preventDefault();
-      const keys = options.map(([key]) => key).filter((key) => !buttons.get(key).hidden);
-      const next = keys[(keys.indexOf(value) + step + keys.length) % keys.length];
-      buttons.get(next).focus();
-      onchoose(next);
-    });
-    buttons.set(value, node);
-    group.append(node);
-  }
-  return [group, choose];
+/** A radio button with its words: [text or node], more attributes of the label. */
+export function radio(name, value, words, onchange, more = {}) {
+  return el("label", { "data-value": value, ...more }, el("input", { type: "radio", name, value, onchange }), ...words);
 }
+
+/** A group of radio buttons; returns [element, choose]. */
+export function choice(label, options, onchoose) {
+  const name = `choice ${++choices}`;
+  const labels = options.map(([value, text, title]) => radio(name, value, [text], () => onchoose(value), { title }));
+  const choose = (value) => { for (const { control } of labels) control.checked = control.value === value; };
+  return [el("div", { class: "choice", role: "radiogroup", "aria-label": label }, ...labels), choose];
+}
+let choices = 0;
 
 /** The same for a value of the state. */
 export function stateChoice(store, key, label, options) {
@@ -171,7 +156,7 @@ export function tabs(label, panels) {
   const offer = (name, is) => {
     const tab = group.querySelector(`[data-value="${name}"]`);
     tab.hidden = !is;
-    if (!is && tab.ariaChecked === "true") show(panels[0][0]);
+    if (!is && tab.control.checked) show(panels[0][0]);
     group.hidden = [...group.children].filter((one) => !one.hidden).length < 2;
   };
   for (const [name, , node] of panels) node.reveal = () => show(name);

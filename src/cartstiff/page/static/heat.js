@@ -215,7 +215,7 @@ export function heat(store, what) {
 
   store.on("hello", ({ mechanism: { sliders } }) => {
     map = asked = null;
-    select.offer([["", "as curves"], ...sliders.map((i) => [i, `and ${coordinate(i).name}, as colours`])]);
+    select.offer([["", "as curves"], ...sliders.map((i) => [i, `and ${coordinate(i).name}`])]);
     select.hidden = sliders.length < 2 || !store.source.moves;
     show();
   });

@@ -50,7 +50,7 @@ export function shortcuts(store, parts) {
 
   document.addEventListener("keydown", (event) => {
     if (event.altKey || !store.numbers) return;
-    const typing = event.target.closest("input:not([type=range]):not([type=checkbox]), select, textarea");
+    const typing = event.target.closest("input:not([type=range], [type=checkbox], [type=radio]), select, textarea");
     if ((event.ctrlKey || event.metaKey) && !typing && /^[zy]$/i.test(event.key)) {
       event.preventDefault();
       if (event.shiftKey || /y/i.test(event.key)) store.redo();

@@ -51,7 +51,7 @@ function build(source) {
 
 /** A file of one posture: what would ask for another is switched off. */
 function fix() {
-  const controls = "#left input, #left select, #left button:not(.quiet), .matrix-card .choices button, .parts > button, .principal-card .choice button, #map-choice select";
+  const controls = "#left input, #left select, #left button:not(.quiet), .matrix-card .choices input, .parts > label input, .principal-card .choice input, #map-choice select";
   for (const node of document.querySelectorAll(controls)) node.disabled = true;
   for (const node of document.querySelectorAll("#strip, .compare-card, .setup-card, .posture-card .buttons")) node.hidden = true;
 }

@@ -135,7 +135,7 @@ export function matrixPanel(store) {
     const own = symbol(store.shown);
     chooseView(view);
     if (view !== "whole" || connection === "+") fold.open = true;
-    views.firstChild.textContent = quantity === "stiffness" ? "K" : "C";
+    views.firstChild.lastChild.textContent = quantity === "stiffness" ? "K" : "C";
     select.hidden = view !== "difference";
     const options = [...NAMES.filter((name) => name !== connection), ...store.kept.map(({ number }) => String(number))];
     if (!options.includes(other)) other = options[0];

@@ -1,6 +1,6 @@
 // Modes in a table, played in the picture, and the response of the body over frequency.
 
-import { ARROWS, LOST, SUPERSEDED, button, byId, dropdown, el, engineering, hint, short } from "./dom.js";
+import { LOST, SUPERSEDED, button, byId, dropdown, el, engineering, hint, inSize, radio, short } from "./dom.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { showPlaying, ticking } from "./player.js";
 import { Plot } from "./plot.js";
@@ -73,7 +73,7 @@ export function modesPanel(store) {
     note.textContent = first ? `from ${short(first, 3)} Hz` : "";
     const focused = rows.contains(document.activeElement);
     rows.replaceChildren(...modes.frequencies.map((f, i) => row(modes, f, i, i + 1 === mode)));
-    if (focused) rows.querySelector('[aria-checked="true"]')?.focus();
+    if (focused) rows.querySelector(":checked")?.focus();
     const load = result.load?.kind && result.wrench?.some((x) => x) ? `under its ${result.load.kind} load` : "unloaded";
     const notes = modes.notes.filter(({ code }) => ["unstable", "free-motion", "repeated-modes", "massless-struts", "implausible-mass"].includes(code));
     words.textContent = [
@@ -91,16 +91,10 @@ export function modesPanel(store) {
     const list = (v) => v.map((x) => short(Math.abs(x) < NEGLIGIBLE_DIFFERENCE ? 0 : x, 3)).join(", ");
     const axis = !direction ? "M rests" : !point ? `M moves along ${list(direction)}`
       : `M turns about ${list(direction)} through ${list(point)}, pitch ${short(pitch, 3)} ${store.unit("length")}`;
-    return el("button", { type: "button", role: "radio", class: "mode", "aria-checked": String(chosen),
-      tabindex: chosen ? 0 : -1, title: axis, onclick: () => choose(i + 1),
-      onkeydown: (event) => {
-        const step = ARROWS[event.key];
-        if (!step) return;
-        event.preventDefault();
-        const count = modes.frequencies.length;
-        choose(((i + step + count) % count) + 1);
-      } },
-    el("span", { class: "dim num" }, String(i + 1)), el("span", { class: `num${f === null ? " bad" : ""}` }, hertz), el("span", { class: "small what" }, what));
+    const node = radio("mode", i + 1, [el("span", { class: "dim num" }, String(i + 1)), el("span", { class: `num${f === null ? " bad" : ""}` }, hertz),
+      el("span", { class: "small what" }, what)], () => choose(i + 1), { class: "mode", title: axis });
+    node.control.checked = chosen;
+    return node;
   }
 
   // -- the swing ----------------------------------------------------------------------------
@@ -242,9 +236,11 @@ function responseStrip(store) {
   function draw() {
     if (!answer || plot.width < 80 || plot.height < 30) return;
     if (answer.missing) return plot.say(answer.missing);
-    const { frequencies: f, curves, modes, unit } = answer;
+    const { frequencies: f, modes } = answer;
     const log = Math.log10;
-    const values = Object.values(curves).flat().filter((size) => size > 0);
+    const [factor, unit] = inSize(Math.max(...Object.values(answer.curves).flat()), answer.unit);
+    const curves = Object.entries(answer.curves).map(([name, sizes]) => [name, sizes.map((size) => size / factor)]);
+    const values = curves.flatMap(([, sizes]) => sizes).filter((size) => size > 0);
     const high = log(Math.max(...values));
     const x = plot.across(log(f[0]), log(f.at(-1)));
     const y = plot.upwards(Math.max(log(Math.min(...values)), high - 5), high + 0.1);
@@ -256,7 +252,7 @@ function responseStrip(store) {
       plot.add("line", { class: `grid own${i + 1 === store.state.mode ? " chosen" : ""}`, x1: at, x2: at, y1: y.end, y2: y.start });
     });
     let peak = ["", 0, 0];
-    Object.entries(curves).forEach(([name, sizes], k) => {
+    curves.forEach(([name, sizes], k) => {
       const points = sizes.map((size, i) => (size > 0 ? [x.place(log(f[i])), y.place(Math.max(y.low, log(size)))] : null));
       plot.path(points, { class: `curve response curve-${k}`, "data-axis": name });
       sizes.forEach((size, i) => { if (size > peak[1]) peak = [name, size, f[i]]; });

@@ -1,6 +1,6 @@
 // A plot: its drawing, axes with round values, what is seen of them.
 
-import { clamp, short } from "./dom.js";
+import { clamp, short, typeset } from "./dom.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { WIDE_LETTER, svg, wrapped } from "./plotfiles.js";
 
@@ -77,7 +77,7 @@ export class Plot {
   /** Words instead of curves. */
   say(words) {
     this.node.replaceChildren();
-    const lines = wrapped(words, Math.floor(this.width / WIDE_LETTER) - 2);
+    const lines = wrapped(typeset(words), Math.floor(this.width / WIDE_LETTER) - 2);
     lines.forEach((line, k) => this.text(this.width / 2, this.height / 2 + (k + (1 - lines.length) / 2) * LINE, line, "middle", "nothing"));
   }
 
@@ -104,8 +104,9 @@ export class Plot {
   grid(y, isLog, words) {
     const { margin: { left, right, top }, width, height } = this;
     let lastY = Infinity;
-    const values = isLog ? decades(10 ** y.low, 10 ** y.high) : ticks(y.low, y.high, height / 28);
-    for (const value of values) {
+    const [low, high] = isLog ? [10 ** y.low, 10 ** y.high] : [y.low, y.high];
+    const round = isLog ? decades(low, high) : [];
+    for (const value of round.length > 1 ? round : ticks(low, high, height / 28)) {
       const at = y.place(isLog ? Math.log10(value) : value);
       if (lastY - at < 13) continue;
       lastY = at;

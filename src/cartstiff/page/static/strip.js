@@ -302,7 +302,6 @@ export function strip(store) {
       .flatMap(([at, values]) => values.filter((value, i) => Number.isFinite(value) && (value > 0 || !isLog) && isSeen(at, i)));
     if (!found.length) {
       plot.say(why(series.rows.find((row) => row.q) ?? series.rows[0]));
-      plot.node.append(cursor);
       return showCursor();
     }
     plot.node.replaceChildren();
