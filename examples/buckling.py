@@ -1,7 +1,7 @@
-"""A column of rigid links gives way: critical loads, and where the column goes afterwards.
+"""Buckling of a column of rigid links: critical loads, and the bent column beyond them.
 
-Equal links of length l stand on one another, a spring k in every joint, and a force P presses on
-the top along the column. The straight column buckles at P l / k = 2 - 2 cos(pi / (2 n + 1)) for n
+Equal links of length l form a column with a spring k in every joint. A force P acts on the top
+along the column. The straight column buckles at P l / k = 2 - 2 cos(pi / (2 n + 1)) for n
 links: 0.38197 for two, 0.19806 for three. The picture shows the load against the sideways motion of
 the top, along the branches that start there.
 """

@@ -1,7 +1,7 @@
-"""A cable robot: preload makes stiffness where elasticity makes little, and slack ends it.
+"""A cable robot: preload adds stiffness, slack cables have none.
 
-Eight crossed cables hold a frame. Twisting it about the vertical hardly stretches a cable: that
-stiffness comes mostly from the preload.
+Eight crossed cables hold a frame. A rotation about the vertical stretches the cables very
+little: this stiffness comes mostly from the preload.
 """
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A cubic platform is isotropic at its centre, and how fast that is lost on the way up.
+"""A cubic platform is isotropic at its centre, and less so above it.
 
 At the centre K is diagonal: 2 k for every translation, k H^2 (3/2, 3/2, 6) for the rotations, with
 k the stiffness of a leg and H the height between the two rings of joints.

@@ -1,9 +1,9 @@
-"""Milling a circle with a UR5: what to command to have the loaded tool on the path.
+"""Milling a circle with a UR5: the commands that keep the loaded tool on the path.
 
 The cutting force turns with the cut, 60 N along the path and 30 N towards the centre, and the tool
 weighs 2 kg. The compensated joint angles put the tool on the circle exactly, if the arm is as stiff
-as the model says; the picture shows what is left if it is a tenth softer. Joint stiffnesses are
-those of the bundled file: illustrative.
+as the model; the picture shows the error that remains if the arm is a tenth softer. The joint
+stiffnesses are those of the bundled file: illustrative.
 """
 
 from pathlib import Path

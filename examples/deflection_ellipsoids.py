@@ -1,4 +1,4 @@
-"""Where a UR5 gives way: the ball of all 100 N forces, and the ellipsoid of flange deflections.
+"""Deflections of a UR5: the ball of all 100 N forces, and the ellipsoid of flange deflections.
 
 Three postures of the same arm. Deflections are drawn 120 times too large. The joint stiffnesses
 are those of the bundled file: illustrative, not the maker's.

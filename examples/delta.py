@@ -1,6 +1,6 @@
-"""A Delta robot with forearms that give: what the motors alone would promise, and what is left.
+"""A Delta robot with compliant forearms: its stiffness, and that with the motors alone.
 
-With rigid forearms the platform can only translate, and the motors' stiffness is all there is. The
+With rigid forearms the platform can only translate, and only the motors are compliant. The
 bundled file has forearms of thin carbon tube; here they are made stiffer and stiffer.
 """
 

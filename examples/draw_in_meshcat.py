@@ -1,8 +1,8 @@
 """Stiffness ellipsoids along a path of a UR5, in a meshcat scene of your own.
 
 Give ``main`` your own ``meshcat.Visualizer()``: ellipsoids, load and path are added below the place
-"stiffness" and leave everything else there alone. Run as a script it draws into a window that only
-records, and says how much there is to send.
+"stiffness", and nothing else there changes. Run as a script it draws into a window that only
+records, and prints the amount of data.
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
 """A planar five-bar linkage: two motors, two stiffnesses, over its workspace.
 
 The tip moves in two directions; in the other four the rigid links hold it, and no 6x6 stiffness
-matrix exists. The compliance does, and its x, y block says what a force in the plane does.
+matrix exists. The compliance does, and its x, y block is the motion under a force in the plane.
 """
 
 from pathlib import Path

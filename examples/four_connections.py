@@ -1,7 +1,7 @@
-"""The four stiffness matrices of one loaded UR5: what is the same and what is not.
+"""The four stiffness matrices of one loaded UR5, and their differences.
 
-The environment pushes the flange with 400 N, and the joint springs balance it. That is far more
-than a UR5 may carry: it makes the differences easy to see.
+The environment pushes the flange with 400 N, and the joint springs balance it. This is far more
+than a UR5 may carry, so that the differences are easy to see.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Two fingers hold an object: squeezing changes how firmly.
+"""Two fingers hold an object: the squeezing force changes the stiffness.
 
 Point contacts cannot resist a spin about the line that joins them. The other two rotational
 stiffnesses fall as the fingers squeeze harder: the load on each finger enters K, although the

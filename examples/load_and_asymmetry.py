@@ -1,4 +1,4 @@
-"""How the asymmetry of K^A grows with the load, and how K^B and K^K stay symmetric.
+"""The asymmetry of K^A grows with the load; K^B and K^K stay symmetric.
 
 Equation 50 of Zefran & Kumar: K^A - (K^A)^T is made of the load alone, whatever the mechanism. The
 forces go far beyond what a UR5 may carry, to make the effect easy to see.

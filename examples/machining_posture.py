@@ -1,4 +1,4 @@
-"""Which way round should the arm hold the tool, and where should the work lie.
+"""The best turn of a tool about its axis, and the best place of the workpiece.
 
 A UR5 deburrs an edge with a spindle at right angles to its flange. The tool may turn about its own
 axis, so that the arm has a choice at every point. Above, how far the cutting force moves the tool's

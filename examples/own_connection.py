@@ -1,4 +1,4 @@
-"""Your own connection: the same loaded platform through three more pairs of glasses.
+"""Your own connection: three more stiffness matrices of the same loaded platform.
 
 The Levi-Civita connection of a body's inertia, a family between Cartan's two connections, and a
 connection that is neither symmetric nor known by name.

@@ -1,7 +1,7 @@
 """Your own energy on the pose: a soft magnet at the flange, with and without derivatives.
 
 The energy is a well that pulls the flange to a place. cartstiff differentiates it numerically, or
-takes your derivatives; `taylor_check` tells whether they are right.
+takes your derivatives; `taylor_check` verifies them.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The elbow decides: stiffness of a Panda's hand along its self-motion, the hand at rest.
+"""Stiffness of a Panda's hand along its self-motion: the elbow moves, the hand does not.
 
 Seven joints leave one free motion that keeps the hand where it is. The stiffness of the hand
 changes along it.

@@ -1,7 +1,7 @@
 """The four stiffness matrices of Zefran & Kumar's platform, against the printed tables.
 
-The paper prints the platform's coordinates rounded. The picture shows how far each of the 144
-printed entries is missed, with the printed coordinates and with those of the bundled file.
+The paper prints the platform's coordinates rounded. The picture shows the error of each of
+the 144 printed entries, with the printed coordinates and with those of the bundled file.
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
 """Parallel machines by the names of their legs, drawn side by side: all bundled ones.
 
 Each leg is a line from the ground through its joints to the body. The numbers are the stiffnesses
-along z: of the motors alone, but for the Delta's forearms, which give.
+along z. Only the motors are compliant, and the forearms of the Delta.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A platform turned towards its singularity: one motion softens to nothing.
+"""A platform turned towards its singularity: the stiffness of one motion falls to zero.
 
 The cubic platform turned by 90 degrees about its axis: the six legs' lines become dependent, and
 the leg lengths no longer hold the platform (type-2 singularity).

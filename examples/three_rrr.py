@@ -1,7 +1,8 @@
-"""A planar 3-RRR manipulator out of its plane: compliant links decide what motors cannot.
+"""A planar 3-RRR manipulator: out of its plane only the links are compliant.
 
 In the plane the motors' springs and the links share the deflection; out of the plane the motors
-have no say. The picture shows the sinking under 50 N while the platform turns about its own axis.
+have no effect. The picture shows how far the platform sinks under 50 N while it turns about its own
+axis.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Where does the drill go? Deflection of a UR5 along a row of holes in a vertical plate.
+"""Deflection of a UR5 along a row of holes in a vertical plate.
 
 The drill points along the base's x axis, its tip 0.15 m before the flange; the work pushes back
 with 120 N. The joint stiffnesses are those of the bundled file: illustrative, not the maker's.

@@ -1,4 +1,4 @@
-"""How does a platform swing, and how deep may a mill on it cut.
+"""Vibrations of a platform, and the largest depth of cut of a mill on it.
 
 The Stewart platform of the stewart-simscape simulator, with the masses of platform and struts.
 Above, the motion of a point 50 mm over the platform per force at it, without a load and under 60 kN

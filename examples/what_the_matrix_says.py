@@ -1,8 +1,8 @@
-"""What a stiffness matrix says: a UR5 under 100 N, read with screws instead of 36 mixed numbers.
+"""Meaning of a stiffness matrix: directions, centres and screws of a UR5 under 100 N.
 
 Softest direction, centres, screws, an index with its length, springs that would do the same, and
 whether the choice of the connection matters. The picture shows two traps: a condition number is a
-function of the length that is chosen, and connections part as the load grows.
+function of the length that is chosen, and the connections differ more as the load grows.
 """
 
 from pathlib import Path

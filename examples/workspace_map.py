@@ -1,4 +1,4 @@
-"""Where is an arm soft? The softest translation of a UR5 over its elbow and wrist.
+"""The softest translation of a UR5 over its elbow and wrist.
 
 The map goes to a file that xarray opens; the joint stiffnesses are illustrative.
 """

@@ -125,7 +125,11 @@ class Where:
             )
         base = elastic.placed(q, "--q")[1].q
         if self.trajectory is not None:
-            return Trajectory.from_table(_table(self.trajectory, elastic), elastic, base), steps
+            table = _table(self.trajectory, elastic)
+            try:
+                return Trajectory.from_table(table, elastic, base), steps
+            except InputError as error:
+                raise error.at(f"--trajectory {one_line(str(self.trajectory))}") from None
         given = over or self.grid or self.cartesian or {}
         option = "--actuate" if over else "--grid" if self.grid else "--cartesian"
         axes: dict[str, Axis] = {}

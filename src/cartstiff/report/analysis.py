@@ -290,7 +290,10 @@ def answer_lines(summary: Mapping[str, Any], elastic: ElasticMechanism) -> list[
         is_stable = definite.startswith("positive") or summary["symmetrised"] or not is_tangent
         part = "the symmetric part of " if summary["symmetrised"] else ""
         lines.append(f"  {part}K^{name} is {_DEFINITE.get(definite, definite)}")
-        lines[-1] += "" if is_stable else ": the posture is not stable"
+        if not is_stable:
+            lines[-1] += ": the posture is not stable"
+        elif definite == "positive":
+            lines[-1] += ": every small motion is resisted"
     moved = resisted_deflection(summary)
     if moved and definite in (None, "positive"):
         size = engineering(math.hypot(*moved["displacement"]), units.length)
