@@ -49,3 +49,18 @@ def test_no_masses_is_a_state():
     assert data["frequencies"] == []
     assert data["notes"][0]["code"] == "no-mass"
     assert "has a mass" in run("modes cubic --strict", code=3)
+
+
+def test_weight_that_only_a_load_balances():
+    """Forearms bend under a payload: without a load, rest positions balance its weight alone."""
+    data = answer("modes delta --payload 3 --load 0,0,0,0,0,-10")
+    zero = answer("modes delta --payload 3 --load 0,0,0,0,0,0")
+    assert data["unloaded"]["frequencies"] == zero["frequencies"]
+    assert data["frequencies"] != zero["frequencies"]
+    assert "--load 0,0,0,0,0,0" in run("modes delta --payload 3")
+
+
+def test_files_without_modes_are_refused(tmp_path):
+    file = tmp_path / "h.csv"
+    assert "has a mass" in run(f"modes cubic --response 1:2:3 --csv {file}", code=3)
+    assert not file.exists()

@@ -28,6 +28,7 @@ from cartstiff.cli.tables import read_target
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 
 if TYPE_CHECKING:
+    from cartstiff.mechanisms.elastic import ElasticMechanism
     from cartstiff.vibration.modes import Modes
 
 
@@ -97,6 +98,16 @@ class Controller:
 
             write_whole(self.output, _text(gains, self.output.suffix).encode())
         return describe_impedance(answer, shown, elastic.units)
+
+
+def _without_load(elastic: ElasticMechanism, q: Any) -> Modes:
+    """Return the modes without the load; weight may need rest positions of its own."""
+    from cartstiff.vibration.modes import modes
+
+    try:
+        return modes(elastic, q)
+    except UndefinedError:
+        return modes(elastic, q, wrench=[0.0] * 6)
 
 
 def _text(gains: dict[str, Any], ending: str) -> str:
@@ -300,19 +311,23 @@ def command(
 
     import numpy as np
 
+    from cartstiff.report.analysis import BALANCING
     from cartstiff.report.modes import describe_comparison, describe_modes
     from cartstiff.vibration.modes import modes
 
     try:
         with np.errstate(all="ignore"):
             swinging = modes(elastic, q, **load.keywords)
-            bare = modes(elastic, q) if load.load is not None and any(load.load) else None
+            is_loaded = load.load is not None and any(load.load)
+            bare = _without_load(elastic, q) if is_loaded else None
     except UndefinedError as error:
-        if strict:
+        if strict or out.csv or out.plot or controller.output:
             raise
         note = {"code": error.code, "message": str(error), "values": dict(error.values)}
         data: dict[str, Any] = {"schema": "cartstiff-modes/1", "frequencies": [], "notes": [note]}
         words = f"{elastic.name}: no modes\n  [{error.code}] {error}"
+        if error.code == "unbalanced":
+            words += f"\n  {BALANCING}"
         out.show(data, robot.mechanism, lambda: words)
         return
     data = swinging.to_dict()
