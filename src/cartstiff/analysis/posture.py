@@ -561,8 +561,8 @@ def analyse_posture(
     result : PostureStiffness
         From `cartstiff.analyse`.
     connection : str, optional
-        Matrix that is analysed: load, A, B, K, F or +. Default under a load: load, the tangent
-        stiffness under it; without a load all are the same, and the default is B.
+        Letter of the matrix that is analysed. One of load, A, B, K, F and +; default under a load:
+        load, the tangent stiffness under it; without a load all are the same, and it is B.
     length : float, optional
         Characteristic length, which makes angles comparable with lengths; default that of the rigid
         body, if one is given, else the natural length, else one unit.
@@ -574,7 +574,7 @@ def analyse_posture(
         the point of "deflection" is its origin. Every matrix moves there as a tensor: K^K stays
         that of M's origin, and the load acts where it does.
     direction : array_like, shape (3,), optional
-        Direction along and about which the stiffness is given, besides x, y, z; in the axes of the
+        Direction for stiffness along and about it, besides x, y, z; in the axes of the
         analysis.
     wrench : array_like, shape (6,), optional
         Wrench added to the load, whose linear deflection is given: moment and force, in the axes of

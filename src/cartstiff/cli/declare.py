@@ -279,7 +279,11 @@ def _help_all(ctx: click.Context) -> None:
 
 
 def _brief(text: str, room: int) -> str:
-    """Return the first sentence of a help text, or as much as fits, with the default."""
+    """Return the first sentence of a help text, or as much as fits, with the default.
+
+    The option that is needed beside this one is only in the whole text.
+    """
+    text = re.sub(r"^With --[^:]*: (.)", lambda found: found[1].upper(), text)
     words, bounds = re.fullmatch(r"(.*?)(\s*\[[^\]]*\])?", text, re.S).groups("")  # type: ignore[union-attr]
     sentence = re.split(r"(?<=\.)\s", words)[0]
     stops = re.finditer(r"[:;] |, (?![a-z]{1,2},)| \(|\.$", sentence)

@@ -153,7 +153,8 @@ def candidates(
     mass : float
         Mass [kg] that hangs on the body.
     force : float
-        Force on the body along +-x, +-y or +-z of F, drawn for each posture, if no mass hangs.
+        Force on the body [N], for each posture along one of the axes +-x, +-y and +-z of F;
+        without a mass.
     ranges : mapping of str to (low, high), optional
         Ranges of joints, narrower than their limits.
     within : mapping of str to (low, high), optional

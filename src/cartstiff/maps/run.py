@@ -138,7 +138,7 @@ def map_job(
         Characteristic length, which makes angles comparable with lengths, for all postures; default
         the natural length at the default posture.
     direction : array_like (3,), optional
-        Direction along and about which the stiffness is computed, in the body's axes.
+        Direction for stiffness along and about it, in the body's axes.
     deflect : array_like (6,), optional
         Wrench added to the load, whose linear deflection is computed: moment and force, in the
         body's axes; default the load itself.
