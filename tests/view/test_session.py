@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import re
+from copy import copy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import cartstiff
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError
@@ -304,6 +307,33 @@ def test_sliders_are_what_a_user_moves(name, expected):
         assert low <= x <= high
         assert high > low
     json.dumps(describe_mechanism(elastic, elastic.q), allow_nan=False)
+
+
+def test_sliders_of_a_platform_end_where_a_leg_ends_its_stroke():
+    """The hexapod's legs go from 0.5 to 1.2; one coordinate moves at a time."""
+    elastic = cartstiff.load("hexapod")
+    anchors, points = elastic.mechanism.anchors, elastic.mechanism.points_P
+    for i, ends in enumerate(slider_ranges(elastic, elastic.q)):
+        for end in ends:
+            q = elastic.q.copy()
+            q[i] = end
+            R = Rotation.from_euler("xyz", q[3:]).as_matrix()
+            lengths = np.linalg.norm(points @ R.T + q[:3] - anchors, axis=1)
+            left = min(lengths.min() - 0.5, 1.2 - lengths.max())
+            assert left >= 0.0
+            assert left < 1e-5 or (i > 2 and abs(end) == pytest.approx(np.pi / 6))
+    # A leg that is beyond its stroke does not hold a slider, one at its end holds it on one side.
+    low = elastic.q - 0.42 * np.eye(6)[2]
+    assert slider_ranges(elastic, low)[2][1] > elastic.q[2]
+    rest = replace(elastic, mechanism=replaced_limits(elastic.mechanism, low))
+    assert slider_ranges(rest, low)[2][0] == pytest.approx(low[2], abs=1e-6)
+
+
+def replaced_limits(platform, q):
+    """The platform with strokes that end at a pose."""
+    other = copy(platform)
+    other.limits = np.stack([platform.leg_lengths(q), np.full(6, 1.2)], axis=1)
+    return other
 
 
 def test_an_impossible_assembly_is_refused_not_raised_through(session):

@@ -22,6 +22,7 @@ from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.limits import limits_of
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
 from cartstiff.page.messages import ViewState
 from cartstiff.potentials.line_springs import LineSprings
@@ -229,14 +230,49 @@ def slider_coordinates(elastic: ElasticMechanism) -> list[int]:
 
 
 def slider_ranges(elastic: ElasticMechanism, q: Array) -> list[tuple[float, float]]:
-    """Ends of every slider: the limits, and a range about q where there are none."""
+    """Ends of every slider: limits, where a leg reaches one, else a range about q."""
     mechanism = elastic.mechanism
     size = mechanism.at(q).length
     is_platform = False
     if isinstance(mechanism, Platform):
         is_platform, size = True, float(np.mean(mechanism.leg_lengths(q)))
     pairs = zip(mechanism.coordinates, q, strict=True)
-    return [_range(c, float(x), size, is_platform) for c, x in pairs]
+    ranges = [_range(c, float(x), size, is_platform) for c, x in pairs]
+    if isinstance(mechanism, Platform) and len(limits_of(mechanism)):
+        ranges = [_within_strokes(mechanism, q, i, size, own) for i, own in enumerate(ranges)]
+    return ranges
+
+
+# Postures on the way to the end of a stroke, and how often the way between two is divided again.
+_SAMPLES, _DIVISIONS = 201, 3
+
+
+def _within_strokes(
+    platform: Platform, q: Array, i: int, size: float, own: tuple[float, float]
+) -> tuple[float, float]:
+    """Ends of coordinate i of a platform's pose q (6,): where the first leg reaches a limit.
+
+    The other coordinates stay; a limit that is exceeded at q does not count. `own` is the range
+    without limits, used where none is reached within twice `size` or a quarter of a turn.
+    """
+    limits, pose = limits_of(platform), platform.pose_of(q)
+    limits = limits.leaving_out(limits.side(limits.values(q, pose), size))
+    reach = 2.0 * size if platform.coordinates[i].is_length else 0.5 * np.pi
+    ends = list(own)
+    for side, sign in enumerate((-1.0, 1.0)):
+        near, far, is_reached = 0.0, sign * reach, False
+        for _ in range(_DIVISIONS):
+            steps = np.linspace(near, far, _SAMPLES)
+            Q = q + steps[:, None] * (np.arange(6) == i)
+            T = se3.from_roll_pitch_yaw(Q[:, :3], Q[:, 3:]) @ platform.T_P_M
+            beyond = limits.exceeded(limits.values(Q, T))
+            if not beyond.any():
+                break
+            is_reached, first = True, max(1, int(beyond.argmax()))
+            near, far = float(steps[first - 1]), float(steps[first])
+        if is_reached:
+            ends[side] = float(q[i]) + near
+    return (ends[0], ends[1]) if ends[0] < ends[1] else own
 
 
 def swept_range(lower: float, upper: float, is_length: bool) -> tuple[float, float]:

@@ -74,7 +74,7 @@ export function sliderRow(store, { index, id = `slider-${index}`, name, label = 
     shownUnit.textContent = degrees ? "°" : unit;
     low.textContent = short(lower * factor(), 3);
     high.textContent = short(upper * factor(), 3);
-    const ends = limited ? "limits" : "range of the slider (the joint has no limits)";
+    const ends = limited ? "limits" : "range of the slider (no limits of its own)";
     range.title = `${name}: ${ends} ${low.textContent} … ${high.textContent} ${shownUnit.textContent}`;
   }
 
