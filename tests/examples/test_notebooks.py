@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 from tests.docs.blocks import agree
-from tests.examples.test_examples import NOISE, RELATIVE
+from tests.examples.test_examples import NUMBERS as ALL
+from tests.examples.test_examples import check
 
 from cartstiff.loading.catalogue import example_robots
 
@@ -16,30 +17,7 @@ FOLDER = ROOT / "examples" / "notebooks"
 LARGEST = 30_000
 
 ROBOTS = {"which_joint"}
-NUMBERS = {
-    "energy_to_matrices": {
-        "first moment, N cm": 945.102,
-        "last force, N": 505.963,
-        "asymmetry of K^A, N": 2376.39,
-        # Differences of differences keep nine digits.
-        "largest distance from the library": pytest.approx(0, abs=1e-6),
-        "second derivative along the screw, N cm": 5803.79,
-        "straight ahead, N cm": 6717.75,
-        "with the legs, N cm": 2074.72,
-        "largest distance from x' K x": pytest.approx(0, abs=1e-6),
-    },
-    "which_joint": {
-        "deflection, mm": 4.15975,
-        "most to blame": "shoulder_lift_joint",
-        "its share, %": 52.2549,
-        "best joint to stiffen": "shoulder_lift_joint",
-        "deflection then, mm": 3.09623,
-        "at rest under 150 N, mm": 4.17059,
-        "at rest under 3 kN, mm": 86.9218,
-        "K^K against the load inside": 0.0,
-        "K^F against the load inside": 191.627,
-    },
-}
+NUMBERS = ALL["notebooks"]
 
 
 def _module(path):
@@ -63,17 +41,8 @@ def test_every_notebook_is_pinned():
 @pytest.mark.parametrize("name", sorted(NUMBERS))
 def test_notebook_returns_its_numbers_and_makes_its_picture(name, tmp_path):
     _skip_without_robots(name)
-    picture = tmp_path / f"{name}.png"
-    has_plots = importlib.util.find_spec("matplotlib") is not None
     main = _module(ROOT / "examples" / "make_gallery.py").load(name)["main"]
-    numbers = main(picture) if has_plots else main()
-    assert picture.exists() is has_plots
-    assert list(numbers) == list(NUMBERS[name])
-    for key, expected in NUMBERS[name].items():
-        if isinstance(expected, float):
-            assert numbers[key] == pytest.approx(expected, rel=RELATIVE, abs=NOISE), key
-        else:
-            assert numbers[key] == expected, key
+    check(main, NUMBERS[name], tmp_path / f"{name}.png")
 
 
 # The kernel is another process; what its client leaves behind is no fault of the notebook.
