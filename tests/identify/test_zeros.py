@@ -331,6 +331,20 @@ def test_a_plan_separates_springs_from_zeros_and_says_what_the_fit_will(arm, cri
     assert np.prod(worse) > 1.1
 
 
+def test_a_zero_about_an_axis_through_the_tool_does_not_take_the_tools_place():
+    """The fit of noisy rows determines what their plan says: micrometres of tool are no lever."""
+    ur5, spread = cartstiff.load("ur5"), dict.fromkeys("xyz", 2e-5)
+    sought = ("joints", "zeros", "tool", "base")
+    found = candidates(ur5, spread, count=60, mass=5.0, seed=1)
+    chosen = plan(unknowns_of(ur5, sought), found, 14)
+    rows = simulated(ur5, chosen.rows, spread, seed=3, tell_deviations=True)
+    result = identify(ur5, rows, sought=sought)
+    for g, predicted in zip(result.geometry, chosen.geometry, strict=True):
+        assert g.name == predicted.name
+        assert g.sd == (None if predicted.sd is None else pytest.approx(predicted.sd, rel=0.02))
+    assert result.placed["wrist_3_joint.zero"] == 0.0
+
+
 def test_a_plan_takes_the_frames_of_measured_sessions_as_unknown(arm, tmp_path):
     """Rows in two frames add less than rows in the base frame, as much as the fit of all says."""
     frames = np.repeat(["a", "b"], 15).tolist()

@@ -527,7 +527,10 @@ def _of_geometry(
         if word.endswith(ZERO):
             j = elastic.names.index(word.removesuffix(ZERO))
             twists = np.array([p.motion.jacobian[:, j] for p in postures])[at]
-            columns[word] = np.where(absolute, np.einsum("mi,mi->m", seen.functional, twists), 0.0)
+            column = np.where(absolute, np.einsum("mi,mi->m", seen.functional, twists), 0.0)
+            # Of a point nearly on the axis it would be confused with the tool's place.
+            lever = numerics.NEGLIGIBLE_CHANGE * postures[0].length
+            columns[word] = column * (np.abs(column).max() > lever)
             continue
         if word == "tool":
             axes = np.array([p.pose[:3, :3] for p in postures])[at]
