@@ -109,7 +109,7 @@ def _body(mass: float, inertia: ArrayLike) -> tuple[float, Array]:
     if not (np.isfinite(m) and m > 0):
         raise InputError("mass cannot be used", expected="a positive number", got=m)
     I_c = checked_matrix(inertia, "inertia", 3)
-    if np.abs(I_c - I_c.T).max() > numerics.SYMMETRY * np.abs(I_c).max():
+    if numerics.asymmetry(I_c):
         raise InputError("inertia is not symmetric", got=I_c.tolist())
     if np.linalg.eigvalsh(I_c)[0] <= 0:
         raise InputError("inertia is not positive definite", got=I_c.tolist())

@@ -166,12 +166,15 @@ def unit_of(path: str) -> str:
     return "mixed" if unit in (BY_BLOCK, BY_SOFT_BLOCK) else unit
 
 
-def _look_up(tree: Any, path: str) -> Any:
-    """Value at a dotted path; a list for rows."""
+def look_up(tree: Any, path: str) -> Any:
+    """Value at a dotted path of keys and positions; a list for a key of rows, None for nothing."""
     for i, key in enumerate(keys := path.split(".")):
-        if isinstance(tree, list):
-            return [_look_up(row, ".".join(keys[i:])) for row in tree] or None
-        tree = tree.get(key) if isinstance(tree, Mapping) else None
+        if isinstance(tree, list) and key.isdigit():
+            tree = tree[int(key)] if int(key) < len(tree) else None
+        elif isinstance(tree, list):
+            return [look_up(row, ".".join(keys[i:])) for row in tree] or None
+        else:
+            tree = tree.get(key) if isinstance(tree, Mapping) else None
     return tree
 
 
@@ -192,10 +195,10 @@ def numbers(analysis: Mapping[str, Any], like: Mapping[str, Any] | None = None) 
     values: dict[str, Any] = {}
     like = analysis if like is None else like
     for path, are_axes, in_rows in varying():
-        value = _look_up(analysis, path)
+        value = look_up(analysis, path)
         if value is not None:
             along = 1 if in_rows else 0
-            values[path] = _signed(value, _look_up(like, path), along) if are_axes else value
+            values[path] = _signed(value, look_up(like, path), along) if are_axes else value
     return {name: np.array(value, dtype=float) for name, value in values.items()}
 
 

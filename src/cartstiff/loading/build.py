@@ -547,7 +547,7 @@ def link_springs(
             springs.append(_beam(entry.beam, indices, prefix + link))
             continue
         K = np.array(entry.stiffness, float)
-        if np.abs(K - K.T).max() > numerics.SYMMETRY * np.abs(K).max():
+        if numerics.asymmetry(K):
             raise InputError("stiffness of a link must be symmetric", where=f"key flexible.{link}")
         springs.append(CoupledSprings(indices, K[se3.SWAP][:, se3.SWAP], prefix + link))
     return springs
@@ -1445,7 +1445,7 @@ def _legs(
 def _checked_inertia(rows: list[list[float]] | None) -> Array:
     """Return the 3x3 inertia of a body, zero by default; refuse one that no body has."""
     inertia = np.zeros((3, 3)) if rows is None else np.array(rows, float)
-    if np.abs(inertia - inertia.T).max() > numerics.SYMMETRY * np.abs(inertia).max():
+    if numerics.asymmetry(inertia):
         raise InputError("inertia is not symmetric", where="key body.inertia", got=inertia.tolist())
     moments = np.linalg.eigvalsh(inertia)
     if (

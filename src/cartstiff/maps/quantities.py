@@ -30,13 +30,12 @@ from cartstiff.analysis.ellipsoids import (
     stiffnesses_on_axes,
 )
 from cartstiff.analysis.matrices import (
-    block_scales,
     eliminate_each,
     symmetric_part,
     with_angles_times,
 )
 from cartstiff.analysis.posture import summarise
-from cartstiff.analysis.sections import unit_of
+from cartstiff.analysis.sections import look_up, unit_of
 from cartstiff.arrays import Array, plain
 from cartstiff.batch.quantities import (
     ASYMMETRIC,
@@ -222,10 +221,8 @@ class Stacks(Source):
 
     def unstable(self) -> Numbers:
         """Number (N,) of negative eigenvalues."""
-        (rr, _), (_, tt) = np.moveaxis(block_scales(self.K), 0, -1)
-        length = np.where((rr > 0) & (tt > 0), np.sqrt(rr / tt), 1.0)
-        values = eigenvalues(self.K, self.C, length)
-        return np.where(np.isnan(values).any(axis=1), np.nan, (values < 0.0).sum(axis=1))
+        values = self.spectrum()
+        return np.where(np.isnan(values).any(axis=0), np.nan, (values < 0.0).sum(axis=0))
 
     def on_axis(self, freedom: Freedom, others: Others) -> Numbers:
         """Stiffness (N,) along or about the direction through the frame's origin."""
@@ -354,7 +351,7 @@ def _check_path(path: str) -> None:
     for key in path.split("."):
         if isinstance(node, dict) and key not in node:
             raise UnknownNameError("part of the analysis", key, [str(k) for k in node])
-        node = _step(node, key)
+        node = look_up(node, key)
     if isinstance(node, bool) or not isinstance(node, (int, float)):
         shown = "a group" if isinstance(node, dict) else "a list" if isinstance(node, list) else ""
         raise InputError(
@@ -364,18 +361,9 @@ def _check_path(path: str) -> None:
         )
 
 
-def _step(node: Any, key: str) -> Any:
-    if isinstance(node, dict):
-        return node.get(key)
-    if isinstance(node, list) and key.isdigit() and int(key) < len(node):
-        return node[int(key)]
-    return None
-
-
 def _number(tree: Any, path: str) -> float:
-    for key in path.split("."):
-        tree = _step(tree, key)
-    return float(tree) if isinstance(tree, (int, float)) else np.nan
+    found = look_up(tree, path)
+    return float(found) if isinstance(found, (int, float)) else np.nan
 
 
 def _single_analyses(s: Stacks) -> list[dict[str, Any]]:

@@ -91,8 +91,7 @@ class Identified:
     def __post_init__(self) -> None:
         P = len(self.patterns)
         C = checked_array(self.covariance, (P, P), "covariance of compliances")
-        size = abs(C).max(initial=0.0)
-        if abs(C - C.T).max(initial=0.0) > numerics.SYMMETRY * size or (C.diagonal() < 0.0).any():
+        if numerics.asymmetry(C) or (C.diagonal() < 0.0).any():
             raise InputError("covariance of compliances must be symmetric, variances not negative")
         object.__setattr__(self, "covariance", fixed(0.5 * (C + C.T)))
         values = checked_array(self.values, (P,), "compliances")

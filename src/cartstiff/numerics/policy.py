@@ -118,6 +118,12 @@ def is_symmetric(matrix: Array) -> bool:
     return bool((matrix == matrix.T).all())
 
 
+def asymmetry(matrix: Array) -> float:
+    """Largest entry of ``|M - M^T|``; 0 if it is round-off of the largest entry of M."""
+    skew = float(np.abs(matrix - matrix.T).max(initial=0.0))
+    return skew if skew > SYMMETRY * np.abs(matrix).max(initial=0.0) else 0.0
+
+
 def is_about_symmetric(matrix: Array) -> NDArray[np.bool_]:
     """Whether the asymmetry of square matrices (..., n, n) may be round-off; (...)."""
     s = np.sqrt(np.abs(np.diagonal(matrix, 0, -2, -1)))

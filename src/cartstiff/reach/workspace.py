@@ -1095,6 +1095,12 @@ class Workspace(LabelledResult):
         return None if self.turns is None else float(self.turns.first.min())
 
     @property
+    def axes_with_units(self) -> list[str]:
+        """Heads of tables and figures: "x [m]"."""
+        unit = self.elastic.units.length
+        return [f"{name} [{unit if name in 'xyz' else 'rad'}]" for name in self.axes]
+
+    @property
     def boundary(self) -> Array:
         """Values (k, 3) of the axes on the boundary, just within the limits."""
         if self.positions is None:
@@ -1150,11 +1156,10 @@ class Workspace(LabelledResult):
         figure = new_figure(11.0, 8.0)
         from matplotlib import colormaps
 
-        unit, places = self.elastic.units.length, self.boundary
+        labels, places = self.axes_with_units, self.boundary
         names = [] if self.positions is None else [edge[3] for edge in self.positions.edges]
         kinds = sorted(set(names))
         colours = colormaps["tab20"].colors  # type: ignore[attr-defined]
-        labels = [f"{name} [{unit if name in 'xyz' else 'rad'}]" for name in self.axes]
         is_place = self.axes == ("x", "y", "z")
         for position, plane in enumerate(((0, 1, 2), (0, 1), (0, 2), (1, 2)), start=1):
             axis = figure.add_subplot(2, 2, position, projection="3d" if len(plane) == 3 else None)

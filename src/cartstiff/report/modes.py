@@ -165,6 +165,8 @@ def _worst(errors: np.ndarray | None) -> str:
     return percent(float(errors[np.nanargmax(np.abs(errors))]))
 
 
+#: Entries of the diagonal of a stiffness matrix.
+_DIAGONAL = ("m_x/r_x", "m_y/r_y", "m_z/r_z", "f_x/x", "f_y/y", "f_z/z")
 #: Number of parameters listed, those with the largest effect.
 _MAX_PARAMETERS = 20
 #: Largest number of characters about missing parameters; the JSON has all of them.
@@ -181,7 +183,7 @@ def describe_sensitivities(known: Sensitivities, units: Units) -> list[str]:
     what = "change of each frequency in Hz"
     if not titles:
         slopes = np.diagonal(known.stiffness["K"], axis1=1, axis2=2)
-        titles = ["m_x/r_x", "m_y/r_y", "m_z/r_z", "f_x/x", "f_y/y", "f_z/z"]
+        titles = [*_DIAGONAL]
         of = units.stiffness
         what = f"change of the diagonal of K^K in {of['rotation']} and {of['translation']}"
     rows = []
@@ -224,7 +226,7 @@ def describe_accuracy(known: Accuracy, units: Units) -> list[str]:
         ),
         (
             "K",
-            ["K^K m_x/r_x", "K^K m_y/r_y", "K^K m_z/r_z", "K^K f_x/x", "K^K f_y/y", "K^K f_z/z"],
+            [f"K^K {entry}" for entry in _DIAGONAL],
             [units.stiffness["rotation"]] * 3 + [units.stiffness["translation"]] * 3,
         ),
         (

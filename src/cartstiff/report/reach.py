@@ -254,8 +254,6 @@ def _shares(shares: dict[str, float]) -> list[str]:
 
 def boundary_csv(reached: Workspace) -> str:
     """Write one row per boundary position: the coordinates, and the limit that is reached."""
-    unit = reached.elastic.units.length
     edges = () if reached.positions is None else reached.positions.edges
     rows = ([*xyz, edge[3]] for xyz, edge in zip(reached.boundary.tolist(), edges, strict=True))
-    names = [f"{name} [{unit if name in 'xyz' else 'rad'}]" for name in reached.axes]
-    return csv_rows([*names, "limit"], rows)
+    return csv_rows([*reached.axes_with_units, "limit"], rows)

@@ -468,11 +468,11 @@ class StiffnessTensor(LabelledMatrix):
             For a matrix that is not symmetric, other words, or base axes without a pose.
         """
         K = checked_array(matrix, (6, 6), "stiffness of the controller")
-        if np.abs(K - K.T).max() > numerics.SYMMETRY * np.abs(K).max():
+        if skew := numerics.asymmetry(K):
             raise InputError(
                 "stiffness of the controller is not symmetric",
                 expected="its symmetric part: without an error there is no load",
-                got=f"|K - K^T| up to {np.abs(K - K.T).max():.3g}",
+                got=f"|K - K^T| up to {skew:.3g}",
             )
         if axes != "body" and pose is None:
             raise InputError(f"{axes} axes need the pose", expected="pose=T_F_M")

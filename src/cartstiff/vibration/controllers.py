@@ -118,11 +118,11 @@ def _symmetrised(matrix: Array) -> Array:
 def _symmetric(matrix: ArrayLike, what: str) -> Array:
     array = np.asarray(matrix, float)
     array = checked_matrix(array, what, len(array) if array.ndim else 1)
-    if np.abs(array - array.T).max() > numerics.SYMMETRY * np.abs(array).max():
+    if skew := numerics.asymmetry(array):
         raise InputError(
             f"{what} is not symmetric",
             expected="its symmetric part",
-            got=f"|A - A^T| up to {np.abs(array - array.T).max():.3g}",
+            got=f"|A - A^T| up to {skew:.3g}",
         )
     return _symmetrised(array)
 
