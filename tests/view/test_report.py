@@ -401,3 +401,11 @@ def test_a_closed_chain_is_drawn_link_by_link():
     ends = {line.split()[-1] for line in drawn}
     assert len(drawn) == 3
     assert len(ends) == 1  # body, and both sides of the closure
+
+
+def test_an_unbalanced_posture_is_not_held():
+    """A payload bends forearms whose links the posture has straight: it rests at another one."""
+    said = re.sub(r"<[^>]+>", " ", report_page(cartstiff.load("delta", payload=[3])))
+    assert "Unbalanced" in said
+    assert "not held at this posture" in said
+    assert "The equilibrium at which it comes to rest is stable." in said

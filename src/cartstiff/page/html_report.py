@@ -248,7 +248,7 @@ def _answer(
     swept: dict[str, tuple[Array, Array]],
 ) -> tuple[list[str], list[str], Array | None]:
     """The sentences of the answer, everything that was assumed, and how the tip moves in F."""
-    lines, shift = [_under(elastic, load)], None
+    lines, shift = [_under(elastic, load, result)], None
     notes = {str(note): None for note in result.notes}
     try:
         # The posture before the load, which is not left even where it is unstable.
@@ -288,11 +288,13 @@ def _answer(
                     f"analyse), it is {shown}."
                 )
             lines += _largest_share(elastic, analysis)
+        # Where nothing balances the posture, the equilibrium is at another one.
+        where = " at which it comes to rest" if _is_unbalanced(result) else ""
         lines.append(
             {
-                True: "The equilibrium is stable.",
-                False: "The equilibrium is NOT stable: the load pushes the body away.",
-                None: "Whether the equilibrium is stable is not decided.",
+                True: f"The equilibrium{where} is stable.",
+                False: f"The equilibrium{where} is NOT stable: the load pushes the body away.",
+                None: f"Whether the equilibrium{where} is stable is not decided.",
             }[state.stable]
         )
     K = result.tangent if result.is_loaded else result.matrices["B"]
@@ -316,8 +318,12 @@ def _doubt(elastic: ElasticMechanism) -> str:
     return "".join(f'<p class="doubt">{_text(line)}</p>' for line in lines)
 
 
-def _under(elastic: ElasticMechanism, load: _Load) -> str:
-    """The sentence that names load, weight, and the springs that carry them."""
+def _is_unbalanced(result: PostureStiffness) -> bool:
+    return any(note.code == "unbalanced" for note in result.notes)
+
+
+def _under(elastic: ElasticMechanism, load: _Load, result: PostureStiffness) -> str:
+    """The sentence that names load, weight, and the springs that carry them, if any can."""
     units, of = elastic.units, "F" if load.axes == "world" else "M"
     parts = []
     for size, unit, kind in zip(
@@ -334,7 +340,8 @@ def _under(elastic: ElasticMechanism, load: _Load) -> str:
     springs = "joints" if isinstance(elastic.mechanism, Chain) else "legs"
     holds = f"the springs of its {springs}" if load.held is None else "the wrench named below"
     weight = "" if elastic.gravity is None else " and its weight"
-    return f"Under {acting}{weight}, held by {holds}."
+    held = "not held at this posture" if _is_unbalanced(result) else f"held by {holds}"
+    return f"Under {acting}{weight}, {held}."
 
 
 def _largest_share(elastic: ElasticMechanism, analysis: dict[str, Any]) -> list[str]:
