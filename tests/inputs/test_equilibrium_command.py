@@ -88,6 +88,11 @@ def test_text_has_units(mechanism):
     assert "Stiffness there, loads included" in text
 
 
+def test_text_says_when_there_is_no_load():
+    assert "Load: none was given" in run("equilibrium hexapod")
+    assert "Load: included in the stiffness" in run("equilibrium hexapod --load 0,0,0,0,0,-9")
+
+
 def test_load_in_body_or_inertial_axes():
     pose = "0.01,0.02,0.76,0.3,0.2,0.5"
     R = np.array(answer(f"equilibrium hexapod --pose {pose}")["pose"])[:3, :3]

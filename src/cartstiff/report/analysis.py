@@ -138,6 +138,8 @@ def load_lines(result: PostureStiffness, at_rest: bool = False) -> list[str]:
         return []
     units, W = result.elastic.units, result.shown_wrench(result.wrench)
     if at_rest and not W.any():
+        if not result.elastic.parted_terms()[1]:
+            return ["Load: none was given; no wrench holds the body"]
         return ["Load: included in the stiffness below; no other wrench holds the body"]
     what = "the wrench that holds the body here" + (" besides the loads" if at_rest else "")
     if not (W.any() or result.is_loaded) and result.wrench_is_known:
