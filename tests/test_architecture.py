@@ -199,3 +199,27 @@ def test_slow_tests_that_are_left_out_exist():
         assert re.search(rf"^ *(?:def|class) {name.rpartition('::')[2]}\b", text, re.M) or (
             name.endswith("::runTest") and f"{name.partition('::')[0]} =" in text
         ), test
+
+
+def test_a_posture_passes_the_packages_of_the_page():
+    """The trip on the page is the one that the command takes."""
+    pytest.importorskip("example_robot_data")
+    page = (PACKAGE.parents[1] / "docs" / "architecture.md").read_text(encoding="utf-8")
+    table = page.partition("## The trip of a posture")[2].partition("\n## ")[0]
+    command = re.search(r"`cartstiff (analyse [^`]*)`", table)
+    code = (
+        "import inspect, sys, json; from pathlib import Path; import cartstiff\n"
+        "from cartstiff.cli.main import main\n"
+        "base, seen = Path(cartstiff.__file__).parent, set()\n"
+        "def see(frame, event, _):\n"
+        "    file, flags = frame.f_code.co_filename, frame.f_code.co_flags\n"
+        "    if flags & inspect.CO_OPTIMIZED and file.startswith(str(base)):\n"
+        "        seen.add(Path(file).relative_to(base).parts[:-1][:1])\n"
+        "sys.setprofile(see)\n"
+        f"try: main({command[1].split()!r})\n"
+        "except SystemExit: sys.setprofile(None)\n"
+        "print(json.dumps(sorted(part[0] for part in seen if part)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    visited = json.loads(done.stdout.splitlines()[-1])
+    assert visited == sorted(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE))
