@@ -43,25 +43,8 @@ MASSES = (7.778, 12.93, 3.87, 1.96, 1.96, 0.202)
 TOOL = (0.03, 0.0922, 0.05)
 
 
-def _model() -> pin.Model:
-    model, parent = pin.Model(), 0
-    for name, (rpy, xyz), axis, mass in zip(JOINTS, PLACES, AXES, MASSES, strict=True):
-        place = pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz, float))
-        parent = model.addJoint(
-            parent, {"y": pin.JointModelRY(), "z": pin.JointModelRZ()}[axis], place, name
-        )
-        inertia = pin.Inertia(
-            mass, np.array([0.0, 0.02, 0.2 if mass > 3 else 0.02]), np.eye(3) * 0.02
-        )
-        model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
-    model.addFrame(
-        pin.Frame("tip", parent, 0, pin.SE3(np.eye(3), np.array(TOOL)), pin.FrameType.OP_FRAME)
-    )
-    return model
-
-
-def _urdf(path):
-    """The same arm as a file."""
+def _description():
+    """The arm's URDF."""
     parts = ['<robot name="ten"><link name="base"/>']
     for i, (name, (rpy, xyz), axis, mass) in enumerate(
         zip(JOINTS, PLACES, AXES, MASSES, strict=True)
@@ -80,7 +63,16 @@ def _urdf(path):
         '<link name="tip"/><joint name="f" type="fixed"><parent link="l5"/><child link="tip"/>'
         f'<origin xyz="{" ".join(map(str, TOOL))}"/></joint></robot>'
     )
-    path.with_suffix(".urdf").write_text("".join(parts), "utf-8")
+    return "".join(parts)
+
+
+def _model():
+    return pin.buildModelFromXML(_description())
+
+
+def _urdf(path):
+    """The arm as a mechanism file, with springs of one stiffness."""
+    path.with_suffix(".urdf").write_text(_description(), "utf-8")
     springs = "".join(f"  {n}: {{stiffness: 2.0e4}}\n" for n in JOINTS)
     path.write_text(
         f"kind: serial\nmodel: {path.stem}.urdf\nframe: tip\ngravity: [0, 0, -9.81]\n"

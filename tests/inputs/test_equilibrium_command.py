@@ -196,13 +196,6 @@ def test_a_curve_with_its_files(workplace):
     assert sorted(p.name for p in workplace.iterdir()) == ["curve.csv", "curve.png"]
 
 
-@needs_plots
-@pytest.mark.parametrize(("ending", "start"), [("svg", b"<?xml"), ("pdf", b"%PDF")])
-def test_other_pictures(ending, start):
-    run(f"equilibrium five-bar --load 0,0,0,0,-10,0 --curve 1 --plot a.{ending}")
-    assert Path(f"a.{ending}").read_bytes().startswith(start)
-
-
 @pytest.mark.parametrize("axes", ["body", "world"])
 def test_a_curve_keeps_what_is_held(axes):
     push = "five-bar --load 0,0,0,0,-100,0 --curve 1"

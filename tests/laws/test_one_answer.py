@@ -109,7 +109,7 @@ def _unit(angle):
 
 def _mechanism(name, rng, distance, decades):
     if name == "platform":
-        return hexagons(rng, distance, decades)
+        return hexagons(distance, spread_springs(rng, 6, decades))
     if name == "closed chain":
         return _closed_chain(rng, distance, decades)
     return _arm(rng, int(name[0]), distance, decades)

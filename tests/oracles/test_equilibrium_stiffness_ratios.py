@@ -5,7 +5,7 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
-from tests.support import platform_mechanism, robot_file
+from tests.support import hexagons, platform_mechanism, robot_file
 
 import cartstiff
 from cartstiff import DeadForce, InputError, equilibrium
@@ -155,14 +155,7 @@ def test_a_posture_that_rounding_hides_is_named():
 
     The linear motion under the same load, from springs kept apart, is what is missed.
     """
-    corners = np.repeat(2 * np.pi / 3 * np.arange(3), 2)
-    base, top = (
-        np.array([[r * np.cos(a), r * np.sin(a), 0.0] for a in corners + np.tile([-h, h], 3)])
-        for r, h in ((0.5, 0.3), (0.3, 0.7))
-    )
-    q = np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.5 * np.pi - 1e-5])
-    legs = [1e6, 1.1e5, 1.4, 330.0, 1e-3, 105.0]
-    elastic = platform_mechanism(base, top, legs, np.full(6, np.nan), q=q)
+    elastic = hexagons(1e-5, [1e6, 1.1e5, 1.4, 330.0, 1e-3, 105.0])
     load = np.array([2e-6, -1e-6, 3e-6, 1e-6, 0.0, 2e-6])
     C = cartstiff.analyse(elastic).compliances["B"]
     load *= 1e-8 / np.abs(C @ load).max()  # linear over a share of the distance

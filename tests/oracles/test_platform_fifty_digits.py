@@ -8,7 +8,7 @@ from dataclasses import replace
 import mpmath as mp
 import numpy as np
 import pytest
-from tests.support import hexagons, platform_mechanism
+from tests.support import hexagons, platform_mechanism, spread_springs
 from tests.support.digits import skew
 
 import cartstiff
@@ -55,7 +55,7 @@ def promised(result):
 @pytest.mark.parametrize(("decades", "loaded"), [(2, False), (9, False), (9, True)])
 def test_compliance_near_a_type_2_singularity(distance, decades, loaded):
     rng = np.random.default_rng([decades, round(-np.log10(distance))])
-    elastic = hexagons(rng, distance, decades)
+    elastic = hexagons(distance, spread_springs(rng, 6, decades))
     # What the softest leg bears, so near to where the legs hold nothing.
     W = 1e-4 * distance**2 * rng.normal(size=6) if loaded else None
     result = cartstiff.analyse(elastic, wrench=W)
@@ -93,7 +93,7 @@ def test_compliance_near_a_type_2_singularity(distance, decades, loaded):
 
 def test_tensions_behind_stiff_legs_are_those_that_were_chosen():
     """1e12 N/m times the rounding of a length is 1e-4 N: a wrench of 1e-6 N is met all the same."""
-    elastic = hexagons(np.random.default_rng(1), 0.5, 15)
+    elastic = hexagons(0.5, spread_springs(np.random.default_rng(1), 6, 15))
     W = 1e-6 * np.array([0.1, -0.2, 0.3, 1.0, 2.0, -1.5])
     result = cartstiff.analyse(elastic, wrench=W)
     springs, posture = result.elastic.springs, result.posture
@@ -110,7 +110,7 @@ def test_tensions_behind_stiff_legs_are_those_that_were_chosen():
 
 def test_weight_beside_stiff_legs():
     """What is neither a leg nor a tension stands beside the legs' stiffness, not in it."""
-    elastic = hexagons(np.random.default_rng(2), 1e-4, 15)
+    elastic = hexagons(1e-4, spread_springs(np.random.default_rng(2), 6, 15))
     loads = (DeadForce([0.0, 0.0, -1e-9], [0.0, 0.0, 0.05]),)
     result = cartstiff.analyse(elastic.with_potential(*loads))
     tensions = result.elastic.springs.tensions(result.posture.lines.lengths)
@@ -124,7 +124,7 @@ def test_weight_beside_stiff_legs():
 def test_stiffness_where_stiff_legs_come_to_rest():
     """Their tensions are those that balance the load, not what their rounded lengths say."""
     for seed in range(3):
-        elastic = hexagons(np.random.default_rng(seed), 0.5, 9)
+        elastic = hexagons(0.5, spread_springs(np.random.default_rng(seed), 6, 9))
         load = DeadForce([1e-6, 5e-7, -2e-6], [0.01, 0.0, 0.05])
         state = equilibrium(elastic, load, limits=False, settle=False)
         pushed = load.evaluate(state.posture)

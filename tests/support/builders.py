@@ -320,7 +320,7 @@ def spread_springs(rng: np.random.Generator, count: int, decades: float) -> np.n
     return k
 
 
-def hexagons(rng: np.random.Generator, distance: float, decades: float) -> ElasticMechanism:
+def hexagons(distance: float, stiffness: Any) -> ElasticMechanism:
     """Six legs between symmetric hexagons; turned by a right angle they are singular."""
     corners = np.repeat(2 * np.pi / 3 * np.arange(3), 2)
     base, top = (
@@ -328,7 +328,7 @@ def hexagons(rng: np.random.Generator, distance: float, decades: float) -> Elast
         for r, h in ((0.5, 0.3), (0.3, 0.7))
     )
     q = np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.5 * np.pi - distance])
-    return platform_mechanism(base, top, spread_springs(rng, 6, decades), np.full(6, np.nan), q=q)
+    return platform_mechanism(base, top, stiffness, np.full(6, np.nan), q=q)
 
 
 def loads_of(kind: str, w: np.ndarray, at: np.ndarray, R: np.ndarray, size: float) -> list[Any]:

@@ -34,7 +34,7 @@ from cartstiff.scene import (
     theme,
 )
 from cartstiff.scene.environment import scene_units
-from cartstiff.scene.labels import number, text_png
+from cartstiff.scene.labels import text_png
 from cartstiff.scene.objects import rotation_to, segment
 from cartstiff.scene.scales import Tension, round_number
 from cartstiff.scene.scene import Scene
@@ -246,23 +246,6 @@ def test_a_label_is_a_readable_png(vis, window):
     Image.open(io.BytesIO(base64.b64decode(data))).verify()
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (0.0, "0 N"),
-        (6801.6, "6.8 kN"),
-        (-511.36, "-511 N"),
-        (12345.0, "12.3 kN"),
-        (0.012345, "12.3 mN"),
-        (1.5e-7, "0.15 µN"),
-        (np.inf, "∞ N"),
-        (9999.6, "10 kN"),
-    ],
-)
-def test_numbers(value, text):
-    assert number(value, "N") == text
-
-
 _sizes = st.floats(1e-12, 1e12)
 
 
@@ -442,16 +425,6 @@ def test_drawing_loads_no_window_of_meshcat():
         env={"PYTHONPATH": source},
     )
     assert done.returncode == 0, done.stderr
-
-
-def test_names_of_the_package():
-    from cartstiff import scene
-
-    for name in scene.__all__:
-        assert getattr(scene, name) is not None
-    assert set(scene.__all__) <= set(dir(scene))
-    with pytest.raises(AttributeError, match="nonsense"):
-        _ = scene.nonsense
 
 
 def test_one_shade_is_that_of_many():
