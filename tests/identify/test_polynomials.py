@@ -79,17 +79,22 @@ def test_coefficients_come_back(own_weight, tmp_path):
     assert found["j4"].stiffness == pytest.approx(SPRINGS["elbow"][3], rel=1e-5)
 
 
+def _derivatives_are_right(model, share, tolerance):
+    """Those of the model against differences over a share of each unknown's size."""
+    theta = model.unknowns.nominal
+    _, A = model.at(theta)
+    for p, size in enumerate(share * model.unknowns.sizes):
+        step = size * np.eye(len(theta))[p]
+        by_hand = (model.at(theta + step)[0] - model.at(theta - step)[0]) / (2 * size)
+        assert np.abs(A[:, p] - by_hand).max() <= tolerance * np.abs(by_hand).max()
+
+
 def test_derivatives_are_those_of_the_prediction(tmp_path):
     path, table = _campaign(tmp_path, 3, 0.0)
     elastic = load(path)
     unknowns = unknowns_of(elastic, ("joints", "j2"))
     model = BentModel(unknowns, read_measurements(table, elastic))
-    theta = unknowns.nominal
-    _, A = model.at(theta)
-    for p, size in enumerate(1e-5 * unknowns.sizes):
-        step = size * np.eye(len(theta))[p]
-        by_hand = (model.at(theta + step)[0] - model.at(theta - step)[0]) / (2 * size)
-        assert np.abs(A[:, p] - by_hand).max() <= NUMERIC * np.abs(by_hand).max()
+    _derivatives_are_right(model, 1e-5, NUMERIC)
 
 
 def test_most_intervals_hold_the_truth(tmp_path):
@@ -181,12 +186,7 @@ def test_a_motor_of_a_loop_that_stiffens(tmp_path):
     assert result.to_dict()["model"] == "loaded equilibrium"
     assert "equilibrium-needed" in {note.code for note in result.notes}
     model = LoadedModel(result.unknowns, measured)
-    theta = result.unknowns.nominal
-    _, A = model.at(theta)
-    for p, size in enumerate(1e-4 * result.unknowns.sizes):
-        step = size * np.eye(len(theta))[p]
-        by_hand = (model.at(theta + step)[0] - model.at(theta - step)[0]) / (2 * size)
-        assert np.abs(A[:, p] - by_hand).max() <= 1e-5 * np.abs(by_hand).max()
+    _derivatives_are_right(model, 1e-4, 1e-5)
 
 
 def test_a_plan_and_a_simulation_know_that_it_stiffens(tmp_path):

@@ -12,6 +12,7 @@ from tests.support import loaded_arm, paper_platform
 from tests.support.commands import words
 
 import cartstiff
+from cartstiff.maps.sampling import Axis, Grid, RandomPostures
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 
@@ -110,3 +111,14 @@ def marks(file: Path) -> dict[str, tuple[int, int]]:
     """The parts of a map that are done, with the identity and time of their marks."""
     found = (file / "parts" / "marks" / "c").glob("*/0")
     return {p.parent.name: (p.stat().st_ino, p.stat().st_mtime_ns) for p in found}
+
+
+def grid_of(elastic):
+    """Twenty postures over two joints."""
+    a, b = elastic.names[1], elastic.names[3]
+    return Grid({a: Axis(-0.5, 0.7, 4), b: Axis(0.0, 1.1, 5)}, elastic.names, elastic.q)
+
+
+def drawn(elastic, count=20):
+    """Postures drawn about the default one."""
+    return RandomPostures(count, 5, elastic.q - 0.3, elastic.q + 0.3)

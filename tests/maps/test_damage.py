@@ -15,10 +15,10 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
-from tests.maps.machines import arm
+from tests.maps.machines import arm, drawn, grid_of
 
 from cartstiff.errors import CartstiffError, InputError
-from cartstiff.maps import Axis, Grid, RandomPostures, Trajectory, compute_map, open_map
+from cartstiff.maps import Trajectory, compute_map, open_map
 from cartstiff.maps.store import MapFile
 
 QUANTITIES = ["translation_free_min", "condition"]
@@ -33,18 +33,9 @@ def elastic():
     return arm()
 
 
-def _grid(elastic):
-    a, b = elastic.names[1], elastic.names[3]
-    return Grid({a: Axis(-0.5, 0.7, 4), b: Axis(0.0, 1.1, 5)}, elastic.names, elastic.q)
-
-
 def _trajectory(elastic):
     q = elastic.q + np.linspace(-0.2, 0.3, 18)[:, None]
     return Trajectory(q, np.linspace(0.0, 1.0, 18))
-
-
-def _random(elastic):
-    return RandomPostures(20, 5, elastic.q - 0.3, elastic.q + 0.3)
 
 
 def _computed(elastic, sampling, file, verify=True):
@@ -78,7 +69,7 @@ def _require_true(dataset, expected):
 
 
 @pytest.fixture(
-    scope="module", params=[_grid, _trajectory, _random], ids=["grid", "path", "random"]
+    scope="module", params=[grid_of, _trajectory, drawn], ids=["grid", "path", "random"]
 )
 def whole(request, elastic, tmp_path_factory):
     """A sampling, its map on disk, and its numbers."""
@@ -326,7 +317,7 @@ class Life(RuleBasedStateMachine):
         self.folder = Path(tempfile.mkdtemp())
         self.file = self.folder / "m.zarr"
         self.elastic = arm()
-        self.sampling = _random(self.elastic)
+        self.sampling = drawn(self.elastic)
         if Life.expected is None:
             whole = self.folder / "whole.zarr"
             Life.expected = _computed(self.elastic, self.sampling, whole).load()

@@ -14,12 +14,12 @@ import pytest
 import xarray
 import zarr
 import zarr.core.buffer.cpu
-from tests.maps.machines import arm
+from tests.maps.machines import arm, drawn, grid_of
 from tests.maps.test_damage import _Killed, _killed_after
 from zarr.storage import LocalStore
 
 from cartstiff.errors import InputError
-from cartstiff.maps import Axis, Grid, RandomPostures, compute_map, map_of, open_map, store
+from cartstiff.maps import compute_map, map_of, open_map, store
 from cartstiff.maps.job import MapJob
 from cartstiff.maps.run import planned, prepare_map, run_map
 from cartstiff.maps.store import MapFile
@@ -32,19 +32,10 @@ def elastic():
     return arm()
 
 
-def _random(elastic, count=20):
-    return RandomPostures(count, 5, elastic.q - 0.3, elastic.q + 0.3)
-
-
-def _grid(elastic):
-    a, b = elastic.names[1], elastic.names[3]
-    return Grid({a: Axis(-0.5, 0.7, 4), b: Axis(0.0, 1.1, 5)}, elastic.names, elastic.q)
-
-
 @pytest.fixture(scope="module")
 def expected(elastic, tmp_path_factory):
     file = tmp_path_factory.mktemp("expected") / "m.zarr"
-    return compute_map(elastic, _random(elastic), QUANTITIES, file, chunk=6, length=0.2).load()
+    return compute_map(elastic, drawn(elastic), QUANTITIES, file, chunk=6, length=0.2).load()
 
 
 def _plain(address):
@@ -64,13 +55,13 @@ def _same(found, expected):
 def test_stores(elastic, expected, tmp_path, address):
     where = zarr.storage.MemoryStore() if address == "store" else address.format(tmp_path)
     asked = {"chunk": 6, "length": 0.2}
-    job, file = prepare_map(elastic, _random(elastic), QUANTITIES, where, **asked)
+    job, file = prepare_map(elastic, drawn(elastic), QUANTITIES, where, **asked)
     assert run_map(job, file).computed == 4
     assert run_map(job, MapFile.at(where)) == (0, ())
     for found in (_plain(where), open_map(where)):
         _same(found, expected)
     with pytest.raises(InputError, match="length differs"):
-        compute_map(elastic, _random(elastic), QUANTITIES, where, chunk=6, length=0.3)
+        compute_map(elastic, drawn(elastic), QUANTITIES, where, chunk=6, length=0.3)
 
 
 def test_an_object_store(elastic, expected, monkeypatch):
@@ -89,7 +80,7 @@ def test_an_object_store(elastic, expected, monkeypatch):
     try:
         files = s3fs.S3FileSystem()
         files.mkdir("maps")
-        asked = elastic, _random(elastic), QUANTITIES, "s3://maps/m.zarr"
+        asked = elastic, drawn(elastic), QUANTITIES, "s3://maps/m.zarr"
         compute_map(*asked, chunk=6, length=0.2)
         _same(_plain("s3://maps/m.zarr"), expected)
         files.rm("maps/m.zarr/condition/c/1")
@@ -104,13 +95,13 @@ def test_an_object_store(elastic, expected, monkeypatch):
 
 def test_an_address_that_nobody_knows(elastic):
     with pytest.raises(InputError, match=r"nobody://m\.zarr: store cannot be used.*nobody"):
-        compute_map(elastic, _random(elastic), QUANTITIES, "nobody://m.zarr")
+        compute_map(elastic, drawn(elastic), QUANTITIES, "nobody://m.zarr")
 
 
 def test_a_copy_in_another_store(elastic, expected, tmp_path):
     """It needs nothing of the place where it was computed; units and flags are found."""
     file = tmp_path / "m.zarr"
-    compute_map(elastic, _random(elastic), QUANTITIES, file, chunk=6, length=0.2)
+    compute_map(elastic, drawn(elastic), QUANTITIES, file, chunk=6, length=0.2)
     in_memory, zipped = {}, tmp_path / "m.zip"
     fsspec.filesystem("memory").put(str(file), "/copies/m.zarr", recursive=True)
     with zipfile.ZipFile(zipped, "w") as archive:
@@ -132,11 +123,11 @@ def test_a_copy_in_another_store(elastic, expected, tmp_path):
     (file / "parts" / "marks" / "c" / "1" / "0").unlink()
     read_only = LocalStore(file, read_only=True)
     with pytest.raises(InputError, match=r"written; .* same command .* read-only"):
-        compute_map(elastic, _random(elastic), QUANTITIES, read_only, chunk=6, length=0.2)
+        compute_map(elastic, drawn(elastic), QUANTITIES, read_only, chunk=6, length=0.2)
 
 
 def test_a_full_disk_is_named_and_the_map_goes_on(elastic, expected, tmp_path, monkeypatch):
-    asked = elastic, _random(elastic), QUANTITIES, tmp_path / "m.zarr"
+    asked = elastic, drawn(elastic), QUANTITIES, tmp_path / "m.zarr"
     job, file = prepare_map(*asked, chunk=6, length=0.2)
     put, left = LocalStore.set, iter(range(8))
 
@@ -167,18 +158,18 @@ def test_large_parts_are_computed_one_at_a_time_in_pieces(elastic, expected, tmp
         return arrays
 
     monkeypatch.setattr(MapJob, "compute", counted)
-    asked = elastic, _random(elastic), QUANTITIES, tmp_path / "m.zarr"
+    asked = elastic, drawn(elastic), QUANTITIES, tmp_path / "m.zarr"
     _same(compute_map(*asked, chunk=6, length=0.2, threads=4), expected)
     assert most == [1, 1, 1, 1]
-    compute_map(elastic, _grid(elastic), QUANTITIES, tmp_path / "g.zarr", length=0.2)
+    compute_map(elastic, grid_of(elastic), QUANTITIES, tmp_path / "g.zarr", length=0.2)
     monkeypatch.undo()
-    whole = compute_map(elastic, _grid(elastic), QUANTITIES, tmp_path / "w.zarr", length=0.2)
+    whole = compute_map(elastic, grid_of(elastic), QUANTITIES, tmp_path / "w.zarr", length=0.2)
     _same(open_map(tmp_path / "g.zarr"), whole)
 
 
 def test_two_writers_at_once(elastic, expected):
     """A store has no locks: both write the same objects."""
-    asked = elastic, _random(elastic), QUANTITIES, "memory://two/m.zarr"
+    asked = elastic, drawn(elastic), QUANTITIES, "memory://two/m.zarr"
     options = {"chunk": 6, "length": 0.2}
     prepare_map(*asked, **options)
     writers = [threading.Thread(target=compute_map, args=asked, kwargs=options) for _ in range(2)]
@@ -192,28 +183,26 @@ def test_two_writers_at_once(elastic, expected):
 
 
 def test_a_map_that_is_computed_when_it_is_used(elastic, expected, tmp_path):
-    lazy = map_of(elastic, _random(elastic), QUANTITIES, chunk=6, length=0.2)
+    lazy = map_of(elastic, drawn(elastic), QUANTITIES, chunk=6, length=0.2)
     assert lazy["condition"].chunks == ((6, 6, 6, 2),)
     _same(lazy.compute(), expected)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Consolidated metadata")
         lazy.to_zarr(tmp_path / "plain.zarr")
     _same(_plain(tmp_path / "plain.zarr"), expected)
-    grid = map_of(elastic, _grid(elastic), QUANTITIES, length=0.2)
+    grid = map_of(elastic, grid_of(elastic), QUANTITIES, length=0.2)
     a, b = elastic.names[1], elastic.names[3]
     line = grid["condition"].sel({a: 0.3}, method="nearest")
     assert line.dims == (b,)
-    there = compute_map(elastic, _grid(elastic), QUANTITIES, tmp_path / "g.zarr", length=0.2)
+    there = compute_map(elastic, grid_of(elastic), QUANTITIES, tmp_path / "g.zarr", length=0.2)
     np.testing.assert_array_equal(line, there["condition"].sel({a: 0.3}, method="nearest"))
     np.testing.assert_array_equal(grid["q"], there["q"])
 
 
 def test_a_map_says_its_postures_to_every_reader(elastic, expected, tmp_path):
-    np.testing.assert_array_equal(
-        expected["q"], _random(elastic).postures((slice(0, 20),), elastic)
-    )
+    np.testing.assert_array_equal(expected["q"], drawn(elastic).postures((slice(0, 20),), elastic))
     assert expected["q"].attrs["joints"].split() == list(elastic.names)
-    compute_map(elastic, _grid(elastic), QUANTITIES, tmp_path / "g.zarr", length=0.2)
+    compute_map(elastic, grid_of(elastic), QUANTITIES, tmp_path / "g.zarr", length=0.2)
     plain = _plain(tmp_path / "g.zarr")
     assert plain.attrs["Conventions"].startswith("CF-")
     for i, name in enumerate(elastic.names):
@@ -230,7 +219,7 @@ def test_what_a_killed_process_leaves_is_not_computed_to_every_reader(
     """The states of a part are written last: no number that is not there has a state."""
     for files in (2, 3, 4, 5, 8):
         file = tmp_path / f"{files}.zarr"
-        asked = elastic, _random(elastic), QUANTITIES, file
+        asked = elastic, drawn(elastic), QUANTITIES, file
         job, made = prepare_map(*asked, chunk=6, length=0.2)
         with monkeypatch.context() as patch:
             _killed_after(patch, files)
@@ -246,7 +235,7 @@ def test_what_a_killed_process_leaves_is_not_computed_to_every_reader(
 @pytest.mark.parametrize("files", [6, 9, 14])
 def test_killed_again_and_again(elastic, expected, tmp_path, monkeypatch, files):
     """Each life writes a few objects; nothing is lost, and the map is that of one life."""
-    asked = elastic, _random(elastic), QUANTITIES, tmp_path / "m.zarr"
+    asked = elastic, drawn(elastic), QUANTITIES, tmp_path / "m.zarr"
     kills, done = 0, 0
     job, made = prepare_map(*asked, chunk=2, length=0.2)
     while len(made.done()) < 10:
@@ -266,7 +255,7 @@ def test_killed_again_and_again(elastic, expected, tmp_path, monkeypatch, files)
 
 
 def test_resuming_reads_no_number(elastic, tmp_path, monkeypatch):
-    asked = elastic, _random(elastic), QUANTITIES, tmp_path / "m.zarr"
+    asked = elastic, drawn(elastic), QUANTITIES, tmp_path / "m.zarr"
     compute_map(*asked, chunk=6, length=0.2)
     (tmp_path / "m.zarr" / "parts" / "marks" / "c" / "1" / "0").unlink()
     read, get = [], LocalStore.get
@@ -282,12 +271,12 @@ def test_resuming_reads_no_number(elastic, tmp_path, monkeypatch):
 
 
 def test_parts_are_few_large_objects_in_pieces(elastic, expected, tmp_path, monkeypatch):
-    _, layout = planned(elastic, _random(elastic, 2 * 10**8), ["condition", "force", "isotropy"])
+    _, layout = planned(elastic, drawn(elastic, 2 * 10**8), ["condition", "force", "isotropy"])
     objects = len(layout.parts.boxes) * (1 + len(layout.arrays))
     assert objects < 2000
     assert layout.encoding(layout.arrays["q"])["chunks"] == (45056, 6)
     monkeypatch.setattr(store, "INNER", 3)
-    asked = elastic, _random(elastic), QUANTITIES, tmp_path / "m.zarr"
+    asked = elastic, drawn(elastic), QUANTITIES, tmp_path / "m.zarr"
     found = compute_map(*asked, chunk=6, length=0.2)
     array = zarr.open_group(tmp_path / "m.zarr")["condition"]
     assert (array.shards, array.chunks) == ((6,), (3,))

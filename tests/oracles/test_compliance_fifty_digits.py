@@ -58,6 +58,16 @@ def _bracket(x, y):
     return found
 
 
+def _hessian(J, k, W):
+    """Of the springs' energy less the work of W, in joint coordinates, symmetric (connection B)."""
+    H, W = mp.diag([mp.mpf(float(x)) for x in k]), matrix(W)
+    for a in range(len(k)):
+        for b in range(a + 1, len(k)):
+            s = (W.T * _bracket(J[:, a], J[:, b]))[0] / 2
+            H[a, b], H[b, a] = H[a, b] - s, H[b, a] - s
+    return H
+
+
 class _Arm:
     """A chain as it was built, and its body Jacobian in fifty digits."""
 
@@ -118,12 +128,8 @@ class _Arm:
 
         Also the smallest over the largest singular value of J.
         """
-        J, n, W = self.jacobian(q), len(k), matrix(W)
-        H = mp.diag([mp.mpf(float(x)) for x in k])
-        for a in range(n):
-            for b in range(a + 1, n):
-                s = (W.T * _bracket(J[:, a], J[:, b]))[0] / 2
-                H[a, b], H[b, a] = H[a, b] - s, H[b, a] - s
+        J = self.jacobian(q)
+        H = _hessian(J, k, W)
         C = J * mp.inverse(H) * J.T
         K = mp.inverse(C)
         scale = mp.diag([1 / mp.mpf(length)] * 3 + [mp.mpf(1)] * 3)
@@ -308,11 +314,8 @@ def test_principal_compliances_at_a_singularity(loaded):
     result = cartstiff.analyse(elastic, q, wrench=W if loaded else None)
     assert result.matrices["B"] is None
     table = analyse_posture(result, connection="B")["ellipsoids"]["compliance"]
-    J, H = arm.jacobian(q), mp.diag([mp.mpf(float(x)) for x in k])
-    for a in range(6):
-        for b in range(a + 1, 6):
-            s = (matrix(W).T * _bracket(J[:, a], J[:, b]))[0] / 2
-            H[a, b], H[b, a] = H[a, b] - s, H[b, a] - s
+    J = arm.jacobian(q)
+    H = _hessian(J, k, W)
     with mp.workdps(2 * _DIGITS):
         C = J * mp.inverse(H) * J.T
         for freedom, own, other in (
@@ -422,11 +425,8 @@ def test_screws_axes_centres_and_springs_near_a_singularity(distance, loaded):
         cartstiff.analyse(elastic, q, wrench=W if loaded else None), connection="B", length=0.3
     )
     with mp.workdps(60):
-        J, H = arm.jacobian(q), mp.diag([mp.mpf(float(x)) for x in k])
-        for a in range(6):
-            for b in range(a + 1, 6):
-                s = (matrix(W).T * _bracket(J[:, a], J[:, b]))[0] / 2
-                H[a, b], H[b, a] = H[a, b] - s, H[b, a] - s
+        J = arm.jacobian(q)
+        H = _hessian(J, k, W)
         C = J * mp.inverse(H) * J.T
         K = mp.inverse(C)
         swapped = mp.zeros(6, 6)

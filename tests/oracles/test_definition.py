@@ -5,28 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.laws.test_connections import covariant_derivative
+from tests.laws.test_tensor import CONNECTIONS
 from tests.support import exp_reference, general_legs, legs_as_platform, slope
 
 from cartstiff.geometry.connections import (
-    NAMED,
     Field,
-    from_symbols,
-    levi_civita,
 )
 from cartstiff.stiffness.compute import analyse
 
 # Two nested eighth-order differences at step 0.01.
 NESTED = 1e-9
-
-
-def _connections():
-    rng = np.random.default_rng(1)
-    G = rng.normal(size=(6, 6))
-    return {
-        **NAMED,
-        "metric": levi_civita(G @ G.T + 6 * np.eye(6)),
-        "user": from_symbols(rng.normal(size=(6, 6, 6))),
-    }
 
 
 def _fields():
@@ -55,7 +43,7 @@ def along(f, T, twist):
 def test_on_fields(loaded, name):
     result, energy = loaded
     T0 = result.pose
-    connection = _connections()[name]
+    connection = CONNECTIONS[name]
     x, y = _fields()
 
     second = along(lambda T: along(energy, T, x.at(T)), T0, y.at(T0))
@@ -72,7 +60,7 @@ def test_on_the_basis(loaded, name):
     """K[i, j]: column j the motion, row i the component of the wrench."""
     result, energy = loaded
     T0 = result.pose
-    connection = _connections()[name]
+    connection = CONNECTIONS[name]
     K = result.tensor(connection).matrix
     W = result.wrench
     basis = np.eye(6)
