@@ -386,6 +386,20 @@ def test_an_equilibrium_says_what_its_load_passes_on_the_way():
     assert mirrored.q == pytest.approx(-buckled.q, abs=1e-9)
 
 
+def test_a_start_that_springs_do_not_hold_says_so():
+    """An upright pendulum falls where its weight is more than its spring: x / sin x = m g l / k."""
+    for weight, falls in ((0.9, False), (1.5, True)):
+        upright = replace(links(np.ones(1), masses=[1.0]), gravity=np.array([-weight, 0.0, 0.0]))
+        state = equilibrium(upright)
+        assert state.stable
+        if falls:
+            x = abs(state.q[0])
+            assert x / np.sin(x) == pytest.approx(weight, rel=1e-9)
+        assert ("unstable-start" in [n.code for n in state.notes]) is falls
+        pushed = equilibrium(upright, DeadForce([0.0, 0.01, 0.0]))
+        assert ("unstable-start" in [n.code for n in pushed.notes]) is falls
+
+
 def test_a_buckled_state_without_a_mirror_image_is_not_given_one():
     """A column with a spring that is stiffer on one side: its two states differ."""
     even = column(2)

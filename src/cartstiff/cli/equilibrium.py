@@ -178,7 +178,7 @@ def command(
             under = (*loads[: len(loads) - len(weight)], *_weight(first, hung))
             before = equilibrium(first, start, *under, limits=not no_limits)
             elastic = before.elastic.with_gravity(elastic.gravity).with_notes(
-                _reference_note(before)
+                _reference_note(before), *(n for n in before.notes if n.code == "unstable-start")
             )
             start = before.q
         state = equilibrium(elastic, start, *loads, held=held, limits=not no_limits)

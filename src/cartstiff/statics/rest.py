@@ -415,9 +415,24 @@ class Equilibrium(Result, LabelledResult):
         The latter are sought when this is first read, if the loads have a potential and the
         equilibrium is far from the first step's prediction.
         """
-        if not (self.loads and self.stable and self._solution.is_far):
+        if not (self.stable and self._solution.is_far):
             return self._own_notes
-        return (*self._own_notes, *self._notes_on_way())
+        notes = self._notes_on_start() or (self._notes_on_way() if self.loads else [])
+        return (*self._own_notes, *notes)
+
+    def _notes_on_start(self) -> list[Note]:
+        """Note on a start that is balanced without the added loads, but not stable."""
+        system = System(self.elastic, (), None, self._system.limits)
+        try:
+            with bounded(self.elastic):
+                found = solve(system, self.start.q, settle=False)
+        except (ConvergenceError, UndefinedError):
+            return []
+        if found.iterations or state_of_rest(system, found, self.start, 1).stable is not False:
+            return []
+        words = "at the start the springs balance the mechanism without holding it: that "
+        words += "equilibrium is unstable, and the displacement includes the way from it to a "
+        return [Note("unstable-start", words + "stable one", {"q": self.start.q.tolist()})]
 
     def _notes_on_way(self) -> list[Note]:
         """Notes on critical loads that gradually growing loads pass."""
