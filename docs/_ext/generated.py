@@ -4,6 +4,7 @@ Directives, for pages in reStructuredText (``command-help`` for MyST pages as we
 
 - ``mechanism-file``: the keys of every kind of mechanism file, from the JSON schema;
 - ``json-output COMMAND``: the keys of a command's JSON output, from its JSON schema;
+- ``quantities``: the table of quantities of maps, paths and designs;
 - ``command-help``: what ``--help-all`` prints for every command;
 - ``package-modules NAME ...``: API documentation of all modules of packages;
 - ``other-modules NAME ...``: the same for all packages that are not named;
@@ -38,9 +39,12 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective, SphinxRole
 
 import cartstiff
+from cartstiff.analysis.matrices import PURE
+from cartstiff.batch.quantities import QUANTITIES
 from cartstiff.cli import main as cli
 from cartstiff.cli.declare import HELP_ALL
 from cartstiff.loading.mechanism_file import json_schema
+from cartstiff.mechanisms.contract import SI
 from cartstiff.report.json_schema import json_schema as output_schema
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -191,6 +195,20 @@ class JsonOutput(_Text):
         yield from ["   * - key", "     - value", "     - meaning"]
         for key, form, meaning in self.rows(properties):
             yield from [f"   * - ``{key}``", f"     - {form}", f"     - {meaning}"]
+        yield ""
+
+
+class Quantities(_Text):
+    """The table of quantities, with SI units."""
+
+    def text(self) -> Iterator[str]:
+        """The lines, in reStructuredText."""
+        yield from [".. list-table::", "   :header-rows: 1", "   :widths: 30 14 44 12", ""]
+        yield from ["   * - name", "     - unit", "     - meaning", "     - better"]
+        for q in QUANTITIES.values():
+            unit = "" if q.unit == PURE else q.unit_in(SI)
+            yield from [f"   * - ``{q.name}``", f"     - {unit}", f"     - {q.description}"]
+            yield f"     - {q.better or ''}"
         yield ""
 
 
@@ -430,6 +448,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     """Register directives and the role."""
     app.add_directive("mechanism-file", MechanismFile)
     app.add_directive("json-output", JsonOutput)
+    app.add_directive("quantities", Quantities)
     app.add_directive("command-help", CommandHelp)
     app.add_directive("package-modules", PackageModules)
     app.add_directive("other-modules", OtherModules)

@@ -8,6 +8,8 @@ import pytest
 from tests.docs.blocks import ROOT
 from tests.docs.html_pages import Page, broken
 
+from cartstiff.batch.quantities import QUANTITIES
+
 DOCS, SOURCES = ROOT / "docs", ROOT / "src" / "cartstiff"
 
 
@@ -90,3 +92,8 @@ def test_notebook_pages_hold_text_code_and_output(built):
             for output in cell.get("outputs", []):
                 first = "".join(output["text"]).splitlines()[0].strip()
                 assert first.replace("'", "&#39;") in text or first in text, first
+
+
+def test_every_quantity_is_on_the_page_of_the_command_line(built):
+    text = _page(built, "reference/command-line.html").text
+    assert [name for name in QUANTITIES if f'<span class="pre">{name}</span>' not in text] == []
