@@ -51,7 +51,7 @@ def deviations_of(
         known, unit = UNITS[kind], unit or units.get(kind, "")
         if not unit:
             raise InputError(
-                f"{name!r} has no unit",
+                f"{name!r} declares no unit",
                 where="--sd",
                 got=f"{number:g}",
                 expected=f"a number with one of {', '.join(known)}",
