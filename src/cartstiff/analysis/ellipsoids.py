@@ -98,8 +98,9 @@ def _principal(
     matrix: bytes, inverse: bytes, losses: tuple[float, float] = (1.0, 1.0)
 ) -> tuple[Array, Array, Array, Definiteness]:
     """Axes, radii, eigenvalues and definiteness of a symmetric 3x3 matrix."""
-    m, *other = (np.frombuffer(x).reshape(3, 3) for x in (matrix, inverse) if x)
-    values, vectors = numerics.eigenpairs(m, *other, losses=losses)
+    m = np.frombuffer(matrix).reshape(3, 3)
+    other = np.frombuffer(inverse).reshape(3, 3) if inverse else None
+    values, vectors = numerics.eigenpairs(m, other, losses)
     if np.isnan(values).any():
         raise lost_digits(values, "this block")
     sign = definiteness(values, zero=0.0)
