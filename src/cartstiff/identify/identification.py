@@ -62,7 +62,6 @@ from cartstiff.identify.unknowns import (
     unknowns_of,
     zeros_of,
 )
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identified import CompliancePattern, Identified
@@ -984,13 +983,9 @@ def _zeros(result: Identification) -> Iterator[Note]:
             "some that fit the rows"
         )
         yield Note("geometry-estimated", words, {"sought": list(sought)})
-    zeros = [
-        f"{c.name}{ZERO}"
-        for j, c in enumerate(elastic.mechanism.coordinates)
-        if not c.is_length and j not in elastic.mechanism.virtual
-    ]
-    is_open = isinstance(elastic.mechanism, Chain) and not elastic.mechanism.closures
-    if not is_open or not set(zeros).isdisjoint(sought):
+    slides = {c.name for c in elastic.mechanism.coordinates if c.is_length}
+    zeros = [name for name in zeros_of(elastic) if name.removesuffix(ZERO) not in slides]
+    if not zeros or not set(zeros).isdisjoint(sought):
         return
     more = replace(unknowns, geometry=tuple(zeros))
     columns = offsets_of(more, result.model.observations, result.measured, "none").columns
@@ -1408,21 +1403,19 @@ def identify(
     rows = measured.rows
     poses = LinearModel(unknowns, measured).poses
     measured, found = in_base(unknowns, measured, poses, offsets)
-    model, plain, robust, measured, found = _fits(
-        unknowns, measured, offsets, loaded, found, progress
-    )
     rejected: tuple[Rejected, ...] = ()
-    if reject is not None:
+    while True:
+        model, plain, robust, measured, found = _fits(
+            unknowns, measured, offsets, loaded, found, progress
+        )
+        if reject is None or rejected:
+            break
         drop = robust.suspects if reject == "suspects" else robust.beyond(float(reject))
+        if not len(drop):
+            break
         reasons = robust.reasons(model.observations, measured)
         rejected = tuple(Rejected(int(measured.rows[n]), reasons[n]) for n in drop)
-        if rejected:
-            keep = np.ones(len(measured), bool)
-            keep[drop] = False
-            measured = measured.chosen(keep)
-            model, plain, robust, measured, found = _fits(
-                unknowns, measured, offsets, loaded, found, progress
-            )
+        measured = measured.chosen(np.isin(np.arange(len(measured)), drop, invert=True))
     chosen = robust.fit if fit == "robust" else plain
     seen = model.observations
     _check_frame(model, chosen, elastic)
@@ -1436,10 +1429,11 @@ def identify(
     half = quantile(level, freedom_of(chosen.solved, inflation)) * inflation
     solution = chosen.solved
     placed = estimated(elastic, columns, solution.offsets, solution.offset_covariance, found)
-    geometry = [
-        _offset(name, unit_of(elastic, name), x, s * inflation, half * s)
-        for name, (x, s) in placed.items()
-    ]
+    geometry = []
+    for name, (x, sd) in placed.items():
+        known = (x, sd * inflation, (x - half * sd, x + half * sd))
+        values = known if np.isfinite(sd) else (None, None, None)
+        geometry.append(OffsetEstimate(name, unit_of(elastic, name), *values))
     result = Identification(
         elastic,
         unknowns,
@@ -1531,12 +1525,6 @@ def _check(
             got=reject,
             expected="suspects, or at least 1 standard deviation",
         )
-
-
-def _offset(name: str, unit: str, x: float, s: float, half: float) -> OffsetEstimate:
-    if not np.isfinite(s):
-        return OffsetEstimate(name, unit, None, None, None)
-    return OffsetEstimate(name, unit, x, s, (x - half, x + half))
 
 
 def _fits(

@@ -83,9 +83,10 @@ def mechanism_file(
         "undetermined": list(identified.undetermined),
         "at_least": dict(identified.at_least or {}),
     }
-    data["identified"] = {k: v for k, v in about.items() if v not in (None, [], {}, "")}
-    data["identified"]["compliances"] = entries
-    data["identified"]["covariance"] = identified.covariance.tolist()
+    needed = ("compliances", "covariance")
+    data["identified"] = {
+        k: v for k, v in about.items() if k in needed or v not in (None, [], {}, "")
+    }
     return _yaml(data)
 
 

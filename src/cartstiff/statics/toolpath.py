@@ -264,8 +264,7 @@ def compensate(
     straight = replace(
         elastic, gravity=None, potentials=tuple(t for t in inner if t is not springs)
     )
-    reached, commands, unloaded, weight, before, after, deviation = ([] for _ in range(7))
-    stable: list[bool | None] = []
+    points: list[tuple[Any, ...]] = []
     notes = list(elastic.notes)
     for index, (given, target, acting) in enumerate(zip(postures, poses, loads, strict=True)):
         here, under_weight, force_free = (
@@ -274,24 +273,18 @@ def compensate(
         )
         rest = _balancing_rest(elastic, here, acting, index)
         taught = _balancing_rest(elastic, under_weight, (), index)
-        unbent = _force_free_rest(elastic, force_free)
-        weight.append(taught - unbent)
-        unloaded.append(taught if against == "load" else unbent)
-        reached.append(here)
-        commands.append(rest)
-        program = under_weight if against == "load" else force_free
-        naive = _commanded(elastic, unloaded[-1])
-        error, deflected = _error(naive, acting, program, target, "before", index, notes)
-        before.append(error)
+        posture = elastic.mechanism.at(force_free)
+        nothing = np.zeros(posture.motion.jacobian.shape[1])
+        unbent = springs.with_rest_balancing(posture, nothing, every=True).rest
+        naive, program = (taught, under_weight) if against == "load" else (unbent, force_free)
+        before, deflected = _error(elastic, naive, acting, program, target, "before", index, notes)
         # The check starts beside the answer, on the side of the deflection.
         start = here if deflected is None else here + _START_OFFSET * (deflected.q - here)
-        error, held = _error(
-            _commanded(elastic, rest), acting, start, target, "after", index, notes
-        )
-        after.append(error)
+        after, held = _error(elastic, rest, acting, start, target, "after", index, notes)
         spread = None if held is None else held.displacement_deviation
-        deviation.append(np.full(6, np.nan) if spread is None else spread)
-        stable.append(_verdict(elastic, rest, acting, here, index, notes))
+        deviation = np.full(6, np.nan) if spread is None else spread
+        stable = _verdict(elastic, rest, acting, here, index, notes)
+        points.append((here, rest, naive, taught - unbent, before, after, deviation, stable))
         _note_limits(elastic, rest, index, notes)
         posture = elastic.mechanism.at(here)
         notes += limit_notes(elastic.mechanism, posture, f"point {index + 1}: ")
@@ -300,25 +293,26 @@ def compensate(
             words = "the joints cannot undo all of the links' deflection: the nearest pose is taken"
             notes.append(Note("pose-missed", f"point {index + 1}: {words}", {"point": index + 1}))
     mass = gravity_loads(elastic, loads[0])
-    notes += mass.notes
     within = {elastic.names[j] for j in elastic.mechanism.virtual}
     names = tuple(name for name in elastic.spring_names if name not in within)
     own = [elastic.spring_names.index(name) for name in names]
+    *columns, verdicts = zip(*points, strict=True)
+    reached, commands, unloaded, weight, before, after, deviation = map(np.array, columns)
     return CompensatedPath(
         elastic,
         np.array(poses),
-        np.array(reached),
+        reached,
         names,
-        np.array(commands)[:, own],
-        np.array(unloaded)[:, own],
-        np.array(weight)[:, own],
+        commands[:, own],
+        unloaded[:, own],
+        weight[:, own],
         against,
-        np.array(before),
-        np.array(after),
-        None if elastic.identified is None else np.array(deviation),
-        tuple(stable),
+        before,
+        after,
+        None if elastic.identified is None else deviation,
+        verdicts,
         mass,
-        tuple(notes),
+        (*notes, *mass.notes),
     )
 
 
@@ -361,21 +355,16 @@ def _loads(
         ):
             if len(points) != m:
                 raise InputError("loads and path differ in number", expected=m, got=len(points))  # type: ignore[arg-type]
-            _refuse_words(kind, axes)
+            if kind != DEAD_AT_ORIGIN or axes != "world":
+                raise InputError(
+                    "potentials already say how and where they act",
+                    where="loads of the path",
+                    expected="no load_kind, load_at or load_axes",
+                )
             return [tuple(p) for p in points]
     loads = checked_array(wrenches, [(m, 6), (6,)], "array of wrenches")  # type: ignore[arg-type]
     rows = np.broadcast_to(loads, (m, 6))
     return [(kind.acting(w, T, axes),) for w, T in zip(rows, poses, strict=True)]
-
-
-def _refuse_words(kind: LoadKind, axes: str) -> None:
-    """Refuse kind, point and axes of wrenches for potentials, which have their own."""
-    if kind != DEAD_AT_ORIGIN or axes != "world":
-        raise InputError(
-            "potentials already say how and where they act",
-            where="loads of the path",
-            expected="no load_kind, load_at or load_axes",
-        )
 
 
 def _with_links_at_rest(
@@ -389,13 +378,6 @@ def _with_links_at_rest(
             f"point {index + 1}: {error}", iterations=error.iterations, residual=error.residual
         ) from None
     return posture.q
-
-
-def _force_free_rest(elastic: ElasticMechanism, q: Array) -> Array:
-    """Rest positions at which the springs carry nothing at q."""
-    posture, springs = elastic.mechanism.at(q), _springs(elastic)
-    nothing = np.zeros(posture.motion.jacobian.shape[1])
-    return springs.with_rest_balancing(posture, nothing, every=True).rest
 
 
 def _balancing_rest(
@@ -440,7 +422,8 @@ def _commanded(elastic: ElasticMechanism, rest: Array) -> ElasticMechanism:
 
 
 def _error(
-    commanded: ElasticMechanism,
+    elastic: ElasticMechanism,
+    rest: Array,
     loads: Sequence[Potential],
     q: Array,
     target: Array,
@@ -449,7 +432,7 @@ def _error(
     notes: list[Note],
 ) -> tuple[Array, Equilibrium | None]:
     try:
-        state = equilibrium(commanded, q, *loads, limits=False)
+        state = equilibrium(_commanded(elastic, rest), q, *loads, limits=False)
     except CartstiffError as error:
         notes.append(
             Note(
