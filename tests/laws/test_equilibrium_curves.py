@@ -250,6 +250,14 @@ def test_compensation_of_parallel_mechanisms(name):
     assert np.abs(path.before[:, 3:]).max() > 1e-5 * length
 
 
+@pytest.mark.parametrize("name", ["stewart-gough", "five-bar"])
+def test_the_mirror_state_of_every_kind_of_mechanism_can_be_sought(name):
+    """As past a bifurcation: from coordinates opposite to the state, none of them held."""
+    elastic = cartstiff.load(name)
+    state = equilibrium(elastic, DeadForce([0.01, 0.0, 0.0]))
+    assert state._mirrored(elastic.q) is None, "the only state has no mirror image"
+
+
 def test_a_command_under_which_the_posture_is_unstable_is_named():
     elastic = cartstiff.load("stewart-gough")
     path = compensate(elastic, elastic.q[None], [0.0, 0.0, 0.0, 1.0, -2.0, 0.0])

@@ -1262,11 +1262,11 @@ def _of_patterns(result: Identification) -> Iterator[Note]:
     wrong = [p for p in result.checks.patterns if p.kind == "geometry"]
     if wrong:
         shown = _some([f"{p.name} {p.size:.3g} {unit_of(result.elastic, p.name)}" for p in wrong])
-        words = ("zeros" if p.name.endswith(ZERO) else p.name.split(".")[0] for p in wrong)
-        sought = ",".join(dict.fromkeys(words))
+        groups = ["zeros" if p.name.endswith(ZERO) else p.name.split(".")[0] for p in wrong]
+        sought = ",".join(dict.fromkeys(("joints", *groups)))
         text = (
             f"the residuals look like errors of {shown} (probability of the first "
-            f"{wrong[0].probability:.2g} without; --unknown joints,{sought} estimates them)"
+            f"{wrong[0].probability:.2g} without; --unknown {sought} estimates them)"
         )
         sizes = {p.name: p.size for p in wrong}
         yield Note("residual-pattern", text, {"kind": "geometry", "sizes": sizes})
@@ -1431,9 +1431,12 @@ def identify(
     placed = estimated(elastic, columns, solution.offsets, solution.offset_covariance, found)
     geometry = []
     for name, (x, sd) in placed.items():
-        known = (x, sd * inflation, (x - half * sd, x + half * sd))
-        values = known if np.isfinite(sd) else (None, None, None)
-        geometry.append(OffsetEstimate(name, unit_of(elastic, name), *values))
+        interval = (x - half * sd, x + half * sd)
+        unit = unit_of(elastic, name)
+        one = OffsetEstimate(name, unit, None, None, None)
+        if np.isfinite(sd):
+            one = OffsetEstimate(name, unit, x, sd * inflation, interval)
+        geometry.append(one)
     result = Identification(
         elastic,
         unknowns,

@@ -447,10 +447,12 @@ class Mechanism(ABC):
         q_start: ArrayLike,
         *,
         named: Sequence[int] | None = None,  # noqa: ARG002
+        hold: Sequence[int] | None = None,  # noqa: ARG002
     ) -> MechanismPosture:
         """Return the posture near `q_start` that satisfies the closures; at it without closures.
 
-        The `named` coordinates are held if the others can close the mechanism.
+        The `named` coordinates are held if the others can close the mechanism, those in `hold`
+        always.
         """
         return self.at(q_start)
 
@@ -515,7 +517,7 @@ class Mechanism(ABC):
         return tuple(name for j, name in enumerate(self.names) if j not in self.virtual)
 
     @property
-    def shapes_of_rows(self) -> list[tuple[str, int]]:
+    def shapes_of_rows(self) -> list[tuple[int | str, ...]]:
         """Shapes of tables of postures: all coordinates, or joint positions alone."""
         return [("m", n) for n in dict.fromkeys((len(self.names), len(self.joint_names)))]
 
