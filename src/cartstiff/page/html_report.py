@@ -552,13 +552,14 @@ def _skeleton(elastic: ElasticMechanism, q: Array, load: _Load, moved: Array | N
                 f'<circle cx="{p[across]:.1f}" cy="{p[up]:.1f}" r="4" fill="#2060c0"/>'
                 for p in line
             ]
-        for vector, colour, _ in arrows:
+        for vector, colour, width, _ in arrows:
             end = at + vector / size * 210
             if np.linalg.norm((end - at)[[across, up]]) < _SHORTEST_ARROW:
                 continue  # towards the reader
             drawn.append(
                 f'<line x1="{at[across]:.1f}" y1="{at[up]:.1f}" x2="{end[across]:.1f}" '
-                f'y2="{end[up]:.1f}" stroke="{colour}" stroke-width="3" marker-end="url(#head)"/>'
+                f'y2="{end[up]:.1f}" stroke="{colour}" stroke-width="{width}" '
+                'marker-end="url(#head)"/>'
             )
         drawn.append(
             f'<circle cx="{at[across]:.1f}" cy="{at[up]:.1f}" r="6" fill="#c04020"/></g>'
@@ -568,26 +569,31 @@ def _skeleton(elastic: ElasticMechanism, q: Array, load: _Load, moved: Array | N
     bar = round_number(size / 3.0)
     width, words = 210 * bar / size, [f"{bar:g} {elastic.units.length}"]
     drawn.append(f'<path d="M20 264v6h{width:.1f}v-6" fill="none" stroke="#222"/>')
-    words += [said for _, _, said in arrows]
+    words += [said for *_, said in arrows]
     drawn.append(f'<text x="{30 + width:.1f}" y="272">{_text("; ".join(words))}</text>')
     return (
         '<svg viewBox="-20 -20 680 300" width="680" height="300" font-size="11" '
         'font-family="sans-serif" role="img"><defs><marker id="head" viewBox="0 0 8 8" refX="6" '
-        'refY="4" markerWidth="5" markerHeight="5" orient="auto"><path d="M0 0L8 4L0 8z" '
+        'refY="4" markerWidth="16" markerHeight="16" markerUnits="userSpaceOnUse" orient="auto">'
+        '<path d="M0 0L8 4L0 8z" '
         f'fill="context-stroke"/></marker></defs>{"".join(drawn)}</svg>'
     )
 
 
-def _arrows(load: _Load, moved: Array | None, size: float) -> list[tuple[Array, str, str]]:
-    """Force on the tip and its displacement as drawn in F, with their colours and words."""
+def _arrows(load: _Load, moved: Array | None, size: float) -> list[tuple[Array, str, float, str]]:
+    """Force on the tip and its displacement as drawn in F, with colour, width and words.
+
+    Where they are parallel the second is seen inside the first.
+    """
     arrows = []
     force = load.in_room[3:]
     if force.any():
-        arrows.append((0.15 * size * force / np.linalg.norm(force), "#222", "force in black"))
+        along = 0.15 * size * force / np.linalg.norm(force)
+        arrows.append((along, "#222", 7.0, "force in black, thick"))
     if moved is not None and moved.any():
         factor = round_number(0.2 * size / float(np.linalg.norm(moved)))
-        words = f"displacement of the tip in green, drawn {factor:g} times as long"
-        arrows.append((factor * moved, "#208040", words))
+        words = f"displacement of the tip in green, thin, drawn {factor:g} times as long"
+        arrows.append((factor * moved, "#1f9d55", 2.5, words))
     return arrows
 
 

@@ -196,18 +196,7 @@ export function toast(text) {
   setTimeout(() => node.remove(), 2500);
 }
 
-/** Text to the clipboard; where that is not allowed, selected in a dialog to be copied by hand. */
-export async function copy(text, what) {
-  try {
-    await navigator.clipboard.writeText(text);
-    toast(`${what} copied`);
-  } catch {
-    const area = el("textarea", { class: "copy-area", readonly: true, "aria-label": what });
-    area.value = text;
-    document.body.append(area);
-    area.select();
-    const done = document.execCommand("copy");
-    area.remove();
-    toast(done ? `${what} copied` : `${what} could not be copied`);
-  }
+/** Text to the clipboard. */
+export function copy(text, what) {
+  navigator.clipboard.writeText(text).then(() => toast(`${what} copied`), () => toast(`${what} could not be copied`));
 }
