@@ -110,7 +110,7 @@ def test_what_is_held_on_two_motions_comes_from_the_tangent():
         assert max(values, key=abs) == pytest.approx(held, rel=1e-12)
         assert drawn_last(column, freedom) == pytest.approx(held, rel=1e-12)
     lines = describe(column).splitlines()
-    shown = lines.index("K^load on them, the tangent under the load: what an added wrench meets")
+    shown = lines.index("K^load on them: the stiffness against a small added wrench under the load")
     below = np.array([[float(x) for x in line.split()] for line in lines[shown + 1 : shown + 3]])
     U = column.reduction.reachable
     joints = np.linalg.lstsq(column.jacobian, U, rcond=None)[0]

@@ -189,7 +189,8 @@ def _aside(along: Array, factor: float, force: Array, length: float) -> Array | 
     size, other = float(np.linalg.norm(along)), float(np.linalg.norm(force))
     if not along @ force > _ALONG * size * other:
         return None
-    across = objects.axes_along(*along.tolist(), size)[1]
+    x, y, z = along.tolist()
+    across = objects.axes_along(x, y, z, size)[1]
     return _BESIDE * (factor * size + length) * np.array(across)
 
 
