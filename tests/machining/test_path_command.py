@@ -134,3 +134,16 @@ def test_eight_cables_have_a_ratio_of_singular_values(tmp_path):
         lines = cables.at(q).lines.lines / ([cables.length] * 3 + [1, 1, 1])
         values = np.linalg.svd(lines, compute_uv=False)
         assert ratio == pytest.approx(values[-1] / values[0], rel=1e-9)
+
+
+def test_a_load_acts_at_its_point_without_load_stiffening(seam):
+    """Its moment about M counts in the deflection by the unloaded stiffness as well."""
+    wrench, at = np.array([0.0, 0, 0, 50, 0, -50]), np.array([0.0, 0.1, 0.2])
+    data = answer(
+        "path hexapod", seam, *LOAD, "--load-at 0,0.1,0.2 --axes body --free-axis z", *QUICK
+    )
+    wrench[:3] = np.cross(at, wrench[3:])
+    platform = cartstiff.load("hexapod")
+    for q, value in zip(data["q"], data["values"], strict=True):
+        C = cartstiff.analyse(platform, q).compliances["B"]
+        assert value == pytest.approx(np.linalg.norm((C @ wrench)[3:]))

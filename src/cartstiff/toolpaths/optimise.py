@@ -691,20 +691,15 @@ class PathCost:
             return Judged(q, value, value, ratio, ratio)
         outputs = tuple(dict.fromkeys((*self.quantity.outputs(self._settings(0)), "jacobian")))
         load = self.path.wrenches_in_body(points, poses) if self.loaded else None
-        answers = analyse_many(
-            self.elastic,
-            q,
-            wrench=load,
-            load_kind=self.load.kind,
-            load_at=self.load.at,
-            outputs=outputs,
+        acting: dict[str, Any] = (
+            {"load_kind": self.load.kind, "load_at": self.load.at} if self.loaded else {}
         )
+        answers = analyse_many(self.elastic, q, wrench=load, outputs=outputs, **acting)
         lengths = np.array([c.is_length for c in self.elastic.mechanism.coordinates])
         for point in np.unique(points):
             rows = points == point
             arrays = {name: answers[name][rows] for name in outputs}
             settings = self._settings(int(point))
-            acting = {"load_kind": self.load.kind, "load_at": self.load.at}
             swing = ManyModes(self.elastic, q[rows], None if load is None else load[rows], acting)
             value[rows] = evaluate([self.quantity], arrays, settings, lengths, swing)[
                 self.quantity.name
