@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.choices import LARGEST_INPUT
 from cartstiff.errors import ConvergenceError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.statics.problem import (
@@ -368,7 +369,7 @@ class _Iteration:
         try:
             for _ in range(len(system.limits) + 1):
                 q = system.displaced(self.point, share * step)
-                if not np.isfinite(q).all():
+                if not (np.abs(q) <= LARGEST_INPUT).all():  # also where it is no number
                     return None
                 point = system.at(system.retracted(q, contacts))
                 if not np.isfinite(point.evaluation.gradient).all():
