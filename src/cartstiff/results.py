@@ -73,7 +73,7 @@ class LabelledResult(ShownInLines):
         return xarray.Dataset(variables, attrs=texts)
 
     def _lines(self) -> Iterable[str]:
-        yield f"{type(self).__name__}: .to_dict(), .to_dataset()"
+        yield f"{type(self).__name__}, numbers by .to_dict() or .to_dataset():"
         for name, _, values in _numbers(self.to_dict()):
             size = " x ".join(map(str, values.shape))
             if size or values == values:  # what does not exist is NaN

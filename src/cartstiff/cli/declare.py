@@ -139,8 +139,12 @@ class Documented(NamedTuple):
         bases = getattr(thing, "__bases__", ())
         known = {n: w for base in bases for n, w in cls.of(base).parameters.items()}
         own = {f.name for f in fields(thing)} if is_dataclass(thing) else set[str]()
-        told = (entry for api in vars(thing).get("API", ()) for entry in _of_api(api).items())
-        of_api = {name: words for name, words in told if name in own}
+        of_api = {
+            name: words
+            for api in vars(thing).get("API", ())
+            for name, words in _of_api(api).items()
+            if name in own
+        }
         known |= {name: (known.get(name, ("",))[0], words) for name, words in of_api.items()}
         for head, words in _entries(sections):
             name, _, shape = head.partition(" : ")

@@ -1419,10 +1419,8 @@ def identify(
     chosen = robust.fit if fit == "robust" else plain
     seen = model.observations
     _check_frame(model, chosen, elastic)
-    columns, kept = (
-        offsets_of(unknowns, seen, measured, offsets),
-        rows_in_fit(robust, fit, len(seen)),
-    )
+    columns = offsets_of(unknowns, seen, measured, offsets)
+    kept = rows_in_fit(robust, fit, len(seen))
     checks = checked(model, chosen, unknowns, measured, kept, columns.columns)
     inflation = inflation_of(checks)
     springs = estimates(chosen.solved, unknowns, level, inflation)

@@ -80,9 +80,8 @@ def drawn(entry: NamedLegs, T_F_P: Array, leg: str = "") -> list[LegShape]:
             level = np.cross(_Z, axis)
             size = float(np.linalg.norm(level))
             along = level / size if size > numerics.NEGLIGIBLE_DISTANCE else frames[k][:, 0]
-            if along @ (base[k] * [1.0, 1.0, 0.0]) < -numerics.NEGLIGIBLE_DISTANCE * float(
-                np.abs(base).max()
-            ):
+            least = numerics.NEGLIGIBLE_DISTANCE * float(np.abs(base).max())
+            if along @ (base[k] * [1.0, 1.0, 0.0]) < -least:
                 along = -along  # at zero a crank points outwards
         shape = LegShape(
             family,
@@ -130,9 +129,8 @@ def _at_home(shape: LegShape, sign: int, name: str, leg: str, is_skew: bool) -> 
             got=f"{name}, which is {shape.short_of(B):.3g} too short",
         )
     shape = replace(shape, home=value)
-    if float(np.linalg.norm(B - shape.centre)) <= numerics.NEGLIGIBLE_DISTANCE * float(
-        np.abs(B).max()
-    ):
+    least = numerics.NEGLIGIBLE_DISTANCE * float(np.abs(B).max())
+    if float(np.linalg.norm(B - shape.centre)) <= least:
         raise InputError(f"{name} has no length at the pose", where="key pose")
     n = shape.line
     try:

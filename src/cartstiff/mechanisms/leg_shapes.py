@@ -46,9 +46,8 @@ def frame_along(first: Array, second: Array) -> Array:
     y = second - (second * x).sum(axis=-1, keepdims=True) * x
     size = np.linalg.norm(y, axis=-1, keepdims=True)
     with np.errstate(invalid="ignore"):
-        y = np.where(
-            size > numerics.NEGLIGIBLE_DIFFERENCE * np.linalg.norm(second), y / size, np.nan
-        )
+        least = numerics.NEGLIGIBLE_DIFFERENCE * np.linalg.norm(second)
+        y = np.where(size > least, y / size, np.nan)
     return np.stack([x, y, np.cross(x, y)], axis=-1)
 
 

@@ -267,11 +267,8 @@ def _answer(
             far, angle = (float(np.linalg.norm(way)) for way in (moved, turned))
             least = numerics.REPORTED_ERROR * np.abs(moved).max()
             # A turn that is rounding beside the way is none.
-            angle = (
-                angle
-                if angle * state.posture.length > numerics.NEGLIGIBLE_DIFFERENCE * far
-                else 0.0
-            )
+            if angle * state.posture.length <= numerics.NEGLIGIBLE_DIFFERENCE * far:
+                angle = 0.0
             size, unit = sized(far, elastic.units.length)
             along = ", ".join(f"{x / size:+.4g}" if abs(x) > least else "0" for x in moved)
             lines.append(

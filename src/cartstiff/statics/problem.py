@@ -551,11 +551,11 @@ class System:
         Stiff lines would hide soft motions in rounding. None if no line is much stiffer than
         another, or if the lengths do not determine the body's motions.
         """
-        if parts is None or not 0.0 < float(
-            parts[1].min()
-        ) * numerics.SLOWING_STIFFNESS_RATIO < float(parts[1].max()):
+        if parts is None:
             return None
         lines, k, rest = parts
+        if not 0.0 < float(k.min()) * numerics.SLOWING_STIFFNESS_RATIO < float(k.max()):
+            return None
         for load in self.loads:
             rest = rest + load.evaluate(point.posture).hessian
         columns, L = point.posture.coordinate_lengths, point.posture.length

@@ -87,9 +87,8 @@ def divergence(balance: Balance) -> Array | None:
     scaled = balance.scaled
     if not scaled.size or not np.linalg.slogdet(scaled)[0] < 0.0:
         return None
-    if not np.linalg.svd(scaled, compute_uv=False)[-1] > max(
-        FREE_MOTION_STIFFNESS, balance.undecided
-    ):
+    zero = max(FREE_MOTION_STIFFNESS, balance.undecided)
+    if not np.linalg.svd(scaled, compute_uv=False)[-1] > zero:
         return None
     values, vectors = np.linalg.eig(scaled)
     real = np.where(values.imag == 0.0, values.real, np.inf)
@@ -152,9 +151,7 @@ def vibrations(
     length, force = convert_length(Units(), units)  # energies F L over kg L^2
     if spectrum.is_complex:
         growing = "flutter"
-        first = int(
-            np.flatnonzero(np.abs(squares.imag) > numerics.COMPLEX_SHARE * np.abs(squares))[0]
-        )
+        first = int(np.flatnonzero(_are_complex(squares))[0])
         frequency = float(np.sqrt(squares[first] * length / force).real / (2 * np.pi))
     elif squares[0] < -FREE_MOTION_STIFFNESS * float(np.abs(squares).max()):
         growing = "divergence"
@@ -303,11 +300,8 @@ def _metric(stiffness: Array, terms: Array) -> Array:
     scaled = stiffness / size[:, None] / size
     values, axes = np.linalg.eigh(0.5 * (scaled + scaled.T))
     values = np.abs(values)
-    return (
-        axes
-        / np.sqrt(np.where(values > numerics.FREE_MOTION_STIFFNESS, values, 1.0))
-        / size[:, None]
-    )
+    costs = np.where(values > numerics.FREE_MOTION_STIFFNESS, values, 1.0)
+    return axes / np.sqrt(costs) / size[:, None]
 
 
 def _condensed(stiffness: Array, terms: Array, Z: Array) -> tuple[Array, Array, Array, Array]:
@@ -352,12 +346,17 @@ def _symmetric_pairs(
     return values, y, lost
 
 
+def _are_complex(squares: Array) -> Array:
+    """Which omega^2 (n,) have an imaginary part beyond round-off."""
+    return np.abs(squares.imag) > numerics.COMPLEX_SHARE * np.abs(squares)
+
+
 def _pairs(reduced: Array, T: Array, back: Array) -> tuple[Array, Array, Array]:
     """The same without an energy; left and right vectors."""
     squares, y = np.linalg.eig(reduced)
     order = np.argsort(squares.real, kind="stable")
     squares, y = squares[order], y[:, order]
-    if not (np.abs(squares.imag) > numerics.COMPLEX_SHARE * np.abs(squares)).any():
+    if not _are_complex(squares).any():
         squares, y = squares.real, y.real
     y = y / np.linalg.norm(y, axis=0)
     try:

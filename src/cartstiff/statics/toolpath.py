@@ -152,10 +152,8 @@ class CompensatedPath(LabelledResult):
     def to_csv(self) -> str:
         """Commands after and before (taught), errors, postures wanted, one line a point."""
         elastic, names, columns = self.elastic, list[str](), list[Array]()
-        factors, units = (
-            shown_factors(elastic),
-            dict(zip(elastic.names, elastic.names_with_units, strict=True)),
-        )
+        factors = shown_factors(elastic)
+        units = dict(zip(elastic.names, elastic.names_with_units, strict=True))
         heads = [units.get(name, f"{name} [{elastic.units.length}]") for name in self.springs]
         per = np.array([factors.get(name, 1.0) for name in self.springs])
         for word, values in (("command", self.commands), ("taught", self.naive)):
