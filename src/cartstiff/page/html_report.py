@@ -336,9 +336,9 @@ def _under(elastic: ElasticMechanism, load: _Load, result: PostureStiffness) -> 
     acting = " and ".join(parts) or "no load"
     springs = "joints" if isinstance(elastic.mechanism, Chain) else "legs"
     holds = f"the springs of its {springs}" if load.held is None else "the wrench named below"
-    weight = "" if elastic.gravity is None else " and its weight"
-    held = "not held at this posture" if _is_unbalanced(result) else f"held by {holds}"
-    return f"Under {acting}{weight}, {held}."
+    weight = "" if elastic.gravity is None else " and the weight"
+    held = "It is not held at this posture" if _is_unbalanced(result) else f"It is held by {holds}"
+    return f"The mechanism carries {acting}{weight}. {held}."
 
 
 def _largest_share(elastic: ElasticMechanism, analysis: dict[str, Any]) -> list[str]:
@@ -432,7 +432,7 @@ def _at_same_pose(elastic: ElasticMechanism, start: Array, load: _Load, here: fl
         how = "" if free == "none" else ", the tool turned about its z axis"
         return (
             f"Better posture (the tip stays where it is{how}): {places}; {less}. "
-            "Neither collisions nor the floor were looked at."
+            "Collisions and the floor were not checked."
         )
     return ""
 
