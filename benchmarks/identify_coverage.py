@@ -30,7 +30,7 @@ import numpy as np
 
 import cartstiff
 from cartstiff.identify.identification import identify
-from cartstiff.identify.models import LinearModel
+from cartstiff.identify.models import Model
 from cartstiff.identify.plan import candidates, simulated
 from cartstiff.identify.unknowns import unknowns_of
 
@@ -89,7 +89,7 @@ def _campaign(
     still = simulated(elastic, offered, dict.fromkeys(columns, 1e-30), seed=seed)
     moved = np.concatenate([v[~np.isnan(v)] for v in still.values.values()])
     if kind == 3 and arm:  # how far it sags, not where it is
-        model = LinearModel(unknowns_of(elastic), still)
+        model = Model(unknowns_of(elastic), still)
         moved = model.at(model.unknowns.nominal)[0]
     sd = float(np.sqrt(np.mean(moved**2))) * 0.03
     measured = simulated(

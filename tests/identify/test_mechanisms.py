@@ -25,7 +25,7 @@ from cartstiff import DeadForce, equilibrium
 from cartstiff.geometry import se3
 from cartstiff.identify.identification import identify
 from cartstiff.identify.measurements import read_measurements
-from cartstiff.identify.models import LinearModel, LoadedModel
+from cartstiff.identify.models import LoadedModel, Model
 from cartstiff.identify.unknowns import unknowns_of
 
 
@@ -90,7 +90,7 @@ def test_the_derivative_is_that_of_the_equilibrium():
     nothing = {name: np.zeros(2) for name in ("dx", "dy", "dz", "drz")}
     measured = measurements(q, W, nothing, mass=np.array([0.0, 1.0]))
     unknowns = unknowns_of(elastic, ("joints", "links"))
-    linear = LinearModel(unknowns, measured)
+    linear = Model(unknowns, measured)
     model = LoadedModel(unknowns, measured)
     theta = unknowns.nominal
     y, A = model.at(theta)
@@ -100,10 +100,10 @@ def test_the_derivative_is_that_of_the_equilibrium():
         rate = (model.at(theta + step)[0] - model.at(theta - step)[0]) / (2 * step[p])
         assert A[:, p] == pytest.approx(rate, rel=1e-5, abs=1e-6 * np.abs(y).max() / theta[p])
     small = measurements(q, 1e-3 * W, nothing)
-    straight, B = LinearModel(unknowns, small).at(theta)
+    straight, B = Model(unknowns, small).at(theta)
     y, _ = LoadedModel(unknowns, small).at(theta)
     assert y == pytest.approx(straight, rel=1e-3, abs=1e-3 * np.abs(y).max())
-    linear = LinearModel(unknowns, small)
+    linear = Model(unknowns, small)
     for p in range(len(theta)):  # theorem of the unit load
         step = np.zeros(len(theta))
         step[p] = 1e-4 * theta[p]

@@ -14,7 +14,7 @@ import cartstiff
 from cartstiff.identify import plan as planning
 from cartstiff.identify.fitting import Noise, solved
 from cartstiff.identify.identification import identify
-from cartstiff.identify.models import LinearModel
+from cartstiff.identify.models import Model
 from cartstiff.identify.plan import beside, candidates, information, plan, simulated
 from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.report.identification import describe_plan
@@ -95,7 +95,7 @@ def test_no_row_stands_near_a_singularity(monkeypatch):
     chosen = plan(unknowns_of(elastic), found, 6, beside=partial(beside, elastic))
 
     def moved(rows):
-        return np.abs(LinearModel(chosen.unknowns, rows).at(chosen.unknowns.nominal)[0])
+        return np.abs(Model(chosen.unknowns, rows).at(chosen.unknowns.nominal)[0])
 
     assert moved(chosen.rows).max() < 10.0 * np.median(moved(found).reshape(-1, 2).max(axis=1))
 
@@ -124,7 +124,7 @@ def test_realised_intervals_are_as_wide_as_predicted(name, rows, columns, force)
     size = 0.05 * force / elastic.springs.stiffness.max()
     found = candidates(elastic, dict.fromkeys(columns, size), count=400, force=force)
     chosen = plan(unknowns, found, rows)
-    model = LinearModel(unknowns, chosen.rows)
+    model = Model(unknowns, chosen.rows)
     y, A = model.at(unknowns.nominal)
     noise = Noise.of(np.full(len(y), np.nan), np.zeros(len(y), bool))
     rng, widths = np.random.default_rng(1), []

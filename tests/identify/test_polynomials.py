@@ -14,7 +14,7 @@ from cartstiff import DeadForce, InputError
 from cartstiff.errors import ConvergenceError
 from cartstiff.identify.identification import identify
 from cartstiff.identify.measurements import read_measurements
-from cartstiff.identify.models import BentModel, LoadedModel
+from cartstiff.identify.models import LoadedModel, Model
 from cartstiff.identify.plan import candidates, plan, simulated
 from cartstiff.identify.unknowns import unknowns_of
 
@@ -93,7 +93,7 @@ def test_derivatives_are_those_of_the_prediction(tmp_path):
     path, table = _campaign(tmp_path, 3, 0.0)
     elastic = load(path)
     unknowns = unknowns_of(elastic, ("joints", "j2"))
-    model = BentModel(unknowns, read_measurements(table, elastic))
+    model = Model(unknowns, read_measurements(table, elastic))
     _derivatives_are_right(model, 1e-5, NUMERIC)
 
 

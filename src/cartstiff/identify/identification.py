@@ -41,12 +41,10 @@ from cartstiff.identify.measurements import (
     field_of,
 )
 from cartstiff.identify.models import (
-    LinearModel,
     LoadedModel,
     Model,
     model_of,
     needs_equilibrium,
-    small_loads,
 )
 from cartstiff.identify.unknowns import (
     ZERO,
@@ -202,7 +200,7 @@ def checked(
     rigid = rigid - N @ np.linalg.lstsq(N, rigid, rcond=numerics.RANK)[0]
     repeats, lack = _lack_of_fit(seen.column, seen.row, r, freedom, measured, kept)
     patterns: tuple[Pattern, ...] = ()
-    if isinstance(model, LinearModel):
+    if not isinstance(model, LoadedModel):
         patterns = _patterns(model, fit, unknowns, measured, kept)
     return Checks(
         chi,
@@ -256,7 +254,7 @@ def _left_out(fit: Fit, row: NDArray[np.intp], postures: NDArray[np.intp]) -> Ar
 
 
 def _patterns(
-    model: LinearModel,
+    model: Model,
     fit: Fit,
     unknowns: Unknowns,
     measured: Measurements,
@@ -737,7 +735,6 @@ _POOR_SHARE, _REDUCTION, _CHANCE = 0.1, 3.0, 1e-4
 # Bound on the rows that are examined of a long table.
 _MAX_ROWS = 200
 _FRAMES = ("base", "body", "world")
-_Forces = dict[bytes, tuple[Array, Array, Array, Array]]
 
 
 def other_axes(
@@ -763,14 +760,14 @@ def other_axes(
         measured = measured.chosen(
             np.unique(np.linspace(0, len(measured) - 1, _MAX_ROWS).astype(int))
         )
-    known: _Forces = {}
-    declared = _left(unknowns, measured, offsets, known)
+    model = Model(unknowns, measured)
+    declared = _left(model, offsets)
     if declared is None or declared[0] < _POOR_SHARE:
         return []
     tried, count = [], 0
-    for words, other in _others(unknowns, measured):
+    for words, other in _others(model):
         count += 1
-        if (misfit := _left(unknowns, other, offsets, known, declared[0])) is not None:
+        if (misfit := _left(replace(model, measured=other), offsets, declared[0])) is not None:
             tried.append((*misfit, words))
     if not tried:
         return []
@@ -789,20 +786,15 @@ def other_axes(
     return [Note("other-axes", passage, {"residual_rms": declared[1], "other_rms": rms})]
 
 
-def _left(
-    unknowns: Unknowns, measured: Measurements, offsets: str, known: _Forces, most: float = np.inf
-) -> tuple[float, float, float] | None:
+def _left(model: Model, offsets: str, most: float = np.inf) -> tuple[float, float, float] | None:
     """Residual over measured size, residual rms of lengths (else of angles), degrees of freedom.
 
-    None if the first linear step leaves more than the share `most`. `known` are forces at these
-    postures.
+    None if the first linear step leaves more than the share `most`.
     """
+    unknowns = model.unknowns
     try:
-        model = small_loads(unknowns, measured)
-        if isinstance(model, LinearModel):
-            model = replace(model, known=known)
         seen = model.observations
-        nuisance = offsets_of(unknowns, seen, measured, offsets).columns
+        nuisance = offsets_of(unknowns, seen, model.measured, offsets).columns
         noise = Noise.of(seen.deviation, seen.is_angle)
         fit = fitted(model, unknowns, noise, nuisance=nuisance, once=True)
         share, rms = _share(seen, fit)
@@ -829,11 +821,12 @@ def _share(seen: Observations, fit: Fit) -> tuple[float, float]:
     return float(np.sqrt(np.mean(scaled**2))), rms
 
 
-def _others(unknowns: Unknowns, measured: Measurements) -> Iterator[tuple[str, Measurements]]:
+def _others(model: Model) -> Iterator[tuple[str, Measurements]]:
     """The same rows along other axes, and words for these."""
-    base = unknowns.elements.elastic.mechanism.base_pose[:3, :3]
+    measured = model.measured
+    base = model.unknowns.elements.elastic.mechanism.base_pose[:3, :3]
     frames = [f for f in _FRAMES if f != "world" or not np.allclose(base, np.eye(3))]
-    R = LinearModel(unknowns, measured).poses[:, :3, :3]
+    R = model.poses[:, :3, :3]
     turns = {"body": base.T @ R, "world": np.broadcast_to(base.T, R.shape)}
     declared = measured.axes if measured.axes in frames else "base"
     for load, seen in product(frames if measured.wrench.any() else [declared], frames):
@@ -1020,17 +1013,14 @@ def _cables(result: Identification) -> Iterator[Note]:
     names += [f"line{i + 1}" for i, only in enumerate(taut_only) if only]
     if not names:
         return
-    model = result.model
-    linear = model.linear if isinstance(model, LoadedModel) else model
     pushed: dict[str, list[int]] = {}
-    if isinstance(linear, LinearModel):
-        forces, _ = linear.forces_in(written_values(result))
-        least = -numerics.ROUNDOFF * np.abs(forces).max(initial=0.0)
-        for name in names:
-            force = forces[:, result.unknowns.elements.index(name)]
-            rows = np.unique(linear.observations.row[force < least])
-            if rows.size:
-                pushed[name] = [int(result.measured.rows[n]) for n in rows]
+    forces, _ = result.model.forces_in(written_values(result))
+    least = -numerics.ROUNDOFF * np.abs(forces).max(initial=0.0)
+    for name in names:
+        force = forces[:, result.unknowns.elements.index(name)]
+        rows = np.unique(result.model.observations.row[force < least])
+        if rows.size:
+            pushed[name] = [int(result.measured.rows[n]) for n in rows]
     words = f"cables are taken as taut in every row: {', '.join(names)}"
     if pushed:
         shown = "; ".join(
@@ -1144,7 +1134,7 @@ def _against_equilibrium(result: Identification, values: Array) -> Iterator[Note
     keep = np.zeros(len(result.measured), bool)
     keep[worst] = True
     some = result.measured.chosen(keep)
-    small = small_loads(unknowns, some)
+    small = Model(unknowns, some)
     try:
         bent, _ = LoadedModel(unknowns, some).at(values)
         straight, _ = small.at(values)
@@ -1401,7 +1391,7 @@ def identify(
     unknowns = unknowns_of(elastic, sought, ties=ties, known=known, priors=priors)
     contradictions(measured)
     rows = measured.rows
-    poses = LinearModel(unknowns, measured).poses
+    poses = Model(unknowns, measured).poses
     measured, found = in_base(unknowns, measured, poses, offsets)
     rejected: tuple[Rejected, ...] = ()
     while True:
@@ -1580,7 +1570,7 @@ def _near(unknowns: Unknowns, measured: Measurements, noise: Noise, nuisance: Ar
     if needs_equilibrium(unknowns.elements.elastic):
         return unknowns.nominal
     try:
-        first = fitted(small_loads(unknowns, measured), unknowns, noise, nuisance=nuisance)
+        first = fitted(Model(unknowns, measured), unknowns, noise, nuisance=nuisance)
     except CartstiffError:  # no stiffness, or a law that does not reach so far
         return unknowns.nominal
     nominal = unknowns.nominal

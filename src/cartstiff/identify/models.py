@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,28 +32,13 @@ from cartstiff.mechanisms.elements import Elements
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import DeadForce, DeadWrench, Load, Scaled
-from cartstiff.potentials.springs import JointSprings
+from cartstiff.potentials.springs import JointSprings, SpringLaw
 from cartstiff.statics.equilibrium import in_stages
 from cartstiff.statics.newton import Solution, solve
 from cartstiff.statics.problem import System
 from cartstiff.statics.rest import motion_by_compliance
 from cartstiff.stiffness.compute import analyse
 from cartstiff.stiffness.influence import influence_of
-
-
-class Model(Protocol):
-    """Predictions of measured numbers, for a fit."""
-
-    @property
-    def observations(self) -> Observations:
-        """The measured numbers."""
-
-    @property
-    def is_linear(self) -> bool:
-        """Whether the prediction is linear in the parameters."""
-
-    def at(self, theta: Array) -> tuple[Array, Array]:
-        """Predictions (m,) and derivatives (m, P) at parameters (P,)."""
 
 
 def unloaded(elastic: ElasticMechanism, q: Array | None = None) -> ElasticMechanism:
@@ -84,9 +69,17 @@ def at_rest(elastic: ElasticMechanism) -> ElasticMechanism:
     return replace(unloaded(elastic), gravity=None)
 
 
+# Bound on the parameters whose forces a model keeps.
+_MOST_KNOWN = 16
+
+
 @dataclass(frozen=True, eq=False)
-class LinearModel:
+class Model:
     """Displacements of small loads.
+
+    They are linear in the load but for nonlinear springs in joints of an open chain: their torques
+    t follow from the load alone, and with them their deflections x(t). A coefficient c_m of
+    ``t = c_1 x + c_2 x^2 + ...`` has ``dx/dc_m = -x^m / (dt/dx)``.
 
     Attributes
     ----------
@@ -94,39 +87,34 @@ class LinearModel:
         Parameters; their mechanism is the measured one.
     measured : Measurements
         The rows.
-    laws_apart : bool
-        Whether joints of an open chain that have nonlinear springs are taken as rigid.
-    known : dict, optional
-        Forces by parameters, computed before; models of the same postures may share it.
     """
 
     unknowns: Unknowns
     measured: Measurements
-    laws_apart: bool = False
-    known: dict[bytes, tuple[Array, Array, Array, Array]] | None = None
+    #: Forces by parameters; models of the same postures, from `replace`, share them.
+    _known: dict[bytes, tuple[Array, Array, Array, Array]] = field(default_factory=dict)
 
     @cached_property
     def _rest(self) -> ElasticMechanism:
         elastic = at_rest(self.unknowns.elements.elastic)
-        if self.laws_apart and isinstance(elastic.springs, JointSprings):
-            k = elastic.springs.stiffness.copy()
-            k[list(elastic.springs.laws)] = 1.0  # any value: these are no elements
+        springs = elastic.springs
+        if isinstance(springs, JointSprings) and springs.laws and is_open_chain(elastic):
+            k = springs.stiffness.copy()
+            k[list(springs.laws)] = 1.0  # any value: these are no elements
             elastic = replace(elastic, springs=JointSprings(k, np.full(len(k), np.nan)))
         return elastic
 
     @cached_property
     def _is_open(self) -> bool:
         """Whether the forces are the Jacobian's rows: an open chain of springs."""
-        springs = self._rest.springs
-        linear = isinstance(springs, JointSprings) and not springs.laws
-        return linear and is_open_chain(self._rest)
+        return isinstance(self._rest.springs, JointSprings) and is_open_chain(self._rest)
 
     @property
     def is_linear(self) -> bool:
-        """Whether the forces do not depend on the compliances."""
+        """Whether the prediction is linear in the parameters."""
         mechanism = self._rest.mechanism
         legs = isinstance(mechanism, Platform) and len(self.unknowns.elements.names) == 6
-        return self._is_open or legs
+        return legs or (self._is_open and not any(u.law for u in self.unknowns.parameters))
 
     @cached_property
     def _distinct(self) -> tuple[Array, NDArray[np.intp]]:
@@ -159,12 +147,12 @@ class LinearModel:
         return observe(self.measured, self.unknowns.elements.elastic, self.poses)
 
     @cached_property
-    def _loads(self) -> tuple[Array, Array]:
-        """Wrench (m, 6) of each number, and whether the own weight adds to it (m,)."""
+    def _loads(self) -> tuple[Array, Array, Array]:
+        """Wrench (m, 6) of each number, whether the own weight adds to it (m,); all that acts."""
         loaded, reference, _ = wrenches(self.measured, self.unknowns.elements.elastic, self.poses)
         seen = self.observations
         W = loaded[seen.row] - np.where(seen.is_absolute[:, None], 0.0, reference[seen.row])
-        return W, seen.is_absolute
+        return W, seen.is_absolute, loaded[seen.row]
 
     @cached_property
     def _weights(self) -> Array:
@@ -186,8 +174,8 @@ class LinearModel:
             F = J.swapaxes(1, 2)
             own = weights[:, at]
             return F, J @ Gamma @ F, own, np.einsum("kie,ef,kf->ki", J, Gamma, own)
-        if self.known is not None and theta.tobytes() in self.known:
-            return self.known[theta.tobytes()]
+        if (key := theta.tobytes()) in self._known:
+            return self._known[key]
         elastic = at_rest(self.unknowns.mechanism(theta))
         elements = type(self.unknowns.elements)(elastic)
         parts = []
@@ -200,18 +188,20 @@ class LinearModel:
                     f"row {self.measured.rows[place]}: {error}",
                     expected="a posture in which the springs hold the mechanism",
                 ) from None
-        forces = (
-            np.array([p.forces for p in parts]),
-            np.array([p.compliance for p in parts]),
-            np.array([p.weight_forces for p in parts]),
-            np.array([p.weight_twist for p in parts]),
-        )
-        if self.known is not None:
-            self.known[theta.tobytes()] = forces
-        return forces
+        F, C, own, twists = (np.array(part) for part in zip(*parts, strict=True))
+        if len(self._known) == _MOST_KNOWN:
+            self._known.clear()
+        self._known[key] = F, C, own, twists
+        return F, C, own, twists
 
     def at(self, theta: Array) -> tuple[Array, Array]:
-        """Predictions (m,) and derivatives (m, P)."""
+        """Predictions (m,) and derivatives (m, P).
+
+        Raises
+        ------
+        InputError
+            If the springs do not hold a row's posture, or a law does not reach its torque.
+        """
         y, A = self._at(theta)
         for p in self._tensioned:  # the tension, and with it the turning stiffness, changes too
             step = np.zeros(len(theta))
@@ -234,117 +224,44 @@ class LinearModel:
         """The same with forces in the springs that do not depend on their stiffness."""
         _, C, _, own_twist = self._forces(theta)
         by_load, by_functional = self.forces_in(theta)
-        W, weighs = self._loads
+        W, weighs, _ = self._loads
         a, place = self.observations.functional, self._distinct[1][self.observations.row]
         twist = np.einsum("mij,mj->mi", C[place], W) + weighs[:, None] * own_twist[place]
+        y = np.einsum("mi,mi->m", a, twist)
         A = derivatives(by_functional, by_load, self.unknowns.patterns)
-        return np.einsum("mi,mi->m", a, twist), A
+        laws = self.unknowns.laws(theta) if self._is_open else {}
+        for name, law in laws.items():
+            self._add_bent(y, A, theta, name, law)
+        return y, A
+
+    def _add_bent(self, y: Array, A: Array, theta: Array, name: str, law: SpringLaw) -> None:
+        """Add the deflection of a nonlinear spring in an open chain, and its derivatives."""
+        seen, j = self.observations, self._rest.names.index(name)
+        place = self._distinct[1][seen.row]
+        J, own = self._kinematics[1][place, :, j], self._weights[place, j]
+        moved, (W, weighs, loaded) = np.einsum("mi,mi->m", J, seen.functional), self._loads
+        torque = np.einsum("mi,mi->m", J, loaded) + own
+        # A position differs from that of the rigid arm, a displacement from the state before.
+        before = np.where(weighs, 0.0, torque - np.einsum("mi,mi->m", J, W))
+        for t, sign in ((torque, 1.0), (before, -1.0)):
+            each, back = np.unique(t, return_inverse=True)  # one for a row's numbers
+            roots = [law.deflection_for(float(value)) for value in each]
+            x, k = np.array(roots)[back], np.array([law.evaluate(v)[2] for v in roots])[back]
+            y += sign * moved * x
+            for p, unknown in enumerate(self.unknowns.parameters):
+                joint, power = unknown.law or ("", 0)
+                if joint == name:
+                    by = theta[p] ** -2 if power == 1 else -1.0
+                    A[:, p] += sign * moved * by * x**power / k
 
     def forces_in(self, theta: Array) -> tuple[Array, Array]:
         """Forces (m, E) in the elements under each number's load, and under its functional."""
         F, _, own_forces, _ = self._forces(theta)
         seen = self.observations
-        W, weighs = self._loads
+        W, weighs, _ = self._loads
         place = self._distinct[1][seen.row]
         by_load = np.einsum("mei,mi->me", F[place], W) + weighs[:, None] * own_forces[place]
         return by_load, np.einsum("mei,mi->me", F[place], seen.functional)
-
-
-@dataclass(frozen=True, eq=False)
-class BentModel:
-    """Small displacements of an open chain with nonlinear springs in some joints.
-
-    The torque t of each of them follows from the load alone, and with it its deflection x(t). A
-    coefficient c_m of ``t = c_1 x + c_2 x^2 + ...`` has ``dx/dc_m = -x^m / (dt/dx)``. The other
-    springs are those of the linear model.
-
-    Attributes
-    ----------
-    unknowns : Unknowns
-        Parameters.
-    measured : Measurements
-        The rows.
-    """
-
-    unknowns: Unknowns
-    measured: Measurements
-
-    @property
-    def is_linear(self) -> bool:
-        """Whether all laws are known."""
-        return not any(u.law for u in self.unknowns.parameters)
-
-    @cached_property
-    def _own(self) -> list[int]:
-        """Parameters of the other springs."""
-        return [p for p, u in enumerate(self.unknowns.parameters) if u.law is None]
-
-    @cached_property
-    def linear(self) -> LinearModel:
-        """The model of the other springs, the nonlinear ones rigid."""
-        unknowns = self.unknowns
-        chosen = tuple(unknowns.parameters[p] for p in self._own)
-        own = replace(unknowns, parameters=chosen, patterns=unknowns.patterns[self._own])
-        return LinearModel(own, self.measured, laws_apart=True)
-
-    @property
-    def observations(self) -> Observations:
-        """The measured numbers."""
-        return self.linear.observations
-
-    @property
-    def poses(self) -> Array:
-        """``T_F_M`` (N, 4, 4) of the rigid mechanism."""
-        return self.linear.poses
-
-    @cached_property
-    def _torques(self) -> tuple[Array, Array, Array]:
-        """Joint forces (m, n) with the load and without, and displacement per joint (m, n)."""
-        elastic, seen = self.unknowns.elements.elastic, self.observations
-        q, groups = self.linear._distinct
-        jacobians = np.array([elastic.mechanism.at(row).motion.jacobian for row in q])
-        J = jacobians[groups[seen.row]]
-        loaded, reference, _ = wrenches(self.measured, elastic, self.poses)
-        own = self.linear._weights[groups[seen.row]]
-        with_load = np.einsum("mij,mi->mj", J, loaded[seen.row]) + own
-        without = np.einsum("mij,mi->mj", J, reference[seen.row]) + own
-        without[seen.is_absolute] = 0.0  # a position differs from that of the rigid arm
-        return with_load, without, np.einsum("mij,mi->mj", J, seen.functional)
-
-    def at(self, theta: Array) -> tuple[Array, Array]:
-        """Predictions (m,) and derivatives (m, P).
-
-        Raises
-        ------
-        InputError
-            If a law does not reach the torque of a row.
-        """
-        y, rates = self.linear.at(theta[self._own])
-        A = np.zeros((len(y), len(theta)))
-        A[:, self._own] = rates
-        with_load, without, moved = self._torques
-        sought = {u.law: p for p, u in enumerate(self.unknowns.parameters) if u.law is not None}
-        for name, law in self.unknowns.laws(theta).items():
-            j = self.unknowns.elements.elastic.names.index(name)
-            for torque, sign in ((with_load[:, j], 1.0), (without[:, j], -1.0)):
-                each, back = np.unique(torque, return_inverse=True)  # one for a row's numbers
-                roots = [law.deflection_for(float(t)) for t in each]
-                x, k = np.array(roots)[back], np.array([law.evaluate(v)[2] for v in roots])[back]
-                y = y + sign * moved[:, j] * x
-                for (joint, power), p in sought.items():
-                    if joint == name:
-                        by = theta[p] ** -2 if power == 1 else -1.0
-                        A[:, p] += sign * moved[:, j] * by * x**power / k
-        return y, A
-
-
-def small_loads(unknowns: Unknowns, measured: Measurements) -> LinearModel | BentModel:
-    """The model of small loads: with nonlinear springs in open chains, linear in all else."""
-    elastic = unknowns.elements.elastic
-    laws = isinstance(elastic.springs, JointSprings) and elastic.springs.laws
-    if laws and is_open_chain(elastic):
-        return BentModel(unknowns, measured)
-    return LinearModel(unknowns, measured)
 
 
 def is_open_chain(elastic: ElasticMechanism) -> bool:
@@ -378,34 +295,14 @@ class _State(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class LoadedModel:
-    """Equilibria under the rows' loads.
+class LoadedModel(Model):
+    """Equilibria under the rows' loads."""
 
-    Attributes
-    ----------
-    unknowns : Unknowns
-        Parameters.
-    measured : Measurements
-        The rows.
-    """
-
-    unknowns: Unknowns
-    measured: Measurements
     #: Last equilibrium of each row, its derivative by the parameters, and these.
     _last: dict[tuple[int, bytes], tuple[Array, Array, Array]] = field(default_factory=dict)
 
     #: Whether the prediction is linear in the parameters.
     is_linear = False
-
-    @cached_property
-    def linear(self) -> LinearModel:
-        """The linear model of the same rows: their poses and observations."""
-        return LinearModel(self.unknowns, self.measured)
-
-    @property
-    def observations(self) -> Observations:
-        """The measured numbers."""
-        return self.linear.observations
 
     @cached_property
     def _settings(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -415,10 +312,10 @@ class LoadedModel:
         return first, groups
 
     @cached_property
-    def _loads(self) -> tuple[Array, Array]:
+    def _inertial(self) -> tuple[Array, Array]:
         """Loads along F (N, 6), and the reference's forces along F (N, 3)."""
         elastic = self.unknowns.elements.elastic
-        _, _, inertial = wrenches(self.measured, elastic, self.linear.poses)
+        _, _, inertial = wrenches(self.measured, elastic, self.poses)
         weight0 = np.multiply.outer(self.measured.mass0, field_of(elastic))
         return inertial, weight0 / elastic.units.newtons
 
@@ -446,14 +343,14 @@ class LoadedModel:
         differs = np.zeros(len(self.measured), bool)
         differs[seen.row[~seen.is_absolute]] = True
         references: dict[bytes, _State] = {}
-        inertial, weight0 = self._loads
+        inertial, weight0 = self._inertial
         y, A = np.zeros(len(seen)), np.zeros((len(seen), len(theta)))
         for k, n in enumerate(first):
             rows = np.flatnonzero(groups == k)
             at = np.flatnonzero(np.isin(seen.row, rows))
             elastic = unloaded(mechanism, self.measured.q[n])
             loaded = self._state(elastic, int(n), inertial[n], theta)
-            rigid = _State(self.linear.poses[n], np.zeros((6, len(theta))))
+            rigid = _State(self.poses[n], np.zeros((6, len(theta))))
             before = rigid
             if differs[rows].any():
                 key = self.measured.q[n].tobytes() + weight0[n].tobytes()
@@ -527,7 +424,7 @@ def model_of(unknowns: Unknowns, measured: Measurements, loaded: bool = False) -
     """The model of equilibria if `loaded` or needed, else that of small loads."""
     if loaded or needs_equilibrium(unknowns.elements.elastic):
         return LoadedModel(unknowns, measured)
-    return small_loads(unknowns, measured)
+    return Model(unknowns, measured)
 
 
 def _between(
