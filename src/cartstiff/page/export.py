@@ -4,21 +4,16 @@ The file of an arm, a closed chain or a body on straight legs computes: it has t
 JavaScript (`cartstiff.page.browser_program`). The browser cannot compute other mechanisms: their
 file has one posture, its numbers and its picture, and says so. The same input makes the same file.
 A live page gets the same data, so that it continues without its server.
-
-Meshes are stored as steps between corners on a grid, byte planes one after the other, so that they
-compress well. Only meshes lose digits (the grid is 1/4096 of a link's size).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cartstiff.errors import imported
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.browser_program import BrowserProgram, browser_program
 from cartstiff.page.files import page_document
@@ -31,97 +26,24 @@ from cartstiff.version import __version__
 
 #: Kind of a command, path, property.
 Key = tuple[str, str, str]
-Command = tuple[Key, bytes]
 
 _ORDER = {"delete": 0, "set_object": 1, "set_transform": 2, "set_property": 3}
 
 
-def in_order(state: Mapping[Key, bytes]) -> list[Command]:
-    """Commands by their keys, in an order in which a viewer can take them."""
-    return sorted(state.items(), key=lambda command: _ORDER[command[0][0]])
+def numbered(*states: Mapping[Key, bytes]) -> tuple[list[bytes], list[list[int]]]:
+    """All commands, each once, and those of each state as their numbers.
 
-
-# Halvings of a mesh's size that make its grid.
-_GRID = 12
-
-
-def compacted(
-    lists: Sequence[Sequence[Command]],
-) -> tuple[list[dict[str, Any]], list[bytes], list[list[int]]]:
-    """Facts of all meshes, binary parts of all commands, each once, and the lists as numbers.
-
-    Parameters
-    ----------
-    lists : sequence of sequences
-        Keys with packed commands.
-
-    Returns
-    -------
-    list of dict
-        Path of each mesh, object without its arrays, counts and grid.
-    list of bytes
-        The arrays of each mesh, and the commands that are none.
-    list of list of int
-        As many as there are lists.
+    The numbers are in an order in which a viewer can take the commands.
     """
-    meshes, others = [], []
-    for command in dict.fromkeys(command for one in lists for command in one):
-        (kind, path, _), packed = command
-        if kind == "set_object" and (mesh := _mesh(packed, path)) is not None:
-            meshes.append((mesh, command))
-        else:
-            others.append((packed, command))
-    numbers = {row[-1]: i for i, row in enumerate([*meshes, *others])}
-    parts = [*(data for (_, data), _ in meshes), *(packed for packed, _ in others)]
-    facts = [facts for (facts, _), _ in meshes]
-    return facts, parts, [[numbers[command] for command in one] for one in lists]
-
-
-def _mesh(packed: bytes, path: str) -> tuple[dict[str, Any], bytes] | None:
-    """A mesh's facts and its arrays as steps, if that is all an object is."""
-    if b"BufferGeometry" not in packed or b"index" not in packed or b"normal" not in packed:
-        return None
-    msgpack = imported("msgpack", "msgpack", "a picture in a page")
-    lowered = msgpack.unpackb(packed)["object"]
-    data = lowered["geometries"][0]["data"]
-    attributes = data["attributes"]
-    kinds = {"position": "<f4", "normal": "i1", "color": "u1"}
-    if not {"position", "normal"} <= set(attributes) <= set(kinds):
-        return None
-    arrays = {
-        name: np.frombuffer(attributes[name]["array"].data, kind).reshape(-1, 3)
-        for name, kind in kinds.items()
-        if name in attributes
-    }
-    positions = arrays["position"]
-    if not len(positions):
-        return None
-    size = float(np.ptp(positions, axis=0).max()) or 1.0
-    grid = 2.0 ** (np.floor(np.log2(size)) - _GRID)
-    if np.abs(positions).max() >= grid * 2**30:
-        return None  # far from its own origin
-    index = data["index"]
-    corners = np.frombuffer(index["array"].data, "<u2" if "16" in index["type"] else "<u4")
-    del data["attributes"], data["index"]
-    parts = [
-        _steps(np.round(positions / grid), "<i4"),
-        _steps(corners, "<i4"),
-        *(np.ascontiguousarray(arrays[n].T).tobytes() for n in ("normal", "color") if n in arrays),
+    numbers = dict[bytes, int]()
+    lists = [
+        [
+            numbers.setdefault(state[key], len(numbers))
+            for key in sorted(state, key=lambda key: _ORDER[key[0]])
+        ]
+        for state in states
     ]
-    facts = {
-        "path": path,
-        "object": lowered,
-        "counts": [len(positions), len(corners)],
-        "grid": grid,
-        "coloured": "color" in arrays,
-    }
-    return facts, b"".join(parts)
-
-
-def _steps(values: NDArray[Any], kind: str) -> bytes:
-    """Differences along the first axis, as byte planes."""
-    steps = np.diff(values.astype(np.int64), axis=0, prepend=0).astype(kind)
-    return np.ascontiguousarray(steps.reshape(len(steps), -1).view(np.uint8).T).tobytes()
+    return list(numbers), lists
 
 
 # Parts of the picture that JavaScript cannot draw.
@@ -236,11 +158,10 @@ def _picture_of(
         if packed != here.get(key) and (key[0] == "set_object" or key[2] not in ("", "visible"))
     }
     changes = [{k: x for k, x in state.items() if k in differing} for state in states.values()]
-    meshes, commands, (start, *lists) = compacted([in_order(one) for one in (here, *changes)])
+    commands, (start, *lists) = numbered(here, *changes)
     legend = session.with_colour_bar(picture.draw(base, shown))
     units, trajectory = session.elastic.units, session.source.trajectory
     return {
-        "meshes": meshes,
         "start": start,
         "themes": dict(zip(states, lists, strict=True)),
         "assets": assets,

@@ -383,7 +383,8 @@ def _geometries(
     """three.js geometries of a shape, each with its motion in the shape's frame."""
     if mesh is not None:
         colours = mesh.colours if coloured else None
-        return [(objects.mesh(mesh.positions, mesh.faces, mesh.normals, colours), None)]
+        positions = objects.on_grid(mesh.positions)
+        return [(objects.mesh(positions, mesh.faces, mesh.normals, colours), None)]
     if isinstance(shape, Box):
         return [(objects.box(shape.sides), None)]
     if isinstance(shape, Cylinder):

@@ -68,6 +68,19 @@ def mesh(
     return {"uuid": "geometry", "type": "BufferGeometry", "data": data}
 
 
+# Halvings of a mesh's size that make its grid.
+_GRID = 12
+
+
+def on_grid(positions: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Corners (n, 3) of a mesh, rounded to 1/4096 of its size, so that they compress well."""
+    if not len(positions):
+        return positions
+    size = float(np.ptp(positions, axis=0).max()) or 1.0
+    grid = np.float32(2.0 ** (np.floor(np.log2(size)) - _GRID))
+    return np.round(positions / grid) * grid
+
+
 def sphere(radius: float = 1.0, fine: bool = False) -> Object:
     """A sphere about the origin; a fine one for what is looked at closely."""
     n = 48 if fine else 20

@@ -17,7 +17,7 @@ class FileSource {
   /** From what a file holds, or the same beside another source. */
   constructor(data, commands, words, other = null) {
     this.data = data;
-    this.commands = other ? other.commands : expand(data.meshes, commands);
+    this.commands = other ? other.commands : commands;
     this.live = false;
     this.words = words;
     this.cannot = "an exported page cannot do that; `cartstiff view` can";
@@ -264,38 +264,4 @@ export function follow(program, q, wanted) {
   const [angle, distance] = [Math.hypot(...rest.slice(0, 3)), Math.hypot(...rest.slice(3))];
   const reached = Math.max(distance / data.reach, angle) <= NEAR_SINGULARITY ** 4;
   return { q: found, distance, angle, reached, stopped: reached ? [] : stopped };
-}
-
-/** Commands whose meshes are in their compact form, see export.py. */
-export const expand = (meshes, binary) => binary.map((bytes, i) => (i < meshes.length ? built(meshes[i], bytes) : bytes));
-
-/** Whole numbers from the byte planes of their differences, `width` to a row. */
-function summed(bytes, at, count, width) {
-  const found = new Int32Array(count * width);
-  const plane = (k, i) => bytes[at + k * count + i];
-  for (let i = 0; i < count; i++) {
-    for (let c = 0; c < width; c++) {
-      const k = 4 * c;
-      const step = plane(k, i) | (plane(k + 1, i) << 8) | (plane(k + 2, i) << 16) | (plane(k + 3, i) << 24);
-      found[i * width + c] = step + (i ? found[(i - 1) * width + c] : 0);
-    }
-  }
-  return found;
-}
-
-/** The command that makes a mesh. */
-function built({ path, object, counts: [points, corners], grid, coloured }, bytes) {
-  const triples = (at, Kind) => {
-    const found = new Kind(3 * points);
-    for (let c = 0; c < 3; c++) for (let i = 0; i < points; i++) found[3 * i + c] = bytes[at + c * points + i];
-    return { itemSize: 3, type: Kind.name, array: found, normalized: true };
-  };
-  const position = Float32Array.from(summed(bytes, 0, points, 3), (x) => x * grid);
-  const index = Uint32Array.from(summed(bytes, 12 * points, corners, 1));
-  const rest = 12 * points + 4 * corners;
-  const attributes = { position: { itemSize: 3, type: "Float32Array", array: position, normalized: false }, normal: triples(rest, Int8Array) };
-  if (coloured) attributes.color = triples(rest + 3 * points, Uint8Array);
-  const [geometry] = object.geometries;
-  geometry.data = { ...geometry.data, attributes, index: { itemSize: 1, type: "Uint32Array", array: index, normalized: false } };
-  return { type: "set_object", path, object };
 }
