@@ -143,6 +143,60 @@ def compare(name, wrench, spread, quick, count=20):
     assert found >= quick
 
 
+@pytest.mark.parametrize(
+    ("name", "wrench"),
+    [
+        *(("ur5", w) for w in (None, WRENCH)),
+        *(("panda", w) for w in (None, WRENCH)),
+        *(("hexapod", w) for w in (None, WRENCH)),
+        *(("6-ups", w) for w in (None, WRENCH)),
+        ("delta", None),
+    ],
+)
+def test_code_alone_knows_what_people_read_first(monkeypatch, name, wrench):
+    """Numbers and notes of a plain posture, without a question to the engine."""
+    elastic = cartstiff.load(name)
+    asked_often(elastic, wrench)
+    expected = compute.analyse(elastic, wrench=wrench)
+
+    def asked(*_args, **_keywords):
+        raise AssertionError("the engine was asked")
+
+    monkeypatch.setattr(compute, "analyse", asked)
+    monkeypatch.setattr(single, "deflection_notes", asked)
+    ours = cartstiff.analyse(elastic, wrench=wrench)
+    assert isinstance(ours, QuickPosture)
+    assert_same(ours.matrices["B"], expected.matrices["B"])
+    assert_same(ours.compliances["A"], expected.compliances["A"])
+    assert_same(ours.pose, expected.pose)
+    assert [n.code for n in ours.notes] == [n.code for n in expected.notes]
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [(n, False) for n in ("ur5", "panda", "stewart-gough", "hexapod", "6-ups")]
+    + [(n, True) for n in ("ur5", "stewart-gough", "hexapod")],
+)
+def test_deflections_are_doubted_alike(name, given):
+    """Loads from far below to far above those that wind up joints or stretch legs a tenth."""
+    elastic = cartstiff.load(name)
+    if given:
+        elastic = elastic.with_rest_balancing(elastic.q)
+    wrench = None if given else WRENCH
+    asked_often(elastic, wrench)
+    found = {True: 0, False: 0}
+    for size in 10.0 ** np.arange(-4.0, 9.0, 0.3):
+        load = None if given else size * WRENCH
+        q = elastic.q if not given else elastic.q + 0.002 * size**0.3
+        if (both := both_answers(elastic, q, load)) is None:
+            continue
+        ours, engine = both
+        assert [n.code for n in ours.notes] == [n.code for n in engine.notes]
+        if isinstance(ours, QuickPosture):
+            found["implausible-deflection" in {n.code for n in ours.notes}] += 1
+    assert found[False] >= 10
+
+
 def test_links_that_give_are_bent_by_machine_code_too(monkeypatch):
     """Numbers, coordinates and notes of a delta under loads, also of one far too large."""
     monkeypatch.setattr(single, "BENT_COMPILED_AT", 3)

@@ -89,6 +89,7 @@ from cartstiff.batch.twists import (
 )
 from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import OF_MANY
+from cartstiff.mechanisms.limits import MAX_WIND_UP
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.numerics import BALANCE_TOLERANCE, ROUNDOFF
 from cartstiff.potentials.springs import PolynomialLaw, SpringLaw, TabulatedLaw
@@ -189,16 +190,18 @@ class JointSpringNumbers:
     Attributes
     ----------
     verdict : on the deflections found by `under`.
+    deflections : those of the coordinates asked for.
     """
 
     def __init__(self, tape: Tape, n: int, laws: Sequence[tuple[int, SpringLaw]]) -> None:
         self._stiffness, self._rest = tape.vector("stiffness", n), tape.vector("rest", n)
         self._laws = dict(laws)
         self.verdict: Scalar = PLAIN
+        self.deflections: dict[int, Scalar] = {}
 
     def at(self, a: int, q: Scalar) -> tuple[Scalar, Scalar, Scalar]:
         """Energy, torque and stiffness of a spring with a given rest position."""
-        stretch = q - self._rest[a]
+        self.deflections[a] = stretch = q - self._rest[a]
         if a in self._laws:
             return stretched(self._laws[a], stretch)
         k = self._stiffness[a]
@@ -208,11 +211,17 @@ class JointSpringNumbers:
         """Energy and stiffness of a spring whose rest position makes it exert a torque."""
         if a not in self._laws:
             k = self._stiffness[a]
-            return torque * torque / k * 0.5, k
-        x, verdict = deflection_for(self._laws[a], torque)
+            self.deflections[a] = x = torque / k
+            return torque * x * 0.5, k
+        self.deflections[a], verdict = deflection_for(self._laws[a], torque)
         self.verdict = larger(self.verdict, verdict)
-        energy, _, k = stretched(self._laws[a], x)
+        energy, _, k = stretched(self._laws[a], self.deflections[a])
         return energy, k
+
+    def wind_up(self, is_length: Sequence[bool]) -> Scalar:
+        """Sum of the deflections of turning coordinates, as a share of `MAX_WIND_UP`."""
+        turned = [absolute(x) for a, x in self.deflections.items() if not is_length[a]]
+        return sum(turned[1:], turned[0]) * (1.0 / MAX_WIND_UP) if turned else 0.0
 
 
 @dataclass(frozen=True)
@@ -440,6 +449,8 @@ class ChainNumbers:
     is_closed = False
     #: The verdict on deflections of springs and lengths of lines.
     of_springs: Scalar = PLAIN
+    #: At least 1 where `cartstiff.mechanisms.limits.deflection_notes` may have a note.
+    deflection: Scalar = 0.0
     # Closed chains have other types of these.
     case: Any
     kinematics: Any
@@ -537,6 +548,9 @@ class ChainNumbers:
                     gradient[a] = gradient[a] + torque
                 energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
             self.of_springs = larger(self.of_springs, springs.verdict)
+            # The deflection of a tip on slides is not bounded by that of its joints.
+            is_length = case.constants.is_length
+            self.deflection = 1.0 if any(is_length) else springs.wind_up(is_length)
         self.energy, self.gradient, self.hessian = energy, gradient, hessian
 
     def _measure(self, J: Array, turning: Sequence[Scalar], is_length: Sequence[bool]) -> None:
@@ -891,5 +905,5 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
     if "noteworthy" in wanted and stiffness and "compliance_B" in arrays:
         H = chain.lagrangian(W)
         pairs = (H, positive_inverse(H)), (stiffness["B"], arrays["compliance_B"])
-        arrays["noteworthy"] = chain.noteworthy(*pairs)
+        arrays["noteworthy"] = np.array([*chain.noteworthy(*pairs), chain.deflection], object)
     return arrays

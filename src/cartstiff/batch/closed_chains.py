@@ -287,6 +287,7 @@ class ClosedChainNumbers(ChainNumbers):
                 energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
                 gradient[a] = torque
         self.of_springs = larger(self.of_springs, springs.verdict)
+        self.deflection = springs.wind_up(case.constants.is_length)
         self.energy = energy
         self.gradient = self.N.T @ gradient
         self._of_joints = gradient, hessian

@@ -205,10 +205,10 @@ class QuickPosture(PostureStiffness):
 
     @property
     def _deflections(self) -> list[Note]:
-        """Notes on deflections of joints, and of lines under a load, which alone stretches them."""
-        unloaded = not self._load_is_given and self._asked.gravity is None
-        lines = isinstance(self._asked.springs, LineSprings)
-        return [] if lines and unloaded else deflection_notes(self.elastic, self.q)
+        """Notes on deflections of joints and lines that are large for the mechanism."""
+        if self._record[self._code.deflection] < 1.0:
+            return []
+        return deflection_notes(self.elastic, self.q)
 
     @property
     def _forces(self) -> list[Note]:
@@ -240,7 +240,8 @@ class PostureCode:
             for kind in ("stiffness", "compliance")
         }
         self.energy, self._verdict = at["energy"].start, at["verdict"].start
-        self.near, self.digits = at["noteworthy"].start, at["noteworthy"].start + 1
+        self.near = at["noteworthy"].start
+        self.digits, self.deflection = self.near + 1, self.near + 2
         self._actuation, here = at.get("actuation"), elastic.mechanism.at(elastic.q)
         self._sizes = here.coordinate_lengths, here.length
         self.is_closed, self._home = taken.is_closed, taken.home

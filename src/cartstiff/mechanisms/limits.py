@@ -29,7 +29,7 @@ from cartstiff.potentials.springs import JointSprings
 _ROUNDOFF = numerics.LIMIT_SLACK
 # Largest plausible deflections: of a joint in rad, of the tip over the reach, of a leg over its
 # length.
-_MAX_WIND_UP, MAX_RELATIVE_DEFLECTION = float(np.radians(5.0)), 0.1
+MAX_WIND_UP, MAX_RELATIVE_DEFLECTION = float(np.radians(5.0)), 0.1
 # Angles beyond their limits look like degrees if they are larger than this, angles without limits
 # if they are larger than twice this, those of a pose if they are larger than this.
 _TURN = 2.0 * np.pi
@@ -297,9 +297,9 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
     torque = springs.torque(q)
     x = np.where(np.isnan(springs.rest) | (torque == 0.0), 0.0, q - springs.rest)
     x[list(chain.undriven)] = 0.0
-    if not chain.has_lengths and np.abs(x).sum() <= _MAX_WIND_UP:
+    if not chain.has_lengths and np.abs(x).sum() <= MAX_WIND_UP:
         return []  # the deflection of the tip is small as well
-    wound = np.flatnonzero((np.abs(x) > _MAX_WIND_UP) & ~chain.is_length)
+    wound = np.flatnonzero((np.abs(x) > MAX_WIND_UP) & ~chain.is_length)
     wound = wound[np.argsort(-np.abs(x[wound]))]
     parts = [
         f"joint {chain.names[j]!r} winds up by {np.degrees(abs(x[j])):.3g} deg under "
