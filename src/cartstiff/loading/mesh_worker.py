@@ -210,36 +210,31 @@ def _colour(part: Any) -> tuple[int, int, int, int] | None:
 def corner_normals(corners: NDArray[np.float64]) -> NDArray[np.int8]:
     """Return normals (3 m, 3), times 127, of triangle corners, averaged across smooth edges.
 
-    The average at each corner is over the triangles there with normals within 35 degrees.
+    The average at a corner is over the triangles around its point that edges of less than 35
+    degrees join to its own.
     """
+    from trimesh import graph
+
     triangles = corners.reshape(-1, 3, 3)
     areas = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     sizes = np.linalg.norm(areas, axis=1, keepdims=True)
     units = np.divide(areas, sizes, out=np.zeros_like(areas), where=sizes > 0)
     extent = float(np.ptp(corners, axis=0).max()) or 1.0
     _, at = _distinct(np.round(corners / (numerics.NEGLIGIBLE_DISTANCE * extent)).astype(np.int64))
-    order = np.argsort(at, kind="stable")
-    counts = np.bincount(at)
-    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    # One round for each triangle at the point with the most triangles. The arrays are in the order
-    # of the points; `take` is twice as fast as an index.
-    face, size, start = order // 3, counts[at[order]], starts[at[order]]
-    left, place = np.arange(len(order)), np.arange(len(order)) - start
-    own, sums = units.take(face, axis=0), np.zeros_like(corners)
-    for step in range(min(int(counts.max()), _MAX_AVERAGED)):
-        if not (busy := size > step).all():
-            size, start, place, left = size[busy], start[busy], place[busy], left[busy]
-            own = own.compress(busy, axis=0)
-        around = place + step
-        around -= np.where(around >= size, size, 0)
-        b = face.take(start + around)
-        close = np.flatnonzero(np.einsum("ij,ij->i", own, units.take(b, axis=0)) > _SMOOTH_COSINE)
-        sums[left.take(close)] += areas.take(b.take(close), axis=0)
-    total = np.empty_like(sums)
-    total[order] = sums
-    own = np.repeat(units, 3, axis=0)
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    normals = np.divide(total, length, out=own, where=length > 0)
+    faces = at.reshape(-1, 3)
+    pairs, edges = graph.face_adjacency(faces, return_edges=True)
+    cosines = np.einsum("ij,ij->i", *(units[side] for side in pairs.T))
+    pairs, edges = pairs[cosines > _SMOOTH_COSINE], edges[cosines > _SMOOTH_COSINE]
+    # A smooth edge joins the corners at both its ends, each of one triangle to that of the other.
+    joined = [
+        [3 * side + (faces[side] == end[:, None]).argmax(axis=1) for side in pairs.T]
+        for end in edges.T
+    ]
+    fan = graph.connected_component_labels(np.hstack(joined).T, node_count=len(corners))
+    around = np.repeat(areas, 3, axis=0)
+    sums = np.stack([np.bincount(fan, weights=own) for own in around.T], axis=1)[fan]
+    length = np.linalg.norm(sums, axis=1, keepdims=True)
+    normals = np.divide(sums, length, out=np.repeat(units, 3, axis=0), where=length > 0)
     return np.round(127 * normals).astype(np.int8)
 
 
@@ -256,10 +251,6 @@ def _distinct(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.int
     if not np.array_equal(rows[first][kind], rows):  # two distinct rows have the same hash
         _, first, kind = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     return first, kind.reshape(-1)
-
-
-# Largest number of triangles around a point that are averaged.
-_MAX_AVERAGED = 64
 
 
 if __name__ == "__main__":

@@ -114,7 +114,7 @@ def from_pinocchio(
     configuration, notes = _configuration(model, wrapper, q)
     own, mimics = _with_plain_joints(model)
     ties = [_tie(own, closure, i, where) for i, closure in enumerate(closures)]
-    pieces, words = ([], []) if visual is None else geometry_pieces(model, visual, name, None, True)
+    pieces, words = ([], []) if visual is None else geometry_pieces(model, visual, name)
     notes += [Note("not-shown", word) for word in words]
     held = frozenset() if floating else _hold_root(own, model, configuration, notes)
     description = RobotDescription(None, own, RobotFacts(followers=mimics), tuple(pieces), held)

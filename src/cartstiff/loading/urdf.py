@@ -282,7 +282,7 @@ class _Robot:
         for key, text in values.items():
             for pattern in (_STIFFNESS, _REFERENCE):
                 if pattern.fullmatch(key):
-                    found[pattern] = _numbers(text.strip(), 1, f"{what}: {key}", refuse)[0]
+                    found[pattern] = numbers_in(text.strip(), 1, f"{what}: {key}", refuse)[0]
             if key.lower() == "stiffness":
                 entry = f"{{{name}: {{stiffness: {text.strip()}}}}}"
                 raise refuse(
@@ -389,7 +389,7 @@ class _Robot:
         parts = {child.tag.rpartition("_constraint_")[2]: child for child in element}
         bodies = [parts[key].get("name", "") for key in ("body_A", "body_B") if key in parts]
         points = [
-            _numbers(
+            numbers_in(
                 parts[key].get("value", "") if key in parts else "0 0 0",
                 3,
                 f"ball constraint: {key} value",
@@ -427,7 +427,7 @@ class _Robot:
             self._leave_out_element(joint, "closures", {})
             return
         text = "0 0 0 0 0 0" if place is None else (place.text or "").strip()
-        numbers = _numbers(text, 6, "gazebo joint: pose", self.refuse)
+        numbers = numbers_in(text, 6, "gazebo joint: pose", self.refuse)
         T_a_b = se3.inverse(self.at_zero(links[0])) @ self.at_zero(links[1])
         points = [(T_a_b @ [*numbers[:3], 1.0])[:3].round(9).tolist(), numbers[:3]]
         if kind == "ball":
@@ -438,7 +438,7 @@ class _Robot:
         if None in texts:
             self._leave_out_closure(f"<joint type={kind!r}> in <gazebo>", kind, links, points)
             return
-        axes = [_numbers(text or "", 3, "gazebo joint: axis", self.refuse) for text in texts]
+        axes = [numbers_in(text or "", 3, "gazebo joint: axis", self.refuse) for text in texts]
         where = f"gazebo joint {joint.get('name')!r}"
         turns = turned_axes(closure, axes and [axes[0], axes[-1]], where)
         T = se3.from_roll_pitch_yaw(numbers[:3], numbers[3:])
@@ -832,7 +832,7 @@ class _Reader:
             key, _, count = word.partition("=")
             text = element.get(key)
             if count and text is not None:
-                values = _numbers(text, int(count), f"{place} {key}", self.refuse, largest)
+                values = numbers_in(text, int(count), f"{place} {key}", self.refuse, largest)
                 element.set(key, " ".join(map(repr, values)))
 
     def _to_angles(self, origin: ET.Element, place: str) -> None:
@@ -850,10 +850,10 @@ class _Reader:
         origin.set("rpy", " ".join(repr(float(x)) for x in se3.roll_pitch_yaw(se3.pose(R))))
 
 
-def _numbers(
+def numbers_in(
     text: str, count: int, what: str, refuse: Refuse, largest: float = LARGEST_NUMBER
 ) -> list[float]:
-    """Finite numbers of a text."""
+    """Return the finite numbers of a text; refuse another count of them."""
     try:
         values = [float(part) for part in text.split()]
     except ValueError:

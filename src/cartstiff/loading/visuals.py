@@ -1,23 +1,24 @@
 """Shapes of the links of a robot, for pictures and for collisions, from its URDF or MJCF file.
 
-Pinocchio reads the geometry of a URDF; other sources have their own. Each shape is attached to a
-frame of the tree by name, so that it moves with the joints of the tree. A missing mesh file is
-named and left out.
+Each shape is attached to a frame of the tree by name, so that it moves with the joints of the tree.
+A missing mesh file is named and left out, and so is a shape of a URDF that cannot be read.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import pinocchio as pin
+from numpy.typing import ArrayLike
 
-from cartstiff.errors import CartstiffError, one_line
+from cartstiff.errors import CartstiffError, InputError, one_line
+from cartstiff.geometry import se3
 from cartstiff.loading.robot_description import parse_text, parse_xml
+from cartstiff.loading.urdf import numbers_in
 from cartstiff.mechanisms.chain import Chain, Description
 from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece, Shape, Sphere
@@ -26,14 +27,10 @@ from cartstiff.potentials.contract import rescaled
 from cartstiff.ros_packages import package_folders, search_path, where_packages_are
 
 Kind = Literal["visual", "collision"]
-_TYPES: dict[Kind, Any] = {
-    "visual": pin.GeometryType.VISUAL,
-    "collision": pin.GeometryType.COLLISION,
-}
-
-
 # Largest coordinate in metres, and largest scale of a mesh.
 _MAX_SIZE = 1e6
+# Colour of a shape for which a URDF has none.
+_UNPAINTED = (0.9, 0.9, 0.9, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,16 +109,29 @@ def _pieces(description: Description, kind: Kind) -> tuple[Sequence[Piece], list
     if description.pieces is not None or (path is None and text is None):
         return _present(description.pieces or ())
     root = parse_xml(path) if path and text is None else parse_text(str(text), description.name)
-    files, missing = _resolve_urdf(root, path or Path("/-"), description.packages, kind)
-    text = ET.tostring(root, encoding="unicode")
-    try:
-        model = pin.buildModelFromXML(text)
-        geometry = pin.buildGeomFromUrdfString(model, text, _TYPES[kind])
-    except Exception as error:
-        what = "picture" if kind == "visual" else "shapes for collisions"
-        return [], [f"no {what} of {description.name}: {one_line(str(error))}"]
-    pieces, words = geometry_pieces(model, geometry, description.name, files)
-    return pieces, [*missing, *words]
+    painted: dict[str | None, ET.Element] = {}
+    for material in root.iter("material"):
+        if (colour := material.find("color")) is not None:
+            painted.setdefault(material.get("name"), colour)
+    pieces, missing = [], []
+    for link in root.findall("link"):
+        name = link.get("name", "")
+        for element in link.findall(kind):
+            try:
+                shape = _urdf_shape(element, path or Path("/-"), description.packages)
+                origin = element.find("origin")
+                place = (_numbers(origin, key, 3, "0 0 0") for key in ("xyz", "rpy"))
+                T = se3.from_roll_pitch_yaw(*place)
+                rgba = None if isinstance(shape, MeshFile) else _UNPAINTED
+                if (material := element.find("material")) is not None:
+                    colour = material.find("color")
+                    colour = painted.get(material.get("name")) if colour is None else colour
+                    rgba = rgba if colour is None else _clipped(_numbers(colour, "rgba", 4))
+            except InputError as error:
+                missing.append(f"link {one_line(name)}: {error}")
+            else:
+                pieces.append(Piece(name, T, shape, rgba))
+    return pieces, missing
 
 
 def _present(pieces: Sequence[Piece]) -> tuple[list[Piece], list[str]]:
@@ -136,13 +146,7 @@ def _present(pieces: Sequence[Piece]) -> tuple[list[Piece], list[str]]:
     return present, missing
 
 
-def geometry_pieces(
-    model: Any,
-    geometry: Any,
-    source: str,
-    files: Mapping[str, MeshFile] | None = None,
-    coloured: bool = False,
-) -> tuple[list[Piece], list[str]]:
+def geometry_pieces(model: Any, geometry: Any, source: str) -> tuple[list[Piece], list[str]]:
     """Return the pieces of a Pinocchio geometry model, and sentences on those it cannot show.
 
     Parameters
@@ -151,121 +155,67 @@ def geometry_pieces(
         Frames, and the shapes on them.
     source : str
         Name of their source, for the sentences.
-    files : mapping of str to MeshFile, optional
-        Meshes that Pinocchio has not read, by the geometry's name.
-    coloured : bool
-        Whether the colours of meshes count even where they are not marked as given.
     """
     pieces, missing = [], []
     for piece in geometry.geometryObjects:
         frame = model.frames[int(piece.parentFrame)]
         T = frame.placement.inverse() * piece.placement
-        shape = (files or {}).get(piece.name) or _shape(piece)
-        if shape is None:
+        if (shape := _shape(piece)) is None:
             missing.append(f"link {frame.name}: a shape of {source} that cannot be shown")
             continue
-        colour = None
-        if not isinstance(shape, MeshFile) or piece.overrideMaterial or coloured:
-            r, g, b, a = (float(np.clip(x, 0.0, 1.0)) for x in piece.meshColor)
-            colour = (r, g, b, a)
-        pieces.append(Piece(frame.name, np.array(T.homogeneous), shape, colour))
+        pieces.append(Piece(frame.name, np.array(T.homogeneous), shape, _clipped(piece.meshColor)))
     return pieces, missing
 
 
-def _resolve_urdf(
-    root: ET.Element, path: Path, packages: Sequence[Path], kind: Kind
-) -> tuple[dict[str, MeshFile], list[str]]:
-    """Reduce a URDF to links with shapes on fixed joints, without shapes whose mesh is missing.
-
-    Only the pose of a visual in its link is needed, so that no joint has to move. Spheres replace
-    meshes, which Pinocchio would read and prepare for collisions; the meshes are returned by
-    Pinocchio's name of them, link and number.
-    """
-    files: dict[str, MeshFile] = {}
-    missing = []
-    for link in root.findall("link"):
-        count = 0
-        for child in list(link):
-            if child.tag != kind:
-                link.remove(child)
-                continue
-            geometry = child.find("geometry")
-            if geometry is not None and not all(map(_is_written_well, geometry)):
-                link.remove(child)
-                words = f"link {one_line(link.get('name', ''))}: a shape whose numbers"
-                missing.append(f"{words} cannot be shown")
-                continue
-            mesh = None if geometry is None else geometry.find("mesh")
-            if geometry is not None and mesh is not None:
-                name = mesh.get("filename", "")
-                file = _mesh_file(name, path, packages)
-                if file is None:
-                    link.remove(child)
-                    words = f"link {link.get('name')}: mesh {one_line(name)} is missing"
-                    missing.append(f"{words}{_how_to_get(name, path, packages)}")
-                    continue
-                files[f"{link.get('name')}_{count}"] = MeshFile(file, _scale(mesh))
-                geometry.remove(mesh)
-                ET.SubElement(geometry, "sphere", radius="1")
-            count += 1
-    for element in list(root):
-        if element.tag not in ("link", "joint", "material"):
-            root.remove(element)
-    for joint in root.findall("joint"):
-        joint.set("type", "fixed")
-        for child in list(joint):
-            if child.tag not in ("parent", "child", "origin"):
-                joint.remove(child)
-    return files, missing
+def _clipped(colour: ArrayLike) -> tuple[float, float, float, float]:
+    r, g, b, a = np.clip(colour, 0.0, 1.0).tolist()
+    return r, g, b, a
 
 
-def _is_written_well(shape: ET.Element) -> bool:
-    """Whether the sizes of a shape are finite numbers, of a robot's size."""
-    texts = " ".join(shape.get(key, "") for key in ("size", "radius", "length", "scale"))
-    try:
-        return all(abs(float(text)) < _MAX_SIZE for text in texts.split())
-    except ValueError:
-        return False
+def _numbers(element: ET.Element | None, key: str, count: int, otherwise: str = "") -> list[float]:
+    """Numbers of an attribute."""
+    text = otherwise if element is None else element.get(key, otherwise)
+    return numbers_in(text, count, key, InputError, _MAX_SIZE)
 
 
-def _scale(mesh: ET.Element) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(part) for part in mesh.get("scale", "1 1 1").split())
-    except ValueError:
-        return 1.0, 1.0, 1.0
-    return x, y, z
+def _urdf_shape(element: ET.Element, path: Path, packages: Sequence[Path]) -> Shape:
+    """Shape in a `visual` or `collision`; InputError where it cannot be shown."""
+    geometry = element.find("geometry")
+    shape = next(iter(() if geometry is None else geometry), element)
+    if shape.tag == "mesh":
+        x, y, z = _numbers(shape, "scale", 3, "1 1 1")
+        return MeshFile(_mesh_file(shape.get("filename", ""), path, packages), (x, y, z))
+    if shape.tag == "box":
+        x, y, z = _numbers(shape, "size", 3)
+        return Box((x, y, z))
+    if shape.tag not in ("cylinder", "capsule", "sphere"):
+        raise InputError("a shape that cannot be shown", got=f"<{one_line(shape.tag)}>")
+    (radius,) = _numbers(shape, "radius", 1)
+    if shape.tag == "sphere":
+        return Sphere((radius,) * 3)
+    (length,) = _numbers(shape, "length", 1)
+    return Cylinder(radius, length) if shape.tag == "cylinder" else Capsule(radius, length)
 
 
-def _how_to_get(name: str, path: Path, packages: Sequence[Path]) -> str:
-    """Advice on a missing mesh of a package; empty for other meshes."""
-    package = name.partition("://")[2].lstrip("/").partition("/")[0]
-    if not name.startswith("package://"):
-        return ""
-    if next(package_folders(package, path, search_path(packages)), None) is not None:
-        return f"; package {package} is there and lacks it"
-    return f"; package {package} is not found; expected {where_packages_are(package)}"
-
-
-def _mesh_file(name: str, path: Path, packages: Sequence[Path]) -> Path | None:
+def _mesh_file(name: str, path: Path, packages: Sequence[Path]) -> Path:
     """File of a mesh by its name: package://, file://, absolute, or relative to the URDF."""
-    scheme, separator, rest = name.partition("://")
-    places: list[Path]
-    if separator and scheme in ("package", "model"):
-        rest = rest.lstrip("/")
-        package, _, inside = rest.partition("/")
-        folders = package_folders(package, path, search_path(packages))
-        file = next((f / inside for f in folders if (f / inside).is_file()), None)
-        if file is not None:
-            return file
+    scheme, separator, rest = name.rpartition("://")
+    advice, places = "", list[Path]()
+    if scheme in ("package", "model"):
+        package, _, inside = rest.lstrip("/").partition("/")
+        folders = list(package_folders(package, path, search_path(packages)))
         # A folder with the package's name may have no package.xml.
-        places = [p / rest for p in [*packages, *path.resolve().parents]]
-    elif separator and scheme == "file":
-        places = [Path(rest)]
-    elif separator:
-        places = []
-    else:
-        places = [path.resolve().parent / name]
-    return next((p for p in places if p.is_file()), None)
+        named = [p / package for p in (*packages, *path.resolve().parents)]
+        places = [folder / inside for folder in (*folders, *named)]
+        advice = f"; package {package} is there and lacks it"
+        if not folders:
+            advice = f"; package {package} is not found; expected {where_packages_are(package)}"
+    elif scheme == "file" or not separator:
+        places = [path.resolve().parent / rest]
+    file = next((place for place in places if place.is_file()), None)
+    if file is None:
+        raise InputError(f"mesh {one_line(name)} is missing{advice}")
+    return file
 
 
 _SHAPES: dict[str, Callable[[Any], Shape]] = {
