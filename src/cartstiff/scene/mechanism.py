@@ -22,7 +22,7 @@ from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.scene import objects, theme
 from cartstiff.scene.objects import Y_TO_Z
 from cartstiff.scene.scales import Tension
-from cartstiff.scene.skeleton import Skeleton, skeleton
+from cartstiff.scene.skeleton import knuckles_of, links_of
 from cartstiff.scene.viewer import ViewerNode, scaled
 from cartstiff.stiffness.compute import PostureStiffness
 
@@ -270,7 +270,7 @@ class ChainPicture:
             self.notes.append(self._missing[0] + others)
         self._sliders: list[tuple[ViewerNode, FixedFrame, Array, FixedFrame]] = []
         if self.notes or not any(shown):
-            self._sticks(skeleton(chain, lines))
+            self._sticks(lines)
             if self.notes:
                 self.notes.append("sticks between the joints are drawn instead")
         self._moving = [self._joints[j] for j in sorted(self._joints) if j > 0]
@@ -342,39 +342,42 @@ class ChainPicture:
             colour = theme.hex_of(mesh.colour)
         return theme.shade(colour, self._ghost, opacity)
 
-    def _sticks(self, figure: Skeleton) -> None:
-        size, look, ghost = self._size, self._theme, self._ghost
+    def _sticks(self, lines: tuple[LineSprings, ...]) -> None:
+        size, look, ghost, chain = self._size, self._theme, self._ghost, self._chain
         link, knuckle = theme.shade(look.link, ghost), theme.shade(look.joint, ghost)
         radius = 0.012 * size
-        for i, bone in enumerate(figure.bones):
-            node = self._on(bone.joint)[f"bone {i}"]
-            node.set_object(objects.rod(radius, *link))
-            node.set_transform(objects.segment(bone.start, bone.end))
-        for i, flat in enumerate(figure.plates):
-            # The ground plate of a planar mechanism must not hide its links.
-            solid = 0.35 if flat.joint == 0 else 0.85
-            made = objects.plate(flat.corners, 0.02 * size, *theme.shade(look.link, ghost, solid))
-            if made is not None:
-                self._on(flat.joint)[f"plate {i}"].set_object(made)
-        for part in figure.knuckles:
-            node = self._on(part.joint)["knuckle"]
-            if part.axis is None:
-                node.set_object(objects.solid(objects.sphere(1.8 * radius), *knuckle))
+        for i, (joint, points) in enumerate(links_of(chain, lines)):
+            if len(points) == 2:
+                node = self._on(joint)[f"bone {i}"]
+                node.set_object(objects.rod(radius, *link))
+                node.set_transform(objects.segment(*points))
                 continue
-            if part.prismatic:
+            # The ground plate of a planar mechanism must not hide its links.
+            shade = theme.shade(look.link, ghost, 0.35 if joint == 0 else 0.85)
+            if (made := objects.plate(points, 0.02 * size, *shade)) is not None:
+                self._on(joint)[f"plate {i}"].set_object(made)
+        for joint, screw, is_shared in knuckles_of(chain):
+            node, slides = self._on(joint)["knuckle"], not screw[:3].any()
+            if is_shared:
+                made = objects.solid(objects.sphere(1.8 * radius), *knuckle)
+            elif slides:
                 sides = (5 * radius, 3 * radius, 3 * radius)
-                node.set_object(objects.solid(objects.box(sides), *knuckle))
+                made = objects.solid(objects.box(sides), *knuckle)
             else:
                 geometry = objects.cylinder(1.8 * radius, 4.2 * radius)
-                node.set_object(objects.solid(geometry, *knuckle, objects.Y_TO_X))
-            T = np.eye(4)
-            T[:3, :3] = objects.rotation_to(part.axis)
-            node.set_transform(T)
-        for slider in figure.sliders:
-            node = self._node[f"slider {slider.joint}"]
-            node.set_object(objects.rod(0.7 * radius, *link))
-            parent, joint = (FixedFrame(j, np.eye(4)) for j in (slider.parent, slider.joint))
-            self._sliders.append((node, parent, slider.start, joint))
+                made = objects.solid(geometry, *knuckle, objects.Y_TO_X)
+            node.set_object(made)
+            if not is_shared:
+                T = np.eye(4)
+                T[:3, :3] = objects.rotation_to(screw[3:] if slides else screw[:3])
+                node.set_transform(T)
+            if slides:
+                rod = self._node[f"slider {joint}"]
+                rod.set_object(objects.rod(0.7 * radius, *link))
+                model = chain.tree.model
+                start = np.array(model.jointPlacements[joint].translation)
+                parent, own = (FixedFrame(j, np.eye(4)) for j in (model.parents[joint], joint))
+                self._sliders.append((rod, parent, start, own))
 
 
 def _geometries(

@@ -1,12 +1,12 @@
-"""A chain as a stick figure: bones between joint origins, knuckles at the joints, plates.
+"""A chain as a stick figure: links between joint origins, knuckles at the joints.
 
 For robots whose files have no shapes, and in place of missing meshes. Everything is fixed to a
-joint of the tree, except the sliders of prismatic joints.
+joint of the tree.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -20,90 +20,32 @@ from cartstiff.potentials.line_springs import LineSprings
 _FREE = (".x", ".y", ".z", ".rx", ".ry", ".rz")
 
 
-@dataclass(frozen=True, eq=False)
-class Bone:
-    """A straight link between two points (3,) of the frame of a joint."""
+def links_of(chain: Chain, lines: tuple[LineSprings, ...] = ()) -> Iterator[tuple[int, Array]]:
+    """Yield the joint that each link is fixed to, and the link's points (n, 3) in its frame.
 
-    joint: int
-    start: Array
-    end: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Plate:
-    """A flat link through points (n, 3) of the frame of a joint."""
-
-    joint: int
-    corners: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Knuckle:
-    """A joint: its axis (3,) in its own frame, or None for one that turns about a point."""
-
-    joint: int
-    axis: Array | None
-    prismatic: bool
-
-
-@dataclass(frozen=True, eq=False)
-class Slider:
-    """The rod of a prismatic joint, from a point (3,) of its parent to the joint's origin."""
-
-    joint: int
-    parent: int
-    start: Array
-
-
-@dataclass
-class Skeleton:
-    """A stick figure.
-
-    Attributes
-    ----------
-    bones, plates, knuckles, sliders : list
-        Its parts.
+    Two points are the ends of a straight link, more are the corners of a plate. `lines` are springs
+    whose end points belong to links, too.
     """
-
-    bones: list[Bone] = field(default_factory=list)
-    plates: list[Plate] = field(default_factory=list)
-    knuckles: list[Knuckle] = field(default_factory=list)
-    sliders: list[Slider] = field(default_factory=list)
-
-
-def skeleton(chain: Chain, lines: tuple[LineSprings, ...] = ()) -> Skeleton:
-    """Stick figure of a chain; `lines` are the springs whose end points belong to links too."""
-    model = chain.tree.model
-    count = model.njoints
-    parents = [int(p) for p in model.parents]
-    at = [np.array(T.homogeneous) for T in model.jointPlacements]
-    scale = max([float(np.linalg.norm(T[:3, 3])) for T in at] + [numerics.NEGLIGIBLE_DIFFERENCE])
-    names = [str(model.names[j]) for j in range(count)]
-    virtual = {j for j in range(1, count) if j - 1 in chain.virtual}
-    prismatic = [
-        j > 0 and model.joints[j].shortname().startswith("JointModelP") for j in range(count)
-    ]
-    free = {j for j in range(1, count) if names[j].endswith(_FREE) and prismatic[j]}
-    free |= {j for j in range(1, count) if names[j].endswith(_FREE[3:])}
-    result = Skeleton()
-    tied = _tied(chain)
-    for joint in range(count):
-        ends = [at[j][:3, 3] for j in range(1, count) if parents[j] == joint and j not in free]
+    model, is_parallel = chain.tree.model, chain.kind == "parallel"
+    origins, free, body = _origins(chain), _free(chain), chain.body.T_j_f
+    least = numerics.NEGLIGIBLE_DISTANCE * _size(origins)
+    tied = {} if is_parallel else _tied(chain)
+    for joint in range(model.njoints):
+        ends = [
+            origins[j]
+            for j in range(1, model.njoints)
+            if model.parents[j] == joint and j not in free
+        ]
+        if joint == chain.body.joint:
+            grips = _grips(chain) if is_parallel else []
+            if len(grips) > 1:
+                yield joint, np.array(grips) @ body[:3, :3].T + body[:3, 3]
+            else:
+                ends.append(body[:3, 3])
         closing = tied.get(joint, [])
-        last = joint == chain.body.joint
-        grips = _grips(chain) if chain.kind == "parallel" and last else []
-        if len(grips) > 2:
-            corners = np.array(grips) @ chain.body.T_j_f[:3, :3].T + chain.body.T_j_f[:3, 3]
-            result.plates.append(Plate(joint, corners))
-        elif len(grips) == 2:
-            a, b = (chain.body.T_j_f[:3, :3] @ g + chain.body.T_j_f[:3, 3] for g in grips)
-            result.bones.append(Bone(joint, a, b))
-        elif last:
-            ends.append(chain.body.T_j_f[:3, 3])
-        if chain.kind != "parallel":
-            ends += closing
-        if (len(closing) > 2 and chain.kind != "parallel") or (joint == 0 and len(ends) > 2):
-            result.plates.append(Plate(joint, np.array(ends)))
+        ends += closing
+        if len(closing) > 2 or (joint == 0 and len(ends) > 2):
+            yield joint, np.array(ends)
             ends = []
         for line in lines:
             for frame, anchors in ((line.frame_a, line.anchors), (line.frame_b, line.points)):
@@ -111,33 +53,45 @@ def skeleton(chain: Chain, lines: tuple[LineSprings, ...] = ()) -> Skeleton:
                 if placed.joint == joint and frame != "world":
                     ends += list(anchors @ placed.T_j_f[:3, :3].T + placed.T_j_f[:3, 3])
         for end in ends:
-            if np.linalg.norm(end) > numerics.NEGLIGIBLE_DISTANCE * scale:
-                result.bones.append(Bone(joint, np.zeros(3), end))
-    for joint in range(1, count):
-        if joint in virtual or joint in free:
-            continue
-        near = [j for j in range(1, count) if parents[j] == joint or j == parents[joint]]
-        shared = any(
-            j not in virtual | free
-            and not prismatic[j]
-            and np.linalg.norm(at[max(j, joint)][:3, 3]) <= numerics.NEGLIGIBLE_DIFFERENCE * scale
+            if np.linalg.norm(end) > least:
+                yield joint, np.array([np.zeros(3), end])
+
+
+def knuckles_of(chain: Chain) -> Iterator[tuple[int, Array, bool]]:
+    """Yield each joint with its constant twist (6,) in its own frame.
+
+    Last is whether it has a neighbour at the same place: the two turn about a point.
+    """
+    model, screws, origins = chain.tree.model, chain.tree.screws(), _origins(chain)
+    least = numerics.NEGLIGIBLE_DIFFERENCE * _size(origins)
+    shown = {j for j in range(1, model.njoints) if j - 1 not in chain.virtual} - _free(chain)
+    for joint in sorted(shown):
+        near = [j for j in shown if model.parents[j] == joint or j == model.parents[joint]]
+        is_shared = any(
+            screws[j - 1, :3].any() and np.linalg.norm(origins[max(j, joint)]) <= least
             for j in near
         )
-        axis = _axis(model.joints[joint])
-        result.knuckles.append(Knuckle(joint, None if shared else axis, prismatic[joint]))
-        if prismatic[joint]:
-            result.sliders.append(Slider(joint, parents[joint], at[joint][:3, 3]))
-    return result
+        yield joint, screws[joint - 1], is_shared
 
 
-def _axis(joint: object) -> Array:
-    """Unit axis of a one-coordinate joint in its own frame."""
-    data = joint.createData()  # type: ignore[attr-defined]
-    joint.calc(data, np.zeros(1))  # type: ignore[attr-defined]
-    # Own frame and own coordinates: the motion's axis does not depend on where the joint stands.
-    motion = np.asarray(data.S).reshape(6)
-    part = motion[3:] if np.linalg.norm(motion[3:]) > 0 else motion[:3]
-    return np.array(part / np.linalg.norm(part))
+def _origins(chain: Chain) -> list[Array]:
+    """The origin (3,) of each joint, in the frame of the joint before it."""
+    return [np.array(T.translation) for T in chain.tree.model.jointPlacements]
+
+
+def _size(origins: list[Array]) -> float:
+    return max(numerics.NEGLIGIBLE_DIFFERENCE, *(float(np.linalg.norm(p)) for p in origins))
+
+
+def _free(chain: Chain) -> set[int]:
+    """Joints that are parts of free joints."""
+    slides = ~chain.tree.screws()[:, :3].any(axis=1)
+    names = list(chain.tree.model.names)[1:]
+    return {
+        joint
+        for joint, (name, is_slide) in enumerate(zip(names, slides, strict=True), start=1)
+        if name.endswith(_FREE if is_slide else _FREE[3:])
+    }
 
 
 def _tied(chain: Chain) -> dict[int, list[Array]]:
