@@ -7,10 +7,11 @@ contributes the fields of that class, the same on every command; each of its bas
 section of the help. Metadata in ``Annotated`` are a `click.ParamType`, another spelling
 ("--range"), or `Overrides`.
 
-A class whose values are parameters of functions or classes of the API names these in `API`: for
-each the source file in the package, the name, and options with another name than the parameter, as
-``option=parameter``. A paragraph that the class does not have is then that of the parameter, read
-from the source, which is not imported; names of other parameters in it become their options.
+A class whose values are parameters of functions or classes of the API names these in `API`, a
+command in `api`: for each the source file in the package, the name, and options with another name
+than the parameter, as ``option=parameter``. A paragraph that the class or the function does not
+have is then that of the parameter, read from the source, which is not imported; names of other
+parameters in it become their options.
 
 Such a class also states rules of its options: `NEEDS` (options that one requires beside it),
 `EXCLUSIVE` (options that are not given together) and `RARE` (options that only ``--help-all``
@@ -22,10 +23,10 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import cache
 from pathlib import Path
-from types import NoneType, UnionType
+from types import MappingProxyType, NoneType, UnionType
 from typing import (
     Annotated,
     Any,
@@ -133,16 +134,20 @@ class Documented(NamedTuple):
     examples: str
 
     @classmethod
-    def of(cls, thing: object) -> Documented:
+    def of(cls, thing: object, api: Iterable[str] = ()) -> Documented:
         """Read the numpydoc docstring of a function, or of a class and its bases."""
         about, sections = _sections(inspect.getdoc(thing) or "")
         bases = getattr(thing, "__bases__", ())
         known = {n: w for base in bases for n, w in cls.of(base).parameters.items()}
-        own = {f.name for f in fields(thing)} if is_dataclass(thing) else set[str]()
+        own = (
+            {f.name for f in fields(thing)}
+            if is_dataclass(thing)
+            else inspect.get_annotations(thing)
+        )
         of_api = {
             name: words
-            for api in vars(thing).get("API", ())
-            for name, words in _of_api(api).items()
+            for entry in (*api, *vars(thing).get("API", ()))
+            for name, words in _of_api(entry).items()
             if name in own
         }
         known |= {name: (known.get(name, ("",))[0], words) for name, words in of_api.items()}
@@ -240,6 +245,20 @@ def _parameter(
     return option
 
 
+def _parameters(
+    kind: type, taken: Iterable[Field[Any]], own: Mapping[str, str]
+) -> Iterator[click.Parameter]:
+    """Parameters of a class's fields; `own` are words that replace those of the class."""
+    documented, hints = Documented.of(kind).parameters, get_type_hints(kind, include_extras=True)
+    for f in taken:
+        owner = next(c for c in inspect.getmro(kind) if f.name in inspect.get_annotations(c))
+        about = Documented.of(owner).about.partition(".")[0]
+        shape, text = documented.get(f.name, ("", ""))
+        words = shape, own.get(f.name, text)
+        section = None if f.default is MISSING else about
+        yield _parameter(f.name, hints[f.name], f.default, words, section)
+
+
 #: Renamed options, with their new names.
 RENAMED = {
     "--command": "--actuate",
@@ -312,6 +331,8 @@ class Command(click.Command):
         Its name.
     function : callable
         Function of the command.
+    api : tuple of str
+        Functions of the API whose parameters its own options are.
     needs : mapping of str to str
         Required options, of which one must be given, by the options (separated by spaces) that
         require them; replaces the rules of the parameters' classes.
@@ -329,47 +350,36 @@ class Command(click.Command):
         self,
         name: str,
         function: Callable[..., None],
-        needs: Mapping[str, str],
-        exclusive: tuple[str, ...],
-        rare: str,
-        json_of_file: bool,
-        more: Iterable[click.Parameter],
+        *,
+        api: tuple[str, ...] = (),
+        needs: Mapping[str, str] = MappingProxyType({}),
+        exclusive: tuple[str, ...] = (),
+        rare: str = "",
+        json_of_file: bool = True,
+        more: Iterable[click.Parameter] = (),
     ) -> None:
-        documented, hints = Documented.of(function), get_type_hints(function, include_extras=True)
-        self._function, self._objects = function, dict[str, tuple[Any, list[str]]]()
-        self._exclusive, self.json_of_file = [*exclusive], json_of_file
-        self._rare, rules = rare.split(), list[Mapping[str, str]]()
-        params: list[click.Parameter] = []
-        for key, parameter in inspect.signature(function).parameters.items():
-            kind, marks = _split(hints[key])
-            if not is_dataclass(kind):
+        documented = Documented.of(function, api)
+        self._function, self._objects = function, dict[str, tuple[type, list[Field[Any]]]]()
+        self._exclusive, self._rare, self.json_of_file = [*exclusive], rare.split(), json_of_file
+        params, required = list[click.Parameter](), dict[str, str]()
+        for key, hint in get_type_hints(function, include_extras=True).items():
+            kind, marks = _split(hint)
+            if is_dataclass(kind):
+                taken = next((m for m in marks if isinstance(m, Overrides)), Overrides())
+                taken_fields = [f for f in fields(kind) if f.name not in taken.without]
+                self._objects[key] = cast(type, kind), taken_fields
+                params += _parameters(cast(type, kind), taken_fields, taken.words)
+                for part in inspect.getmro(cast(type, kind))[::-1]:
+                    self._exclusive += vars(part).get("EXCLUSIVE", ())
+                    self._rare += vars(part).get("RARE", "").split()
+                    required |= vars(part).get("NEEDS", {})
+            elif key != "return":
+                parameter = inspect.signature(function).parameters[key]
                 section = "Options" if parameter.kind is parameter.KEYWORD_ONLY else None
                 words = documented.parameters.get(key, ("", ""))
-                params.append(_parameter(key, hints[key], parameter.default, words, section))
-                continue
-            taken = next((m for m in marks if isinstance(m, Overrides)), Overrides())
-            own = get_type_hints(kind, include_extras=True)
-            names = [f for f in fields(kind) if f.name not in taken.without]
-            self._objects[key] = kind, [f.name for f in names]
-            classes: tuple[type, ...] = inspect.getmro(cast(type, kind))
-            owner = {
-                f.name: next(c for c in classes if f.name in vars(c).get("__annotations__", ()))
-                for f in names
-            }
-            of_class = Documented.of(kind)
-            for part in classes[-2::-1]:
-                about = Documented.of(part).about.partition(".")[0]
-                self._exclusive += vars(part).get("EXCLUSIVE", ())
-                self._rare += vars(part).get("RARE", "").split()
-                rules.append(vars(part).get("NEEDS", {}))
-                for f in names:
-                    if owner[f.name] is part:
-                        shape, text = of_class.parameters.get(f.name, ("", ""))
-                        words = shape, taken.words.get(f.name, text)
-                        section = None if f.default is MISSING else about
-                        params.append(_parameter(f.name, own[f.name], f.default, words, section))
+                params.append(_parameter(key, hint, parameter.default, words, section))
         there = {str(p.name) for p in params}
-        needed = {n: w for rule in [*rules, needs] for ns, w in rule.items() for n in ns.split()}
+        needed = {n: w for ns, w in [*required.items(), *needs.items()] for n in ns.split()}
         self._needs = {
             name: known
             for name, words in needed.items()
@@ -394,9 +404,9 @@ class Command(click.Command):
 
     def _run(self, **values: Any) -> None:
         """Call the function with its objects."""
-        for key, (kind, names) in self._objects.items():
+        for key, (kind, taken) in self._objects.items():
             unknown = {f.name: "" for f in fields(kind) if f.default is MISSING}
-            values[key] = kind(**unknown | {name: values.pop(name) for name in names})
+            values[key] = kind(**unknown | {f.name: values.pop(f.name) for f in taken})
         self._function(**values)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:

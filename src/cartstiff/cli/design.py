@@ -18,7 +18,7 @@ _NOT_OF_STUDIES = (
 )
 
 
-@declared("design", needs={"load_at load_kind world": "load"})
+@declared("design", api=("designs/run.py design",), needs={"load_at load_kind world": "load"})
 def command(
     study: Path,
     robot: Annotated[Robot, Overrides(_NOT_OF_STUDIES)],
@@ -53,12 +53,9 @@ def command(
         The load instead of the study's.
     out
         Output.
-    output
-        Keep every finished design here; go on with a file that exists.
     best : N
         Number of designs of the front that are printed.
     workers : N
-        Processes, each with whole designs.
     progress
         Bar on standard error; default on a terminal.
 

@@ -29,6 +29,10 @@ _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
 
 @declared(
     "equilibrium",
+    api=(
+        "statics/continuation.py load_curve curve=to",
+        "statics/toolpath.py compensate",
+    ),
     needs={
         "world": "load hold path",
         "load_at load_kind": "load path",
@@ -96,16 +100,10 @@ def command(
         the unloaded body, or with --world those of the room.
     no_limits
         Ignore joint and leg limits.
-    curve
-        Load-deflection curve, up to this multiple of the load, with critical loads.
     path : FILE.csv
         Compensate along a path: one posture a line, or posture and wrench (as for --load, in the
         axes of the body at that posture), under a line of names if wanted. The answer has the
         commands that put the loaded body there.
-    against
-        Deflection that --path compensates: that by the load (the default), for a program taught
-        under the weight, or all, also that by the weight (the default where the file gives all rest
-        positions).
     against_gravity
         Gravity at the start, in F [m/s^2]. Under it the mechanism is at rest at the posture; the
         displacement is that from there to the rest under the gravity of --gravity or the file.

@@ -95,7 +95,7 @@ def models_command(out: Printed) -> None:
     out.show(data, "models", lambda: "\n".join(text))
 
 
-@declared("poses")
+@declared("poses", api=("report/robot_table.py robot_table",))
 def poses_command(
     robot: Annotated[
         Robot, Overrides("q pose pose_of lengths gravity payload springs stiffness rest actuate")
@@ -118,9 +118,6 @@ def poses_command(
         The mechanism.
     table : TABLE.csv
         The postures.
-    controller
-        Controller that shows them. kuka: X,Y,Z,A,B,C. fanuc: X,Y,Z,W,P,R. abb: quaternion
-        q1..q4. ur: rotation vector.
     before
         The program before compensation (columns taught_JOINT), row by row as that after it.
     output

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -837,18 +837,9 @@ class UnitsCommand(Command):
         ctx.meta[_FACTOR] = by.length
 
 
-def declared(
-    name: str,
-    *,
-    needs: Mapping[str, str] | None = None,
-    exclusive: tuple[str, ...] = (),
-    rare: str = "",
-    json_of_file: bool = True,
-    more: Iterable[click.Parameter] = (),
-) -> Callable[[Callable[..., None]], UnitsCommand]:
-    """Return a decorator that makes a `UnitsCommand` of a function."""
-    rules = needs or {}, exclusive, rare, json_of_file, more
-    return lambda function: UnitsCommand(name, function, *rules)
+def declared(name: str, **rules: Any) -> Callable[[Callable[..., None]], UnitsCommand]:
+    """Return a decorator that makes a `UnitsCommand` of a function, with the rules of `Command`."""
+    return lambda function: UnitsCommand(name, function, **rules)
 
 
 _FACTOR = "cartstiff.given_length"

@@ -133,7 +133,7 @@ def _write(output: Path, page: str) -> None:
 _MAX_OTHERS = 3
 
 
-@declared("view")
+@declared("view", api=("page/server.py serve",))
 def command(
     robot: Robot,
     load: BalancedLoad,
@@ -164,11 +164,7 @@ def command(
         Further contents of the page.
     others : [OTHER]...
         Other mechanisms.
-    port
-        Port of this machine; 0 takes 7266, where links lead, or a free one.
     host : ADDRESS
-        Address to listen on. Any other than the default lets in other machines that know the
-        printed address; what they exchange is not encrypted.
     no_open
         Print the address, open no browser.
 
@@ -238,6 +234,7 @@ def export_command(
 
 @declared(
     "report",
+    api=("report/maps.py map_section map_path=path",),
     needs={"load_at load_kind": "load", "quantity": "map_path"},
 )
 def report_command(
@@ -268,9 +265,7 @@ def report_command(
     output
         File to write.
     map_path : FILE
-        Also show a map that `cartstiff map` computed.
     quantity : NAME
-        Quantity of --map; default its first.
 
     Examples
     --------

@@ -610,8 +610,11 @@ def serve(
     ----------
     source : Source
         The input of the page.
-    host, port
-        Where; see `PageServer`. Port 0 takes `USUAL_PORT` if it is free.
+    host : str
+        Address to listen on. Any other than the default lets in other machines that know the
+        printed address; what they exchange is not encrypted.
+    port : int
+        Port of this machine; 0 takes 7266, where links lead, or a free one.
     ready : callable
         Told the page's address once it answers.
     last : bool

@@ -162,7 +162,16 @@ def describe_comparison(answer: Mapping[str, Any], words: str) -> str:
 
 
 def map_section(path: Path, quantity: str | None, elastic: ElasticMechanism) -> tuple[str, str]:
-    """Return title and HTML of a map's quantity, by default its first: picture, range, command.
+    """Return title and HTML of a map's quantity: picture, range, command.
+
+    Parameters
+    ----------
+    path : Path
+        Also show a map that `cartstiff map` computed.
+    quantity : str or None
+        Quantity of the map; default its first.
+    elastic : ElasticMechanism
+        The mechanism that it has to be of.
 
     Raises
     ------

@@ -54,7 +54,8 @@ def robot_table(elastic: ElasticMechanism, q: ArrayLike, controller: str) -> str
     q : array_like (m, n)
         Coordinates that are commanded.
     controller : str
-        A name of `CONTROLLERS`.
+        Controller that shows them. kuka: X,Y,Z,A,B,C. fanuc: X,Y,Z,W,P,R. abb: quaternion
+        q1..q4. ur: rotation vector.
 
     Raises
     ------

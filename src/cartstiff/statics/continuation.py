@@ -633,7 +633,8 @@ def load_curve(
     wrench, load_kind, load_at, load_axes
         One more load that the factor multiplies, as in `equilibrium`.
     to : float
-        Factor at which to stop; not zero, negative to reverse the load.
+        Trace the load-deflection curve: up to this multiple of the load, with its critical loads;
+        not zero, negative to reverse the load.
     fixed : sequence of Potential
         Further loads, which do not depend on the factor.
     held : Held or mapping, optional

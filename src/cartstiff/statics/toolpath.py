@@ -235,10 +235,10 @@ def compensate(
     load_axes : {"world", "body"}
         Whether wrenches are given in axes of F or of the body at each posture.
     against : {"load", "all"}, optional
-        Compensated forces: the loads, as the program was taught under the weight, which its
-        positions include already; or the weight (and all else that acts without the loads) as well.
-        Default "load"; "all" if the file gives every spring's rest position, as the deflection from
-        there is then due to the weight too.
+        Compensate the deflection by the load, for a program taught under the weight, which its
+        positions include already; or by all, also by the weight and whatever else acts without the
+        load. Default load; all if the file gives every spring's rest position, as the deflection
+        from there is then due to the weight too.
 
     Raises
     ------
