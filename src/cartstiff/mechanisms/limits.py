@@ -7,9 +7,11 @@ use.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
-from typing import Protocol
+from functools import partial
+from itertools import combinations
+from typing import NamedTuple, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -20,7 +22,8 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.platform import Platform, RodLimits
+from cartstiff.mechanisms.leg_shapes import PlacedLeg
+from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
@@ -47,6 +50,136 @@ class _Placed(Protocol):
     def q(self) -> Array: ...
     @property
     def pose(self) -> Array: ...
+
+
+class _Quantities(NamedTuple):
+    """Limited quantities of legs other than coordinates and lengths.
+
+    Attributes
+    ----------
+    rows : list of (str, float, float, bool)
+        Name, lower and upper limit of each, and whether it is an angle.
+    values : callable
+        ``values(q, pose)`` (..., k) at coordinates q (..., n) and poses (..., 4, 4) of M.
+    """
+
+    rows: list[tuple[str, float, float, bool]]
+    values: Callable[[Array, Array], Array]
+
+
+#: Ends (..., m, 3) in F of straight rods: those at the ground, and those at the body.
+_Ends = Callable[[Array, Array], tuple[Array, Array]]
+
+
+def _quantities_of_legs(mechanism: Mechanism) -> list[_Quantities]:
+    """Angles of the joints of a platform's legs, and distances of rods of any legs."""
+    found: list[_Quantities] = []
+    if isinstance(mechanism, Platform) and mechanism.leg_limits is not None:
+        limits = mechanism.leg_limits
+        for where, axes, angles in (
+            ("base", limits.base_axes, limits.base_angles),
+            ("platform", limits.platform_axes, limits.platform_angles),
+        ):
+            if axes is not None and angles is not None:
+                rows = [
+                    (f"angle of leg{i} at the {where}", 0.0, float(angle), True)
+                    for i, angle in enumerate(angles, start=1)
+                ]
+                found.append(_Quantities(rows, partial(_tilts, mechanism, axes, where)))
+        if limits.diameters is not None:
+            places = mechanism.anchors, mechanism.points
+            ends = partial(_ends_of_lines, mechanism)
+            are_fixed = np.ones(len(mechanism.points), bool)
+            found.append(_clearances(limits.diameters.tolist(), *places, are_fixed, ends))
+    legs = mechanism.legs if isinstance(mechanism, Chain) else ()
+    if any(leg.diameter for leg in legs):
+        anchors = np.array([leg.shape.anchor for leg in legs])
+        points = np.array([leg.T_M_end[:3, 3] for leg in legs])
+        are_fixed = np.array([leg.shape.family == "strut" for leg in legs])
+        diameters, ends = [leg.diameter for leg in legs], partial(_ends_of_rods, legs)
+        found.append(_clearances(diameters, anchors, points, are_fixed, ends))
+    return found
+
+
+def _ends_of_lines(platform: Platform, q: Array, pose: Array) -> tuple[Array, Array]:  # noqa: ARG001
+    ends = platform.points @ pose[..., :3, :3].swapaxes(-1, -2) + pose[..., None, :3, 3]
+    return np.broadcast_to(platform.anchors, ends.shape), ends
+
+
+def _ends_of_rods(legs: Sequence[PlacedLeg], q: Array, pose: Array) -> tuple[Array, Array]:
+    starts, ends = zip(*(leg.rod(q, pose) for leg in legs), strict=True)
+    return np.stack(starts, axis=-2), np.stack(ends, axis=-2)
+
+
+def _tilts(platform: Platform, axes: Array, where: str, q: Array, pose: Array) -> Array:
+    """Angles (..., m) of lines from axes (m, 3) at their "base", or in M at the "platform"."""
+    starts, ends = _ends_of_lines(platform, q, pose)
+    along = ends - starts
+    along = along / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), numerics.TINY)
+    if where == "platform":
+        along, axes = -along, axes @ pose[..., :3, :3].swapaxes(-1, -2)
+    across = np.linalg.norm(np.cross(along, axes), axis=-1)  # exact for small angles, too
+    return np.asarray(np.arctan2(across, (along * axes).sum(axis=-1)))
+
+
+def _clearances(
+    diameters: Sequence[float | None],
+    anchors: Array,
+    points: Array,
+    are_fixed: NDArray[np.bool_],
+    ends: _Ends,
+) -> _Quantities:
+    """Distances of rods with diameters: at least the mean of the two.
+
+    Rods that end at one point of the body, or fixed ones that start at one point, have no such
+    limit. `points` (m, 3) are those of the body.
+    """
+    same = numerics.NEGLIGIBLE_DISTANCE * max(np.abs(anchors).max(), np.abs(points).max())
+    rows, pairs = [], []
+    for (i, a), (j, b) in combinations(enumerate(diameters), 2):
+        meet = np.abs(points[i] - points[j]).max() <= same or (
+            are_fixed[i] and are_fixed[j] and np.abs(anchors[i] - anchors[j]).max() <= same
+        )
+        if a and b and not meet:
+            rows.append((f"distance of leg{i + 1} and leg{j + 1}", 0.5 * (a + b), np.inf, False))
+            pairs.append((i, j))
+    return _Quantities(rows, partial(_distances, np.array(pairs, np.intp).reshape(-1, 2), ends))
+
+
+def _distances(pairs: NDArray[np.intp], ends: _Ends, q: Array, pose: Array) -> Array:
+    (first, second), (starts, ends_there) = pairs.T, ends(q, pose)
+    return distances_of_segments(
+        starts[..., first, :],
+        ends_there[..., first, :],
+        starts[..., second, :],
+        ends_there[..., second, :],
+    )
+
+
+def distances_of_segments(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """Return the least distances (...) of segments from a to b and from c to d, arrays (..., 3).
+
+    It is the least distance of the lines, where that is within both segments; else that of an end.
+    """
+    u, v, w = b - a, d - c, a - c
+    uu, vv, uv = (u * u).sum(-1), (v * v).sum(-1), (u * v).sum(-1)
+    uw, vw = (u * w).sum(-1), (v * w).sum(-1)
+    across = uu * vv - uv * uv
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = (uv * vw - vv * uw) / across
+        t = (uu * vw - uv * uw) / across
+        inside = (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1) & (across > 0)
+        lines = np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
+    ends = [_to_segment(a, c, v), _to_segment(b, c, v), _to_segment(c, a, u), _to_segment(d, a, u)]
+    least = np.minimum.reduce(ends)
+    return np.where(inside, np.minimum(np.where(inside, lines, np.inf), least), least)
+
+
+def _to_segment(point: Array, start: Array, along: Array) -> Array:
+    away = point - start
+    square = np.maximum((along * along).sum(-1), numerics.TINY)
+    share = np.clip((away * along).sum(-1) / square, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(away - share[..., None] * along, axis=-1))
 
 
 class Limits:
@@ -85,16 +218,9 @@ class Limits:
         bounds = [(name, *pair, turns.get(name, False)) for name, pair in mechanism.bounds.items()]
         are_finite = [not ignore and bool(np.isfinite(pair).any()) for _, *pair, _ in bounds]
         self.columns = np.flatnonzero(are_finite)
+        self._more = [] if contacts or ignore else _quantities_of_legs(mechanism)
         rows = [bounds[j] for j in self.columns]
-        self._more, self._rods = None, None
-        if self.legs is not None and not (contacts or ignore):
-            self._more = self.legs.leg_limits
-        rods = mechanism.legs if isinstance(mechanism, Chain) and not (contacts or ignore) else ()
-        if self.legs is not None and self._more is not None:
-            rows += self._more.rows(self.legs.anchors, self.legs.points)
-        if any(leg.diameter for leg in rods):
-            self._rods = RodLimits(rods)
-            rows += self._rods.rows()
+        rows += [row for quantities in self._more for row in quantities.rows]
         self.names = tuple(name for name, *_ in rows)
         self.lower = np.array([low for _, low, _, _ in rows], float)
         self.upper = np.array([high for _, _, high, _ in rows], float)
@@ -108,20 +234,15 @@ class Limits:
         """Return the quantities (..., m) at coordinates q (..., n) and poses (..., 4, 4) of M."""
         if self.legs is None:
             own = np.asarray(q[..., self.columns])
-            if self._rods is None:
-                return own
-            return np.concatenate([own, self._rods.values(q, pose)], axis=-1)
-        ends = self.legs.points[self.columns] @ pose[..., :3, :3].swapaxes(-1, -2)
-        lines = ends + pose[..., None, :3, 3] - self.legs.anchors[self.columns]
-        lengths = np.asarray(np.linalg.norm(lines, axis=-1))
-        if self._more is None:
-            return lengths
-        more = self._more.values(self.legs.anchors, self.legs.points, pose)
-        return np.concatenate([lengths, more], axis=-1)
+        else:
+            starts, ends = _ends_of_lines(self.legs, q, pose)
+            own = np.asarray(np.linalg.norm((ends - starts)[..., self.columns, :], axis=-1))
+        parts = [own, *(quantities.values(q, pose) for quantities in self._more)]
+        return np.concatenate(parts, axis=-1) if self._more else own
 
     def holds(self, q: Array, pose: Array) -> bool:
         """Whether all quantities are within their limits at one posture, to the last digit."""
-        if self.legs is None and self._rods is None:  # comparing lists is faster than arrays
+        if self.legs is None and not self._more:  # comparing lists is faster than arrays
             own = q.tolist()
             each = zip(self.columns.tolist(), self.lower.tolist(), self.upper.tolist(), strict=True)
             return all(low <= own[j] <= high for j, low, high in each)
