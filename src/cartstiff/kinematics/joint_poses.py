@@ -17,9 +17,10 @@ A chain of joints with constant axes is a product of exponentials of the joints'
     T_F_M(q) = exp(S_1 q_1) ... exp(S_n q_n) T_F_M(0),    S_i = Ad(T_F_M(0)) J_i(0)
 
 in the coordinates' order, because a joint comes after those it is carried by, and one that does
-not carry the body has S = 0 [MLS]_. In a frame whose third axis is the joint's the exponential
-mixes two columns only: the product is one of such motions and of constant ones between them.
-Mechanisms of any other kind are computed posture by posture. A platform has the pose as coordinate.
+not carry the body has S = 0 [MLS]_. With the matrix A of a screw that turns (or else slides) by 1
+the exponential is ``1 + A sin q + A^2 (1 - cos q) + (A + A^3) (q - sin q)`` (or ``1 + A q``), as A
+then satisfies ``A^4 = -A^2`` (or ``A^2 = 0``). Mechanisms of any other kind are computed posture by
+posture. A platform has the pose as coordinate.
 """
 
 from __future__ import annotations
@@ -29,7 +30,6 @@ from copy import copy
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.errors import InputError, check_name
@@ -78,12 +78,9 @@ class Kinematics:
         )
         if self.is_product:
             at_zero = mechanism.at(np.zeros(self.n))
-            screws = (se3.adjoint(at_zero.pose) @ at_zero.motion.jacobian).T
-            frames, self._turns, self._slides = _axis_frames(screws)
-            placed = np.concatenate([np.eye(4)[None], frames, at_zero.pose[None]])
-            self._between = se3.inverse(placed[:-1]) @ placed[1:]
-            # Exact zeros cost nothing.
-            self._between[np.abs(self._between) < numerics.SMALLEST_STEP] = 0.0
+            self._at_zero = at_zero.pose
+            self._screws = (se3.adjoint(at_zero.pose) @ at_zero.motion.jacobian).T
+            self._powers = np.array([_powers(se3.hat(screw)) for screw in self._screws])
 
     def at(self, q: Array) -> ManyPoses:
         """Kinematics at coordinates (N, n)."""
@@ -105,67 +102,29 @@ class Kinematics:
         return ManyPoses(pose, jacobian, residual, closure)
 
     def _product(self, q: Array) -> ManyPoses:
-        # Postures are the last axis, so that each step is one array operation: R has columns (3,
-        # N).
-        count, n = q.shape
-        sines, cosines = np.ascontiguousarray(np.sin(q).T), np.ascontiguousarray(np.cos(q).T)
-        axes, places = np.empty((3, n, count)), np.empty((3, n, count))
-        R, p = list(np.repeat(np.eye(3)[:, :, None], count, axis=2)), np.zeros((3, count))
-        for j in range(n):
-            R, p = _moved(R, p, self._between[j])
-            x, y, z = R
-            if self._slides[j]:
-                p = p + self._slides[j] * q[:, j] * z
-            if self._turns[j]:
-                R = [cosines[j] * x + sines[j] * y, cosines[j] * y - sines[j] * x, z]
-            axes[:, j], places[:, j] = z, p
-        R, p = _moved(R, p, self._between[n])
-        omega = axes * self._turns[:, None]
-        v = _cross(omega, p[:, None] - places) + axes * self._slides[:, None]
-        T, jacobian = np.zeros((count, 4, 4)), np.empty((count, 6, n))
-        T[:, :3, 3], T[:, 3, 3] = p.T, 1.0
-        for i, (a, b, c) in enumerate(R):
-            T[:, :3, i] = R[i].T
-            jacobian[:, i] = (a * omega[0] + b * omega[1] + c * omega[2]).T
-            jacobian[:, 3 + i] = (a * v[0] + b * v[1] + c * v[2]).T
+        # Postures are the last axis, so that each step is one array operation.
+        (count, n), q = q.shape, np.ascontiguousarray(q.T)
+        shares = np.array([np.ones_like(q), np.sin(q), 1.0 - np.cos(q), q - np.sin(q)])
+        carriers = np.empty((n + 1, 4, 4, count))  # of each joint, and of the body
+        carriers[0] = np.eye(4)[..., None]
+        for j, powers in enumerate(self._powers):
+            motion = np.tensordot(powers, shares[:, j], (0, 0))
+            np.einsum("ikn,kjn->ijn", carriers[j], motion, out=carriers[j + 1])
+        T = np.tensordot(self._at_zero.T, carriers[n], (1, 1)).transpose(2, 1, 0)
+        R, p = carriers[:n, :3, :3], T[:, :3, 3].T - carriers[:n, :3, 3]
+        omega, v = (np.einsum("jikn,jk->ijn", R, screw) for screw in np.split(self._screws, 2, 1))
+        v = v + np.cross(omega, p.swapaxes(0, 1), axis=0)  # at M's origin
+        jacobian = np.empty((count, 6, n))
+        np.einsum("nki,kjn->nij", T[:, :3, :3], omega, out=jacobian[:, :3])
+        np.einsum("nki,kjn->nij", T[:, :3, :3], v, out=jacobian[:, 3:])
         return ManyPoses(T, jacobian, np.empty((count, 0)), np.empty((count, 0, n)))
 
 
-def _axis_frames(screws: Array) -> tuple[Array, NDArray[np.bool_], Array]:
-    """Frames (n, 4, 4) with the axes of joints' screws (n, 6) as z axes.
-
-    With them, whether each joint turns about its axis, and its travel along it.
-    """
-    omega, v = screws[:, :3], screws[:, 3:]
-    # Axes are unit vectors or zero: anything else on the way is rounding.
-    turns = np.linalg.norm(omega, axis=1) > 0.5
-    along = np.where(turns[:, None], omega, v)
-    size = np.linalg.norm(along, axis=1)
-    size_or_1 = np.where(size > 0, size, 1.0)[:, None]
-    z = np.where(size[:, None] > 0, along / size_or_1, (0.0, 0.0, 1.0))
-    x = _cross(np.eye(3)[(np.argmax(np.abs(z), axis=1) + 1) % 3].T, z.T)
-    x /= np.sqrt((x * x).sum(axis=0))
-    points = np.where(turns[:, None], _cross(omega.T, v.T).T / size_or_1**2, 0.0)
-    slides = np.where(turns, (v * z).sum(axis=1), size)
-    slides[np.abs(slides) < numerics.ROUNDOFF_OF_SUMS] = 0.0
-    return se3.pose(np.stack([x, _cross(z.T, x), z.T]).T, points), turns, slides
-
-
-def _moved(R: list[Array], p: Array, T: Array) -> tuple[list[Array], Array]:
-    """Columns and places of ``(R, p) @ T``; zeros of T cost nothing."""
-    columns = [_sum(R, T[:3, i]) for i in range(3)]
-    return columns, p + _sum(R, T[:3, 3]) if T[:3, 3].any() else p
-
-
-def _sum(R: list[Array], weights: Array) -> Array:
-    parts = [w * column for w, column in zip(weights.tolist(), R, strict=True) if w]
-    total: Array = sum(parts[1:], parts[0])
-    return total
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Cross products along the first axis."""
-    return np.stack([a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)])
+def _powers(A: Array) -> Array:
+    """Coefficients (4, 4, 4) of 1, sin q, 1 - cos q and q - sin q in ``exp(A q)``."""
+    if not A[:3, :3].any():  # sin q + (q - sin q) = q
+        return np.array([np.eye(4), A, np.zeros((4, 4)), A])
+    return np.array([np.eye(4), A, A @ A, A + A @ A @ A])
 
 
 #: Free part of the body's rotation: none, the turn about one of its axes, or all of it.
@@ -223,27 +182,19 @@ class PlatformPoses:
         poses = np.array(T_wanted)
         if free != "none":
             axis = "xyz".index(free)
-            for i, q in enumerate(starts):
-                turn = poses[i, :3, :3].T @ self.platform.pose_of(q)[:3, :3]
-                angle = _turn_about(turn, axis)
-                poses[i] = poses[i] @ se3.exp(angle * se3.basis_twist(axis))
-        q = np.array([self.platform.coordinates_of(T) for T in poses]).reshape(-1, 6)
-        return q, np.array([self._excess(row)[1] <= 0.0 for row in q], bool)
-
-    def _excess(self, q: Array) -> tuple[int, float]:
-        """Number of the limit with the largest excess, and that excess."""
-        if not len(self.limits):
-            return 0, 0.0
-        beyond = self.limits.excess(self.limits.values(q, self.platform.pose_of(q)))
-        worst = int(np.argmax(beyond))
-        return worst, float(beyond[worst])
+            R = poses[:, :3, :3].swapaxes(1, 2) @ self.kinematics.at(starts).pose[:, :3, :3]
+            j, k = (axis + 1) % 3, (axis + 2) % 3
+            angles = np.arctan2(R[:, k, j] - R[:, j, k], R[:, j, j] + R[:, k, k])
+            poses = poses @ se3.exp(angles[:, None] * se3.basis_twist(axis))
+        q = self.platform.coordinates_of(poses)
+        return q, ~self.limits.exceeded(self.limits.values(q, poses))
 
     def beyond_limits(self, poses: Array, free: Free) -> tuple[str, float] | None:
         """The leg that is beyond its limits most, at the pose where that is least."""
-        starts = np.tile(self.start, (len(poses), 1))
-        worst = [self._excess(q) for q in self.solve(poses, starts, free)[0]]
-        limit, amount = min(worst, key=lambda excess: excess[1])
-        return self.limits.names[limit], amount
+        q, _ = self.solve(poses, np.tile(self.start, (len(poses), 1)), free)
+        beyond = self.limits.excess(self.limits.values(q, self.kinematics.at(q).pose))
+        worst = beyond[int(beyond.max(axis=1).argmin())]
+        return self.limits.names[int(worst.argmax())], float(worst.max())
 
     def self_motions(self, q: Array, free: Free, dimension: int) -> Array:
         """Changes of the coordinates (N, 6, d) with the free turn, to first order."""
@@ -264,12 +215,6 @@ class PlatformPoses:
         if free == "rotation":
             raise InputError("a platform's rotation cannot all be free", expected="x, y or z")
         return 0 if free == "none" else 1
-
-
-def _turn_about(R: Array, axis: int) -> float:
-    """Angle of the rotation about an axis that is nearest to R."""
-    j, k = (axis + 1) % 3, (axis + 2) % 3
-    return float(np.arctan2(R[k, j] - R[j, k], R[j, j] + R[k, k]))
 
 
 _ITERATIONS = 40
