@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
 from threading import local
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -75,10 +75,12 @@ STATES = (
     "strut-not-found",
 )
 
-# Number of postures computed at once: stacks small enough that their matrices stay in the cache,
-# and fewer where each posture is computed by itself.
-_STACK_ROWS = 8192
+# Number of postures computed at once: stacks so small that their matrices stay in the cache, and
+# that every thread may hold some; fewer where each posture is computed by itself.
+_STACK_ROWS = 2048
 _SINGLE_ROWS = 128
+# Least usual number of postures of a part whose postures are computed in stacks.
+_LEAST_CHUNK = 8192
 # Number of postures of a part that one thread computes.
 _PIECE_ROWS = 2**15
 _THREAD_LOCAL = local()
@@ -123,7 +125,6 @@ class MapJob:
     path: Backend = "auto"
     by_kernel: bool = False
     one_by_one: int | None = None
-    moves: ClassVar[bool] = False  # whether quantities are read at other postures than sampled
 
     @cached_property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -142,8 +143,8 @@ class MapJob:
         least = None
         if isinstance(self.sampling, CartesianGrid):
             least = PLACES_AT_ONCE * self.sampling.branches
-        elif self.in_stacks and self.path != "engine" and not self.moves:
-            least = _STACK_ROWS
+        elif self.in_stacks and self.path != "engine":
+            least = _LEAST_CHUNK
         return usual_chunk(self.sampling.size, least)
 
     @cached_property
@@ -195,8 +196,8 @@ class MapJob:
             arrays["time"] = self.times[box[0]]
         return arrays
 
-    def _fill_piece(self, box: tuple[slice, ...], arrays: dict[str, Array]) -> None:
-        """Compute the rows of a box that is small enough to be computed at once."""
+    def _sampled(self, box: tuple[slice, ...], arrays: dict[str, Array]) -> Array:
+        """Return the assembled postures (N, n) of a box, NaN where there is none."""
         if isinstance(self.sampling, CartesianGrid):
             q, counts = self.sampling.solve(box, self.elastic, self._cost)
             arrays["branches"][:] = np.repeat(counts, self.sampling.branches)
@@ -207,6 +208,11 @@ class MapJob:
             q[there], is_closed = self._assembled(q[there], box)
             there[there] = ~is_closed
             q[there], arrays["state"][there] = np.nan, _code(NOT_ASSEMBLED)
+        return q
+
+    def _fill_piece(self, box: tuple[slice, ...], arrays: dict[str, Array]) -> None:
+        """Compute the rows of a box that is small enough to be computed at once."""
+        q = self._sampled(box, arrays)
         count, rows = len(q), _STACK_ROWS if self.in_stacks else _SINGLE_ROWS
         blocks = [slice(i, min(i + rows, count)) for i in range(0, count, rows)]
         # Machine code leaves few rows open: those of all blocks together take a tenth of the time.
@@ -222,8 +228,6 @@ class MapJob:
         if not at.size:
             return at
         answer, unknown = self._answer(q[at])
-        if self.moves:
-            q[at] = answer.q
         self._fill(arrays, at, answer)
         return at[unknown]
 
@@ -417,19 +421,16 @@ class CommandGrid(Sampling):
 
 @dataclass(frozen=True)
 class CommandedJob(MapJob):
-    """As `MapJob`, evaluated at the equilibrium after a command.
+    """As `MapJob`, evaluated at the equilibrium after a command, by the reference backend.
 
     Attributes
     ----------
     told : mapping of str to float
         Commanded displacements at every posture; a `CommandGrid` adds its own.
-    rows : sequence of mapping
-        All commanded displacements for each posture of the present block.
     """
 
+    path: Backend = "engine"
     told: Mapping[str, float] | None = None
-    rows: Sequence[Mapping[str, float]] = ()
-    moves = True
 
     @property
     def stores_q(self) -> bool:
@@ -437,38 +438,22 @@ class CommandedJob(MapJob):
         return True
 
     def _fill_piece(self, box: tuple[slice, ...], arrays: dict[str, Array]) -> None:
-        """As `MapJob._fill_piece`, after the commands of the box."""
-        job = self
-        if isinstance(self.sampling, CommandGrid):
-            told = dict(self.told or {})
-            job = replace(self, rows=[told | row for row in self.sampling.commands(box)])
-        super(CommandedJob, job)._fill_piece(box, arrays)
+        """As `MapJob._fill_piece`, one posture after the other, after its command."""
+        q, told = self._sampled(box, arrays), dict(self.told or {})
+        own = self.sampling.commands(box) if isinstance(self.sampling, CommandGrid) else None
+        for i in np.flatnonzero(np.isfinite(q).all(axis=1)):
+            answer = self._after(told | own[i] if own else told, q[i])
+            q[i] = answer.q
+            self._fill(arrays, np.array([i]), answer)
+        arrays["q"][:] = q
 
-    def _compute_rows(self, q: Array, rows: slice, arrays: dict[str, Array]) -> Array:
-        part = replace(self, rows=self.rows[rows]) if self.rows else self
-        return super(CommandedJob, part)._compute_rows(q, rows, arrays)
-
-    def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> MapRows:
-        told = self.rows or [self.told or {}] * len(q)
-        answers = [self._row(x, row, quantities) for x, row in zip(q, told, strict=True)]
-        return MapRows(
-            np.concatenate([a.q for a in answers]),
-            np.concatenate([a.state for a in answers]),
-            np.concatenate([a.poses for a in answers]),
-            {
-                quantity.name: np.concatenate([a.values[quantity.name] for a in answers])
-                for quantity in quantities
-            },
-        )
-
-    def _row(self, q: Array, told: Mapping[str, float], quantities: Sequence[Quantity]) -> MapRows:
-        """Return the results after one command."""
+    def _after(self, told: Mapping[str, float], q: Array) -> MapRows:
+        """Return the results after one command from a posture (n,), as stacks of one."""
         load = self.settings.load
         about_load: dict[str, Any] = {"load_kind": load.kind, "load_at": load.at}
         if self.wrench is not None:
             about_load |= {"wrench": self.wrench, "load_axes": self.load_axes}
-        none = {x.name: np.full(1, np.nan) for x in quantities}
-        nowhere = MapRows(q[None], _state_row(NO_REST), np.full((1, 4, 4), np.nan), none)
+        none = {name: np.full(1, np.nan) for name in self.names}
         try:
             with np.errstate(all="ignore"):
                 at_rest = analyse_commanded(self.elastic, told, q, **about_load)
@@ -476,19 +461,12 @@ class CommandedJob(MapJob):
             # Only a command that rigid drives cannot follow is not refused earlier.
             if isinstance(error, InputError) and error.where != "command":
                 raise
-            return nowhere
+            return MapRows(q[None], _state_row(NO_REST), np.full((1, 4, 4), np.nan), none)
         if force_notes(at_rest.elastic, at_rest.posture):
             return MapRows(at_rest.q[None], _state_row(BEYOND), at_rest.pose[None], none)
         own = {name: getattr(self, name) for name in ("sampling", "names", "settings")}
         job = MapJob(at_rest.elastic, **own, wrench=None, path="engine")
-        answer = job._by_matrices(at_rest.q[None], quantities)
-        # The next row overwrites these arrays.
-        values = {name: value.copy() for name, value in answer.values.items()}
-        return answer._replace(poses=answer.poses.copy(), values=values)
-
-    @property
-    def _reader(self) -> None:
-        return None
+        return job._by_matrices(at_rest.q[None], self.quantities)
 
 
 def _state_row(state: str) -> Any:

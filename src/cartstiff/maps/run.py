@@ -474,10 +474,13 @@ def _return_large_arrays() -> None:
     """Let the C library return large arrays to the system; it would keep them in every thread."""
     if (set_option := getattr(ctypes.CDLL(None), "mallopt", None)) is not None:  # of glibc
         set_option(_MMAP_THRESHOLD, _LARGE_BYTES)
+        set_option(_ARENA_MAX, _HEAPS)
 
 
-# Option of glibc, and the size of arrays in bytes from which on each has memory of its own.
-_MMAP_THRESHOLD, _LARGE_BYTES = -3, 2**22
+# Options of glibc: the size of arrays in bytes from which on each has memory of its own, and the
+# number of heaps, which all threads share, for smaller ones.
+_MMAP_THRESHOLD, _LARGE_BYTES = -3, 2**19
+_ARENA_MAX, _HEAPS = -8, 4
 _LOADING_LOCK, _WRITING_LOCK = Lock(), Lock()
 
 
