@@ -15,7 +15,7 @@ from cartstiff import analyse, load, modes
 from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.vibration.comparison import compare
-from cartstiff.vibration.sensitivities import intervals, sensitivities
+from cartstiff.vibration.sensitivities import accuracy, intervals, sensitivities
 
 #: Two rounds of central differences.
 DIFFERENCES = 1e-5
@@ -134,6 +134,8 @@ def test_intervals():
         intervals(found, level=1.0)
     with pytest.raises(UnknownNameError, match="j7"):
         intervals(found, compliance_covariance=[[1.0]], joints=("j7",))
+    with pytest.raises(InputError, match="not both"):
+        intervals(found, Tolerances(stiffness=0.1), compliance_covariance=[[(0.1 / K) ** 2]])
 
 
 def test_intervals_of_repeated_modes_hold_for_both():
@@ -190,6 +192,8 @@ def test_measured_springs_give_intervals_by_themselves(tmp_path):
     )
     assert band.deviations == pytest.approx(np.sqrt(variance), rel=1e-5)
     assert (band.high - band.low) / 2 == pytest.approx(1.724718 * band.deviations, rel=1e-6)
+    # Another level keeps the degrees of freedom: Student's t with 20 of them.
+    assert accuracy(modes(arm, wrench=W), level=0.99).factor == pytest.approx(2.845340, rel=1e-6)
     told = answer("modes", file)["intervals"]
     assert told["level"] == 0.9
 

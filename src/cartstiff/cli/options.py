@@ -923,7 +923,7 @@ class Parameters:
         from cartstiff.analysis.tolerances import Tolerances
         from cartstiff.report import modes as words
         from cartstiff.vibration.modes import Modes
-        from cartstiff.vibration.sensitivities import accuracy, intervals, sensitivities
+        from cartstiff.vibration.sensitivities import accuracy, sensitivities
 
         def reread(values: Any) -> Any:
             told = {**(robot.parameters or {}), **values}
@@ -937,18 +937,16 @@ class Parameters:
                 known = sensitivities(subject, reread=again, progress=bar)
             data["sensitivities"] = known.to_dict()
             lines += words.describe_sensitivities(known, elastic.units)
-        if isinstance(subject, Modes) and is_uncertain:
-            if known is None and t.any:
-                with Progress("parameters") as bar:
-                    known = sensitivities(subject, geometry=bool(t.length or t.angle), progress=bar)
-            band = intervals(subject, t, given=known)
-            data["intervals"] = band.to_dict()
-            lines += words.describe_intervals(subject, band)
-        if tolerance is not None:
+        swings = isinstance(subject, Modes)
+        if tolerance is not None or (swings and is_uncertain):
             with Progress("parameters") as bar:
                 deviations = accuracy(subject, t, given=known, progress=bar)
-            data["accuracy"] = deviations.to_dict()
-            lines += words.describe_accuracy(deviations, elastic.units)
+            if swings and "frequencies" in deviations.nominal:
+                data["intervals"] = deviations.interval.to_dict()
+                lines += words.describe_intervals(subject, deviations.interval)
+            if tolerance is not None:
+                data["accuracy"] = deviations.to_dict()
+                lines += words.describe_accuracy(deviations, elastic.units)
         return lines
 
 

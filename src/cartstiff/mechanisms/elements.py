@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff.arrays import Array
-from cartstiff.errors import UndefinedError, UnknownNameError, check_name
+from cartstiff.errors import UnknownNameError, check_name
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identified import LINK, CompliancePattern
@@ -268,52 +268,3 @@ def _rest(springs: JointSprings) -> Array:
     rest = springs.rest.copy()
     rest[list(springs.rigid)] = np.nan
     return rest
-
-
-def linearised(elastic: ElasticMechanism, q: Array) -> ElasticMechanism:
-    """Return the mechanism with measured polynomial springs linearised at coordinates q (n,).
-
-    The covariance of their coefficients becomes that of their compliances there, under constant
-    torques.
-
-    Raises
-    ------
-    UndefinedError
-        If such a spring has no positive stiffness.
-    """
-    known, springs = elastic.identified, elastic.springs
-    laws = {} if known is None else {p.law: i for i, p in enumerate(known.patterns) if p.law}
-    if known is None or not laws or not isinstance(springs, JointSprings):
-        return elastic
-    k, rest, left = springs.stiffness.copy(), springs.rest.copy(), dict(springs.laws)
-    others = [i for i in range(len(known.patterns)) if i not in laws.values()]
-    patterns = [known.patterns[i] for i in others]
-    rows = list(np.eye(len(known.patterns))[others])
-    for name in dict.fromkeys(name for name, _ in laws):
-        j, law = elastic.names.index(name), law_of(elastic, name)
-        x = 0.0 if np.isnan(rest[j]) else float(q[j] - rest[j])
-        _, torque, k[j] = law.evaluate(x)
-        if not k[j] > 0.0:
-            raise UndefinedError(
-                f"the measured spring of {name!r} does not resist here: no interval",
-                code="no-compliance",
-            )
-        rest[j] -= torque / k[j] - x  # the torque at q does not change
-        del left[j]
-        row = np.zeros(len(known.patterns))
-        for (joint, power), i in laws.items():
-            if joint == name:
-                by = law.change_at_torque(power, x)
-                row[i] = -by / k[j] ** 2 * (-(law.coefficients[0] ** 2) if power == 1 else 1.0)
-        patterns.append(CompliancePattern(name, ((name, name, 1.0),)))
-        rows.append(row)
-    T = np.array(rows)
-    values = np.append(
-        known.values[others],
-        [1.0 / k[elastic.names.index(p.name)] for p in patterns[len(others) :]],
-    )
-    tangent = replace(
-        known, patterns=tuple(patterns), values=values, covariance=T @ known.covariance @ T.T
-    )
-    springs = JointSprings(k, rest, left, springs.rigid)
-    return replace(elastic, springs=springs, identified=tangent)

@@ -87,14 +87,6 @@ class PolynomialLaw(SpringLaw):
         c = enumerate(self.coefficients, start=1)
         return PolynomialLaw(tuple(x * effort / size**k for k, x in c))
 
-    def change_at_torque(self, power: int, x: float) -> float:
-        """Change of the tangent stiffness per coefficient of a power, at constant torque."""
-        _, _, k = self.evaluate(x)
-        slope = sum(
-            m * (m - 1) * c * x ** (m - 2) for m, c in enumerate(self.coefficients, 1) if m > 1
-        )
-        return float(power * x ** (power - 1) - slope * x**power / k)
-
     def deflection_for(self, torque: float) -> float:
         """Real root of smallest size of ``law(x) = torque``."""
         roots = np.polynomial.polynomial.Polynomial([-torque, *self.coefficients]).roots()

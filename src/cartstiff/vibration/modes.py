@@ -12,7 +12,7 @@ changes the stiffness: modes belong to one load, which every result names.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, ClassVar, Literal
 
@@ -27,12 +27,11 @@ from cartstiff.described import described
 from cartstiff.errors import InputError, UndefinedError, checked_kind
 from cartstiff.figures import new_figure
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import LENGTHS, MechanismPosture, Units
+from cartstiff.mechanisms.contract import LENGTHS, MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, without_mass
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam
-from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.results import LabelledResult
@@ -234,7 +233,6 @@ class Modes(Result, LabelledResult):
     mass: Array
     spectrum: Spectrum
     _held: PostureStiffness | Callable[[], PostureStiffness] | None = None
-    _rest: tuple[Mapping[str, Any], tuple[Note, ...]] | None = None
     state: Equilibrium | None = None
 
     def _lines(self) -> list[str]:
@@ -280,9 +278,7 @@ class Modes(Result, LabelledResult):
     @cached_property
     def _load_with_notes(self) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
         """Load and notes of the rest state, computed when first used."""
-        if self._rest is not None or self.result is None:
-            return self._rest or ({}, ())
-        return _load_of_posture(self.result)
+        return _load_at_rest(self.state) if self.result is None else _load_of_posture(self.result)
 
     @property
     def load(self) -> Mapping[str, Any]:
@@ -432,6 +428,23 @@ def _screw_dict(screw: Screw) -> dict[str, Any]:
     }
 
 
+def _load_at_rest(state: Equilibrium | None) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
+    """Return the load of an equilibrium, and its notes."""
+    if state is None:
+        return {}, ()
+    load = {
+        "kind": "potentials",
+        "at": None,
+        "wrench": None,
+        "given": bool(state.loads),
+        "meaning": "the loads of the equilibrium, each as it is",
+        "words": "at rest under its loads" if state.loads else "at rest, no load",
+    }
+    return load, tuple(
+        n for n in state.notes if n.code not in ("unstable", "flutter", "divergence")
+    )
+
+
 def _load_of_posture(result: PostureStiffness) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
     """Return the load of a held posture, and the notes of its analysis."""
     W = np.zeros(6) if result.wrench is None else result.wrench
@@ -531,43 +544,29 @@ def modes(
 def _modes_of_equilibrium(state: Equilibrium) -> Modes:
     """Return the modes at an equilibrium, with its contacts unchanged."""
     balance, posture = state._solution.balance, state.posture
-    terms, units = state._system.terms, state.elastic.units
     columns = posture.coordinate_lengths
     basis = np.diag(columns) if balance.free is None else columns[:, None] * balance.free
     sizes = np.abs(balance.stiffness) + np.diag(balance.stiffness_scale)
-    notes = tuple(n for n in state.notes if n.code not in ("unstable", "flutter", "divergence"))
-    load = {
-        "kind": "potentials",
-        "at": None,
-        "wrench": None,
-        "given": bool(state.loads),
-        "meaning": "the loads of the equilibrium, each as it is",
-        "words": "at rest under its loads" if state.loads else "at rest, no load",
-    }
     elastic = state.elastic.with_potential(*state.loads)
-    solved = _solved(
-        elastic, posture, basis, balance.stiffness, sizes, terms, units, rest=(load, notes)
-    )
-    return replace(solved, state=state)
+    return _solved(elastic, posture, basis, balance.stiffness, sizes, state=state)
 
 
 def _modes_of_posture(result: PostureStiffness) -> Modes:
     """Return the modes of a posture that springs hold under a load."""
-    reduction, posture, W = result.reduction, result.posture, result.wrench
-    if W is None:
+    reduction, posture = result.reduction, result.posture
+    if result.wrench is None:
         raise reduction.undefined()
     columns = posture.coordinate_lengths
     H, terms = stiffness_under_load(result)
-    D, basis = result.change_by_load, np.diag(columns)
+    basis = np.diag(columns)
     if posture.closure is not None and reduction.motions is not None:
         stiff = np.abs(H * np.outer(columns, columns)).max(axis=0, initial=0.0)
         basis = columns[:, None] * numerics.stiffness_scaled_basis(reduction.motions, stiff)[0]
     terms = terms + _force_roundoff(result) / np.outer(columns, columns)
     K, size = basis.T @ H @ basis, np.abs(basis).T @ terms @ np.abs(basis)
-    if not (result.energy != result.energy or not _is_symmetric(D)):
+    if not np.isnan(result.energy) and _is_symmetric(result.change_by_load):
         K = 0.5 * (K + K.T)
-    elastic = result.elastic
-    return _solved(elastic, posture, basis, K, size, elastic.terms(), elastic.units, held=result)
+    return _solved(result.elastic, posture, basis, K, size, held=result)
 
 
 def is_plain(elastic: ElasticMechanism) -> bool:
@@ -598,24 +597,30 @@ def _modes_of_open_chain(
     columns, springs = posture.coordinate_lengths, elastic.springs
     k = springs.stiffness if isinstance(springs, JointSprings) else columns * np.nan
     later = partial(analyse, elastic, posture.q, **load)
-    natural = k * columns * columns
-    K = terms = np.diag(natural)
-    rested = None
+    rested, K = elastic.at_rest(posture.q.copy()), np.diag(k)
+    noise = 0.0
+    terms = K
     if load["wrench"] is not None:
         W = checked_input(load["wrench"], (6,), "wrench")
         W = wrench_in_body(W, posture.pose, kind.at, load["load_axes"])
         if W.any():
-            J, D = posture.motion.jacobian * columns, kind.change(W)
-            bent, force = posture.motion.curvature(W) * np.outer(columns, columns), np.abs(J.T @ W)
-            K = K - bent + J.T @ D @ J
+            D = kind.change(W)
+            K, terms = _under_load(K, K, posture, W, D)
             K = 0.5 * (K + K.T) if _is_symmetric(D) else K
-            noise = _stiffness_roundoff(force, natural, W, posture)
-            terms = terms + np.abs(bent) + np.abs(J.T) @ np.abs(D) @ np.abs(J) + noise
+            force = np.abs(posture.motion.jacobian.T @ W) * columns
+            noise = _stiffness_roundoff(force, k * columns * columns, W, posture)
             rested = elastic.with_rest_balancing(posture, W)
-    rested = rested or elastic.at_rest(posture.q.copy())
-    return _solved(
-        rested, posture, np.diag(columns), K, terms, elastic.terms(), elastic.units, held=later
-    )
+    pairs = np.outer(columns, columns)
+    return _solved(rested, posture, np.diag(columns), K * pairs, terms * pairs + noise, held=later)
+
+
+def _under_load(
+    H: Array, terms: Array, posture: MechanismPosture, W: Array, D: Array
+) -> tuple[Array, Array]:
+    """Return ``H - S_W + J^T D J``, D the load's part, and the sizes of its terms."""
+    J, curvature = posture.motion.jacobian, posture.motion.curvature(W)
+    sizes = np.abs(curvature) + np.abs(J.T) @ np.abs(D) @ np.abs(J)
+    return H - curvature + J.T @ D @ J, terms + sizes
 
 
 def stiffness_under_load(result: PostureStiffness) -> tuple[Array, Array]:
@@ -623,12 +628,10 @@ def stiffness_under_load(result: PostureStiffness) -> tuple[Array, Array]:
 
     ``Hess Phi - S_W + J^T (K^load - K^B) J + sum lam_k c_k''``.
     """
-    posture, W, D = result.posture, result.wrench, result.change_by_load
+    posture, W = result.posture, result.wrench
     H, terms = result.evaluation.hessian, np.abs(result.evaluation.hessian)
     if W is not None and np.any(W):
-        J, curvature = posture.motion.jacobian, posture.motion.curvature(W)
-        H = H - curvature + J.T @ D @ J
-        terms = terms + np.abs(curvature) + np.abs(J.T) @ np.abs(D) @ np.abs(J)
+        H, terms = _under_load(H, terms, posture, W, result.change_by_load)
     if posture.closure is not None and result.reduction.multipliers.any():
         curvature = posture.closure.curvature(result.reduction.multipliers)
         H, terms = H + curvature, terms + np.abs(curvature)
@@ -667,12 +670,10 @@ def _solved(
     basis: Array,
     stiffness: Array,
     terms: Array,
-    potentials: Sequence[Potential],
-    units: Units,
     held: PostureStiffness | partial[PostureStiffness] | None = None,
-    rest: tuple[Mapping[str, Any], tuple[Note, ...]] | None = None,
+    state: Equilibrium | None = None,
 ) -> Modes:
-    full = kinetic_matrix(posture, potentials, units)
+    full = kinetic_matrix(posture, elastic.terms(), elastic.units)
     mass = None if full is None else basis.T @ full @ basis
     if mass is None or full is None or not np.diag(mass).any():
         raise UndefinedError(
@@ -690,4 +691,4 @@ def _solved(
             code="massless-free-motion",
             values={"shapes": (basis @ spectrum.loose).T.tolist()},
         )
-    return Modes(elastic, posture, basis, stiffness, mass, spectrum, held, rest)
+    return Modes(elastic, posture, basis, stiffness, mass, spectrum, held, state)

@@ -6,13 +6,13 @@ and its load, and rest positions follow. A mechanism that came to rest by itself
 after each change: the derivatives are total, with the motion of the equilibrium.
 
 Every derivative is a difference quotient of the changed mechanism, analysed again. Values below
-round-off are 0. Frequencies may cross, so that their derivatives follow from those of the matrices:
-with left and right modes psi, phi and ``psi^T M phi = 1``
+round-off are 0. Frequencies may cross, so that their derivatives follow from those of the matrices
+on the left and right modes psi, phi, which are moved so that they keep the closures: with
+``psi^T M phi = 1``
 
-    d(omega^2)/dp = psi^T (dK/dp - omega^2 dM/dp) phi + mu_psi . dC phi + mu_phi . dC psi
+    d(omega^2)/dp = d(psi^T K phi)/dp - omega^2 d(psi^T M phi)/dp
 
-where C is the constraints' Jacobian and ``C^T mu_phi = -(K - omega^2 M) phi`` their forces. For
-repeated modes the derivatives are the eigenvalues of that form on the subspace, in order.
+For repeated modes the derivatives are the eigenvalues of that form on the subspace, in order.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from cartstiff.errors import CartstiffError, InputError, UndefinedError, checked
 from cartstiff.geometry.differences import derivative_with_error
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.elements import Elements, linearised
+from cartstiff.mechanisms.elements import Elements
 from cartstiff.mechanisms.identified import CompliancePattern, Identified
 from cartstiff.results import LabelledResult
 from cartstiff.statics.equilibrium import again
@@ -65,6 +65,7 @@ class Home:
         subject: Modes | PostureStiffness | Equilibrium,
         reread: Callable[[Mapping[str, float]], ElasticMechanism] | None = None,
         tolerances: Tolerances = _ALL_PARAMETERS,
+        identified: Identified | None = None,
     ) -> None:
         if isinstance(subject, Modes):
             subject = subject.state if subject.state is not None else subject.held
@@ -76,6 +77,8 @@ class Home:
                 code="neutral",
             )
         result = subject.elastic_stiffness if isinstance(subject, Equilibrium) else subject
+        if identified is not None:
+            result = replace(result, elastic=replace(result.elastic, identified=identified))
         self.parameters = UncertainParameters(result, tolerances, reread, self.state is not None)
         self.nominal: PostureStiffness | Equilibrium = subject
         #: Its stiffness, for an equilibrium with the part of its loads.
@@ -151,14 +154,16 @@ class Home:
                 best = row if row.error <= numerics.STALLED_RESIDUAL else best
         return best
 
-    def rows(
+    def derivatives(
         self,
         names: Sequence[str],
         modes: Modes | None,
         given: Sensitivities | None,
         progress: Callable[[int, int], None] | None,
-    ) -> tuple[dict[str, Row], str | None]:
+    ) -> Sensitivities:
         """Return the derivatives by parameters, reusing given ones, and reasons for gaps."""
+        if modes is not None and modes.spectrum.is_complex:
+            raise UndefinedError("modes that flutter have no sensitivities", code="flutter")
         rows: dict[str, Row] = {}
         missing = [] if (left_out := self.parameters.left_out) is None else [left_out]
         for done, name in enumerate(names, 1):
@@ -169,11 +174,26 @@ class Home:
                 missing.append(f"{name} is not varied: {one_line(str(error), 200)}")
             if progress is not None:
                 progress(done, len(names))
-        return rows, "; ".join(missing) or None
+        k = 0 if modes is None else modes.frequencies.size
+        squares = np.array([r.squares for r in rows.values()]).reshape(len(rows), k)
+        return Sensitivities(
+            tuple(rows),
+            np.array([self.parameters.value(name) for name in rows]),
+            {
+                letter: np.array([r.matrices[i] for r in rows.values()]).reshape(-1, 6, 6)
+                for i, letter in enumerate(MATRICES)
+            },
+            np.array([r.pose for r in rows.values()]).reshape(-1, 6),
+            squares,
+            squares if modes is None else in_hertz(modes, squares),
+            np.array([r.error for r in rows.values()]),
+            tuple(self.parameters.is_angle(name) for name in rows),
+            "; ".join(missing) or None,
+        )
 
     def _observed(self, modes: Modes | None) -> tuple[Array, ...]:
         if self._here is None:
-            self._here = _observed(self.nominal, modes is not None)
+            self._here = _observed(self.nominal, modes)
         return self._here
 
     def _row(self, name: str, share: float, modes: Modes | None) -> Row:
@@ -182,7 +202,7 @@ class Home:
         self._seen = {}
 
         def seen(change: float) -> Array:
-            parts = _observed(self.at(name, change), modes is not None)
+            parts = _observed(self.at(name, change), modes)
             return np.concatenate([part.ravel() for part in parts])
 
         ends = np.cumsum([there.size for there in here])[:-1]
@@ -190,11 +210,11 @@ class Home:
             [x.reshape(there.shape) for x, there in zip(np.split(flat, ends), here, strict=True)]
             for flat in derivative_with_error(seen, share * natural)
         )
-        (dK, dT, dH, dM, dC) = slopes
+        dK, dT, dH, dM = slopes
         R = self.nominal.pose[:3, :3]
         turn = dT[:3, :3] @ R.T
         pose = np.array([turn[2, 1], turn[0, 2], turn[1, 0], *dT[:3, 3]])
-        squares = np.zeros(0) if modes is None else change_of_squares(modes, dH, dM, dC)
+        squares = np.zeros(0) if modes is None else change_of_squares(modes, dH, dM)
         # The error of a matrix that does not depend on the parameter is relative to the matrix.
         off = effect = 0.0
         for x, e, there in zip(slopes, errors, here, strict=True):
@@ -220,65 +240,37 @@ def _largest(values: Array) -> float:
     return float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
 
 
-def _observed(state: PostureStiffness | Equilibrium, with_masses: bool) -> tuple[Array, ...]:
-    """K^A, K^B, K^K, K^F; pose; K, M on all coordinates; the constraints' Jacobian."""
+def _observed(state: PostureStiffness | Equilibrium, modes: Modes | None) -> tuple[Array, ...]:
+    """K^A, K^B, K^K, K^F; pose; K, M on the modes (k, k), moved so that they keep the closures."""
     result = state.stiffness if isinstance(state, Equilibrium) else state
     none = np.full((6, 6), np.nan)
-    each = [none if (K := result.matrices[name]) is None else K for name in MATRICES]
-    nothing = np.zeros((0, 0))
-    if not with_masses:
-        return np.array(each), state.pose, nothing, nothing, nothing
-    terms, units = result.elastic.terms(), result.elastic.units
-    M = kinetic_matrix(state.posture, terms, units)
-    K, C = _stiffness_and_constraints(state)
-    C = np.zeros((0, len(K))) if C is None else C
-    return np.array(each), state.pose, K, np.zeros_like(K) if M is None else M, C
-
-
-def _stiffness_and_constraints(
-    state: PostureStiffness | Equilibrium,
-) -> tuple[Array, Array | None]:
-    """Return K (n, n) on all coordinates with all loads, and the constraints' Jacobian (m, n)."""
+    each = np.array([none if (K := result.matrices[name]) is None else K for name in MATRICES])
+    if modes is None:
+        return each, state.pose, np.zeros((0, 0)), np.zeros((0, 0))
     if isinstance(state, Equilibrium):
-        return state.full_stiffness
-    closure = state.posture.closure
-    return stiffness_under_load(state)[0], None if closure is None else closure.jacobian
-
-
-def change_of_squares(
-    modes: Modes, dK: Array, dM: Array | None = None, dC: Array | None = None
-) -> Array:
-    """Return d(omega^2) (k,) in 1/s^2 for changes of the matrices on all coordinates."""
+        K, C = state.full_stiffness
+    else:
+        closure = state.posture.closure
+        K, C = stiffness_under_load(state)[0], None if closure is None else closure.jacobian
+    M = kinetic_matrix(state.posture, result.elastic.terms(), result.elastic.units)
+    M = np.zeros_like(K) if M is None else M
     right, left = modes.basis @ modes.spectrum.vectors, modes.basis @ modes.spectrum.left
+    if C is not None and len(C):
+        columns = state.posture.coordinate_lengths
+        back = columns[:, None] * np.linalg.pinv((C * columns).astype(float), rcond=numerics.RANK)
+        right, left = right - back @ (C @ right), left - back @ (C @ left)
+    return each, state.pose, left.T @ K @ right, left.T @ M @ right
+
+
+def change_of_squares(modes: Modes, dK: Array, dM: Array) -> Array:
+    """Return d(omega^2) (k,) in 1/s^2 for changes (k, k) of the matrices on the modes."""
     squares = modes.spectrum.squares
-    carried = None if dC is None or not len(dC) else _constraint_forces(modes, right, left, squares)
     rates = np.empty(squares.size)
     for group in modes.groups:
-        phi, psi, x = right[:, group], left[:, group], squares[group]
-        form = psi.T @ dK @ phi - (0.0 if dM is None else (psi.T @ dM @ phi) * x)
-        if dC is not None and carried is not None:
-            mu_phi, mu_psi = carried[0][:, group], carried[1][:, group]
-            form += mu_psi.T @ dC @ phi + (dC @ psi).T @ mu_phi
-        if len(group) == 1:
-            rates[group] = form[0, 0]
-        else:
-            rates[group] = np.sort(np.linalg.eigvals(form).real)
+        own = np.ix_(group, group)
+        form = dK[own] - squares[group] * dM[own]
+        rates[group] = np.sort(np.linalg.eigvals(form).real)
     return rates / modes.elastic.units.kilogram
-
-
-def _constraint_forces(
-    modes: Modes, right: Array, left: Array, squares: Array
-) -> tuple[Array, Array]:
-    """Return the constraint forces of the right and of the left modes."""
-    K, C = _stiffness_and_constraints(modes.held if modes.state is None else modes.state)
-    M = modes.full_mass
-    columns = modes.posture.coordinate_lengths[:, None]
-    C = ((np.zeros((0, len(K))) if C is None else C).T * columns).astype(float)
-    mu_right, mu_left = (
-        -np.linalg.lstsq(C, columns * (A @ x - M @ x * squares), rcond=numerics.RANK)[0]
-        for A, x in ((K, right), (K.T, left))
-    )
-    return mu_right, mu_left
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -407,31 +399,13 @@ def sensitivities(
     0.496
     """
     modes = subject if isinstance(subject, Modes) else modes_of(subject)
-    if modes is not None and modes.spectrum.is_complex:
-        raise UndefinedError("modes that flutter have no sensitivities", code="flutter")
     home = Home(subject, reread)
     names = [
         name
         for name in home.parameters.nominal
         if geometry or name.partition(".")[0] in ("stiffness", "mass")
     ]
-    rows, missing = home.rows(names, modes, None, progress)
-    k = 0 if modes is None else modes.frequencies.size
-    squares = np.array([r.squares for r in rows.values()]).reshape(len(rows), k)
-    return Sensitivities(
-        tuple(rows),
-        np.array([home.parameters.nominal[name] for name in rows]),
-        {
-            letter: np.array([r.matrices[i] for r in rows.values()]).reshape(-1, 6, 6)
-            for i, letter in enumerate(MATRICES)
-        },
-        np.array([r.pose for r in rows.values()]).reshape(-1, 6),
-        squares,
-        squares if modes is None else in_hertz(modes, squares),
-        np.array([r.error for r in rows.values()]),
-        tuple(home.parameters.is_angle(name) for name in rows),
-        missing,
-    )
+    return home.derivatives(names, modes, None, progress)
 
 
 def modes_of(subject: PostureStiffness | Equilibrium) -> Modes | None:
@@ -491,6 +465,13 @@ class Accuracy(LabelledResult):
         shares = self.shares[quantity].T[index if isinstance(index, int) else index[::-1]]
         order = np.argsort(-np.nan_to_num(shares), kind="stable")[:_MAX_CONTRIBUTORS]
         return [(self.names[i], float(shares[i])) for i in order if shares[i] > 0.0]
+
+    @property
+    def interval(self) -> FrequencyInterval:
+        """Interval of each frequency."""
+        f, deviations = self.nominal["frequencies"], self.deviations["frequencies"]
+        reach = self.factor * deviations
+        return FrequencyInterval(deviations, f - reach, f + reach, self.level)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
@@ -561,26 +542,41 @@ def accuracy(
     modes = subject if isinstance(subject, Modes) else modes_of(subject)
     if modes is not None and modes.spectrum.is_complex:
         modes = None
-    home = Home(subject, tolerances=tolerances or Tolerances())
-    named, R = home.parameters.named, home.parameters.correlation
-    known = home.nominal.elastic.identified
+    return _deviations(
+        Home(subject, tolerances=tolerances or Tolerances()), modes, level, given, progress
+    )
+
+
+def _deviations(
+    home: Home,
+    modes: Modes | None,
+    level: float | None,
+    given: Sensitivities | None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Accuracy:
     if level is None:
-        level = 0.95 if known is None else known.level
+        identified = home.parameters.result.elastic.identified
+        level = 0.95 if identified is None else identified.level
     check_level(level)
-    rows, missing = home.rows(list(named), modes, given, progress)
-    if not rows:
-        raise UndefinedError(missing or "", code="no-parameters")
-    varied = np.array([name in rows for name in named])
-    found = {} if home.state is None else {"pose": [r.pose for r in rows.values()]}
-    found |= {letter: [r.matrices[i] for r in rows.values()] for i, letter in enumerate(MATRICES)}
-    if modes is not None:
-        found["frequencies"] = [in_hertz(modes, r.squares) for r in rows.values()]
+    named, R = home.parameters.named, home.parameters.correlation
+    known = home.derivatives(list(named), modes, given, progress)
+    if not known.names:
+        raise UndefinedError(known.left_out or "", code="no-parameters")
+    varied = np.array([name in known.names for name in named])
     spreads = np.array([t.deviation for t in named.values()])[varied]
-    R = np.eye(len(named)) if R is None else R
+    R = (np.eye(len(named)) if R is None else R)[np.ix_(varied, varied)]
+    nominal, slopes = {}, {}
+    if home.state is not None:
+        nominal["pose"], slopes["pose"] = home.state.displacement, known.pose
+    for name, rates in known.stiffness.items():
+        if (K := home.result.matrices[name]) is not None:
+            nominal[name], slopes[name] = K, rates
+    if modes is not None:
+        nominal["frequencies"], slopes["frequencies"] = modes.frequencies, known.frequencies
     deviations, shares = {}, {}
-    for quantity, slopes in found.items():
-        x = (np.array(slopes).T * spreads).T
-        parts = x * np.tensordot(R[np.ix_(varied, varied)], x, 1)
+    for quantity, rates in slopes.items():
+        x = (rates.T * spreads).T
+        parts = x * np.tensordot(R, x, 1)
         variance = np.maximum(parts.sum(axis=0), 0.0)
         if quantity == "frequencies" and modes is not None:
             for alike in modes.groups:  # repeated frequencies split: see `intervals`
@@ -589,40 +585,10 @@ def accuracy(
         with np.errstate(invalid="ignore", divide="ignore"):
             shares[quantity] = parts / np.where(variance > 0.0, variance, np.nan)
         deviations[quantity] = np.sqrt(variance)
-    matrices = home.result.matrices
-    nominal = {n: np.asarray(K) for n in MATRICES if (K := matrices[n]) is not None}
-    if home.state is not None:
-        nominal["pose"] = home.state.displacement
-    if modes is not None:
-        nominal["frequencies"] = modes.frequencies
-    kept = [name for name in deviations if name in nominal]
-    factor = quantile(level)
-    if known is not None and level == known.level and np.isfinite(home.parameters.degrees):
-        factor = known.factor
+    factor = quantile(level, home.parameters.degrees)
     return Accuracy(
-        tuple(rows),
-        spreads,
-        {n: nominal[n] for n in kept},
-        {n: deviations[n] for n in kept},
-        {n: shares[n] for n in kept},
-        level,
-        factor,
-        missing,
+        known.names, spreads, nominal, deviations, shares, level, factor, known.left_out
     )
-
-
-def _by_compliance(modes: Modes, measured: Identified) -> Array:
-    """Return d(omega^2) (P, k) for one deviation along each axis of the compliances' covariance."""
-    if not measured.patterns:
-        return np.zeros((0, modes.frequencies.size))
-    elastic = linearised(replace(modes.elastic, identified=measured), modes.posture.q)
-    measured, elements = elastic.identified or measured, Elements(elastic)
-    forces = elements.stiffness @ elements.rows(modes.posture)
-    rows = [
-        change_of_squares(modes, -forces.T @ S @ forces)
-        for S in np.tensordot(measured.roots.T, elements.patterns(measured.patterns), axes=1)
-    ]
-    return np.array(rows).reshape(len(rows), modes.frequencies.size)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -656,7 +622,6 @@ def intervals(
 ) -> FrequencyInterval:
     """Intervals of the frequencies from tolerances, and from the covariance of identified springs.
 
-    A compliance with pattern S on the elements B changes the stiffness by ``-B^T K S K B``.
     Repeated frequencies split under any change: each of them gets the variances of all, which bound
     ``tr F^2`` of the form F that splits them.
 
@@ -665,8 +630,7 @@ def intervals(
     modes : Modes
         The modes.
     tolerances : Tolerances, optional
-        Standard deviations of stiffnesses (relative), lengths and angles. That of the stiffness
-        does not apply to springs with identified compliances.
+        Standard deviations, as for `accuracy`.
     compliance_covariance : array_like, shape (j, j), optional
         Covariance of the joints' compliances (``1/k``), as from ``cartstiff identify``; default
         that of the mechanism's file.
@@ -680,37 +644,18 @@ def intervals(
     Raises
     ------
     InputError
-        For a covariance of another shape, unknown joints or a level outside (0, 1).
+        For a covariance of another shape or beside a tolerance of the stiffness, unknown joints, or
+        a level outside (0, 1).
     """
-    measured = modes.elastic.identified
+    tolerances, identified = tolerances or Tolerances(), None
     if compliance_covariance is not None:
+        if tolerances.stiffness > 0.0:
+            raise InputError("give a tolerance of the stiffness or a covariance, not both")
         names = modes.elastic.spring_names if joints is None else joints
         patterns = tuple(CompliancePattern(name, ((name, name, 1.0),)) for name in names)
+        elements = Elements(modes.elastic)
+        compliances = elements.compliance.diagonal()[[elements.index(name) for name in names]]
         C = checked_array(compliance_covariance, (len(names),) * 2, "covariance of compliances")
-        measured = Identified(patterns, np.zeros(len(names)), C)
-    measured = measured or Identified((), np.zeros(0), np.zeros((0, 0)))
-    measured = measured if level is None else replace(measured, level=level)
-    check_level(measured.level)
-    t = tolerances or Tolerances()
-    if given is None and t.any:
-        given = sensitivities(modes, geometry=bool(t.length or t.angle))
-    variance = (in_hertz(modes, _by_compliance(modes, measured)) ** 2).sum(axis=0)
-    found_out = {name for p in measured.patterns for a, b, _ in p.entries for name in (a, b)}
-    if given is not None and t.any:
-        each = zip(given.names, given.values, given.frequencies, given.angles, strict=True)
-        for name, value, row, is_angle in each:
-            group, _, spring = name.partition(".")
-            if group == "stiffness":
-                deviation = 0.0 if spring in found_out else t.stiffness * value
-            elif group in ("mass", "parameter"):
-                deviation = 0.0
-            else:
-                deviation = t.angle if is_angle else t.length
-            variance += (row * deviation) ** 2
-    for alike in modes.groups:
-        variance[alike] = variance[alike].sum()
-    deviations = np.sqrt(variance)
-    reach = measured.factor * deviations
-    return FrequencyInterval(
-        deviations, modes.frequencies - reach, modes.frequencies + reach, measured.level
-    )
+        identified = Identified(patterns, compliances, C)
+    home = Home(modes, tolerances=tolerances, identified=identified)
+    return _deviations(home, modes, level, given).interval
