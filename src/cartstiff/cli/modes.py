@@ -114,16 +114,10 @@ def _text(gains: dict[str, Any], ending: str) -> str:
     """Format as JSON, or as YAML with one key per line and rows of matrices in brackets."""
     if ending == ".json":
         return json.dumps(gains, allow_nan=False, indent=1) + "\n"
-    lines = []
-    for key, value in gains.items():
-        if isinstance(value, dict):
-            lines.append(f"{key}:")
-            lines += [f"  {json.dumps(k)}: {json.dumps(v)}" for k, v in value.items()]
-        elif value and isinstance(value, list) and isinstance(value[0], list):
-            lines += [f"{key}:", *(f"  - {json.dumps(row)}" for row in value)]
-        else:
-            lines.append(f"{key}: {json.dumps(value)}")
-    return "\n".join(lines) + "\n"
+    import yaml
+
+    endless: Any = float("inf")
+    return str(yaml.safe_dump(gains, default_flow_style=None, sort_keys=False, width=endless))
 
 
 @dataclass(frozen=True)

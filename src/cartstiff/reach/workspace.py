@@ -488,11 +488,6 @@ def _wrenches_of(lines: Array, tensions: Array) -> Array:
     return np.asarray((tensions[:, None] @ lines)[:, 0])
 
 
-# Calls with fewer poses take as long as with this number, so that few brackets are divided into
-# more parts: at most 2**_MAX_DIVISIONS.
-_POSES_PER_CALL, _MAX_DIVISIONS = 512, 4
-
-
 @dataclass(frozen=True, eq=False)
 class Lines:
     """Straight lines along which changes of the sign of a state are located.
@@ -528,25 +523,15 @@ class Lines:
         return np.sign(self.state(self.starts[rows] + places[:, None] * self.ways[rows]))
 
     def changes(self, signs: Array, halvings: int) -> Changes:
-        """Locate the changes of signs (N, n); brackets narrow as by this number of bisections."""
+        """Locate the changes of signs (N, n) by bisection."""
         line, step = np.nonzero(signs[:, 1:] * signs[:, :-1] < 0.0)
-        before, left, tried = signs[line, step], halvings, 0
-        near = start = self.places[line, step]
-        far = self.places[line, step + 1]
-        while left > 0 and len(near):
-            at_once = min(
-                _MAX_DIVISIONS, left, max(1, int(np.log2(_POSES_PER_CALL / len(near) + 1.0)))
-            )
-            shares = np.linspace(0.0, 1.0, 2**at_once + 1)
-            places = near[:, None] + shares * (far - near)[:, None]
-            places[:, -1] = far
-            rows = np.repeat(np.arange(len(near)), len(shares) - 2)
-            inner = self._sign(line[rows], places[:, 1:-1].ravel()) == before[rows]
-            inner = inner.reshape(len(near), -1)
-            k = np.where(inner.all(axis=1), inner.shape[1], np.argmin(inner, axis=1))
-            near, far = np.take_along_axis(places, np.stack([k, k + 1], 1), 1).T
-            left, tried = left - at_once, tried + len(rows)
-        return Changes(line, start, near, far, before < 0.0, tried)
+        before, start, far = signs[line, step], self.places[line, step], self.places[line, step + 1]
+        near = start
+        for _ in range(halvings if len(line) else 0):
+            middle = 0.5 * (near + far)
+            is_near = self._sign(line, middle) == before
+            near, far = np.where(is_near, middle, near), np.where(is_near, far, middle)
+        return Changes(line, start, near, far, before < 0.0, halvings * len(line))
 
 
 class Changes(NamedTuple):

@@ -581,8 +581,9 @@ class Judged(NamedTuple):
         Smallest over largest singular value of the length-scaled Jacobian (of a platform's lines);
         as many singular values are counted as the Jacobian has at most postures.
     side : ndarray (N,)
-        Sign of the Jacobian's determinant, which changes only through a singularity; 0 where the
-        Jacobian is not square (or not on the motions that the mechanism has).
+        Sign of the Jacobian's determinant among these postures, which changes only through a
+        singularity; 0 where the Jacobian is not square (or not on the motions that the mechanism
+        has).
     """
 
     q: Array
@@ -726,30 +727,13 @@ class PathCost:
         values = np.linalg.svd(scaled, compute_uv=False)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(finite, values[:, self.rank - 1] / values[:, 0], 0.0)
-        side, basis = np.zeros(len(ratio)), None
-        if scaled.shape[2] == self.rank:
-            basis = self._motions(scaled)
-        if basis is not None:
-            side = np.sign(np.linalg.det(basis.T @ scaled))
+        side = np.zeros(len(ratio))
+        if scaled.shape[2] == self.rank and self.rank > 0:
+            # A basis of the body's motions, if they are the same at all postures.
+            sizes, vectors = np.linalg.eigh(np.einsum("nij,nkj->ik", scaled, scaled))
+            if (sizes[: -self.rank] < numerics.ROUNDOFF * sizes[-1]).all():
+                side = np.sign(np.linalg.det(vectors[:, -self.rank :].T @ scaled))
         return ratio, side
-
-    def _motions(self, scaled: Array) -> Array | None:
-        """Basis (6, rank) of the body's motions if they are the same at all postures, else None.
-
-        It is built from the first independent axes, so that its signs are reproducible.
-        """
-        if self.rank == 6:
-            return np.eye(6)
-        values, vectors = np.linalg.eigh(np.einsum("nij,nkj->ik", scaled, scaled))
-        if not values[-self.rank - 1] < numerics.ROUNDOFF * values[-1]:
-            return None
-        onto = vectors[:, -self.rank :] @ vectors[:, -self.rank :].T
-        basis: list[Array] = []
-        for column in onto.T:
-            rest = column - sum((b * (b @ column) for b in basis), np.zeros(6))
-            if np.linalg.norm(rest) > numerics.NEGLIGIBLE_DISTANCE and len(basis) < self.rank:
-                basis.append(rest / np.linalg.norm(rest))
-        return np.array(basis).T
 
 
 @dataclass(frozen=True, eq=False)
