@@ -330,7 +330,7 @@ class Modes(Result, LabelledResult):
     @cached_property
     def groups(self) -> list[list[int]]:
         """Numbers (from 0) of the modes, those with the same frequency together."""
-        squares = self.squares.real
+        squares = self.squares
         size = float(np.abs(squares).max(initial=0.0))
         groups: list[list[int]] = []
         for i, x in enumerate(squares):
