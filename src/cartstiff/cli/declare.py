@@ -425,7 +425,7 @@ class Command(click.Command):
                 raise InputError(
                     "numbers of an option are joined by commas, without spaces",
                     expected="numbers such as 0,0,0,0,0,-100",
-                    got=option,
+                    got=next(word for word in ctx.meta["words"] if word.startswith(option)),
                 ) from None
             raise
 

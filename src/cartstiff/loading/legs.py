@@ -126,7 +126,7 @@ def _at_home(shape: LegShape, sign: int, name: str, leg: str, is_skew: bool) -> 
             "the pose cannot be reached",
             where="key pose",
             expected="a pose that every leg reaches",
-            got=f"{name}, which is {shape.short_of(B):.3g} too short",
+            got=f"{name}, which is {shape.short_of(B):.3g} of the file's lengths too short",
         )
     shape = replace(shape, home=value)
     least = numerics.NEGLIGIBLE_DISTANCE * float(np.abs(B).max())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import stat
@@ -237,7 +238,9 @@ def _scalar(node: Any, tag: str, place: str) -> Any:
         number = re.sub(r"^([-+]?)\.(inf|nan)$", r"\1\2", text.lower())
         for convert in (lambda x: int(x, 0), float):
             with suppress(ValueError):
-                return convert(number)
+                value = convert(number)
+                # A number beyond all floats is kept as text, which whoever needs a number refuses.
+                return text if abs(value) == math.inf and "inf" not in number else value
     if kind in ("", "str", "timestamp", "value", "null", "bool", "int", "float"):
         return text
     raise InputError("YAML tags are not supported", where=place, got=tag)

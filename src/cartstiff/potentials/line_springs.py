@@ -277,8 +277,8 @@ class LineSprings(PosePotential):
         limit = numerics.BALANCE_TOLERANCE * np.abs(gradient * scale).max(initial=0.0)
         if np.any(missed > limit + _SUM_ROUNDOFF * numerics.EPSILON * summed):
             raise InputError(
-                "no tensions of the lines balance this load at this pose",
-                expected="a load that the lines can carry (not a type-2 singularity)",
+                "no tensions of the lines with open rest lengths balance what acts at this pose",
+                expected="forces that these lines can carry (not a type-2 singularity)",
                 got=f"unbalanced part {missed.max():.3g}",
             )
         cables = self.cables[free]

@@ -460,10 +460,11 @@ def _load_of_posture(result: PostureStiffness) -> tuple[Mapping[str, Any], tuple
     notes = list(result.notes_on_posture)
     notes = [n for n in notes if n.code not in ("fewer-than-six-freedoms", "near-singular")]
     if loaded and not result._load_is_given:
+        what = "the springs exert" if result.elastic.gravity is None else "springs and weight exert"
         notes.append(
             Note(
                 "load-from-springs",
-                "no load was given: the wrench that the springs exert here is taken for a "
+                f"no load was given: the wrench that {what} here is taken for a "
                 f"{result.load.kind} load that holds the posture",
                 {"wrench": W.tolist()},
             )
