@@ -628,31 +628,17 @@ def serve(
         If the address cannot be used.
     """
     end = threading.Event()
-    wake: list[Callable[[], object]] = []
-
-    def stop(*_: object) -> None:
-        end.set()
-        for function in wake:
-            function()
-
-    if port == 0:
-        with suppress(InputError):
-            _listening(host, USUAL_PORT).close()
-            port = USUAL_PORT
-
-    async def run() -> None:
-        server = PageServer(source, host=host, port=port, beside=beside)
-        woken, loop = asyncio.Event(), asyncio.get_running_loop()
-        wake.append(lambda: loop.is_closed() or loop.call_soon_threadsafe(woken.set))
-        ready(server.url)
-        while not end.is_set():
-            await woken.wait()
-        await server.stop()
-
     numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, stop) for number in numbers]
+    before = [signal.signal(number, lambda *_: end.set()) for number in numbers]
     try:
-        asyncio.run(run())
+        if port == 0:
+            with suppress(InputError):
+                _listening(host, USUAL_PORT).close()
+                port = USUAL_PORT
+        page = Background(source, host=host, port=port, beside=beside)
+        ready(page.url)
+        end.wait()
+        page.close()
     finally:
         if not last:
             for number, handler in zip(numbers, before, strict=True):
