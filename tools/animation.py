@@ -18,7 +18,7 @@ TARGET = ROOT / "docs" / "images" / "page.gif"
 SIZE, WIDTH = {"width": 1280, "height": 720}, 800
 #: Time of a picture (ms), and colours of all.
 EACH, COLOURS = 90, 255
-_STATE = "#q=0.3,-1.1,1.65,-0.7,0.9,0.2&load=0,0,0,0,0,-100&load_axes=inertial"
+_STATE = "#q=0.3,-1.1,1.65,-0.7,0.9,0.2&load=0,0,0,0,0,-100&load_axes=world"
 # Where a part of the picture is on the screen.
 _AT = """([names, x]) => {
     const { viewer } = window.cartstiff.pane;

@@ -90,7 +90,7 @@ def main() -> int:
                     )
                     page.set_default_timeout(60_000)
                     page.goto(
-                        url + ("#load=0,0,0,0,0,-100&load_axes=inertial" if options.load else "")
+                        url + ("#load=0,0,0,0,0,-100&load_axes=world" if options.load else "")
                     )
                     ready(page)
                     for size in sizes:

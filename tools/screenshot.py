@@ -22,7 +22,7 @@ REPORT_TARGET = TARGET.with_name("report.png")
 MECHANISM = "ur5"
 STATE = (
     "#q=0.3,-1.1,1.65,-0.7,0.9,0.2&ghost=0.3,-1.1,1.4,-0.7,0.9,0.2"
-    "&connection=A&load=0,0,0,0,0,-100&load_axes=inertial"
+    "&connection=A&load=0,0,0,0,0,-100&load_axes=world"
 )
 SIZE = {"width": 1280, "height": 720}
 

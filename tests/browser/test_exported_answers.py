@@ -17,7 +17,7 @@ from tests.support.generated import Arm, close
 def test_a_posture_that_the_file_never_saw(seed, tmp_path, pages):
     """A slider is moved in the file, without a server: pose, wrench and compliance follow."""
     one = Arm.generated(seed)
-    source = Source(cartstiff.load(one.written(tmp_path)), load=one.W, load_axes="inertial")
+    source = Source(cartstiff.load(one.written(tmp_path)), load=one.W, load_axes="world")
     path = tmp_path / "arm.html"
     path.write_text(export_page(source), encoding="utf-8")
     page = pages.open(path.as_uri(), offline=True)

@@ -130,7 +130,7 @@ def test_a_file_that_computes_is_held_in_the_hand(tmp_path, pages):
     assert "answered here, without a server" in page.inner_text("#left")
     wishes = {
         "load": [1, 2, 3, 40, -50, 60],
-        "load_axes": "inertial",
+        "load_axes": "world",
         "point": [0, 0, 0.1],
         "stiffness": [2e4, 3e4, 2e4, 5e3, 5e3, 4e3],
         "connection": "K",

@@ -25,7 +25,7 @@ def test_axe_finds_nothing(serve, chromium, name, theme):
         reduced_motion="reduce",
     )
     page = context.new_page()
-    page.goto(serve(name).url + "#load=0,0,0,0,0,-100&load_axes=inertial")
+    page.goto(serve(name).url + "#load=0,0,0,0,0,-100&load_axes=world")
     ready(page)
     page.evaluate("() => document.querySelectorAll('details').forEach((d) => { d.open = true; })")
     page.keyboard.press("a")

@@ -125,7 +125,7 @@ def test_what_is_wished_for_names_nothing_that_is_shown(opened):
     read = "() => ['.place', '.badge'].map((one) => document.querySelector(one).textContent)"
     words = page.evaluate(read)
     page.evaluate(HOLD)
-    wishes = {"quantity": "compliance", "connection": "A", "others": "held", "axes": "inertial"}
+    wishes = {"quantity": "compliance", "connection": "A", "others": "held", "axes": "world"}
     page.evaluate(
         """(wishes) => {
             const store = window.cartstiff;
@@ -231,7 +231,7 @@ def test_sliders_move_the_drives_whether_a_load_was_given_or_not(opened, given):
     load = np.concatenate([R @ start.wrench[:3], R @ start.wrench[3:]])
     if given:
         page.evaluate(
-            "(load) => window.cartstiff.change({ load, load_axes: 'inertial' })", load.tolist()
+            "(load) => window.cartstiff.change({ load, load_axes: 'world' })", load.tolist()
         )
         settled(page)
     assert "The sliders move the drives" in page.inner_text("#left")
@@ -318,7 +318,7 @@ def test_a_map_of_deflections_says_what_the_page_says_or_why_it_does_not(opened)
     page.evaluate(
         """async ([load, and]) => {
             const store = window.cartstiff;
-            store.change({ load, load_axes: "inertial" });
+            store.change({ load, load_axes: "world" });
         }""",
         [[0, 0, 0, 0, 0, -100], singular],
     )

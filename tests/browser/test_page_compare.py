@@ -53,7 +53,7 @@ def expected(elastic, q, times=1.0):
 
 def test_rows_are_states_and_mechanisms_with_their_ratios(two, pages):
     arm, soft, url = two
-    page = pages.open(f"{url}#load=0,0,0,0,0,-100&load_axes=inertial")
+    page = pages.open(f"{url}#load=0,0,0,0,0,-100&load_axes=world")
     page.keyboard.press("a")
     settled(page)
     first = arm.q.tolist()

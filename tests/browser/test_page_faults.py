@@ -131,7 +131,7 @@ def test_a_sweep_is_followed_between_its_samples(serve, pages):
     at = page.evaluate(
         """async (load) => {
             const store = window.cartstiff;
-            const state = { ...store.state, load, load_axes: "inertial" };
+            const state = { ...store.state, load, load_axes: "world" };
             for (;;) {
                 try {
                     return (await store.ask({ do: "sweep", coordinate: 3, steps: 61, state })).at;

@@ -144,7 +144,7 @@ AROUND = """(radius) => {
 def test_the_moment_is_turned_by_its_ring(serve, pages):
     page = pages.shared(serve("ur5").url)
     page.set_viewport_size({"width": 420, "height": 600})  # no arm lies before the ring's start
-    changed(page, load=[0, 0, 0, 0, 0, -100], load_axes="inertial")
+    changed(page, load=[0, 0, 0, 0, 0, -100], load_axes="world")
     page.keyboard.press("g")
     settled(page)
     box = page.locator("#pane canvas").bounding_box()

@@ -271,7 +271,7 @@ def test_an_exported_page_keeps_point_axes_and_the_kept_state(serve, pages, tmp_
     arm = cartstiff.load("ur5")
     other = [0.1, -1.2, 1.3, -0.2, 0.8, 0.0]
     state = ViewState(
-        q=arm.q.tolist(), point=(0.0, 0.0, 0.2), axes="inertial", labels=False, ghost=other
+        q=arm.q.tolist(), point=(0.0, 0.0, 0.2), axes="world", labels=False, ghost=other
     )
     file = tmp_path / "ur5.html"
     file.write_text(export_page(Source(arm), state=state), encoding="utf-8")
@@ -391,7 +391,7 @@ def test_a_screw_axis_says_its_eigenvalue_and_pitch(ur5):
 
 def test_a_hand_moves_the_tool_and_pulls_the_load(ur5):
     page = ur5
-    changed(page, load=[0, 0, 0, 0, 0, -100], load_axes="inertial")
+    changed(page, load=[0, 0, 0, 0, 0, -100], load_axes="world")
     before = page.evaluate("() => window.cartstiff.numbers.result")
 
     def screen(point):
@@ -497,7 +497,7 @@ def test_load_and_weight_are_typed_into_their_fields(ur5):
             settled(page)
 
     page.check("text=Apply this load")
-    page.click("[aria-label='Axes of the load'] [data-value=inertial]")
+    page.click("[aria-label='Axes of the load'] [data-value=world]")
     typed(mx=3, fx=40, fy=-50, fz=60, load_at_x=0.02, load_at_z=0.1)
     typed(gravity_gz=-9.81, payload_mass=3, payload_at_z=0.05)
     arm = cartstiff.load("ur5", gravity=[0, 0, -9.81], payload=[3, 0, 0, 0.05])

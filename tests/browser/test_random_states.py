@@ -61,12 +61,12 @@ def wishes_of(elastic, draw, count, refuses):
         wish = {"q": (q0 + scale * draw.uniform(lower, upper)).tolist(), "moved": None}
         if draw.random() < 0.6:
             wish["load"] = (draw.normal(size=6) * [5, 5, 5, 60, 60, 60]).tolist()
-            wish["load_axes"] = str(draw.choice(["body", "inertial"]))
+            wish["load_axes"] = str(draw.choice(["body", "world"]))
             wish["load_kind"] = str(draw.choice(["dead", "follower", "conservative"]))
             wish["load_at"] = None if draw.random() < 0.5 else draw.normal(0, 0.1, 3).tolist()
         if draw.random() < 0.5:
             wish["point"] = draw.normal(0, 0.1, 3).tolist() if draw.random() < 0.7 else [0, 0, 0]
-            wish["axes"] = str(draw.choice(["body", "inertial"]))
+            wish["axes"] = str(draw.choice(["body", "world"]))
         if draw.random() < 0.4:
             wish["quantity"] = str(draw.choice(["stiffness", "compliance"]))
             wish["connection"] = str(draw.choice(["load", "A", "B", "K", "F"]))
@@ -87,12 +87,11 @@ def analysed(elastic, shown):
         elastic = elastic.with_springs([np.inf if k is None else k for k in shown["stiffness"]])
     load = {}
     if shown["load"] is not None:
-        axes = {"inertial": "world", "body": "body"}[shown["load_axes"]]
         at = shown["point"] if shown["load_at"] is None else shown["load_at"]
-        load = {"wrench": shown["load"], "load_axes": axes}
+        load = {"wrench": shown["load"], "load_axes": shown["load_axes"]}
         load |= {"load_kind": shown["load_kind"], "load_at": at}
     result = cartstiff.analyse(elastic, shown["q"], **load)
-    R = result.pose[:3, :3].T if shown["axes"] == "inertial" else np.eye(3)
+    R = result.pose[:3, :3].T if shown["axes"] == "world" else np.eye(3)
     return result, result.at(se3.pose(rotation=R, translation=shown["point"]))
 
 
@@ -112,7 +111,7 @@ def compare(elastic, one):
     assert one["whose"] == f"of {symbol}"
     assert one["heading"] == f"Principal {'stiffness' if stiff else 'compliance'}"
     assert one["unit"].endswith("/rad") if stiff else "rad/" in one["unit"]
-    assert ("room axes" in one["place"]) == (shown["axes"] == "inertial")
+    assert ("room axes" in one["place"]) == (shown["axes"] == "world")
     assert ("offset" in one["place"]) == any(shown["point"])
 
 

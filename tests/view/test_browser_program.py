@@ -102,10 +102,10 @@ def states(name: str, count: int = STATES) -> list[ViewState]:
                 q=(elastic.q + wide * draw.uniform(-1, 1, n)).tolist(),
                 connection=("load", "A", "B", "K", "F", "+")[k % 6],
                 quantity=("stiffness", "compliance")[k % 2],
-                axes=("body", "inertial")[k // 2 % 2],
+                axes=("body", "world")[k // 2 % 2],
                 point=tuple(draw.normal(size=3) * 0.1) if k % 4 else (0.0, 0.0, 0.0),
                 load=None if load is None else tuple(load.tolist()),
-                load_axes=("body", "inertial")[k % 5 % 2],
+                load_axes=("body", "world")[k % 5 % 2],
                 load_kind=("dead", "follower", "conservative")[k // 3 % 3],
                 load_at=(0.01, -0.02, 0.03) if k % 7 == 1 and load is not None else None,
                 stiffness=(sizes * draw.uniform(0.5, 2, len(sizes))).tolist()

@@ -74,7 +74,7 @@ def test_a_drawn_posture_is_the_api_s(session):
 def test_the_load_may_be_given_along_the_axes_of_the_room(session):
     arm = cartstiff.load("ur5")
     found = asked(
-        session("ur5"), do="draw", state={"load": [0, 0, 0, 0, 0, -100], "load_axes": "inertial"}
+        session("ur5"), do="draw", state={"load": [0, 0, 0, 0, 0, -100], "load_axes": "world"}
     )
     R = cartstiff.analyse(arm).pose[:3, :3]
     wrench = np.array(found["numbers"]["result"]["wrench"])
@@ -142,7 +142,7 @@ def test_a_sweep_of_a_closed_chain_stays_assembled(session):
 
 def test_a_load_that_bends_links_leaves_the_sweep_and_the_sliders(session):
     one = session("3-rrr")
-    load = {"load": [0, 0, 0, 0, 0, -100.0], "load_axes": "inertial"}
+    load = {"load": [0, 0, 0, 0, 0, -100.0], "load_axes": "world"}
     free, loaded = (
         {x for x, row in zip(found["at"], found["rows"], strict=True) if "reason" not in row}
         for found in (
@@ -161,7 +161,7 @@ def test_a_sweep_deflects_links_only_where_the_chain_closes(session, monkeypatch
     one, analysed = session("3-rrr"), []
     real = Session._analysed
     monkeypatch.setattr(Session, "_analysed", lambda *a: analysed.append(1) or real(*a))
-    state = {"load": [0, 0, 0, 0, 0, -100.0], "load_axes": "inertial"}
+    state = {"load": [0, 0, 0, 0, 0, -100.0], "load_axes": "world"}
     found = worked(one, do="sweep", coordinate=15, steps=13, state=state, refined=False)
     reached = sum("reason" not in row for row in found["rows"])
     assert 3 < reached < 13

@@ -93,7 +93,7 @@ class Shown:
             load=None if load.load is None else np.array(load.load),
             load_kind=load.load_kind,
             load_at=None if load.load_at is None else tuple(load.load_at),  # type: ignore[arg-type]
-            load_axes="inertial" if load.world else "body",
+            load_axes=load.axes,
             command=command,
             reload=reload,
             trajectory=trajectory,

@@ -499,7 +499,7 @@ def _picture(elastic: ElasticMechanism, result: PostureStiffness, load: _Load) -
         load=None if given is None else np.array(given, float),
         load_kind=load.kind.kind,
         load_at=load.kind.at if any(load.kind.at) else None,
-        load_axes="inertial" if load.axes == "world" else "body",
+        load_axes=load.axes,
     )
     try:
         page = export_page(source)

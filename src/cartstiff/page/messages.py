@@ -29,7 +29,7 @@ _Vector = Annotated[list[_Number], Field(min_length=1, max_length=500)]
 _Three = tuple[_Number, _Number, _Number]
 _Four = tuple[_Number, _Number, _Number, _Number]
 _Six = tuple[_Number, _Number, _Number, _Number, _Number, _Number]
-_Axes = Literal["body", "inertial"]
+_Axes = Literal["body", "world"]
 
 
 class _Strict(BaseModel):

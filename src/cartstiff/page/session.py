@@ -236,7 +236,8 @@ class Session:
 
     def _analysed(self, elastic: ElasticMechanism, q: Array, state: ViewState) -> PostureStiffness:
         """The posture at coordinates of a mechanism with the springs of a state."""
-        axes = {} if state.load_axes == "body" else {"load_axes": "world"}
+        # Machine code takes loads along the body's axes, which need no further argument.
+        axes = {} if state.load_axes == "body" else {"load_axes": state.load_axes}
         load: dict[str, Any] = {} if state.load is None else {"wrench": state.load, **axes}
         # Its buttons stay as they are while there is no load.
         is_usual = state.load_kind == "dead" and not any(state.acts_at)

@@ -115,7 +115,7 @@ class Source:
     cloud: Cloud | None = None
     load_kind: Literal["dead", "follower", "conservative"] = "dead"
     load_at: tuple[float, float, float] | None = None
-    load_axes: Literal["body", "inertial"] = "body"
+    load_axes: Literal["body", "world"] = "body"
     command: list[float] | None = None
 
 

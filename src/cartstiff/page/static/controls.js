@@ -6,7 +6,7 @@ import { NEGLIGIBLE_DIFFERENCE, ZERO_SHARE } from "./numerics.js";
 import { standAtExtreme } from "./pick.js";
 
 const COORDINATES = ["x", "y", "z"];
-const AXES = [["body", "tool axes", "Components along the axes of the body frame M"], ["inertial", "room axes", "Components along the axes of the inertial frame F"]];
+const AXES = [["body", "tool axes", "Components along the axes of the body frame M"], ["world", "room axes", "Components along the axes of the inertial frame F"]];
 
 export function controls(store) {
   const note = el("span", { class: "dim small" });
@@ -92,7 +92,7 @@ export function controls(store) {
     springs?.set(state.stiffness ?? hello.mechanism.springs.map(({ stiffness }) => stiffness));
     point.set(state.point);
     notes.springs = state.stiffness ? "springs changed" : "";
-    notes.point = [state.point.some((x) => x) && "point moved", state.axes === "inertial" && "room axes"].filter(Boolean).join(", ");
+    notes.point = [state.point.some((x) => x) && "point moved", state.axes === "world" && "room axes"].filter(Boolean).join(", ");
     note.textContent = note.title = [notes.load, notes.drives(), notes.springs, notes.point].filter(Boolean).join(", ");
   }
 

@@ -41,7 +41,7 @@ export function deflectionPanel(store) {
   const detail = el("div", { class: "moved-detail" });
   const line = el("p", { class: "moved-line dim small" });
   const bars = el("div", { class: "moved-bars", tabindex: 0, role: "group", "aria-label": "Shares of the joints or legs" });
-  const examples = EXAMPLES.map(([words, way]) => button(words, () => store.change({ load: [0, 0, 0, ...way.map((x) => x && EXAMPLE * x)], load_axes: "inertial" }),
+  const examples = EXAMPLES.map(([words, way]) => button(words, () => store.change({ load: [0, 0, 0, ...way.map((x) => x && EXAMPLE * x)], load_axes: "world" }),
     { title: `A force of ${EXAMPLE} ${words} in the room; then drag the arrow, or type numbers on the left` }));
   store.on("hello", () => { examples[0].textContent = `Add ${EXAMPLE} ${store.unit("force")} downwards`; });
   const [softest, stable, apart, doubt, found] = ["softest", "stable", "apart", "doubt", "found"].map((name) => el("p", { class: `fact ${name}` }));

@@ -104,7 +104,7 @@ export function hands(store) {
       const M = node("M");
       M.updateWorldMatrix(true, false);
       M.matrixWorld.decompose(tool.position, tool.quaternion, vector());
-      if (store.state.axes === "inertial") node().getWorldQuaternion(tool.quaternion);
+      if (store.state.axes === "world") node().getWorldQuaternion(tool.quaternion);
       size(tool);
       arms.visible = near || pinned || TOOL.includes(hold?.kind);
     }

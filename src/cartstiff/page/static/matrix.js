@@ -145,7 +145,7 @@ export function matrixPanel(store) {
     title.textContent = { whole: own, symmetric: `sym ${own}`, antisymmetric: `anti ${own}`, difference: `${own} − ${called(other)}` }[view];
     const frame = store.hello.mechanism.frame;
     const moved = point.some((x) => x !== 0);
-    place.textContent = `in ${frame}${moved ? " + offset" : ""}${axes === "inertial" ? ", room axes" : ""}`;
+    place.textContent = `in ${frame}${moved ? " + offset" : ""}${axes === "world" ? ", room axes" : ""}`;
     const stiff = quantity === "stiffness";
     rowHeads.forEach((head, i) => { head.textContent = (stiff ? WRENCH : MOTION)[i]; });
     columnHeads.forEach((head, j) => { head.textContent = (stiff ? MOTION : WRENCH)[j]; });

@@ -201,7 +201,7 @@ export class Program {
 
   /** The wrench of a state in the body's axes, at coordinates that are closed. */
   given(q, state) {
-    const R = state.load_axes === "inertial" ? transposed(rotation(this.run("free", { q })("pose", 4))) : identity(3);
+    const R = state.load_axes === "world" ? transposed(rotation(this.run("free", { q })("pose", 4))) : identity(3);
     const [moment, force] = [state.load.slice(0, 3), state.load.slice(3)].map((v) => times(R, v));
     const arm = cross(actsAt(state), force);
     return [...moment.map((x, i) => x + arm[i]), ...force];

@@ -17,9 +17,9 @@ const three = numbers(() => 3);
 // Of the state, what an address holds, and how it is read; undefined for what cannot be.
 const FORMS = {
   q: numbers(({ q }) => q.length), connection: oneOf("load", "A", "B", "K", "F", "+"), quantity: oneOf("stiffness", "compliance"),
-  others: oneOf("free", "held"), axes: oneOf("body", "inertial"), point: three,
+  others: oneOf("free", "held"), axes: oneOf("body", "world"), point: three,
   stiffness: numbers(null, true), load: numbers(() => 6),
-  load_axes: oneOf("body", "inertial"), load_kind: oneOf("dead", "follower", "conservative"), load_at: three,
+  load_axes: oneOf("body", "world"), load_kind: oneOf("dead", "follower", "conservative"), load_at: three,
   gravity: three, payload: numbers(() => 4), command: numbers(null), scale: oneOf("root", "linear", "log"),
   translation: flag, rotation: flag, labels: flag, wrench: flag, deflection: flag, screws: flag, centres: flag,
   quantity_of_map: (text, first) => (first.quantity_of_map === null ? undefined : text),

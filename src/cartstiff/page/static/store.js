@@ -399,7 +399,7 @@ export function givenLoad(state, numbers, { may_be_loaded: mayBe }) {
   const turns = state.load_kind === "follower";
   const along = (v) => (turns ? v : times(rotation(numbers.result.pose), v));
   const load = numbers.moved ? [...along(moment), ...along(force)] : [0, 0, 0, 0, 0, 0];
-  return { load, load_at: at, load_axes: turns ? "body" : "inertial" };
+  return { load, load_at: at, load_axes: turns ? "body" : "world" };
 }
 
 // What of a state decides its numbers, besides the posture; and what else decides curves.
