@@ -1392,12 +1392,11 @@ def identify(
     contradictions(measured)
     rows = measured.rows
     poses = Model(unknowns, measured).poses
-    measured, found = in_base(unknowns, measured, poses, offsets)
+    measured = in_base(unknowns, measured, poses, offsets)
     rejected: tuple[Rejected, ...] = ()
     while True:
-        model, plain, robust, measured, found = _fits(
-            unknowns, measured, offsets, loaded, found, progress
-        )
+        model, plain, robust = _fits(unknowns, measured, offsets, loaded, progress)
+        measured = model.measured
         if reject is None or rejected:
             break
         drop = robust.suspects if reject == "suspects" else robust.beyond(float(reject))
@@ -1416,7 +1415,9 @@ def identify(
     springs = estimates(chosen.solved, unknowns, level, inflation)
     half = quantile(level, freedom_of(chosen.solved, inflation)) * inflation
     solution = chosen.solved
-    placed = estimated(elastic, columns, solution.offsets, solution.offset_covariance, found)
+    found = measured.found
+    steps = estimated(elastic, columns, solution.offsets, solution.offset_covariance, found)
+    placed = {name: (found.get(name, 0.0) + x, sd) for name, (x, sd) in steps.items()}
     geometry = []
     for name, (x, sd) in placed.items():
         interval = (x - half * sd, x + half * sd)
@@ -1523,10 +1524,9 @@ def _fits(
     measured: Measurements,
     offsets: str,
     loaded: bool,
-    found: dict[str, float],
     progress: Callable[[int, float], None] | None,
-) -> tuple[Model, Fit, Robust, Measurements, dict[str, float]]:
-    """The plain and the robust fit of rows that are corrected by the offsets `found`."""
+) -> tuple[Model, Fit, Robust]:
+    """The plain and the robust fit of the rows, corrected by the offsets that are found."""
     elastic = unknowns.elements.elastic
     for _ in range(_MAX_CORRECTIONS):
         model, start = model_of(unknowns, measured, loaded), None
@@ -1539,12 +1539,12 @@ def _fits(
             start = _at_rest(model, unknowns, _near(unknowns, measured, noise, nuisance))
         plain = fitted(model, unknowns, noise, nuisance=nuisance, start=start, progress=progress)
         solution = plain.solved
-        last = estimated(elastic, columns, solution.offsets, solution.offset_covariance, {})
+        C = solution.offset_covariance
+        last = estimated(elastic, columns, solution.offsets, C, measured.found)
         step = corrections(elastic, last)
         if not step:
-            robust = robust_fit(model, unknowns, noise, nuisance, plain)
-            return model, plain, robust, measured, found
-        measured, found = corrected(elastic, measured, found, step)
+            return model, plain, robust_fit(model, unknowns, noise, nuisance, plain)
+        measured = corrected(elastic, measured, step)
     raise ConvergenceError(
         "zeros and offsets do not settle: they are too large, or the rows hardly separate them",
         iterations=_MAX_CORRECTIONS,

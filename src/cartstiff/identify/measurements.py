@@ -75,6 +75,8 @@ class Measurements:
         Numbers of the rows in their table, from 1.
     unused : tuple of str
         Columns of the table that other commands wrote and that are not used.
+    found : mapping of str to float
+        Zeros and offsets, such as "tool.x", that the rows have been corrected by.
     """
 
     q: Array
@@ -91,6 +93,7 @@ class Measurements:
     load_at: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rows: NDArray[np.intp] = _USUAL
     unused: tuple[str, ...] = ()
+    found: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         N = len(self.q)

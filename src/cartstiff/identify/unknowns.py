@@ -446,14 +446,14 @@ class Offsets:
     columns : ndarray (m, S)
         In the regressor.
     names : tuple of str (S,)
-        "session.tx" and so on; after them "JOINT.zero", "tool.x", "base.rz".
-    geometry : ndarray of int
-        Places of those that are sought.
+        "session.tx" and so on; after them those that are sought.
+    geometry : tuple of str
+        "JOINT.zero", "tool.x", "base.rz" and so on: the names of the last columns.
     """
 
     columns: Array
     names: tuple[str, ...]
-    geometry: NDArray[np.intp]
+    geometry: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -482,7 +482,7 @@ def offsets_of(
     InputError
         If geometry is sought and no position or orientation is measured.
     """
-    columns: dict[str, Array] = {}
+    of_sessions: dict[str, Array] = {}
     sessions = np.array(measured.session)[seen.row] if measured.session else np.zeros(0)
     for name in dict.fromkeys(measured.session) if kind != "none" else ():
         mine = (sessions == name) & seen.is_absolute
@@ -490,12 +490,11 @@ def offsets_of(
         placed = _placement(seen, mine, points.mean(axis=0) if len(points) else np.zeros(3))
         for part, column in zip(("tx", "ty", "tz", "rx", "ry", "rz"), placed, strict=True):
             if column.any() and (kind == "rigid" or part[0] == "t"):
-                columns[f"{name}.{part}"] = column
-    count = len(columns)
-    if unknowns.geometry:
-        columns |= _of_geometry(unknowns, seen, measured)
-    table = np.stack(list(columns.values()), axis=1) if columns else np.zeros((len(seen), 0))
-    return Offsets(table, tuple(columns), np.arange(count, len(columns)))
+                of_sessions[f"{name}.{part}"] = column
+    geometry = _of_geometry(unknowns, seen, measured)
+    columns = [*of_sessions.values(), *geometry.values()]
+    table = np.array(columns).reshape(len(columns), len(seen)).T
+    return Offsets(table, (*of_sessions, *geometry), tuple(geometry))
 
 
 def _placement(
@@ -513,7 +512,7 @@ def _of_geometry(
 ) -> dict[str, Array]:
     """Columns of zeros, tool and base."""
     absolute, elastic = seen.is_absolute, unknowns.elements.elastic
-    if not absolute.any():
+    if unknowns.geometry and not absolute.any():
         raise InputError(
             f"differences do not show {', '.join(unknowns.geometry)}",
             where="--unknown",
@@ -558,29 +557,38 @@ def estimated(
     covariance: Array,
     found: Mapping[str, float],
 ) -> dict[str, tuple[float, float]]:
-    """Value and standard deviation of each that is sought, for x (S,) beyond what is `found`.
+    """Change and standard deviation of each that is sought, for x (S,) beyond what is `found`.
 
     The deviation is NaN if the rows do not determine the offset.
     """
-    names = [offsets.names[i] for i in offsets.geometry]
-    C = covariance[np.ix_(offsets.geometry, offsets.geometry)]
-    place = placement_of(found)
-    turn = se3.log(se3.pose(place[:3, :3]))
-    by_step = np.zeros((6, 6))  # of the base's six numbers, whose step is along its turned axes
-    by_step[:3, :3], by_step[3:, 3:] = place[:3, :3], se3.right_jacobian_inverse(turn)[:3, :3]
-    at = [i for i, name in enumerate(names) if name.startswith("base.")]
-    parts = [_PARTS.index(names[i][5:]) for i in at]
+    names, first = offsets.geometry, len(offsets.names) - len(offsets.geometry)
     G = np.eye(len(names))
-    G[np.ix_(at, at)] = by_step[np.ix_(parts, parts)]
+    for word in ("base", "tool"):
+        at = [i for i, name in enumerate(names) if name.startswith(f"{word}.")]
+        parts = [_PARTS.index(names[i][5:]) for i in at]
+        G[np.ix_(at, at)] = _by_step(found, word)[np.ix_(parts, parts)]
     # An undetermined number, whose covariance is NaN, spoils only those that it enters.
-    G[np.abs(G) < _MAX_DEVIATION] = 0.0
-    spreads = [np.sqrt(g[g != 0] @ C[np.ix_(g != 0, g != 0)] @ g[g != 0]) for g in G]
-    values = _together(found, dict(zip(names, x[offsets.geometry], strict=True)))
-    limits = {n: _MAX_DEVIATION * size_of(elastic, n) for n in names}
+    near = [np.flatnonzero(np.abs(g) >= _MAX_DEVIATION) for g in G]
+    C = covariance[first:, first:]
+    spreads = [np.sqrt(g[i] @ C[np.ix_(i, i)] @ g[i]) for g, i in zip(G, near, strict=True)]
+    limits = [_MAX_DEVIATION * size_of(elastic, name) for name in names]
     return {
-        n: (float(values[n]), float(s) if s <= limits[n] else np.nan)
-        for n, s in zip(names, spreads, strict=True)
+        name: (float(change), float(s) if s <= limit else np.nan)
+        for name, change, s, limit in zip(names, G @ x[first:], spreads, limits, strict=True)
     }
+
+
+def _by_step(found: Mapping[str, float], word: str) -> Array:
+    """Changes of the six numbers of a base or tool by a step (6, 6).
+
+    A step of the base is along its turned axes, and turns before it; one of the tool is along the
+    body's axes, and turns after it.
+    """
+    T, G = placement_of(found, word), np.eye(6)
+    turning = se3.right_jacobian_inverse(se3.log(se3.pose(T[:3, :3])))[:3, :3]
+    G[3:, 3:] = turning if word == "base" else turning.T
+    G[:3, :3] = T[:3, :3] if word == "base" else np.eye(3)
+    return G
 
 
 def size_of(elastic: ElasticMechanism, name: str) -> float:
@@ -598,47 +606,32 @@ def corrections(
     return {name: x for name, (x, _) in step.items() if abs(x) <= size_of(elastic, name)}
 
 
-def placement_of(found: Mapping[str, float], word: str = "base") -> Array:
-    """Pose of the base, or of the tool, from its offsets."""
+def placement_of(found: Mapping[str, float], word: str) -> Array:
+    """Pose of the "base" or the "tool", from its offsets."""
     x = [found.get(f"{word}.{part}", 0.0) for part in _PARTS]
     return se3.pose(se3.exp([*x[3:], 0.0, 0.0, 0.0])[:3, :3], x[:3])
 
 
-def _together(found: Mapping[str, float], step: Mapping[str, float]) -> dict[str, float]:
-    """Offsets after a further step."""
-    total = {name: found.get(name, 0.0) + x for name, x in step.items()}
-    base, tool = (
-        placement_of(found) @ placement_of(step),
-        placement_of(step, "tool") @ placement_of(found, "tool"),
-    )
-    tool[:3, 3] = [total.get(f"tool.{part}", 0.0) for part in _PARTS[:3]]  # along the body's axes
-    whole = parts_of("base", base) | parts_of("tool", tool)
-    return {name: whole.get(name, x) for name, x in total.items()}
-
-
-def parts_of(word: str, T: Array) -> dict[str, float]:
-    """Offsets of the base, or of the tool, from its pose."""
-    parts = [*T[:3, 3].tolist(), *se3.log(se3.pose(T[:3, :3]))[:3].tolist()]
-    return {f"{word}.{part}": x for part, x in zip(_PARTS, parts, strict=True)}
-
-
 def corrected(
-    elastic: ElasticMechanism,
-    measured: Measurements,
-    found: Mapping[str, float],
-    step: Mapping[str, float],
-) -> tuple[Measurements, dict[str, float]]:
-    """Rows without a step of the offsets, and all offsets found; loads keep their points."""
+    elastic: ElasticMechanism, measured: Measurements, step: Mapping[str, float]
+) -> Measurements:
+    """Rows corrected by a further step of the offsets; loads keep their points."""
     table = np.stack([measured.values.get(n, np.full(len(measured), np.nan)) for n in POSITION])
     if (np.isnan(table).any(axis=0) & ~np.isnan(table).all(axis=0)).any():
         step = {n: x for n, x in step.items() if not n.startswith("base.")}  # no whole positions
+    before = measured.found
+    found = {**before, **{name: before.get(name, 0.0) + x for name, x in step.items()}}
+    base = se3.inverse(placement_of(found, "base")) @ placement_of(before, "base")
+    tools = placement_of(before, "tool"), placement_of(found, "tool")
+    turn = tools[0][:3, :3] @ tools[1][:3, :3].T
+    point = np.asarray(measured.point) + tools[1][:3, 3] - tools[0][:3, 3]
     zeros = [step.get(f"{name}{ZERO}", 0.0) for name in elastic.names]
-    tool = placement_of(step, "tool")
-    rows = np.arange(len(measured))
-    values = _moved(measured.values, rows, se3.inverse(placement_of(step)), tool[:3, :3].T)
-    point = tuple((np.asarray(measured.point) + tool[:3, 3]).tolist())
-    return replace(measured, q=measured.q + zeros, values=values, point=point), _together(
-        found, step
+    return replace(
+        measured,
+        q=measured.q + zeros,
+        values=_moved(measured.values, np.arange(len(measured)), base, turn),
+        point=tuple(point.tolist()),
+        found=found,
     )
 
 
@@ -659,10 +652,8 @@ def _moved(
     return values
 
 
-def in_base(
-    unknowns: Unknowns, measured: Measurements, poses: Array, kind: str
-) -> tuple[Measurements, dict[str, float]]:
-    """Positions and orientations near the base frame, and the offsets of a base that is sought.
+def in_base(unknowns: Unknowns, measured: Measurements, poses: Array, kind: str) -> Measurements:
+    """Positions and orientations near the base frame; those of a base that is sought corrected.
 
     Each session's frame, or that of all rows if the base is sought, is placed so that the points
     lie next to those of the rigid mechanism.
@@ -688,7 +679,7 @@ def in_base(
     if not all(n in measured.values for n in POSITION) or not (
         by_session or "base" in unknowns.geometry
     ):
-        return measured, {}
+        return measured
     T_F_B = elastic.mechanism.base_pose
     points = poses[:, :3, 3] + poses[:, :3, :3] @ np.asarray(measured.point)
     points = (points - T_F_B[:3, 3]) @ T_F_B[:3, :3]
@@ -696,8 +687,11 @@ def in_base(
     known = ~np.isnan(x).any(axis=1)
     if not by_session:
         place = _fit(points[known], x[known])
-        step = {} if place is None else parts_of("base", place)
-        return corrected(elastic, measured, {}, step)
+        if place is None:
+            return measured
+        parts = [*place[:3, 3], *se3.log(se3.pose(place[:3, :3]))[:3]]
+        step = {f"base.{part}": float(x) for part, x in zip(_PARTS, parts, strict=True)}
+        return corrected(elastic, measured, step)
     values: Mapping[str, Array] = measured.values
     for name in dict.fromkeys(measured.session):
         rows = np.flatnonzero((sessions == name) & known)
@@ -710,7 +704,7 @@ def in_base(
                 expected="three points that are not in line, or --offsets translation",
             )
         values = _moved(values, rows, T, np.eye(3))
-    return replace(measured, values=values), {}
+    return replace(measured, values=values)
 
 
 def _fit(seen: Array, there: Array) -> Array | None:
