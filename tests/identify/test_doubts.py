@@ -12,7 +12,7 @@ from tests.identify.test_zeros import _urdf, campaign
 
 import cartstiff
 from cartstiff.errors import InputError
-from cartstiff.identify.fitting import Fit, Noise, robust_fit, solved
+from cartstiff.identify.fitting import linear_fit, robust_fit
 from cartstiff.identify.identification import identify
 from cartstiff.identify.measurements import Observations, read_measurements
 from cartstiff.report.identification import describe_identification
@@ -103,7 +103,7 @@ def test_an_answer_that_springs_do_not_explain_doubts_itself_first(tmp_path, is_
     assert "--unknown joints,tool estimates them" in first
     places = np.array([ten.mechanism.at(q).pose[:3, 3] for q in rows.q])
     moved = np.stack([rows.values[n] for n in "xyz"], axis=1) - places
-    left = result.chosen.solved.residual
+    left = result.chosen.residual
     share = np.linalg.norm(left) / np.linalg.norm(moved)
     assert result.checks.unexplained == pytest.approx(share, rel=1e-9)
     assert share > 0.9
@@ -143,17 +143,16 @@ def test_the_residual_of_a_row_that_was_left_out_is_that_of_a_prediction():
     y[-1] += 0.5
     A, m = np.stack([np.ones_like(x), x], axis=1), x.size
     nothing, is_angle = np.zeros((m, 3)), np.zeros(m, bool)
+    open_, zero = np.full(m, np.nan), np.zeros((m, 6))
     seen = Observations(
-        np.arange(m), ("d",) * m, is_angle, is_angle, np.zeros((m, 6)), y, y, nothing, nothing
+        np.arange(m), ("d",) * m, is_angle, is_angle, zero, y, open_, nothing, nothing
     )
-    noise = Noise.of(np.full(m, np.nan), is_angle)
     unknowns = SimpleNamespace(
         sizes=np.ones(2), is_bounded=np.zeros(2, bool), priors=(np.zeros((0, 2)), np.zeros(0))
     )
-    whole = solved(A, y, noise, unknowns)
-    plain = Fit(whole, whole.theta, A, y)
-    model = SimpleNamespace(observations=seen)
-    robust = robust_fit(model, unknowns, noise, np.zeros((m, 0)), plain)
+    offsets = SimpleNamespace(columns=np.zeros((m, 0)))
+    model = SimpleNamespace(observations=seen, unknowns=unknowns, offsets=offsets)
+    robust = robust_fit(model, linear_fit(A, y, seen, unknowns))
     assert robust.suspects.tolist() == [m - 1]
     e = y - A @ np.linalg.solve(A.T @ A, A.T @ y)
     h = A[-1] @ np.linalg.solve(A.T @ A, A[-1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,7 +13,7 @@ from tests.support.commands import answer, run
 
 import cartstiff
 from cartstiff.identify import plan as planning
-from cartstiff.identify.fitting import Noise, solved
+from cartstiff.identify.fitting import linear_fit
 from cartstiff.identify.identification import identify
 from cartstiff.identify.models import Model
 from cartstiff.identify.plan import beside, candidates, information, plan, simulated
@@ -126,14 +127,14 @@ def test_realised_intervals_are_as_wide_as_predicted(name, rows, columns, force)
     chosen = plan(unknowns, found, rows)
     model = Model(unknowns, chosen.rows)
     y, A = model.at(unknowns.nominal)
-    noise = Noise.of(np.full(len(y), np.nan), np.zeros(len(y), bool))
+    seen = replace(model.observations, deviation=np.full(len(y), np.nan))
     rng, widths = np.random.default_rng(1), []
     for _ in range(200):
-        fit = solved(A, y + rng.normal(size=len(y)) * size, noise, unknowns)
+        fit = linear_fit(A, y + rng.normal(size=len(y)) * size, seen, unknowns)
         widths.append(np.sqrt(np.diag(fit.covariance)) / unknowns.nominal)
-    seen = np.isfinite(chosen.deviations[-1])
-    realised = np.mean(widths, axis=0)[seen]
-    assert realised == pytest.approx(chosen.deviations[-1][seen], rel=0.1)
+    known = np.isfinite(chosen.deviations[-1])
+    realised = np.mean(widths, axis=0)[known]
+    assert realised == pytest.approx(chosen.deviations[-1][known], rel=0.1)
 
 
 def test_the_posture_criterion_serves_that_posture(offered):
@@ -192,8 +193,8 @@ def test_a_gross_error_in_a_row_that_bears_much_is_named(offered):
     for n in range(12):
         others = identify(elastic, spoilt.chosen(np.arange(12) != n))
         y, A = found.model.at(others.chosen.theta)
-        C = others.chosen.solved.covariance
-        s = others.chosen.solved.scales[0]
+        C = others.chosen.covariance
+        s = others.chosen.scales[0]
         i = int(np.flatnonzero(found.model.observations.row == n)[0])
         left = found.model.observations.target[i] - y[i]
         apart.append(abs(left) / np.sqrt(s**2 + A[i] @ C @ A[i]))

@@ -186,11 +186,11 @@ def test_what_half_a_milliradian_does_is_what_the_note_says(arm, tmp_path):
     zeros = np.zeros(6)
     clean = _found(arm, campaign(tmp_path / "a.csv", zeros=zeros), ())
     said = next(n for n in clean.notes if n.code == "zeros-taken-as-known").values["stiffness"]
-    there, worst = clean.chosen.solved.unbounded, np.zeros(6)
+    there, worst = clean.chosen.unbounded, np.zeros(6)
     for j in range(1, 6):
         off = zeros.copy()
         off[j] = -5e-4
-        moved = _found(arm, campaign(tmp_path / "b.csv", zeros=off), ()).chosen.solved
+        moved = _found(arm, campaign(tmp_path / "b.csv", zeros=off), ()).chosen
         worst = np.maximum(worst, np.abs(moved.unbounded - there))
     for e, change in zip(clean.estimates, worst, strict=True):
         if np.isfinite(said.get(e.name, np.inf)):
@@ -382,7 +382,7 @@ def test_intervals_of_session_positions_count_the_linear_models_error(arm, tmp_p
             if e.interval is not None:
                 held += e.interval[0] <= 1 / k <= e.interval[1]
                 p = result.unknowns.names.index(e.name)
-                high = result.chosen.solved.unbounded[p] + t * e.deviation
+                high = result.chosen.unbounded[p] + t * e.deviation
                 assert e.interval[1] >= high * (1.0 - 1e-6)
                 wider += e.interval[1] > high * (1.0 + 1e-6)
         said += any("intervals are wider" in n.message for n in result.notes)

@@ -10,7 +10,7 @@ moves the estimate and truncates the interval, which keeps its coverage [BatesWa
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import count
 
@@ -21,9 +21,10 @@ from cartstiff import numerics
 from cartstiff.analysis.tolerances import quantile
 from cartstiff.arrays import Array
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError
-from cartstiff.identify.measurements import Measurements, Observations
+from cartstiff.geometry import se3
+from cartstiff.identify.measurements import Observations
 from cartstiff.identify.models import Model
-from cartstiff.identify.unknowns import Unknowns
+from cartstiff.identify.unknowns import PARTS, Unknowns, placement_of, size_of
 
 # Share of an unobservable direction above which a parameter is not determined.
 _UNOBSERVABLE = numerics.ROUNDOFF**0.5
@@ -32,57 +33,17 @@ _MAX_SCALE_STEPS = 60
 
 
 @dataclass(frozen=True, eq=False)
-class Noise:
-    """Standard deviations of numbers, known or up to a scale per group.
+class Fit:
+    """A weighted linear fit; of a nonlinear model, the last one, about its parameters.
 
     Attributes
     ----------
-    deviation : ndarray (m,)
-        Given; 1 if it is to be estimated.
-    group : ndarray of int (m,)
-        0 for lengths, 1 for angles.
-    is_known : tuple of bool
-        Whether the deviation is known of each of the two groups.
-    """
-
-    deviation: Array
-    group: NDArray[np.intp]
-    is_known: tuple[bool, bool]
-
-    @classmethod
-    def of(cls, deviation: Array, is_angle: NDArray[np.bool_]) -> Noise:
-        """From deviations that are NaN if unknown; all of a group are given, or none.
-
-        Raises
-        ------
-        InputError
-            If only some of a group are given.
-        """
-        known = []
-        for group, word in ((~is_angle, "lengths"), (is_angle, "angles")):
-            missing = np.isnan(deviation[group])
-            if missing.any() and not missing.all():
-                raise InputError(
-                    f"some {word} have a standard deviation and others none",
-                    expected="one for each number, or none at all",
-                    got=f"{int(missing.sum())} of {len(missing)} without",
-                )
-            known.append(not missing.any())
-        return cls(
-            np.where(np.isnan(deviation), 1.0, deviation),
-            is_angle.astype(np.intp),
-            (known[0], known[1]),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Solved:
-    """A weighted linear fit.
-
-    Attributes
-    ----------
+    regressor : ndarray (m, P)
+        Derivatives by the parameters.
+    target : ndarray (m,)
+        Right-hand side: the measured numbers less the part that does not depend on the parameters.
     theta : ndarray (P,)
-        With the bounds; meaningless where not determined.
+        Parameters with the bounds; meaningless where not determined.
     unbounded : ndarray (P,)
         Without them: the centres of intervals.
     offsets : ndarray (S,)
@@ -113,6 +74,8 @@ class Solved:
         Parameters at their bound.
     """
 
+    regressor: Array
+    target: Array
     theta: Array
     unbounded: Array
     offsets: Array
@@ -149,15 +112,15 @@ class Solved:
         return float(np.sum(1.0 - self.leverage))
 
 
-def solved(
+def linear_fit(
     A: Array,
     target: Array,
-    noise: Noise,
+    seen: Observations,
     unknowns: Unknowns,
     *,
     nuisance: Array | None = None,
     weights: Array | None = None,
-) -> Solved:
+) -> Fit:
     """Fit parameters and nuisances to numbers.
 
     Parameters
@@ -166,8 +129,8 @@ def solved(
         Regressor.
     target : ndarray (m,)
         Measured.
-    noise : Noise
-        Noise of the numbers.
+    seen : Observations
+        The numbers, with their standard deviations.
     unknowns : Unknowns
         Natural sizes, bounds and prior knowledge of the parameters.
     nuisance : ndarray (m, S), optional
@@ -182,16 +145,16 @@ def solved(
     bounded = unknowns.is_bounded
     full = np.hstack([A * 1.0, N])
     root = np.ones(m) if weights is None else np.sqrt(weights)
-    scales: Array = np.ones(2, float)
-    known = np.array(noise.is_known)
-    floor = np.full(2, numerics.TINY)
-    for g in np.flatnonzero(~known):
-        largest = float(np.abs(target[noise.group == g]).max(initial=0.0))
+    scales, floor = np.ones(2), np.full(2, numerics.TINY)
+    group, unit = seen.group, seen.unit
+    unknown = np.flatnonzero(~seen.is_known)
+    for g in unknown:
+        largest = float(np.abs(target[group == g]).max(initial=0.0))
         scales[g] = max(largest, numerics.TINY)
         floor[g] = max(numerics.EPSILON * largest, numerics.TINY)  # of an exact fit
     h = np.zeros(m)
     for _ in range(_MAX_SCALE_STEPS):
-        deviation = noise.deviation * scales[noise.group]
+        deviation = unit * scales[group]
         divided = np.vstack([full * (root / deviation)[:, None], extra])
         right = np.append(target * root / deviation, extra_target)
         basis = _Basis(divided, P, unknowns.sizes)
@@ -199,11 +162,11 @@ def solved(
         r = target - full @ x
         h = (basis.U[:m] ** 2).sum(axis=1)
         before = scales.copy()
-        for g in np.flatnonzero(~known):
-            mine = (noise.group == g) & (root > 0)
+        for g in unknown:
+            mine = (group == g) & (root > 0)
             if mine.any():
                 left = float(np.sum(1.0 - h[mine]))
-                square = float(np.sum((root * r / noise.deviation)[mine] ** 2))
+                square = float(np.sum((root * r / unit)[mine] ** 2))
                 scales[g] = max(
                     np.sqrt(square / left) if left > _UNOBSERVABLE else np.nan, floor[g]
                 )
@@ -222,7 +185,9 @@ def solved(
         theta, active = basis.bounded(right, bounded)
     covariance = basis.half @ basis.half.T
     covariance[~basis.is_determined], covariance[:, ~basis.is_determined] = np.nan, np.nan
-    return Solved(
+    return Fit(
+        A,
+        target,
         theta[:P],
         x[:P],
         theta[P:],
@@ -232,21 +197,20 @@ def solved(
         basis.values,
         basis.directions,
         target - full @ theta,
-        noise.deviation * scales[noise.group],
+        unit * scales[group],
         (float(scales[0]), float(scales[1])),
-        _degrees(noise, h, root),
+        _degrees(seen, h, root),
         basis.U,
         basis.half,
         active,
     )
 
 
-def _degrees(noise: Noise, h: Array, root: Array) -> float:
+def _degrees(seen: Observations, h: Array, root: Array) -> float:
     """Degrees of freedom of the least certain scale."""
     degrees = [
-        float(np.sum((1.0 - h)[(noise.group == g) & (root > 0)]))
-        for g in (0, 1)
-        if not noise.is_known[g] and (noise.group == g).any()
+        float(np.sum((1.0 - h)[(seen.group == g) & (root > 0)]))
+        for g in np.flatnonzero(~seen.is_known)
     ]
     return min(degrees, default=np.inf)
 
@@ -301,51 +265,19 @@ _MAX_EVALUATIONS, _MAX_SEARCHES, _SAME_SCALES = 200, 6, 1e-3
 _MAX_DEVIATION, _START_DEVIATION = 10.0, 100.0
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """Result of a fit.
-
-    Attributes
-    ----------
-    solved : Solved
-        The last linear step, about `theta`.
-    theta : ndarray (P,)
-        Parameters.
-    regressor : ndarray (m, P)
-        Derivatives there.
-    target : ndarray (m,)
-        Right-hand side of the last linear problem: the measured numbers less the part that does not
-        depend on the parameters.
-    """
-
-    solved: Solved
-    theta: Array
-    regressor: Array
-    target: Array
-
-
 def fitted(
     model: Model,
-    unknowns: Unknowns,
-    noise: Noise,
     *,
-    nuisance: Array | None = None,
     start: Array | None = None,
     once: bool = False,
     progress: Callable[[int, float], None] | None = None,
 ) -> Fit:
-    """Fit a model's parameters to its observations.
+    """Fit a model's parameters and its offsets to its observations.
 
     Parameters
     ----------
     model : Model
         Predictions and derivatives.
-    unknowns : Unknowns
-        Bounds, sizes, priors.
-    noise : Noise
-        Noise of the observations.
-    nuisance : ndarray (m, S), optional
-        Columns of the nuisances.
     start : ndarray (P,), optional
         Default: the mechanism's own.
     once : bool
@@ -358,8 +290,8 @@ def fitted(
     ConvergenceError
         If the steps do not end.
     """
+    unknowns, seen = model.unknowns, model.observations
     theta = unknowns.nominal if start is None else start.copy()
-    N = np.zeros((len(model.observations), 0)) if nuisance is None else nuisance
     known: dict[bytes, tuple[Array, Array]] = {}
     steps = count(1)
 
@@ -369,55 +301,53 @@ def fitted(
             known[key] = model.at(theta)
         return known[key]
 
-    def linear(theta: Array) -> tuple[Solved, Array, Array]:
+    def linear(theta: Array) -> Fit:
         y, A = evaluate(theta)
-        target = model.observations.target - y + A @ theta
-        return solved(A, target, noise, unknowns, nuisance=N), A, target
+        target = seen.target - y + A @ theta
+        return linear_fit(A, target, seen, unknowns, nuisance=model.offsets.columns)
 
     def report(size: float) -> None:
         if progress is not None:
             progress(next(steps), size)
 
-    solution, A, target = linear(theta)
+    fit = linear(theta)
     if model.is_linear or once:
-        return Fit(solution, solution.theta, A, target)
+        return fit
     for _ in range(_MAX_SEARCHES):
-        before = np.array(solution.scales)
-        theta = _descended(evaluate, model, unknowns, N, theta, solution, report)
-        solution, A, target = linear(theta)
-        if np.all(np.abs(solution.scales - before) <= _SAME_SCALES * before):
+        before = np.array(fit.scales)
+        theta = _descended(evaluate, model, theta, fit.deviation, report)
+        fit = linear(theta)
+        if np.all(np.abs(fit.scales - before) <= _SAME_SCALES * before):
             break
-    return Fit(_without_vague(solution, theta, unknowns.sizes), theta, A, target)
+    return _without_vague(replace(fit, theta=theta), unknowns.sizes)
 
 
-def _without_vague(solution: Solved, theta: Array, sizes: Array) -> Solved:
-    """The linear solution; parameters with deviations of many sizes are not determined.
+def _without_vague(fit: Fit, sizes: Array) -> Fit:
+    """The fit; parameters with deviations of many sizes are not determined.
 
     Over such intervals the model is not linear, and the search has not moved them.
     """
-    spread = np.sqrt(np.maximum(solution.covariance.diagonal(), 0.0))
-    lost = ~(spread <= _MAX_DEVIATION * np.maximum(sizes, np.abs(theta)))
-    C = solution.covariance.copy()
+    spread = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
+    lost = ~(spread <= _MAX_DEVIATION * np.maximum(sizes, np.abs(fit.theta)))
+    C = fit.covariance.copy()
     C[lost], C[:, lost] = np.nan, np.nan
-    return replace(solution, covariance=C, is_determined=solution.is_determined & ~lost)
+    return replace(fit, covariance=C, is_determined=fit.is_determined & ~lost)
 
 
 def _descended(
     evaluate: Callable[[Array], tuple[Array, Array]],
     model: Model,
-    unknowns: Unknowns,
-    nuisance: Array,
     theta: Array,
-    solution: Solved,
+    deviation: Array,
     report: Callable[[float], None],
 ) -> Array:
-    """The least sum of squares with the standard deviations of a linear solution.
+    """The least sum of squares with the standard deviations of a linear fit.
 
-    Parameters that the rows do not determine do not move; nuisances are eliminated, which is exact
+    Parameters that the rows do not determine do not move; offsets are eliminated, which is exact
     since they enter linearly.
     """
-    weight, target = 1.0 / solution.deviation, model.observations.target
-    U, values, _ = np.linalg.svd(nuisance * weight[:, None], full_matrices=False)
+    weight, target, unknowns = 1.0 / deviation, model.observations.target, model.unknowns
+    U, values, _ = np.linalg.svd(model.offsets.columns * weight[:, None], full_matrices=False)
     Q = U[:, : numerics.rank(values)]
     sizes, bounded, (extra, extra_target) = unknowns.sizes, unknowns.is_bounded, unknowns.priors
     start = np.where(bounded, np.maximum(theta / sizes, numerics.TINY), theta / sizes)
@@ -457,6 +387,45 @@ def _descended(
     return np.asarray(found.x * sizes)
 
 
+# Standard deviation above which an offset is not determined: rad, and shares of the mechanism.
+_MAX_OFFSET_DEVIATION = 0.1
+
+
+def geometry_of(model: Model, fit: Fit) -> dict[str, tuple[float, float]]:
+    """Change and standard deviation of zeros, tool and base, beyond what the rows count already.
+
+    The deviation is NaN if the rows do not determine the number.
+    """
+    names, first = model.offsets.geometry, len(model.offsets.names) - len(model.offsets.geometry)
+    G = np.eye(len(names))
+    for word in ("base", "tool"):
+        at = [i for i, name in enumerate(names) if name.startswith(f"{word}.")]
+        parts = [PARTS.index(names[i][5:]) for i in at]
+        G[np.ix_(at, at)] = _by_step(model.measured.found, word)[np.ix_(parts, parts)]
+    # An undetermined number, whose covariance is NaN, spoils only those that it enters.
+    near = [np.flatnonzero(np.abs(g) >= _MAX_OFFSET_DEVIATION) for g in G]
+    C, changes = fit.offset_covariance[first:, first:], (G @ fit.offsets[first:]).tolist()
+    answer = {}
+    for name, change, g, i in zip(names, changes, G, near, strict=True):
+        s = float(np.sqrt(g[i] @ C[np.ix_(i, i)] @ g[i]))
+        limit = _MAX_OFFSET_DEVIATION * size_of(model.unknowns.elements.elastic, name)
+        answer[name] = change, s if s <= limit else np.nan
+    return answer
+
+
+def _by_step(found: Mapping[str, float], word: str) -> Array:
+    """Changes of the six numbers of a base or tool by a step (6, 6).
+
+    A step of the base is along its turned axes, and turns before it; one of the tool is along the
+    body's axes, and turns after it.
+    """
+    T, G = placement_of(found, word), np.eye(6)
+    turning = se3.right_jacobian_inverse(se3.log(se3.pose(T[:3, :3])))[:3, :3]
+    G[3:, 3:] = turning if word == "base" else turning.T
+    G[:3, :3] = T[:3, :3] if word == "base" else np.eye(3)
+    return G
+
+
 #: Tuning constants for 95 % efficiency, and sd over median absolute deviation, of the normal law.
 _CAUCHY, _MAD = 2.385, 1.4826
 #: Probability that a table without gross errors has a suspect, by each of two tests.
@@ -482,8 +451,8 @@ class Robust:
         Numbers of rows that are not suspect.
     suspects : ndarray of int
         Places of the suspect rows.
-    row : ndarray of int (m,)
-        Place of each number's row.
+    seen : Observations
+        The numbers.
     shown : ndarray (m,)
         Share of an error of each number that appears in its own residual: the fit absorbs the rest.
     """
@@ -493,7 +462,7 @@ class Robust:
     limit: float
     kept: NDArray[np.bool_]
     suspects: NDArray[np.intp]
-    row: NDArray[np.intp]
+    seen: Observations
     shown: Array
 
     @property
@@ -506,69 +475,56 @@ class Robust:
 
     def beyond(self, limit: float) -> NDArray[np.intp]:
         """Places of rows with a number beyond this many standard deviations."""
-        return np.unique(self.row[np.abs(self.standardised) > limit])
+        return np.unique(self.seen.row[np.abs(self.standardised) > limit])
 
-    def reasons(self, seen: Observations, measured: Measurements) -> dict[int, str]:
-        """Messages on the number with the largest residual of each row."""
-        by_row = {}
-        for n in range(len(measured)):
-            mine = np.flatnonzero(seen.row == n)
-            if mine.size:
-                worst = mine[np.argmax(np.abs(self.standardised[mine]))]
-                by_row[n] = (
-                    f"{seen.column[worst]}: residual of {self.standardised[worst]:+.1f} standard "
-                    "deviations from the robust fit"
-                )
-        return by_row
+    def reason(self, n: int) -> str:
+        """The largest residual of the row at a place."""
+        mine = np.flatnonzero(self.seen.row == n)
+        worst = mine[np.argmax(np.abs(self.standardised[mine]))]
+        return (
+            f"{self.seen.column[worst]}: residual of {self.standardised[worst]:+.1f} standard "
+            "deviations from the robust fit"
+        )
 
 
-def robust_fit(
-    model: Model, unknowns: Unknowns, noise: Noise, nuisance: Array, plain: Fit
-) -> Robust:
+def robust_fit(model: Model, plain: Fit) -> Robust:
     """Fit about a plain fit's regressor; for a nonlinear model that regressor is kept."""
-    seen = model.observations
+    seen, nuisance = model.observations, model.offsets.columns
     A, target = plain.regressor, plain.target
-    columns, unit, m = np.hstack([A, nuisance]), plain.solved.deviation, len(seen)
-    rank = int(np.count_nonzero(plain.solved.is_determined)) + nuisance.shape[1]
-    residual, scales = _residuals(columns / unit[:, None], target / unit, noise, rank)
+    columns, unit, m = np.hstack([A, nuisance]), plain.deviation, len(seen)
+    rank = int(np.count_nonzero(plain.is_determined)) + nuisance.shape[1]
+    residual, scales = _residuals(columns / unit[:, None], target / unit, seen, rank)
     shown = np.ones(m)
     bad = np.zeros(m, bool)
     limit = _limit(bad, rank)
-    fit = plain.solved
+    fit = plain
     for round_ in range(_MAX_REWEIGHTINGS):
-        size = np.abs(residual) / scales[noise.group]
+        size = np.abs(residual) / scales[seen.group]
         flagged = size > limit
         if round_:
-            flagged |= _hidden(size, fit, noise, bad)
+            flagged |= _hidden(size, fit, seen, bad)
         rows = np.unique(seen.row[flagged])
         new = np.isin(seen.row, rows)
         if int(np.sum(~new)) < rank + 1:  # too few rows would remain
             break
-        fit = solved(
-            A,
-            target,
-            noise,
-            unknowns,
-            nuisance=nuisance,
-            weights=(~new).astype(float),
-        )
+        kept = (~new).astype(float)
+        fit = linear_fit(A, target, seen, model.unknowns, nuisance=nuisance, weights=kept)
         # Rows that were left out have no part in the fit: their residual is wider, not narrower.
         of_prediction = 1.0 + fit.variances_of_predictions(columns)
         spread = np.where(new, of_prediction, 1.0 - fit.leverage)
         raw = target - columns @ np.append(fit.unbounded, fit.offsets)
         spread = np.maximum(spread, numerics.ROUNDOFF**0.5)
         shown = np.where(new, 1.0, spread)
-        residual = raw / (noise.deviation * np.sqrt(spread))
+        residual = raw / (seen.unit * np.sqrt(spread))
         scales = np.array(fit.scales)
         same = bool(np.all(new == bad))
         bad = new
         limit = _limit(bad, rank)
         if same and round_:
             break
-    standardised = residual / scales[noise.group]
+    standardised = residual / scales[seen.group]
     suspects = np.unique(seen.row[bad])
-    whole_fit = Fit(fit, fit.theta, A, target) if bad.any() else plain
-    return Robust(whole_fit, standardised, limit, ~bad, suspects, seen.row, shown)
+    return Robust(fit if bad.any() else plain, standardised, limit, ~bad, suspects, seen, shown)
 
 
 def _limit(bad: NDArray[np.bool_], rank: int) -> float:
@@ -577,15 +533,15 @@ def _limit(bad: NDArray[np.bool_], rank: int) -> float:
     return quantile(1.0 - _FALSE_ALARM / len(bad), max(left, 1))
 
 
-def _hidden(size: Array, fit: Solved, noise: Noise, bad: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _hidden(size: Array, fit: Fit, seen: Observations, bad: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Flag (m,) of the number with the largest residual, if that is improbable by chance.
 
     ``t = z sqrt((f - 1) / (f - z^2))`` for a residual z over the scale of f degrees of freedom that
     includes z itself: Student's t of f - 1 degrees.
     """
     flagged, kept = np.zeros(len(size), bool), ~bad
-    for g in np.flatnonzero(~np.array(noise.is_known)):
-        mine = np.flatnonzero(kept & (noise.group == g))
+    for g in np.flatnonzero(~seen.is_known):
+        mine = np.flatnonzero(kept & (seen.group == g))
         f = float(np.sum(1.0 - fit.leverage[mine]))
         if not mine.size or f < 2.0:
             continue
@@ -596,7 +552,7 @@ def _hidden(size: Array, fit: Solved, noise: Noise, bad: NDArray[np.bool_]) -> N
     return flagged
 
 
-def _residuals(divided: Array, right: Array, noise: Noise, rank: int) -> tuple[Array, Array]:
+def _residuals(divided: Array, right: Array, seen: Observations, rank: int) -> tuple[Array, Array]:
     """Residuals over the given deviations, and the scale of each group, by robust losses."""
     from scipy.optimize import least_squares
 
@@ -634,8 +590,8 @@ def _residuals(divided: Array, right: Array, noise: Noise, rank: int) -> tuple[A
             r = right - B @ x
     scales = np.ones(2)
     for g in (0, 1):
-        mine = noise.group == g
+        mine = seen.group == g
         if mine.any():
             s = max(_MAD * float(np.median(np.abs(r[mine]))) * correction, numerics.TINY)
-            scales[g] = max(s, 1.0) if noise.is_known[g] else s
+            scales[g] = max(s, 1.0) if seen.is_known[g] else s
     return r, scales

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import permutations, product
 from typing import Any, ClassVar, Literal
@@ -29,7 +29,7 @@ from cartstiff.errors import (
     printable,
 )
 from cartstiff.figures import new_figure
-from cartstiff.identify.fitting import Fit, Noise, Robust, Solved, fitted, robust_fit
+from cartstiff.identify.fitting import Fit, Robust, fitted, geometry_of, robust_fit
 from cartstiff.identify.measurements import (
     DISPLACEMENT,
     EARTH,
@@ -53,7 +53,6 @@ from cartstiff.identify.unknowns import (
     Unknowns,
     corrected,
     corrections,
-    estimated,
     in_base,
     offsets_of,
     unit_of,
@@ -133,15 +132,6 @@ class Checks:
     unexplained: float
 
 
-def inflation_of(checks: Checks) -> float:
-    """Factor on the deviations if the scatter is larger than they explain; else 1."""
-    if checks.probability is None or checks.chi_squared is None:
-        return 1.0
-    if checks.probability >= _SIGNIFICANT or not checks.freedom > 0.0:
-        return 1.0
-    return float(np.sqrt(checks.chi_squared / checks.freedom))
-
-
 def contradictions(measured: Measurements) -> None:
     """Refuse rows of the same posture and load that cannot both be right.
 
@@ -175,56 +165,39 @@ def contradictions(measured: Measurements) -> None:
                 )
 
 
-def checked(
-    model: Model,
-    fit: Fit,
-    unknowns: Unknowns,
-    measured: Measurements,
-    kept: NDArray[np.bool_],
-    offsets: Array,
-) -> Checks:
-    """Tests of a fit; `kept` are the numbers (m,) that it uses, `offsets` the columns (m, S)."""
-    solution, seen = fit.solved, model.observations
-    r = solution.residual / solution.deviation
-    freedom = float(np.sum(1.0 - solution.leverage[kept]))
-    groups = np.unique(seen.is_angle)
-    known = all(not np.isnan(seen.deviation[seen.is_angle == g]).any() for g in groups)
-    chi = float(np.sum(r[kept] ** 2)) if known else None
+def checked(model: Model, fit: Fit, kept: NDArray[np.bool_]) -> Checks:
+    """Tests of a fit; `kept` are the numbers (m,) that it uses."""
+    seen = model.observations
+    r = fit.residual / fit.deviation
+    freedom = float(np.sum(1.0 - fit.leverage[kept]))
+    chi = float(np.sum(r[kept] ** 2)) if seen.is_known.all() else None
     probability = None
     if chi is not None and freedom > 0.0:
         from scipy.special import chdtrc
 
         probability = float(chdtrc(freedom, chi))
-    per = 1.0 / solution.deviation[kept]
-    rigid, N = per * fit.target[kept], per[:, None] * offsets[kept]
+    per = 1.0 / fit.deviation[kept]
+    rigid, N = per * fit.target[kept], per[:, None] * model.offsets.columns[kept]
     rigid = rigid - N @ np.linalg.lstsq(N, rigid, rcond=numerics.RANK)[0]
-    repeats, lack = _lack_of_fit(seen.column, seen.row, r, freedom, measured, kept)
-    patterns: tuple[Pattern, ...] = ()
-    if not isinstance(model, LoadedModel):
-        patterns = _patterns(model, fit, unknowns, measured, kept)
     return Checks(
         chi,
         freedom,
         probability,
-        repeats,
-        lack,
-        _left_out(fit, seen.row, measured.postures),
-        patterns,
+        *_lack_of_fit(model, r, freedom, kept),
+        _left_out(model, fit),
+        () if isinstance(model, LoadedModel) else _patterns(model, fit, kept),
         float(np.linalg.norm(r[kept])) / max(float(np.linalg.norm(rigid)), numerics.TINY),
     )
 
 
 def _lack_of_fit(
-    column: tuple[str, ...],
-    row: NDArray[np.intp],
-    r: Array,
-    freedom: float,
-    measured: Measurements,
-    kept: NDArray[np.bool_],
+    model: Model, r: Array, freedom: float, kept: NDArray[np.bool_]
 ) -> tuple[int, float | None]:
     """Repeated numbers, and the probability of the F of the part that they do not explain."""
-    names = {name: i for i, name in enumerate(dict.fromkeys(column))}
-    key = measured.settings[row] * len(names) + np.array([names[name] for name in column])
+    seen = model.observations
+    names = {name: i for i, name in enumerate(dict.fromkeys(seen.column))}
+    column = np.array([names[name] for name in seen.column])
+    key = model.measured.settings[seen.row] * len(names) + column
     _, group = np.unique(key[kept], return_inverse=True)
     inside = r[kept]
     size = np.bincount(group)
@@ -239,31 +212,26 @@ def _lack_of_fit(
     return repeats, float(fdtrc(rest, repeats, max(total - pure, 0.0) / rest / (pure / repeats)))
 
 
-def _left_out(fit: Fit, row: NDArray[np.intp], postures: NDArray[np.intp]) -> Array:
+def _left_out(model: Model, fit: Fit) -> Array:
     """Leave-one-posture-out residuals (m,)."""
-    solution = fit.solved
-    r, group = solution.residual / solution.deviation, postures[row]
+    r = fit.residual / fit.deviation
+    group = model.measured.postures[model.observations.row]
     answer = np.full(len(r), np.nan)
     order = np.argsort(group, kind="stable")
     for mine in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
-        U = solution.basis[mine]
+        U = fit.basis[mine]
         left = np.eye(len(mine)) - U @ U.T
         if np.linalg.eigvalsh(left)[0] > numerics.ROUNDOFF**0.5:
             answer[mine] = np.linalg.solve(left, r[mine])
-    return answer * solution.deviation
+    return answer * fit.deviation
 
 
-def _patterns(
-    model: Model,
-    fit: Fit,
-    unknowns: Unknowns,
-    measured: Measurements,
-    kept: NDArray[np.bool_],
-) -> tuple[Pattern, ...]:
+def _patterns(model: Model, fit: Fit, kept: NDArray[np.bool_]) -> tuple[Pattern, ...]:
     """Terms that explain more, by the t of an added column, the strongest first."""
     from scipy.linalg import orth
     from scipy.special import stdtr
 
+    unknowns, seen, measured = model.unknowns, model.observations, model.measured
     forces, by_functional = model.forces_in(fit.theta)
     names: list[tuple[str, str]] = []
     columns: list[Array] = []
@@ -274,27 +242,25 @@ def _patterns(
         sign = np.where(carried > numerics.RANK * carried.max(), np.sign(force), 0.0)
         names += [("backlash", name), ("stiffening", name)]
         columns += [by_functional[:, e] * sign, by_functional[:, e] * force * carried]
-    if model.observations.is_absolute.any():
+    if seen.is_absolute.any():
         elastic = unknowns.elements.elastic
         others = {*zeros_of(elastic), "tool", "base"}.difference(unknowns.geometry)
-        more = replace(unknowns, geometry=tuple(sorted(others)))
-        wrong = offsets_of(more, model.observations, measured, "none")
+        more = replace(unknowns, geometry=tuple(sorted(others)), sessions="none")
+        wrong = offsets_of(more, seen, measured)
         names += [("geometry", name) for name in wrong.names]
         columns += list(wrong.columns.T)
-    time = measured.time[model.observations.row]
+    time = measured.time[seen.row]
     if not np.isnan(time).any() and np.ptp(time) > 0.0:
-        seen = np.array(model.observations.column)
-        for name in dict.fromkeys(model.observations.column):
+        for name in dict.fromkeys(seen.column):
             names.append(("drift", name))
-            columns.append(np.where(seen == name, time - time.mean(), 0.0))
-    solution = fit.solved
-    U = orth(solution.basis[: len(kept)][kept], rcond=numerics.RANK)
-    r = (solution.residual / solution.deviation)[kept]
+            columns.append(np.where(np.array(seen.column) == name, time - time.mean(), 0.0))
+    U = orth(fit.basis[: len(kept)][kept], rcond=numerics.RANK)
+    r = (fit.residual / fit.deviation)[kept]
     r = r - U @ (U.T @ r)
     freedom, found = len(r) - U.shape[1] - 1, list[Pattern]()
     if not names:
         return ()
-    X = (np.stack(columns, axis=1) / solution.deviation[:, None])[kept]
+    X = (np.stack(columns, axis=1) / fit.deviation[:, None])[kept]
     least = numerics.ROUNDOFF**0.25 * np.linalg.norm(X, axis=0)  # else one of the fitted columns
     while freedom >= 1:
         X = X - U @ (U.T @ X)
@@ -363,42 +329,27 @@ class Estimate:
         return (1.0 / high if high > 0.0 else None), (1.0 / low if low > 0.0 else None)
 
 
-def freedom_of(solution: Solved, inflation: float) -> float:
-    """Degrees of freedom of the intervals."""
-    return solution.degrees if inflation == 1.0 else min(solution.degrees, solution.freedom)
-
-
-def estimates(
-    solution: Solved,
-    unknowns: Unknowns,
-    level: float,
-    inflation: float,
-    bias: Array | None = None,
-) -> list[Estimate]:
+def estimates(fit: Fit, unknowns: Unknowns, t: float, wider: Array) -> tuple[Estimate, ...]:
     """One estimate per parameter.
 
     Parameters
     ----------
-    solution : Solved
-        The fit.
+    fit : Fit
+        With the covariance that is used.
     unknowns : Unknowns
         The fitted parameters.
-    level : float
-        Probability of the intervals.
-    inflation : float
-        Factor on standard deviations if the scatter is larger than those given.
-    bias : ndarray (P,), optional
-        Error of the linear model, by which the intervals are wider at both ends.
+    t : float
+        Half width of an interval over the standard deviation.
+    wider : ndarray (P,)
+        Widths added at both ends.
     """
-    t = quantile(level, freedom_of(solution, inflation))
     answer = []
     for p, unknown in enumerate(unknowns.parameters):
-        if not solution.is_determined[p]:
+        if not fit.is_determined[p]:
             answer.append(Estimate(unknown, "not-identifiable", None, None, None))
             continue
-        s = float(np.sqrt(solution.covariance[p, p])) * inflation
-        centre = float(solution.unbounded[p])
-        half = t * s + (0.0 if bias is None else float(bias[p]))
+        s, centre = float(np.sqrt(fit.covariance[p, p])), float(fit.unbounded[p])
+        half = t * s + float(wider[p])
         low, high = centre - half, centre + half
         verdict: Verdict = "determined"
         if unknown.has_stiffness:
@@ -407,8 +358,8 @@ def estimates(
             elif low <= 0.0:
                 verdict = "at-least"
             low, high = max(low, 0.0), max(high, 0.0)
-        answer.append(Estimate(unknown, verdict, float(solution.theta[p]), s, (low, high)))
-    return answer
+        answer.append(Estimate(unknown, verdict, float(fit.theta[p]), s, (low, high)))
+    return tuple(answer)
 
 
 @dataclass(frozen=True)
@@ -425,76 +376,135 @@ class Identification(LabelledResult):
 
     Attributes
     ----------
-    elastic : ElasticMechanism
-        The measured mechanism.
-    unknowns : Unknowns
-        Parameters.
-    measured : Measurements
-        The rows used.
+    model : Model
+        Unknowns, rows used, predictions and their derivatives.
     rows : int
         Rows of the table.
     rejected : tuple of Rejected
         Rows that were left out.
-    model : Model
-        Predictions and their derivatives.
-    chosen, plain : Fit
-        The fit of the estimates, and least squares on all rows used.
+    plain : Fit
+        Least squares on all rows used.
     robust : Robust
         The robust fit.
-    estimates : tuple of Estimate
-        One per parameter.
-    geometry : tuple of OffsetEstimate
-        Joint zeros, offsets of tool and base, if they are sought.
-    placed : mapping of str to float
-        Zeros and offsets that fit the rows, also those that these do not separate.
-    columns : tuple of str
-        Names of all offsets in the regressor.
-    checks : Checks
-        Checks of the model.
     level : float
         Probability of the intervals.
-    fit, offsets : str
-        Options of `identify`.
-    loaded : bool
-        Whether the equilibrium under load was fitted.
-    inflation : float
-        Factor on all standard deviations if the scatter is larger than those given; else 1.
-    notes : tuple of Note
-        Assumptions and findings.
+    fit : str
+        Option of `identify`.
     """
 
     command: ClassVar = "identify"
 
-    elastic: ElasticMechanism
-    unknowns: Unknowns
-    measured: Measurements
+    model: Model
     rows: int
     rejected: tuple[Rejected, ...]
-    model: Model
-    chosen: Fit
     plain: Fit
     robust: Robust
-    estimates: tuple[Estimate, ...]
-    geometry: tuple[OffsetEstimate, ...]
-    placed: Mapping[str, float]
-    columns: tuple[str, ...]
-    checks: Checks
     level: float
     fit: str
-    offsets: str
-    loaded: bool
-    inflation: float
-    notes: tuple[Note, ...] = field(default=())
+
+    @property
+    def unknowns(self) -> Unknowns:
+        """The parameters."""
+        return self.model.unknowns
+
+    @property
+    def measured(self) -> Measurements:
+        """The rows used, corrected by the zeros and offsets found."""
+        return self.model.measured
+
+    @property
+    def elastic(self) -> ElasticMechanism:
+        """The measured mechanism."""
+        return self.unknowns.elements.elastic
+
+    @property
+    def offsets(self) -> str:
+        """Unknown part of the pose of each session's frame."""
+        return self.unknowns.sessions
+
+    @property
+    def loaded(self) -> bool:
+        """Whether the equilibrium under load was fitted."""
+        return isinstance(self.model, LoadedModel)
+
+    @cached_property
+    def chosen(self) -> Fit:
+        """The fit of the estimates, whose covariance counts the inflation."""
+        fit, factor = self.robust.fit if self.fit == "robust" else self.plain, self.inflation**2
+        return replace(
+            fit,
+            covariance=fit.covariance * factor,
+            offset_covariance=fit.offset_covariance * factor,
+        )
+
+    @cached_property
+    def checks(self) -> Checks:
+        """Checks of the model."""
+        if self.fit == "robust":
+            return checked(self.model, self.robust.fit, self.robust.kept)
+        return checked(self.model, self.plain, np.ones(len(self.model.observations), bool))
+
+    @property
+    def inflation(self) -> float:
+        """Factor on all standard deviations if the scatter is larger than those given; else 1."""
+        chi, freedom, probability = (
+            self.checks.chi_squared,
+            self.checks.freedom,
+            self.checks.probability,
+        )
+        if chi is None or probability is None or probability >= _SIGNIFICANT:
+            return 1.0
+        return float(np.sqrt(chi / freedom))
 
     @property
     def covariance(self) -> Array:
         """Covariance of the compliances (P, P); NaN where not identifiable."""
-        return np.asarray(self.chosen.solved.covariance * self.inflation**2)
+        return self.chosen.covariance
 
     @property
     def degrees(self) -> float:
         """Degrees of freedom of the intervals."""
-        return freedom_of(self.chosen.solved, self.inflation)
+        fit = self.chosen
+        return fit.degrees if self.inflation == 1.0 else min(fit.degrees, fit.freedom)
+
+    @property
+    def factor(self) -> float:
+        """Half width of an interval over the standard deviation."""
+        return quantile(self.level, self.degrees)
+
+    @cached_property
+    def of_fit(self) -> tuple[Estimate, ...]:
+        """The estimates, their intervals without the linear model's error."""
+        return estimates(self.chosen, self.unknowns, self.factor, np.zeros(len(self.chosen.theta)))
+
+    @cached_property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """One per parameter; intervals from measured positions are wider by the model's error."""
+        return estimates(self.chosen, self.unknowns, self.factor, _bias(self))
+
+    @property
+    def placed(self) -> dict[str, float]:
+        """Zeros and offsets that fit the rows, also those that these do not separate."""
+        steps, found = geometry_of(self.model, self.chosen), self.measured.found
+        return {name: found.get(name, 0.0) + x for name, (x, _) in steps.items()}
+
+    @property
+    def geometry(self) -> list[OffsetEstimate]:
+        """Joint zeros, offsets of tool and base, if they are sought."""
+        steps, answer = geometry_of(self.model, self.chosen), []
+        for name, x in self.placed.items():
+            unit, half = unit_of(self.elastic, name), self.factor * (sd := steps[name][1])
+            if np.isfinite(sd):
+                answer.append(OffsetEstimate(name, unit, x, sd, (x - half, x + half)))
+            else:
+                answer.append(OffsetEstimate(name, unit, None, None, None))
+        return answer
+
+    @cached_property
+    def notes(self) -> tuple[Note, ...]:
+        """Assumptions and findings, doubts about the springs first."""
+        notes = [*other_axes(self), *_assumed(self), *_found(self), *_doubts(self), *_limits(self)]
+        return tuple(sorted(notes, key=lambda note: not is_doubt(note)))
 
     @property
     def suspects(self) -> list[int]:
@@ -508,7 +518,7 @@ class Identification(LabelledResult):
 
     def noise(self) -> dict[str, dict[str, Any]]:
         """Scatter of lengths and angles, each in its unit, by "length" and "angle"."""
-        seen, solution = self.model.observations, self.chosen.solved
+        seen, solution = self.model.observations, self.chosen
         answer = {}
         for g, name, unit in ((False, "length", self.elastic.units.length), (True, "angle", "rad")):
             mine = seen.is_angle == g
@@ -520,15 +530,15 @@ class Identification(LabelledResult):
                 "count": int(mine.sum()),
                 "residual_rms": _rms(solution.residual[mine]),
                 "sigma": _rms(solution.deviation[mine]),
-                "sigma_is_estimated": bool(np.isnan(seen.deviation[mine]).any()),
+                "sigma_is_estimated": not seen.is_known[int(g)],
                 "leave_one_out_rms": None if np.isnan(left).all() else _rms(left[~np.isnan(left)]),
             }
         return answer
 
     def weak_directions(self) -> list[dict[str, Any]]:
         """Combinations of springs and offsets that the rows do not determine."""
-        solution, count = self.chosen.solved, len(self.unknowns.names)
-        names = (*self.unknowns.names, *self.columns)
+        solution, count = self.chosen, len(self.unknowns.names)
+        names = (*self.unknowns.names, *self.model.offsets.names)
         values, rank = solution.singular_values, self._rank()
         answer = []
         for value, vector in zip(values[rank:], solution.directions.T[rank:], strict=False):
@@ -542,10 +552,10 @@ class Identification(LabelledResult):
 
     def not_separable(self) -> list[list[str]]:
         """Groups of springs and offsets of which the rows determine combinations only."""
-        solution = self.chosen.solved
+        solution = self.chosen
         lost = solution.directions[:, self._rank() : len(solution.singular_values)]
         together = np.abs(lost @ lost.T) > numerics.NEGLIGIBLE_SHARE
-        names = (*self.unknowns.names, *self.columns)
+        names = (*self.unknowns.names, *self.model.offsets.names)
         groups: dict[int, list[str]] = {}
         from scipy.sparse.csgraph import connected_components
 
@@ -554,7 +564,7 @@ class Identification(LabelledResult):
         return [group for group in groups.values() if len(group) > 1]
 
     def _rank(self) -> int:
-        return numerics.rank(self.chosen.solved.singular_values)
+        return numerics.rank(self.chosen.singular_values)
 
     def to_dict(self) -> dict[str, Any]:
         """The object printed by ``cartstiff identify --json``."""
@@ -564,7 +574,7 @@ class Identification(LabelledResult):
         plain = dict(zip(self.unknowns.names, self.plain.theta, strict=True))
         parameters = []
         for p, e in enumerate(self.estimates):
-            known = self.chosen.solved.is_determined[p]
+            known = self.chosen.is_determined[p]
             parameters.append(
                 {
                     "name": e.name,
@@ -585,7 +595,7 @@ class Identification(LabelledResult):
             "used": self.measured.rows,
             "parameters": parameters,
             "noise": noise,
-            "singular_values": self.chosen.solved.singular_values,
+            "singular_values": self.chosen.singular_values,
             "unseen": self.weak_directions(),
             "geometry": [{**vars(g), "identifiable": g.identifiable} for g in self.geometry],
             "checks": {k: v for k, v in vars(self.checks).items() if k != "left_out"},
@@ -604,7 +614,7 @@ class Identification(LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        measured, seen, solved = self.measured, self.model.observations, self.chosen.solved
+        measured, seen, chosen = self.measured, self.model.observations, self.chosen
         force = np.linalg.norm(measured.wrench[:, 3:], axis=1) / self.elastic.units.newtons
         weight = measured.mass * 9.81
         moment = np.linalg.norm(measured.wrench[:, :3], axis=1)
@@ -614,7 +624,7 @@ class Identification(LabelledResult):
             load, name, unit = moment, "moment", self.elastic.units.moment
         time = measured.time
         has_time = not np.isnan(time).any() and np.ptp(time) > 0.0
-        standard = solved.residual / solved.deviation
+        standard = chosen.residual / chosen.deviation
         suspect = np.isin(seen.row, self.robust.suspects)
         figure = new_figure(9.0, 7.2)
         axes = figure.subplots(2, 2)
@@ -662,13 +672,13 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
-def written_values(result: Identification) -> Array:
+def written_values(unknowns: Unknowns, found: Sequence[Estimate]) -> Array:
     """Compliances (P,) that a mechanism can have: estimates, or the file's without one.
 
     For a compliance with an upper end only, and an estimate of zero, the middle of its interval.
     """
-    values = result.unknowns.nominal.copy()
-    for p, e in enumerate(result.estimates):
+    values = unknowns.nominal.copy()
+    for p, e in enumerate(found):
         if e.compliance is None or e.verdict == "negative":
             continue
         middle = 0.5 * sum(e.interval) if e.interval is not None else 0.0
@@ -681,7 +691,7 @@ def with_result(
     result: Identification, date: str | None = None, source: str = ""
 ) -> ElasticMechanism:
     """The mechanism with the springs found, and their covariance."""
-    values = written_values(result)
+    values = written_values(result.unknowns, result.estimates)
     elastic = result.unknowns.mechanism(values)
     known = [
         p
@@ -737,37 +747,25 @@ _MAX_ROWS = 200
 _FRAMES = ("base", "body", "world")
 
 
-def other_axes(
-    unknowns: Unknowns, measured: Measurements, residual: Array, target: Array, offsets: str
-) -> list[Note]:
-    """A note on the axes along which the rows fit much better, if there are such.
-
-    Parameters
-    ----------
-    unknowns : Unknowns
-        Fitted parameters.
-    measured : Measurements
-        The rows, as they were declared.
-    residual, target : ndarray (m,)
-        Residuals and targets of the fit to them.
-    offsets : str
-        As in `identify`.
-    """
-    few = np.linalg.norm(residual) <= _POOR_SHARE**2 * np.linalg.norm(target)
-    if few or needs_equilibrium(unknowns.elements.elastic):
+def other_axes(result: Identification) -> list[Note]:
+    """A note on the axes along which the rows fit much better, if there are such."""
+    model, target = result.model, result.model.observations.target
+    few = np.linalg.norm(result.chosen.residual) <= _POOR_SHARE**2 * np.linalg.norm(target)
+    if few or needs_equilibrium(result.elastic):
         return []
+    measured = result.measured
     if len(measured) > _MAX_ROWS:
         measured = measured.chosen(
             np.unique(np.linspace(0, len(measured) - 1, _MAX_ROWS).astype(int))
         )
-    model = Model(unknowns, measured)
-    declared = _left(model, offsets)
+    model = Model(result.unknowns, measured)
+    declared = _left(model)
     if declared is None or declared[0] < _POOR_SHARE:
         return []
     tried, count = [], 0
     for words, other in _others(model):
         count += 1
-        if (misfit := _left(replace(model, measured=other), offsets, declared[0])) is not None:
+        if (misfit := _left(replace(model, measured=other), declared[0])) is not None:
             tried.append((*misfit, words))
     if not tried:
         return []
@@ -786,26 +784,19 @@ def other_axes(
     return [Note("other-axes", passage, {"residual_rms": declared[1], "other_rms": rms})]
 
 
-def _left(model: Model, offsets: str, most: float = np.inf) -> tuple[float, float, float] | None:
+def _left(model: Model, most: float = np.inf) -> tuple[float, float, float] | None:
     """Residual over measured size, residual rms of lengths (else of angles), degrees of freedom.
 
     None if the first linear step leaves more than the share `most`.
     """
-    unknowns = model.unknowns
     try:
-        seen = model.observations
-        nuisance = offsets_of(unknowns, seen, model.measured, offsets).columns
-        noise = Noise.of(seen.deviation, seen.is_angle)
-        fit = fitted(model, unknowns, noise, nuisance=nuisance, once=True)
-        share, rms = _share(seen, fit)
-        if share > most:
-            return None
-        if not model.is_linear:
-            fit = fitted(model, unknowns, noise, nuisance=nuisance)
-            share, rms = _share(seen, fit)
+        fit = fitted(model, once=True)
+        if not model.is_linear and _share(model.observations, fit)[0] <= most:
+            fit = fitted(model)
     except CartstiffError:
         return None
-    return share, rms, len(seen) - float(np.sum(fit.solved.leverage))
+    share, rms = _share(model.observations, fit)
+    return None if share > most else (share, rms, fit.freedom)
 
 
 def _share(seen: Observations, fit: Fit) -> tuple[float, float]:
@@ -814,7 +805,7 @@ def _share(seen: Observations, fit: Fit) -> tuple[float, float]:
     for angles in (True, False):
         mine = seen.is_angle == angles
         if mine.any():
-            r = fit.solved.residual[mine]
+            r = fit.residual[mine]
             rms = float(np.sqrt(np.mean(r**2)))
             size = float(np.sqrt(np.mean(seen.target[mine] ** 2)))
             scaled[mine] = r / max(size, numerics.TINY)
@@ -913,11 +904,6 @@ def is_doubt(note: Note) -> bool:
     return note.code in _DOUBTS and isinstance(factor, float) and factor >= _LARGE_SCATTER
 
 
-def notes_of(result: Identification) -> list[Note]:
-    """Notes on the result of a fit."""
-    return [*_assumed(result), *_found(result), *_doubts(result), *_limits(result)]
-
-
 def _assumed(result: Identification) -> Iterator[Note]:
     elastic, measured = result.elastic, result.measured
     own = ("stiffness-assumed", "default-posture")
@@ -968,7 +954,7 @@ def _assumed(result: Identification) -> Iterator[Note]:
 
 def _zeros(result: Identification) -> Iterator[Note]:
     """Notes on geometry that was found, or on the effect of an error of a joint's zero."""
-    unknowns, elastic, solution = result.unknowns, result.elastic, result.chosen.solved
+    unknowns, elastic, chosen = result.unknowns, result.elastic, result.chosen
     if sought := unknowns.geometry:
         words = (
             f"estimated together with the springs: {', '.join(sought)}; loads act where they are "
@@ -980,9 +966,9 @@ def _zeros(result: Identification) -> Iterator[Note]:
     zeros = [name for name in zeros_of(elastic) if name.removesuffix(ZERO) not in slides]
     if not zeros or not set(zeros).isdisjoint(sought):
         return
-    more = replace(unknowns, geometry=tuple(zeros))
-    columns = offsets_of(more, result.model.observations, result.measured, "none").columns
-    moved = solution.moved_by(_ZERO_ERROR * columns)
+    more = replace(unknowns, geometry=tuple(zeros), sessions="none")
+    columns = offsets_of(more, result.model.observations, result.measured).columns
+    moved = chosen.moved_by(_ZERO_ERROR * columns)
     worst: tuple[float, str] | None = None
     values = {}
     for p, e in enumerate(result.estimates):
@@ -1014,7 +1000,7 @@ def _cables(result: Identification) -> Iterator[Note]:
     if not names:
         return
     pushed: dict[str, list[int]] = {}
-    forces, _ = result.model.forces_in(written_values(result))
+    forces, _ = result.model.forces_in(written_values(result.unknowns, result.estimates))
     least = -numerics.ROUNDOFF * np.abs(forces).max(initial=0.0)
     for name in names:
         force = forces[:, result.unknowns.elements.index(name)]
@@ -1054,7 +1040,7 @@ def _found(result: Identification) -> Iterator[Note]:
             "model or the signs of load and displacement are wrong"
         )
         yield Note("negative-compliance", words, {"springs": wrong})
-    active = result.chosen.solved.active
+    active = result.chosen.active
     if active.any():
         names = [result.unknowns.names[p] for p in np.flatnonzero(active)]
         words = (
@@ -1063,15 +1049,12 @@ def _found(result: Identification) -> Iterator[Note]:
         )
         yield Note("bound-active", words, {"springs": names})
     if result.suspects:
-        reasons = result.robust.reasons(result.model.observations, result.measured)
+        reasons = [result.robust.reason(n) for n in result.robust.suspects]
         shown = _some(
-            [f"row {result.measured.rows[n]} ({reasons[int(n)]})" for n in result.robust.suspects]
+            [f"row {row} ({why})" for row, why in zip(result.suspects, reasons, strict=True)]
         )
         used = "left out by the robust fit" if result.fit == "robust" else "used all the same"
-        values = {
-            "rows": result.suspects,
-            "reasons": [reasons[int(n)] for n in result.robust.suspects],
-        }
+        values = {"rows": result.suspects, "reasons": reasons}
         yield Note("suspects", f"suspect, and {used}: {shown}", values)
     yield from _unseen(result)
     if result.rejected:
@@ -1107,13 +1090,11 @@ def _unseen(result: Identification) -> Iterator[Note]:
 
 def _limits(result: Identification) -> Iterator[Note]:
     """Notes on the validity of the linear model, and on matrices that are no stiffnesses."""
-    values = written_values(result)
     if not needs_equilibrium(result.elastic):
-        yield from _against_equilibrium(result, values)
-    Gamma = result.unknowns.compliance(values)
-    entries = result.unknowns.parameters
-    if any(not u.pattern.is_diagonal for u in entries):
-        lowest = numerics.eigenvalues(Gamma)[0]
+        yield from _against_equilibrium(result)
+    if any(not u.pattern.is_diagonal for u in result.unknowns.parameters):
+        values = written_values(result.unknowns, result.estimates)
+        lowest = numerics.eigenvalues(result.unknowns.compliance(values))[0]
         if lowest <= 0.0:
             words = (
                 "the compliance found for a link has a negative eigenvalue: the noise is larger "
@@ -1122,31 +1103,34 @@ def _limits(result: Identification) -> Iterator[Note]:
             yield Note("not-definite", words, {"lowest": float(lowest)})
 
 
-def _against_equilibrium(result: Identification, values: Array) -> Iterator[Note]:
+def _bent(result: Identification, rows: NDArray[np.intp]) -> tuple[Array, Array] | None:
+    """Numbers of some rows by the equilibrium under load, and by small displacements."""
+    values = written_values(result.unknowns, result.of_fit)
+    some = result.unknowns, result.measured.chosen(rows)
+    try:
+        return LoadedModel(*some).at(values)[0], Model(*some).at(values)[0]
+    except CartstiffError:
+        return None
+
+
+def _against_equilibrium(result: Identification) -> Iterator[Note]:
     """Compare equilibrium under load and small displacement in the rows that move most."""
-    seen, unknowns = result.model.observations, result.unknowns
+    seen, values = result.model.observations, written_values(result.unknowns, result.of_fit)
     try:
         y, _ = result.model.at(values)
     except CartstiffError:
         return
-    size = np.abs(y) / result.chosen.solved.deviation
-    worst = list(dict.fromkeys(seen.row[np.argsort(-size)].tolist()))[:_COMPARED_ROWS]
-    keep = np.zeros(len(result.measured), bool)
-    keep[worst] = True
-    some = result.measured.chosen(keep)
-    small = Model(unknowns, some)
-    try:
-        bent, _ = LoadedModel(unknowns, some).at(values)
-        straight, _ = small.at(values)
-    except CartstiffError:
+    size = np.abs(y) / result.chosen.deviation
+    worst = np.array(list(dict.fromkeys(seen.row[np.argsort(-size)].tolist()))[:_COMPARED_ROWS])
+    worst.sort()
+    if (pair := _bent(result, worst)) is None:
         return
-    mine = np.isin(seen.row, np.flatnonzero(keep))
-    deviation = result.chosen.solved.deviation[mine]
-    apart = np.abs(bent - straight) / deviation
+    mine, (bent, straight) = np.flatnonzero(np.isin(seen.row, worst)), pair
+    apart = np.abs(bent - straight) / result.chosen.deviation[mine]
     i = int(np.argmax(apart))
     if not (apart[i] > 1.0 or result.loaded):
         return
-    row = int(some.rows[small.observations.row[i]])
+    row = int(result.measured.rows[seen.row[mine[i]]])
     advice = (
         "the fit without --loaded would do"
         if not apart[i] > 1.0
@@ -1158,28 +1142,24 @@ def _against_equilibrium(result: Identification, values: Array) -> Iterator[Note
         f"in row {row} the equilibrium under load differs from the linear displacement by "
         f"{apart[i]:.3g} standard deviations: {advice}"
     )
-    values_ = {"row": row, "linear": float(straight[i]), "loaded": float(bent[i])}
-    yield Note("linear-differs", words, values_)
+    numbers = {"row": row, "linear": float(straight[i]), "loaded": float(bent[i])}
+    yield Note("linear-differs", words, numbers)
 
 
 def _is_widened(result: Identification) -> bool:
     """Whether intervals count the linear model's error: of positions, in tables of some rows."""
-    is_linear = not result.loaded and not needs_equilibrium(result.elastic)
     absolute = bool(result.model.observations.is_absolute.any())
-    return is_linear and absolute and len(result.measured) <= _MAX_ROWS
+    return not result.loaded and absolute and len(result.measured) <= _MAX_ROWS
 
 
-def _bias(result: Identification) -> Array | None:
+def _bias(result: Identification) -> Array:
     """Change of linear estimates (P,) by the equilibrium under load, if that differs."""
-    values = written_values(result)
-    if not _is_widened(result) or not any(_against_equilibrium(result, values)):
-        return None
-    try:
-        bent, _ = LoadedModel(result.unknowns, result.measured).at(values)
-        straight, _ = result.model.at(values)
-    except CartstiffError:
-        return None
-    return np.abs(result.chosen.solved.moved_by((bent - straight)[:, None])[:, 0])
+    nothing = np.zeros(len(result.of_fit))
+    if not _is_widened(result) or not any(_against_equilibrium(result)):
+        return nothing
+    if (pair := _bent(result, np.arange(len(result.measured)))) is None:
+        return nothing
+    return np.abs(result.chosen.moved_by((pair[0] - pair[1])[:, None])[:, 0])
 
 
 def _angles(result: Identification) -> Iterator[Note]:
@@ -1387,72 +1367,26 @@ def identify(
         If the fit does not settle.
     """
     _check(offsets, measured, fit, reject, level)
-    offsets = offsets or "rigid"
     unknowns = unknowns_of(elastic, sought, ties=ties, known=known, priors=priors)
+    unknowns = replace(unknowns, sessions=offsets or "rigid")
     contradictions(measured)
     rows = measured.rows
-    poses = Model(unknowns, measured).poses
-    measured = in_base(unknowns, measured, poses, offsets)
+    measured = in_base(unknowns, measured, Model(unknowns, measured).poses)
     rejected: tuple[Rejected, ...] = ()
     while True:
-        model, plain, robust = _fits(unknowns, measured, offsets, loaded, progress)
+        model, plain, robust = _fits(unknowns, measured, loaded, progress)
         measured = model.measured
         if reject is None or rejected:
             break
         drop = robust.suspects if reject == "suspects" else robust.beyond(float(reject))
         if not len(drop):
             break
-        reasons = robust.reasons(model.observations, measured)
-        rejected = tuple(Rejected(int(measured.rows[n]), reasons[n]) for n in drop)
+        rejected = tuple(Rejected(int(measured.rows[n]), robust.reason(n)) for n in drop)
         measured = measured.chosen(np.isin(np.arange(len(measured)), drop, invert=True))
-    chosen = robust.fit if fit == "robust" else plain
-    seen = model.observations
-    _check_frame(model, chosen, elastic)
-    columns = offsets_of(unknowns, seen, measured, offsets)
-    kept = rows_in_fit(robust, fit, len(seen))
-    checks = checked(model, chosen, unknowns, measured, kept, columns.columns)
-    inflation = inflation_of(checks)
-    springs = estimates(chosen.solved, unknowns, level, inflation)
-    half = quantile(level, freedom_of(chosen.solved, inflation)) * inflation
-    solution = chosen.solved
-    found = measured.found
-    steps = estimated(elastic, columns, solution.offsets, solution.offset_covariance, found)
-    placed = {name: (found.get(name, 0.0) + x, sd) for name, (x, sd) in steps.items()}
-    geometry = []
-    for name, (x, sd) in placed.items():
-        interval = (x - half * sd, x + half * sd)
-        unit = unit_of(elastic, name)
-        one = OffsetEstimate(name, unit, None, None, None)
-        if np.isfinite(sd):
-            one = OffsetEstimate(name, unit, x, sd * inflation, interval)
-        geometry.append(one)
-    result = Identification(
-        elastic,
-        unknowns,
-        measured,
-        len(rows),
-        rejected,
-        model,
-        chosen,
-        plain,
-        robust,
-        tuple(springs),
-        tuple(geometry),
-        {name: x for name, (x, _) in placed.items()},
-        columns.names,
-        checks,
-        level,
-        fit,
-        offsets,
-        isinstance(model, LoadedModel),
-        inflation,
-    )
-    if (bias := _bias(result)) is not None:
-        springs = estimates(chosen.solved, unknowns, level, inflation, bias)
-        result = replace(result, estimates=tuple(springs))
-    doubts = other_axes(unknowns, measured, chosen.solved.residual, seen.target, offsets)
-    notes = (*doubts, *notes_of(result))
-    return replace(result, notes=tuple(sorted(notes, key=lambda note: not is_doubt(note))))
+    result = Identification(model, len(rows), rejected, plain, robust, level, fit)
+    _check_frame(model, result.chosen, elastic)
+    result.notes  # noqa: B018 - what is wrong with the rows is an error here
+    return result
 
 
 def _check_frame(model: Model, fit: Fit, elastic: ElasticMechanism) -> None:
@@ -1464,7 +1398,7 @@ def _check_frame(model: Model, fit: Fit, elastic: ElasticMechanism) -> None:
         If their residuals exceed a share of the mechanism's size, as in another frame.
     """
     seen, length = model.observations, elastic.mechanism.at(elastic.q).length
-    far = fit.solved.residual[seen.is_absolute & ~seen.is_angle]
+    far = fit.residual[seen.is_absolute & ~seen.is_angle]
     rms = float(np.sqrt(np.mean(far**2))) if far.size else 0.0
     if rms > _FOREIGN_SHARE * length:
         raise InputError(
@@ -1473,11 +1407,6 @@ def _check_frame(model: Model, fit: Fit, elastic: ElasticMechanism) -> None:
             "column session one for each session",
             got=f"residuals of {rms:.3g} {elastic.units.length} (rms)",
         )
-
-
-def rows_in_fit(robust: Robust, fit: str, count: int) -> NDArray[np.bool_]:
-    """Numbers that the chosen fit uses (m,)."""
-    return robust.kept if fit == "robust" else np.ones(count, bool)
 
 
 def _check(
@@ -1522,28 +1451,19 @@ def _check(
 def _fits(
     unknowns: Unknowns,
     measured: Measurements,
-    offsets: str,
     loaded: bool,
     progress: Callable[[int, float], None] | None,
 ) -> tuple[Model, Fit, Robust]:
     """The plain and the robust fit of the rows, corrected by the offsets that are found."""
     elastic = unknowns.elements.elastic
     for _ in range(_MAX_CORRECTIONS):
-        model, start = model_of(unknowns, measured, loaded), None
-        seen = model.observations
-        noise = Noise.of(seen.deviation, seen.is_angle)
-        columns = offsets_of(unknowns, seen, measured, offsets)
-        nuisance = columns.columns
-        _check_count(len(seen), unknowns, nuisance.shape[1])
-        if isinstance(model, LoadedModel):
-            start = _at_rest(model, unknowns, _near(unknowns, measured, noise, nuisance))
-        plain = fitted(model, unknowns, noise, nuisance=nuisance, start=start, progress=progress)
-        solution = plain.solved
-        C = solution.offset_covariance
-        last = estimated(elastic, columns, solution.offsets, C, measured.found)
-        step = corrections(elastic, last)
+        model = model_of(unknowns, measured, loaded)
+        _check_count(model)
+        start = _at_rest(model, _near(model)) if isinstance(model, LoadedModel) else None
+        plain = fitted(model, start=start, progress=progress)
+        step = corrections(elastic, geometry_of(model, plain))
         if not step:
-            return model, plain, robust_fit(model, unknowns, noise, nuisance, plain)
+            return model, plain, robust_fit(model, plain)
         measured = corrected(elastic, measured, step)
     raise ConvergenceError(
         "zeros and offsets do not settle: they are too large, or the rows hardly separate them",
@@ -1552,10 +1472,10 @@ def _fits(
     )
 
 
-def _at_rest(model: LoadedModel, unknowns: Unknowns, near: Array) -> Array:
+def _at_rest(model: LoadedModel, near: Array) -> Array:
     """Parameters with an equilibrium in every row: `near`, the file's own, or stiffer ones."""
-    own = unknowns.nominal
-    stiffer = [np.where(unknowns.is_bounded, share * own, own) for share in _STIFFER]
+    own, is_bounded = model.unknowns.nominal, model.unknowns.is_bounded
+    stiffer = [np.where(is_bounded, share * own, own) for share in _STIFFER]
     for start in (near, own, *stiffer):
         try:
             model.at(start)
@@ -1565,26 +1485,27 @@ def _at_rest(model: LoadedModel, unknowns: Unknowns, near: Array) -> Array:
     return own  # the fit names the row without an equilibrium
 
 
-def _near(unknowns: Unknowns, measured: Measurements, noise: Noise, nuisance: Array) -> Array:
+def _near(model: LoadedModel) -> Array:
     """Parameters of the fit with small loads, if that is cheap, else the file's own."""
-    if needs_equilibrium(unknowns.elements.elastic):
-        return unknowns.nominal
-    try:
-        first = fitted(Model(unknowns, measured), unknowns, noise, nuisance=nuisance)
-    except CartstiffError:  # no stiffness, or a law that does not reach so far
-        return unknowns.nominal
+    unknowns = model.unknowns
     nominal = unknowns.nominal
+    if needs_equilibrium(unknowns.elements.elastic):
+        return nominal
+    try:
+        first = fitted(Model(unknowns, model.measured))
+    except CartstiffError:  # no stiffness, or a law that does not reach so far
+        return nominal
     share = first.theta / nominal
     sound = ~unknowns.is_bounded | ((share > _SMALLEST_START) & (share < 1.0 / _SMALLEST_START))
-    return np.where(first.solved.is_determined & sound, first.theta, nominal)
+    return np.where(first.is_determined & sound, first.theta, nominal)
 
 
-def _check_count(numbers: int, unknowns: Unknowns, offsets: int) -> None:
-    wanted = len(unknowns.parameters) + offsets
-    if numbers + len(unknowns.priors[1]) < wanted:
+def _check_count(model: Model) -> None:
+    parameters, offsets = len(model.unknowns.parameters), len(model.offsets.names)
+    if len(model.observations) + len(model.unknowns.priors[1]) < parameters + offsets:
         raise InputError(
             "fewer numbers than unknowns",
-            got=f"{numbers} measured",
-            expected=f"at least {wanted} ({len(unknowns.parameters)} compliances"
+            got=f"{len(model.observations)} measured",
+            expected=f"at least {parameters + offsets} ({parameters} compliances"
             + (f", {offsets} offsets)" if offsets else ")"),
         )

@@ -191,6 +191,37 @@ class Observations:
     def __len__(self) -> int:
         return len(self.target)
 
+    @property
+    def group(self) -> NDArray[np.intp]:
+        """0 for lengths, 1 for angles (m,)."""
+        return self.is_angle.astype(np.intp)
+
+    @property
+    def unit(self) -> Array:
+        """Standard deviations (m,); 1 for those that are to be estimated."""
+        return np.where(np.isnan(self.deviation), 1.0, self.deviation)
+
+    @cached_property
+    def is_known(self) -> NDArray[np.bool_]:
+        """Whether the standard deviations of lengths and of angles are known (2,).
+
+        Raises
+        ------
+        InputError
+            If only some of a group are given.
+        """
+        known = []
+        for group, word in ((~self.is_angle, "lengths"), (self.is_angle, "angles")):
+            missing = np.isnan(self.deviation[group])
+            if missing.any() and not missing.all():
+                raise InputError(
+                    f"some {word} have a standard deviation and others none",
+                    expected="one for each number, or none at all",
+                    got=f"{int(missing.sum())} of {len(missing)} without",
+                )
+            known.append(not missing.any())
+        return np.array(known)
+
 
 def field_of(elastic: ElasticMechanism) -> Array:
     """Acceleration (3,) of hung masses, in F, m/s^2."""

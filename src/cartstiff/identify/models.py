@@ -25,7 +25,7 @@ from cartstiff.batch.postures import analyse_many
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.identify.measurements import Measurements, Observations, field_of, observe, wrenches
-from cartstiff.identify.unknowns import Unknowns
+from cartstiff.identify.unknowns import Offsets, Unknowns, offsets_of
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements
@@ -145,6 +145,11 @@ class Model:
     def observations(self) -> Observations:
         """The measured numbers."""
         return observe(self.measured, self.unknowns.elements.elastic, self.poses)
+
+    @cached_property
+    def offsets(self) -> Offsets:
+        """Columns of the offsets of sessions, and of the geometry that is sought."""
+        return offsets_of(self.unknowns, self.observations, self.measured)
 
     @cached_property
     def _loads(self) -> tuple[Array, Array, Array]:

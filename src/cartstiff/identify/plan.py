@@ -459,7 +459,7 @@ def _regressor(
             expected="one for each column that is measured",
         )
     sought = unknowns if seen.is_absolute.any() else replace(unknowns, geometry=())
-    offsets = offsets_of(sought, seen, measured, "rigid")
+    offsets = offsets_of(sought, seen, measured)
     named = dict(zip(offsets.names, offsets.columns.T, strict=True))
     nothing = np.zeros(len(seen))
     more = [named.pop(n, nothing) * _SMALL * size_of(elastic, n) for n in geometry]
@@ -529,8 +529,7 @@ def plan(
             "number of rows cannot be used", where="--plan", expected="1 or more", got=count
         )
     P, elastic = len(unknowns.parameters), unknowns.elements.elastic
-    seen = model_of(unknowns, offered).observations
-    geometry = offsets_of(unknowns, seen, offered, "none").names
+    geometry = model_of(unknowns, offered).offsets.geometry
     whole, moved = _per_row(unknowns, offered, geometry)
     most = max(_LARGE_DISPLACEMENT, _TIMES_MEDIAN * float(np.median(moved)))
     offered, whole = offered.chosen(moved <= most), whole[moved <= most]

@@ -87,6 +87,8 @@ class Unknowns:
         Compliances that are not sought.
     geometry : tuple of str
         Further unknowns of measured positions: "JOINT.zero", "tool", "base".
+    sessions : {"rigid", "translation", "none"}
+        Unknown part of the pose of the measuring frame in each session.
     """
 
     elements: Elements
@@ -94,6 +96,7 @@ class Unknowns:
     patterns: Array
     known: Array
     geometry: tuple[str, ...] = ()
+    sessions: str = "rigid"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -430,9 +433,8 @@ def _check_stiffness(k: float, where: str, name: str) -> None:
         )
 
 
-_PARTS = ("x", "y", "z", "rx", "ry", "rz")
-# Standard deviation above which an offset is not determined: rad, and shares of the mechanism.
-_MAX_DEVIATION = 0.1
+#: Numbers of the place of a tool or base.
+PARTS = ("x", "y", "z", "rx", "ry", "rz")
 # Share of its standard deviation below which an offset is not corrected any more.
 _NEGLIGIBLE = 0.1
 
@@ -472,9 +474,7 @@ class OffsetEstimate:
         return self.value is not None
 
 
-def offsets_of(
-    unknowns: Unknowns, seen: Observations, measured: Measurements, kind: str
-) -> Offsets:
+def offsets_of(unknowns: Unknowns, seen: Observations, measured: Measurements) -> Offsets:
     """Columns of all offsets; those without an effect are left out.
 
     Raises
@@ -484,12 +484,12 @@ def offsets_of(
     """
     of_sessions: dict[str, Array] = {}
     sessions = np.array(measured.session)[seen.row] if measured.session else np.zeros(0)
-    for name in dict.fromkeys(measured.session) if kind != "none" else ():
+    for name in dict.fromkeys(measured.session) if unknowns.sessions != "none" else ():
         mine = (sessions == name) & seen.is_absolute
         points = seen.place[mine & ~seen.is_angle]
         placed = _placement(seen, mine, points.mean(axis=0) if len(points) else np.zeros(3))
         for part, column in zip(("tx", "ty", "tz", "rx", "ry", "rz"), placed, strict=True):
-            if column.any() and (kind == "rigid" or part[0] == "t"):
+            if column.any() and (unknowns.sessions == "rigid" or part[0] == "t"):
                 of_sessions[f"{name}.{part}"] = column
     geometry = _of_geometry(unknowns, seen, measured)
     columns = [*of_sessions.values(), *geometry.values()]
@@ -538,7 +538,7 @@ def _of_geometry(
         else:
             B = elastic.mechanism.base_pose
             parts = _placement(seen, absolute, B[:3, 3], B[:3, :3])
-        columns |= {f"{word}.{n}": x for n, x in zip(_PARTS, parts, strict=True) if x.any()}
+        columns |= {f"{word}.{n}": x for n, x in zip(PARTS, parts, strict=True) if x.any()}
     return columns
 
 
@@ -548,47 +548,6 @@ def unit_of(elastic: ElasticMechanism, name: str) -> str:
         j = elastic.names.index(name.removesuffix(ZERO))
         return elastic.units.coordinate(elastic.mechanism.coordinates[j].is_length)
     return elastic.units.length if name[-2] == "." else elastic.units.angle
-
-
-def estimated(
-    elastic: ElasticMechanism,
-    offsets: Offsets,
-    x: Array,
-    covariance: Array,
-    found: Mapping[str, float],
-) -> dict[str, tuple[float, float]]:
-    """Change and standard deviation of each that is sought, for x (S,) beyond what is `found`.
-
-    The deviation is NaN if the rows do not determine the offset.
-    """
-    names, first = offsets.geometry, len(offsets.names) - len(offsets.geometry)
-    G = np.eye(len(names))
-    for word in ("base", "tool"):
-        at = [i for i, name in enumerate(names) if name.startswith(f"{word}.")]
-        parts = [_PARTS.index(names[i][5:]) for i in at]
-        G[np.ix_(at, at)] = _by_step(found, word)[np.ix_(parts, parts)]
-    # An undetermined number, whose covariance is NaN, spoils only those that it enters.
-    near = [np.flatnonzero(np.abs(g) >= _MAX_DEVIATION) for g in G]
-    C = covariance[first:, first:]
-    spreads = [np.sqrt(g[i] @ C[np.ix_(i, i)] @ g[i]) for g, i in zip(G, near, strict=True)]
-    limits = [_MAX_DEVIATION * size_of(elastic, name) for name in names]
-    return {
-        name: (float(change), float(s) if s <= limit else np.nan)
-        for name, change, s, limit in zip(names, G @ x[first:], spreads, limits, strict=True)
-    }
-
-
-def _by_step(found: Mapping[str, float], word: str) -> Array:
-    """Changes of the six numbers of a base or tool by a step (6, 6).
-
-    A step of the base is along its turned axes, and turns before it; one of the tool is along the
-    body's axes, and turns after it.
-    """
-    T, G = placement_of(found, word), np.eye(6)
-    turning = se3.right_jacobian_inverse(se3.log(se3.pose(T[:3, :3])))[:3, :3]
-    G[3:, 3:] = turning if word == "base" else turning.T
-    G[:3, :3] = T[:3, :3] if word == "base" else np.eye(3)
-    return G
 
 
 def size_of(elastic: ElasticMechanism, name: str) -> float:
@@ -608,7 +567,7 @@ def corrections(
 
 def placement_of(found: Mapping[str, float], word: str) -> Array:
     """Pose of the "base" or the "tool", from its offsets."""
-    x = [found.get(f"{word}.{part}", 0.0) for part in _PARTS]
+    x = [found.get(f"{word}.{part}", 0.0) for part in PARTS]
     return se3.pose(se3.exp([*x[3:], 0.0, 0.0, 0.0])[:3, :3], x[:3])
 
 
@@ -652,7 +611,7 @@ def _moved(
     return values
 
 
-def in_base(unknowns: Unknowns, measured: Measurements, poses: Array, kind: str) -> Measurements:
+def in_base(unknowns: Unknowns, measured: Measurements, poses: Array) -> Measurements:
     """Positions and orientations near the base frame; those of a base that is sought corrected.
 
     Each session's frame, or that of all rows if the base is sought, is placed so that the points
@@ -666,8 +625,6 @@ def in_base(unknowns: Unknowns, measured: Measurements, poses: Array, kind: str)
         Without all of x, y, z they are returned unchanged.
     poses : ndarray (N, 4, 4)
         ``T_F_M`` of the rigid mechanism.
-    kind : str
-        Offsets of sessions, as in `identify`.
 
     Raises
     ------
@@ -675,7 +632,7 @@ def in_base(unknowns: Unknowns, measured: Measurements, poses: Array, kind: str)
         For a session of fewer than three places.
     """
     elastic, sessions = unknowns.elements.elastic, np.array(measured.session)
-    by_session = measured.session and kind == "rigid"
+    by_session = measured.session and unknowns.sessions == "rigid"
     if not all(n in measured.values for n in POSITION) or not (
         by_session or "base" in unknowns.geometry
     ):
@@ -690,7 +647,7 @@ def in_base(unknowns: Unknowns, measured: Measurements, poses: Array, kind: str)
         if place is None:
             return measured
         parts = [*place[:3, 3], *se3.log(se3.pose(place[:3, :3]))[:3]]
-        step = {f"base.{part}": float(x) for part, x in zip(_PARTS, parts, strict=True)}
+        step = {f"base.{part}": float(x) for part, x in zip(PARTS, parts, strict=True)}
         return corrected(elastic, measured, step)
     values: Mapping[str, Array] = measured.values
     for name in dict.fromkeys(measured.session):

@@ -54,7 +54,7 @@ def describe_identification(result: Identification) -> str:
         )
     heads = ("", "numbers", "residual rms", "sd of one", "", "left-out rms", "unit")
     lines += table(heads, body)
-    values = result.chosen.solved.singular_values
+    values = result.chosen.singular_values
     lines += [
         "",
         f"Singular values of the scaled regressor: {number(values[0], 3)} to "
