@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
 import subprocess
 
 import pytest
 
+import cartstiff
 from cartstiff.mechanisms.contract import engineering
 from cartstiff.page.files import page_script
+from cartstiff.page.messages import ViewState
+from cartstiff.page.session import Session
+from cartstiff.page.source import Source
 
 #: Value, unit, digits, what is read.
 READ = [
@@ -64,14 +69,49 @@ def test_what_is_rounding_is_zero_and_what_is_not_there_a_dash():
     assert engineering(math.nan, "N") == "-"
 
 
-@pytest.mark.skipif(shutil.which("node") is None, reason="no node to run JavaScript")
+def _in_node(module, made):
+    """What an expression of a module of the page is."""
+    if shutil.which("node") is None:
+        pytest.skip("no node to run JavaScript")
+    script = f"{page_script(module)}process.stdout.write(JSON.stringify({made}));"
+    done = subprocess.run(["node", "-"], input=script, capture_output=True, text=True, check=True)
+    return json.loads(done.stdout)
+
+
 def test_the_page_reads_the_same():
     asked = json.dumps([[str(value), unit, digits] for value, unit, digits, _ in READ])
-    script = f"""{page_script("dom.js")}
-    const number = (x) => Number(x.replace("inf", "Infinity"));
-    const read = ([x, unit, digits]) => engineering(number(x), unit, digits);
-    process.stdout.write(JSON.stringify({asked}.map(read)));"""
-    done = subprocess.run(["node", "-"], input=script, capture_output=True, text=True, check=True)
-    assert [text.replace("\u2212", "-") for text in json.loads(done.stdout)] == [
-        r for *_, r in READ
-    ]
+    number = '(x) => Number(x.replace("inf", "Infinity"))'
+    texts = _in_node(
+        "dom.js",
+        f"{asked}.map(([x, unit, digits]) => engineering(({number})(x), unit, digits))",
+    )
+    assert [text.replace("\u2212", "-") for text in texts] == [r for *_, r in READ]
+
+
+@pytest.mark.parametrize(("kind", "power"), [("root", 2), ("linear", 1)])
+def test_the_legend_names_a_length_and_its_value(kind, power):
+    session = Session(Source(cartstiff.load("ur5")))
+    drawn = session.picture.draw(session.result(session.start), ViewState(scale=kind))
+    legend = _in_node("legend.js", f"legendOf({json.dumps(drawn)})")
+    text = legend["lines"][0]["text"]
+    length, value, prefix, unit = re.search(r": (\S+) cm = (\S+) (k?)(N/m+)", text).groups()
+    value = float(value) * (1e3 if prefix else 1.0) * (1e3 if unit == "N/mm" else 1.0)
+    per_length = legend["measures"]["translation"]["value_per_length"]
+    assert value == pytest.approx(per_length * (float(length) / 100) ** power)
+
+
+def test_the_legend_says_what_else_is_drawn_and_what_is_not():
+    session = Session(Source(cartstiff.load("ur5")))
+    state = ViewState(load=(0, 2, 0, 0, 0, -100.0), scale="log", rotation=False, deflection=True)
+    drawn = session.picture.draw(session.result(state), state)
+    lines = _in_node("legend.js", f"legendOf({json.dumps(drawn)}).lines")
+    assert [line["mark"] for line in lines] == ["translation", "force", "moment", "deflection"]
+    assert re.search(r"\(rings\)$", lines[0]["text"])
+    assert re.match(r"force: 100 N is \d+(\.\d+)? cm long; ten times the force", lines[1]["text"])
+    assert lines[2]["title"].startswith("length = ")
+    factor = drawn["deflection"]["exaggeration"]
+    assert f"enlarged {factor:.3g} times, under the load at the origin of M" in lines[3]["text"]
+    singular = state.model_copy(update={"q": [0.0] * 6, "rotation": True})
+    drawn = session.picture.draw(session.result(singular), singular)
+    lines = _in_node("legend.js", f"legendOf({json.dumps(drawn)}).lines")
+    assert lines[0]["text"].startswith("translation (rotation free) is not drawn: ")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -14,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import cartstiff
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError
-from cartstiff.page.messages import ViewState, read_message
+from cartstiff.page.messages import read_message
 from cartstiff.page.session import Session
 from cartstiff.page.shown import describe_mechanism, slider_coordinates, slider_ranges
 from cartstiff.page.source import Cloud, Playback, Source
@@ -383,14 +382,3 @@ def test_weight_and_lengths_are_what_the_tab_says(session):
     assert [leg["length"] for leg in numbers["legs"]] == pytest.approx(lengths, rel=1e-12)
     with pytest.raises(InputError, match="platforms"):
         asked(heavy, do="draw", lengths=lengths)
-
-
-@pytest.mark.parametrize(("kind", "power"), [("root", 2), ("linear", 1)])
-def test_the_legend_names_a_length_and_what_it_stands_for(kind, power):
-    session = Session(Source(cartstiff.load("ur5")))
-    legend = session.picture.draw(session.result(session.start), ViewState(scale=kind))
-    text = legend["lines"][0]["text"]
-    length, value, prefix, unit = re.search(r": (\S+) cm = (\S+) (k?)(N/m+)", text).groups()
-    value = float(value) * (1e3 if prefix else 1.0) * (1e3 if unit == "N/mm" else 1.0)
-    per_length = legend["measures"]["translation"]["value_per_length"]
-    assert value == pytest.approx(per_length * (float(length) / 100) ** power)

@@ -44,7 +44,7 @@ def test_a_tab_is_told_modes_pictures_and_curves():
     told = first.data["numbers"]["modes"]
     whole = modes(elastic, wrench=[0, 0, 0, 0, 0, -200.0])
     assert told["frequencies"] == pytest.approx(whole.frequencies.tolist())
-    assert [line for line in first.data["legend"]["lines"] if line["mark"] == "nodal"]
+    assert first.data["legend"]["nodal"]["name"] == "nodal axis of mode 2"
     answer = session.answer(Swing(id=2, do="swing", state=state, share=0.1))
     assert sum(answer.data["counts"]) == len(answer.commands)
     assert len(answer.data["counts"]) == 18

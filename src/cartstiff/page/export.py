@@ -168,7 +168,6 @@ def _picture_of(
         "legend": legend,
         "scene": {
             "units": {"length": units.length, "force": units.force, "moment": units.moment},
-            "lines": [line for line in legend["lines"] if line["mark"] == "note"],
             "notes": legend["notes"],
         },
         "trajectory": None if trajectory is None else trajectory.q.tolist(),

@@ -1,6 +1,6 @@
 // The picture without a server: what `cartstiff.scene` would send for a posture, from its `assets`.
 
-import { general, motion, moved, place, rotation, times } from "./algebra.js";
+import { motion, moved, place, rotation, times } from "./algebra.js";
 import { engineering } from "./dom.js";
 import { inFrame, principalValues } from "./program.js";
 import { NEGLIGIBLE_DIFFERENCE, ROUNDOFF, ZERO_SHARE } from "./numerics.js";
@@ -18,21 +18,16 @@ function round(x) {
 const POWERS = { linear: { power: 1, least: 0.05 }, root: { power: 2, least: 0.02 } };
 const APART = 30;
 
-/** A scale from what a legend says of it: a function from a value to a length, with its legend. */
+/** A scale from what a legend says of it: a function from a value to a length. */
 function scaleOf(facts) {
   if (facts.kind === "log") {
     const { zero_at: zero, length_per_decade: step } = facts;
-    return { facts, step, most: Infinity, length: (x) => Math.log10(Math.max(Math.abs(x), zero) / zero) * step,
-      words: (unit, length) => `radius 0 at ${number(zero, unit)}, and ${inLength(step, length)} for each factor of 10 (rings)` };
+    return { facts, step, most: Infinity, length: (x) => Math.log10(Math.max(Math.abs(x), zero) / zero) * step };
   }
   const { power } = POWERS[facts.kind];
   const most = facts.cut_at ?? Infinity;
-  return { facts, most, length: (x) => Math.min(most, (Math.abs(x) / facts.value_per_length) ** (1 / power)),
-    words: (unit, length, bar) => `${inLength(bar, length)} = ${number(facts.value_per_length * bar ** power, unit)}${power === 2 ? " (square-root scale)" : ""}` };
+  return { facts, most, length: (x) => Math.min(most, (Math.abs(x) / facts.value_per_length) ** (1 / power)) };
 }
-
-/** A length of the picture. */
-const inLength = (x, unit) => (unit === "m" && Math.abs(x) < 1 ? `${few(100 * x)} cm` : `${few(x)} ${unit}`);
 
 /** The largest of some sizes, if it does not lie apart. */
 function telling(list) {
@@ -71,7 +66,6 @@ function logarithmic(values, usual, target) {
 export const growing = (value, perDecade, zero) => perDecade * Math.log1p(Math.abs(value) / zero) / Math.LN10;
 
 const largestOf = (list) => Math.max(0, ...list.map(Math.abs));
-const few = (x) => general(Number(x.toPrecision(3)), 6).replace(/e([+-])0?(\d)/, (_, sign, digit) => `e${sign === "-" ? "-" : ""}${digit}`);
 
 /** Three digits and a unit, as `cartstiff.scene.labels.number`. */
 const number = (value, unit) => engineering(value, unit, 3).replace("\u2212", "-");
@@ -116,21 +110,19 @@ export class Drawing {
 
   // -- parts ------------------------------------------------------------------------------------
 
-  /** Everything at a solved posture; {commands, legend}. */
+  /** Everything at a solved posture; {commands, legend}, the legend as `cartstiff.scene.Scene.draw` returns it. */
   draw(m, state) {
     this.commands = [];
-    const lines = [];
-    this.measures = {};
+    const { assets, scene: { units, notes } } = this;
     this.mechanism("mechanism", m);
-    if (m.tensions) this.tensions(m, lines);
+    const tension = m.tensions ? this.tensions(m) : null;
     this.pose("M", m.pose);
     this.ghost(state);
     const here = inFrame(m, state.point.some((x) => x) ? motion([[1, 0, 0], [0, 1, 0], [0, 0, 1]], state.point) : null);
     here.principal = principalValues(here, state);
-    const found = ["translation", "rotation"].map((freedom) => this.ellipsoid(freedom, here, state)).filter(Boolean);
-    const arrows = this.arrows(m, here, state);
-    const legend = { lines: [...found, ...arrows, ...lines, ...this.scene.lines], notes: this.scene.notes, measures: this.measures, per_length: this.assets.scale,
-      bar: { text: inLength(this.assets.bar, this.scene.units.length), length: this.assets.bar * this.assets.scale } };
+    const [translation, rotation] = ["translation", "rotation"].map((freedom) => this.ellipsoid(freedom, here, state));
+    const legend = { length: { unit: units.length, bar: assets.bar, scene_units_per_unit: assets.scale }, others: state.others,
+      ellipsoids: { translation, rotation }, wrench: this.arrows(m, here, state), tension, notes };
     return { commands: this.commands, legend };
   }
 
@@ -174,7 +166,7 @@ export class Drawing {
     this.put(path, [x.map((c) => c * shown), y, z, start]);
   }
 
-  tensions(m, lines) {
+  tensions(m) {
     const most = largestOf(m.tensions);
     if (!most) this.limit ??= 0;
     else {
@@ -186,7 +178,7 @@ export class Drawing {
       const value = [...between(this.assets.colours, 0.5 + 0.5 * share).map((c) => Math.round(c) / 255), 1];
       this.commands.push({ type: "set_property", path: `${ROOT}/mechanism/legs/line ${i + 1}/rod`, property: "color", value });
     });
-    if (this.limit) lines.push({ mark: "tension", text: `legs: pink ${few(-this.limit)} (compression) to green ${few(this.limit)} ${this.scene.units.force} (tension)` });
+    return { limits: [-this.limit, this.limit], unit: this.scene.units.force };
   }
 
   ghost(state) {
@@ -205,11 +197,10 @@ export class Drawing {
     const other = quantity === "stiffness" ? "compliance" : "stiffness";
     this.show(`${root}/${other}`, false);
     const at = `${root}/${quantity}`;
-    const called = `${freedom} (${freedom === "translation" ? "rotation" : "translation"} ${state.others})`;
     const found = here.principal?.[freedom];
     this.show(at, state[freedom] && found !== undefined);
     if (!state[freedom]) return null;
-    if (!found) return { mark: freedom, text: `${called} is not drawn: no ${quantity} exists here` };
+    if (!found) return { shown: false, reason: `no ${quantity} exists here` };
     const { values, definiteness: kind } = found;
     const R = rotation(here.pose);
     const axes = found.axes.map((v) => times(R, v));
@@ -218,7 +209,6 @@ export class Drawing {
     const unit = assets.units[`${quantity}/${freedom}`];
     const kept = state.measures?.[freedom];
     const scale = kept?.kind === state.scale ? scaleOf(kept) : fitting(state.scale, values, assets.usual[`${quantity}/${freedom}`], assets.radius);
-    this.measures[freedom] = scale.facts;
     const [lengths, centre] = [values.map(scale.length), place(here.pose)];
     const along = (v, x, from = [0, 0, 0]) => v.map((c, i) => from[i] + x * c);
     this.show(`${at}/body`, solid);
@@ -243,35 +233,29 @@ export class Drawing {
       this.show(`${at}/ring ${k}`, shown);
       if (shown) this.put(`${at}/ring ${k}`, [...[1, 2, 0].map((i) => along(axes[i], radius)), centre]);
     }
-    const { length } = this.scene.units;
-    const cut = Math.max(...lengths) >= scale.most ? `; cut at ${inLength(scale.most, length)}: the stiffest axis is longer` : "";
-    const flat = isFlat ? `; ${assets.flat_words[values.filter((x) => x === 0).length]}` : "";
-    const words = solid ? `: ${scale.words(unit, length, assets.bar)}${cut}${flat}`
-      : ` is not drawn: ${kind === "zero" ? "it is zero" : `${kind}, smallest principal value ${number(values[0], unit)}`}`;
-    return { mark: freedom, text: called + words };
+    const reason = isFlat ? assets.flat_words[values.filter((x) => x === 0).length]
+      : kind === "zero" ? "it is zero" : `${kind}, smallest principal value ${number(values[0], unit)}`;
+    return { shown: solid, reason: kind === "positive" ? null : reason, unit, scale: scale.facts, cut: Math.max(...lengths) >= scale.most };
   }
 
   arrows(m, here, state) {
-    const W = this.program.shownWrench(m, here.wrench);
-    const lines = [];
-    [["force", W.slice(3)], ["moment", W.slice(0, 3)]].forEach(([kind, vector]) => {
+    const { units } = this.scene;
+    const wrench = this.program.shownWrench(m, here.wrench);
+    const facts = { wrench, units, scale: this.assets.arrows };
+    for (const [kind, vector] of [["force", wrench.slice(3)], ["moment", wrench.slice(0, 3)]]) {
       const size = Math.hypot(...vector);
       const path = `wrench/${kind}`;
       const shown = state.wrench && size > 0;
       this.show(path, shown);
-      if (!shown) return;
-      const unit = this.scene.units[kind];
+      if (!shown) continue;
       const { length_per_decade: per, zero_at: zero } = this.assets.arrows[kind];
-      const length = growing(size, per, zero);
+      const length = facts[kind] = growing(size, per, zero);
       const [along, centre] = [times(rotation(here.pose), vector), place(here.pose)];
       this.put(`${path}/arrow`, [...across(along).map((v) => v.map((c) => c * length)), centre]);
-      if (state.labels) this.write(`${path}/label`, number(size, unit), centre.map((x, i) => x + (1.1 * length * along[i]) / size), "load");
+      if (state.labels) this.write(`${path}/label`, number(size, units[kind]), centre.map((x, i) => x + (1.1 * length * along[i]) / size), "load");
       else this.show(`${path}/label`, false);
-      const longer = inLength(per, this.scene.units.length);
-      lines.push({ mark: kind, text: `${kind}: ${number(size, unit)} is ${inLength(length, this.scene.units.length)} long; ten times the ${kind} is ${longer} longer`,
-        title: `length = ${longer} log10(1 + ${kind} / ${number(zero, unit)})` });
-    });
-    return lines;
+    }
+    return facts;
   }
 
   // -- how much room ------------------------------------------------------------------------------

@@ -1,12 +1,62 @@
 // What the picture's sizes mean: a bar of the machine's size, words, colours; and the picture as a
 // file that carries all of it.
 
-import { byId, dropdown, el, short, typeset } from "./dom.js";
+import { byId, dropdown, el, engineering, short, tuple, typeset } from "./dom.js";
 import { provenance, saveDrawing, sheet, svg } from "./plotfiles.js";
 
 const MARKS = { translation: "●", rotation: "◆", force: "➞", moment: "↻", deflection: "⇢", tension: "│", nodal: "╱", note: "!" };
 // Times its size that a picture can be saved with.
 const SIZES = [1, 2, 3, 4];
+
+/** A length of the picture. */
+const inLength = (x, unit) => (unit === "m" && Math.abs(x) < 1 ? `${short(100 * x, 3)} cm` : `${short(x, 3)} ${unit}`);
+
+/** What a radius means, by the example of the bar. */
+function radius({ scale, unit, cut }, length) {
+  if (scale.kind === "log") return `radius 0 at ${engineering(scale.zero_at, unit, 3)}, and ${inLength(scale.length_per_decade, length.unit)} for each factor of 10 (rings)`;
+  const isRoot = scale.kind === "root";
+  const value = scale.value_per_length * length.bar ** (isRoot ? 2 : 1);
+  return `${inLength(length.bar, length.unit)} = ${engineering(value, unit, 3)}${isRoot ? " (square-root scale)" : ""}`
+    + (cut ? `; cut at ${inLength(scale.cut_at, length.unit)}: the stiffest axis is longer` : "");
+}
+
+/** A picture's facts, as `cartstiff.scene.Scene.draw` returns them, with their words, the bar, and the scales of the ellipsoids. */
+export function legendOf(facts) {
+  const { length, wrench, deflection, tension, nodal } = facts;
+  const ellipsoids = Object.entries(facts.ellipsoids).filter(([, own]) => own);
+  const lines = [];
+  const say = (mark, text, title = text) => lines.push({ mark, text, title });
+  for (const [freedom, own] of ellipsoids) {
+    const called = `${freedom} (${freedom === "translation" ? "rotation" : "translation"} ${facts.others})`;
+    say(freedom, own.shown ? [`${called}: ${radius(own, length)}`, own.reason].filter(Boolean).join("; ") : `${called} is not drawn: ${own.reason}`);
+  }
+  for (const [kind, first] of [["force", 3], ["moment", 0]]) {
+    if (!wrench?.[kind]) continue;
+    const [unit, { zero_at: zero, length_per_decade: step }] = [wrench.units[kind], wrench.scale[kind]];
+    const size = engineering(Math.hypot(...wrench.wrench.slice(first, first + 3)), unit, 3);
+    const longer = inLength(step, length.unit);
+    say(kind, `${kind}: ${size} is ${inLength(wrench[kind], length.unit)} long; ten times the ${kind} is ${longer} longer`,
+      `length = ${longer} log10(1 + ${kind} / ${engineering(zero, unit, 3)})`);
+  }
+  if (deflection?.shown) {
+    const at = deflection.acts_at.some((x) => x) ? `at ${tuple(deflection.acts_at)} ${length.unit} of M` : "at the origin of M";
+    say("deflection", `deflection enlarged ${short(deflection.exaggeration, 3)} times, under the load ${at}`);
+  } else if (deflection) say("deflection", `deflection: ${deflection.reason}`);
+  if (tension?.limits?.[1]) {
+    const [low, high] = tension.limits.map((x) => short(x, 3));
+    say("tension", `legs: pink ${low} (compression) to green ${high} ${tension.unit} (tension)`);
+  }
+  for (const [name, words] of [["screws", "eigenscrews"], ["centres", "centres"]]) {
+    if (facts[name]?.shown === false) say(name, `${words} not drawn: ${facts[name].reason}`);
+  }
+  if (nodal) say("nodal", `${nodal.name}, ${short(nodal.value, 3)} Hz${nodal.shown ? `, pitch ${engineering(nodal.pitch, length.unit, 3)}` : ` not drawn: ${nodal.reason}`}`);
+  for (const note of facts.notes) say("note", note);
+  return {
+    ...facts, lines, per_length: length.scene_units_per_unit,
+    bar: { text: inLength(length.bar, length.unit), length: length.bar * length.scene_units_per_unit },
+    measures: Object.fromEntries(ellipsoids.filter(([, { shown }]) => shown).map(([freedom, { scale }]) => [freedom, scale])),
+  };
+}
 
 /** The bar of a map's colours. */
 function colourBar({ label, unit, count, lower, upper, log, kinds, stops = [] }) {
@@ -29,7 +79,7 @@ export function legendBox(store) {
     if (!legend) return;
     length = legend.bar.length;
     box.replaceChildren(el("div", { class: "num", title: "As long as this at M; what is nearer looks larger" }, scale, ` ${legend.bar.text}`),
-      ...(legend.lines ?? []).map(({ mark, text, title = text }) => el("div", { title },
+      ...legend.lines.map(({ mark, text, title }) => el("div", { title },
         el("span", { class: `mark ${mark}`, "aria-hidden": "true" }, MARKS[mark] ?? "·"), ` ${typeset(text)}`)));
     bar.hidden = !legend.cloud;
     if (legend.cloud) bar.replaceChildren(...colourBar(legend.cloud));

@@ -4,6 +4,7 @@
 
 import { cross, rotation, times } from "./algebra.js";
 import { LOST, SUPERSEDED, short } from "./dom.js";
+import { legendOf } from "./legend.js";
 
 // Time (ms) after which what is shown is said to be of another posture.
 const LATE = 700;
@@ -240,7 +241,7 @@ export class Store extends EventTarget {
     this.error = null;
     this.numbers = numbers;
     this.shown = this.sent;
-    this.legend = data.legend;
+    this.legend = legendOf(data.legend);
     this.refuse(null);
     this.inTime();
     // A closed chain has been assembled: its other coordinates, and without newer wishes all.
