@@ -243,9 +243,11 @@ def checked_file(
     if "closed_loop" in data and "kind" not in data:
         data = _from_closure_list(data, path)
     data, parameters = with_parameters(data, lambda at: place_of(path, lines, at), values)
+    if data.get("kind") == "stewart-gough" and data.get("layout") is not None:
+        for key in data.keys() & {"base", "platform", "pose"}:
+            where = place_of(path, lines, (key,))
+            raise InputError(f"give layout or {key}, not both", where=where)
     try:
-        if data.get("kind") == "stewart-gough":
-            data = _with_layout(data, lines, path)
         file = _validated(data, path.parent)
     except ValidationError as error:
         raise first_error(error, data, lines, path) from None
@@ -331,23 +333,6 @@ def _any_kind() -> TypeAdapter[Any]:
 def json_schema() -> dict[str, Any]:
     """Return the JSON schema of mechanism files of every kind."""
     return _any_kind().json_schema()
-
-
-def _with_layout(data: dict[str, Any], lines: Lines, path: Path) -> dict[str, Any]:
-    """Replace a layout by its points."""
-    if data.get("layout") is None:
-        return data
-    for key in ("base", "platform", "pose"):
-        if key in data:
-            raise InputError(f"give layout or {key}, not both", where=place_of(path, lines, (key,)))
-    from cartstiff.loading.platform_schema import LayoutModel, laid_out
-
-    try:
-        layout = LayoutModel.model_validate(data["layout"])
-    except ValidationError as error:
-        # Locations in a layout continue those of its file, which begin with the kind.
-        raise first_error(error, data, lines, path, ("kind", "layout")) from None
-    return {**{k: v for k, v in data.items() if k != "layout"}, **laid_out(layout)}
 
 
 @contextmanager

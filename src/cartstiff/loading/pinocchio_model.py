@@ -21,7 +21,7 @@ from cartstiff.geometry import se3
 from cartstiff.loading.build import as_closed_chain, chain_of, with_overrides
 from cartstiff.loading.mechanism_file import places_in
 from cartstiff.loading.robot_description import RobotDescription
-from cartstiff.loading.robot_facts import Followers, RobotFacts
+from cartstiff.loading.robot_facts import Followers, RobotFacts, successive_turns
 from cartstiff.loading.schema import ClosureModel, SerialFile
 from cartstiff.loading.visuals import geometry_pieces
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -283,9 +283,10 @@ def _split(joint: Any, q: Array) -> list[float]:
                 where=f"joint {kind}",
                 got=q[-4:].tolist(),
             )
-        from scipy.spatial.transform import Rotation
-
-        return [*q[:-4], *Rotation.from_quat(q[-4:]).as_euler("XYZ")]
+        return [
+            *q[:-4],
+            *successive_turns(pin.XYZQUATToSE3(np.r_[0.0, 0.0, 0.0, q[-4:]]).homogeneous),
+        ]
     if joint.nq == 2 and joint.nv == 1:  # cosine and sine of an unbounded angle
         return [np.arctan2(q[1], q[0])]
     return list(q)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -152,16 +152,6 @@ class LayoutModel(FileModel):
         return base, top - origin, origin
 
 
-def laid_out(layout: LayoutModel) -> dict[str, Any]:
-    """Return the keys of a mechanism file with the points of a layout."""
-    base, platform, origin = layout.points()
-    return {
-        "base": base.tolist(),
-        "platform": platform.tolist(),
-        "pose": {"xyz": origin.tolist()},
-    }
-
-
 class BodyModel(FileModel):
     """The platform's own mass, for vibrations and gravity."""
 
@@ -292,6 +282,10 @@ class PlatformFile(_BodyOnLines):
 
     @model_validator(mode="after")
     def _has_points(self) -> PlatformFile:
+        if self.layout is not None:
+            base, platform, origin = (points.tolist() for points in self.layout.points())
+            points = {"base": base, "platform": platform, "pose": PoseModel(xyz=origin)}
+            return self.model_copy(update=points)
         for key in ("base", "platform"):
             if not getattr(self, key):
                 raise ValueError(f"key '{key}' is missing: give base and platform, or layout")

@@ -10,6 +10,7 @@ import numpy as np
 
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError
+from cartstiff.geometry import se3
 from cartstiff.mechanisms.leg_shapes import frame_along
 from cartstiff.notes import Note
 
@@ -179,6 +180,15 @@ class RobotFacts:
 
 Followers = dict[str, tuple[str, float, float]]
 """Follower -> (leader, factor, offset): position = factor * leader's + offset."""
+
+
+def successive_turns(T: Array) -> Array:
+    """Return the angles (3,) of turns about x, the new y and the new z that make a pose's rotation.
+
+    These are the coordinates in the place of a ball joint.
+    """
+    # Without round-off, the third turn is zero where the second is a right angle.
+    return 0.0 - se3.roll_pitch_yaw(np.round(se3.inverse(T), 15) + 0.0)
 
 
 def to_root(follower: str, followers: Followers) -> tuple[str, float, float]:

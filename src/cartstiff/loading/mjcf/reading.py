@@ -33,6 +33,7 @@ from cartstiff.loading.robot_facts import (
     Obstacle,
     RobotFacts,
     on_leaders,
+    successive_turns,
 )
 from cartstiff.loading.schema import LineModel
 from cartstiff.loading.yaml_file import LARGEST_NUMBER
@@ -514,11 +515,13 @@ class _Compiled:
             self.coordinates, data["jnt_type"], data["jnt_qposadr"], strict=True
         ):
             if kind == "mjJNT_BALL":
-                values = _turns(_pose(np.zeros(3), q[start : start + 4])[:3, :3])
+                values = successive_turns(_pose(np.zeros(3), q[start : start + 4]))
             elif kind == "mjJNT_FREE":
-                home = _pose(np.zeros(3), data["qpos0"][start + 3 : start + 7])[:3, :3]
-                R = _pose(np.zeros(3), q[start + 3 : start + 7])[:3, :3]
-                values = np.concatenate([q[start : start + 3], _turns(home.T @ R)])
+                home, now = (
+                    _pose(np.zeros(3), x[start + 3 : start + 7]) for x in (data["qpos0"], q)
+                )
+                turned = successive_turns(se3.inverse(home) @ now)
+                values = np.concatenate([q[start : start + 3], turned])
             else:
                 values = np.array([q[start]])
             posture |= zip(own, values.tolist(), strict=True)
@@ -654,11 +657,10 @@ class _Compiled:
             yield Piece(self.bodies[data["geom_bodyid"][g]], T, shape, (r, gr, b, a))
 
 
-def _pose(position: ArrayLike, quaternion: ArrayLike) -> Array:
+def _pose(position: ArrayLike, quaternion: Iterable[float]) -> Array:
     """4x4 pose of a position and a quaternion (w, x, y, z)."""
-    w, *v = np.asarray(quaternion, float) / np.linalg.norm(np.asarray(quaternion, float))
-    V = se3.skew(v)
-    return se3.pose(np.eye(3) + 2 * w * V + 2 * V @ V, position)
+    turn = pin.Quaternion(*map(float, quaternion)).normalized()
+    return se3.pose(turn.toRotationMatrix(), position)
 
 
 def _named(names: list[str], stem: str) -> list[str]:
@@ -682,11 +684,3 @@ _SHAPES: dict[str, Callable[[float, float, float], Shape]] = {
     "SPHERE": lambda a, *_: Sphere((a, a, a)),
     "ELLIPSOID": lambda a, b, c: Sphere((a, b, c)),
 }
-
-
-def _turns(R: Array) -> Array:
-    """Angles of successive turns about x, the new y and the new z that make R."""
-    y = np.arcsin(np.clip(R[0, 2], -1.0, 1.0))
-    if abs(R[0, 2]) >= 1.0:
-        return np.array([np.arctan2(R[1, 0], R[1, 1]), y, 0.0])
-    return np.array([np.arctan2(-R[1, 2], R[2, 2]), y, np.arctan2(-R[0, 1], R[0, 0])])
