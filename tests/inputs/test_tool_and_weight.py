@@ -99,6 +99,35 @@ def test_payloads_add_up_and_stay_where_they_are(arm):
     assert both.mechanism.masses()["payload"] == 5
 
 
+@pytest.mark.parametrize("tcp", [None, TCP])
+@pytest.mark.parametrize("frame", ["l6", "l5", "l4"])
+def test_a_payload_of_a_file_stays_where_it_is_when_m_goes_to_another_frame(arm, frame, tcp):
+    """The weight on the joints before the frame is that of the arm as its file has it."""
+    offset = {"xyz": [0.1, -0.2, 0.05], "rpy": [0.3, 0.1, -0.4]}
+    file = text_file(arm, offset=offset, payload={"mass": 2, "com": [0.1, 0.2, 0.3]})
+    whole = cartstiff.load(file)
+    moved = cartstiff.load(file, frame=frame, tcp=tcp)
+    joints = int(frame[1])
+    q = np.zeros(6)
+    q[:joints] = [0.1, 0.7, -0.9, 0.4, 0.8, 0.2][:joints]
+    torques = whole.mechanism.at(q).gravity(np.array(DOWN)).gradient
+    found = moved.mechanism.at(q[:joints]).gravity(np.array(DOWN)).gradient
+    assert np.allclose(found, torques[:joints], rtol=1e-12, atol=1e-9)
+    assert moved.masses["payload"] == 2
+    assert sum(moved.masses.values()) == pytest.approx(sum(whole.masses.values()))
+
+
+def test_a_payload_added_to_bodies_without_mass_has_weight(arm):
+    """The note that gravity acts on no mass goes."""
+    bare = {"joints": [{"alpha": 1.5, "d": 0.3}, {"a": 0.5}, {"a": 0.4}], "convention": "standard"}
+    path = arm.with_name("bare.yaml")
+    path.write_text(json.dumps({"kind": "serial", "dh": bare, "gravity": DOWN}))
+    alone = cartstiff.load(path)
+    assert "weightless" in [note.code for note in alone.notes]
+    hung = alone.with_payload(3.0)
+    assert "weightless" not in [note.code for note in hung.notes]
+
+
 def test_a_payload_brings_the_earth_along(arm):
     alone = cartstiff.load(arm, payload=4)
     assert "gravity-assumed" in [note.code for note in alone.notes]

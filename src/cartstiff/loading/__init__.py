@@ -126,10 +126,12 @@ def load(
 
         angles = large_angles({"the tool's rotation": np.asarray(tcp, float).ravel()[3:].tolist()})
         loaded = replace(loaded, notes=(*loaded.notes, *angles))
-    if payload is not None and gravity is None:
-        from cartstiff.mechanisms.elastic import with_default_gravity
+    if payload is not None:
+        loaded = loaded.with_payload(*overrides["payload"])
+        if gravity is None:
+            from cartstiff.mechanisms.elastic import with_default_gravity
 
-        loaded = with_default_gravity(loaded, overrides["payload"][0])
+            loaded = with_default_gravity(loaded, overrides["payload"][0])
     body = getattr(loaded.mechanism, "body", None)
     if body is not None:
         from cartstiff.arrays import checked_reach
@@ -151,7 +153,7 @@ def _positions(locked: Any) -> dict[str, float]:
 
 
 def tool_of(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
-    """Check tool, gravity and payload; return them as `build.with_overrides` takes them."""
+    """Check tool, gravity and payload; return them as keys of overrides."""
     from cartstiff.arrays import checked_pose, checked_reach, checked_vector
     from cartstiff.geometry import se3
     from cartstiff.mechanisms.contract import checked_gravity
@@ -290,6 +292,8 @@ def file_reader(source: str | Path) -> Callable[[dict[str, Any]], ElasticMechani
     def mechanism(overrides: dict[str, Any]) -> ElasticMechanism:
         with recorded() as files:
             elastic = from_data(data, lines, path, overrides)
+        if "payload" in overrides:
+            elastic = elastic.with_payload(*overrides["payload"])
         return replace(elastic, files=(*own, *files))
 
     return mechanism

@@ -56,7 +56,6 @@ from cartstiff.loading.schema import (
     FlexibleModel,
     JointSpringModel,
     LineModel,
-    PayloadModel,
     PoseModel,
     SerialFile,
     check_limits,
@@ -671,6 +670,7 @@ def _elastic_chain(
     driven: Sequence[str] | None = None,
     is_given: bool = True,
     contacts: Sequence[str] = (),
+    carrier: FixedFrame | None = None,
     edit: Callable[[Chain], None],
 ) -> ElasticMechanism:
     """Build the chain of some robots' joints, with its springs, loads, dampers and notes.
@@ -696,6 +696,8 @@ def _elastic_chain(
         Joints that get an assumed spring in a closed chain.
     contacts : sequence of str
         Joints that are free unless they have a spring.
+    carrier : FixedFrame, optional
+        Frame of the payload; default M.
     edit : callable
         Changes the chain before it is used.
     """
@@ -715,7 +717,7 @@ def _elastic_chain(
     )
     edit(chain)
     if (payload := file.payload) is not None and payload.mass > 0:
-        chain = chain.with_mass(payload.mass, np.array(payload.com))
+        chain = chain.with_mass(payload.mass, np.array(payload.com), carrier)
         tree = chain.tree
     if chain.kind != "serial":
         q = _assembled(chain, q, posture, notes)
@@ -1316,6 +1318,12 @@ def chain_of(
     fingers |= {n for n in description.model.names if _is_finger(n)}
     notes += notes_on_branches(description.model, facts, tree.names, frame, fingers)
 
+    carrier = None
+    if file.payload is not None and file.payload.carrier is not None:
+        carried, offset = file.payload.carrier
+        at = tree.placement(carried or default_frame(description.model, facts)[0])
+        carrier = FixedFrame(at.joint, at.T_j_f @ pose_of(offset))
+
     def at_base(chain: Chain) -> None:
         chain.base_pose = fixed(base)
 
@@ -1333,6 +1341,7 @@ def chain_of(
         actuated=actuated,
         driven=driven,
         contacts=closing.joints,
+        carrier=carrier,
         is_given=bool(file.q or posture or facts.keyframe is not None or has_rest),
         edit=at_base,
     )
@@ -1492,8 +1501,8 @@ def with_overrides(file: Any, overrides: Mapping[str, Any]) -> Any:
     file : a model of the schema
         The mechanism file.
     overrides : mapping
-        Any of "frame", "locked", "tcp" (pose of M in that frame), "gravity", "payload" (mass,
-        centre in M; added to the file's), "actuator_springs", "xacro", "package_path".
+        Any of "frame", "locked", "tcp" (pose of M in that frame), "gravity", "actuator_springs",
+        "xacro", "package_path". The file's payload stays where it is.
 
     Raises
     ------
@@ -1521,16 +1530,9 @@ def with_overrides(file: Any, overrides: Mapping[str, Any]) -> Any:
         back = se3.inverse(T)
         key = "frame" if file.kind in ("stewart-gough", "springs") else "offset"
         keys[key] = _model_of(pose_of(getattr(file, key)) @ T)
-        if payload is not None:
+        if payload is not None and payload.carrier is None:
             centre = (back @ np.append(payload.com, 1.0))[:3]
             payload = payload.model_copy(update={"com": centre.tolist()})
-    if (more := overrides.get("payload")) is not None:
-        mass, centre = more
-        own, at = (0.0, centre) if payload is None else (payload.mass, payload.com)
-        total = own + mass
-        share = mass / total if total else 1.0
-        com = (1.0 - share) * np.array(at) + share * np.array(centre)
-        payload = PayloadModel.model_construct(mass=total, com=com.tolist())
     if (gravity := overrides.get("gravity")) is not None:
         keys["gravity"] = list(gravity)
     if payload is not file.payload:
@@ -1562,7 +1564,9 @@ def _with_frame(file: Any, frame: str) -> Any:
     if only is not None:
         check_name("frame", frame, [only])
         return file
-    return file.model_copy(update={"frame": frame, "offset": _model_of(np.eye(4))})
+    payload = file.payload and file.payload.carried_by(file.frame, file.offset)
+    other = {"frame": frame, "offset": _model_of(np.eye(4)), "payload": payload}
+    return file.model_copy(update=other)
 
 
 _CONTACTS = {

@@ -84,7 +84,7 @@ def from_pinocchio(
     name : str, optional
         Name of the mechanism; default the model's.
     overrides : mapping, optional
-        Other keys of `cartstiff.loading.build.with_overrides`: "tcp", "gravity", "payload".
+        Other keys of `cartstiff.loading.build.with_overrides`: "tcp", "gravity".
 
     Raises
     ------

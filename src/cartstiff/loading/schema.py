@@ -297,6 +297,18 @@ class PayloadModel(FileModel):
 
     mass: NotNegative = keyed("kg, whatever the units")
     com: Vector = keyed("mass centre in the body frame M", [0.0, 0.0, 0.0])
+    _carrier: tuple[str | None, PoseModel] | None = PrivateAttr(default=None)
+
+    @property
+    def carrier(self) -> tuple[str | None, PoseModel] | None:
+        """The file's own frame (None: the default one) and offset, where M is elsewhere."""
+        return self._carrier
+
+    def carried_by(self, frame: str | None, offset: PoseModel) -> PayloadModel:
+        """Return the payload that stays in a frame while M moves to another one."""
+        payload = self.model_copy()
+        payload._carrier = payload._carrier or (frame, offset)
+        return payload
 
 
 #: Largest size in bytes of a superelement's text: two hundred nodes with all digits.

@@ -278,8 +278,8 @@ class Chain(Mechanism):
         T_frame_M = np.eye(4) if offset is None else np.asarray(offset, float)
         self.body = FixedFrame(at.joint, at.T_j_f @ T_frame_M)
         self.frame_offset = read_only(T_frame_M.copy())
-        #: Mass [kg] of the payload on the body's joint, and that of the links there.
-        self.payload: tuple[float, float] | None = None
+        #: Mass [kg] of the payload on each joint that carries some, and that of the links there.
+        self.payload: dict[int, tuple[float, float]] = {}
         self.legs: tuple[PlacedLeg, ...] = ()  # those with kinematics in closed form
         self.home: ReferencePosture | None = None  # the file's posture, closed
         self.world = WORLD
@@ -321,14 +321,14 @@ class Chain(Mechanism):
         vars(other).pop("ties", None)
         return other
 
-    def with_mass(self, mass: float, centre: Array) -> Chain:
-        """Return the chain with a point mass [kg] added at a point of M."""
-        other = copy(self)
-        other.tree = self.tree.with_mass(self.body, mass, centre)
-        if self.body.joint > 0:
-            own = float(self.tree.model.inertias[self.body.joint].mass)
-            hung, bare = self.payload or (0.0, own)
-            other.payload = hung + mass, bare
+    def with_mass(self, mass: float, centre: Array, carrier: FixedFrame | None = None) -> Chain:
+        """Return the chain with a point mass [kg] added at a point of M, or of another frame."""
+        other, at = copy(self), carrier or self.body
+        other.tree = self.tree.with_mass(at, mass, centre)
+        if at.joint > 0:
+            own = float(self.tree.model.inertias[at.joint].mass)
+            hung, bare = self.payload.get(at.joint, (0.0, own))
+            other.payload = self.payload | {at.joint: (hung + mass, bare)}
         return other
 
     def with_masses(self, masses: Mapping[str, float]) -> Chain:
@@ -349,11 +349,11 @@ class Chain(Mechanism):
         joints = {int(j) + 1: str(self.tree.model.names[int(j) + 1]) for j in np.flatnonzero(own)}
         links = sorted({**joints, **self.tree.links()}.items())
         masses = {name: float(own[j - 1]) for j, name in links}
-        if self.payload is None:
+        if not self.payload:
             return masses
-        hung, bare = self.payload
-        carrier = self.tree.links().get(self.body.joint)
-        return masses | ({} if carrier is None else {carrier: bare}) | {"payload": hung}
+        carriers = self.tree.links()
+        bare = {carriers[j]: own for j, (_, own) in self.payload.items() if j in carriers}
+        return masses | bare | {"payload": sum(hung for hung, _ in self.payload.values())}
 
     def at(self, q: ArrayLike) -> ChainPosture:
         """Return the posture at coordinates q (n,)."""

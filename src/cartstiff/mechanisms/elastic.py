@@ -548,7 +548,8 @@ class ElasticMechanism(ShownInLines):
             raise InputError("payload mass cannot be used", expected="a number from zero", got=mass)
         centre = checked_vector(point, 3, "mass centre")
         checked_reach(centre, "mass centre")
-        return replace(self, mechanism=self.mechanism.with_mass(mass, centre))
+        notes = tuple(note for note in self.notes if note.code != "weightless" or not mass)
+        return replace(self, mechanism=self.mechanism.with_mass(mass, centre), notes=notes)
 
     def with_rest_balancing(
         self, at: ArrayLike | MechanismPosture, wrench: ArrayLike | None = None
