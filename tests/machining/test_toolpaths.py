@@ -278,6 +278,15 @@ def test_platform_with_a_free_turn():
             assert np.linalg.norm(C @ (R.T @ [50, 0, -50])) >= value * (1 - 1e-6)
 
 
+def test_singular_values_of_a_platform_are_those_of_its_legs():
+    """The criterion is the ratio that keeps paths from singularities."""
+    platform = cartstiff.load("hexapod")
+    T = platform.mechanism.at(platform.q).pose
+    path = ToolPath(np.array([se3.pose(translation=[x, 0, 0]) @ T for x in (-0.02, 0.02)]))
+    result = optimise_path(platform, path, criterion="singular_value_ratio")
+    np.testing.assert_allclose(result.values, result.ratios, rtol=1e-9)
+
+
 # -- refusals ------------------------------------------------------------------------------------
 
 

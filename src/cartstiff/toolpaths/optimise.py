@@ -696,7 +696,10 @@ class PathCost:
             {"load_kind": self.load.kind, "load_at": self.load.at} if self.loaded else {}
         )
         answers = analyse_many(self.elastic, q, wrench=load, outputs=outputs, **acting)
-        lengths = np.array([c.is_length for c in self.elastic.mechanism.coordinates])
+        platform = self.elastic.mechanism
+        lengths = np.array([c.is_length for c in platform.coordinates])
+        if isinstance(platform, Platform):  # the Jacobian's columns are the legs'
+            lengths = np.ones(len(platform.points), bool)
         for point in np.unique(points):
             rows = points == point
             arrays = {name: answers[name][rows] for name in outputs}
@@ -706,7 +709,6 @@ class PathCost:
                 self.quantity.name
             ]
         jacobian = answers["jacobian"]
-        platform = self.elastic.mechanism
         if isinstance(platform, Platform) and len(platform.points) != 6:  # no square one
             lines = [line_geometry(T, platform.anchors, platform.points).lines for T in poses]
             jacobian = np.linalg.pinv(np.array(lines))
@@ -719,8 +721,6 @@ class PathCost:
 
     def _regularity(self, jacobian: Array, lengths: Array) -> tuple[Array, Array]:
         scaled = jacobian * np.repeat([1.0, 1.0 / self.length], 3)[:, None]
-        if isinstance(self.elastic.mechanism, Platform):
-            lengths = np.ones(jacobian.shape[2], bool)  # its columns are the legs'
         scaled = (scaled * np.where(lengths, self.length, 1.0))[:, :, self.movable]
         finite = np.isfinite(scaled).all(axis=(1, 2))
         scaled = np.where(finite[:, None, None], scaled, 0.0)
