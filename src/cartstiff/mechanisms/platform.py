@@ -474,7 +474,7 @@ class Platform(Mechanism):
         UndefinedError
             If the legs' lines become dependent on the way (type-2 singularity).
         ConvergenceError
-            If 60 steps do not reach the lengths.
+            If at most 60 steps do not reach the lengths.
         """
         m = len(self.points)
         wanted = checked_vector(lengths, m, "list of leg lengths")
@@ -503,9 +503,13 @@ class Platform(Mechanism):
                 )
             return T @ se3.exp(scale * step)
 
-        T, error, _ = numerics.least_change(T, equations, retract, evaluations=60, longest_step=0.3)
+        T, error, iterations = numerics.least_change(
+            T, equations, retract, evaluations=60, longest_step=0.3
+        )
         if error < numerics.STALLED_RESIDUAL:
             return self.coordinates_of(T)
         raise ConvergenceError(
-            "no pose with these leg lengths found from the start", iterations=60, residual=error
+            "no pose with these leg lengths found from the start",
+            iterations=iterations,
+            residual=error,
         )

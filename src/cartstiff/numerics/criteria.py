@@ -90,8 +90,6 @@ LARGEST_INERTIA_RATIO: Final = 1e6
 #: Ratio of stiffnesses from which on stiff springs slow the search down, and a body on legs is
 #: moved in the coordinates of their lengths.
 SLOWING_STIFFNESS_RATIO: Final = 1e5
-#: Ratio of stiffnesses at which soft springs lose half of their digits.
-HALF_DIGITS_STIFFNESS_RATIO: Final = 1e8
 #: Stiffness of a free motion, as a share of the stiffest one.
 FREE_STIFFNESS_SHARE: Final = 1e-30
 #: Least step of a search whose result is refined or checked later.

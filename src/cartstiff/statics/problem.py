@@ -477,27 +477,15 @@ class System:
         g = point.evaluation.gradient * columns
         H = point.evaluation.hessian * columns[:, None] * columns
         constraints = self.constraints(point.posture, contacts)
-        N, lam, forces, sizes, is_graded = (
-            None,
-            np.empty(0),
-            point.forces,
-            point.stiffness_scale,
-            False,
-        )
+        N, lam, forces = None, np.empty(0), point.forces
         if constraints is not None:
             _, to_constraints, units = constraints
             A = to_constraints.jacobian * columns / units[:, None]
             closed = decompose(A)
-            N, follow = closed.N, list(range(len(g)))
-            if is_graded := self._spread > numerics.HALF_DIGITS_STIFFNESS_RATIO:
-                # Stiff joints are the independent ones: their forces are none of the closures.
-                N, leading = numerics.stiffness_scaled_basis(N, np.abs(H).max(axis=0), closed.V)
-                follow = sorted(set(follow) - set(leading.tolist()))
-            carried = closed.forces(-g, follow)
+            N, carried = closed.N, closed.forces(-g, list(range(len(g))))
             forces = forces + np.abs(A.T @ carried)
             lam = carried / units
-            turning = to_constraints.curvature(lam) * columns[:, None] * columns
-            H, sizes = H + turning, sizes + np.abs(turning)
+            H = H + to_constraints.curvature(lam) * columns[:, None] * columns
         reach = self._reach(point.posture)
         lines = self.elastic.line_springs_and_rest(point.posture)
         legs = None if constraints is not None else self._by_lengths(point, lines)
@@ -505,11 +493,8 @@ class System:
         if legs is not None:
             N, H, scale = legs.motions, legs.stiffness, legs.terms
             g, forces, own = N.T @ g, np.abs(N.T) @ forces, np.diag(legs.terms)
-        elif is_graded and N is not None:
-            own = np.diag(np.abs(N).T @ sizes @ np.abs(N))
-            g, H, forces = N.T @ g, N.T @ H @ N, np.abs(N).T @ forces
-            scale = np.abs(H)
-        elif N is None and self._has_own_springs(point):
+        elif N is None and not self.elastic.potentials and not point.posture.coordinates_are_pose:
+            # Forces are judged by coordinate: each has its own spring.
             scale = point.stiffness_scale
             own = np.diag(scale)
         else:
@@ -527,8 +512,8 @@ class System:
         )
         unit = ROUNDINGS * EPSILON
         rounding = unit * (scale.sum(axis=1) * reach + float(point.forces.max(initial=0.0)))
-        roundoff, is_oblique = rounding + unit * own_rounding, legs is not None or is_graded
-        return Balance(N, lam, g, H, forces, rounding, roundoff, own, is_oblique)
+        roundoff = rounding + unit * own_rounding
+        return Balance(N, lam, g, H, forces, rounding, roundoff, own, legs is not None)
 
     def _rounding_stiffness(
         self, posture: MechanismPosture, lines: Lines | None, N: Array
@@ -578,19 +563,6 @@ class System:
         tensions[legs.leading] -= unbalanced / posture.length
         return replace(elastic, springs=replace(springs, balanced_at=(lengths, tensions)))
 
-    def _has_own_springs(self, point: Point) -> bool:
-        """Whether forces are judged by coordinate: each has its own spring.
-
-        Coordinates on which other potentials act are judged so, too, if their stiffnesses differ by
-        more than the digits of eigenvectors hold.
-        """
-        if point.posture.coordinates_are_pose:
-            return False
-        return (
-            not self.elastic.potentials
-            or point.stiffness_ratio > numerics.HALF_DIGITS_STIFFNESS_RATIO
-        )
-
     @cached_property
     def _farthest_anchor(self) -> float:
         """Distance from F's origin of the farthest point that a line holds the body to."""
@@ -605,21 +577,6 @@ class System:
         return max(1.0, float(np.abs(posture.q / posture.coordinate_lengths).max(initial=0.0)))
 
     @cached_property
-    def _joint_stiffnesses(self) -> Array | None:
-        """Stiffnesses (n,) of the springs of joints, in natural units; None without springs."""
-        springs = self.elastic.springs
-        if not isinstance(springs, JointSprings) or not springs.stiffness.any():
-            return None
-        lengths = self.elastic.mechanism.at(self.elastic.q).coordinate_lengths
-        return np.asarray(springs.stiffness * lengths**2)
-
-    @cached_property
-    def _spread(self) -> float:
-        """Largest over smallest stiffness of the springs of joints, in natural units."""
-        k = self._joint_stiffnesses
-        return 1.0 if k is None else float(k.max() / k[k > 0.0].min())
-
-    @cached_property
     def _is_constrained(self) -> bool:
         """Whether closures or held components constrain the coordinates in every posture."""
         closure = self.elastic.mechanism.at(self.elastic.q).closure
@@ -628,9 +585,11 @@ class System:
     @cached_property
     def _step_weights(self) -> Array | float:
         """Motion of each coordinate (n,) under equal forces; the softest: 1."""
-        k = self._joint_stiffnesses
-        if k is None:
+        springs = self.elastic.springs
+        if not isinstance(springs, JointSprings) or not springs.stiffness.any():
             return 1.0
+        lengths = self.elastic.mechanism.at(self.elastic.q).coordinate_lengths
+        k = np.asarray(springs.stiffness * lengths**2)
         softest = float(k[k > 0.0].min())
         return np.sqrt(softest / np.maximum(k, softest))
 
@@ -682,7 +641,7 @@ class System:
             step = posture.coordinate_lengths * step
             return mechanism.at(mechanism.displaced(posture.q, step))
 
-        posture, size, _ = numerics.least_change(
+        posture, size, iterations = numerics.least_change(
             start,
             equations,
             retract,
@@ -698,6 +657,6 @@ class System:
         raise ConvergenceError(
             f"the {' and '.join(what)} cannot be met from this posture"
             + "".join(f"; {note.message}" for note in beyond),
-            iterations=_MAX_RETRACTIONS,
+            iterations=iterations,
             residual=size,
         )
