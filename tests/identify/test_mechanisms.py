@@ -26,7 +26,9 @@ from cartstiff.geometry import se3
 from cartstiff.identify.identification import identify
 from cartstiff.identify.measurements import read_measurements
 from cartstiff.identify.models import LoadedModel, Model
+from cartstiff.identify.plan import candidates
 from cartstiff.identify.unknowns import unknowns_of
+from cartstiff.loading.catalogue import bundled
 
 
 def _softer(elastic, factors):
@@ -281,3 +283,27 @@ def test_leave_one_posture_out_is_what_leaving_out_gives(tmp_path):
     mine = result.model.observations.row < 2
     expected = (result.model.observations.target - y)[mine]
     assert result.checks.left_out[mine] == pytest.approx(expected, rel=1e-6, abs=1e-12)
+
+
+def test_the_springs_of_a_loop_without_named_motors_are_its_motors(tmp_path):
+    """The five-bar with and without `actuated`: one posture of a table, and plans that move."""
+    path = bundled("five-bar")
+    lines = [x for x in path.read_text("utf-8").splitlines() if not x.startswith("actuated")]
+    text = "\n".join(lines).replace("five-bar.urdf", str(path.with_name("five-bar.urdf")))
+    (tmp_path / "open.yaml").write_text(text, "utf-8")
+    named, unnamed = cartstiff.load("five-bar"), cartstiff.load(str(tmp_path / "open.yaml"))
+    motors = [named.names.index(n) for n in ("left_motor", "right_motor")]
+    home = named.q[motors]
+    columns = {"left_motor": home[0] + np.array([0.0, -0.2]), "fy": np.array([50.0, 50.0])}
+    columns |= {"right_motor": home[1] + np.array([0.25, 0.0]), "dy": np.array([1e-3, 1e-3])}
+    table = write_table(tmp_path / "t.csv", columns)
+    seen, other = (read_measurements(table, elastic).q for elastic in (named, unnamed))
+    assert other == pytest.approx(seen, abs=1e-9)
+    assert (
+        pytest.approx(np.array([columns["left_motor"], columns["right_motor"]]), abs=1e-9)
+        == other[:, motors].T
+    )
+    offered = candidates(unnamed, {"dx": 1e-5}, count=20, force=50.0)
+    assert np.ptp(offered.q[:, motors], axis=0).min() > 0.5
+    for q in offered.q:
+        assert named.mechanism.closed(q).q == pytest.approx(q, abs=1e-6)

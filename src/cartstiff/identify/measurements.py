@@ -29,6 +29,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.potentials.springs import JointSprings
 
 LOAD: Final = ("mx", "my", "mz", "fx", "fy", "fz")
 DISPLACEMENT: Final = ("dx", "dy", "dz")
@@ -176,6 +177,13 @@ class Observations:
         Standard deviation; NaN if it is to be estimated.
     axis, place : ndarray (m, 3)
         Unit vector in F, and the measured point in F: for the offsets of sessions.
+    is_known : ndarray of bool (2,)
+        Whether the standard deviations of lengths and of angles are known.
+
+    Raises
+    ------
+    InputError
+        If only some standard deviations of lengths, or of angles, are given.
     """
 
     row: NDArray[np.intp]
@@ -187,6 +195,20 @@ class Observations:
     deviation: Array
     axis: Array
     place: Array
+    is_known: NDArray[np.bool_] = field(init=False)
+
+    def __post_init__(self) -> None:
+        known = []
+        for group, word in ((~self.is_angle, "lengths"), (self.is_angle, "angles")):
+            missing = np.isnan(self.deviation[group])
+            if missing.any() and not missing.all():
+                raise InputError(
+                    f"some {word} have a standard deviation and others none",
+                    expected="one for each number, or none at all",
+                    got=f"{int(missing.sum())} of {len(missing)} without",
+                )
+            known.append(not missing.any())
+        object.__setattr__(self, "is_known", np.array(known))
 
     def __len__(self) -> int:
         return len(self.target)
@@ -200,27 +222,6 @@ class Observations:
     def unit(self) -> Array:
         """Standard deviations (m,); 1 for those that are to be estimated."""
         return np.where(np.isnan(self.deviation), 1.0, self.deviation)
-
-    @cached_property
-    def is_known(self) -> NDArray[np.bool_]:
-        """Whether the standard deviations of lengths and of angles are known (2,).
-
-        Raises
-        ------
-        InputError
-            If only some of a group are given.
-        """
-        known = []
-        for group, word in ((~self.is_angle, "lengths"), (self.is_angle, "angles")):
-            missing = np.isnan(self.deviation[group])
-            if missing.any() and not missing.all():
-                raise InputError(
-                    f"some {word} have a standard deviation and others none",
-                    expected="one for each number, or none at all",
-                    got=f"{int(missing.sum())} of {len(missing)} without",
-                )
-            known.append(not missing.any())
-        return np.array(known)
 
 
 def field_of(elastic: ElasticMechanism) -> Array:
@@ -636,49 +637,68 @@ def _postures(
             column = next(c for c in columns if c.name == name)
             if not coordinate.is_length and not column.declared:
                 _check_angle(name, values, coordinate.lower, coordinate.upper, cells)
-    needed = np.ones(len(is_given), bool)
-    needed[list(mechanism.virtual | mechanism.rigid)] = False
-    if mechanism.closures:
-        driven = mechanism.actuated
-        if driven is None and elastic.springs is not None:
-            driven = tuple(np.flatnonzero(elastic.springs.stiffness > 0))
-        needed &= np.isin(np.arange(len(needed)), driven or ())
+    needed = [j for j in commanded(elastic) if j not in mechanism.rigid]
     if isinstance(mechanism, Platform) and not is_given.any():
-        needed[:] = False  # it is at the file's pose
-    missing = [elastic.names[j] for j in np.flatnonzero(needed & ~is_given)]
-    if missing:
-        prefix = "q_" if missing[0] in MEASURED else ""
+        needed = []  # it is at the file's pose
+    if not is_given[needed].all():
+        heads = [f"q_{n}" if n in MEASURED else n for n in elastic.names]
+        missing = next(heads[j] for j in needed if not is_given[j])
         raise InputError(
-            f"column {prefix + missing[0]!r} is missing: the posture is not known",
+            f"column {missing!r} is missing: the posture is not known",
             where=cells.place,
-            expected=", ".join(
-                f"{'q_' if elastic.names[j] in MEASURED else ''}{elastic.names[j]}"
-                for j in np.flatnonzero(needed)
-            ),
+            expected=", ".join(heads[j] for j in needed),
         )
-    if isinstance(mechanism, Chain) and mechanism.closures:
-        known: dict[bytes, Array] = {}
-        for n, row in enumerate(q):
-            key = row.tobytes()
-            if key not in known:
-                try:
-                    known[key] = mechanism.closed(row).q
-                except (ConvergenceError, UndefinedError) as error:
-                    raise InputError(
-                        str(error),
-                        where=cells.places[n],
-                        expected="a posture that closes the chain",
-                    ) from None
-                moved = np.abs(known[key] - row)[mechanism.held].max(initial=0.0)
-                if moved > numerics.NEGLIGIBLE_DISTANCE:  # a rounded table may be off by less
-                    raise InputError(
-                        "the chain closes only if motors or links give way",
-                        got=f"{moved:.3g}",
-                        where=cells.places[n],
-                        expected="a posture that the motors can take",
-                    )
-            q[n] = known[key]
+    if not mechanism.closures:
+        return q
+    distinct = _groups(q)
+    for n in np.unique(distinct, return_index=True)[1]:
+        try:
+            closed, moved = assembled(elastic, q[n])
+        except (ConvergenceError, UndefinedError) as error:
+            raise InputError(
+                str(error), where=cells.places[n], expected="a posture that closes the chain"
+            ) from None
+        if moved > numerics.NEGLIGIBLE_DISTANCE:  # a rounded table may be off by less
+            raise InputError(
+                "the chain closes only if motors or links give way",
+                got=f"{moved:.3g}",
+                where=cells.places[n],
+                expected="a posture that the motors can take",
+            )
+        q[distinct == distinct[n]] = closed
     return q
+
+
+def commanded(elastic: ElasticMechanism) -> list[int]:
+    """Coordinates that are commanded: the motors of a closed chain, else all but those of links.
+
+    A closed chain without named motors has those with a spring.
+    """
+    mechanism, springs = elastic.mechanism, elastic.springs
+    if mechanism.closures and mechanism.actuated is not None:
+        return list(mechanism.actuated)
+    if mechanism.closures and isinstance(springs, JointSprings):
+        return [int(j) for j in np.flatnonzero(~springs.is_passive)]
+    return [j for j in range(len(elastic.names)) if j not in mechanism.virtual]
+
+
+def assembled(elastic: ElasticMechanism, q: Array) -> tuple[Array, float]:
+    """Coordinates (n,) that close a chain, and how far its motors or links moved for that.
+
+    If they had to move, the posture is not free of stress.
+
+    Raises
+    ------
+    ConvergenceError, UndefinedError
+        If the chain cannot be closed.
+    """
+    mechanism = elastic.mechanism
+    if not isinstance(mechanism, Chain) or not mechanism.closures:
+        return q, 0.0
+    motors = commanded(elastic)
+    closed = mechanism.closed(q, named=motors).q
+    held = [*motors, *mechanism.virtual]
+    return closed, float(np.abs(closed - q)[held].max(initial=0.0))
 
 
 def _check_angle(name: str, values: Array, lower: float, upper: float, cells: Cells) -> None:

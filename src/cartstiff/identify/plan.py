@@ -29,8 +29,22 @@ from numpy.typing import NDArray
 from cartstiff import numerics
 from cartstiff.analysis.tolerances import quantile
 from cartstiff.arrays import Array, checked_seed, plain_dict
-from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UnknownNameError
-from cartstiff.identify.measurements import DISPLACEMENT, MEASURED, POSITION, TURN, Measurements
+from cartstiff.errors import (
+    CartstiffError,
+    ConvergenceError,
+    InputError,
+    UndefinedError,
+    UnknownNameError,
+)
+from cartstiff.identify.measurements import (
+    DISPLACEMENT,
+    MEASURED,
+    POSITION,
+    TURN,
+    Measurements,
+    assembled,
+    commanded,
+)
 from cartstiff.identify.models import Model, model_of
 from cartstiff.identify.unknowns import (
     OffsetEstimate,
@@ -183,8 +197,8 @@ def candidates(
             )
     kept: list[Array] = []
     for _ in range(_DRAWS_PER_CANDIDATE * count):
-        q = _posture(elastic, rng.uniform(low, high))
-        if q is not None and _is_within(elastic, q, box, point):
+        q = _allowed(elastic, rng.uniform(low, high), box, point)
+        if q is not None:
             kept.append(q)
             if len(kept) == count:
                 break
@@ -256,8 +270,8 @@ def beside(
         if W.any():
             forces = np.hstack([np.zeros((3, 3)), np.eye(3) * np.linalg.norm(W[3:])])
         for step in share * (high - low) * rng.normal(size=(each, len(low))):
-            at = _posture(elastic, np.clip(centre + step, low, high))
-            if at is None or not _is_within(elastic, at, within or {}, rows.point):
+            at = _allowed(elastic, np.clip(centre + step, low, high), within or {}, rows.point)
+            if at is None:
                 continue
             turned = gauge + 2.0 * pi * share * rng.normal(size=3)
             loads += [(at, force, turned / np.linalg.norm(turned)) for force in forces]
@@ -267,18 +281,25 @@ def beside(
     return replace(rows.taken(owner), q=q, wrench=wrench, direction=direction), np.array(owner)
 
 
-def _is_within(
+def _allowed(
     elastic: ElasticMechanism,
     q: Array,
     box: Mapping[str, Sequence[float]],
     point: tuple[float, float, float],
-) -> bool:
-    """Whether the measured point is in the volume."""
-    if not box:
-        return True
-    pose = elastic.mechanism.at(q).pose
-    at = pose[:3, 3] + pose[:3, :3] @ np.asarray(point)
-    return all(limits[0] <= at[_AXES.index(a)] <= limits[1] for a, limits in box.items())
+) -> Array | None:
+    """The assembled posture; None if that fails, or the measured point is not in the volume."""
+    try:
+        q, moved = assembled(elastic, q)
+    except (ConvergenceError, UndefinedError):
+        return None
+    if moved >= numerics.REPORTED_ERROR:
+        return None
+    if box:
+        pose = elastic.mechanism.at(q).pose
+        at = pose[:3, 3] + pose[:3, :3] @ np.asarray(point)
+        if not all(low <= at[_AXES.index(a)] <= high for a, (low, high) in box.items()):
+            return None
+    return q
 
 
 def _ranges(
@@ -287,15 +308,9 @@ def _ranges(
     """Lowest and highest coordinates; dependent ones keep their values."""
     mechanism = elastic.mechanism
     low, high = elastic.q.copy(), elastic.q.copy()
-    free = np.ones(len(low), bool)
-    free[list(mechanism.virtual)] = False
     looped = bool(mechanism.closures)
-    if looped:
-        free[:] = False
-        free[list(mechanism.actuated or ())] = True
-    for j, c in enumerate(mechanism.coordinates):
-        if not free[j]:
-            continue
+    for j in commanded(elastic):
+        c = mechanism.coordinates[j]
         if isinstance(mechanism, Platform):
             width = _TILT if not c.is_length else _SHIFT * mechanism.length
             low[j], high[j] = elastic.q[j] - width, elastic.q[j] + width
@@ -319,23 +334,6 @@ def _ranges(
             )
         low[elastic.names.index(name)], high[elastic.names.index(name)] = a, b
     return low, high
-
-
-def _posture(elastic: ElasticMechanism, q: Array) -> Array | None:
-    """The assembled posture; None if that fails."""
-    if isinstance(elastic.mechanism, Chain) and elastic.mechanism.closures:
-        held = elastic.mechanism.held
-        try:
-            closed = elastic.mechanism.closed(q).q
-        except ConvergenceError:
-            return None
-        # If motors or links had to move, the posture is not free of stress.
-        return (
-            closed
-            if np.abs(closed[held] - q[held]).max(initial=0.0) < numerics.REPORTED_ERROR
-            else None
-        )
-    return q
 
 
 CRITERIA = ("worst", "all", "posture")
