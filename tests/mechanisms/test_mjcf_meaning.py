@@ -12,6 +12,7 @@ from cartstiff import analyse, load
 from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.loading.build import ASSUMED_STIFFNESS
 from cartstiff.loading.mjcf import reading as mjcf
+from cartstiff.mechanisms.other_units import in_units
 
 # Central differences of forces known to 1e-16: step^2 and 1e-16 / step, with margin.
 STEP = 1e-6
@@ -163,6 +164,22 @@ def test_stiffness_of_arms_is_that_of_mujocos_forces(tmp_path, which, gravity):
     assert np.allclose(result.wrench, wrench, rtol=1e-9, atol=1e-9)
     K = held.stiffness()
     assert np.abs(result.matrices["A"] - K).max() < DIFFERENCES * np.abs(K).max()
+
+
+@pytest.mark.parametrize("field", [(0.0, 0.0, -1.62), (3.0, -2.0, 5.0), (0.0, 0.0, 0.0)])
+@pytest.mark.parametrize("own", ["-9.81", "0"])
+def test_gravity_compensation_follows_another_field(tmp_path, own, field):
+    """Against MuJoCo's forces in that field, whatever field the file has; in other units, too."""
+    path = arm(tmp_path, g=own, lift="0.7")
+    q = np.array([0.3, -0.5, 0.9, 0.4, 0.7, -0.2])
+    held = Held(path, "tcp", q)
+    held.model.opt.gravity[:] = field
+    held.forward(q)
+    elastic = load(path, frame="tcp").with_gravity(field)
+    wrench, _ = held.wrench()
+    assert np.allclose(analyse(elastic, q).wrench, wrench, rtol=1e-9, atol=1e-9)
+    found = analyse(in_units(elastic, "mm"), q).wrench
+    assert np.allclose(found, wrench * np.repeat([1e3, 1.0], 3), rtol=1e-9, atol=1e-9)
 
 
 def platform(tmp_path, gravity="-9.81", rest=0.0):

@@ -741,7 +741,6 @@ def _elastic_chain(
     notes += [*assumed[1:], *beams_that_end_elsewhere(soft, chain), *negative_links(soft)]
     notes += _links_without_effect(soft, chain, file.lines)
     elastic = ElasticMechanism(name, chain, q, springs, notes=tuple(notes))
-    elastic = elastic.with_gravity(file.gravity, where="key gravity")
     chain.undriven = frozenset(np.flatnonzero(springs.is_passive).tolist()) - springs.rigid
     potentials = [*soft, *extra_lines(file.lines, chain, q)]
     if not potentials and len(chain.undriven) == tree.n:
@@ -752,12 +751,11 @@ def _elastic_chain(
             "mechanism file"
         )
         elastic = elastic.with_notes(Note("springs-missing", words, {"joints": list(chain.names)}))
-    if elastic.gravity is not None:
-        potentials += [
-            DeadForce(-part.mass * elastic.gravity, part.point, part.body)
-            for part in facts.lifted
-            if tree.placement(part.body).joint > 0
-        ]
+    potentials += [
+        DeadForce(np.zeros(3), part.point, part.body, lifted=part.mass)
+        for part in facts.lifted
+        if tree.placement(part.body).joint > 0
+    ]
     M, damping = tree.mimic, np.array(tree.model.damping, float).reshape(-1)
     if M is not None:
         damping = np.asarray((M * M).T @ damping)  # followers turn by their factor
@@ -765,7 +763,8 @@ def _elastic_chain(
         if n in entries and entries[n].damping is not None:
             damping[i] = entries[n].damping
     elastic = replace(elastic, damping=damping if damping.any() else None)
-    return elastic.with_potential(*potentials)
+    elastic = elastic.with_potential(*potentials)
+    return elastic.with_gravity(file.gravity, where="key gravity")
 
 
 def _links_without_effect(

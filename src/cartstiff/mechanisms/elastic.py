@@ -388,7 +388,13 @@ class ElasticMechanism(ShownInLines):
         if gravity is not None and not sum(self.masses.values()) > 0:
             words = "gravity acts on no mass: no moving link has one, and there is no payload"
             notes.append(Note("weightless", words, {"gravity": gravity.tolist()}))
-        return replace(self, gravity=gravity, notes=tuple(notes))
+        potentials = tuple(
+            replace(term, force=-term.lifted * (np.zeros(3) if gravity is None else gravity))
+            if isinstance(term, DeadForce) and term.lifted
+            else term
+            for term in self.potentials
+        )
+        return replace(self, gravity=gravity, potentials=potentials, notes=tuple(notes))
 
     def about(self) -> dict[str, Any]:
         """For JSON: name, kind and coordinates, frames, units."""

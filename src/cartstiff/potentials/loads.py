@@ -15,6 +15,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -125,6 +126,9 @@ class DeadForce(Load):
         Frame that carries the point.
     mass : float
         Mass whose weight the force is; 0 for any other force.
+    lifted : float
+        Mass [kg] whose weight the force carries, as gravity compensation does: it follows the
+        field of `ElasticMechanism.with_gravity`. 0 for any other force.
 
     Raises
     ------
@@ -136,6 +140,9 @@ class DeadForce(Load):
     point: Array | Sequence[float] = (0.0, 0.0, 0.0)
     frame_b: str = "body"
     mass: float = 0.0
+    lifted: float = 0.0
+
+    length_powers: ClassVar = {"point": 1}
 
     def __post_init__(self) -> None:
         _keep(self, force=3, point=3)
