@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from cartstiff.cli.main import command as cartstiff_command
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.page.html_report import report_page
 from cartstiff.potentials.loads import DeadWrench
+from cartstiff.potentials.springs import PolynomialLaw
 from cartstiff.statics.equilibrium import equilibrium
 
 ARM = "".join(
@@ -409,3 +411,17 @@ def test_an_unbalanced_posture_is_not_held():
     assert "Unbalanced" in said
     assert "not held at this posture" in said
     assert "The equilibrium at which it comes to rest is stable." in said
+
+
+def test_rigid_and_nonlinear_springs_stand_in_the_table(arm):
+    """A rigid joint is no passive joint; a spring by a law has the stiffness at the posture."""
+    springs = replace(arm.springs, rigid=frozenset({1}), laws={2: PolynomialLaw((1e4, 0.0, 1e6))})
+    text = report_page(replace(arm, springs=springs, q=np.array(Q)), wrench=[0, 0, 0, 0, 0, -20])
+    rows = dict(re.findall(r"<td>(j\d)</td><td>[^<]*</td><td>([^<]*)</td>", text))
+    assert rows["j2"] == "rigid"
+    assert "passive joints without a spring" not in text
+    result = cartstiff.analyse(replace(arm, springs=springs), Q, wrench=[0, 0, 0, 0, 0, -20])
+    turned = Q[2] - result.elastic.springs.rest[2]
+    number, unit = rows["j3"].split(" ", 1)
+    assert unit == "kN m/rad"
+    assert float(number) == pytest.approx(1e-3 * (1e4 + 3e6 * turned**2), rel=1e-3)

@@ -13,10 +13,11 @@ from scipy.spatial.transform import Rotation
 
 import cartstiff
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError
-from cartstiff.page.messages import read_message
+from cartstiff.page.messages import Frame, read_message
 from cartstiff.page.session import Session
 from cartstiff.page.shown import describe_mechanism, slider_coordinates, slider_ranges
 from cartstiff.page.source import Cloud, Playback, Source
+from cartstiff.potentials.springs import PolynomialLaw
 
 
 @pytest.fixture
@@ -382,3 +383,32 @@ def test_weight_and_lengths_are_what_the_tab_says(session):
     assert [leg["length"] for leg in numbers["legs"]] == pytest.approx(lengths, rel=1e-12)
     with pytest.raises(InputError, match="platforms"):
         asked(heavy, do="draw", lengths=lengths)
+
+
+def test_a_changed_spring_leaves_the_laws_of_the_others(no_picture):
+    """The page sends the numbers of all springs, of which a nonlinear one has none."""
+    arm = cartstiff.load("ur5")
+    laws = {2: PolynomialLaw((1e4, 0.0, 1e6))}
+    arm = replace(arm, springs=replace(arm.springs, laws=laws))
+    one = Session(Source(arm), no_picture)
+    sent = [spring["stiffness"] for spring in describe_mechanism(arm, arm.q)["springs"]]
+    sent[5] *= 2.0
+    load = (0.0, 0.0, 0.0, 0.0, 0.0, -100.0)
+    result = one.result(one.start.model_copy(update={"stiffness": sent, "load": load}))
+    expected = cartstiff.analyse(arm.with_springs({"wrist_3_joint": sent[5]}), wrench=load)
+    assert result.elastic.springs.laws == laws
+    assert np.allclose(result.matrices["B"], expected.matrices["B"], rtol=1e-12)
+
+
+def test_another_frame_keeps_the_springs_of_the_command_line(no_picture):
+    from cartstiff.cli.options import Load, Robot, Values
+    from cartstiff.cli.view import Shown
+
+    given = Values("--stiffness", {"elbow_joint": np.inf, "wrist_1_joint": 5e3})
+    one = Session(Shown().source(Robot("ur5", stiffness=given), Load()), no_picture)
+    one.answer(Frame(id=1, do="frame", name="ee_link", state=one.start))
+    result = one.result(one.start)
+    assert result.elastic.mechanism.rigid == {2}
+    expected = cartstiff.load("ur5", frame="ee_link").with_springs(given.numbers)
+    C = cartstiff.analyse(expected).compliances["B"]
+    assert np.allclose(result.compliances["B"], C, rtol=1e-9, atol=1e-12 * np.abs(C).max())

@@ -71,13 +71,8 @@ class Shown:
             command = [steps.get(name, 0.0) for name in elastic.spring_names]
 
         def reload(name: str) -> Any:
-            other, springs = robot.in_frame(name), elastic.springs
-            if other.names != elastic.names or springs is None:
-                return other
-            return other.with_springs(
-                springs.stiffness if robot.stiffness is not None else None,
-                springs.rest if robot.rest is not None else None,
-            )
+            unplaced = replace(robot, q=None, pose=None, pose_of="body", lengths=None)
+            return replace(unplaced, frame=name).load()[0]
 
         trajectory = None
         if self.trajectory is not None:

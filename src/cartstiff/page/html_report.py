@@ -32,7 +32,7 @@ from cartstiff.page.shown import distance_to_singularity, legs, softest_in_room,
 from cartstiff.page.source import Source
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.loads import Load
-from cartstiff.potentials.springs import CoupledSprings
+from cartstiff.potentials.springs import CoupledSprings, JointSprings
 from cartstiff.report.analysis import (
     largest_share,
     links_of_coordinates,
@@ -634,6 +634,10 @@ def _joints(result: PostureStiffness, q: Array, analysis: dict[str, Any]) -> str
     shares = {part["name"]: part["share"] for part in deflection.get("shares") or []}
     stiffness = [] if elastic.springs is None else np.asarray(elastic.springs.stiffness).tolist()
     springs = dict(zip(elastic.spring_names, stiffness, strict=False))
+    if isinstance(elastic.springs, JointSprings):
+        hessian = elastic.springs.evaluate(result.posture).hessian
+        springs |= {elastic.names[j]: hessian[j, j] for j in elastic.springs.laws}
+        springs |= {elastic.names[j]: np.inf for j in elastic.springs.rigid}
     for potential in elastic.potentials:  # a virtual joint of a link, the others held
         if isinstance(potential, (Beam, CoupledSprings)):
             hessian = potential.evaluate(result.posture).hessian

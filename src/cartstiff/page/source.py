@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.tables import named_unit, read_cells, read_rows
-from cartstiff.mechanisms.contract import SI, Units
+from cartstiff.mechanisms.contract import SI, Units, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
@@ -119,15 +119,30 @@ class Source:
     command: list[float] | None = None
 
 
+def stiffnesses(elastic: ElasticMechanism) -> list[float]:
+    """Stiffness of each spring; inf for a rigid joint."""
+    own = [] if elastic.springs is None else np.asarray(elastic.springs.stiffness, float).tolist()
+    return [np.inf if i in elastic.mechanism.rigid else k for i, k in enumerate(own)]
+
+
 def changed(
     elastic: ElasticMechanism,
     stiffness: Sequence[float | None] | None,
     payload: Sequence[float] | None,
     gravity: Sequence[float] | None,
 ) -> ElasticMechanism:
-    """The mechanism with other springs, a payload and another gravity, as a state names them."""
+    """The mechanism with other springs, a payload and another gravity, as a state names them.
+
+    Springs whose number is that of `stiffnesses` stay as they are, with their laws.
+    """
     if stiffness is not None:
-        elastic = elastic.with_springs([np.inf if k is None else k for k in stiffness])
+        given: Any = [np.inf if k is None else k for k in stiffness]
+        if elastic.springs is not None:
+            present, names = stiffnesses(elastic), elastic.spring_names
+            given = named_values(given, names, present, "stiffness", infinite=True).tolist()
+            known = zip(names, given, present, strict=True)
+            given = {name: k for name, k, now in known if k != now} or None
+        elastic = elastic.with_springs(given)
     if payload is not None and payload[0]:
         elastic = elastic.with_payload(payload[0], payload[1:])
         if gravity is None and elastic.gravity is None:
