@@ -158,6 +158,9 @@ def test_refusals(cube):
         draw_map(cube, QUANTITY, "line")
     with pytest.raises(UnknownNameError, match="axis of the map"):
         draw_map(cube, QUANTITY, "slices", by="elbow")
+    for kind in ("line", "heat", "histogram"):
+        with pytest.raises(InputError, match="by: is the axis of slices; expected kind slices"):
+            draw_map(cube, QUANTITY, kind, by=cube[QUANTITY].dims[0])
     assert set(KINDS) == {"heat", "slices", "line", "histogram"}
 
 
@@ -175,6 +178,13 @@ def test_a_level_is_a_line_and_a_share():
     drawn = draw_map(data, "stiffness", "heat", level=2.0).axes[0]
     bare = draw_map(data, "stiffness", "heat").axes[0]
     assert len(drawn.collections) == len(bare.collections) + 1
+    row = data.isel(a=[0])
+    assert len(draw_map(row, "stiffness", level=2.0).axes[0].lines) == 2
+    assert len(draw_map(data, "stiffness", "histogram", level=2.0).axes[0].lines) == 1
+    deep = xarray.concat([data, data], "c").assign_coords(c=("c", [0.0, 1.0]))
+    marked, plain = (draw_map(deep, "stiffness", level=at) for at in (2.0, None))
+    for with_line, without in zip(marked.axes[:2], plain.axes[:2], strict=True):
+        assert len(with_line.collections) == len(without.collections) + 1
     best = data.expand_dims(branch=2).copy(deep=True)
     best["stiffness"][1] += 5.0
     assert share_within(best, "stiffness", 2)["within"] == 3

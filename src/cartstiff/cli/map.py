@@ -283,7 +283,7 @@ class Shown:
     ----------
     below
         Print the share of the places below a value: of those that are reached, where the first
-        quantity is at most this (0.2mm), by the best branch of each; a heat map has a line there.
+        quantity is at most this (0.2mm), by the best branch of each; the picture has a line there.
     above
         The same for at least this value.
     single_branch
@@ -538,6 +538,8 @@ def _check_picture(kind: str, by: str | None, sampling: Any, cuts: dict[str, flo
             expected="--slice or another kind",
             got=", ".join(wide) or "none",
         )
+    if by is not None and kind not in ("auto", "slices"):
+        raise InputError("is the axis of slices", where="--by", expected="--kind slices", got=kind)
     if by is not None and by not in wide:
         raise UnknownNameError("axis of the map", by, wide, where="--by")
 

@@ -6,7 +6,7 @@ hatched, and the legend names their state.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 COLOURS = "cividis"
 #: Ratio of the largest to the smallest value from which on scales are logarithmic.
 DECADES = 100.0
+# Largest number of slices, and number of bins of a histogram.
+_SLICES, _BINS = 6, 60
 _HATCHES = ("////", "....", "xxxx", "\\\\\\\\", "oooo", "----")
 
 
@@ -60,7 +62,7 @@ def draw_map(
     by : str, optional
         For "slices": the axis along which the map is cut.
     level : float, optional
-        For heat maps: a value of the quantity, in its unit, at which a line is drawn.
+        A value of the quantity, in its unit, at which a line is drawn.
     angle : str
         Unit of joint angles along the axes: "rad" or "deg".
 
@@ -74,7 +76,7 @@ def draw_map(
     UnknownNameError
         For an unknown kind or quantity.
     InputError
-        If the kind does not fit the dimensions.
+        If the kind does not fit the dimensions, or another kind than slices has an axis of them.
     """
     quantity_of(dataset, quantity)
     if angle == "deg":
@@ -90,11 +92,9 @@ def draw_map(
             kind = {0: "histogram", 1: "line", 2: "heat", 3: "slices"}.get(wide, "histogram")
     if kind not in KINDS:
         raise UnknownNameError("kind of picture", kind, KINDS)
-    if by is not None and kind == "slices":
-        return slices(dataset, quantity, by)
-    if level is not None and kind == "heat":
-        return heat_map(dataset, quantity, level)
-    return KINDS[kind](dataset, quantity)
+    if by is not None and kind != "slices":
+        raise InputError("is the axis of slices", where="by", expected="kind slices", got=kind)
+    return KINDS[kind](dataset, quantity, level, **({"by": by} if kind == "slices" else {}))
 
 
 def _rescaled(dataset: xarray.Dataset, unit: str, shown: str, factor: float) -> xarray.Dataset:
@@ -206,7 +206,7 @@ def _axis_label(coordinate: xarray.DataArray) -> str:
 
 
 def _cells(
-    axis: Any, dataset: xarray.Dataset, quantity: str, norm: Any, level: float | None = None
+    axis: Any, dataset: xarray.Dataset, quantity: str, norm: Any, level: float | None
 ) -> tuple[Any, set[str]]:
     """Draw coloured cells over two dimensions; return them and the states of hatched cells.
 
@@ -247,26 +247,22 @@ def heat_map(dataset: xarray.Dataset, quantity: str, level: float | None = None)
     flat = squeezed(dataset, quantity, 2, "heat map")
     figure = new_figure()
     axis = figure.subplots()
-    mesh, reasons = _cells(
-        axis, flat, quantity, colour_norm(np.asarray(flat[quantity].values, float)), level
-    )
-    figure.colorbar(mesh, ax=axis, label=wrapped(flat[quantity]))
+    _draw_parts(figure, [axis], [flat], quantity, level)
     axis.set_title(title_of(flat))
-    add_legend(figure, reasons)
     return figure
 
 
-def slices(dataset: xarray.Dataset, quantity: str, by: str | None = None, count: int = 6) -> Any:
+def slices(
+    dataset: xarray.Dataset, quantity: str, level: float | None = None, by: str | None = None
+) -> Any:
     """Draw heat maps at up to six values of the third dimension, with one colour scale.
 
     Parameters
     ----------
-    dataset, quantity
+    dataset, quantity, level
         As in `draw_map`.
     by : str, optional
         The dimension that is cut; default the one with the fewest values.
-    count : int
-        Largest number of heat maps.
     """
     flat = squeezed(dataset, quantity, 3, "picture of slices")
     array = flat[quantity]
@@ -274,31 +270,39 @@ def slices(dataset: xarray.Dataset, quantity: str, by: str | None = None, count:
     if cut not in array.dims:
         raise UnknownNameError("axis of the map", cut, [str(d) for d in array.dims])
     length = array.sizes[cut]
-    chosen = np.unique(np.linspace(0, length - 1, min(count, length)).round().astype(int))
+    chosen = np.unique(np.linspace(0, length - 1, min(_SLICES, length)).round().astype(int))
     columns = min(3, len(chosen))
     rows = -(-len(chosen) // columns)
     figure = new_figure(3.0 * columns + 1.4, 2.8 * rows + 0.8)
-    axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    axes = list(figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).flat)
     parts = [flat.isel({cut: int(i)}) for i in chosen]
-    norm = colour_norm(np.stack([np.asarray(p[quantity].values, float) for p in parts]))
-    reasons: set[str] = set()
-    mesh = None
-    for i, part in enumerate(parts):
-        axis = axes.flat[i]
-        mesh, why = _cells(axis, part, quantity, norm)
-        reasons |= why
+    _draw_parts(figure, axes, parts, quantity, level)
+    for axis, part in zip(axes, parts, strict=False):
         value = part[cut]
         axis.set_title(f"{cut} = {float(value):.4g} {value.attrs.get('units', '')}", fontsize=9)
         axis.label_outer()
-    for axis in list(axes.flat)[len(parts) :]:
+    for axis in axes[len(parts) :]:
         axis.set_visible(False)
-    figure.colorbar(mesh, ax=axes, label=wrapped(array))
     figure.suptitle(title_of(dataset))
-    add_legend(figure, reasons)
     return figure
 
 
-def line(dataset: xarray.Dataset, quantity: str) -> Any:
+def _draw_parts(
+    figure: Any,
+    axes: Sequence[Any],
+    parts: Sequence[xarray.Dataset],
+    quantity: str,
+    level: float | None,
+) -> None:
+    """Draw heat maps with one colour scale and one legend."""
+    norm = colour_norm(np.stack([np.asarray(p[quantity].values, float) for p in parts]))
+    pairs = zip(axes, parts, strict=False)
+    drawn = [_cells(axis, part, quantity, norm, level) for axis, part in pairs]
+    figure.colorbar(drawn[0][0], ax=axes, label=wrapped(parts[0][quantity]))
+    add_legend(figure, set[str]().union(*(reasons for _, reasons in drawn)))
+
+
+def line(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> Any:
     """Draw a curve along the only dimension of a map; grey where there is no number."""
     flat = squeezed(dataset, quantity, 1, "line")
     array = flat[quantity]
@@ -310,6 +314,8 @@ def line(dataset: xarray.Dataset, quantity: str) -> Any:
     axis = figure.subplots()
     marker = "." if np.isfinite(values).sum() < 200 else ""
     axis.plot(x, np.where(np.isfinite(values), values, np.nan), marker=marker)
+    if level is not None:
+        axis.axhline(level, color="black", linewidth=1.5)
     reasons = reasons_of(flat, values)
     edges = _edges(x) if len(x) > 1 else np.array([-0.5, 0.5])
     present = set(reasons[reasons != ""].tolist())
@@ -332,7 +338,7 @@ def line(dataset: xarray.Dataset, quantity: str) -> Any:
     return figure
 
 
-def histogram(dataset: xarray.Dataset, quantity: str, bins: int = 60) -> Any:
+def histogram(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> Any:
     """Draw the distribution of the values, on a logarithmic axis if they span decades."""
     array = quantity_of(dataset, quantity)
     lows, highs, _, numbers = zip(
@@ -345,7 +351,7 @@ def histogram(dataset: xarray.Dataset, quantity: str, bins: int = 60) -> Any:
         logarithmic = low > 0 and high > DECADES * low
         wide = high if high > low else low + (abs(low) or 1.0)
         spaced = np.geomspace if logarithmic else np.linspace
-        edges = spaced(low, wide, bins + 1)
+        edges = spaced(low, wide, _BINS + 1)
         edges[0], edges[-1] = low, wide  # exact ends: rounding must not exclude a value
 
         def counted(values: Array) -> Array:
@@ -355,6 +361,8 @@ def histogram(dataset: xarray.Dataset, quantity: str, bins: int = 60) -> Any:
         axis.stairs(counts, edges, fill=True, color="#4c6ca0")
         if logarithmic:
             axis.set_xscale("log")
+    if level is not None:
+        axis.axvline(level, color="black", linewidth=1.5)
     axis.set(xlabel=unit_label(array), ylabel="postures")
     axis.set_title(f"{title_of(dataset)}: {array.size - missing} of {array.size} postures")
     return figure
