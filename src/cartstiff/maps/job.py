@@ -9,14 +9,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
-from threading import local
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff.arrays import Array
-from cartstiff.batch.arguments import with_room
 from cartstiff.batch.following import Assembler, Closed
 from cartstiff.batch.kernels import CLOSED_CHUNK, Backend
 from cartstiff.batch.postures import (
@@ -83,7 +81,6 @@ _SINGLE_ROWS = 128
 _LEAST_CHUNK = 8192
 # Number of postures of a part that one thread computes.
 _PIECE_ROWS = 2**15
-_THREAD_LOCAL = local()
 #: Applies a function to each of several arguments, as the built-in `map`.
 Mapped = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
@@ -255,9 +252,7 @@ class MapJob:
 
     def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> MapRows:
         """Return the results at postures (N, n), read from stored matrices."""
-        outputs = needed_outputs(quantities, self.settings)
-        buffers = self._buffers(len(q)) if outputs == self.outputs else None
-        result = self._analysed(q, outputs, buffers)
+        result = self._analysed(q, quantities)
         values = self._values(result, quantities)
         to_own = np.array([_code(c) for c in result.codes], np.uint8)
         return MapRows(result.q, to_own[result.state], result.arrays["pose"], values)
@@ -287,15 +282,12 @@ class MapJob:
         with timed("quantities read from stored matrices", len(result)):
             return evaluate(quantities, result.arrays, self.settings, self._lengths, vibrations)
 
-    def _analysed(
-        self, q: Array, outputs: tuple[str, ...], out: Mapping[str, Array] | None = None
-    ) -> Postures:
+    def _analysed(self, q: Array, quantities: Sequence[Quantity]) -> Postures:
         return analyse_many(
             self.elastic,
             q,
             wrench=self.wrench,
-            outputs=outputs,
-            out=out,
+            outputs=needed_outputs(quantities, self.settings),
             threads=1,
             path=self.path,
             one_by_one=self.one_by_one,
@@ -325,18 +317,8 @@ class MapJob:
     def _cost(self, q: Array) -> Array:
         """The first quantity, with its sign chosen so that smaller is better."""
         quantity = self.quantities[0]
-        results = self._analysed(q, needed_outputs([quantity], self.settings))
-        value = self._values(results, [quantity])[quantity.name]
+        value = self._values(self._analysed(q, [quantity]), [quantity])[quantity.name]
         return value if quantity.better == "smaller" else -value
-
-    def _buffers(self, count: int) -> dict[str, Array]:
-        """Return work arrays of this thread, which every stack overwrites."""
-        own = getattr(_THREAD_LOCAL, "buffers", None)
-        n = len(self.elastic.mechanism.coordinates)
-        if own is None or own[0] != (self.outputs, n):
-            own = (self.outputs, n), with_room(self.outputs, {}, (_STACK_ROWS, n))
-            _THREAD_LOCAL.buffers = own
-        return {name: array[:count] for name, array in own[1].items()}
 
     @cached_property
     def _limits(self) -> Limits:
