@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from typing import Any
+
+from numpy.typing import ArrayLike
 
 from cartstiff.errors import InputError, imported, printable
 
@@ -18,6 +21,14 @@ def new_figure(width: float = 6.4, height: float = 4.2) -> Any:
     """
     Figure = imported("matplotlib.figure", "matplotlib", "drawing a figure", "plots").Figure
     return Figure(figsize=(width, height), layout="constrained")
+
+
+def draw_bars(axis: Any, names: Sequence[str], values: ArrayLike, label: str) -> Any:
+    """Draw named numbers as bars, the first at the top as in a table; return the bars."""
+    bars = axis.barh([printable(name) for name in names], values)
+    axis.invert_yaxis()
+    axis.set_xlabel(label)
+    return bars
 
 
 def figure_content(figure: Any, ending: str) -> bytes:

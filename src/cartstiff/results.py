@@ -25,7 +25,7 @@ _DIMENSIONS = {
 class LabelledResult(ShownInLines):
     """Base of results; dataclasses need `repr=False`.
 
-    Results that have a picture of their own have a method `plot`, which returns a figure.
+    Each result has a method `plot`, which returns its picture as a figure.
     """
 
     #: Command that prints the result, whose keys are described; "" for none.
@@ -41,7 +41,8 @@ class LabelledResult(ShownInLines):
 
         Numbers within others have dotted names, such as ``stiffness.K``. A list of objects is a
         table: its numbers have the list's name as their first dimension. Of points along a curve or
-        a path that dimension is ``point``. A number that does not exist is NaN.
+        a path that dimension is ``point``. A number that does not exist is NaN. Lists of lists of
+        objects, whose lengths differ, are left out.
 
         Returns
         -------

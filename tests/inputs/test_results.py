@@ -7,6 +7,7 @@ import pytest
 
 import cartstiff
 from cartstiff.results import LabelledResult
+from cartstiff.vibration.controllers import impedance
 
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("matplotlib")
@@ -26,14 +27,16 @@ def results():
         cartstiff.modes(arm),
         cartstiff.assemble(platform),
         cartstiff.sensitivities(cartstiff.modes(arm)),
+        cartstiff.accuracy(cartstiff.modes(arm), cartstiff.Tolerances(stiffness=0.05)),
+        impedance(cartstiff.modes(arm), np.diag([50.0, 50, 50, 2000, 2000, 800])),
     ]
     return {f"{i} {type(r).__name__}": r for i, r in enumerate(found)}
 
 
 def _numbers(value):
-    """All numbers in plain data, those of notes left out: these become texts."""
+    """All numbers in plain data without notes, which become texts, and main contributors."""
     if isinstance(value, dict):
-        value = [v for key, v in value.items() if key != "notes"]
+        value = [v for key, v in value.items() if key not in ("notes", "main")]
     if isinstance(value, list):
         return [x for v in value for x in _numbers(v)]
     return [float(value)] if isinstance(value, (int, float)) else []
@@ -86,8 +89,33 @@ def test_the_outline_reaches_as_far_as_any_unit_force_moves_the_body(results):
         assert axes.get_xlabel() == f"{'xyz'[i]} of M [m/N]"
 
 
-def test_results_with_a_picture_draw_it(results):
+def test_every_result_draws_itself(results):
     for name, result in results.items():
-        if hasattr(result, "plot"):
-            assert result.plot().axes, name
-    assert not hasattr(results["6 AssemblyModes"], "plot")
+        assert result.plot().axes, name
+
+
+def test_bars_have_the_names_and_numbers_of_the_result(results):
+    modes, rates = results["6 AssemblyModes"], results["7 Sensitivities"]
+    (axis,) = modes.plot().axes
+    softest = [mode["smallest_eigenvalue"] for mode in modes.to_dict()["modes"]]
+    assert [bar.get_width() for bar in axis.patches] == softest
+    (axis,) = rates.plot().axes
+    first, most = axis.get_yticklabels()[0].get_text(), axis.patches[0].get_width()
+    changes = {
+        r["name"]: np.abs(r["for_one_per_cent"] or 0.0).max()
+        for r in rates.to_dict()["parameters"]
+        if r["value"]
+    }
+    assert changes[first] == most == max(changes.values())
+    spread = results["8 Accuracy"]
+    axis = next(a for a in spread.plot().axes if a.get_xlabel().endswith("frequencies"))
+    np.testing.assert_array_equal(
+        [b.get_width() for b in axis.patches], spread.deviations["frequencies"]
+    )
+    left, right = results["9 Impedance"].plot().axes
+    assert [label.get_text() for label in left.get_yticklabels()] == list(
+        cartstiff.load("ur5").names
+    )
+    K = results["9 Impedance"].joint_stiffness
+    assert [bar.get_width() for bar in left.patches] == list(np.diag(K))
+    assert right.get_xlabel() == "damping of the joint"

@@ -36,6 +36,7 @@ from cartstiff.errors import (
     UndefinedError,
     UnknownNameError,
 )
+from cartstiff.figures import new_figure
 from cartstiff.identify.measurements import (
     DISPLACEMENT,
     MEASURED,
@@ -421,6 +422,24 @@ class Plan(LabelledResult):
             "not_identifiable": self.lost,
         }
         return plain_dict(data)
+
+    def plot(self) -> Any:
+        """Draw the largest standard deviation of a stiffness over the number of rows.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        MissingDependencyError
+            Without matplotlib.
+        """
+        figure = new_figure()
+        axis = figure.subplots()
+        axis.plot(self.counts, 100.0 * self._worst, "o-")
+        axis.set(xlabel="rows", ylabel="largest standard deviation [%]", yscale="log")
+        return figure
 
     @property
     def factor(self) -> float:

@@ -21,6 +21,7 @@ from cartstiff.batch.kernels import Closer
 from cartstiff.checked_call import checked
 from cartstiff.described import described
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
+from cartstiff.figures import draw_bars, new_figure
 from cartstiff.geometry import se3
 from cartstiff.kinematics.architecture import architecture_of
 from cartstiff.kinematics.joint_poses import JointPoses
@@ -320,6 +321,28 @@ class AssemblyModes(LabelledResult):
             "modes": [mode.to_dict() for mode in self.modes],
         }
         return described("assemble", own, elastic.about(), gravity_loads(elastic).to_dict(), self)
+
+    def plot(self) -> Any:
+        """Draw the smallest eigenvalue of each mode; those that are not stable in red.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        MissingDependencyError
+            Without matplotlib.
+        """
+        figure = new_figure()
+        names = [f"mode {i + 1}" for i in range(len(self.modes))]
+        values = [np.nan if m.eigenvalue is None else m.eigenvalue for m in self.modes]
+        units = self.elastic.units
+        label = f"smallest eigenvalue [{units.force}/{units.length}]"
+        bars = draw_bars(figure.subplots(), names, values, label)
+        for bar, mode in zip(bars, self.modes, strict=True):
+            bar.set_color("tab:blue" if mode.stable else "tab:red")
+        return figure
 
 
 @checked

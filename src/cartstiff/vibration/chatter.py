@@ -225,13 +225,13 @@ class Lobes(Result, LabelledResult):
     least: float
     assumed: str = ""
 
-    def plot(self, unit: str) -> Any:
+    def plot(self, unit: str = "") -> Any:
         """Draw the limiting depth over the spindle's speed, and the depth stable at every speed.
 
         Parameters
         ----------
         unit : str
-            Unit of the depths.
+            Unit of the depths, for the label of their axis.
 
         Returns
         -------
@@ -248,7 +248,10 @@ class Lobes(Result, LabelledResult):
         axis.plot(self.speeds, depths, label="zeroth order")
         if np.isfinite(self.least):
             axis.axhline(self.least, color="0.6", linestyle="--", label="stable at every speed")
-        axis.set(xlabel="speed [rev/min]", ylabel=f"limiting depth [{unit}]")
+        axis.set(
+            xlabel="speed [rev/min]",
+            ylabel=f"limiting depth [{unit}]" if unit else "limiting depth",
+        )
         axis.set_ylim(bottom=0.0)
         axis.legend()
         return figure

@@ -22,6 +22,7 @@ from cartstiff import numerics
 from cartstiff.arrays import Array, Result, checked_array, checked_matrix, plain
 from cartstiff.choices import Axes, Order
 from cartstiff.errors import InputError, UndefinedError
+from cartstiff.figures import draw_bars, new_figure
 from cartstiff.geometry.connections import NAMED
 from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.results import LabelledResult
@@ -209,6 +210,25 @@ class Impedance(Result, LabelledResult):
             "coupling_by_square_roots": self.coupling,
             "antisymmetric_part_dropped": self.dropped,
         }
+
+    def plot(self) -> Any:
+        """Draw the stiffness and the damping that each joint gets on its own.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        MissingDependencyError
+            Without matplotlib.
+        """
+        figure = new_figure(8.0)
+        names = self.modes.elastic.names
+        what = {"stiffness": self.joint_stiffness, "damping": self.joint_damping}
+        for axis, (word, matrix) in zip(figure.subplots(1, 2), what.items(), strict=True):
+            draw_bars(axis, names, matrix.diagonal(), f"{word} of the joint")
+        return figure
 
     def for_controller(
         self, order: Order = "linear-angular", axes: Axes = "base"

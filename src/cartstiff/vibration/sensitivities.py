@@ -30,6 +30,7 @@ from cartstiff.analysis.tolerances import Tolerances, UncertainParameters, check
 from cartstiff.arrays import Array, Result, checked_array, plain_dict
 from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, checked_kind, one_line
+from cartstiff.figures import draw_bars, new_figure
 from cartstiff.geometry.differences import derivative_with_error
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -40,6 +41,7 @@ from cartstiff.statics.equilibrium import again
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.statics.small_motions import kinetic_matrix
 from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.tensor import COMPONENTS
 from cartstiff.vibration.modes import Modes, modes, stiffness_under_load
 
 _ALL_PARAMETERS = Tolerances(1.0, 1.0, 1.0)
@@ -358,6 +360,29 @@ class Sensitivities(Result, LabelledResult):
         }
         return plain_dict(data)
 
+    def plot(self) -> Any:
+        """Draw the parameters whose change by one per cent changes a frequency most.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        UndefinedError
+            Code ``"no-mass"`` if nothing has a mass.
+        MissingDependencyError
+            Without matplotlib.
+        """
+        if not self.frequencies.size:
+            raise UndefinedError("nothing has a mass: no frequency changes", code="no-mass")
+        change = np.nan_to_num(np.abs(self.relative)).max(axis=1)
+        most = [i for i in np.argsort(-change, kind="stable")[:_MAX_BARS] if change[i] > 0.0]
+        figure = new_figure()
+        label = "largest change of a frequency for 1 per cent [Hz]"
+        draw_bars(figure.subplots(), [self.names[i] for i in most], change[most], label)
+        return figure
+
 
 def _matrix(values: Array) -> Array | None:
     return values if np.isfinite(values).all() else None
@@ -425,6 +450,8 @@ def in_hertz(modes: Modes, squares: Array) -> Array:
         return np.where(f > 0.0, squares / (8 * np.pi**2 * f), np.nan)
 
 
+# Largest number of bars in a picture.
+_MAX_BARS = 16
 # Largest number of contributors listed for each number.
 _MAX_CONTRIBUTORS = 3
 
@@ -494,6 +521,28 @@ class Accuracy(LabelledResult):
             "parameters": [{"name": name, "deviation": x} for name, x in pairs],
         }
         return plain_dict(data)
+
+    def plot(self) -> Any:
+        """Draw the standard deviation of each number; of the matrices that of the diagonal.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        MissingDependencyError
+            Without matplotlib.
+        """
+        figure = new_figure(4.0 * len(self.deviations), 4.2)
+        panels = figure.subplots(1, len(self.deviations), squeeze=False)[0]
+        for axis, (quantity, sd) in zip(panels, self.deviations.items(), strict=True):
+            shown = sd.diagonal() if sd.ndim == 2 else sd
+            names: Sequence[str] = COMPONENTS["motion"]
+            if quantity == "frequencies":
+                names = [f"mode {i + 1}" for i in range(len(sd))]
+            draw_bars(axis, names, shown, f"standard deviation of {quantity}")
+        return figure
 
 
 @checked
