@@ -83,37 +83,26 @@ def at_pose(
         wanted = np.concatenate([T[:3, 3], se3.roll_pitch_yaw(T)])
     if isinstance(chain, Platform):
         return wanted, ()
-    if not isinstance(chain, Chain) or not chain.closures:
+    search = _Search(elastic, T_P_M, "pose")
+    q, T = search.one_by_one(wanted[None])[0], search.poses(wanted)
+    short = "" if np.isfinite(q).all() else search.short(T)
+    if len(search.free) == 6 and not short and not np.isfinite(q).all():
+        q = np.array([*inverse_kinematics(elastic, T, most=1), q][0])
+    if not np.isfinite(q).all():
+        names = ", ".join(COORDINATES[i] for i in search.free)
+        missed = f"{names} that the body does not take together"
+        if len(search.free) == 6:
+            missed = f"a place that was not found from {elastic.name}'s posture"
         raise InputError(
-            "is for platforms and bodies carried by legs",
-            where="pose",
-            expected="joint positions (q) for an arm",
+            "the pose cannot be reached",
+            expected="a pose that every leg reaches",
+            got=short or missed,
         )
-    T = se3.from_roll_pitch_yaw(wanted[:3], wanted[3:]) @ T_P_M
-    search = _Search(elastic, chain, T_P_M)
-    q = search.by_legs(T)
-    if q is not None:
+    reached = search.coordinates(search.chain.at(q))
+    off = np.abs(_difference(wanted, reached))
+    if len(search.free) == 6 or np.all(off <= numerics.NEGLIGIBLE_DIFFERENCE * search.sizes):
         return q, ()
-    free = search.freedoms()
-    if len(free) == 6:
-        q = None if chain.legs else search.by_steps(wanted, free)
-        if q is None and not (short := search.short(T)):
-            branches = inverse_kinematics(elastic, T, most=1)
-            q = np.array(branches[0]) if len(branches) else None
-        if q is None:
-            raise _refusal(short or f"a place that was not found from {elastic.name}'s posture")
-        return q, ()
-    q = search.by_steps(wanted, free)
-    if q is None:
-        names = ", ".join(COORDINATES[i] for i in free)
-        raise _refusal(search.short(T) or f"{names} that the body does not take together")
-    reached = search.coordinates(chain.at(q))
-    if chain.legs and (again := search.by_legs(search.at(q).pose)) is not None:
-        q = again
-    off = _difference(wanted, reached)
-    if np.all(np.abs(off) <= numerics.NEGLIGIBLE_DIFFERENCE * search.sizes):
-        return q, ()
-    return q, (_note(elastic, wanted, reached, free),)
+    return q, (_note(elastic, wanted, reached, search.free),)
 
 
 def at_poses(elastic: ElasticMechanism, poses: ArrayLike) -> tuple[Array, list[int]]:
@@ -134,34 +123,11 @@ def at_poses(elastic: ElasticMechanism, poses: ArrayLike) -> tuple[Array, list[i
         The independent coordinates of the pose, which the body has; the others follow.
     """
     wanted = checked_array(poses, ("N", 6), "poses")
-    chain = checked_elastic(elastic).mechanism
-    if isinstance(chain, Platform):
+    if isinstance(checked_elastic(elastic).mechanism, Platform):
         return wanted, list(range(6))
-    if not isinstance(chain, Chain) or not chain.closures:
-        raise InputError(
-            "are for platforms and bodies carried by legs",
-            where="poses",
-            expected="joint positions (q) for an arm",
-        )
-    search = _Search(elastic, chain, np.eye(4))
-    free = search.freedoms()
-    if len(chain.legs) == len(chain.closures) + 1:
-        return search.many_by_legs(wanted, free), free
-    legs = legs_of(elastic, limits=False)
-    if legs is not None and (q := search.many_by_steps(legs, wanted, free)) is not None:
-        return q, free
-    reached = np.full((len(wanted), len(search.q)), np.nan)
-    for i, pose in enumerate(wanted):
-        q = search.by_steps(pose, free)
-        if q is not None:
-            reached[i] = q
-    return reached, free
-
-
-def _refusal(got: str) -> InputError:
-    return InputError(
-        "the pose cannot be reached", expected="a pose that every leg reaches", got=got
-    )
+    search = _Search(elastic, np.eye(4), "poses")
+    q = None if search.is_known else search.by_own_steps(legs_of(elastic, limits=False), wanted)
+    return (search.one_by_one(wanted) if q is None else q), search.free
 
 
 def _difference(a: Array, b: Array) -> Array:
@@ -192,20 +158,35 @@ def _note(elastic: ElasticMechanism, wanted: Array, reached: Array, free: list[i
 class _Search:
     """Searches for postures of a chain with closures."""
 
-    def __init__(self, elastic: ElasticMechanism, chain: Chain, T_P_M: Array) -> None:
+    def __init__(self, elastic: ElasticMechanism, T_P_M: Array, where: str) -> None:
+        chain = elastic.mechanism
+        if not isinstance(chain, Chain) or not chain.closures:
+            raise InputError(
+                f"{'is' if where == 'pose' else 'are'} for platforms and bodies carried by legs",
+                where=where,
+                expected="joint positions (q) for an arm",
+            )
         self.chain, self.q = chain, np.array(elastic.q, float)
         self.T_P_M = T_P_M
         self.rows = sum(c.rows.stop - c.rows.start for c in chain.closures)  # not rigid joints'
         self.movable = np.array([j not in chain.virtual for j in range(self.q.size)], float)
-        start = self.at(self.q)
-        self.start = start
-        self.columns = start.coordinate_lengths * self.movable
+        self.start = chain.at(self.q)
+        self.columns = self.start.coordinate_lengths * self.movable
         #: Natural sizes of x, y, z, roll, pitch, yaw.
-        self.sizes = np.repeat([start.length, 1.0], 3)
+        self.sizes = np.repeat([self.start.length, 1.0], 3)
+        #: Whether all legs are known in closed form, and compliant links are straight.
+        self.is_known = len(chain.legs) == len(chain.closures) + 1
+        self.is_known &= not self.q[sorted(chain.virtual)].any()
 
-    def at(self, q: Array) -> ChainPosture:
-        """Posture at coordinates."""
-        return self.chain.at(q)
+    def poses(self, x: Array) -> Array:
+        """Poses (..., 4, 4) of M from those (..., 6) of the body."""
+        return se3.from_roll_pitch_yaw(x[..., :3], x[..., 3:]) @ self.T_P_M
+
+    def one_by_one(self, wanted: Array) -> Array:
+        """Coordinates (N, n) at poses (N, 6) in closed form, else by steps; NaN beyond reach."""
+        if self.is_known:
+            return self._by_legs(wanted)
+        return np.array([self._by_steps(x) for x in wanted]).reshape(-1, len(self.q))
 
     def coordinates(self, posture: ChainPosture) -> Array:
         """x, y, z, roll, pitch, yaw of the body."""
@@ -228,23 +209,6 @@ class _Search:
             return np.zeros(0), np.zeros((0, self.q.size))
         return residual[: self.rows], closure.jacobian[: self.rows]
 
-    def by_legs(self, T: Array) -> Array | None:
-        """Closed form at a pose of M; None if there is none, or it does not reach the pose."""
-        chain = self.chain
-        if len(chain.legs) != len(chain.closures) + 1:
-            return None
-        q = self._of_legs(T[None])[0]
-        if not np.isfinite(q).all():
-            return None
-        posture = self.at(q)
-        gap = np.abs(self._closing(posture)[0]).max(initial=0.0)
-        away = np.abs(posture.pose - T).max()
-        return (
-            q
-            if max(gap, away) <= numerics.CONSTRAINT_TOLERANCE * max(1.0, posture.length)
-            else None
-        )
-
     def _of_legs(self, T: Array) -> Array:
         """Coordinates (N, n) at poses (N, 4, 4) of M in closed form; NaN beyond reach."""
         q, errors = np.tile(self.q, (len(T), 1)), np.zeros(len(T))
@@ -260,17 +224,14 @@ class _Search:
         """Legs with the working modes of the default posture."""
         return [(leg, leg.mode(self.q, self.start.pose)) for leg in self.chain.legs]
 
-    def many_by_legs(self, wanted: Array, free: list[int]) -> Array:
+    def _by_legs(self, wanted: Array) -> Array:
         """Closed form at poses (N, 6); dependent coordinates by Gauss and Newton's method."""
-        follow = [i for i in range(6) if i not in free]
+        follow = [i for i in range(6) if i not in self.free]
         at, steps = wanted.copy(), numerics.DIFFERENCE_STEP * self.sizes
         going = np.arange(len(wanted))
 
-        def poses(x: Array) -> Array:
-            return se3.from_roll_pitch_yaw(x[:, :3], x[:, 3:])
-
         def gaps(x: Array) -> Array:
-            T = poses(x)
+            T = self.poses(x)
             with np.errstate(all="ignore"):
                 return np.concatenate(
                     [leg.shape.gaps(T @ leg.T_M_end, m) for leg, m in self._modes], 1
@@ -294,20 +255,21 @@ class _Search:
             step *= np.minimum(1.0, _LONGEST_LEG_STEP / np.maximum(long, numerics.TINY))
             at[going[:, None], follow] += step * self.sizes[follow]
             going = going[long[:, 0] > numerics.ROUNDOFF]
-        return self._of_legs(poses(at))
+        return self._of_legs(self.poses(at))
 
-    def many_by_steps(self, legs: list[Leg], wanted: Array, free: list[int]) -> Array | None:
+    def by_own_steps(self, legs: list[Leg] | None, wanted: Array) -> Array | None:
         """Each leg at poses (N, 6) by steps from the default posture, all poses at once.
 
-        None unless the dependent coordinates stay constant while the others move.
+        None without legs, and unless the dependent coordinates stay constant while the others move.
         """
-        home, follow = self.coordinates(self.start), [i for i in range(6) if i not in free]
-        near = home + np.vstack([np.eye(6)[free], -np.eye(6)[free]]) * _TEST_DISTANCE * self.sizes
-        if any(leg.free != "none" for leg in legs):
+        if legs is None or any(leg.free != "none" for leg in legs):
             return None
+        home, follow = self.coordinates(self.start), [i for i in range(6) if i not in self.free]
+        around = np.vstack([np.eye(6)[self.free], -np.eye(6)[self.free]])
+        near = home + around * _TEST_DISTANCE * self.sizes
         at = np.vstack([near, wanted])
         at[:, follow] = home[follow]
-        T = se3.from_roll_pitch_yaw(at[:, :3], at[:, 3:])
+        T = self.poses(at)
         q = np.tile(self.q, (len(at), 1))
         for leg in legs:
             own, good = leg.solver.solve(leg.target(T), q[:, leg.columns])
@@ -324,7 +286,8 @@ class _Search:
                 return f"{name}, which is {missing:.3g} {self.chain.units.length} too short"
         return ""
 
-    def freedoms(self) -> list[int]:
+    @cached_property
+    def free(self) -> list[int]:
         """Independent coordinates of the pose, positions first."""
         _, C = self._closing(self.start)
         C = C * self.columns
@@ -342,9 +305,9 @@ class _Search:
             if s >= numerics.NEAR_SINGULARITY * max(scores)
         )
 
-    def by_steps(self, wanted: Array, free: list[int]) -> Array | None:
-        """Newton's method from the default posture; None if it does not converge."""
-        sizes = self.sizes[free]
+    def _by_steps(self, wanted: Array) -> Array:
+        """Newton's method from the default posture; NaN if it does not converge."""
+        free, sizes = self.free, self.sizes[self.free]
 
         def equations(posture: ChainPosture) -> tuple[Array, Array]:
             gap, C = self._closing(posture)
@@ -353,7 +316,7 @@ class _Search:
             return np.concatenate([gap, left]), np.concatenate([C, rates]) * self.columns
 
         def retract(posture: ChainPosture, step: Array) -> ChainPosture:
-            return self.at(posture.q + self.columns * step)
+            return self.chain.at(posture.q + self.columns * step)
 
         posture, size, _ = numerics.least_change(
             self.start,
@@ -364,4 +327,4 @@ class _Search:
             tolerance=numerics.CONSTRAINT_TOLERANCE,
             rank=numerics.LEAST_CLOSURE_RATE,
         )
-        return posture.q if size <= numerics.CONSTRAINT_TOLERANCE else None
+        return posture.q if size <= numerics.CONSTRAINT_TOLERANCE else np.full_like(self.q, np.nan)
