@@ -30,6 +30,8 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.gravity import Gravity
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import DeadForce, DeadWrench, Load, Scaled
 from cartstiff.potentials.springs import JointSprings, SpringLaw
@@ -42,12 +44,12 @@ from cartstiff.stiffness.influence import influence_of
 
 
 def unloaded(elastic: ElasticMechanism, q: Array | None = None) -> ElasticMechanism:
-    """The mechanism without loads of its own; its cables are taken as bars.
+    """The mechanism with no loads but gravity compensation; its cables are taken as bars.
 
     Its springs are at rest at the commanded positions q (n,); without it their rest positions are
     open.
     """
-    inner = tuple(p for p in elastic.potentials if not isinstance(p, (Load, Scaled)))
+    inner = tuple(p for p in elastic.potentials if not isinstance(p, (Load, Scaled)) or _is_lift(p))
     springs = elastic.springs
     if springs is None:
         return replace(elastic, potentials=inner)
@@ -66,7 +68,12 @@ def unloaded(elastic: ElasticMechanism, q: Array | None = None) -> ElasticMechan
 
 def at_rest(elastic: ElasticMechanism) -> ElasticMechanism:
     """The mechanism with all rest positions open, without gravity and loads."""
-    return replace(unloaded(elastic), gravity=None)
+    return unloaded(elastic).with_gravity(None)
+
+
+def _is_lift(term: Potential) -> bool:
+    """Whether a potential is the force of gravity compensation."""
+    return isinstance(term, DeadForce) and bool(term.lifted)
 
 
 # Bound on the parameters whose forces a model keeps.
@@ -165,7 +172,9 @@ class Model:
         elastic, (q, _) = self.unknowns.elements.elastic, self._distinct
         if elastic.gravity is None:
             return np.zeros((len(q), elastic.mechanism.at(q[0]).motion.jacobian.shape[1]))
-        return np.array([-elastic.mechanism.at(x).gravity(elastic.gravity).gradient for x in q])
+        acting = [Gravity(elastic.gravity), *filter(_is_lift, elastic.potentials)]
+        postures = [elastic.mechanism.at(x) for x in q]
+        return np.array([-sum(term.evaluate(at).gradient for term in acting) for at in postures])
 
     def _forces(self, theta: Array) -> tuple[Array, Array, Array, Array]:
         """Per distinct posture: F (k, E, 6), C (k, 6, 6), and the weight's forces and twist."""
