@@ -284,3 +284,25 @@ def test_a_table_of_geometry_places_legs_and_joints(tmp_path):
         columns.append(np.append(axis, np.cross(axis, result.pose[:3, 3] - place)))
     J = np.kron(np.eye(2), result.pose[:3, :3]).T @ np.array(columns).T
     assert relative_error(J, result.jacobian) <= 1e-12
+
+
+def test_a_rigid_joint_is_rigid_in_the_files(tmp_path):
+    """The tree is the same machine; MuJoCo holds the joint where its file begins."""
+    arm = cartstiff.load("ur5").with_springs({"elbow_joint": np.inf})
+    result = cartstiff.analyse(arm, wrench=LOAD)
+    write_result(result, tmp_path / "arm.urdf")
+    again = cartstiff.load(tmp_path / "arm.yaml")
+    assert again.mechanism.rigid == arm.mechanism.rigid == {2}
+    C = cartstiff.analyse(again, wrench=LOAD).compliances["B"]
+    assert relative_error(C, result.compliances["B"]) <= 1e-12
+    write_result(result, tmp_path / "arm.csv")
+    with (tmp_path / "arm.csv").open() as file:
+        cells = {row["joint"]: row["stiffness [N m/rad or N/m]"] for row in csv.DictReader(file)}
+    assert (cells["elbow_joint"], cells["wrist_1_joint"]) == ("rigid", "5000.0")
+    mujoco = pytest.importorskip("mujoco")
+    write_result(result, tmp_path / "arm.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert model.joint("elbow_joint").stiffness[0] == 0.0
+    assert np.abs(data.efc_pos) == pytest.approx([0.0], abs=1e-12)

@@ -530,6 +530,12 @@ class ElasticMechanism(ShownInLines):
             return tuple(f"leg{i + 1}" for i in range(len(self.springs.stiffness)))
         return self.names
 
+    @property
+    def stiffnesses(self) -> list[float]:
+        """Stiffness of each of `spring_names`; infinite for rigid joints, not used with a law."""
+        own = [] if self.springs is None else np.asarray(self.springs.stiffness, float).tolist()
+        return [np.inf if j in self.mechanism.rigid else k for j, k in enumerate(own)]
+
     def with_potential(self, *potentials: Potential) -> ElasticMechanism:
         """Return the mechanism with more potentials."""
         return replace(self, potentials=(*self.potentials, *potentials))

@@ -632,12 +632,10 @@ def _joints(result: PostureStiffness, q: Array, analysis: dict[str, Any]) -> str
     elastic, units = result.elastic, result.elastic.units
     deflection = resisted_deflection(analysis)
     shares = {part["name"]: part["share"] for part in deflection.get("shares") or []}
-    stiffness = [] if elastic.springs is None else np.asarray(elastic.springs.stiffness).tolist()
-    springs = dict(zip(elastic.spring_names, stiffness, strict=False))
+    springs = dict(zip(elastic.spring_names, elastic.stiffnesses, strict=False))
     if isinstance(elastic.springs, JointSprings):
         hessian = elastic.springs.evaluate(result.posture).hessian
         springs |= {elastic.names[j]: hessian[j, j] for j in elastic.springs.laws}
-        springs |= {elastic.names[j]: np.inf for j in elastic.springs.rigid}
     for potential in elastic.potentials:  # a virtual joint of a link, the others held
         if isinstance(potential, (Beam, CoupledSprings)):
             hessian = potential.evaluate(result.posture).hessian

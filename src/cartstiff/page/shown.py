@@ -25,7 +25,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import limits_of
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
 from cartstiff.page.messages import ViewState
-from cartstiff.page.source import stiffnesses
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.scene.appearance import MatrixPair, block_ellipsoid, matrix_pair
 from cartstiff.statics.command import drives
@@ -147,7 +146,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         }
         for c, (lower, upper) in zip(mechanism.coordinates, ranges, strict=True)
     ]
-    stiffness = stiffnesses(elastic)
+    stiffness = elastic.stiffnesses
     spring_units = [
         units.spring(lines or bool(c["is_length"]))
         for c in (coordinates if not lines else [{}] * len(stiffness))

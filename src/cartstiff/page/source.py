@@ -119,12 +119,6 @@ class Source:
     command: list[float] | None = None
 
 
-def stiffnesses(elastic: ElasticMechanism) -> list[float]:
-    """Stiffness of each spring; inf for a rigid joint."""
-    own = [] if elastic.springs is None else np.asarray(elastic.springs.stiffness, float).tolist()
-    return [np.inf if i in elastic.mechanism.rigid else k for i, k in enumerate(own)]
-
-
 def changed(
     elastic: ElasticMechanism,
     stiffness: Sequence[float | None] | None,
@@ -133,12 +127,12 @@ def changed(
 ) -> ElasticMechanism:
     """The mechanism with other springs, a payload and another gravity, as a state names them.
 
-    Springs whose number is that of `stiffnesses` stay as they are, with their laws.
+    Springs whose number is that of `elastic.stiffnesses` stay as they are, with their laws.
     """
     if stiffness is not None:
         given: Any = [np.inf if k is None else k for k in stiffness]
         if elastic.springs is not None:
-            present, names = stiffnesses(elastic), elastic.spring_names
+            present, names = elastic.stiffnesses, elastic.spring_names
             given = named_values(given, names, present, "stiffness", infinite=True).tolist()
             known = zip(names, given, present, strict=True)
             given = {name: k for name, k, now in known if k != now} or None

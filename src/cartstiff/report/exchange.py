@@ -268,7 +268,7 @@ def parts_of_chain(result: PostureStiffness, springs: JointSprings) -> Parts:
     links.append(Link("M", names[chain.body.joint], scaled(chain.body.T_j_f)))
     named: dict[str, dict[str, object]] = {}
     stiff: str | float
-    for j, (c, k) in enumerate(zip(chain.coordinates, springs.stiffness.tolist(), strict=True)):
+    for j, (c, k) in enumerate(zip(chain.coordinates, elastic.stiffnesses, strict=True)):
         if k > 0.0:
             stiff = "rigid" if np.isinf(k) else float(k * force * length / sizes[j] ** 2)
             named[c.name] = {"stiffness": stiff}
@@ -376,7 +376,8 @@ def geometry_csv(result: PostureStiffness) -> bytes:
         raise InputError("a table of geometry is of platforms and of joints", got=chain.kind)
     places = chain.tree.at(posture.q).joint_poses(list(range(1, chain.tree.model.njoints)))
     screws = chain.tree.screws()
-    k = springs.stiffness if isinstance(springs, JointSprings) else np.full(len(posture.q), np.nan)
+    is_of_joints = isinstance(springs, JointSprings)
+    stiffness = elastic.stiffnesses if is_of_joints else [None] * len(posture.q)
     names = ["joint", "type", *(f"{a} [{unit}]" for a in "xyz"), *(f"axis_{a}" for a in "xyz")]
     names += [
         f"position [rad or {unit}]",
@@ -387,8 +388,9 @@ def geometry_csv(result: PostureStiffness) -> bytes:
     table = []
     for i, c in enumerate(chain.coordinates[: len(places)]):
         axis = places[i][:3, :3] @ (screws[i, 3:] if c.is_length else screws[i, :3])
-        row = [*places[i][:3, 3], *axis, posture.q[i], c.lower, c.upper, k[i]]
-        table.append([c.name, c.type, *plain(np.array(row))])
+        row = [*places[i][:3, 3], *axis, posture.q[i], c.lower, c.upper]
+        k = "rigid" if stiffness[i] == np.inf else stiffness[i]
+        table.append([c.name, c.type, *plain(np.array(row)), k])
     return csv_rows(names, table).encode()
 
 
@@ -473,9 +475,9 @@ def chain_of_mujoco(result: PostureStiffness) -> bytes:
         f"site2={quoteattr(tie['frames'][1])}/>"
         for tie in closures
     ]
-    q, named = keys["q"], keys["springs"]
+    named = keys["springs"]
     ties += [
-        f'<joint joint1={quoteattr(joint)} polycoef="{q[joint]!r} 0 0 0 0"/>'
+        f'<joint joint1={quoteattr(joint)} polycoef="0 0 0 0 0"/>'  # where its ref puts it
         for joint, spring in named.items()
         if spring["stiffness"] == "rigid"
     ]
