@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
@@ -110,27 +110,64 @@ class LoadPath:
     ----------
     elastic : ElasticMechanism
         With all rest positions chosen.
+    q : ndarray (n,)
+        Start of the search for the equilibrium without the loads.
     loads : sequence of Potential
         Loads that the factor multiplies.
     fixed : sequence of Potential
         Further loads.
     held : Held, optional
         Held displacement, with its reference.
+    limits : Limits
+        Limits at which the path ends.
+    goal, back, resolution : float
+        As `to`, `back` and `resolution` of `load_curve`.
+
+    Attributes
+    ----------
     span : float
         Size of the factors of interest: the unit that p is measured in along the curve.
+    origin : CurvePoint
+        The equilibrium at factor 0.
+
+    Raises
+    ------
+    ConvergenceError
+        If there is none.
     """
 
     def __init__(
         self,
         elastic: ElasticMechanism,
+        q: Array,
         loads: Sequence[Potential],
         fixed: Sequence[Potential],
         held: Held | None,
-        span: float,
+        limits: Limits,
+        goal: float,
+        back: float,
+        resolution: float,
     ) -> None:
         self.loads = System(elastic, loads).loads
         self.system = System(elastic, fixed, held)
-        self.span = span
+        self.limits, self.goal, self.back, self.resolution = limits, goal, back, resolution
+        self.span = abs(goal)
+        start = solve(self.system, q).point
+        upwards = np.zeros(start.posture.coordinate_lengths.size + 1)
+        upwards[-1] = np.sign(goal)
+        self.origin = self.state(start.q, 0.0, upwards)
+
+    @cached_property
+    def linear_rate(self) -> Array:
+        """Displacement (6,) per unit of the factor, by the compliance at the start."""
+        posture, balance = self.origin.point.posture, self.origin.balance
+        values = np.linalg.svd(balance.scaled, compute_uv=False)
+        if values.size and not values[-1] > numerics.ROUNDOFF * values[0]:
+            return np.full(6, np.nan)
+        y = -balance.solved(self.origin.push / self.span, numerics.ROUNDOFF)
+        twist = posture.motion.jacobian @ (balance.motion(y) * posture.coordinate_lengths)
+        R = posture.pose[:3, :3]
+        return np.concatenate([R @ twist[:3], R @ twist[3:]])
 
     def _at(self, q: Array, factor: float) -> tuple[Point, Array]:
         """Everything that acts, and the loads' gradient times the range, in natural units."""
@@ -452,12 +489,6 @@ class LoadCurve(Result, LabelledResult):
     reason: Reason
     notes: tuple[Note, ...]
     _path: LoadPath
-    _limits: Limits
-    _origin: Array
-    _rate: Array
-    _goal: float
-    _back: float
-    _resolution: float
 
     @property
     def weighed(self) -> GravityLoads:
@@ -671,36 +702,13 @@ def load_curve(
         loads = (*loads, kind.acting(wrench, posture.pose, load_axes))
     if held is not None:
         held = (held if isinstance(held, Held) else Held(held)).at_start(posture)
-    start = solve(System(elastic, fixed, held), q)
-    path = LoadPath(elastic, loads, fixed, held, abs(to))
-    upwards = np.zeros(start.point.posture.coordinate_lengths.size + 1)
-    upwards[-1] = np.sign(to)
-    origin = path.state(start.point.q, 0.0, upwards)
+    path = LoadPath(elastic, q, loads, fixed, held, limits, to, back, resolution)
     notes = (
         *elastic.notes,
         *notes_at_start(elastic.mechanism, posture, limits),
         *gravity_loads(elastic).notes,
     )
-    seed = LoadCurve(
-        elastic,
-        np.zeros(1),
-        origin.point.q[None],
-        np.zeros((1, 6)),
-        np.zeros((1, 6)),
-        np.zeros(1),
-        (None,),
-        (),
-        "lost",
-        notes,
-        path,
-        limits,
-        origin.point.posture.pose,
-        _linear_rate(origin, path),
-        to,
-        back,
-        resolution,
-    )
-    return _trace(seed, [origin], points)
+    return _trace(path, notes, [path.origin], points)
 
 
 def branch(curve: LoadCurve, index: int = 0, direction: int = 1, points: int = 200) -> LoadCurve:
@@ -738,7 +746,7 @@ def branch(curve: LoadCurve, index: int = 0, direction: int = 1, points: int = 2
             values={"factor": critical.factor},
         )
     along = np.append(np.sign(direction) * critical.mode, 0.0)
-    size = curve._resolution
+    size = curve._path.resolution
     while True:
         try:
             first = curve._path.step(critical._state, size, along)
@@ -749,27 +757,17 @@ def branch(curve: LoadCurve, index: int = 0, direction: int = 1, points: int = 2
                 raise ConvergenceError(
                     "no branch can be entered here", iterations=0, residual=np.inf
                 ) from error
-    return _trace(curve, [critical._state, first], points)
+    return _trace(curve._path, curve.notes, [critical._state, first], points)
 
 
-def _linear_rate(origin: CurvePoint, path: LoadPath) -> Array:
-    """Displacement (6,) per unit of the factor, by the compliance at the start."""
-    posture, balance = origin.point.posture, origin.balance
-    values = np.linalg.svd(balance.scaled, compute_uv=False)
-    if values.size and not values[-1] > numerics.ROUNDOFF * values[0]:
-        return np.full(6, np.nan)
-    y = -balance.solved(origin.push / path.span, numerics.ROUNDOFF)
-    twist = posture.motion.jacobian @ (origin.balance.motion(y) * posture.coordinate_lengths)
-    R = posture.pose[:3, :3]
-    return np.concatenate([R @ twist[:3], R @ twist[3:]])
-
-
-def _trace(seed: LoadCurve, states: list[CurvePoint], points: int) -> LoadCurve:
+def _trace(
+    path: LoadPath, notes: tuple[Note, ...], states: list[CurvePoint], points: int
+) -> LoadCurve:
     """Continue from the last of `states` until a reason to stop."""
-    path, goal = seed._path, seed._goal
+    goal, limits = path.goal, path.limits
     critical: list[CriticalPoint] = []
     reason: Reason = "points-reached"
-    size = seed._resolution
+    size = path.resolution
     while len(states) < points:
         here = states[-1]
         taken = _advance(path, here, size)
@@ -788,7 +786,6 @@ def _trace(seed: LoadCurve, states: list[CurvePoint], points: int) -> LoadCurve:
             if _is_elsewhere(here, there, found) and size_taken >= 4 * _SMALLEST_STEP:
                 size = 0.25 * size_taken
                 continue
-        limits = seed._limits
         at = there.point.posture
         if limits.side(limits.values(at.q, at.pose)).any():
             reason = "limit-contact"
@@ -798,12 +795,12 @@ def _trace(seed: LoadCurve, states: list[CurvePoint], points: int) -> LoadCurve:
         if last:
             reason = "factor-reached"
             break
-        if there.factor * np.sign(goal) < -seed._back * abs(goal):
+        if there.factor * np.sign(goal) < -path.back * abs(goal):
             reason = "factor-left"
             break
         grow = 1.5 if there.corrections <= 3 else 0.7 if there.corrections > 6 else 1.0
-        size = min(size_taken * grow, seed._resolution)
-    return _collected(seed, states, critical, reason)
+        size = min(size_taken * grow, path.resolution)
+    return _collected(path, notes, states, critical, reason)
 
 
 def _is_elsewhere(here: CurvePoint, there: CurvePoint, found: list[CriticalPoint]) -> bool:
@@ -865,27 +862,29 @@ def _verdict(state: CurvePoint) -> bool | None:
 
 
 def _collected(
-    seed: LoadCurve, states: list[CurvePoint], critical: list[CriticalPoint], reason: Reason
+    path: LoadPath,
+    notes: tuple[Note, ...],
+    states: list[CurvePoint],
+    critical: list[CriticalPoint],
+    reason: Reason,
 ) -> LoadCurve:
-    factors = np.array([s.factor for s in states])
-    conservative = all(s.is_conservative for s in states)
-    new = seed.elastic.diagnostics(max(states, key=lambda s: abs(s.factor)).point.posture)
+    elastic, factors = path.system.elastic, np.array([s.factor for s in states])
+    origin, conservative = path.origin.point.posture.pose, all(s.is_conservative for s in states)
+    new = elastic.diagnostics(max(states, key=lambda s: abs(s.factor)).point.posture)
     if not conservative:
         new = [*new, UNDAMPED if all(s.vibrations for s in states) else MASSLESS]
-    notes = [*(n for n in seed.notes if n.code not in {m.code for m in new}), *new]
-    return replace(
-        seed,
-        factors=factors,
-        q=np.array([s.point.q for s in states]),
-        displacement=np.array(
-            [displacement_between(seed._origin, s.point.posture.pose) for s in states]
-        ),
-        linear=factors[:, None] * seed._rate,
-        eigenvalue=np.array(
-            [s.eigenvalues.min(initial=np.inf) if s.is_conservative else np.nan for s in states]
-        ),
-        stable=tuple(_verdict(s) for s in states),
-        critical=tuple(critical),
-        reason=reason,
-        notes=tuple(notes),
+    kept = [n for n in notes if n.code not in {m.code for m in new}]
+    smallest = [s.eigenvalues.min(initial=np.inf) if s.is_conservative else np.nan for s in states]
+    return LoadCurve(
+        elastic,
+        factors,
+        np.array([s.point.q for s in states]),
+        np.array([displacement_between(origin, s.point.posture.pose) for s in states]),
+        factors[:, None] * path.linear_rate,
+        np.array(smallest),
+        tuple(_verdict(s) for s in states),
+        tuple(critical),
+        reason,
+        (*kept, *new),
+        path,
     )
