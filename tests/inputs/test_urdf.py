@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import cartstiff
+from cartstiff.errors import InputError
 from cartstiff.loading.catalogue import bundled_files, example_robots
 
 
@@ -196,6 +197,23 @@ def test_mimic_joint_moves_as_the_same_arm_without_mimic(factor, offset, accepte
     J = np.array(plain["jacobian"])
     expected = np.stack([J[:, 0] + factor * J[:, 2], J[:, 1]], axis=1)
     assert np.allclose(got["jacobian"], expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("factor", [1.0, -2.0])
+def test_a_locked_follower_locks_its_leader(factor, tmp_path, monkeypatch):
+    """The coupling is rigid: neither moves without the other."""
+    monkeypatch.chdir(tmp_path)
+    tag = f'<mimic joint="j1" multiplier="{factor}" offset="0.3"/>'
+    at = factor * 0.4 + 0.3
+    file = place(mimic("j3", tag))
+    free = cartstiff.load(place(ARM, "plain.urdf"), frame="d").mechanism
+    for locked in ({"j1": 0.4}, {"j3": at}, {"j1": 0.4, "j3": at}):
+        held = cartstiff.load(file, frame="d", locked=locked)
+        assert held.names == ("j2",)
+        expected = free.at([0.4, -0.7, at]).pose
+        assert np.allclose(held.mechanism.at([-0.7]).pose, expected, atol=1e-12)
+    with pytest.raises(InputError, match=r"'j3' follows 'j1'.*expected j1 at 0\.4.*got 0\.5"):
+        cartstiff.load(file, frame="d", locked={"j1": 0.5, "j3": at})
 
 
 def test_mimic_of_a_mimic(accepted):

@@ -994,7 +994,19 @@ def tree_to(
     The named `joints` are kept as well.
     """
     model, facts = description.model, description.facts
-    fixed = joint_indices(model, facts.locked | dict(locked), f"{where}key locked")
+    names, still = list(model.names), facts.locked | dict(locked)
+    leaders = {follower: to_root(follower, facts.followers) for follower in facts.followers}
+    for follower, (leader, factor, offset) in leaders.items():
+        if follower in locked and leader in names and factor:  # a locked follower locks its leader
+            position = (locked[follower] - offset) / factor
+            if abs(still.setdefault(leader, position) - position) > numerics.NEGLIGIBLE_SHARE:
+                raise InputError(
+                    f"joint {follower!r} follows {leader!r}, and both are locked elsewhere",
+                    where=f"{where}key locked",
+                    expected=f"{leader} at {position:g}, or one of them",
+                    got=f"{still[leader]:g}",
+                )
+    fixed = joint_indices(model, still, f"{where}key locked")
     if frames is None:
         keep = set(range(1, model.njoints))
     else:
@@ -1002,12 +1014,10 @@ def tree_to(
         for name in frames:
             frame = find_frame(model, name)
             keep |= {int(j) for j in model.supports[int(frame.parentJoint)]} - {0}
-    names = list(model.names)
     keep -= {names.index(name) for name in description.held}
     follows: Followers = {}
-    for follower in facts.followers:
+    for follower, (leader, factor, offset) in leaders.items():
         index = names.index(follower) if follower in names else 0
-        leader, factor, offset = to_root(follower, facts.followers)
         if index not in keep or index in fixed:
             continue
         if leader not in names:
