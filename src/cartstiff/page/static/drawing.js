@@ -17,6 +17,8 @@ function round(x) {
 // Of scales that go with a power of the length: see `cartstiff.scene.scales`.
 const POWERS = { linear: { power: 1, least: 0.05 }, root: { power: 2, least: 0.02 } };
 const APART = 30;
+// Notes that say why a stiffness does not exist.
+const MISSING = ["fewer-than-six-freedoms", "kf-undefined"];
 
 /** A scale from what a legend says of it: a function from a value to a length. */
 function scaleOf(facts) {
@@ -120,7 +122,8 @@ export class Drawing {
     this.ghost(state);
     const here = inFrame(m, state.point.some((x) => x) ? motion([[1, 0, 0], [0, 1, 0], [0, 0, 1]], state.point) : null);
     here.principal = principalValues(here, state);
-    const [translation, rotation] = ["translation", "rotation"].map((freedom) => this.ellipsoid(freedom, here, state));
+    const missing = this.program.notes(m, state).findLast(({ code }) => MISSING.includes(code))?.message ?? `K^${state.connection} does not exist here`;
+    const [translation, rotation] = ["translation", "rotation"].map((freedom) => this.ellipsoid(freedom, here, state, missing));
     const legend = { length: { unit: units.length, bar: assets.bar, scene_units_per_unit: assets.scale }, others: state.others,
       ellipsoids: { translation, rotation }, wrench: this.arrows(m, here, state), tension, notes };
     return { commands: this.commands, legend };
@@ -168,17 +171,14 @@ export class Drawing {
 
   tensions(m) {
     const most = largestOf(m.tensions);
-    if (!most) this.limit ??= 0;
-    else {
-      this.limit = 2 * round(most);
-      if (this.limit < most) this.limit = 5 * round(most);
-    }
+    const near = most && 2 * round(most);
+    const limit = near < most ? 5 * round(most) : near;
     m.tensions.forEach((tension, i) => {
-      const share = this.limit ? Math.max(-1, Math.min(1, tension / this.limit)) : 0;
+      const share = limit ? Math.max(-1, Math.min(1, tension / limit)) : 0;
       const value = [...between(this.assets.colours, 0.5 + 0.5 * share).map((c) => Math.round(c) / 255), 1];
       this.commands.push({ type: "set_property", path: `${ROOT}/mechanism/legs/line ${i + 1}/rod`, property: "color", value });
     });
-    return { limits: [-this.limit, this.limit], unit: this.scene.units.force };
+    return { limits: [-limit, limit], unit: this.scene.units.force };
   }
 
   ghost(state) {
@@ -191,7 +191,7 @@ export class Drawing {
     this.mechanism("ghost", this.program.place(state.ghost));
   }
 
-  ellipsoid(freedom, here, state) {
+  ellipsoid(freedom, here, state, missing) {
     const { assets } = this;
     const [quantity, root] = [state.quantity, `${freedom} ellipsoid`];
     const other = quantity === "stiffness" ? "compliance" : "stiffness";
@@ -200,7 +200,7 @@ export class Drawing {
     const found = here.principal?.[freedom];
     this.show(at, state[freedom] && found !== undefined);
     if (!state[freedom]) return null;
-    if (!found) return { shown: false, reason: `no ${quantity} exists here` };
+    if (!found) return { shown: false, reason: missing };
     const { values, definiteness: kind } = found;
     const R = rotation(here.pose);
     const axes = found.axes.map((v) => times(R, v));

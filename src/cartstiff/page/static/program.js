@@ -162,6 +162,7 @@ export class Program {
       m.K[key] = K && plus(K, D);
       m.C[key] = largest(D) ? changed(C, D, m.length) : C;
     }
+    if (!K) m.tangent = changed(C, symmetric(m.changes.load), m.length);
     for (const [key, M] of Object.entries(m.K)) if (M) this.refuseLost(M, m.C[key]);
     this.ratios(m);
     return m;
@@ -509,14 +510,17 @@ export const actsAt = (state) => state.load_at ?? (state.load ? state.point : [0
 
 /** Matrices and wrench in a frame N of the body; `T` is null for M itself. */
 export function inFrame(m, T) {
-  let [stiffness, compliance, wrench] = [m.K, m.C, m.W];
+  let [stiffness, compliance, wrench, tangent] = [m.K, m.C, m.W, m.tangent];
   if (T) {
     const [forth, reverse] = [adjoint(T), transposed(adjoint(back(T)))];
     const each = (table, by) => Object.fromEntries(Object.entries(table).map(([name, M]) => [name, M && congruence(by, M)]));
     [stiffness, compliance, wrench] = [each(m.K, forth), each(m.C, reverse), times(transposed(forth), m.W)];
+    tangent &&= congruence(reverse, tangent);
   }
   const both = (table) => ({ ...table, "+": table.A && transposed(table.A) });
-  return { stiffness: both(stiffness), compliance: both(compliance), wrench, pose: T ? product(m.pose, T) : m.pose };
+  // Without a stiffness: the compliance with which other freedoms are held, that of a symmetric one.
+  const held = { ...compliance, A: compliance.B, "+": compliance.B, load: tangent };
+  return { stiffness: both(stiffness), compliance: both(compliance), held, wrench, pose: T ? product(m.pose, T) : m.pose };
 }
 
 /** Principal values of translation and of rotation with their axes, the other freedoms free or held; null without a matrix. */
@@ -525,12 +529,14 @@ export function principalValues(here, { quantity, connection, others }) {
   if (!M) return null;
   // With the others free they are those of a block of the compliance, else of one of the stiffness.
   const free = others === "free";
-  const inverted = free === (quantity === "stiffness");
+  const isKnown = here.stiffness[connection] !== null;
+  const inverted = isKnown && free === (quantity === "stiffness");
   const of = inverted ? here[free ? "compliance" : "stiffness"][connection] : M;
   const found = {};
   for (const [name, first] of [["translation", 3], ["rotation", 0]]) {
-    let { values, vectors } = eigen(block(of, first));
-    if (!here.stiffness[connection]) values = known(values);
+    const part = block(of, first);
+    let { values, vectors } = eigen(isKnown || free ? part : heldBlock(here.held[connection], first));
+    if (!isKnown) values = known(values, largest(part));
     if (inverted) {
       const order = values.map((x, i) => [1 / x, vectors[i]]).sort(([x], [y]) => x - y);
       [values, vectors] = [order.map(([x]) => x), order.map(([, v]) => v)];
@@ -541,11 +547,18 @@ export function principalValues(here, { quantity, connection, others }) {
   return found;
 }
 
-/** Eigenvalues of a matrix without an inverse, zero where they are rounding. */
-function known(values) {
-  const least = ZERO_SHARE * Math.max(...values.map(Math.abs));
-  return values.map((x) => (Math.abs(x) > least ? x : 0));
+/** A block of a compliance without an inverse, the other freedoms held: C_kk - C_ko C_oo^+ C_ok. */
+function heldBlock(C, first) {
+  const others = 3 - first;
+  const { values, vectors } = eigen(block(C, others));
+  const edge = product(vectors, [0, 1, 2].map((i) => C[others + i].slice(first, first + 3)));
+  const gains = known(values).map((x) => (x ? 1 / x : 0));
+  const taken = congruence(edge, scaled(identity(3), gains, [1, 1, 1]));
+  return block(C, first).map((row, i) => row.map((x, j) => x - taken[i][j]));
 }
+
+/** Eigenvalues of a matrix without an inverse, zero where they are rounding beside a size. */
+const known = (values, size = largest([values])) => values.map((x) => (Math.abs(x) > ZERO_SHARE * size ? x : 0));
 
 /** As `cartstiff.page.shown.softest_in_room`. */
 function softest({ compliance, stiffness, pose }) {
