@@ -24,7 +24,7 @@ from cartstiff.errors import (
     CartstiffError,
     ConvergenceError,
     InputError,
-    UnknownNameError,
+    check_name,
     listed,
     printable,
 )
@@ -195,10 +195,9 @@ def _lack_of_fit(
 ) -> tuple[int, float | None]:
     """Repeated numbers, and the probability of the F of the part that they do not explain."""
     seen = model.observations
-    names = {name: i for i, name in enumerate(dict.fromkeys(seen.column))}
-    column = np.array([names[name] for name in seen.column])
-    key = model.measured.settings[seen.row] * len(names) + column
-    _, group = np.unique(key[kept], return_inverse=True)
+    column = np.unique(seen.column, return_inverse=True)[1]
+    keys = np.stack([model.measured.settings[seen.row], column])[:, kept]
+    group = np.unique(keys, axis=1, return_inverse=True)[1].reshape(-1)
     inside = r[kept]
     size = np.bincount(group)
     pure = float(np.sum((inside - (np.bincount(group, inside) / size)[group]) ** 2))
@@ -1416,8 +1415,7 @@ def _check(
     reject: float | str | None,
     level: float,
 ) -> None:
-    if offsets is not None and offsets not in OFFSETS:
-        raise UnknownNameError("kind of offset", offsets, OFFSETS, where="--offsets")
+    check_name("kind of offset", offsets or "none", OFFSETS, "--offsets")
     has_positions = any(name in measured.values for name in (*POSITION, *TURN))
     if offsets in ("rigid", "translation") and not (measured.session and has_positions):
         raise InputError(
@@ -1426,25 +1424,18 @@ def _check(
             expected="a column session" if has_positions else "measured positions x, y, z",
             got=offsets,
         )
-    if fit not in FITS:
-        raise UnknownNameError("fit", fit, FITS, where="--fit")
+    check_name("fit", fit, FITS, "--fit")
     if not 0.0 < level < 1.0:
         raise InputError(
             "level cannot be used", where="--level", expected="between 0 and 1", got=level
         )
-    if isinstance(reject, str) and reject != "suspects":
+    is_number = isinstance(reject, float | int)
+    if reject not in (None, "suspects") and not (is_number and reject >= 1.0):
         raise InputError(
             "unknown rule",
             where="--reject",
             got=repr(reject),
-            expected="suspects, or a number of standard deviations",
-        )
-    if isinstance(reject, float | int) and not reject >= 1.0:
-        raise InputError(
-            "rule cannot be used",
-            where="--reject",
-            got=reject,
-            expected="suspects, or at least 1 standard deviation",
+            expected="suspects, or a number of standard deviations, at least 1",
         )
 
 

@@ -40,7 +40,6 @@ from cartstiff.figures import new_figure
 from cartstiff.identify.measurements import (
     DISPLACEMENT,
     MEASURED,
-    POSITION,
     TURN,
     Measurements,
     assembled,
@@ -117,19 +116,18 @@ def simulated(
     model = model_of(unknowns, blank, loaded)
     y, _ = model.at(unknowns.nominal)
     seen = model.observations
-    sign = np.where(rng.random(N) < 0.5, -1.0, 1.0)
     gross = np.zeros(N)
+    sign = np.where(rng.random(N) < 0.5, -1.0, 1.0)
     gross[list(outliers)] = outlier_size * sign[list(outliers)]
+    errors = (rng.normal(size=len(seen)) + gross[seen.row]) * seen.deviation
+    # The target of a zero position is minus the rigid one, which is added again.
+    numbers = y + errors - np.where(seen.is_absolute, seen.target, 0.0)
+    column = np.array(seen.column)
     values = {name: np.full(N, np.nan) for name in deviations}
-    for i in range(len(seen)):
-        # The target of a zero position is minus the rigid one, which is added again.
-        rigid = -seen.target[i] if seen.column[i] in POSITION else 0.0
-        error = rng.normal() + gross[seen.row[i]]
-        values[seen.column[i]][seen.row[i]] = rigid + y[i] + error * deviations[seen.column[i]]
-    exact: dict[str, Array] = (
-        spread if tell_deviations else {name: np.full(N, np.nan) for name in deviations}
-    )
-    return replace(settings, values=values, deviations=exact)
+    for name, filled in values.items():
+        filled[seen.row[column == name]] = numbers[column == name]
+    unknown = {name: np.full(N, np.nan) for name in deviations}
+    return replace(settings, values=values, deviations=spread if tell_deviations else unknown)
 
 
 _AXES = ("x", "y", "z")

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations_with_replacement
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import InputError, UnknownNameError, check_name
 from cartstiff.geometry import se3
 from cartstiff.identify.measurements import POSITION, TURN, Measurements, Observations
 from cartstiff.mechanisms.chain import Chain
@@ -40,8 +41,8 @@ class Unknown:
         Unit of its stiffness.
     nominal : float
         Start of the search: the mechanism's own.
-    prior : tuple of float or None
-        Known compliance and its standard deviation.
+    prior : tuple of (float, float)
+        Known compliances, each with its standard deviation.
     is_scale : bool
         Whether it is a factor on a beam's own compliance.
     """
@@ -49,7 +50,7 @@ class Unknown:
     pattern: CompliancePattern
     unit: str
     nominal: float
-    prior: tuple[float, float] | None = None
+    prior: tuple[tuple[float, float], ...] = ()
     is_scale: bool = False
 
     @property
@@ -111,7 +112,7 @@ class Unknowns:
     @cached_property
     def priors(self) -> tuple[Array, Array]:
         """Rows (k, P) over their deviations, and their right-hand sides (k,), of known values."""
-        known = [(p, *u.prior) for p, u in enumerate(self.parameters) if u.prior is not None]
+        known = [(p, *one) for p, u in enumerate(self.parameters) for one in u.prior]
         rows = np.zeros((len(known), len(self.parameters)))
         for row, (p, _, s) in zip(rows, known, strict=True):
             row[p] = 1.0 / s
@@ -195,44 +196,50 @@ def unknowns_of(
     elements = Elements(elastic)
     geometry, springs = _geometry(elastic, elements, sought)
     names = _expanded(elastic, elements, springs or ("joints",))
-    Gamma = elements.compliance.copy()
-    slides = elements.deflect_by_length
+    Gamma, slides = elements.compliance.copy(), elements.deflect_by_length
 
-    def own(name: str, k: float, option: str) -> float:
-        where = f"{option} {name}"
-        return float(own_stiffness(k, elastic.units, slides.get(name, False), where))
+    def own(option: str, name: str, k: float) -> float:
+        length = slides.get(name, False)
+        value = float(own_stiffness(k, elastic.units, length, f"{option} {name}"))
+        if not (np.isfinite(value) and value > 0.0):
+            raise InputError(
+                f"stiffness of {name!r} cannot be used",
+                where=option,
+                expected="above zero" + "; --known holds a stiffness" * (option == "--prior"),
+                got=value,
+            )
+        return value
 
-    known = {name: own(name, k, "--known") for name, k in (known or {}).items()}
-    priors = {
-        name: (own(name, k, "--prior"), own(name, sd, "--prior"))
-        for name, (k, sd) in (priors or {}).items()
-    }
-    for name, k in known.items():
+    for name, k in (known or {}).items():
         i = elements.index(name, "--known")
-        _check_stiffness(k, "--known", name)
-        Gamma[i, i] = 1.0 / k
-    held = set(known)
+        Gamma[i, i] = 1.0 / own("--known", name, k)
+    held = set(known or ())
     tied = _checked_ties(elements, ties, held)
     parameters: list[Unknown] = []
     for name in names:
         if name in held or any(name in group[1:] for group in tied):
             continue
-        group = next((g for g in tied if g[0] == name), (name,))
-        prior = _prior(group, priors)
         if name in _polynomials(elastic):
-            parameters += _of_law(elastic, name, prior)
+            parameters += _of_law(elastic, name)
         elif name in elements.names:
-            i = elements.index(name)
-            unit = elastic.units.spring(bool(elements.is_length[i]))
+            group = next((g for g in tied if g[0] == name), (name,))
+            unit = elastic.units.spring(bool(elements.is_length[elements.index(name)]))
             start = float(np.mean([Gamma[elements.index(n), elements.index(n)] for n in group]))
             pattern = CompliancePattern(" = ".join(group), tuple((n, n, 1.0) for n in group))
-            parameters.append(Unknown(pattern, unit, start, prior))
+            parameters.append(Unknown(pattern, unit, start))
         else:
-            parameters += _of_link(elastic, elements, name, priors)
-    able = [u for u in parameters if u.has_stiffness and not u.is_scale]
-    for name in priors:
-        if not any(name in u.name.split(" = ") for u in able):
-            raise UnknownNameError("spring", name, [u.name for u in able], where="--prior")
+            parameters += _of_link(elastic, elements, name)
+    able = {
+        name: p
+        for p, u in enumerate(parameters)
+        if u.has_stiffness and not u.is_scale
+        for name in u.name.split(" = ")
+    }
+    for name, (k, sd) in (priors or {}).items():
+        check_name("spring", name, able, "--prior")
+        stiffness, u = own("--prior", name, k), parameters[able[name]]
+        one = 1.0 / stiffness, own("--prior", name, sd) / stiffness**2
+        parameters[able[name]] = replace(u, prior=(*u.prior, one))
     if not parameters:
         raise InputError("nothing is to be found", expected="a spring that is not held")
     patterns = elements.patterns([u.pattern for u in parameters])
@@ -304,9 +311,7 @@ def _polynomials(elastic: ElasticMechanism) -> list[str]:
     return [elastic.names[j] for j, law in laws.items() if isinstance(law, PolynomialLaw)]
 
 
-def _of_law(
-    elastic: ElasticMechanism, name: str, prior: tuple[float, float] | None
-) -> list[Unknown]:
+def _of_law(elastic: ElasticMechanism, name: str) -> list[Unknown]:
     """Parameters of a polynomial spring: its coefficients in the file."""
     law = law_of(elastic, name)
     if not law.coefficients[0] > 0.0:
@@ -319,7 +324,7 @@ def _of_law(
     j = elastic.names.index(name)
     unit = elastic.units.spring(elastic.mechanism.coordinates[j].is_length)
     first = CompliancePattern(name, (), (name, 1))
-    unknowns = [Unknown(first, unit, 1.0 / law.coefficients[0], prior)]
+    unknowns = [Unknown(first, unit, 1.0 / law.coefficients[0])]
     for power, c in enumerate(law.coefficients[1:], start=2):
         if c != 0.0:
             pattern = CompliancePattern(f"{name} x^{power}", (), (name, power))
@@ -337,12 +342,7 @@ def _links(elastic: ElasticMechanism) -> dict[str, list[str]]:
     return links
 
 
-def _of_link(
-    elastic: ElasticMechanism,
-    elements: Elements,
-    word: str,
-    priors: Mapping[str, tuple[float, float]],
-) -> list[Unknown]:
+def _of_link(elastic: ElasticMechanism, elements: Elements, word: str) -> list[Unknown]:
     """Parameters of a link: entries of its 6x6 compliance, or a factor on a beam's own."""
     name, _, form = word.partition(":")
     members = _links(elastic)[name]
@@ -358,29 +358,23 @@ def _of_link(
             )
             pattern = CompliancePattern(name + BEAM, entries)
             return [Unknown(pattern, "of the file's", 1.0, is_scale=True)]
-    chosen = [m.rpartition(".")[2] for m in members]
-    if form not in ("", "diagonal"):
-        chosen = [part.strip() for part in form.split(",")]
-        for part in chosen:
-            if f"{name}.{part}" not in members:
-                valid = ["diagonal", *(m.rpartition(".")[2] for m in members)]
-                raise UnknownNameError("axis of a link", part, valid, where=f"--unknown {word}")
+    axes = [member.rpartition(".")[2] for member in members]
+    chosen = [part.strip() for part in form.split(",")] if form not in ("", "diagonal") else axes
+    for part in chosen:
+        if part not in axes:
+            where = f"--unknown {word}"
+            raise UnknownNameError("axis of a link", part, ["diagonal", *axes], where=where)
+    places = [i for i, axis in enumerate(axes) if axis in chosen]
     unknowns = []
-    for i, a in enumerate(members):
-        for j in range(i, len(members)):
-            b = members[j]
-            short = a.rpartition(".")[2], b.rpartition(".")[2]
-            if i != j and form:
-                continue
-            if not set(short) <= set(chosen):
-                continue
-            own = a if i == j else f"{a}*{short[1]}"
-            length = [bool(elements.is_length[elements.index(n)]) for n in (a, b)]
-            alike, units = length[0] == length[1], elastic.units
-            unit = units.spring(length[0]) if alike else units.force
-            pattern = CompliancePattern(own, ((a, b, 1.0),))
-            prior = _prior((own,), priors) if i == j else None
-            unknowns.append(Unknown(pattern, unit, float(C[i, j]), prior))
+    for i, j in combinations_with_replacement(places, 2):
+        if i != j and form:
+            continue
+        slides = bool(elements.is_length[at[i]])
+        alike = slides == bool(elements.is_length[at[j]])
+        unit = elastic.units.spring(slides) if alike else elastic.units.force
+        own = members[i] if i == j else f"{members[i]}*{axes[j]}"
+        pattern = CompliancePattern(own, ((members[i], members[j], 1.0),))
+        unknowns.append(Unknown(pattern, unit, float(C[i, j])))
     return unknowns
 
 
@@ -405,32 +399,6 @@ def _checked_ties(
             seen.add(name)
         groups.append(tuple(group))
     return groups
-
-
-def _prior(
-    group: Sequence[str], priors: Mapping[str, tuple[float, float]]
-) -> tuple[float, float] | None:
-    """Compliance and its deviation, from those of a stiffness."""
-    for name in group:
-        if name in priors:
-            k, deviation = priors[name]
-            _check_stiffness(k, "--prior", name)
-            if not deviation > 0.0:
-                raise InputError(
-                    f"deviation of {name!r} cannot be used",
-                    where="--prior",
-                    got=deviation,
-                    expected="above zero; --known holds a stiffness",
-                )
-            return 1.0 / k, deviation / k**2
-    return None
-
-
-def _check_stiffness(k: float, where: str, name: str) -> None:
-    if not (np.isfinite(k) and k > 0.0):
-        raise InputError(
-            f"stiffness of {name!r} cannot be used", where=where, expected="above zero", got=k
-        )
 
 
 #: Numbers of the place of a tool or base.
@@ -642,32 +610,28 @@ def in_base(unknowns: Unknowns, measured: Measurements, poses: Array) -> Measure
     points = (points - T_F_B[:3, 3]) @ T_F_B[:3, :3]
     x = np.stack([measured.values[name] for name in POSITION], axis=1)
     known = ~np.isnan(x).any(axis=1)
-    if not by_session:
-        place = _fit(points[known], x[known])
-        if place is None:
-            return measured
-        parts = [*place[:3, 3], *se3.log(se3.pose(place[:3, :3]))[:3]]
-        step = {f"base.{part}": float(x) for part, x in zip(PARTS, parts, strict=True)}
-        return corrected(elastic, measured, step)
-    values: Mapping[str, Array] = measured.values
-    for name in dict.fromkeys(measured.session):
-        rows = np.flatnonzero((sessions == name) & known)
-        if not rows.size:
-            continue
-        if (T := _fit(x[rows], points[rows])) is None:
+    names = dict.fromkeys(measured.session) if by_session else [""]
+    for name in names:
+        rows = np.flatnonzero(known & (sessions == name) if by_session else known)
+        T = _fit(x[rows], points[rows]) if rows.size else np.eye(4)
+        if T is None and by_session:
             raise InputError(
                 f"the points of session {name!r} stand in one line: its frame is not known",
                 where="column session",
                 expected="three points that are not in line, or --offsets translation",
             )
-        values = _moved(values, rows, T, np.eye(3))
-    return replace(measured, values=values)
+        if T is not None and by_session:
+            measured = replace(measured, values=_moved(measured.values, rows, T, np.eye(3)))
+        elif T is not None:
+            place = se3.inverse(T)
+            parts = [*place[:3, 3], *se3.log(se3.pose(place[:3, :3]))[:3]]
+            step = {f"base.{part}": float(v) for part, v in zip(PARTS, parts, strict=True)}
+            measured = corrected(elastic, measured, step)
+    return measured
 
 
 def _fit(seen: Array, there: Array) -> Array | None:
     """Pose that moves points onto others with the least squares of distances; None in one line."""
-    if not len(seen):
-        return None
     a, b = seen.mean(axis=0), there.mean(axis=0)
     values = np.linalg.svd((seen - a).T @ (there - b), compute_uv=False)
     if not values[1] > numerics.RANK * max(values[0], numerics.TINY):
