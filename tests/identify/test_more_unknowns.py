@@ -7,6 +7,7 @@ import pytest
 from tests.identify.campaigns import arm, load
 
 import cartstiff
+from cartstiff.errors import InputError
 from cartstiff.identify.identification import identify
 from cartstiff.identify.plan import candidates, simulated
 from cartstiff.identify.unknowns import unknowns_of
@@ -58,12 +59,40 @@ def test_a_base_with_a_6x6_is_found_and_written(tmp_path):
     assert len(diagonal.estimates) == 6
 
 
+BEAM = (
+    "flexible:\n  l2: {beam: {E: 7.0e+10, G: 2.6e+10, length: 0.45, area: 1.0e-3, "
+    "Iy: 2.0e-7, Iz: 2.0e-7, J: 4.0e-7}}\n"
+)
+
+
+def test_known_axes_and_ties_act_within_links_or_are_refused(tmp_path):
+    """A known axis of a link is not sought; ties need springs that are sought; nothing twice."""
+    link = load(arm("elbow", tmp_path, extra=LINK.format(name="base")))
+    some = unknowns_of(link, ("base:rx,ry",), known={"base.rx": 1e6})
+    assert some.names == ("base.ry",)
+    at = some.elements.index("base.rx")
+    assert some.compliance(some.nominal)[at, at] == 1e-6
+    tied = unknowns_of(link, ("base:rx,ry,rz",), ties=[("base.rx", "base.ry")])
+    assert tied.names == ("base.rx = base.ry", "base.rz")
+    axes = [tied.elements.index(n) for n in ("base.rx", "base.ry")]
+    assert tied.compliance(np.array([2.0, 3.0]))[axes, axes].tolist() == [2.0, 2.0]
+    both = unknowns_of(link, ties=[("j1", "j2")], priors={"j1": (1e4, 1e2), "j2": (2e4, 1e2)})
+    assert both.priors[1] == pytest.approx([1e-4 / 1e-6, 5e-5 / 2.5e-7])
+    beam = load(arm("elbow", tmp_path, extra=BEAM))
+    for elastic, sought, more, words in (
+        (link, ("j2", "j3"), {"ties": [("j1", "j2")]}, "'j1' cannot be tied"),
+        (link, (), {"ties": [("j1", "j1")]}, "'j1' cannot be tied"),
+        (link, ("base", "base:diagonal"), {}, "'base.px' is sought twice"),
+        (beam, ("l2.rx",), {}, "one axis of a beam"),
+        (beam, ("l2:diagonal",), {}, "one axis of a beam"),
+        (beam, (), {"known": {"l2.rx": 1e3}}, "one axis of a beam"),
+    ):
+        with pytest.raises(InputError, match=words):
+            unknowns_of(elastic, sought, **more)
+
+
 def test_a_beam_is_found_as_a_share_of_the_file(tmp_path):
-    beam = (
-        "flexible:\n  l2: {beam: {E: 7.0e+10, G: 2.6e+10, length: 0.45, area: 1.0e-3, "
-        "Iy: 2.0e-7, Iz: 2.0e-7, J: 4.0e-7}}\n"
-    )
-    path = arm("elbow", tmp_path, extra=beam)
+    path = arm("elbow", tmp_path, extra=BEAM)
     elastic = load(path)
     measured = _measured(elastic, 40, 1e-7)
     text = path.read_text("utf-8").replace("E: 7.0e+10, G: 2.6e+10", "E: 1.4e+11, G: 5.2e+10")

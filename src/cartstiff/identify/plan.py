@@ -475,13 +475,16 @@ def _regressor(
         )
     sought = unknowns if seen.is_absolute.any() else replace(unknowns, geometry=())
     offsets = offsets_of(sought, seen, measured)
-    named = dict(zip(offsets.names, offsets.columns.T, strict=True))
-    nothing = np.zeros(len(seen))
-    more = [named.pop(n, nothing) * _SMALL * size_of(elastic, n) for n in geometry]
-    sizes = unknowns.sizes / seen.deviation[:, None]
-    own = np.hstack([A * sizes, np.array(more).reshape(-1, len(seen)).T / seen.deviation[:, None]])
-    sessions = [column for name, column in named.items() if name not in geometry]
-    return model, y, own, np.array(sessions).reshape(-1, len(seen)).T / seen.deviation[:, None]
+    first = len(offsets.names) - len(offsets.geometry)
+    place = {name: i for i, name in enumerate(offsets.geometry, start=first)}
+    columns = offsets.columns / seen.deviation[:, None]
+    more = np.zeros((len(seen), len(geometry)))
+    for i, name in enumerate(geometry):
+        if name in place:
+            more[:, i] = columns[:, place[name]] * _SMALL * size_of(elastic, name)
+    own = np.hstack([A * (unknowns.sizes / seen.deviation[:, None]), more])
+    others = [i for i in range(len(offsets.names)) if i < first or offsets.names[i] not in geometry]
+    return model, y, own, columns[:, others]
 
 
 def _per_row(

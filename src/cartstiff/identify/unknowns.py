@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -212,23 +213,18 @@ def unknowns_of(
 
     for name, k in (known or {}).items():
         i = elements.index(name, "--known")
+        _refuse_of_beam(elastic, name, "--known")
         Gamma[i, i] = 1.0 / own("--known", name, k)
-    held = set(known or ())
-    tied = _checked_ties(elements, ties, held)
-    parameters: list[Unknown] = []
-    for name in names:
-        if name in held or any(name in group[1:] for group in tied):
-            continue
-        if name in _polynomials(elastic):
-            parameters += _of_law(elastic, name)
-        elif name in elements.names:
-            group = next((g for g in tied if g[0] == name), (name,))
-            unit = elastic.units.spring(bool(elements.is_length[elements.index(name)]))
-            start = float(np.mean([Gamma[elements.index(n), elements.index(n)] for n in group]))
-            pattern = CompliancePattern(" = ".join(group), tuple((n, n, 1.0) for n in group))
-            parameters.append(Unknown(pattern, unit, start))
-        else:
-            parameters += _of_link(elastic, elements, name)
+    parameters = [
+        u for name in names for u in _made(elastic, elements, name) if u.name not in (known or ())
+    ]
+    if not parameters:
+        raise InputError("nothing is to be found", expected="a spring that is not held")
+    name, times = Counter(u.name for u in parameters).most_common(1)[0]
+    if times > 1:
+        raise InputError(f"{name!r} is sought twice", where="--unknown")
+    for group in ties:
+        parameters = _tied(parameters, group)
     able = {
         name: p
         for p, u in enumerate(parameters)
@@ -240,8 +236,6 @@ def unknowns_of(
         stiffness, u = own("--prior", name, k), parameters[able[name]]
         one = 1.0 / stiffness, own("--prior", name, sd) / stiffness**2
         parameters[able[name]] = replace(u, prior=(*u.prior, one))
-    if not parameters:
-        raise InputError("nothing is to be found", expected="a spring that is not held")
     patterns = elements.patterns([u.pattern for u in parameters])
     rest = np.where(patterns.any(axis=0), 0.0, Gamma)
     return Unknowns(elements, tuple(parameters), patterns, rest, geometry)
@@ -311,6 +305,30 @@ def _polynomials(elastic: ElasticMechanism) -> list[str]:
     return [elastic.names[j] for j, law in laws.items() if isinstance(law, PolynomialLaw)]
 
 
+def _made(elastic: ElasticMechanism, elements: Elements, word: str) -> list[Unknown]:
+    """Parameters of one word: a spring, a polynomial spring, or a link."""
+    if word in _polynomials(elastic):
+        return _of_law(elastic, word)
+    if word not in elements.names:
+        return _of_link(elastic, elements, word)
+    _refuse_of_beam(elastic, word, "--unknown")
+    i = elements.index(word)
+    unit = elastic.units.spring(bool(elements.is_length[i]))
+    pattern = CompliancePattern(word, ((word, word, 1.0),))
+    return [Unknown(pattern, unit, float(elements.compliance[i, i]))]
+
+
+def _refuse_of_beam(elastic: ElasticMechanism, name: str, where: str) -> None:
+    """Refuse one axis of a beam: a beam's compliance is a multiple of its own."""
+    for potential in elastic.potentials:
+        if isinstance(potential, Beam) and name in _links(elastic).get(potential.link, ()):
+            raise InputError(
+                f"{name!r}: one axis of a beam has no stiffness of its own",
+                where=where,
+                expected=f"--unknown {potential.link}, a factor on the whole beam",
+            )
+
+
 def _of_law(elastic: ElasticMechanism, name: str) -> list[Unknown]:
     """Parameters of a polynomial spring: its coefficients in the file."""
     law = law_of(elastic, name)
@@ -350,6 +368,8 @@ def _of_link(elastic: ElasticMechanism, elements: Elements, word: str) -> list[U
     C = elements.compliance[np.ix_(at, at)]
     for potential in elastic.potentials:
         if isinstance(potential, Beam) and potential.link == name:
+            if form:
+                _refuse_of_beam(elastic, members[0], f"--unknown {word}")
             entries = tuple(
                 (members[i], members[j], float(C[i, j]))
                 for i in range(len(at))
@@ -378,27 +398,31 @@ def _of_link(elastic: ElasticMechanism, elements: Elements, word: str) -> list[U
     return unknowns
 
 
-def _checked_ties(
-    elements: Elements, ties: Sequence[Sequence[str]], held: set[str]
-) -> list[tuple[str, ...]]:
-    groups: list[tuple[str, ...]] = []
-    seen: set[str] = set()
-    for group in ties:
-        if len(group) < 2:
+def _tied(parameters: Sequence[Unknown], group: Sequence[str]) -> list[Unknown]:
+    """The parameters, those of a group as one."""
+    if len(group) < 2:
+        raise InputError(
+            "a tie needs two springs", where="--tie", expected="A=B", got="=".join(group)
+        )
+    able = {u.name: u for u in parameters if u.has_stiffness and not (u.law or u.is_scale)}
+    members = []
+    for name in group:
+        if name not in able:
             raise InputError(
-                "a tie needs two springs", where="--tie", expected="A=B", got="=".join(group)
+                f"spring {name!r} cannot be tied",
+                where="--tie",
+                expected=f"one that is sought and not tied twice: {', '.join(able)}",
             )
-        for name in group:
-            i = elements.index(name, "--tie")
-            if name in seen or name in held:
-                raise InputError(f"spring {name!r} is tied twice, or held", where="--tie")
-            if elements.is_length[i] != elements.is_length[elements.index(group[0])]:
-                raise InputError(
-                    "a tie joins an angle and a distance", where="--tie", got="=".join(group)
-                )
-            seen.add(name)
-        groups.append(tuple(group))
-    return groups
+        members.append(able.pop(name))
+    if len({u.unit for u in members}) > 1:
+        raise InputError("a tie joins an angle and a distance", where="--tie", got="=".join(group))
+    entries = tuple(entry for u in members for entry in u.pattern.entries)
+    one = replace(
+        members[0],
+        pattern=CompliancePattern(" = ".join(group), entries),
+        nominal=float(np.mean([u.nominal for u in members])),
+    )
+    return [one if u is members[0] else u for u in parameters if u not in members[1:]]
 
 
 #: Numbers of the place of a tool or base.
