@@ -1,5 +1,6 @@
 """Loops written in MJCF: what its parser drops must be there all the same."""
 
+import json
 import math
 
 import numpy as np
@@ -226,3 +227,29 @@ def test_a_loop_whose_only_motion_leaves_the_end_effector_where_it_is(tmp_path):
     result = analyse(load(tmp_path / "loop.xml"))
     assert {"fewer-than-six-freedoms", "idle-self-motion"} <= set(codes(result))
     assert "6 of 6 directions" in note(result, "fewer-than-six-freedoms").message
+
+
+LEG = """<mujoco><option gravity="0 0 -9.81"/><worldbody><site name="foot" pos=".1 0 0"/>
+<body name="a"><joint name="j1" axis="0 1 0" stiffness="500"/><geom size=".1" pos="0 0 .2"/>
+<body name="b" pos="0 0 .4"><joint name="j2" axis="0 1 0" stiffness="300"/>
+<geom size=".05" pos=".1 0 .1"/><site name="mid" pos=".1 0 .1"/><site name="tip" pos=".3 0 .2"/>
+</body></body></worldbody><tendon><spatial stiffness="4000" springlength=".3">
+<site site="foot"/><site site="mid"/></spatial></tendon></mujoco>"""
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_tendons_of_legs_act_as_those_of_arms(tmp_path, count):
+    """Equal legs beside each other are as stiff as their number of arms, tendons included."""
+    (tmp_path / "leg.xml").write_text(LEG)
+    (tmp_path / "arm.yaml").write_text("kind: serial\nmodel: leg.xml\nframe: tip\n")
+    aside = ({"xyz": [0.0, 0.2 * k, 0.0]} for k in range(count))
+    legs = [{"model": "leg.xml", "frame": "tip", "base": at, "grip": at} for at in aside]
+    (tmp_path / "legs.yaml").write_text(json.dumps({"kind": "parallel", "legs": legs}))
+    arm = analyse(load(tmp_path / "arm.yaml"), [0.1, 0.2])
+    several = analyse(load(tmp_path / "legs.yaml"), [0.1, 0.2] * count)
+    assert np.allclose(
+        several.compliances["B"], arm.compliances["B"] / count, rtol=1e-9, atol=1e-12
+    )
+    assert np.allclose(several.wrench, arm.wrench * count, rtol=1e-9, atol=1e-9)
+    left_out = [note for note in several.notes if note.code == "gravity-left-out"]
+    assert [note.message.partition(":")[0] for note in left_out] == ["leg 1", "leg 2"][:count]

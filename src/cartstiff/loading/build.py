@@ -959,14 +959,17 @@ def description_notes(
 
 
 def gravity_left_out(
-    file: SerialFile | ClosedChainFile, description: RobotDescription
+    file: SerialFile | ClosedChainFile | ParallelFile,
+    description: RobotDescription,
+    place: str = "",
 ) -> list[Note]:
     """Return a note where a mechanism file has no gravity and its MJCF file has one."""
     gravity = description.facts.gravity
     if gravity is None or file.gravity is not None:
         return []
     shown = ", ".join(f"{g:g}" for g in gravity)
-    words = f"the mechanism file names no gravity: that of the MJCF file ({shown}) is left out"
+    words = "the mechanism file names no gravity: that of the MJCF file"
+    words = f"{place}{words} ({shown}) is left out"
     return [Note("gravity-left-out", words, {"gravity": gravity.tolist()})]
 
 
@@ -1626,6 +1629,7 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
     ends: list[str] = []
     contacts: list[str] = []
     driven: list[str] = []
+    lines = [*file.lines]
     from cartstiff.loading.legs import drawn_legs
 
     legs = drawn_legs(file)
@@ -1633,6 +1637,7 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
         prefix, place = f"leg{i + 1}/", f"leg {i + 1}"
         drawing = leg.drawing
         description = described(leg, beside) if drawing is None else drawing.description
+        notes += gravity_left_out(file, description, f"{place}: ")
         end = chosen_frame(description, leg.frame, notes, place)
         description = with_base_held(description, end, notes, leg.springs)
         if leg.actuator_springs:
@@ -1647,6 +1652,11 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
         for entries, key in ((leg.springs, "springs"), (leg.passive, "passive"), (leg.q, "q")):
             _check_joints(entries, names, f"{place}, key {key}")
         driven += [prefix + joint for joint in description.facts.actuated if joint in names]
+        lines += [
+            line.model_copy(update={"frames": [prefix + frame for frame in line.frames]})
+            for line, joints in description.facts.lines
+            if not joints.isdisjoint(names)
+        ]
         trees.append((prefix, tree, pose_of(leg.base)))
         parts.append(_Part(prefix, leg, description))
         ends.append(end)
@@ -1689,7 +1699,7 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
         chain.legs = _placed_legs(legs, grips, tree.names)
 
     return _elastic_chain(
-        file,
+        file.model_copy(update={"lines": lines}),
         name,
         notes,
         tree,
