@@ -81,10 +81,9 @@ from cartstiff.batch.algebra import (
 )
 from cartstiff.batch.tape import Scalar, Tape, absolute, larger, pick, square_root
 from cartstiff.batch.twists import (
-    ChainConstants,
-    ChainKinematics,
     ForceField,
     Kinematics,
+    TreeConstants,
     numbers,
 )
 from cartstiff.geometry.se3 import Array
@@ -347,7 +346,7 @@ class ChainCase:
 
     Attributes
     ----------
-    constants : ChainConstants
+    constants : TreeConstants
     open : tuple of bool or None
         Coordinates whose rest position is chosen at each posture; None without springs.
     wrench : {"none", "shared", "each"}
@@ -378,7 +377,7 @@ class ChainCase:
         Axes of the wrench's components: those of M or of F.
     """
 
-    constants: ChainConstants
+    constants: TreeConstants
     open: tuple[bool, ...] | None
     wrench: str = "none"
     fields: tuple[ForceField, ...] = ()
@@ -458,7 +457,7 @@ class ChainNumbers:
     gradient: Array
     hessian: Array
 
-    def __init__(self, tape: Tape, case: ChainCase, middle: int) -> None:
+    def __init__(self, tape: Tape, case: ChainCase, start: int) -> None:
         constants, n = case.constants, len(case.constants.is_length)
         self.n, self.has_chart = case.freedoms, n == case.freedoms == 6
         self.case = case
@@ -468,7 +467,7 @@ class ChainNumbers:
             self.mimic = np.reshape(constants.mimic, (-1, n))
             offset = np.zeros(len(self.mimic)) if constants.offset is None else constants.offset
             self.position = self.mimic @ self.q + np.asarray(offset, object)
-        self.kinematics = ChainKinematics(constants, self.position, case.fields, middle)
+        self.kinematics = Kinematics(constants, self.position, case.fields, start)
         self.J = self.J_q = self._of_coordinates(self.kinematics.J_M)
         self.W = given_wrench(tape, case, self.kinematics.pose)
         self._evaluate(tape)
@@ -643,10 +642,10 @@ _LEAST_SELF_MOTION_SHARE = numerics.LOST_ERROR
 
 
 @lru_cache(maxsize=64)
-def _middle(constants: ChainConstants) -> int:
-    """Joint in whose frame the inverse Jacobian of six coordinates takes fewest operations."""
+def _middle(constants: TreeConstants) -> int:
+    """Frame C, as of `Kinematics`, in which the inverse of six coordinates is shortest."""
     counts = {}
-    for joint in range(1, len(constants.screws) // 6 + 1):
+    for joint in range(2, len(constants.parents) + 2):
         tape = Tape()
         chain = ChainNumbers(tape, ChainCase(constants, None), joint)
         chain.inverse()
@@ -818,19 +817,19 @@ def _softness(chain: ChainNumbers, H: Array, signed: bool = False) -> tuple[Arra
     return C + congruence(chain.J.T, step) * verdict, pick(verdict, 0.5, PLAIN, known)
 
 
-def chain_motion(tape: Tape, constants: ChainConstants) -> tuple[Array, Array]:
+def chain_motion(tape: Tape, constants: TreeConstants) -> tuple[Array, Array]:
     """Pose (4, 4) and body Jacobian (6, n)."""
-    chain = ChainNumbers(tape, ChainCase(constants, None), len(constants.screws) // 6)
+    chain = ChainNumbers(tape, ChainCase(constants, None), len(constants.parents) + 1)
     return chain.kinematics.pose(), chain.J
 
 
 def chain_arrays(tape: Tape, case: ChainCase, wanted: Collection[str]) -> dict[str, Array]:
     """Outputs that exist, among them all that are wanted, and the "verdict" on the posture."""
-    joints = len(case.constants.screws) // 6
+    at_body = len(case.constants.parents) + 1
     if case.singular:
-        return _singular_arrays(ChainNumbers(tape, case, joints), wanted)
+        return _singular_arrays(ChainNumbers(tape, case, at_body), wanted)
     is_six = len(case.constants.is_length) == 6 and not case.rigid
-    chain = ChainNumbers(tape, case, _middle(case.constants) if is_six else joints)
+    chain = ChainNumbers(tape, case, _middle(case.constants) if is_six else at_body)
     return arrays_of(chain, wanted)
 
 

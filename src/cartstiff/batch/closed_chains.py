@@ -78,7 +78,7 @@ from cartstiff.batch.chains import (
     is_recorded,
 )
 from cartstiff.batch.tape import Scalar, Tape, absolute, larger, pick, square_root
-from cartstiff.batch.twists import Tie, TreeConstants, TreeKinematics, numbers
+from cartstiff.batch.twists import Kinematics, Tie, TreeConstants, numbers
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array, skew_of
 from cartstiff.mechanisms.chain import Chain
@@ -164,18 +164,16 @@ class ClosedChainNumbers(ChainNumbers):
         self.case, self.n, self.has_chart = case, case.freedoms, case.has_chart
         self.q = self.position = tape.vector("q", len(constants.is_length))
         self.mimic: Array | None = None
-        self.kinematics = TreeKinematics(constants, self.q, case.fields)
+        self.kinematics = Kinematics(constants, self.q, case.fields)
         doubt = self._motions(case)
         way = constants.support(constants.carrier)
-        J_M = zeros(6, len(self.q))
-        J_M[:, way] = self.kinematics.in_body(self.kinematics.J[:, way])
-        self.J_q, self._way = J_M, way
-        self.J = J_M[:, way] @ self.N[way]
+        self.J_q, self._way = self.kinematics.J_M, way
+        self.J = self.J_q[:, way] @ self.N[way]
         self.W = given_wrench(tape, case, self.kinematics.pose)
         kinds = np.reshape(constants.screws, (-1, 6))[way]
         turning = [1.0 if np.any(k[:3]) else 0.0 for k in kinds]
         distances = [constants.is_length[j] for j in case.independent] or [False] * self.n
-        self._measure(J_M[:, way], turning, distances)
+        self._measure(self.J_q[:, way], turning, distances)
         self.verdict = larger(self.verdict, doubt)
         for j in (j for indices, _ in case.still for j in indices):
             is_still = pick(absolute(self.q[j]), numerics.TINY, PLAIN, FALLBACK)
@@ -365,11 +363,10 @@ class ClosedChainNumbers(ChainNumbers):
         return np.array([near, lost], object)
 
 
-def characteristic_length(tree: TreeKinematics) -> Scalar:
+def characteristic_length(tree: Kinematics) -> Scalar:
     """Root mean square distance of the axes of joints on the way to the body from its origin."""
     way = [j for j in tree.constants.support(tree.constants.carrier) if tree.links.turning[j]]
-    moments = tree.in_body(tree.J[:, way])[3:]
-    return square_root(norm_squared(moments) / len(way)) if way else 1.0
+    return square_root(norm_squared(tree.J_M[3:, way]) / len(way)) if way else 1.0
 
 
 def closed_arrays(tape: Tape, case: ClosedCase, wanted: Collection[str]) -> dict[str, Array]:
@@ -409,7 +406,7 @@ def _series(x: Any, coefficients: list[float]) -> Any:
     return total
 
 
-def weld_residual(tree: TreeKinematics, tie: Tie) -> tuple[Array, Array, Scalar]:
+def weld_residual(tree: Kinematics, tie: Tie) -> tuple[Array, Array, Scalar]:
     """Residual (6,), its rates (6, joints), and the verdict."""
     (R_a, p_a), (R_b, p_b) = tree.placed(tie.joint_a, tie.T_a), tree.placed(tie.joint_b, tie.T_b)
     w, verdict = rotation_vector(R_b @ R_a.T)
@@ -436,7 +433,7 @@ def closing_arrays(tape: Tape, case: ClosedCase) -> dict[str, Array]:
     constants = case.constants
     n = len(constants.is_length)
     q = tape.vector("q", n)
-    tree = TreeKinematics(constants, q)
+    tree = Kinematics(constants, q)
     length = characteristic_length(tree)
     columns = np.array([length if d else 1.0 for d in constants.is_length], object)
     verdict: Scalar = PLAIN
@@ -577,7 +574,7 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
         chain, names = ClosedChainNumbers(tape, case), case.independent
         N = chain.N
     else:
-        chain = ChainNumbers(tape, case, len(case.constants.screws) // 6)
+        chain = ChainNumbers(tape, case, len(case.constants.parents) + 1)
         names, N = tuple(range(chain.n)), np.eye(chain.n)
     W, load = chain.W, LoadKind("dead" if case.axes == "world" else "follower", case.load.at)
     sizes = np.array([chain.length if d else 1.0 for d in case.constants.is_length], object)
@@ -652,8 +649,6 @@ def tree_constants(chain: Chain) -> TreeConstants:
         numbers(np.array(tree.placements())),
         numbers(tree.screws()),
         numbers(chain.body.T_j_f),
-        None,
-        None,
         tuple(bool(x) for x in chain.is_length),
         tuple(int(p) for p in list(tree.model.parents)[1:]),
         chain.body.joint,
@@ -691,7 +686,7 @@ def _rows(
     """
     every, names = list[Array](), list[tuple[int, int]]()
     for at in samples:
-        tree = TreeKinematics(constants, at.astype(object))
+        tree = Kinematics(constants, at.astype(object))
         rows = list[Array]()
         names = []
         for k, tie in enumerate(constants.ties):

@@ -24,7 +24,7 @@ from cartstiff.batch.closed_chains import (
 from cartstiff.batch.platforms import PlatformCase, platform_arrays
 from cartstiff.batch.readings import Readings, read
 from cartstiff.batch.tape import Program, Tape, larger, uncollected
-from cartstiff.batch.twists import ChainConstants, ForceField, numbers, read_chain
+from cartstiff.batch.twists import ForceField, TreeConstants, numbers, read_chain
 from cartstiff.batch.untraced import UntracedTerms
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
@@ -156,11 +156,11 @@ def _planned(elastic: ElasticMechanism, wrench: str) -> TracedModel | str:
     return f"no arithmetic for mechanisms of kind {mechanism.kind}"
 
 
-_constants: WeakKeyDictionary[Mechanism, ChainConstants | str] = WeakKeyDictionary()
+_constants: WeakKeyDictionary[Mechanism, TreeConstants | str] = WeakKeyDictionary()
 _lock = process_lock()
 
 
-def chain_constants(chain: Chain) -> ChainConstants | str:
+def chain_constants(chain: Chain) -> TreeConstants | str:
     """`read_chain`, cached as long as the chain exists."""
     with _lock:
         if chain not in _constants:

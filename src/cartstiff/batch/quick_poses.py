@@ -21,7 +21,7 @@ from cartstiff.batch.execution import CompiledKernel
 from cartstiff.batch.kernels import has_package
 from cartstiff.batch.plans import chain_constants
 from cartstiff.batch.tape import Program, Scalar, Tape, absolute, larger, pick
-from cartstiff.batch.twists import ChainConstants
+from cartstiff.batch.twists import TreeConstants
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import LONGEST_STEP, Free, JointPoses
 from cartstiff.mechanisms.chain import Chain
@@ -38,7 +38,7 @@ class QuickPoses(JointPoses):
 
     def __init__(self, elastic: ElasticMechanism, limits: bool = True) -> None:
         super().__init__(elastic, limits)
-        self._constants: ChainConstants | None = None
+        self._constants: TreeConstants | None = None
         mechanism = elastic.mechanism
         if has_package("llvmlite") and isinstance(mechanism, Chain) and self.movable.all():
             constants = chain_constants(mechanism)
@@ -80,7 +80,7 @@ class QuickPoses(JointPoses):
         return self._known[key]
 
 
-def _error_program(constants: ChainConstants, length: float, sizes: Array) -> Program:
+def _error_program(constants: TreeConstants, length: float, sizes: Array) -> Program:
     """Error e (6,) and its rates (6, n) at q against "wanted", the first rows of a pose."""
     tape = Tape()
     T, J = chain_motion(tape, constants)

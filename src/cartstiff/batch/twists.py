@@ -1,18 +1,15 @@
 r"""Kinematics of chains and trees on recorded numbers: geometry, poses and twists of the joints.
 
-A serial chain has its twists in the frame of a middle joint. Two walks, outward and inward, start
-there. The axes beside that joint are constant and the next ones depend on one angle each; entries
-that are zero at every posture are not recorded.
-
-A tree has its twists about the origin of F, along its axes, so that those of joints on the ground
-are constant. The loop closure of frames a and b has the twists of the joints on the path from a to
-b, those towards the ground with the sign -1, about the origin of F (a weld) or about the joined
-point.
+Twists are in the frame C of a joint, or in F or M. Walks inward and outward start there: the axes
+beside C are constant and the next ones depend on one angle each; entries that are zero at every
+posture are not recorded. A serial chain has C in its middle. A closed chain has F, so that joints
+on the ground are constant. The loop closure of frames a and b has the twists of the joints on the
+path from a to b, those towards the ground with the sign -1, about the origin of C (a weld) or about
+the joined point.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -46,25 +43,43 @@ class ForceField:
     points: tuple[tuple[float, ...], ...]
 
 
+class Tie(NamedTuple):
+    """Loop closure of frames a and b: their joints (0: the ground) and flat placements on these."""
+
+    joint_a: int
+    T_a: tuple[float, ...]
+    joint_b: int
+    T_b: tuple[float, ...]
+    is_weld: bool
+
+
 @dataclass(frozen=True)
-class ChainConstants:
-    """Geometry of a chain as plain numbers, hashable.
+class TreeConstants:
+    """Geometry of a tree of joints with loop closures as plain numbers, hashable.
+
+    Joints are counted from 1 in `parents`, `carrier` and the closures; 0 is the ground.
 
     Attributes
     ----------
     placements : ``T_parent_joint`` (joints, 4, 4), flat.
     screws : twists of the joints in their own frames (joints, 6), flat.
-    body : ``T_last_M`` (4, 4), flat.
-    mimic, offset : joint positions are ``mimic q + offset``; None where these are q.
+    body : pose of M on the joint `carrier` (4, 4), flat.
     is_length : whether each coordinate is a distance.
+    parents : joint that carries each joint.
+    carrier : joint of the body.
+    ties : tuple of Tie
+    mimic, offset : joint positions are ``mimic q + offset``; None where these are q.
     """
 
     placements: tuple[float, ...]
     screws: tuple[float, ...]
     body: tuple[float, ...]
-    mimic: tuple[float, ...] | None
-    offset: tuple[float, ...] | None
     is_length: tuple[bool, ...]
+    parents: tuple[int, ...]
+    carrier: int
+    ties: tuple[Tie, ...] = ()
+    mimic: tuple[float, ...] | None = None
+    offset: tuple[float, ...] | None = None
 
     def __hash__(self) -> int:
         return self._hash
@@ -73,13 +88,28 @@ class ChainConstants:
     def _hash(self) -> int:  # computed once: every call looks up a kernel by it
         return hash((self.placements, self.screws, self.body))
 
+    def support(self, joint: int) -> list[int]:
+        """Joints on the path from the ground to one (counted from 1), counted from 0."""
+        joints: list[int] = []
+        while joint:
+            joints.append(joint - 1)
+            joint = self.parents[joint - 1]
+        return joints[::-1]
+
+    def way(self, tie: Tie) -> list[tuple[int, float]]:
+        """Joints on the path from a to b, counted from 0, with their signs."""
+        up, down = self.support(tie.joint_a), self.support(tie.joint_b)
+        while up and down and up[0] == down[0]:
+            up, down = up[1:], down[1:]
+        return [*((j, -1.0) for j in reversed(up)), *((j, 1.0) for j in down)]
+
 
 def numbers(array: Array) -> tuple[float, ...]:
     """All entries of an array, row by row."""
     return tuple(np.ravel(array).tolist())
 
 
-def read_chain(chain: Chain) -> ChainConstants | str:
+def read_chain(chain: Chain) -> TreeConstants | str:
     """Geometry of a serial chain, or the reason why it has no recorded arithmetic."""
     tree = chain.tree
     if chain.closures:
@@ -99,13 +129,15 @@ def read_chain(chain: Chain) -> ChainConstants | str:
     mimic = offset = None
     if tree.mimic is not None and not np.array_equal(tree.mimic[path], np.eye(tree.n)):
         mimic, offset = numbers(tree.mimic[path]), numbers(tree.offset[path])
-    return ChainConstants(
+    return TreeConstants(
         numbers(np.array(tree.placements())[path]),
         numbers(screws),
         numbers(chain.body.T_j_f),
-        mimic,
-        offset,
         tuple(bool(x) for x in chain.is_length),
+        tuple(range(len(path))),
+        len(path),
+        mimic=mimic,
+        offset=offset,
     )
 
 
@@ -117,15 +149,14 @@ def _only_masses_beside(tree: KinematicTree, path: NDArray[np.intp]) -> bool:
 
 
 class Links:
-    """Links of a chain or a tree in joint frames turned so that every axis is z.
+    """Links of a tree in joint frames turned so that every axis is z.
 
-    The last placement is that of the body. In a tree `parents` are the joints that carry each link,
-    counted from 1; in a chain the joint before carries it.
+    The last placement is that of the body. `parents` are the joints that carry each link, counted
+    from 1; 0 is the ground.
     """
 
-    def __init__(
-        self, constants: ChainConstants, position: Array, parents: Sequence[int] | None = None
-    ) -> None:
+    def __init__(self, constants: TreeConstants, position: Array) -> None:
+        self.parents = *constants.parents, constants.carrier
         placements = np.reshape([*constants.placements, *constants.body], (-1, 4, 4))
         screws = np.reshape(constants.screws, (-1, 6))
         self.turning = [bool(np.any(screw[:3])) for screw in screws]
@@ -136,7 +167,7 @@ class Links:
             self.turns.append(_turn(axis))
         self.placements = []
         turns = [np.eye(3), *self.turns, np.eye(3)]
-        befores = [turns[p] for p in parents or range(len(placements))]
+        befores = [turns[p] for p in self.parents]
         for T, before, after in zip(placements, befores, turns[1:], strict=True):
             turned = np.eye(4)
             turned[:3, :3] = _snapped(before.T @ T[:3, :3] @ after)
@@ -209,29 +240,105 @@ class Walk:
 
 
 class Kinematics:
-    """Kinematics of a mechanism at recorded coordinates, in a frame C.
+    """A tree at recorded coordinates, with twists in a frame C.
+
+    Parameters
+    ----------
+    constants : TreeConstants
+    position : positions of the joints.
+    fields : tuple of ForceField
+    start : the joint whose frame before its motion is C, counted from 1; C is M if that is past
+        the last one, and F if it is 0.
 
     Attributes
     ----------
-    J : twists of the joints in C (6, joints).
+    J, J_M : twists of the joints in C, and in M of those that carry the body (6, joints).
     R_C_M, p_C_M, R_C_F, p_C_F : poses of M and F in C.
     beyond : mass and first moment in C that each joint carries, for each field.
     roots : joints on the ground.
     outward : of each joint, itself and the joints that it carries.
+    size, reach : sum of the links' lengths up to M, from F and from the first axis.
     """
 
-    J: Array
-    R_C_M: Array
-    p_C_M: Array
-    R_C_F: Array
-    p_C_F: Array
-    beyond: list[tuple[Array, Array]]
-    roots: Sequence[int]
-    outward: list[Sequence[int]]
+    def __init__(
+        self,
+        constants: TreeConstants,
+        position: Array,
+        fields: tuple[ForceField, ...] = (),
+        start: int = 0,
+    ) -> None:
+        self.constants = constants
+        self.links = links = Links(constants, position)
+        joints, parents = len(links.turning), links.parents
+        self.J, self.J_M = zeros(6, joints), zeros(6, joints)
+        self._behind: dict[int, Walk] = {}
+        walk, joint = Walk(links), start
+        while joint:  # inward from C to F
+            walk.inward(joint - 1)
+            joint = parents[joint - 1]
+            self._behind[joint] = copy(walk)
+            if joint:
+                self.J[:, joint - 1] = walk.twist(joint - 1)
+                walk.move(joint - 1, -1.0)
+        self._behind.setdefault(0, walk)
+        for joint in range(1, joints + 2):  # outward; the last is the body
+            if joint in self._behind:
+                continue
+            walk = Walk(links)
+            if joint != start:
+                walk = copy(self._behind[parents[joint - 1]])
+                walk.outward(joint - 1)
+            if joint <= joints:
+                self.J[:, joint - 1] = walk.twist(joint - 1)
+                walk.move(joint - 1, 1.0)
+            self._behind[joint] = walk
+        ground, body = self._behind[0], self._behind[joints + 1]
+        self.R_C_F, self.p_C_F, self.R_C_M, self.p_C_M = ground.R, ground.p, body.R, body.p
+
+        way = constants.support(constants.carrier)
+        lengths = [links.lengths[j] for j in (*way, joints)]
+        self.size, self.reach = sum(lengths), sum(lengths[1:])
+        supports = [constants.support(j + 1) for j in range(joints)]
+        self.roots = [j for j, support in enumerate(supports) if len(support) == 1]
+        self.outward = [[b for b in range(joints) if a in supports[b]] for a in range(joints)]
+        # Twists of joints between C and the body take fewer operations from there.
+        walk = Walk(links)
+        for j, link in zip(reversed(way), [joints, *reversed(way)], strict=False):
+            if j + 1 < start:
+                axis = self.J[:3, j]
+                self.J_M[:3, j] = self.R_C_M.T @ axis
+                self.J_M[3:, j] = self.R_C_M.T @ (self.J[3:, j] + cross(axis, self.p_C_M))
+                continue
+            walk.inward(link)
+            self.J_M[:, j] = walk.twist(j)
+            walk.move(j, -1.0)
+        self.beyond = [self._beyond(field) for field in fields]
+
+    def _beyond(self, field: ForceField) -> tuple[Array, Array]:
+        """Mass and first moment in C of all bodies that each joint carries."""
+        mass, first = np.array(field.weights, object), zeros(len(field.weights), 3)
+        for j, (weight, point) in enumerate(zip(field.weights, field.points, strict=True)):
+            if weight:
+                walk = self._behind[j + 1]
+                first[j] = (walk.R @ (self.links.turns[j].T @ np.array(point)) + walk.p) * weight
+        for j in reversed(range(len(mass))):  # a joint comes after the one that carries it
+            if parent := self.links.parents[j]:
+                mass[parent - 1] = mass[parent - 1] + mass[j]
+                first[parent - 1] = first[parent - 1] + first[j]
+        return mass, first
 
     def behind(self, joint: int) -> tuple[Array, Array]:
         """R and p in C of a joint's frame after its motion, joints counted from 0."""
-        raise NotImplementedError
+        walk = self._behind[joint + 1]
+        return walk.R @ self.links.turns[joint].T, walk.p
+
+    def placed(self, joint: int, T: tuple[float, ...]) -> tuple[Array, Array]:
+        """R and p in C of a frame placed on a joint, counted from 1."""
+        walk, placement = self._behind[joint], np.reshape(T, (4, 4))
+        turned = placement[:3]
+        if joint:
+            turned = self.links.turns[joint - 1].T @ turned
+        return walk.R @ turned[:3, :3], walk.R @ turned[:3, 3] + walk.p
 
     def pose(self) -> Array:
         """``T_F_M``."""
@@ -263,190 +370,10 @@ class Kinematics:
             adjoint[3:, i] = cross(self.p_C_M, self.R_C_M[:, i])
         return adjoint
 
-
-class ChainKinematics(Kinematics):
-    """A chain in C, the frame of joint `middle` before its motion, or M if that is past the last.
-
-    Attributes
-    ----------
-    J_M : twists of the joints in M (6, joints).
-    size, reach : sum of the links' lengths up to M, from F and from the first axis.
-    """
-
-    def __init__(
-        self,
-        constants: ChainConstants,
-        position: Array,
-        fields: tuple[ForceField, ...],
-        middle: int,
-    ) -> None:
-        links = Links(constants, position)
-        joints = len(links.turning)
-        self.roots, self.outward = (0,), [range(a, joints) for a in range(joints)]
-        self.size, self.reach = sum(links.lengths), sum(links.lengths[1:])
-        self.J, self.J_M = zeros(6, joints), zeros(6, joints)
-        centres = [zeros(joints, 3) for _ in fields]
-        places: list[tuple[Array, Array]] = [(np.eye(3), zeros(3))] * joints
-
-        def keep(walk: Walk, j: int) -> None:
-            places[j] = walk.R, walk.p
-            for centre, field in zip(centres, fields, strict=True):
-                centre[j] = walk.R @ (links.turns[j].T @ np.array(field.points[j])) + walk.p
-
-        walk = Walk(links)
-        for j in range(middle, joints):
-            self.J[:, j] = walk.twist(j)
-            walk.move(j, 1.0)
-            keep(walk, j)
-            walk.outward(j + 1)
-        self.R_C_M, self.p_C_M = walk.R, walk.p
-        walk = Walk(links)
-        for j in range(middle - 1, -1, -1):
-            walk.inward(j + 1)
-            keep(walk, j)
-            self.J[:, j] = walk.twist(j)
-            walk.move(j, -1.0)
-        walk.inward(0)
-        self.R_C_F, self.p_C_F = walk.R, walk.p
-        self._places, self._turns = places, links.turns
-        # Twists near the body take fewer operations from there.
-        walk = Walk(links)
-        for j in range(joints - 1, middle - 1, -1):
-            walk.inward(j + 1)
-            self.J_M[:, j] = walk.twist(j)
-            walk.move(j, -1.0)
-        for j in range(middle):
-            axis = self.J[:3, j]
-            self.J_M[:3, j] = self.R_C_M.T @ axis
-            self.J_M[3:, j] = self.R_C_M.T @ (self.J[3:, j] + cross(axis, self.p_C_M))
-        self.beyond = []
-        for centre, field in zip(centres, fields, strict=True):
-            weights = np.array(field.weights)
-            both = weights, centre * weights[:, None]
-            mass, first = (np.cumsum(each[::-1], axis=0)[::-1] for each in both)
-            self.beyond.append((mass, first))
-
-    def behind(self, joint: int) -> tuple[Array, Array]:
-        """R and p in C of a joint's frame after its motion."""
-        R, p = self._places[joint]
-        return R @ self._turns[joint].T, p
-
-
-class Tie(NamedTuple):
-    """Loop closure of frames a and b: their joints (0: the ground) and flat placements on these."""
-
-    joint_a: int
-    T_a: tuple[float, ...]
-    joint_b: int
-    T_b: tuple[float, ...]
-    is_weld: bool
-
-
-@dataclass(frozen=True)
-class TreeConstants(ChainConstants):
-    """Geometry of a tree with loop closures; `body` is placed on the joint `carrier`.
-
-    Attributes
-    ----------
-    parents : joint that carries each joint, counted from 1; 0 is the ground.
-    carrier : joint of the body.
-    ties : tuple of Tie
-    """
-
-    parents: tuple[int, ...] = ()
-    carrier: int = 0
-    ties: tuple[Tie, ...] = ()
-
-    def __hash__(self) -> int:
-        return self._hash
-
-    def support(self, joint: int) -> list[int]:
-        """Joints on the path from the ground to one (counted from 1), counted from 0."""
-        joints: list[int] = []
-        while joint:
-            joints.append(joint - 1)
-            joint = self.parents[joint - 1]
-        return joints[::-1]
-
-    def way(self, tie: Tie) -> list[tuple[int, float]]:
-        """Joints on the path from a to b, counted from 0, with their signs."""
-        up, down = self.support(tie.joint_a), self.support(tie.joint_b)
-        while up and down and up[0] == down[0]:
-            up, down = up[1:], down[1:]
-        return [*((j, -1.0) for j in reversed(up)), *((j, 1.0) for j in down)]
-
-
-class TreeKinematics(Kinematics):
-    """A tree at recorded coordinates; C is F.
-
-    Attributes
-    ----------
-    size : sum of the links' lengths to the body.
-    """
-
-    def __init__(
-        self, constants: TreeConstants, position: Array, fields: tuple[ForceField, ...] = ()
-    ) -> None:
-        self.constants = constants
-        self.links = links = Links(constants, position, (*constants.parents, constants.carrier))
-        joints = len(links.turning)
-        self.J = zeros(6, joints)
-        self._behind = [Walk(links)]
-        for j in range(joints):
-            walk = copy(self._behind[constants.parents[j]])
-            walk.outward(j)
-            self.J[:, j] = walk.twist(j)
-            walk.move(j, 1.0)
-            self._behind.append(walk)
-        body = copy(self._behind[constants.carrier])
-        body.outward(joints)
-        self.R_C_M, self.p_C_M = body.R, body.p
-        self.size = sum(links.lengths[j] for j in constants.support(constants.carrier))
-        self.size += links.lengths[joints]
-        self.R_C_F, self.p_C_F = np.eye(3), np.zeros(3)
-        supports = [constants.support(j + 1) for j in range(joints)]
-        self.roots = [j for j, support in enumerate(supports) if len(support) == 1]
-        self.outward = [[b for b in range(joints) if a in supports[b]] for a in range(joints)]
-        self.beyond = [self._beyond(field) for field in fields]
-
-    def _beyond(self, field: ForceField) -> tuple[Array, Array]:
-        """Mass and first moment in F of all bodies that each joint carries."""
-        mass, first = zeros(len(self.outward)), zeros(len(self.outward), 3)
-        for j, (weight, point) in enumerate(zip(field.weights, field.points, strict=True)):
-            if weight:
-                T = np.eye(4)
-                T[:3, 3] = point
-                own = self.placed(j + 1, tuple(T.ravel()))[1] * weight
-                for a, behind in enumerate(self.outward):
-                    if j in behind:
-                        mass[a], first[a] = mass[a] + weight, first[a] + own
-        return mass, first
-
-    def behind(self, joint: int) -> tuple[Array, Array]:
-        """R and p in F of a joint's frame after its motion, joints counted from 0."""
-        walk = self._behind[joint + 1]
-        return walk.R @ self.links.turns[joint].T, walk.p
-
-    def placed(self, joint: int, T: tuple[float, ...]) -> tuple[Array, Array]:
-        """R and p in F of a frame placed on a joint."""
-        walk, placement = self._behind[joint], np.reshape(T, (4, 4))
-        turned = placement[:3]
-        if joint:
-            turned = self.links.turns[joint - 1].T @ turned
-        return walk.R @ turned[:3, :3], walk.R @ turned[:3, 3] + walk.p
-
-    def in_body(self, twists: Array) -> Array:
-        """Transform twists (6, k) from F to M."""
-        turned = zeros(*twists.shape)
-        for a, twist in enumerate(twists.T):
-            turned[:3, a] = self.R_C_M.T @ twist[:3]
-            turned[3:, a] = self.R_C_M.T @ (twist[3:] + cross(twist[:3], self.p_C_M))
-        return turned
-
     def tied(self, tie: Tie, about: Array | None = None) -> Array:
         """Twist of b relative to a per joint rate (6, joints).
 
-        It is about a given point, or else the origin of F for a weld, the joined point otherwise.
+        It is about a given point, or else the origin of C for a weld, the joined point otherwise.
         """
         if about is None and not tie.is_weld:
             about = self.placed(tie.joint_b, tie.T_b)[1]
