@@ -38,7 +38,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -342,20 +342,27 @@ _LEAST_LENGTH_SHARE = numerics.NEGLIGIBLE_DISTANCE
 
 @dataclass(frozen=True)
 class ChainCase:
-    """A chain with its springs and loads; the key of its recorded programs.
+    """A chain, open or closed, with its springs and loads; the key of its recorded programs.
 
     Attributes
     ----------
     constants : TreeConstants
-    open : tuple of bool or None
-        Coordinates whose rest position is chosen at each posture; None without springs.
     wrench : {"none", "shared", "each"}
         Whether a wrench is given: one for all postures, or one for each.
+    springs : tuple of int
+        Coordinates with a spring of their own.
+    chosen : tuple of int
+        Those of them whose rest position is chosen at each posture.
+    is_balancing : bool
+        Whether rest positions are chosen so that the springs carry all loads; else the given ones
+        determine the wrench.
     fields : tuple of ForceField
     stretched : tuple of Line
         Line springs and cables with known rest lengths.
     coupled : tuple of (indices, flat matrix)
         Springs over several coordinates.
+    still : tuple of (indices, flat matrix)
+        Coordinates that must be zero, and the Hessian of their springs there.
     derivatives : bool
         Whether energy, gradient and Hessian of further potentials are input arrays.
     segments : tuple of tuples of int
@@ -375,14 +382,24 @@ class ChainCase:
         Behaviour of the load while the body moves, and the point of application of the wrench.
     axes : {"body", "world"}
         Axes of the wrench's components: those of M or of F.
+    has_chart : bool
+        Whether the coordinates, of a closed chain the independent ones, are the chart of K^F.
+    held, independent, rows, shut, length, is_driven
+        Of a closed chain: coordinates that are fixed while it is closed, besides the rigid ones;
+        coordinates I, as many as there are motions, or none; of each closure, the rows of its twist
+        (0 to 5) that make all closures independent, and the same while `held` is fixed;
+        characteristic length at one posture, for scaling; whether I are the actuated coordinates.
     """
 
     constants: TreeConstants
-    open: tuple[bool, ...] | None
     wrench: str = "none"
+    springs: tuple[int, ...] = ()
+    chosen: tuple[int, ...] = ()
+    is_balancing: bool = False
     fields: tuple[ForceField, ...] = ()
     stretched: tuple[Line, ...] = ()
     coupled: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = ()
+    still: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = ()
     derivatives: bool = False
     segments: tuple[tuple[int, ...], ...] = ()
     settled: tuple[int, ...] = ()
@@ -392,6 +409,18 @@ class ChainCase:
     rigid: tuple[int, ...] = ()
     load: LoadKind = DEAD_AT_ORIGIN
     axes: Axes = "body"
+    has_chart: bool = False
+    held: tuple[int, ...] = ()
+    independent: tuple[int, ...] = ()
+    rows: tuple[tuple[int, ...], ...] = ()
+    shut: tuple[tuple[int, ...], ...] = ()
+    length: float = 1.0
+    is_driven: bool = False
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether it is a closed chain."""
+        return bool(self.constants.ties)
 
     @property
     def moving(self) -> list[int]:
@@ -400,8 +429,29 @@ class ChainCase:
 
     @property
     def freedoms(self) -> int:
-        """Number of motions."""
-        return len(self.moving)
+        """Number of motions, which keep the closures."""
+        return len(self.moving) - sum(map(len, self.rows))
+
+    @property
+    def names(self) -> list[int]:
+        """Coordinates that name the motions; none where these are orthonormal."""
+        return list(self.independent) if self.is_closed else self.moving
+
+    @property
+    def dependent(self) -> list[int]:
+        """Coordinates D of a closed chain."""
+        return [j for j in self.moving if j not in self.independent]
+
+    @property
+    def ways(self) -> tuple[ChainCase, ...]:
+        """Cases whose steps are tried one after the other to close the chain.
+
+        Where more coordinates are held than there are motions, few postures can be closed: the
+        second case holds none.
+        """
+        if len(self.held) <= self.freedoms:
+            return (self,)
+        return self, replace(self, held=(), shut=self.rows)
 
 
 def _field_terms(
@@ -443,54 +493,42 @@ def curvature_of(J: Array, W: Array) -> Array:
 
 
 class ChainNumbers:
-    """A chain under a case, recorded: twists, energy, scales, the Lagrangian Hessian."""
+    """A chain under a case, recorded: twists, energy, scales, the Lagrangian Hessian.
 
-    is_closed = False
-    #: The verdict on deflections of springs and lengths of lines.
-    of_springs: Scalar = PLAIN
-    #: At least 1 where `cartstiff.mechanisms.limits.deflection_notes` may have a note.
-    deflection: Scalar = 0.0
-    # Closed chains have other types of these.
-    case: Any
-    kinematics: Any
-    columns: Array
-    gradient: Array
-    hessian: Array
+    Attributes
+    ----------
+    J_q, J : twists of M per rate of the coordinates (6, n), and of the motions.
+    N : rates of the coordinates in the motions x, ``dq = N dx``.
+    rates : those of the joints; None where the motions are the joints'.
+    gradient, hessian : on the motions.
+    deflection : at least 1 where `cartstiff.mechanisms.limits.deflection_notes` may have a note.
+    """
 
-    def __init__(self, tape: Tape, case: ChainCase, start: int) -> None:
+    def __init__(self, tape: Tape, case: ChainCase, start: int = 0) -> None:
         constants, n = case.constants, len(case.constants.is_length)
-        self.n, self.has_chart = case.freedoms, n == case.freedoms == 6
-        self.case = case
-        self.q = tape.vector("q", n)
-        self.position, self.mimic = self.q, None
+        self.case, self.n, self.has_chart = case, case.freedoms, case.has_chart
+        self.q = self.position = tape.vector("q", n)
+        self.mimic: Array | None = None
         if constants.mimic is not None:
             self.mimic = np.reshape(constants.mimic, (-1, n))
             offset = np.zeros(len(self.mimic)) if constants.offset is None else constants.offset
             self.position = self.mimic @ self.q + np.asarray(offset, object)
         self.kinematics = Kinematics(constants, self.position, case.fields, start)
-        self.J = self.J_q = self._of_coordinates(self.kinematics.J_M)
+        J_M = self.kinematics.J_M
+        self.J_q = J_M if self.mimic is None else J_M @ self.mimic
+        self.verdict: Scalar = PLAIN
+        self.N: Array = self._motions()
+        self.rates: Array | None = self.N if self.mimic is None else self.mimic @ self.N
+        if np.array_equal(self.rates, np.eye(len(self.position))):
+            self.rates = None
+        self.J = self.J_q @ self.N
         self.W = given_wrench(tape, case, self.kinematics.pose)
+        self._measure()
         self._evaluate(tape)
-        turning: list[Scalar]
-        if self.mimic is None:  # axes are unit vectors
-            kinds = np.reshape(constants.screws, (-1, 6))
-            turning = [1.0 if np.any(k[:3]) else 0.0 for k in kinds]
-        else:
-            turning = [norm_squared(column) for column in self.J[:3].T]
-        self._measure(self.J, turning, constants.is_length)
-        if case.rigid:
-            self._hold(case.moving)
 
-    def _hold(self, moving: list[int]) -> None:
-        """Keep the motions of some coordinates only; the others are rigid."""
-        own = np.eye(len(self.q)) if self.mimic is None else self.mimic
-        self.mimic, self.J = own[:, moving], self.J_q[:, moving]
-        self.columns = self.columns[moving]
-        self.gradient, self.hessian = self.gradient[moving], self.hessian[np.ix_(moving, moving)]
-
-    def _of_coordinates(self, J: Array) -> Array:
-        """Convert a Jacobian of the joints to the coordinates."""
-        return J if self.mimic is None else J @ self.mimic
+    def _motions(self) -> Array:
+        """N; adds the verdict on it."""
+        return np.eye(len(self.q))[:, self.case.moving]
 
     def _others(self, tape: Tape) -> tuple[Any, Array, Array]:
         """Energy, gradient and Hessian of all terms but the coordinates' springs."""
@@ -528,44 +566,66 @@ class ChainNumbers:
         lines = tape.vector("lines", 2 * len(case.stretched)).reshape(-1, 2)
         for line, (stiffness, rest) in zip(case.stretched, lines, strict=True):
             E, g, H, doubt = line_terms(line, stiffness, rest, self.kinematics)
-            self.of_springs = larger(self.of_springs, doubt)
+            self.verdict = larger(self.verdict, doubt)
             yield E, g, H
 
     def _evaluate(self, tape: Tape) -> None:
         """Energy, gradient and Hessian of all terms, open rest positions balancing the load."""
-        case, n = self.case, len(self.q)
+        case, chosen = self.case, list(self.case.chosen)
         energy, gradient, hessian = self._others(tape)
-        if case.open is not None:
-            springs = JointSpringNumbers(tape, n, case.laws)
-            wanted = zeros(n) if self.W is None else self.J.T @ self.W
-            for a in (a for a in case.moving if a not in case.settled):
-                if self.W is not None or case.open[a]:
-                    own, stiffness = springs.under(a, wanted[a] - gradient[a])
-                    gradient[a] = wanted[a]
-                else:
-                    own, torque, stiffness = springs.at(a, self.q[a])
-                    gradient[a] = gradient[a] + torque
-                energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
-            self.of_springs = larger(self.of_springs, springs.verdict)
-            # The deflection of a tip on slides is not bounded by that of its joints.
-            is_length = case.constants.is_length
-            self.deflection = 1.0 if any(is_length) else springs.wind_up(is_length)
-        self.energy, self.gradient, self.hessian = energy, gradient, hessian
+        for indices, flat in case.still:
+            hessian[np.ix_(indices, indices)] = np.reshape(flat, (len(indices), -1))
+        springs = JointSpringNumbers(tape, len(self.q), case.laws)
+        for a in (a for a in case.springs if a not in chosen):
+            own, torque, stiffness = springs.at(a, self.q[a])
+            gradient[a] = gradient[a] + torque
+            energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
+        for a, torque in zip(chosen, self._torques(chosen, gradient), strict=True):
+            own, stiffness = springs.under(a, torque - gradient[a])
+            energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
+            gradient[a] = torque
+        self.verdict = larger(self.verdict, springs.verdict)
+        # The deflection of a tip on slides is not bounded by that of its joints.
+        is_length = case.constants.is_length
+        on_slides = bool(case.springs) and any(is_length) and not case.is_closed
+        self.deflection: Scalar = 1.0 if on_slides else springs.wind_up(is_length)
+        self.energy, self._of_coordinates = energy, (gradient, hessian)
+        self.gradient = self.N.T @ gradient
+        self.hessian = congruence(self.N, hessian + self._turning(-gradient))
 
-    def _measure(self, J: Array, turning: Sequence[Scalar], is_length: Sequence[bool]) -> None:
-        """Set the characteristic length, natural sizes of the coordinates, and the first verdict.
+    def _torques(self, chosen: list[int], gradient: Array) -> Array:
+        """Torques (c,) of the springs that balance the load beside all other terms."""
+        if not chosen:
+            return zeros(0)
+        others = [a for a in range(len(self.q)) if a not in chosen]
+        wanted = -(self.N[others].T @ gradient[others])
+        if self.W is not None:
+            wanted = wanted + self.J.T @ self.W
+        return self._shared(chosen, wanted)
 
-        From twists J (6, k) in M and their squared rotation rates `turning`.
-        """
-        self.verdict: Scalar = self.of_springs
+    def _shared(self, chosen: list[int], wanted: Array) -> Array:
+        """Torques (c,) from those along the motions, of which the others are in equilibrium."""
+        return wanted[[self.case.names.index(a) for a in chosen]]
+
+    def _turning(self, right: Array) -> Array:  # noqa: ARG002
+        """Curvature (n, n) of closures whose forces balance forces (n,); zero without closures."""
+        return zeros(len(self.q), len(self.q))
+
+    def _measure(self) -> None:
+        """Set the characteristic length and natural sizes of the motions; add the verdict on it."""
+        case, way = self.case, self.case.constants.support(self.case.constants.carrier)
+        J, turning = self.J_q, list[Scalar]()
+        if self.mimic is None:  # axes are unit vectors
+            J = J[:, way]
+            turning = [1.0 if self.kinematics.links.turning[j] else 0.0 for j in way]
+        else:
+            turning = [norm_squared(column) for column in J[:3].T]
         total = sum(turning[1:], turning[0])
         self.length: Scalar = 1.0
         self.area: Scalar = 1.0
-        if not (isinstance(total, float) and total == 0.0):
+        if not is_zero(total):
             moments = [
-                norm_squared(J[3:, a])
-                for a in range(J.shape[1])
-                if not (isinstance(turning[a], float) and turning[a] == 0.0)
+                norm_squared(J[3:, a]) for a, turns in enumerate(turning) if not is_zero(turns)
             ]
             area = sum(moments[1:], moments[0]) / total
             if not is_zero(area):  # else `cartstiff.analyse` chooses the length
@@ -574,25 +634,27 @@ class ChainNumbers:
             self.verdict = larger(self.verdict, pick(least**2, area, PLAIN, FALLBACK))
             far = limited(norm_squared(self.position), LARGEST_ANGLE**2)
             self.verdict = larger(self.verdict, far)
-        self.columns = zeros(len(is_length))
-        for a, is_distance in enumerate(is_length):
-            self.columns[a] = self.length if is_distance else 1.0
+        self.columns = zeros(self.n) + 1.0
+        for i, a in enumerate(case.names):
+            if case.constants.is_length[a]:
+                self.columns[i] = self.length
 
     def load(self) -> Array | None:
         """Wrench that is known without the gradient; None if there is none."""
-        is_open = self.case.open
-        if self.W is None and is_open is not None and all(is_open[a] for a in self.case.moving):
-            return zeros(6)
-        return self.W
+        return zeros(6) if self.W is None and self.case.is_balancing else self.W
 
     def lagrangian(self, W: Array) -> Array:
-        """H_L in the coordinates."""
-        return self.hessian - self.curvature(W)
+        """H_L on the motions; the terms of load and closures are added before projection."""
+        return self.hessian if vanishes(W) else congruence(self.N, self.coordinate_lagrangian(W))
 
-    def curvature(self, W: Array) -> Array:
-        """S_W in the coordinates."""
-        S = curvature_of(self.kinematics.J, self.kinematics.wrench(W))
-        return S if self.mimic is None else congruence(self.mimic, S)
+    def coordinate_lagrangian(self, W: Array) -> Array:
+        """H_L in all coordinates."""
+        (gradient, hessian), J = self._of_coordinates, self.kinematics.J
+        way, S = self.case.constants.support(self.case.constants.carrier), zeros(*2 * J.shape[1:])
+        S[np.ix_(way, way)] = curvature_of(J[:, way], self.kinematics.wrench(W))
+        if self.mimic is not None:
+            S = congruence(self.mimic, S)
+        return hessian + self._turning(self.J_q.T @ W - gradient) - S
 
     def inverse(self) -> Array:
         """J^-1 of six coordinates; adds the verdict on it."""
@@ -600,7 +662,8 @@ class ChainNumbers:
         # Any length near the reach makes rotations and translations comparable; 1 costs nothing.
         length = 4.0 ** round(math.log(kinematics.reach or 1.0, 4.0))
         scale = np.repeat([length, 1.0], 3)[:, None]
-        A = solution(self._of_coordinates(kinematics.J) * scale, kinematics.adjoint() * scale)
+        J = kinematics.J if self.rates is None else kinematics.J @ self.rates
+        A = solution(J * scale, kinematics.adjoint() * scale)
         # A characteristic length that is small beside that makes C less accurate than M.
         limit = self.area * (JACOBIAN_CONDITION / max(length, kinematics.reach)) ** 2
         condition = self.condition((self.J * self.columns).T, (A / self.columns[:, None]).T)
@@ -613,7 +676,7 @@ class ChainNumbers:
 
         From its transpose and its transposed inverse, up to a rotation of the coordinates.
         """
-        if self.mimic is None and not any(self.case.constants.is_length):
+        if self.rates is None and not any(self.case.constants.is_length):
             size: Scalar = 2.0 * self.n  # by the definition of the length
         else:
             size = norm_squared(forward[:, :3]) + norm_squared(forward[:, 3:]) / self.area
@@ -627,7 +690,7 @@ class ChainNumbers:
     def kinetic(self, bodies: Bodies) -> Array:
         """Mass matrix in the coordinates."""
         M = kinetic(bodies, self.kinematics)
-        return M if self.mimic is None else congruence(self.mimic, M)
+        return M if self.rates is None else congruence(self.rates, M)
 
 
 #: Least pivot of the Hessian, as a share of its diagonal entry: four digits are lost.
@@ -647,7 +710,7 @@ def _middle(constants: TreeConstants) -> int:
     counts = {}
     for joint in range(2, len(constants.parents) + 2):
         tape = Tape()
-        chain = ChainNumbers(tape, ChainCase(constants, None), joint)
+        chain = ChainNumbers(tape, ChainCase(constants), joint)
         chain.inverse()
         counts[joint] = len(tape.operations)
     return min(counts, key=lambda joint: counts[joint])
@@ -660,7 +723,7 @@ def _six(chain: ChainNumbers) -> tuple[Array, Array, Array]:
     if W is None:
         W = A.T @ chain.gradient
     K_F = congruence(A, chain.hessian)
-    if chain.mimic is not None:
+    if chain.rates is not None:
         return W, congruence(A, chain.lagrangian(W)), K_F
     return W, symmetric_product(A.T, -_curved(chain, A, W), K_F + FROM_B_TO_A @ W), K_F
 
@@ -767,7 +830,7 @@ def _compliances(
         return verdict
     unloaded = vanishes(W)
     # Six coordinates have no self-motion that an indefinite Hessian could make unstable.
-    signed = chain.n == 6 and not (chain.is_closed or chain.case.singular)
+    signed = chain.n == 6 and not (chain.case.is_closed or chain.case.singular)
     H = chain.hessian if unloaded else chain.lagrangian(W)
     C, verdict = _softness(chain, H, signed)
     for name in names:
@@ -819,7 +882,7 @@ def _softness(chain: ChainNumbers, H: Array, signed: bool = False) -> tuple[Arra
 
 def chain_motion(tape: Tape, constants: TreeConstants) -> tuple[Array, Array]:
     """Pose (4, 4) and body Jacobian (6, n)."""
-    chain = ChainNumbers(tape, ChainCase(constants, None), len(constants.parents) + 1)
+    chain = ChainNumbers(tape, ChainCase(constants), len(constants.parents) + 1)
     return chain.kinematics.pose(), chain.J
 
 
@@ -872,7 +935,7 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
     elif chain.n == 6:
         W, K_B, K_F = _six(chain)
         stiffness = {**connections(K_B, W, chain.case.load), "F": K_F}
-    elif chain.is_closed or chain.case.settled:
+    elif chain.case.is_closed or chain.case.settled:
         W, K_B = _through_compliance(chain)
         stiffness = connections(K_B, W, chain.case.load)
     else:
@@ -887,8 +950,8 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
     if "hessian" in wanted:
         arrays |= {"hessian": chain.hessian, "lagrangian": chain.lagrangian(W)}
         arrays["length"] = np.array([chain.length], object)
-    if "motions" in wanted and chain.is_closed and chain.mimic is not None:
-        arrays["motions"] = chain.mimic
+    if "motions" in wanted and chain.case.is_closed:
+        arrays["motions"] = chain.N
     if chain.case.bodies is not None:
         arrays |= {
             "kinetic": chain.kinetic(chain.case.bodies),

@@ -37,7 +37,6 @@ that of a load which keeps its components in M (a follower, K^A) or in F (a dead
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -52,7 +51,6 @@ from cartstiff.batch.algebra import (
     below,
     congruence,
     cross,
-    given_wrench,
     inverse,
     largest,
     limited,
@@ -72,7 +70,6 @@ from cartstiff.batch.algebra import (
 from cartstiff.batch.chains import (
     ChainCase,
     ChainNumbers,
-    JointSpringNumbers,
     arrays_of,
     curvature_of,
     is_recorded,
@@ -100,90 +97,11 @@ from cartstiff.stiffness.settled_links import (
 _MAX_CLOSURE_CONDITION = 1.0 / numerics.LOST_ERROR
 
 
-@dataclass(frozen=True)
-class ClosedCase(ChainCase):
-    """A closed chain with its springs and loads; `open` are `springs` with a chosen rest position.
-
-    Attributes
-    ----------
-    balance : {"given", "chosen", "idle"}
-        Whether rest positions determine the springs' torques, the open ones are chosen so that the
-        springs carry all loads, or there is no load and no spring is deflected.
-    springs : coordinates with a spring of their own.
-    held : coordinates that are fixed while the chain is closed, besides the rigid ones.
-    independent : coordinates I, as many as there are motions, or none.
-    rows : of each closure, the rows of its twist (0 to 5) that make all closures independent.
-    shut : the same while `held` is fixed.
-    length : characteristic length of the chain at one posture, for scaling.
-    still : coordinates that must be zero, and the Hessian of their springs there.
-    has_chart : whether the independent coordinates are the chart of K^F.
-    is_driven : whether the independent coordinates are the actuated ones.
-    """
-
-    constants: TreeConstants
-    held: tuple[int, ...] = ()
-    independent: tuple[int, ...] = ()
-    rows: tuple[tuple[int, ...], ...] = ()
-    shut: tuple[tuple[int, ...], ...] = ()
-    length: float = 1.0
-    balance: str = "idle"
-    springs: tuple[int, ...] = ()
-    still: tuple[tuple[tuple[int, ...], tuple[float, ...]], ...] = ()
-    has_chart: bool = False
-    is_driven: bool = False
-
-    @property
-    def dependent(self) -> list[int]:
-        """Coordinates D."""
-        return [j for j in self.moving if j not in self.independent]
-
-    @property
-    def freedoms(self) -> int:
-        """Number of motions that keep the closures."""
-        return len(self.moving) - sum(map(len, self.rows))
-
-    @property
-    def ways(self) -> tuple[ClosedCase, ...]:
-        """Cases whose steps are tried one after the other to close the chain.
-
-        Where more coordinates are held than there are motions, few postures can be closed: the
-        second case holds none.
-        """
-        if len(self.held) <= self.freedoms:
-            return (self,)
-        return self, replace(self, held=(), shut=self.rows)
-
-
 class ClosedChainNumbers(ChainNumbers):
     """A closed chain under a case, recorded; the coordinates are those of the motions N."""
 
-    is_closed = True
-
-    def __init__(self, tape: Tape, case: ClosedCase) -> None:  # does not call that of the base
-        constants = case.constants
-        self.case, self.n, self.has_chart = case, case.freedoms, case.has_chart
-        self.q = self.position = tape.vector("q", len(constants.is_length))
-        self.mimic: Array | None = None
-        self.kinematics = Kinematics(constants, self.q, case.fields)
-        doubt = self._motions(case)
-        way = constants.support(constants.carrier)
-        self.J_q, self._way = self.kinematics.J_M, way
-        self.J = self.J_q[:, way] @ self.N[way]
-        self.W = given_wrench(tape, case, self.kinematics.pose)
-        kinds = np.reshape(constants.screws, (-1, 6))[way]
-        turning = [1.0 if np.any(k[:3]) else 0.0 for k in kinds]
-        distances = [constants.is_length[j] for j in case.independent] or [False] * self.n
-        self._measure(self.J_q[:, way], turning, distances)
-        self.verdict = larger(self.verdict, doubt)
-        for j in (j for indices, _ in case.still for j in indices):
-            is_still = pick(absolute(self.q[j]), numerics.TINY, PLAIN, FALLBACK)
-            self.verdict = larger(self.verdict, is_still)
-        self._evaluate(tape)
-        self.verdict = larger(self.verdict, self.of_springs)
-        self.mimic = self.N
-
-    def _motions(self, case: ClosedCase) -> Scalar:
-        """Find the motions N; return the verdict on them."""
+    def _motions(self) -> Array:
+        case = self.case
         constants, tree = case.constants, self.kinematics
         kept, left = list[Array](), list[Array]()
         self._ties: list[tuple[Array, list[int]]] = []
@@ -204,9 +122,9 @@ class ClosedChainNumbers(ChainNumbers):
             # A right-hand side in a generic direction estimates the norm of the inverse.
             probe = np.cos(np.arange(1.0, 1.0 + len(D)))
             solved = solution(scaled[:, D], np.column_stack([scaled[:, free], probe]))
-            self.N = zeros(n, len(free))
-            self.N[free] = np.eye(len(free))
-            self.N[D] = solved[:, :-1] * -(sizes[D][:, None] / sizes[free])
+            N = zeros(n, len(free))
+            N[free] = np.eye(len(free))
+            N[D] = solved[:, :-1] * -(sizes[D][:, None] / sizes[free])
             size = norm_squared(solved) / len(D) * norm_squared(scaled[:, D])
             limit = _MAX_CLOSURE_CONDITION**2
         else:
@@ -216,17 +134,19 @@ class ClosedChainNumbers(ChainNumbers):
             self._solved = Q, inverse_R, scale, sizes
             last = zeros(len(moving), self.n)
             last[len(Q.R) :] = np.eye(self.n)
-            self.N = zeros(n, self.n)
-            self.N[moving] = Q.apply(last) * sizes[moving][:, None]
+            N = zeros(n, self.n)
+            N[moving] = Q.apply(last) * sizes[moving][:, None]
             size, limit = norm_squared(Q.R) * norm_squared(inverse_R), JACOBIAN_CONDITION**2
         verdict = limited(size, limit)
-        missed = (np.concatenate(left) * sizes) @ (self.N / sizes[:, None])
+        missed = (np.concatenate(left) * sizes) @ (N / sizes[:, None])
         if not vanishes(missed):
-            least = largest(self.N / sizes[:, None]) * (
-                numerics.NEGLIGIBLE_DIFFERENCE * case.length
-            )
+            least = largest(N / sizes[:, None]) * (numerics.NEGLIGIBLE_DIFFERENCE * case.length)
             verdict = larger(verdict, pick(largest(missed), least, PLAIN, FALLBACK))
-        return verdict
+        for j in (j for indices, _ in case.still for j in indices):
+            is_still = pick(absolute(self.q[j]), numerics.TINY, PLAIN, FALLBACK)
+            verdict = larger(verdict, is_still)
+        self.verdict = larger(self.verdict, verdict)
+        return N
 
     def _multipliers(self, right: Array) -> Array:
         """Closure forces that balance generalised forces (n,) on the dependent coordinates."""
@@ -239,9 +159,9 @@ class ClosedChainNumbers(ChainNumbers):
         turned = Q.apply_transposed((right * sizes)[self.case.moving])
         return (inverse_R @ turned[: len(inverse_R)]) * scale
 
-    def _turning(self, multipliers: Array) -> Array:
+    def _turning(self, right: Array) -> Array:
         """Curvature ``lam c''`` (n, n) of the closures."""
-        n, start = len(self.q), 0
+        n, start, multipliers = len(self.q), 0, self._multipliers(right)
         S = zeros(n, n)
         for tie, (twists, rows) in zip(self.case.constants.ties, self._ties, strict=True):
             force = zeros(6)
@@ -253,47 +173,15 @@ class ClosedChainNumbers(ChainNumbers):
             S[np.ix_(way, way)] = S[np.ix_(way, way)] + curvature_of(twists[:, way], force)
         return S
 
-    def _evaluate(self, tape: Tape) -> None:
-        """Energy, gradient and Hessian on the motions, open rest positions balancing the load."""
-        case = self.case
-        energy, gradient, hessian = self._others(tape)
-        for indices, flat in case.still:
-            hessian[np.ix_(indices, indices)] = np.reshape(flat, (len(indices), -1))
-        springs = JointSpringNumbers(tape, len(self.q), case.laws)
-        chosen = [
-            a for a in case.springs if case.balance == "chosen" and case.open and case.open[a]
-        ]
-        for a in (a for a in case.springs if a not in chosen):
-            if case.balance == "idle":  # no spring is deflected
-                own, stiffness = springs.under(a, 0.0)
-            else:
-                own, torque, stiffness = springs.at(a, self.q[a])
-                gradient[a] = gradient[a] + torque
-            energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
-        if case.balance == "chosen":
-            # The springs carry the forces that the closures transmit.
-            settled = [a for a in range(len(self.q)) if a not in chosen]
-            wanted = -(self.N[settled].T @ gradient[settled])
-            if self.W is not None:
-                wanted = wanted + self.J.T @ self.W
-            if case.settled:  # the other motions are in equilibrium
-                wanted = wanted[[case.independent.index(a) for a in chosen]]
-            elif chosen != list(case.independent):
-                wanted = self._nearest(chosen, wanted)
-            for a, torque in zip(chosen, wanted, strict=True):
-                own, stiffness = springs.under(a, torque - gradient[a])
-                energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
-                gradient[a] = torque
-        self.of_springs = larger(self.of_springs, springs.verdict)
-        self.deflection = springs.wind_up(case.constants.is_length)
-        self.energy = energy
-        self.gradient = self.N.T @ gradient
-        self._of_joints = gradient, hessian
-        turning = self._turning(self._multipliers(-gradient))
-        self.hessian = congruence(self.N, hessian + turning)
+    def _shared(self, chosen: list[int], wanted: Array) -> Array:
+        """Of more springs than motions, or others, the torques nearest to those of the wrench.
 
-    def _nearest(self, chosen: list[int], wanted: Array) -> Array:
-        """The torques (c,) nearest to those of the wrench with ``N_c^T t = wanted``."""
+        They fulfil ``N_c^T t = wanted``.
+        """
+        if self.case.settled or chosen == self.case.names:
+            return super()._shared(chosen, wanted)
+        if vanishes(wanted):
+            return zeros(len(chosen))
         sizes = np.array(
             [self.case.length if self.case.constants.is_length[a] else 1.0 for a in chosen]
         )
@@ -304,22 +192,6 @@ class ClosedChainNumbers(ChainNumbers):
         condition = norm_squared(gram) * norm_squared(inverse_gram)
         self.verdict = larger(self.verdict, limited(condition, JACOBIAN_CONDITION**2))
         return own + N @ (inverse_gram @ (wanted - self.N[chosen].T @ own)) / sizes
-
-    def load(self) -> Array | None:
-        """Wrench that is known without the gradient; None if there is none."""
-        return zeros(6) if self.W is None and self.case.balance != "given" else self.W
-
-    def lagrangian(self, W: Array) -> Array:
-        """H_L on the motions; the terms of load and closures are added before projection."""
-        return self.hessian if vanishes(W) else congruence(self.N, self.of_joints(W))
-
-    def of_joints(self, W: Array) -> Array:
-        """H_L in all coordinates."""
-        (gradient, hessian), way = self._of_joints, self._way
-        H = hessian + self._turning(self._multipliers(self.J_q.T @ W - gradient))
-        S = curvature_of(self.kinematics.J[:, way], self.kinematics.wrench(W))
-        H[np.ix_(way, way)] = H[np.ix_(way, way)] - S
-        return H
 
     def inverse(self) -> Array:
         """J^-1 of six motions; adds the verdict on it."""
@@ -369,7 +241,7 @@ def characteristic_length(tree: Kinematics) -> Scalar:
     return square_root(norm_squared(tree.J_M[3:, way]) / len(way)) if way else 1.0
 
 
-def closed_arrays(tape: Tape, case: ClosedCase, wanted: Collection[str]) -> dict[str, Array]:
+def closed_arrays(tape: Tape, case: ChainCase, wanted: Collection[str]) -> dict[str, Array]:
     """Outputs that exist, among them all that are wanted, and the "verdict" on the posture."""
     return arrays_of(ClosedChainNumbers(tape, case), wanted)
 
@@ -388,7 +260,7 @@ _COTANGENT = (
     -174611 / 802857662698291200000,
 )
 #: Number of steps after which round-off may decide the assembly mode, and after which
-#: `cartstiff.analyse` gives up. `ClosedCase.ways` has the alternatives: more held coordinates than
+#: `cartstiff.analyse` gives up. `ChainCase.ways` has the alternatives: more held coordinates than
 #: motions do not close by chance; as many may, in another assembly mode, which is left to
 #: `cartstiff.analyse`.
 STEPS, LAST_STEP = 40, 100
@@ -428,7 +300,7 @@ def weld_residual(tree: Kinematics, tie: Tie) -> tuple[Array, Array, Scalar]:
     return xi, rates, verdict
 
 
-def closing_arrays(tape: Tape, case: ClosedCase) -> dict[str, Array]:
+def closing_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
     """The "next" coordinates, and what is "left": residual, step, length, verdict."""
     constants = case.constants
     n = len(constants.is_length)
@@ -478,7 +350,7 @@ def close(
 ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
     """Coordinates that close the chain from q (N, n), where they do, and where no steps can.
 
-    `ways` make the kernels for `closing_arrays` of `ClosedCase.ways`. Where `cartstiff.analyse`
+    `ways` make the kernels for `closing_arrays` of `ChainCase.ways`. Where `cartstiff.analyse`
     would take more steps, or find another solution, the given coordinates stay.
     """
     closed, is_closed, which = q.copy(), np.zeros(len(q), bool), np.arange(len(q))
@@ -544,9 +416,7 @@ def settles(elastic: ElasticMechanism, wrench: str) -> tuple[int, ...]:
     return () if wrench == "none" else tuple(settled_coordinates(elastic).tolist())
 
 
-def _closing_step(
-    chain: ClosedChainNumbers, case: ClosedCase, sizes: Array
-) -> tuple[Array, Scalar]:
+def _closing_step(chain: ClosedChainNumbers, case: ChainCase, sizes: Array) -> tuple[Array, Scalar]:
     """Step (n,) of the dependent coordinates that closes the chain, and the verdict on it."""
     tree, residual = chain.kinematics, list[Array]()
     verdict: Scalar = PLAIN
@@ -568,20 +438,21 @@ def _closing_step(
 
 def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
     """Coordinates after a step, "settled", and its largest part and verdict, "moved"."""
-    chain: Any
+    chain: ChainNumbers
     verdict: Scalar = PLAIN
-    if isinstance(case, ClosedCase):
-        chain, names = ClosedChainNumbers(tape, case), case.independent
-        N = chain.N
+    if case.is_closed:
+        chain = ClosedChainNumbers(tape, case)
     else:
         chain = ChainNumbers(tape, case, len(case.constants.parents) + 1)
-        names, N = tuple(range(chain.n)), np.eye(chain.n)
+    closing = zeros(len(chain.q))
     W, load = chain.W, LoadKind("dead" if case.axes == "world" else "follower", case.load.at)
+    if W is None:
+        raise ValueError("links are deflected by a wrench")
     sizes = np.array([chain.length if d else 1.0 for d in case.constants.is_length], object)
-    left, closing = chain.gradient - chain.J.T @ W, zeros(len(chain.q))
-    if isinstance(case, ClosedCase):
+    left, N, names = chain.gradient - chain.J.T @ W, chain.N, case.names
+    if isinstance(chain, ClosedChainNumbers):
         closing, verdict = _closing_step(chain, case, sizes)
-        left = left + N.T @ (chain.of_joints(W) @ closing)
+        left = left + N.T @ (chain.coordinate_lagrangian(W) @ closing)
     free = [i for i, name in enumerate(names) if name in case.settled]
     H, J = chain.lagrangian(W)[np.ix_(free, free)], chain.J[:, free]
     L, inverses, pivots = positive_factor(H)
@@ -745,7 +616,7 @@ def _reduced(rows: Array, rank: int) -> Array:
 
 def closed_case(
     elastic: ElasticMechanism, chain: Chain, wrench: str
-) -> tuple[ClosedCase, tuple[Potential, ...]] | str:
+) -> tuple[ChainCase, tuple[Potential, ...]] | str:
     """Case of a closed chain and the potentials outside it, or the reason why there is none."""
     springs = elastic.springs
     if springs is not None and not isinstance(springs, JointSprings):
@@ -800,36 +671,35 @@ def closed_case(
     if springy < set(held) and not others and elastic.gravity is None:
         return "coordinates that are held without a spring are judged posture by posture"
     acts = bool(others) or elastic.gravity is not None or bool((own & ~is_open).any())
-    # `_nearest` would weigh torques against forces by a length that `cartstiff.analyse` has not.
+    # `_shared` would weigh torques against forces by a length that `cartstiff.analyse` has not.
     kinds = {constants.is_length[a] for a in np.flatnonzero(is_open)}
     independent = _independent(chain, moving, closures, freedoms)
-    if not is_open.any():  # compliant links alone carry a load
-        balance = "chosen" if settled else "given" if acts or wrench != "none" else "idle"
-    elif settled:
-        if not set(np.flatnonzero(is_open).tolist()) <= set(independent):
+    chosen = set(np.flatnonzero(is_open).tolist())
+    # Without chosen rest positions compliant links alone carry a load.
+    is_balancing = bool(chosen or settled or not (acts or wrench != "none"))
+    if settled:
+        if not chosen <= set(independent):
             return "what springs carry beside links that give is found posture by posture"
-        balance = "chosen"
-    elif set(np.flatnonzero(is_open).tolist()) == set(independent):
-        balance = "chosen"
-    elif wrench == "none" and not acts:
-        balance = "idle"
-    elif not independent and is_open.sum() >= freedoms and len(kinds) == 1:
-        balance = "chosen"
-    else:
+    elif (
+        chosen
+        and chosen != set(independent)
+        and (wrench != "none" or acts)
+        and (independent or len(chosen) < freedoms or len(kinds) > 1)
+    ):
         return "what springs carry beside closures is found posture by posture"
-    if freedoms > 6 and balance == "given":
+    if freedoms > 6 and not is_balancing:
         return "whether self-motions of a closed chain balance is seen posture by posture"
-    return ClosedCase(
+    return ChainCase(
         constants,
-        tuple(is_open.tolist()),
         wrench,
+        springs=tuple(np.flatnonzero(own).tolist()),
+        chosen=tuple(sorted(chosen)),
+        is_balancing=is_balancing,
         held=held,
         independent=independent,
         rows=rows,
         shut=shut[0],
         length=float(chain.at(samples[0]).length),
-        balance=balance,
-        springs=tuple(np.flatnonzero(own).tolist()),
         still=tuple(still),
         settled=settled,
         rigid=rigid,

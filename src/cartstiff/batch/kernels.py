@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from cartstiff.batch.algebra import FALLBACK, PLAIN
 from cartstiff.batch.arguments import EVERY_OUTPUT, OUTPUTS, aligned_empty
-from cartstiff.batch.closed_chains import ClosedCase, close, settle
+from cartstiff.batch.chains import ChainCase
+from cartstiff.batch.closed_chains import close, settle
 from cartstiff.batch.execution import CHUNK, STREAMED, CompiledKernel, PortableKernel
 from cartstiff.batch.plans import (
     CLOSING,
@@ -195,7 +196,7 @@ class _PostureSolver:
     def __init__(self, taken: TracedModel, compiled: bool, threads: int = 1) -> None:
         make = _compiled_kernel if compiled else _portable_kernel
         case, self._home = taken.case, taken.home
-        ways = case.ways if isinstance(case, ClosedCase) else ()
+        ways = case.ways if isinstance(case, ChainCase) and case.is_closed else ()
         self._closing = [
             lambda way=way: partial(make(way, CLOSING), threads=threads) for way in ways
         ]

@@ -14,7 +14,6 @@ import numpy as np
 from cartstiff.batch.algebra import shared_inputs
 from cartstiff.batch.chains import ChainCase, Line, chain_arrays, is_recorded
 from cartstiff.batch.closed_chains import (
-    ClosedCase,
     closed_arrays,
     closed_case,
     closing_arrays,
@@ -73,7 +72,7 @@ class TracedModel:
     @property
     def is_closed(self) -> bool:
         """Whether the mechanism is a closed chain, which is closed first."""
-        return isinstance(self.case, ClosedCase)
+        return isinstance(self.case, ChainCase) and self.case.is_closed
 
     @property
     def settles(self) -> bool:
@@ -97,15 +96,13 @@ def program_for(case: Case, outputs: tuple[str, ...], readings: Readings | None 
     and the verdict is still that on all outputs.
     """
     tape = Tape()
-    if isinstance(case, ClosedCase) and outputs == CLOSING:
+    if isinstance(case, ChainCase) and outputs == CLOSING:
         return tape.program(closing_arrays(tape, case), [])
     if isinstance(case, ChainCase) and outputs == SETTLING:
         return tape.program(settling_arrays(tape, case), shared_inputs(case.wrench))
     needed = outputs if readings is None else (*outputs, *readings.needs)
-    if isinstance(case, ClosedCase):
-        arrays = closed_arrays(tape, case, needed)
-    elif isinstance(case, ChainCase):
-        arrays = chain_arrays(tape, case, needed)
+    if isinstance(case, ChainCase):
+        arrays = (closed_arrays if case.is_closed else chain_arrays)(tape, case, needed)
     else:
         arrays = platform_arrays(tape, case, needed)
     lengths = case.constants.is_length if isinstance(case, ChainCase) else (True,) * 6
@@ -179,7 +176,7 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> TracedM
         return "links that give beside rigid joints are looked at posture by posture"
     springs = elastic.springs
     shared = {"stiffness": np.zeros((1, n)), "rest": np.zeros((1, n))}
-    is_open: tuple[bool, ...] | None = None
+    case = ChainCase(constants, wrench, rigid=rigid, has_chart=n == 6 and not rigid)
     laws: Mapping[int, SpringLaw] = {}
     if isinstance(springs, JointSprings):
         chosen = springs.rest_is_free(wrench != "none")
@@ -190,12 +187,18 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> TracedM
         if wrench != "none" and passive and not chain.virtual:
             return "whether joints without a spring feel the wrench is seen posture by posture"
         shared, laws = _spring_values(springs)
-        is_open = tuple(chosen.tolist())
+        settled = settles(elastic, wrench)
+        case = replace(
+            case,
+            springs=tuple(a for a in case.moving if a not in settled),
+            chosen=tuple(a for a in case.moving if chosen[a]),
+            is_balancing=bool(chosen[case.moving].all()),
+            settled=settled,
+        )
     elif springs is not None:
         return "line springs of a chain have no arithmetic of their own"
     if elastic.gravity is not None and len(constants.screws) < 6 * chain.tree.model.nv:
         return "bodies beside the way to the frame have weight"
-    case = ChainCase(constants, is_open, wrench, settled=settles(elastic, wrench), rigid=rigid)
     return _with_fields(elastic, chain, case, elastic.potentials, shared, laws, n - len(rigid))
 
 

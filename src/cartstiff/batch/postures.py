@@ -188,7 +188,7 @@ def lost_ranks(
         Some of `which`; the latter have pose, Jacobian and energy only.
     """
     case = taken.case
-    if type(case) is not ChainCase or case.settled:
+    if not isinstance(case, ChainCase) or case.is_closed or case.settled:
         return "", which[:0], which[:0]
     n = case.freedoms
     state = "fewer-than-six-freedoms" if n < 6 else "serial-singularity"
@@ -210,7 +210,7 @@ def lost_ranks(
     ranks = (values > least).sum(axis=1)
     is_lost = is_known & (ranks < min(6, n))
     unbalanced = np.zeros(len(which), bool)
-    if loads is None and not (case.open and all(case.open[a] for a in case.moving)):
+    if not case.is_balancing:
         # Given rest positions determine the torques: those along the self-motions must vanish.
         g, stiffest = looked_at[:, 6 * n : 7 * n], looked_at[:, 7 * n]
         free, motions = np.arange(n) >= ranks[:, None], np.linalg.svd(J)[2]

@@ -15,7 +15,8 @@ import numpy as np
 
 from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import plain
-from cartstiff.batch.closed_chains import STEPS, ClosedCase
+from cartstiff.batch.chains import ChainCase
+from cartstiff.batch.closed_chains import STEPS
 from cartstiff.batch.execution import HELPERS, javascript
 from cartstiff.batch.plans import CLOSING, SETTLING, TracedModel, plan, program_for
 from cartstiff.batch.untraced import segment_program
@@ -97,7 +98,7 @@ def browser_program(elastic: ElasticMechanism, result: PostureStiffness) -> Brow
     elif not free.is_closed:
         return no_load
     closing = None
-    if isinstance(free.case, ClosedCase):
+    if isinstance(free.case, ChainCase) and free.is_closed:
         steps = {f"closing{i}": program_for(way, CLOSING) for i, way in enumerate(free.case.ways)}
         programs |= steps
         closing = _chain_closure(free.case, free, list(steps))
@@ -132,7 +133,7 @@ def _left_out(chosen: TracedModel) -> str | None:
         return "some of its potentials are evaluated posture by posture"
     if getattr(chosen.case, "stretched", ()):
         return "lines between its bodies are drawn posture by posture"
-    if isinstance(chosen.case, ClosedCase) and chosen.case.still and chosen.case.fields:
+    if isinstance(chosen.case, ChainCase) and chosen.case.still and chosen.case.fields:
         return "its weight bends its links"
     return None
 
@@ -143,7 +144,7 @@ def _link_deflection(
     """Return data and programs that deflect compliant links, or why the browser cannot do so."""
     terms, case = chosen.untraced, chosen.case
     bends = chosen.settles and terms.beams and not terms.is_dense
-    if not (bends and isinstance(case, ClosedCase)) or case.coupled:
+    if not (bends and isinstance(case, ChainCase) and case.is_closed) or case.coupled:
         return None, _left_out(chosen)
     programs, beams = {"settling": program_for(case, SETTLING)}, []
     for group in alike(terms.beams):
@@ -166,7 +167,7 @@ def _link_deflection(
     }, None
 
 
-def _chain_closure(case: ClosedCase, chosen: TracedModel, ways: list[str]) -> dict[str, Any]:
+def _chain_closure(case: ChainCase, chosen: TracedModel, ways: list[str]) -> dict[str, Any]:
     """Return how a chain is closed: programs, reference posture, bounds of the steps."""
     home, lengths = chosen.home, case.constants.is_length
     return {
