@@ -549,12 +549,13 @@ class ChainNumbers:
             if (M := self.mimic) is not None:
                 g, H = M.T @ g, congruence(M, H)
             energy, gradient, hessian = energy + E, gradient + g, hessian + H
-        for indices, flat in case.coupled:
-            matrix = np.reshape(flat, (len(indices), -1))
-            force = matrix @ self.q[list(indices)]
-            energy = energy + (force @ self.q[list(indices)]) * 0.5
-            gradient[list(indices)] = gradient[list(indices)] + force
-            hessian[np.ix_(indices, indices)] = hessian[np.ix_(indices, indices)] + matrix
+        for own_indices, flat in case.coupled:
+            at = list(own_indices)
+            matrix = np.reshape(flat, (len(at), -1))
+            force = matrix @ self.q[at]
+            energy = energy + (force @ self.q[at]) * 0.5
+            gradient[at] = gradient[at] + force
+            hessian[np.ix_(at, at)] = hessian[np.ix_(at, at)] + matrix
         return energy, gradient, hessian
 
     def _on_bodies(self, tape: Tape) -> Iterator[tuple[Scalar, Array, Array]]:
@@ -621,7 +622,7 @@ class ChainNumbers:
         else:
             turning = [norm_squared(column) for column in J[:3].T]
         total = sum(turning[1:], turning[0])
-        self.length: Scalar = 1.0
+        self.length: Any = 1.0
         self.area: Scalar = 1.0
         if not is_zero(total):
             moments = [
@@ -634,10 +635,8 @@ class ChainNumbers:
             self.verdict = larger(self.verdict, pick(least**2, area, PLAIN, FALLBACK))
             far = limited(norm_squared(self.position), LARGEST_ANGLE**2)
             self.verdict = larger(self.verdict, far)
-        self.columns = zeros(self.n) + 1.0
-        for i, a in enumerate(case.names):
-            if case.constants.is_length[a]:
-                self.columns[i] = self.length
+        sizes = [self.length if case.constants.is_length[a] else 1.0 for a in case.names]
+        self.columns = np.array(sizes or [1.0] * self.n, object)
 
     def load(self) -> Array | None:
         """Wrench that is known without the gradient; None if there is none."""

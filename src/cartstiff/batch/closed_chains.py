@@ -72,7 +72,6 @@ from cartstiff.batch.chains import (
     ChainNumbers,
     arrays_of,
     curvature_of,
-    is_recorded,
 )
 from cartstiff.batch.tape import Scalar, Tape, absolute, larger, pick, square_root
 from cartstiff.batch.twists import Kinematics, Tie, TreeConstants, numbers
@@ -615,12 +614,12 @@ def _reduced(rows: Array, rank: int) -> Array:
 
 
 def closed_case(
-    elastic: ElasticMechanism, chain: Chain, wrench: str
+    elastic: ElasticMechanism, chain: Chain, wrench: str, is_open: Array
 ) -> tuple[ChainCase, tuple[Potential, ...]] | str:
-    """Case of a closed chain and the potentials outside it, or the reason why there is none."""
-    springs = elastic.springs
-    if springs is not None and not isinstance(springs, JointSprings):
-        return "line springs of a chain have no arithmetic of their own"
+    """Case of a closed chain and the potentials outside it, or the reason why there is none.
+
+    `is_open` says which coordinates (n,) have a spring whose rest position is chosen.
+    """
     if chain.tree.mimic is not None:
         return "joints that follow others in a closed chain"
     constants = tree_constants(chain)
@@ -662,11 +661,8 @@ def closed_case(
             still.append((tuple(map(int, potential.indices)), numbers(potential.matrix)))
         else:
             others.append(potential)
-    own = np.zeros(n, bool) if springs is None else ~springs.is_passive
-    is_open = np.zeros(n, bool) if springs is None else springs.rest_is_free(wrench != "none")
-    laws = {} if springs is None else springs.laws
-    if any(is_open[j] and not is_recorded(law) for j, law in laws.items()):
-        return "the rest position of such a spring is found posture by posture"
+    springs = elastic.springs
+    own = ~springs.is_passive if isinstance(springs, JointSprings) else np.zeros(n, bool)
     springy = {*np.flatnonzero(own).tolist(), *(j for at, _ in still for j in at), *settled}
     if springy < set(held) and not others and elastic.gravity is None:
         return "coordinates that are held without a spring are judged posture by posture"

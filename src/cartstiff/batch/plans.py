@@ -146,8 +146,7 @@ def known_plan(elastic: ElasticMechanism, wrench: str) -> TracedModel | str | No
 def _planned(elastic: ElasticMechanism, wrench: str) -> TracedModel | str:
     mechanism = elastic.mechanism
     if isinstance(mechanism, Chain):
-        of_chain = _closed_plan if mechanism.closures else _chain_plan
-        return of_chain(elastic, mechanism, wrench)
+        return _chain_plan(elastic, mechanism, wrench)
     if isinstance(mechanism, Platform):
         return _platform_plan(elastic, mechanism, wrench)
     return f"no arithmetic for mechanisms of kind {mechanism.kind}"
@@ -166,6 +165,30 @@ def chain_constants(chain: Chain) -> TreeConstants | str:
 
 
 def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> TracedModel | str:
+    springs, n = elastic.springs, len(chain.is_length)
+    # Stiffnesses and rest positions are zero where there are none.
+    shared = {"stiffness": np.zeros((1, n)), "rest": np.zeros((1, n))}
+    laws: Mapping[int, SpringLaw] = {}
+    is_open = np.zeros(n, bool)
+    if isinstance(springs, JointSprings):
+        is_open, laws = springs.rest_is_free(wrench != "none"), springs.laws
+        if any(is_open[j] and not is_recorded(law) for j, law in laws.items()):
+            return "the rest position of such a spring is found posture by posture"
+        shared["stiffness"][:], shared["rest"][:] = springs.stiffness, np.nan_to_num(springs.rest)
+        shared["stiffness"][:, list(laws)] = 0.0
+    elif springs is not None:
+        return "line springs of a chain have no arithmetic of their own"
+    answer = (closed_case if chain.closures else _open_case)(elastic, chain, wrench, is_open)
+    if isinstance(answer, str):
+        return answer
+    case, others = answer
+    return _with_fields(elastic, chain, case, others, shared, laws)
+
+
+def _open_case(
+    elastic: ElasticMechanism, chain: Chain, wrench: str, is_open: Array
+) -> tuple[ChainCase, tuple[Potential, ...]] | str:
+    """Case of an open chain and its potentials, or the reason why there is none."""
     constants = chain_constants(chain)
     if isinstance(constants, str):
         return constants
@@ -174,53 +197,22 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> TracedM
         return "no joint gives"
     if rigid and chain.virtual:
         return "links that give beside rigid joints are looked at posture by posture"
-    springs = elastic.springs
-    shared = {"stiffness": np.zeros((1, n)), "rest": np.zeros((1, n))}
+    if elastic.gravity is not None and len(constants.screws) < 6 * chain.tree.model.nv:
+        return "bodies beside the way to the frame have weight"
     case = ChainCase(constants, wrench, rigid=rigid, has_chart=n == 6 and not rigid)
-    laws: Mapping[int, SpringLaw] = {}
-    if isinstance(springs, JointSprings):
-        chosen = springs.rest_is_free(wrench != "none")
-        laws = springs.laws
-        if any(chosen[j] and not is_recorded(law) for j, law in laws.items()):
-            return "the rest position of such a spring is found posture by posture"
-        passive = {*np.flatnonzero(springs.is_passive).tolist()}.difference(rigid)
+    if isinstance(elastic.springs, JointSprings):
+        passive = {*np.flatnonzero(elastic.springs.is_passive).tolist()}.difference(rigid)
         if wrench != "none" and passive and not chain.virtual:
             return "whether joints without a spring feel the wrench is seen posture by posture"
-        shared, laws = _spring_values(springs)
         settled = settles(elastic, wrench)
         case = replace(
             case,
             springs=tuple(a for a in case.moving if a not in settled),
-            chosen=tuple(a for a in case.moving if chosen[a]),
-            is_balancing=bool(chosen[case.moving].all()),
+            chosen=tuple(a for a in case.moving if is_open[a]),
+            is_balancing=bool(is_open[case.moving].all()),
             settled=settled,
         )
-    elif springs is not None:
-        return "line springs of a chain have no arithmetic of their own"
-    if elastic.gravity is not None and len(constants.screws) < 6 * chain.tree.model.nv:
-        return "bodies beside the way to the frame have weight"
-    return _with_fields(elastic, chain, case, elastic.potentials, shared, laws, n - len(rigid))
-
-
-def _closed_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> TracedModel | str:
-    answer = closed_case(elastic, chain, wrench)
-    if isinstance(answer, str):
-        return answer
-    case, others = answer
-    springs, n = elastic.springs, chain.tree.n
-    shared = {"stiffness": np.zeros((1, n)), "rest": np.zeros((1, n))}
-    laws: Mapping[int, SpringLaw] = {}
-    if isinstance(springs, JointSprings):
-        shared, laws = _spring_values(springs)
-    return _with_fields(elastic, chain, case, list(others), shared, laws, case.freedoms)
-
-
-def _spring_values(springs: JointSprings) -> tuple[dict[str, Array], Mapping[int, SpringLaw]]:
-    """Stiffnesses and rest positions, zero if there is none, and nonlinear laws."""
-    stiffness = springs.stiffness.copy()
-    if springs.laws:
-        stiffness[list(springs.laws)] = 0.0
-    return {"stiffness": stiffness[None], "rest": np.nan_to_num(springs.rest)[None]}, springs.laws
+    return case, elastic.potentials
 
 
 def _with_fields(
@@ -230,12 +222,11 @@ def _with_fields(
     others: Sequence[Potential],
     shared: dict[str, Array],
     laws: Mapping[int, SpringLaw],
-    freedoms: int,
 ) -> TracedModel:
     """The plan of a chain with gravity and other potentials, recorded as far as possible."""
     fields, forces, loose, beams = [], [], [], list[Beam]()
     lines, known = list[Line](), list[Array]()
-    joints = len(case.constants.screws) // 6
+    joints = len(case.constants.parents)
     if elastic.gravity is not None:
         masses, centres = chain.tree.masses()
         fields.append(ForceField(numbers(masses), tuple(map(numbers, centres))))
@@ -267,11 +258,10 @@ def _with_fields(
     case = replace(case, laws=tuple((j, law) for j, law in laws.items() if is_recorded(law)))
     laws = {j: law for j, law in laws.items() if not is_recorded(law)}
     untraced = UntracedTerms(chain, tuple(loose), laws, rest, tuple(beams))
-    if fields or untraced:
-        case = replace(
-            case, fields=tuple(fields), derivatives=untraced.is_dense, segments=untraced.segments
-        )
-    state = "fewer-than-six-freedoms" if freedoms < 6 else "regular"
+    case = replace(
+        case, fields=tuple(fields), derivatives=untraced.is_dense, segments=untraced.segments
+    )
+    state = "fewer-than-six-freedoms" if case.freedoms < 6 else "regular"
     return TracedModel(case, shared, state, untraced, chain.home)
 
 
