@@ -115,3 +115,11 @@ def test_the_legend_says_what_else_is_drawn_and_what_is_not():
     drawn = session.picture.draw(session.result(singular), singular)
     lines = _in_node("legend.js", f"legendOf({json.dumps(drawn)}).lines")
     assert lines[0]["text"].startswith("translation (rotation free) is not drawn: ")
+
+
+def test_curves_have_the_unit_of_their_values_that_are_not_zero():
+    """A body that moves along one line only: two of three principal compliances are zero."""
+    store = '{ fine: null, read: (x) => x, blockUnits: () => [["rad", ""], ["", "m/N"]] }'
+    rows = "[{ translation: [0, 0, 6.83e-5] }, { translation: [0, 0, 6.5e-5] }]"
+    made = f'plotted({store}, "translation", {{ quantity: "compliance" }}, {rows}).unit'
+    assert _in_node("curves.js", made) == "µm/N"

@@ -42,7 +42,7 @@ export const rowOf = (numbers, q) => ({ q, position: numbers.position, unstable:
 export function plotted(store, key, state, rows) {
   const curve = CURVES.find((each) => each.key === key);
   const own = curve.scale?.(store, state) ?? 1;
-  const sizes = rows.flatMap((row) => row?.[key] ?? []).filter(Number.isFinite).map(Math.abs).sort((a, b) => a - b);
+  const sizes = rows.flatMap((row) => row?.[key] ?? []).map(Math.abs).filter((x) => x > 0 && x < Infinity).sort((a, b) => a - b);
   const middle = own * (sizes[sizes.length >> 1] ?? 0);
   const [factor, unit] = store.fine ? [1, curve.unit(store, state)] : inSize(middle, curve.unit(store, state));
   return {
