@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -86,26 +85,19 @@ def ellipsoid(matrix: ArrayLike) -> Ellipsoid:
     InputError
         If the matrix is not 3x3 and finite.
     """
-    m = checked_matrix(matrix, "matrix", 3)
-    axes, radii, values, sign = _principal(symmetric_part(m).tobytes(), b"")
-    (_, xy, xz), (yx, _, yz), (zx, zy, _) = m.tolist()
-    asymmetry = max(abs(xy - yx), abs(xz - zx), abs(yz - zy)) / 2.0
-    return Ellipsoid(axes, radii, values, sign, asymmetry)
+    return _principal(checked_matrix(matrix, "matrix", 3))
 
 
-@lru_cache(maxsize=16)  # a page needs it twice: for its numbers and for its picture
 def _principal(
-    matrix: bytes, inverse: bytes, losses: tuple[float, float] = (1.0, 1.0)
-) -> tuple[Array, Array, Array, Definiteness]:
-    """Axes, radii, eigenvalues and definiteness of a symmetric 3x3 matrix."""
-    m = np.frombuffer(matrix).reshape(3, 3)
-    other = np.frombuffer(inverse).reshape(3, 3) if inverse else None
-    values, vectors = numerics.eigenpairs(m, other, losses)
+    m: Array, inverse: Array | None = None, losses: tuple[float, float] = (1.0, 1.0)
+) -> Ellipsoid:
+    """`ellipsoid`; a known inverse (3, 3) resolves small values, losses as in `eigenpairs`."""
+    other = None if inverse is None else symmetric_part(inverse)
+    values, vectors = numerics.eigenpairs(symmetric_part(m), other, losses)
     if np.isnan(values).any():
         raise lost_digits(values, "this block")
-    sign = definiteness(values, zero=0.0)
-    shape = shape_of(values, vectors, sign)
-    return shape.axes, shape.radii, shape.eigenvalues, sign
+    shape = shape_of(values, vectors, definiteness(values, zero=0.0))
+    return replace(shape, asymmetry=float(np.abs(m - m.T).max()) / 2.0)
 
 
 def shape_of(values: Array, vectors: Array, sign: Definiteness) -> Ellipsoid:
@@ -293,10 +285,7 @@ def _of_pair(
         return _without_rounding(ellipsoid(m), size)
     loss = loss_of_elimination(own if is_eliminated else other, keep)
     losses = (loss, 1.0) if is_eliminated else (1.0, loss)
-    axes, radii, values, sign = _principal(
-        symmetric_part(m).tobytes(), symmetric_part(c).tobytes(), losses
-    )
-    return Ellipsoid(axes, radii, values, sign, float(np.abs(m - m.T).max()) / 2.0)
+    return _principal(m, c, losses)
 
 
 def _without_rounding(shape: Ellipsoid, size: float) -> Ellipsoid:

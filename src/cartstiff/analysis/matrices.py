@@ -10,7 +10,6 @@ and a compliance C takes wrenches to twists, in the same block order.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from math import sqrt
 from typing import Final, Literal
 
@@ -203,38 +202,12 @@ def eliminate(matrix: ArrayLike, keep: slice | list[int]) -> Array:
         Code ``"singular"`` if they do: the others then have no equilibrium.
     """
     m = real_array(matrix)
-    if keep in (ROTATION, TRANSLATION):
-        return _eliminated_block(m.tobytes(), keep == ROTATION)[0].copy()
+    if isinstance(keep, slice) and keep in (ROTATION, TRANSLATION):
+        block, _, is_plain = _plainly_eliminated(m, keep)
+        if is_plain:
+            return block
     every = np.arange(len(m))
-    return _eliminated(m, every[keep], np.delete(every, keep))
-
-
-@lru_cache(maxsize=16)  # a page needs it several times: for its numbers and for its picture
-def _eliminated_block(matrix: bytes, is_rotation: bool) -> tuple[Array, float]:
-    """Results of `eliminate` and `loss_of_elimination` for a block."""
-    m = np.frombuffer(matrix).reshape(6, 6)
-    keep, rest = (ROTATION, TRANSLATION) if is_rotation else (TRANSLATION, ROTATION)
-    free, loss, is_plain = _plainly_eliminated(m, keep, rest)
-    return (free if is_plain else _eliminated(m, keep, rest)), loss
-
-
-def _plainly_eliminated(m: Array, keep: slice, rest: slice) -> tuple[Array, float, bool]:
-    """Block by the inverse of ``M_oo``, loss, and whether it is well conditioned."""
-    inner = numerics.invert(m[rest, rest])
-    if inner is None:
-        return np.zeros((3, 3)), float("inf"), False
-    free = m[keep, keep] - m[keep, rest] @ inner.matrix @ m[rest, keep]
-    size, left = float(np.abs(m[keep, keep]).max()), float(np.abs(free).max())
-    growth = inner.error / numerics.EPSILON
-    if left == 0.0:
-        return free, float("inf"), False
-    loss = max(1.0, growth * size / left)
-    is_plain = growth <= numerics.WELL_CONDITIONED and left > numerics.ZERO_SHARE * size
-    return free, loss, is_plain
-
-
-def _eliminated(m: Array, kept: slice | Array, others: slice | Array) -> Array:
-    free, left, values, length = _on_kept(m[None], np.r_[kept], np.r_[others])
+    free, left, values, length = _on_kept(m[None], every[keep], np.delete(every, keep))
     if np.isnan(free).any():
         raise UndefinedError(
             "the other freedoms are loaded where they have no stiffness: no balance exists",
@@ -246,6 +219,20 @@ def _eliminated(m: Array, kept: slice | Array, others: slice | Array) -> Array:
             },
         )
     return free[0]
+
+
+def _plainly_eliminated(m: Array, keep: slice) -> tuple[Array, float, bool]:
+    """Block by the inverse of ``M_oo``, loss, and whether it is well conditioned."""
+    rest = TRANSLATION if keep == ROTATION else ROTATION
+    inner = numerics.invert(m[rest, rest])
+    if inner is None:
+        return np.zeros((3, 3)), float("inf"), False
+    free = m[keep, keep] - m[keep, rest] @ inner.matrix @ m[rest, keep]
+    size, left = float(np.abs(m[keep, keep]).max()), float(np.abs(free).max())
+    growth = inner.error / numerics.EPSILON
+    loss = max(1.0, growth * size / left) if left > 0.0 else float("inf")
+    is_plain = growth <= numerics.WELL_CONDITIONED and left > numerics.ZERO_SHARE * size
+    return free, loss, is_plain
 
 
 def eliminate_each(stack: Array, keep: slice) -> Array:
@@ -318,13 +305,8 @@ def stiffnesses_of_motions(
 
 
 def loss_of_elimination(matrix: ArrayLike, keep: slice) -> float:
-    """Relative error of `eliminate` over that of its matrix, by cancellation."""
-    m = real_array(matrix)
-    try:
-        return _eliminated_block(m.tobytes(), keep == ROTATION)[1]
-    except UndefinedError:
-        rest = TRANSLATION if keep == ROTATION else ROTATION
-        return _plainly_eliminated(m, keep, rest)[1]
+    """Relative error of `eliminate` over that of its matrix, by cancellation; may be infinite."""
+    return _plainly_eliminated(real_array(matrix), keep)[1]
 
 
 def scale_jacobian(J: Array, length: float) -> Array:
