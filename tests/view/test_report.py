@@ -425,3 +425,15 @@ def test_rigid_and_nonlinear_springs_stand_in_the_table(arm):
     number, unit = rows["j3"].split(" ", 1)
     assert unit == "kN m/rad"
     assert float(number) == pytest.approx(1e-3 * (1e4 + 3e6 * turned**2), rel=1e-3)
+
+
+def test_a_posture_that_does_not_resist_the_load_has_no_linear_displacement(arm):
+    """The load tips the soft arm over: what `analyse` does not say, the report does not either."""
+    soft = arm.with_springs(0.013 * arm.springs.stiffness)
+    text = report_page(
+        soft, [0.0, 0.05, 0.0, 0.0, 0.02, 0.0], wrench=[0, 0, 0, 0, 0, -200], load_axes="world"
+    )
+    assert "<li>Indefinite: " in text
+    assert "Linear, by K^load" not in text
+    assert "<li>No single coordinate" not in text
+    assert re.findall(r"<td>j\d</td>(?:<td>[^<]*</td>){2}<td>([^<]*)</td>", text) == [""] * 6

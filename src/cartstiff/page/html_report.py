@@ -365,7 +365,8 @@ def _better(
     ]
     if not better:
         return []
-    here = float(next(iter(swept.values()))[1][_COUNT // 2])
+    moved = next(iter(swept.values()))[1][_COUNT // 2]
+    here = float(moved) if np.isfinite(moved) else np.inf  # not resisted here
     if same := _at_same_pose(elastic, start, load, here):
         return [same]
     least, name, at = min(better)

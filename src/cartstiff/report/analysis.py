@@ -257,7 +257,8 @@ def summary_text(
 def resisted_deflection(summary: Mapping[str, Any]) -> dict[str, Any]:
     """Deflection under the load of an analysis if the body resists it, else an empty one."""
     found: dict[str, Any] = summary.get("deflection") or {}
-    return found if found and found["energy"] > 0.0 else {}
+    is_resisted = summary["definiteness"] in (None, "positive")
+    return found if is_resisted and found and found["energy"] > 0.0 else {}
 
 
 def links_of_coordinates(elastic: ElasticMechanism) -> dict[str, str]:
@@ -296,8 +297,7 @@ def answer_lines(summary: Mapping[str, Any], elastic: ElasticMechanism) -> list[
             lines[-1] += ": the posture is not stable"
         elif definite == "positive":
             lines[-1] += ": every small motion is resisted"
-    moved = resisted_deflection(summary)
-    if moved and definite in (None, "positive"):
+    if moved := resisted_deflection(summary):
         size = engineering(math.hypot(*moved["displacement"]), units.length)
         what = "This point" if any(moved["point"]) else "The body frame"
         moves = f"  {what} moves {size} under the load (linear, K^{moved['connection']})"
