@@ -291,11 +291,11 @@ def cloud_of_workspace(reached: Workspace) -> Cloud:
             expected="a body that takes all positions",
             got=", ".join(reached.axes),
         )
-    if reached.positions is None or not reached.positions.edges:
+    if reached.positions is None or not reached.positions.limit.size:
         why = "; ".join(note.message for note in reached.notes[-1:])
         raise InputError("the workspace has no boundary", where="workspace", got=why or "none")
     surface = np.empty((0, 3)) if reached.singular is None else reached.singular.surface
-    names = [edge[3] for edge in reached.positions.edges] + [_SINGULAR] * len(surface)
+    names = reached.positions.limit.tolist() + [_SINGULAR] * len(surface)
     return _cut(np.concatenate([reached.boundary, surface]), names, reached.elastic)
 
 

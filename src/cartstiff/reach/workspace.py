@@ -583,9 +583,9 @@ class Rays:
         Weights of the rule, of sum 1.
     first : ndarray (d,)
         Distance (or angle) to the first boundary; 0 if the centre is outside.
-    edges : list of (ray, distance, enters, limit)
-        Every boundary: number of its ray, distance, whether the ray enters there, and name of the
-        limit that is reached.
+    ray, distance, enters, limit : ndarray (k,)
+        Every boundary, in order along each ray: number of its ray, distance, whether the ray enters
+        there, and name of the limit that is reached.
     reach : float
         Length of the rays.
     poses : int
@@ -595,35 +595,37 @@ class Rays:
     directions: Array
     weights: Array
     first: Array
-    edges: list[tuple[int, float, bool, str]]
+    ray: NDArray[np.intp]
+    distance: Array
+    enters: NDArray[np.bool_]
+    limit: NDArray[np.str_]
     reach: float
     poses: int
 
     @property
     def is_cut_short(self) -> bool:
         """Whether the end of a ray is inside."""
-        return any(x >= (1.0 - 0.5**_HALVINGS) * self.reach for _, x, _, _ in self.edges)
+        return bool((self.distance >= (1.0 - 0.5**_HALVINGS) * self.reach).any())
 
-    def total(self, measure: Callable[[float], float]) -> float:
+    @property
+    def offsets(self) -> Array:
+        """Offsets (k, 3) of the boundaries from the centre."""
+        return self.distance[:, None] * self.directions[self.ray]
+
+    def total(self, measure: Callable[[Array], Array]) -> float:
         """Weighted sum over the rays of a measure of their parts inside."""
-        return float(
-            sum(
-                self.weights[ray] * (-1.0 if enters else 1.0) * measure(distance)
-                for ray, distance, enters, _ in self.edges
-            )
-        )
+        signs = np.where(self.enters, -1.0, 1.0)
+        return float((self.weights[self.ray] * signs * measure(self.distance)).sum())
 
     def shares(self) -> dict[str, float]:
         """Share of each limit in the outermost boundary, by solid angle from the centre."""
-        last: dict[int, tuple[float, str]] = {}
-        for ray, distance, enters, name in self.edges:
-            if not enters and distance > last.get(ray, (-1.0, ""))[0]:
-                last[ray] = (distance, name)
-        shares: dict[str, float] = {}
-        for ray, (_, name) in last.items():
-            shares[name] = shares.get(name, 0.0) + float(self.weights[ray])
-        total = sum(shares.values()) or 1.0
-        return {n: x / total for n, x in sorted(shares.items(), key=lambda pair: -pair[1])}
+        leaves = np.flatnonzero(~self.enters)
+        rays, last = np.unique(self.ray[leaves][::-1], return_index=True)
+        names, where = np.unique(self.limit[leaves][::-1][last], return_inverse=True)
+        shares = np.bincount(where, self.weights[rays])
+        shares = shares / shares.sum()
+        order = np.argsort(-shares, kind="stable")
+        return dict(zip(names[order].tolist(), shares[order].tolist(), strict=True))
 
 
 def sphere_rule(count: int) -> tuple[Array, Array]:
@@ -660,8 +662,7 @@ def rays_to_boundaries(
     first = np.zeros(d)
     rays, where = np.unique(ray, return_index=True)
     first[rays] = np.where(enters[where], 0.0, edge[where])
-    edges = list(zip(*(x.tolist() for x in (ray, edge, enters, names)), strict=True))
-    return Rays(directions, weights, first, edges, reach, signs.size + tried)
+    return Rays(directions, weights, first, ray, edge, enters, names, reach, signs.size + tried)
 
 
 def _side(margins: PoseMargins, pose_at: Moved) -> Callable[[Array], Array]:
@@ -1090,7 +1091,7 @@ class Workspace(LabelledResult):
         """Values (k, 3) of the axes on the boundary, just within the limits."""
         if self.positions is None:
             return np.empty((0, 3))
-        return _places(self.positions) * self.scales + self.centre
+        return self.positions.offsets * self.scales + self.centre
 
     @property
     def centre(self) -> Array:
@@ -1131,7 +1132,7 @@ class Workspace(LabelledResult):
             "singularity": near and {"least_ratio": near[0], "position": near[1]},
             "singular": self.singular and self.singular.to_dict(),
             "tensions": self.distribution or None,
-            "limits": [] if self.positions is None else [e[3] for e in self.positions.edges],
+            "limits": [] if self.positions is None else self.positions.limit,
         }
         elastic = self.elastic
         return described("workspace", own, elastic.about(), gravity_loads(elastic).to_dict(), self)
@@ -1142,22 +1143,22 @@ class Workspace(LabelledResult):
         from matplotlib import colormaps
 
         labels, places = self.axes_with_units, self.boundary
-        names = [] if self.positions is None else [edge[3] for edge in self.positions.edges]
-        kinds = sorted(set(names))
+        names = np.array([]) if self.positions is None else self.positions.limit
         colours = colormaps["tab20"].colors  # type: ignore[attr-defined]
         is_place = self.axes == ("x", "y", "z")
         for position, plane in enumerate(((0, 1, 2), (0, 1), (0, 2), (1, 2)), start=1):
             axis = figure.add_subplot(2, 2, position, projection="3d" if len(plane) == 3 else None)
-            for k, kind in enumerate(kinds):
-                own = np.array([name == kind for name in names])
-                axis.scatter(*places[own][:, plane].T, s=4, color=colours[k % 20], label=kind)
+            for k, kind in enumerate(np.unique(names)):
+                axis.scatter(
+                    *places[names == kind][:, plane].T, s=4, color=colours[k % 20], label=kind
+                )
             if len(plane) == 3 and self.singular is not None and len(self.singular.surface):
                 axis.scatter(*self.singular.surface.T, s=1, color="0.6", label="singular surface")
             for i, name in zip(plane, "xyz", strict=False):
                 getattr(axis, f"set_{name}label")(labels[i])
             if is_place:
                 axis.set_aspect("equal", adjustable="datalim" if len(plane) == 2 else "box")
-        if kinds:
+        if names.size:
             figure.legend(
                 *axis.get_legend_handles_labels(),
                 loc="outside lower center",
@@ -1286,13 +1287,13 @@ def workspace(
     turned = partial(around, pose, shifts=np.zeros((1, 3)))
     at_centre, reach = margins.at(pose[None])[0], most
     first = rays_to_boundaries(margins, moved, reach, max(8, count // 8), scan)
-    if first.edges and radius is None:  # the longest lengths reach far beyond most workspaces
-        reach = min(reach, 1.3 * max(distance for _, distance, *_ in first.edges))
+    if first.distance.size and radius is None:  # the longest lengths reach beyond most workspaces
+        reach = min(reach, 1.3 * float(first.distance.max()))
     positions = rays_to_boundaries(margins, moved, reach, count, scan, progress)
     while reach < most and positions.is_cut_short and radius is None:
         reach = min(2.0 * reach, most)
         positions = rays_to_boundaries(margins, moved, reach, count, scan, progress)
-    boundary = _places(positions) + here.centre
+    boundary = positions.offsets + here.centre
     columns = columns_inside(
         margins, moved, here.centre, boundary, max(8, round(np.sqrt(count))), scan, most
     )
@@ -1331,11 +1332,6 @@ def workspace(
         notes=tuple(notes),
         distribution=margins.distribution(pose),
     )
-
-
-def _places(rays: Rays) -> Array:
-    """Return the offsets (k, 3) of the boundary from the centre."""
-    return np.array([x * rays.directions[r] for r, x, *_ in rays.edges]).reshape(-1, 3)
 
 
 def _axes_of_rays(

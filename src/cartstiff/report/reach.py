@@ -254,6 +254,6 @@ def _shares(shares: dict[str, float]) -> list[str]:
 
 def boundary_csv(reached: Workspace) -> str:
     """Write one row per boundary position: the coordinates, and the limit that is reached."""
-    edges = () if reached.positions is None else reached.positions.edges
-    rows = ([*xyz, edge[3]] for xyz, edge in zip(reached.boundary.tolist(), edges, strict=True))
+    limits = [] if reached.positions is None else reached.positions.limit.tolist()
+    rows = ([*xyz, limit] for xyz, limit in zip(reached.boundary.tolist(), limits, strict=True))
     return csv_rows([*reached.axes_with_units, "limit"], rows)

@@ -197,15 +197,11 @@ class Steps:
     price: float = 0.0
     sides: Sequence[Array] | None = None
 
-    def crosses(self, i: int, a: Array, b: Array) -> Array:
-        """Return which steps change sides: bool (len(a), len(b))."""
-        if self.sides is None:
-            return np.zeros((len(a), len(b)), bool)
-        changed: Array = self.sides[i][a][:, None] != self.sides[i + 1][b]
-        return changed
-
     def shares(self, i: int, a: Array, b: Array) -> tuple[Array, Array]:
-        """Return mean square and maximum of step over bound of all coordinates (len(a), len(b))."""
+        """Return mean square and maximum of step over bound of all coordinates (len(a), len(b)).
+
+        The maximum is infinite between sides of a singularity.
+        """
         square, worst = np.zeros((2, len(a), len(b)))
         for j, bound in enumerate(self.bounds):
             step = self.q[i + 1][b, j] - self.q[i][a, j][:, None]
@@ -214,13 +210,14 @@ class Steps:
             share = np.abs(step / bound)
             square += share * share
             np.maximum(worst, share, out=worst)
+        if self.sides is not None:
+            worst[self.sides[i][a][:, None] != self.sides[i + 1][b]] = np.inf
         return square / len(self.bounds), worst
 
     def __call__(self, i: int, a: Array, b: Array) -> Array:
         """Return the costs of steps from candidates a of layer i to candidates b of the next."""
         square, worst = self.shares(i, a, b)
-        allowed = (worst <= 1.0) & ~self.crosses(i, a, b)
-        return np.where(allowed, self.price * square, np.inf)
+        return np.where(worst <= 1.0, self.price * square, np.inf)
 
 
 #: Solvers of postures at poses, for joints and for platforms.
@@ -636,12 +633,8 @@ class PathCost:
         Whether that stiffness is the one under the path's wrenches, balanced by the springs.
     load : LoadKind
         Behaviour of the wrenches while the body moves, and the point at which they act.
-    length : float
-        Characteristic length.
-    rank : int
-        Rank of the Jacobian at most postures.
-    movable : ndarray of bool
-        Columns of the Jacobian that are joints to be moved, not deflections of compliant links.
+    solver : JointPoses or PlatformPoses
+        Solver of postures.
     damping : Damping
         Damping of the vibrations.
     milling : Milling, optional
@@ -654,11 +647,9 @@ class PathCost:
     connection: str
     loaded: bool
     load: LoadKind
-    length: float
-    rank: int
-    movable: Array
-    damping: Damping = field(default_factory=Damping)
-    milling: Milling | None = None
+    solver: PathSolver
+    damping: Damping
+    milling: Milling | None
 
     def __post_init__(self) -> None:
         if self.quantity.better is None:
@@ -674,7 +665,7 @@ class PathCost:
         direction, wrench = self.path.direction(point), self.path.wrench(point)
         return Settings(
             connection=self.connection,
-            length=self.length,
+            length=self.solver.length,
             direction=None if direction is None else tuple(direction.tolist()),
             deflect=None if wrench is None else tuple(wrench.tolist()),
             world=not self.path.turns_with_body,
@@ -684,12 +675,13 @@ class PathCost:
             milling=self.milling,
         )
 
-    def __call__(self, q: Array, points: Array, poses: Array) -> Judged:
-        """Return the costs of postures (N, n) with poses (N, 4, 4) at points (N,) of the path."""
+    def __call__(self, q: Array, points: Array) -> Judged:
+        """Return the costs of postures (N, n) at points (N,) of the path."""
         count = len(q)
         value, ratio = np.full(count, np.nan), np.full(count, np.nan)
         if not count:
             return Judged(q, value, value, ratio, ratio)
+        poses = self.solver.kinematics.at(q).pose
         outputs = tuple(dict.fromkeys((*self.quantity.outputs(self._settings(0)), "jacobian")))
         load = self.path.wrenches_in_body(points, poses) if self.loaded else None
         acting: dict[str, Any] = (
@@ -720,19 +712,21 @@ class PathCost:
         return Judged(q, value, cost, ratio, side)
 
     def _regularity(self, jacobian: Array, lengths: Array) -> tuple[Array, Array]:
-        scaled = jacobian * np.repeat([1.0, 1.0 / self.length], 3)[:, None]
-        scaled = (scaled * np.where(lengths, self.length, 1.0))[:, :, self.movable]
+        length, rank = self.solver.length, self.solver.rank("none")
+        scaled = jacobian * np.repeat([1.0, 1.0 / length], 3)[:, None]
+        # Deflections of compliant links are no motions of joints.
+        scaled = (scaled * np.where(lengths, length, 1.0))[:, :, self.solver.movable]
         finite = np.isfinite(scaled).all(axis=(1, 2))
         scaled = np.where(finite[:, None, None], scaled, 0.0)
         values = np.linalg.svd(scaled, compute_uv=False)
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.where(finite, values[:, self.rank - 1] / values[:, 0], 0.0)
+            ratio = np.where(finite, values[:, rank - 1] / values[:, 0], 0.0)
         side = np.zeros(len(ratio))
-        if scaled.shape[2] == self.rank and self.rank > 0:
+        if scaled.shape[2] == rank and rank > 0:
             # A basis of the body's motions, if they are the same at all postures.
             sizes, vectors = np.linalg.eigh(np.einsum("nij,nkj->ik", scaled, scaled))
-            if (sizes[: -self.rank] < numerics.ROUNDOFF * sizes[-1]).all():
-                side = np.sign(np.linalg.det(vectors[:, -self.rank :].T @ scaled))
+            if (sizes[:-rank] < numerics.ROUNDOFF * sizes[-1]).all():
+                side = np.sign(np.linalg.det(vectors[:, -rank:].T @ scaled))
         return ratio, side
 
 
@@ -1017,73 +1011,17 @@ class OptimisedPath(LabelledResult):
 _FAR_LENGTHS = 50.0
 
 
-def colliding(point: int, count: int) -> UndefinedError:
-    """Return the error for a point (counted from 0) reached only in colliding postures."""
-    return UndefinedError(
-        f"point {point + 1} of the path is reached only in postures in which links collide "
-        f"({count} were compared)",
-        code="path-colliding",
-        values={"point": point + 1, "candidates": count},
-    )
-
-
-def impossible(
-    elastic: ElasticMechanism,
-    solver: PathSolver,
-    point: int,
-    pose: Array,
-    grid: Choices,
-    ratios: Array,
-    singular: float,
-) -> UndefinedError:
-    """Return the error for a point (counted from 0) without any usable candidate."""
-    values: dict[str, Any] = {"point": point + 1, "candidates": len(ratios)}
-    here = f"point {point + 1} of the path"
-    if not len(ratios):
-        excess = solver.beyond_limits(grid.targets(pose), grid.task)
-        if excess is None:
-            away = float(np.linalg.norm(pose[:3, 3]))
-            far = f": it is {away:.4g} away. Millimetres? Say --units mm, or x [mm] in the head"
-            words = far if away > _FAR_LENGTHS * solver.length else ""
-            return UndefinedError(
-                f"{here} is out of reach{words}", code="path-unreachable", values=values
-            )
-        name, amount = excess
-        size = shown_factors(elastic).get(name, 1.0)
-        units = dict(zip(elastic.names, elastic.names_with_units, strict=True))
-        label = units.get(name, f"{name} [{elastic.units.length}]")
-        return UndefinedError(
-            f"{here} is reached only beyond the limits: {label} by {amount / size:.3g}",
-            code="path-beyond-limits",
-            values={**values, "limit_of": name, "beyond": amount},
-        )
-    best = float(ratios.max())
-    if best < singular:
-        return UndefinedError(
-            f"{here} is reached only near singularities: smallest over largest singular value "
-            f"{best:.3g}, and {singular:g} is required",
-            code="path-near-singular",
-            values={**values, "ratio": best, "threshold": singular},
-        )
-    return UndefinedError(
-        f"{here}: the criterion exists in no posture that reaches it",
-        code="path-without-stiffness",
-        values={**values, "ratio": best},
-    )
-
-
 def broken(
-    costs: list[Array], steps: Steps, bounds: Array, wound: Sequence[str] = ()
+    costs: list[Array], steps: Steps, reached: list[Array], wound: Sequence[str]
 ) -> UndefinedError:
     """Return the error for a path without a continuous sequence through its candidates.
 
-    `wound` are joints that would have to turn on beyond their limits.
+    `reached` are the candidates that the first points lead to, see `best_way`; `wound` are joints
+    that would have to turn on beyond their limits.
     """
-    _, reached = best_way(costs, steps, "mean")
     # No candidate of the last reached layer leads to the next one.
     i = len(reached) - 2
-    a, b = reached[i], np.flatnonzero(np.isfinite(costs[i + 1]))
-    share = np.where(steps.crosses(i, a, b), np.inf, steps.shares(i, a, b)[1])
+    _, share = steps.shares(i, reached[i], np.flatnonzero(np.isfinite(costs[i + 1])))
     factor = float(share.min())
     if wound:
         reason = f"{', '.join(wound)} would have to turn on beyond the limits"
@@ -1100,7 +1038,7 @@ def broken(
         values={
             "point": i + 2,
             "factor": factor if np.isfinite(factor) else None,
-            "largest_step": bounds.tolist(),
+            "largest_step": steps.bounds.tolist(),
             "wound": list(wound),
         },
     )
@@ -1241,9 +1179,7 @@ def optimise_path(
         connection,
         loaded,
         load,
-        solver.length,
-        solver.rank("none"),
-        solver.movable,
+        solver,
         damping if isinstance(damping, Damping) else Damping(damping),
         milling,
     )
@@ -1255,10 +1191,8 @@ def optimise_path(
             progress(next(done), total)
 
     search = _Search(
-        solver,
-        path,
-        grid,
         cost,
+        grid,
         objective,
         _bounds(elastic, solver, max_step),
         singular,
@@ -1270,7 +1204,7 @@ def optimise_path(
     q, constant = search.among(candidates)
     if levels:
         q = search.refined(q)
-    judged, poses = search.judged(q, np.arange(len(path)))
+    judged, poses = cost(q, np.arange(len(path))), solver.kinematics.at(q).pose
     return OptimisedPath(
         elastic,
         path,
@@ -1289,7 +1223,7 @@ def optimise_path(
         sum(len(layer.q) for layer in candidates),
         elastic.notes,
         NOT_CHECKED if collisions is None else collisions.to_dict(),
-        singular > 0.0 if cost.rank == solver.movable.sum() else None,
+        singular > 0.0 if solver.rank("none") == solver.movable.sum() else None,
         None if near is None else NEARBY,
     )
 
@@ -1322,10 +1256,8 @@ def _angles(path: ToolPath, poses: Array, free: Free) -> Array | None:
 class _Search:
     """The search for one path: costs of candidates, and the best sequence of them."""
 
-    solver: PathSolver
-    path: ToolPath
-    grid: Choices
     cost: PathCost
+    grid: Choices
     objective: Objective
     bounds: Array
     singular: float
@@ -1334,54 +1266,84 @@ class _Search:
     advance: Callable[[], None]
     price: float = 0.0
 
-    def judged(self, q: Array, points: Array) -> tuple[Judged, Array]:
-        """Return the costs of postures (N, n) at points (N,), and their poses."""
-        poses = self.solver.kinematics.at(q).pose
-        return self.cost(q, points, poses), poses
+    @property
+    def solver(self) -> PathSolver:
+        """The solver of postures."""
+        return self.cost.solver
 
     def _layers(self, q: list[Array]) -> list[Judged]:
         """Return the costs of each layer, infinite near singularities."""
         counts = [len(rows) for rows in q]
-        whole, _ = self.judged(np.vstack(q), np.repeat(np.arange(len(q)), counts))
+        whole = self.cost(np.vstack(q), np.repeat(np.arange(len(q)), counts))
         whole = whole._replace(cost=np.where(whole.ratio < self.singular, np.inf, whole.cost))
         ends = np.cumsum(counts)[:-1]
         return [Judged(*parts) for parts in zip(*(np.split(a, ends) for a in whole), strict=True)]
 
-    def _free_of_collisions(self, layers: list[Judged]) -> list[Judged]:
-        """Return the layers with infinite costs of colliding postures."""
-        free = []
-        for point, layer in enumerate(layers):
-            self.advance()
-            if self.collisions is not None:
-                usable, cost = np.flatnonzero(np.isfinite(layer.cost)), layer.cost.copy()
-                cost[usable[self.collisions(layer.q[usable])]] = np.inf
-                if usable.size and not np.isfinite(cost).any():
-                    raise colliding(point, len(usable))
-                layer = layer._replace(cost=cost)
-            free.append(layer)
-        return free
+    def _exclude_collisions(self, layer: Judged) -> None:
+        """Make the costs of colliding postures infinite."""
+        usable = np.flatnonzero(np.isfinite(layer.cost))
+        if self.collisions is not None:
+            layer.cost[usable[self.collisions(layer.q[usable])]] = np.inf
 
     def among(self, candidates: list[Layer]) -> tuple[Array, ConstantChoice | None]:
         """Return the best postures (m, n) among candidates, and the best constant choice."""
         layers = self._layers([c.q for c in candidates])
         for point, layer in enumerate(layers):
             if not np.isfinite(layer.cost).any():
-                pose = self.path.poses[point]
-                raise impossible(
-                    self.cost.elastic,
-                    self.solver,
-                    point,
-                    pose,
-                    self.grid,
-                    layer.ratio,
-                    self.singular,
+                raise self._impossible(point, layer.ratio)
+        for point, layer in enumerate(layers):
+            self.advance()
+            count = int(np.isfinite(layer.cost).sum())
+            self._exclude_collisions(layer)
+            if not np.isfinite(layer.cost).any():
+                raise UndefinedError(
+                    f"point {point + 1} of the path is reached only in postures in which links "
+                    f"collide ({count} were compared)",
+                    code="path-colliding",
+                    values={"point": point + 1, "candidates": count},
                 )
-        layers = self._free_of_collisions(layers)
         self.price = self.smoothness * float(np.mean([layer.cost.min() for layer in layers]))
         way = self._way(layers)
         if isinstance(way, UndefinedError):
             raise way
         return way[0], self._constant(layers, [c.cell for c in candidates])
+
+    def _impossible(self, point: int, ratios: Array) -> UndefinedError:
+        """Return the error for a point (counted from 0) without any usable candidate."""
+        values: dict[str, Any] = {"point": point + 1, "candidates": len(ratios)}
+        here, elastic = f"point {point + 1} of the path", self.cost.elastic
+        if not len(ratios):
+            pose = self.cost.path.poses[point]
+            excess = self.solver.beyond_limits(self.grid.targets(pose), self.grid.task)
+            if excess is None:
+                away = float(np.linalg.norm(pose[:3, 3]))
+                far = f": it is {away:.4g} away. Millimetres? Say --units mm, or x [mm] in the head"
+                words = far if away > _FAR_LENGTHS * self.solver.length else ""
+                return UndefinedError(
+                    f"{here} is out of reach{words}", code="path-unreachable", values=values
+                )
+            name, amount = excess
+            size = shown_factors(elastic).get(name, 1.0)
+            units = dict(zip(elastic.names, elastic.names_with_units, strict=True))
+            label = units.get(name, f"{name} [{elastic.units.length}]")
+            return UndefinedError(
+                f"{here} is reached only beyond the limits: {label} by {amount / size:.3g}",
+                code="path-beyond-limits",
+                values={**values, "limit_of": name, "beyond": amount},
+            )
+        best = float(ratios.max())
+        if best < self.singular:
+            return UndefinedError(
+                f"{here} is reached only near singularities: smallest over largest singular value "
+                f"{best:.3g}, and {self.singular:g} is required",
+                code="path-near-singular",
+                values={**values, "ratio": best, "threshold": self.singular},
+            )
+        return UndefinedError(
+            f"{here}: the criterion exists in no posture that reaches it",
+            code="path-without-stiffness",
+            values={**values, "ratio": best},
+        )
 
     def _constant(self, layers: list[Judged], cells: list[Array]) -> ConstantChoice | None:
         if not self.grid.is_grid:
@@ -1416,11 +1378,11 @@ class _Search:
         periodic = self.solver.periodic.copy()
         while True:
             costs, steps = [layer.cost for layer in layers], self.steps(layers, periodic)
-            way, _ = best_way(costs, steps, self.objective)
+            way, reached = best_way(costs, steps, self.objective)
             if way is None:
                 wound = self.solver.periodic & ~periodic
                 names = [self.cost.elastic.names[j] for j in wound.nonzero()[0]]
-                return broken(costs, steps, self.bounds, names)
+                return broken(costs, steps, reached, names)
             taken = [layer.taken(k) for layer, k in zip(layers, way, strict=True)]
             followed, wound = self._turned_on(np.array([one.q for one in taken]), periodic)
             if not wound.any():
@@ -1472,13 +1434,12 @@ class _Search:
             motions = self.solver.self_motions(q, self.grid.free, d)
             begin = q[points] + step * (motions @ shifts.T).swapaxes(1, 2).reshape(-1, q.shape[1])
             begin = np.clip(begin, self.solver.lower, self.solver.upper)
-            solved, good = self.solver.solve(self.path.poses[points], begin, self.grid.free)
+            solved, good = self.solver.solve(self.cost.path.poses[points], begin, self.grid.free)
             around = [np.vstack([q[i], solved[good & (points == i)]]) for i in range(m)]
             layers = self._layers(around)
+            for layer in layers:
+                self._exclude_collisions(layer)
             costs = [layer.cost for layer in layers]
-            if self.collisions is not None:
-                for rows, cost in zip(around, costs, strict=True):
-                    cost[self.collisions(rows)] = np.inf
             way, _ = best_way(costs, self.steps(layers, never), self.objective)
             if way is not None:  # the present postures are among the candidates
                 q = np.array([rows[k] for rows, k in zip(around, way, strict=True)])
