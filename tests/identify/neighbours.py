@@ -29,6 +29,15 @@ class Neighbours(NamedTuple):
     per: float
 
 
+def _roots(covariance: np.ndarray) -> np.ndarray:
+    """Columns h (P, k) with ``Sigma = sum h h^T``, found relative to each standard deviation."""
+    s = np.sqrt(covariance.diagonal())
+    per = np.where(s > 0.0, 1.0 / np.where(s > 0.0, s, 1.0), 0.0)
+    variances, axes = np.linalg.eigh(covariance * np.multiply.outer(per, per))
+    there = variances > 0.0
+    return s[:, None] * axes[:, there] * np.sqrt(variances[there])
+
+
 def neighbours(elastic: ElasticMechanism) -> list[Neighbours]:
     r"""Mechanisms around one with measured springs: they carry the covariance to any number.
 
@@ -49,7 +58,7 @@ def neighbours(elastic: ElasticMechanism) -> list[Neighbours]:
     of_laws = np.array([bool(p.law) for p in known.patterns], bool)
     sizes = np.maximum(np.abs(known.values), np.sqrt(known.covariance.diagonal()))
     pairs = []
-    for change in known.roots.T:
+    for change in _roots(known.covariance).T:
         share = np.tensordot(change, patterns, axes=1) / np.multiply.outer(own, own)
         bent = np.abs(change[of_laws]) / sizes[of_laws]
         largest = max(float(np.abs(share).max(initial=0.0)), float(bent.max(initial=0.0)))

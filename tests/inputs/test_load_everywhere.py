@@ -97,7 +97,7 @@ def test_a_workspace_under_a_load_is_that_of_linprog(kind):
 
     checked = 0
     for rays, turning in ((found.positions, False), (found.turns, True)):
-        for r, x, *_, name in rays.edges:
+        for r, x, name in zip(rays.ray, rays.distance, rays.limit, strict=True):
             if name != "tensions" or (turning and x > 3.14):  # a half turn is no boundary
                 continue
             sides = []

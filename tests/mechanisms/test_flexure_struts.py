@@ -150,7 +150,7 @@ def test_a_buckled_strut_is_a_state_wherever_postures_are_read(tmp_path):
     many = cartstiff.analyse_many(held, held.q + np.array([[0.0] * 6, [0, 0, -5e-3, 0, 0, 0]]))
     assert many.counts() == {"regular": 1, "strut-buckled": 1}
     reached = cartstiff.workspace(held, directions=8, scan=4, fits=False)
-    limits = [edge[3] for edge in reached.positions.edges]
+    limits = reached.positions.limit.tolist()
     assert "flexures" in limits
     last = reached.boundary[limits.index("flexures")] - reached.centre
     # Between, the iteration for the strut's shape ends or does not, from place to place.

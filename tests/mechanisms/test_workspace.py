@@ -70,8 +70,23 @@ def test_volume_is_that_of_a_fine_grid(machine, found):
     assert found.columns.poses + found.positions.poses < 0.1 * n**3
 
 
+def test_a_ray_that_reaches_no_limit_ends_at_the_radius():
+    """A ball well within all limits: its volume is known, and no limit cuts its surface."""
+    found = cartstiff.workspace(cartstiff.load("hexapod"), radius=0.1, directions=300, fits=False)
+    ball = 4 / 3 * np.pi * 0.1**3
+    assert found.positions.shares() == {"radius": pytest.approx(1.0)}
+    assert found.volume == pytest.approx(ball, rel=5e-3)
+    assert abs(found.volume - ball) < 1.01 * found.volume_error < 0.01 * ball
+
+
+def edges_of(rays):
+    """Ray, distance, side and limit of each boundary."""
+    columns = (rays.ray, rays.distance, rays.enters, rays.limit)
+    return list(zip(*(column.tolist() for column in columns), strict=True))
+
+
 def test_boundary_poses_agree_with_analyse(machine, found):
-    edges = found.positions.edges
+    edges = edges_of(found.positions)
     centre = found.pose[:3, 3]
     seen = set()
     for k in range(0, len(edges), max(1, len(edges) // 25)):
@@ -101,7 +116,7 @@ def test_few_rays_reach_as_far_as_many_and_name_forces_as_analyse_does():
     load = [0.0, 0.0, 0.0, 0.0, 0.0, -1000.0]
     reached = cartstiff.workspace(machine, wrench=load, directions=100, fits=False)
     cuts = set()
-    for ray, distance, _, limit in reached.positions.edges:
+    for ray, distance, _, limit in edges_of(reached.positions):
         for step, beyond in ((-1e-6, False), (1e-6, True)):
             place = reached.centre + (distance + step) * reached.positions.directions[ray]
             notes = cartstiff.analyse(machine, [*place, 0, 0, 0], wrench=load).notes
@@ -117,7 +132,7 @@ def test_singular_boundaries_agree_with_analyse(tmp_path):
     machine = cartstiff.load(write_file(tmp_path, **(PLATFORM | {"legs": legs})))
     found = cartstiff.workspace(machine, directions=50, scan=24, fits=False)
     home = np.linalg.det(machine.mechanism.at(machine.q).actuation)
-    edges = [edge for edge in found.positions.edges if edge[3] == "singularity"]
+    edges = [edge for edge in edges_of(found.positions) if edge[3] == "singularity"]
     assert len(edges) >= 8
     for ray, distance, enters, _ in edges[::2]:
         for step, inside in ((0.0, True), (-1e-5 if enters else 1e-5, False)):
@@ -164,8 +179,9 @@ def test_boundaries_of_bodies_on_legs_agree_with_analyse(machines, name, axes):
     columns = [["x", "y", "z", "roll", "pitch", "yaw"].index(a) for a in found.axes]
     home = np.append(found.pose[:3, 3], np.zeros(3))
     seen = set()
-    for k in range(0, len(found.positions.edges), max(1, len(found.positions.edges) // 8)):
-        ray, distance, enters, limit = found.positions.edges[k]
+    edges = edges_of(found.positions)
+    for k in range(0, len(edges), max(1, len(edges) // 8)):
+        ray, distance, enters, limit = edges[k]
         for step, inside in ((0.0, True), (-1e-4 if enters else 1e-4, False)):
             pose = home.copy()
             offset = (distance + step) * found.positions.directions[ray]

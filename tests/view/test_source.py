@@ -176,7 +176,7 @@ def test_a_boundary_of_a_workspace(tmp_path):
     cloud = read_cloud(path, hexapod)
     assert cloud.positions == pytest.approx(reached.boundary, abs=1e-12)
     words = cloud.values["limit that cuts"].tolist()
-    cuts = [edge[3] for edge in reached.positions.edges]
+    cuts = reached.positions.limit.tolist()
     assert all(word.startswith(cut) for word, cut in zip(words, cuts, strict=True))
     low, high = hexapod.mechanism.bounds["leg1"]
     assert {f"leg1, least {low:.4g} m", f"leg1, most {high:.4g} m"} <= set(words)

@@ -105,19 +105,6 @@ class Identified:
         tail = 0.5 + 0.5 * self.level
         return float(ndtri(tail) if self.degrees is None else stdtrit(self.degrees, tail))
 
-    @cached_property
-    def roots(self) -> Array:
-        """Columns h (P, k) with ``Sigma = sum h h^T``.
-
-        They are computed relative to each standard deviation: compliances and coefficients of
-        polynomials differ by many powers of ten.
-        """
-        s = np.sqrt(self.covariance.diagonal())
-        per = np.where(s > 0.0, 1.0 / np.where(s > 0.0, s, 1.0), 0.0)
-        variances, axes = np.linalg.eigh(self.covariance * np.multiply.outer(per, per))
-        there = variances > 0.0
-        return fixed(s[:, None] * axes[:, there] * np.sqrt(variances[there]))
-
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the compliances."""

@@ -585,7 +585,7 @@ class Rays:
         Distance (or angle) to the first boundary; 0 if the centre is outside.
     ray, distance, enters, limit : ndarray (k,)
         Every boundary, in order along each ray: number of its ray, distance, whether the ray enters
-        there, and name of the limit that is reached.
+        there, and name of the limit that is reached, or "radius" or "half turn" at a ray's end.
     reach : float
         Length of the rays.
     poses : int
@@ -646,6 +646,7 @@ def rays_to_boundaries(
     count: int,
     scan: int,
     progress: Progress | None = None,
+    end: str = "radius",
 ) -> Rays:
     """Find boundaries along rays; `pose_at` maps offsets (N, 3) from the centre to poses."""
     directions, weights = sphere_rule(count)
@@ -656,8 +657,10 @@ def rays_to_boundaries(
     signs[:, -1] = -1.0
     ray, _, near, far, enters, tried = lines.changes(signs, _HALVINGS)
     outside = np.where(enters, near, far)
-    cuts = margins.at(pose_at(outside[:, None] * directions[ray])).argmin(axis=1)
-    names = np.array(margins.names)[cuts]
+    left = margins.at(pose_at(outside[:, None] * directions[ray]))
+    names = np.array([*margins.names, end])
+    # No limit is reached where all margins are left.
+    names = names[np.where((left >= 0.0).all(axis=1), -1, left.argmin(axis=1))]
     edge = np.where(enters, far, near)  # the bracketing pose within the limits
     first = np.zeros(d)
     rays, where = np.unique(ray, return_index=True)
@@ -1294,12 +1297,11 @@ def workspace(
         reach = min(2.0 * reach, most)
         positions = rays_to_boundaries(margins, moved, reach, count, scan, progress)
     boundary = positions.offsets + here.centre
-    columns = columns_inside(
-        margins, moved, here.centre, boundary, max(8, round(np.sqrt(count))), scan, most
-    )
+    side = 2 * max(4, round(0.5 * np.sqrt(count)))  # even, so that halves of the grid are alike
+    columns = columns_inside(margins, moved, here.centre, boundary, side, scan, most)
     turns = None
     if len(margins.free) == 6:
-        turns = rays_to_boundaries(margins, turned, np.pi, count, scan)
+        turns = rays_to_boundaries(margins, turned, np.pi, count, scan, end="half turn")
     if at_centre.min() < 0.0:
         worst = margins.names[int(at_centre.argmin())]
         message = f"the pose that the rays start from is itself beyond a limit: {worst}"

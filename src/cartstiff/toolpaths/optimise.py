@@ -37,7 +37,7 @@ from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError, check_name, checked_kind
 from cartstiff.figures import new_figure
 from cartstiff.geometry import se3
-from cartstiff.kinematics.joint_poses import SAME, Free, JointPoses, PlatformPoses, distinct
+from cartstiff.kinematics.joint_poses import SAME, Free, JointPoses, PlatformPoses
 from cartstiff.loading.collisions import NOT_CHECKED, Collisions
 from cartstiff.maps.quantities import choose_quantities, evaluate
 from cartstiff.mechanisms.chain import Chain
@@ -418,12 +418,14 @@ def layers(
         before = layers[-1] if layers else Layer(solver.start[None][:0], _NO_CELLS)
         inside = before.cell >= 0
         begin = Layer(before.q[inside], before.cell[inside])
-        layer = cells.solved(_joined(begin, cells.random(more, rng)))
+        layer = cells.solved(
+            _joined(begin, cells.random(more, rng)), Layer(before.q[:0], _NO_CELLS)
+        )
         # At the first point all solutions are tried in the neighbouring cells, later only those of
         # cells with more solutions than their neighbour.
         frontier = cells.spread(layer, cells.richer_than_neighbours(layer) if layers else None)
         while len(frontier.q):
-            new = cells.apart(layer, cells.solved(frontier), SAME, np.inf)
+            new = cells.solved(frontier, layer)
             layer = _joined(layer, new)
             frontier = cells.spread(new)
         layers.append(cells.traced(layer, Layer(before.q[~inside], before.cell[~inside])))
@@ -467,8 +469,8 @@ class _Cells:
         sides = [np.clip(after + side, 0, b - 1) for side in (-1, 0)]
         return Layer(np.vstack([q, q]), np.concatenate([cells // b * b + side for side in sides]))
 
-    def solved(self, begin: Layer) -> Layer:
-        """Solve from the starts; return the distinct solutions of each cell."""
+    def solved(self, begin: Layer, known: Layer) -> Layer:
+        """Solve from the starts; return the solutions that differ from known ones of their cell."""
         solver, grid = self.solver, self.grid
         q, cells, held = np.clip(begin.q, solver.lower, solver.upper), begin.cell, None
         if grid.joint is not None:
@@ -476,10 +478,7 @@ class _Cells:
             q[:, grid.joint] = grid.positions[cells % len(grid.positions)]
         q, good = solver.solve(self.targets[cells], q, grid.task, self.tolerance, held)
         q, cells = solver.within(q[good]), cells[good]
-        rows = [np.flatnonzero(cells == cell) for cell in np.unique(cells)]
-        keep = [own[distinct(q[own], solver.periodic, solver.sizes)] for own in rows]
-        kept = np.concatenate(keep) if keep else _NO_CELLS
-        return Layer(q[kept], cells[kept])
+        return self.apart(known, Layer(q, cells), SAME, np.inf)
 
     def traced(self, layer: Layer, more: Layer) -> Layer:
         """Add candidates between the cells, one spacing from each other along each self-motion.
@@ -517,25 +516,21 @@ class _Cells:
 
     def apart(self, known: Layer, more: Layer, radius: float, norm: float) -> Layer:
         """Return the new candidates farther than `radius` from known and from earlier new ones."""
-        both = _joined(known, more)
-        keep: list[int] = []
-        first = len(known.q)
+        both, first = _joined(known, more), len(known.q)
         turns = np.where(self.solver.periodic, 2 * np.pi / self.solver.sizes, 0.0)
         places = both.q / self.solver.sizes
         places = np.where(turns > 0, places % np.where(turns > 0, turns, 1.0), places)
         places = np.where((turns > 0) & (places >= turns), 0.0, places)  # rounding of the modulo
-        for cell in np.unique(more.cell):
-            rows = np.flatnonzero(both.cell == cell)
-            tree = cKDTree(places[rows], boxsize=turns)
-            near = tree.query_pairs(radius, norm, output_type="ndarray")
-            taken = rows < first
-            before: dict[int, list[int]] = {}
-            for i, j in near.tolist():
-                before.setdefault(j, []).append(i)
-            for j in np.flatnonzero(~taken).tolist():
-                taken[j] = not any(taken[i] for i in before.get(j, ()))
-            keep += rows[taken & (rows >= first)].tolist()
-        rows = np.array(keep, int)
+        # Postures of different cells are far from each other.
+        places = np.column_stack([places, 2.0 * (1.0 + radius) * both.cell])
+        tree = cKDTree(places, boxsize=np.append(turns, 0.0))
+        before: dict[int, list[int]] = {}
+        for i, j in tree.query_pairs(radius, norm, output_type="ndarray").tolist():
+            before.setdefault(j, []).append(i)
+        taken = np.ones(len(both.q), bool)
+        for j in range(first, len(taken)):
+            taken[j] = not any(taken[i] for i in before.get(j, ()))
+        rows = first + np.flatnonzero(taken[first:])
         return Layer(both.q[rows], both.cell[rows])
 
     def richer_than_neighbours(self, layer: Layer) -> list[Array]:
@@ -1131,7 +1126,7 @@ def optimise_path(
     ranges : mapping of str to (low, high), optional
         Ranges of joints besides their limits.
     near : mapping or array_like (n,), optional
-        A posture near which the path stays: all revolute joints within `NEGLIGIBLE_DISTANCE` of it.
+        A posture near which the path stays: all revolute joints within `NEARBY` of it.
     collisions : Collisions, optional
         Test that excludes postures in which links collide; without it collisions are not checked.
     progress : callable, optional
