@@ -64,14 +64,7 @@ class FileSource {
   answer(message) {
     const { id, state, do: what } = message;
     if (what === "draw") return this.draw(id, state, message);
-    const found = {
-      numbers: () => ({ numbers: this.numbersOf(state) }),
-      result: () => ({ result: this.result(state) }),
-      bounds: () => ({ bounds: this.bounds(state) }),
-      sweep: () => ({ seconds: 0, ...this.sweep(message.coordinate, state) }),
-      series: () => ({ seconds: 0, ...this.series(state) }),
-      analysis: () => this.data.analysis,
-    }[what]?.();
+    const found = this.answers(message)[what]?.();
     if (!found) throw new Error(this.cannot);
     return [{ id, do: what, ...found }, []];
   }
@@ -92,16 +85,17 @@ export class ComputingSource extends FileSource {
     return [NOT_PLAIN, NOT_CLOSED].includes(message) ? `${message}; what is shown is the last posture that the page answers` : message;
   }
 
-  numbersOf(state) {
-    return this.program.numbers(state);
-  }
-
-  result(state) {
-    return this.program.result(state);
-  }
-
-  bounds(state) {
-    return this.drawing.bounds(this.program.place(state.q));
+  /** Answers to all questions but "draw", by their names. */
+  answers({ state, coordinate }) {
+    const { program, drawing, data } = this;
+    return {
+      numbers: () => ({ numbers: program.numbers(state) }),
+      result: () => ({ result: program.result(state) }),
+      bounds: () => ({ bounds: drawing.bounds(program.place(state.q)) }),
+      sweep: () => this.sweep(coordinate, state),
+      series: () => ({ seconds: 0, at: data.hello.trajectory.time, rows: data.trajectory.map((q) => this.row(q, state)) }),
+      analysis: () => data.analysis,
+    };
   }
 
   draw(id, asked, { towards, lengths }) {
@@ -140,11 +134,7 @@ export class ComputingSource extends FileSource {
   sweep(coordinate, state) {
     const { swept: [lower, upper] } = this.data.hello.mechanism.coordinates[coordinate];
     const at = Array.from({ length: STEPS }, (_, k) => lower + ((upper - lower) * k) / (STEPS - 1));
-    return { coordinate, at, rows: this.rows(coordinate, at, state) };
-  }
-
-  series(state) {
-    return { at: this.data.hello.trajectory.time, rows: this.data.trajectory.map((q) => this.row(q, state)) };
+    return { seconds: 0, coordinate, at, rows: this.rows(coordinate, at, state) };
   }
 }
 
@@ -163,19 +153,12 @@ export class PostureSource extends FileSource {
     const { state: own } = this.data.hello;
     const differs = Object.keys(own).some((key) => !["theme", "mode", "moved"].includes(key) && JSON.stringify(state[key]) !== JSON.stringify(own[key]));
     if (differs) throw new Error(this.cannot);
-    return [{ id, do: "draw", numbers: this.numbersOf(), legend: this.data.legend, followed: null }, this.themed(state.theme)];
+    return [{ id, do: "draw", numbers: this.data.posture.numbers, legend: this.data.legend, followed: null }, this.themed(state.theme)];
   }
 
-  numbersOf() {
-    return this.data.posture.numbers;
-  }
-
-  result() {
-    return this.data.posture.result;
-  }
-
-  bounds() {
-    return this.data.hello.bounds;
+  answers() {
+    const { posture: { numbers, result }, hello: { bounds }, analysis } = this.data;
+    return { numbers: () => ({ numbers }), result: () => ({ result }), bounds: () => ({ bounds }), analysis: () => analysis };
   }
 }
 
