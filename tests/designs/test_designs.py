@@ -386,7 +386,9 @@ def test_the_command(tmp_path):
     shown = CliRunner().invoke(command, arguments, catch_exceptions=False).output
     assert "5 designs by grid, 1 pose(s) each" in shown
     assert "4 feasible, 1 infeasible, 0 failed" in shown
-    assert "Pareto front" in (tmp_path / "d.svg").read_text()
+    picture = (tmp_path / "d.svg").read_text()
+    assert "Pareto front" in picture
+    assert "5 designs of inclined-hexapod" in picture
     run = CliRunner().invoke(command, [*arguments, "--json"], catch_exceptions=False)
     answer = json.loads(run.output)
     jsonschema.validate(answer, json_schema("design"))

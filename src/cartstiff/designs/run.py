@@ -260,26 +260,20 @@ class StudyEvaluator:
         angles = shown_factors(elastic)
         if of_body:
             angles = dict.fromkeys(COORDINATES[3:], ANGLES[elastic.units.shown_angle])
-
-        def ends(name: str, low: float, high: float) -> tuple[float, float]:
+        ranges = {}
+        for name, (low, high, *_) in given.items():
+            check_name("coordinate", name, names)
             size, start = angles.get(name, 1.0), shift.get(name, 0.0)
-            return low * size + start, high * size + start
-
+            ranges[name] = low * size + start, high * size + start
         sampling: Sampling
         if poses.grid is not None:
-            axes = {
-                name: Axis(*ends(name, low, high), int(count))
-                for name, (low, high, count) in poses.grid.items()
-            }
+            counts = {name: int(count) for name, (*_, count) in poses.grid.items()}
+            axes = {name: Axis(*ends, counts[name]) for name, ends in ranges.items()}
             sampling = Grid(axes, names, home)
         elif poses.random is not None:
-            ranges = {name: (x, x) for name, x in zip(names, home.tolist(), strict=True)}
-            for name, (low, high) in poses.random.ranges.items():
-                if name not in ranges:
-                    raise UnknownNameError("coordinate", name, names)
-                ranges[name] = ends(name, low, high)
-            drawn = poses.random
-            sampling = RandomPostures(drawn.count, drawn.seed, *np.transpose([*ranges.values()]))
+            fixed = {name: (x, x) for name, x in zip(names, home.tolist(), strict=True)}
+            lower, upper = np.transpose([*(fixed | ranges).values()])
+            sampling = RandomPostures(poses.random.count, poses.random.seed, lower, upper)
         else:
             return Trajectory(home[None])
         return AtPoses(sampling) if of_body else sampling
@@ -581,7 +575,7 @@ class Designs(LabelledResult):
         Returns
         -------
         matplotlib.figure.Figure
-            Feasible self dark, infeasible ones pale, the front joined by a line.
+            Feasible designs dark, infeasible ones pale, the front joined by a line.
 
         Raises
         ------
@@ -627,7 +621,7 @@ class Designs(LabelledResult):
                     own.set_major_formatter("{x:g}")  # texts are not read as formulas
                     own.set_minor_formatter("")
         figure.axes[0].legend(fontsize="small")
-        figure.suptitle(f"{len(self)} self of {self.home.name}", fontsize="medium")
+        figure.suptitle(f"{len(self)} designs of {self.home.name}", fontsize="medium")
         return figure
 
     def _label(self, name: str) -> str:

@@ -1429,8 +1429,8 @@ def _check(
         raise InputError(
             "level cannot be used", where="--level", expected="between 0 and 1", got=level
         )
-    is_number = isinstance(reject, float | int)
-    if reject not in (None, "suspects") and not (is_number and reject >= 1.0):
+    is_limit = isinstance(reject, float | int) and reject >= 1.0
+    if reject not in (None, "suspects") and not is_limit:
         raise InputError(
             "unknown rule",
             where="--reject",
