@@ -209,15 +209,15 @@ def share_within(
         For a quantity that the map does not hold.
     """
     quantity_of(dataset, name)
-    values = np.asarray(best_branch(dataset, name)[name].values, float)
-    known = values[np.isfinite(values)]
-    within = int((known <= limit if below else known >= limit).sum())
-    return {
-        "limit": limit,
-        "reached": int(known.size),
-        "within": within,
-        "share": within / known.size if known.size else 0.0,
-    }
+
+    def counted(values: Array) -> tuple[int, int]:
+        known = np.asarray(values[np.isfinite(values)], float)
+        return known.size, np.count_nonzero(known <= limit if below else known >= limit)
+
+    parts = each_block(best_branch(dataset, name), {name: counted})[name]
+    reached, within = np.sum(parts, axis=0).tolist()
+    share = within / reached if reached else 0.0
+    return {"limit": limit, "reached": reached, "within": within, "share": share}
 
 
 def best_branch(dataset: xarray.Dataset, quantity: str) -> xarray.Dataset:

@@ -186,13 +186,10 @@ class Grid(Sampling):
         elastic: ElasticMechanism | None = None,  # noqa: ARG002
     ) -> Array:
         """Coordinates (m, n) of the cells of a box."""
-        parts = [v[s] for v, s in zip(self.values, box, strict=True)]
-        shape = tuple(len(p) for p in parts)
-        q = np.empty((*shape, len(self.base)))
-        q[...] = self.base
-        for i, (column, part) in enumerate(zip(self.columns, parts, strict=True)):
-            q[..., column] = part.reshape(-1, *[1] * (len(shape) - i - 1))
-        return q.reshape(-1, len(self.base))
+        q = np.tile(self.base, (prod(s.stop - s.start for s in box), 1))
+        for column, values, cells in zip(self.columns, self.values, grid_indices(box), strict=True):
+            q[:, column] = values[cells]
+        return q
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
