@@ -24,6 +24,8 @@ from cartstiff.batch.arguments import aligned_empty
 from cartstiff.batch.execution import CompiledKernel, PortableKernel, PrintedPosture
 from cartstiff.batch.plans import plan, program_for
 from cartstiff.batch.tape import Number, Tape, cosine, sine
+from cartstiff.batch.twists import ForceField, Kinematics
+from cartstiff.geometry.se3 import adjoint
 
 OPTIMISED = True
 OUTPUTS = ("jacobian", "wrench", "energy", "stiffness_A", "stiffness_F")
@@ -214,6 +216,50 @@ class TestAlgebra:
         L = L.astype(float)
         np.testing.assert_allclose(L / inverses.astype(float) @ L.T, M, atol=1e-13)
         np.testing.assert_allclose((pivots * inverses).astype(float), 1.0, rtol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["ur5", "five-bar", "delta"])
+def test_any_frame_of_the_twists(name):
+    """F, that of any joint, and M: poses, twists, wrenches and what joints carry are the same."""
+    elastic, rng = cartstiff.load(name), np.random.default_rng(9)
+    constants = plan(elastic, "none").case.constants
+    joints = len(constants.parents)
+    q = elastic.q + rng.uniform(-0.3, 0.3, joints)
+    points = tuple(map(tuple, rng.normal(size=(joints, 3)).tolist()))
+    field, W = ForceField(tuple(rng.uniform(0, 2, joints).tolist()), points), rng.normal(size=6)
+    expected = elastic.mechanism.at(q)
+    found = []
+    for start in range(joints + 2):
+        if start not in (0, joints + 1) and start - 1 not in constants.support(constants.carrier):
+            continue
+        tree = Kinematics(constants, q.astype(object), (field,), start)
+        T_F_C = np.eye(4)
+        T_F_C[:3, :3] = tree.R_C_F.T
+        T_F_C[:3, 3] = -tree.R_C_F.T @ tree.p_C_F
+        np.testing.assert_allclose(tree.pose().astype(float), expected.pose, atol=1e-13)
+        np.testing.assert_allclose(tree.J_M.astype(float), expected.motion.jacobian, atol=1e-13)
+        ((mass, first),) = tree.beyond
+        to_F, weights = adjoint(T_F_C), mass.astype(float)
+        carried = first.astype(float) @ T_F_C[:3, :3].T + np.outer(weights, T_F_C[:3, 3])
+        frames = tree.frames().astype(float)
+        own = np.einsum("jab,jb->ja", frames[:, :, :3], points) + frames[:, :, 3]
+        for a, behind in enumerate(tree.outward):
+            parts = np.array(field.weights)[behind]
+            assert weights[a] == pytest.approx(parts.sum())
+            np.testing.assert_allclose(carried[a], parts @ own[behind], atol=1e-12)
+        found.append(
+            np.concatenate(
+                [
+                    (to_F @ tree.J.astype(float)).ravel(),
+                    np.linalg.solve(to_F.T, tree.wrench(W).astype(float)),
+                    weights,
+                    carried.ravel(),
+                    frames.ravel(),
+                ]
+            )
+        )
+    assert len(found) > 2
+    np.testing.assert_allclose(found, np.tile(found[0], (len(found), 1)), atol=1e-12)
 
 
 def test_sine_and_cosine_to_the_last_digit():
