@@ -262,8 +262,8 @@ def parts_of_chain(result: PostureStiffness, springs: JointSprings) -> Parts:
         return name
 
     closures: list[dict[str, Any]] = []
-    for k, tie in enumerate(chain.closures):
-        ends = [fixed(f"tie {k + 1}{s}", f) for s, f in (("a", tie.frame_a), ("b", tie.frame_b))]
+    for i, tie in enumerate(chain.closures):
+        ends = [fixed(f"tie {i + 1}{s}", f) for s, f in (("a", tie.frame_a), ("b", tie.frame_b))]
         closures.append({"frames": ends, "type": tie.type})
     links.append(Link("M", names[chain.body.joint], scaled(chain.body.T_j_f)))
     named: dict[str, dict[str, object]] = {}
