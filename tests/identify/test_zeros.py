@@ -12,6 +12,7 @@ from tests.support.commands import run
 
 import cartstiff
 from cartstiff.errors import InputError
+from cartstiff.identify.fitting import rates_by_step
 from cartstiff.identify.identification import identify
 from cartstiff.identify.measurements import read_measurements
 from cartstiff.identify.plan import candidates, plan, simulated
@@ -490,3 +491,18 @@ def test_what_no_file_can_hold_is_refused(arm, tmp_path):
     path = write_table(tmp_path / "p.csv", table | {"fz": np.full(12, 500.0)})
     words = ("--unknown", "joints,tool", "-o", tmp_path / "p.yaml")
     run("identify", "stewart-gough", path, *words, code=2, said="no place in a file of kind")
+
+
+@pytest.mark.parametrize("word", ["tool", "base"])
+def test_turned_tools_and_bases_change_by_a_step_as_differences_say(word):
+    """Rotation vectors by Pinocchio: a tool's step turns after what was found, a base's before."""
+    turn, h = np.array([0.6, -0.4, 0.9]), 1e-6
+    found = dict(zip([f"{word}.r{axis}" for axis in "xyz"], turn, strict=True))
+    rates, R = rates_by_step(found, word), pin.exp3(turn)
+    for i, e in enumerate(h * np.eye(3)):
+        more, less = (pin.exp3(e), pin.exp3(-e))
+        ends = (more @ R, less @ R) if word == "tool" else (R @ more, R @ less)
+        rate = (pin.log3(ends[0]) - pin.log3(ends[1])) / (2.0 * h)
+        assert rates[3:, 3 + i] == pytest.approx(rate, abs=1e-8)
+    assert rates[:3, :3] == pytest.approx(R if word == "base" else np.eye(3), abs=1e-12)
+    assert not rates[:3, 3:].any()

@@ -401,7 +401,7 @@ def geometry_of(model: Model, fit: Fit) -> dict[str, tuple[float, float]]:
     for word in ("base", "tool"):
         at = [i for i, name in enumerate(names) if name.startswith(f"{word}.")]
         parts = [PARTS.index(names[i][5:]) for i in at]
-        G[np.ix_(at, at)] = _by_step(model.measured.found, word)[np.ix_(parts, parts)]
+        G[np.ix_(at, at)] = rates_by_step(model.measured.found, word)[np.ix_(parts, parts)]
     # An undetermined number, whose covariance is NaN, spoils only those that it enters.
     near = [np.flatnonzero(np.abs(g) >= _MAX_OFFSET_DEVIATION) for g in G]
     C, changes = fit.offset_covariance[first:, first:], (G @ fit.offsets[first:]).tolist()
@@ -413,7 +413,7 @@ def geometry_of(model: Model, fit: Fit) -> dict[str, tuple[float, float]]:
     return answer
 
 
-def _by_step(found: Mapping[str, float], word: str) -> Array:
+def rates_by_step(found: Mapping[str, float], word: str) -> Array:
     """Changes of the six numbers of a base or tool by a step (6, 6).
 
     A step of the base is along its turned axes, and turns before it; one of the tool is along the
