@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from tests.identify.campaigns import arm, load
@@ -37,6 +40,27 @@ def _measured(elastic, rows, sd, columns=("dx", "dy", "dz", "drx", "dry", "drz")
     spreads = dict.fromkeys(columns, sd)
     offered = candidates(elastic, spreads, count=rows, seed=3, **(load_ or {"force": 200.0}))
     return simulated(elastic, offered, spreads, seed=1, tell_deviations=True)
+
+
+def test_legs_by_name_are_written_with_a_stiffness_each(tmp_path):
+    """The file written is the machine that was measured."""
+    elastic = cartstiff.load("6-pus")
+    k = elastic.springs.stiffness
+    truth = k * np.linspace(0.6, 1.8, len(k))
+    true = replace(elastic, springs=elastic.springs.replaced(truth, elastic.springs.rest))
+    result = identify(elastic, _measured(true, 12, 1e-9))
+    again = _written(result, "6-pus", tmp_path)
+    assert again.springs.stiffness == pytest.approx(truth, rel=1e-2)
+    found = [estimate.stiffness for estimate in result.estimates]
+    assert again.springs.stiffness[k > 0.0] == pytest.approx(found)
+
+
+def test_a_payload_is_not_written_under_another_frame(tmp_path):
+    """Its centre is in the M of the file: the same numbers would put it elsewhere."""
+    path = arm("elbow", tmp_path, extra="payload: {mass: 2, com: [0, 0, 0.1]}\n")
+    result = SimpleNamespace(elastic=load(path))
+    with pytest.raises(InputError, match="-o: the payload of a file is at its own frame"):
+        mechanism_file(result, str(path), "elsewhere", tmp_path / "out.yaml", "test")
 
 
 def test_a_base_with_a_6x6_is_found_and_written(tmp_path):

@@ -114,9 +114,17 @@ def _data(result: Identification, mechanism: str, frame: str | None, to: Path) -
         )
         data.pop("identified", None)
         if frame is not None and data["kind"] in ("serial", "closed-chain"):
+            moves = frame != data.get("frame") or "offset" in data
+            if moves and data.get("payload", {}).get("mass"):
+                raise InputError(
+                    "the payload of a file is at its own frame, and another one is to be written",
+                    where="-o",
+                    expected="no --frame",
+                    got=frame,
+                )
             data["frame"] = frame
             data.pop("offset", None)
-        for holder in (data, *(data["legs"] if data["kind"] == "parallel" else ())):
+        for holder in (data, *_legs(data)):
             for entry in holder.get("flexible", {}).values():
                 files = entry.get("superelement", {})
                 for key in {"K", "M"} & files.keys():
@@ -158,6 +166,8 @@ def _put_springs(data: dict[str, Any], elastic: ElasticMechanism, folder: Path) 
         return
     if kind in ("stewart-gough", "springs"):
         data["legs"]["stiffness"] = springs.stiffness.tolist()
+    elif kind == "parallel" and any("chain" in leg for leg in _legs(data)):
+        _put_equal_legs(data["legs"], elastic)
     elif kind == "parallel":
         for i, leg in enumerate(data["legs"]):
             _put_joints(leg, elastic, f"leg{i + 1}/")
@@ -169,6 +179,43 @@ def _put_springs(data: dict[str, Any], elastic: ElasticMechanism, folder: Path) 
     for i, line in enumerate(data.get("lines", ())):
         at = names.index(f"line{i + 1}")
         line["stiffness"] = float(names.stiffness[at, at])
+
+
+def _legs(data: dict[str, Any]) -> list[dict[str, Any]]:
+    """Entries of legs on chains in a file's data; legs by name may be a single one."""
+    legs = data["legs"] if data["kind"] == "parallel" else []
+    return [legs] if isinstance(legs, dict) else legs
+
+
+def _put_equal_legs(legs: Any, elastic: ElasticMechanism) -> None:
+    """Write the stiffness of the driven joint of each leg into the one entry of legs by name.
+
+    Raises
+    ------
+    InputError
+        For springs that such an entry cannot hold: of other joints, unless all legs have the same,
+        of links, and of several entries.
+    """
+    elements, found = Elements(elastic), dict[str, list[float]]()
+    for name in elastic.names:
+        if name in elements.names:
+            at = elements.index(name)
+            joint = name.partition("/")[2]
+            found.setdefault(joint, []).append(float(elements.stiffness[at, at]))
+    entry = {"flexible": True} if isinstance(legs, list) else legs
+    driven = [joint for joint in found if joint not in entry.get("springs", {})]
+    uneven = [joint for joint, k in found.items() if joint not in driven and len({*k}) > 1]
+    if entry.get("flexible") or len(driven) > 1 or uneven:
+        raise InputError(
+            "the springs found have no place in an entry of legs by name",
+            where="-o",
+            expected="one entry without flexible links, in which legs differ in stiffness alone",
+        )
+    for joint, k in found.items():
+        if joint in driven:
+            entry["stiffness"] = k
+        else:
+            entry["springs"][joint]["stiffness"] = k[0]
 
 
 def _put_geometry(data: dict[str, Any], result: Identification) -> None:
