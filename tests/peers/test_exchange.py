@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import cartstiff
 from cartstiff.cli.main import main
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.mechanisms.contract import SI, convert_length
+from cartstiff.potentials.springs import PolynomialLaw
 from cartstiff.report.output import write_result
 
 ORDER = [3, 4, 5, 0, 1, 2]
@@ -299,6 +301,12 @@ def test_a_rigid_joint_is_rigid_in_the_files(tmp_path):
     with (tmp_path / "arm.csv").open() as file:
         cells = {row["joint"]: row["stiffness [N m/rad or N/m]"] for row in csv.DictReader(file)}
     assert (cells["elbow_joint"], cells["wrist_1_joint"]) == ("rigid", "5000.0")
+    laws = {4: PolynomialLaw((1e4, 0.0, 1e6))}
+    nonlinear = replace(arm, springs=replace(arm.springs, laws=laws))
+    write_result(cartstiff.analyse(nonlinear, wrench=LOAD), tmp_path / "laws.csv")
+    with (tmp_path / "laws.csv").open() as file:
+        cells = {row["joint"]: row["stiffness [N m/rad or N/m]"] for row in csv.DictReader(file)}
+    assert (cells["wrist_2_joint"], cells["wrist_1_joint"]) == ("", "5000.0")
     mujoco = pytest.importorskip("mujoco")
     write_result(result, tmp_path / "arm.xml")
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))

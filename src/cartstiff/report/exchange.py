@@ -376,8 +376,11 @@ def geometry_csv(result: PostureStiffness) -> bytes:
         raise InputError("a table of geometry is of platforms and of joints", got=chain.kind)
     places = chain.tree.at(posture.q).joint_poses(list(range(1, chain.tree.model.njoints)))
     screws = chain.tree.screws()
-    is_of_joints = isinstance(springs, JointSprings)
-    stiffness = elastic.stiffnesses if is_of_joints else [None] * len(posture.q)
+    stiffness: list[object] = [None] * len(posture.q)
+    if isinstance(springs, JointSprings):
+        stiffness = ["rigid" if k == np.inf else k for k in elastic.stiffnesses]
+        for j in springs.laws:  # a nonlinear spring has no single one
+            stiffness[j] = None
     names = ["joint", "type", *(f"{a} [{unit}]" for a in "xyz"), *(f"axis_{a}" for a in "xyz")]
     names += [
         f"position [rad or {unit}]",
@@ -389,8 +392,7 @@ def geometry_csv(result: PostureStiffness) -> bytes:
     for i, c in enumerate(chain.coordinates[: len(places)]):
         axis = places[i][:3, :3] @ (screws[i, 3:] if c.is_length else screws[i, :3])
         row = [*places[i][:3, 3], *axis, posture.q[i], c.lower, c.upper]
-        k = "rigid" if stiffness[i] == np.inf else stiffness[i]
-        table.append([c.name, c.type, *plain(np.array(row)), k])
+        table.append([c.name, c.type, *plain(np.array(row)), stiffness[i]])
     return csv_rows(names, table).encode()
 
 
