@@ -311,16 +311,14 @@ def kinetic(bodies: Bodies, kinematics: Kinematics) -> Array:
     J, joints = kinematics.J, kinematics.J.shape[1]
     centres = np.reshape(bodies.centres, (joints, 3))
     moments = np.reshape(bodies.moments, (joints, 3, 3))
-    mass, first, second = zeros(joints), zeros(joints, 3), zeros(joints, 3, 3)
+    first, second = zeros(joints, 3), zeros(joints, 3, 3)
     for j, own in enumerate(bodies.masses):
-        if not (own or moments[j].any()):
-            continue
-        R, p = kinematics.behind(j)
-        c = R @ centres[j] + p
-        I_j = congruence(R.T, moments[j]) + (np.eye(3) * (c @ c) - np.outer(c, c)) * own
-        for a, behind in enumerate(kinematics.outward):
-            if j in behind:
-                mass[a], first[a], second[a] = mass[a] + own, first[a] + c * own, second[a] + I_j
+        if own or moments[j].any():
+            R, p = kinematics.behind(j)
+            c = R @ centres[j] + p
+            first[j] = c * own
+            second[j] = congruence(R.T, moments[j]) + (np.eye(3) * (c @ c) - np.outer(c, c)) * own
+    mass, first, second = map(kinematics.carried, (np.array(bodies.masses), first, second))
     M = zeros(joints, joints)
     for b in range(joints):
         turn, shift = J[:3, b], J[3:, b]

@@ -316,16 +316,20 @@ class Kinematics:
 
     def _beyond(self, field: ForceField) -> tuple[Array, Array]:
         """Mass and first moment in C of all bodies that each joint carries."""
-        mass, first = np.array(field.weights, object), zeros(len(field.weights), 3)
+        first = zeros(len(field.weights), 3)
         for j, (weight, point) in enumerate(zip(field.weights, field.points, strict=True)):
             if weight:
                 walk = self._behind[j + 1]
                 first[j] = (walk.R @ (self.links.turns[j].T @ np.array(point)) + walk.p) * weight
-        for j in reversed(range(len(mass))):  # a joint comes after the one that carries it
+        return self.carried(np.array(field.weights)), self.carried(first)
+
+    def carried(self, own: Array) -> Array:
+        """Sums over the bodies that each joint carries, of numbers (joints, ...) of the bodies."""
+        sums = own.astype(object)
+        for j in reversed(range(len(sums))):  # a joint comes after the one that carries it
             if parent := self.links.parents[j]:
-                mass[parent - 1] = mass[parent - 1] + mass[j]
-                first[parent - 1] = first[parent - 1] + first[j]
-        return mass, first
+                sums[parent - 1] = sums[parent - 1] + sums[j]
+        return sums
 
     def behind(self, joint: int) -> tuple[Array, Array]:
         """R and p in C of a joint's frame after its motion, joints counted from 0."""
