@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff import Grid, numerics
+from cartstiff import Grid
 from cartstiff.batch.following import Assembler
 from cartstiff.errors import ConvergenceError
 from cartstiff.mechanisms.chain import Chain
@@ -183,19 +183,3 @@ def test_motors_that_stay_are_not(name):
     near[list(getattr(elastic.mechanism, "actuated", None) or [0])] += 0.01
     for q in (elastic.q, near):
         assert not any(n.code == "actuators-adjusted" for n in cartstiff.analyse(elastic, q).notes)
-
-
-def test_a_search_in_vain_ends_soon():
-    """Long steps that reduce nothing: no more of them than searches that succeed ever need."""
-    seen = []
-
-    def equations(x):
-        seen.append(x)
-        return np.array([1.0 + np.cos(3.0 * x) ** 2]), np.array([[1e-3]])
-
-    x, size, count = numerics.least_change(
-        0.5 * np.pi / 3.0, equations, lambda x, step: x + step[0], evaluations=100, longest_step=0.2
-    )
-    assert size == pytest.approx(1.0)
-    assert x == seen[0]
-    assert count == len(seen) < 20

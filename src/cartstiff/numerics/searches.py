@@ -28,8 +28,7 @@ def least_change(
 
     The search ends at `ATTAINABLE_PRECISION`; below `tolerance` once a step no longer halves the
     residual; after `MAX_FUTILE_STEPS` consecutive whole steps without progress, at a minimum
-    that is not zero; after twice as many steps of any length that do not reduce the residual at
-    all; and when steps are too small to change the point.
+    that is not zero; and when steps are too small to change the point.
 
     Parameters
     ----------
@@ -50,13 +49,13 @@ def least_change(
     weights : ndarray (n,) or float
         Relative mobility of the coordinates.
     """
-    best, kept, futile, vain, seen = np.inf, x, 0, 0, 0
+    best, kept, futile, seen = np.inf, x, 0, 0
     while seen < evaluations:
         seen += 1
         residual, rates = equations(x)
         size = float(np.abs(residual).max(initial=0.0))
         ended = size <= ATTAINABLE_PRECISION or (size <= tolerance and size >= 0.5 * best)
-        futile, vain = 0 if size < 0.9 * best else futile + 1, 0 if size < best else vain + 1
+        futile = 0 if size < 0.9 * best else futile + 1
         if size < best:
             best, kept = size, x
         if ended:
@@ -64,8 +63,7 @@ def least_change(
         step = weights * np.linalg.lstsq(rates * weights, -residual, rcond=rank)[0]
         largest = float(np.abs(step).max(initial=0.0))
         is_whole = largest < longest_step
-        is_vain = vain >= 2 * MAX_FUTILE_STEPS or (futile >= MAX_FUTILE_STEPS and is_whole)
-        if is_vain or not SMALLEST_STEP < largest < np.inf:
+        if not SMALLEST_STEP < largest < np.inf or (futile >= MAX_FUTILE_STEPS and is_whole):
             break
         x = retract(x, np.asarray(step * min(1.0, longest_step / largest), float))
     return kept, best, seen
