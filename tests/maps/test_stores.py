@@ -14,7 +14,7 @@ import pytest
 import xarray
 import zarr
 import zarr.core.buffer.cpu
-from tests.maps.machines import arm, drawn, grid_of
+from tests.maps.machines import arm, drawn, grid_of, start
 from tests.maps.test_damage import _Killed, _killed_after
 from zarr.storage import LocalStore
 
@@ -165,6 +165,24 @@ def test_large_parts_are_computed_one_at_a_time_in_pieces(elastic, expected, tmp
     monkeypatch.undo()
     whole = compute_map(elastic, grid_of(elastic), QUANTITIES, tmp_path / "w.zarr", length=0.2)
     _same(open_map(tmp_path / "g.zarr"), whole)
+
+
+_MANY_THREADS = """
+import resource, sys
+import cartstiff
+arm = cartstiff.load("ur5")
+names = ["condition", "translation_free_min", "manipulability"]
+postures = cartstiff.RandomPostures.within_limits(arm, 4_000_000)
+cartstiff.compute_map(arm, postures, names, sys.argv[1], threads=16)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+"""
+
+
+def test_many_threads_need_little_memory(tmp_path):
+    process = start("-c", _MANY_THREADS, str(tmp_path / "m.zarr"))
+    out, error = process.communicate(timeout=600)
+    assert process.returncode == 0, error
+    assert int(out) < 500
 
 
 def test_two_writers_at_once(elastic, expected):
