@@ -85,12 +85,11 @@ def _size(origins: list[Array]) -> float:
 
 def _free(chain: Chain) -> set[int]:
     """Joints that are parts of free joints."""
-    slides = ~chain.tree.screws()[:, :3].any(axis=1)
-    names = list(chain.tree.model.names)[1:]
+    names, screws = chain.tree.model.names, chain.tree.screws()
     return {
         joint
-        for joint, (name, is_slide) in enumerate(zip(names, slides, strict=True), start=1)
-        if name.endswith(_FREE if is_slide else _FREE[3:])
+        for joint, screw in enumerate(screws, start=1)
+        if names[joint].endswith(_FREE[3:] if screw[:3].any() else _FREE)
     }
 
 
