@@ -202,7 +202,7 @@ def _put_equal_legs(legs: Any, elastic: ElasticMechanism) -> None:
             at = elements.index(name)
             joint = name.partition("/")[2]
             found.setdefault(joint, []).append(float(elements.stiffness[at, at]))
-    entry = {"flexible": True} if isinstance(legs, list) else legs
+    entry: dict[str, Any] = {"flexible": True} if isinstance(legs, list) else legs
     driven = [joint for joint in found if joint not in entry.get("springs", {})]
     uneven = [joint for joint, k in found.items() if joint not in driven and len({*k}) > 1]
     if entry.get("flexible") or len(driven) > 1 or uneven:

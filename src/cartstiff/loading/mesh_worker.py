@@ -213,7 +213,9 @@ def corner_normals(corners: NDArray[np.float64]) -> NDArray[np.int8]:
     The average at a corner is over the triangles around its point that edges of less than 35
     degrees join to its own.
     """
-    from trimesh import graph
+    from trimesh import graph as untyped
+
+    graph: Any = untyped
 
     triangles = corners.reshape(-1, 3, 3)
     areas = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])

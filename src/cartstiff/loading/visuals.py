@@ -124,9 +124,9 @@ def _pieces(description: Description, kind: Kind) -> tuple[Sequence[Piece], list
                 T = se3.from_roll_pitch_yaw(*place)
                 rgba = None if isinstance(shape, MeshFile) else _UNPAINTED
                 if (material := element.find("material")) is not None:
-                    colour = material.find("color")
-                    colour = painted.get(material.get("name")) if colour is None else colour
-                    rgba = rgba if colour is None else _clipped(_numbers(colour, "rgba", 4))
+                    own = material.find("color")
+                    own = painted.get(material.get("name")) if own is None else own
+                    rgba = rgba if own is None else _clipped(_numbers(own, "rgba", 4))
             except InputError as error:
                 missing.append(f"link {one_line(name)}: {error}")
             else:
