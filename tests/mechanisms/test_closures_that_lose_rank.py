@@ -4,7 +4,6 @@ import mpmath
 import numpy as np
 import pytest
 from tests.mechanisms.machines import codes, joint, note, write_file, write_urdf
-from tests.support import relative_error
 
 from cartstiff import DeadForce, analyse, equilibrium, load
 from cartstiff.errors import UndefinedError
@@ -102,36 +101,6 @@ def test_open_parallelogram_is_not_flagged(tmp_path, kind):
     tangent = U[:, 0]
     assert np.abs(tangent[[0, 1, 2, 5]]).max() <= ROUNDING
     assert K[0, 0] == pytest.approx(12.0 / 0.3**2 * (tangent @ tangent), rel=SAME)
-
-
-def test_repeated_closure_changes_nothing(tmp_path):
-    """Two welds where one would do, and a preload between springs at both ends."""
-    base = [
-        joint("a", "base", "one"),
-        joint("b", "one", "two", at=(0.4, 0, 0)),
-        joint("c", "two", "three", at=(0.4, 0, 0)),
-        joint("d", "three", "four", at=(0.4, 0, 0)),
-        joint("tip_mount", "two", "tip", at=(0.2, 0.1, 0), kind="fixed"),
-    ]
-    urdf = write_urdf(tmp_path, *base, name="chain")
-    q = {"a": 0.9, "b": -1.1, "c": -0.8, "d": 0.4}
-    springs = {
-        n: {"stiffness": k, "rest": q[n] - 0.2} for n, k in (("a", 9.0), ("b", 4.0), ("d", 7.0))
-    }
-    tie = {"frames": ["four", "world"], "type": "weld"}
-    once = _closed(tmp_path, urdf, [tie], q, springs, passive=["c"])
-    again = write_urdf(tmp_path, *base, name="chain2")
-    twice = _closed(tmp_path, again, [tie, tie], q, springs, passive=["c"])
-    a, b = analyse(once), analyse(twice)
-    # The springs of some N m/rad wind up by 0.2 rad.
-    assert codes(b) == codes(a) == ["fewer-than-six-freedoms", "implausible-deflection"]
-    assert a.reduction.freedoms == b.reduction.freedoms == 1
-    K_a, K_b = (
-        r.reduction.reachable @ r.reduction.reachable_stiffness @ r.reduction.reachable.T
-        for r in (a, b)
-    )
-    assert relative_error(K_b, K_a) <= SAME
-    assert relative_error(b.wrench, a.wrench) <= SAME
 
 
 def test_two_bars_at_full_stretch(tmp_path):

@@ -67,19 +67,6 @@ def test_unbalanced_spin(tmp_path):
     assert relative_error(torque, expected) <= SAME
 
 
-def test_unbalanced_arm():
-    """A redundant arm whose springs push along the self-motion."""
-    arm = loaded_arm("RRRRRRR", 12)
-    z = np.linalg.svd(body_jacobian(arm.model, arm.q, "tip"))[2][-1]
-    k = arm.elastic.springs.stiffness
-    rest = arm.elastic.springs.rest - 0.75 * z / k
-    result = analyse(arm.elastic.with_springs(rest=rest))
-    found = note(result, "unbalanced")
-    assert result.wrench is None
-    assert relative_error(found.values["unbalanced_torque"], 0.75 * z) <= ROUNDING
-    assert found.values["largest"] == pytest.approx(0.75 * np.abs(z).max(), rel=ROUNDING)
-
-
 def _buckling(seed):
     """An arm, a load per unit, and the factor at which its self-motion stops being stable."""
     arm = loaded_arm("RRRRRRR", seed)

@@ -6,7 +6,6 @@ import json
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 import urllib.request
@@ -27,22 +26,6 @@ def run(*arguments: str) -> int:
         main(list(arguments))
     assert isinstance(exit_.value.code, int)
     return exit_.value.code
-
-
-@pytest.fixture
-def refused(capfd, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-    def check(*arguments: str) -> str:
-        assert run(*arguments) == 2
-        out, line = capfd.readouterr()
-        assert out == ""
-        assert line.startswith("cartstiff: ")
-        assert line.count("\n") == 1
-        assert not list(tmp_path.glob("*.html"))
-        return line
-
-    return check
 
 
 @pytest.mark.parametrize("interrupt", [signal.SIGINT, signal.SIGTERM])
@@ -70,15 +53,6 @@ def test_view_serves_until_it_is_told_to_end(interrupt):
     assert process.returncode == 0
     assert errors == ""
     assert out == ""
-
-
-def test_a_port_in_use(refused):
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        line = refused("view", "cubic", "--no-open", "--port", str(port))
-    assert f"127.0.0.1:{port}: cannot serve here: Address already in use" in line
 
 
 def test_export_writes_a_page(tmp_path, capfd):
