@@ -279,6 +279,12 @@ def test_a_page_without_a_server_draws_what_the_library_draws(name):
             path, kind = command["path"].removeprefix("/meshcat/cartstiff/"), command["type"]
             kind = "set_object" if kind == "label" else kind
             seen[kind, path, command.get("property", "")] = command
+        # Axes of equal principal values are any: these ellipsoids have no places to compare.
+        equal = tuple(
+            f"{freedom} ellipsoid/"
+            for freedom, facts in legend["ellipsoids"].items()
+            if facts is not None and np.ptp(facts.get("eigenvalues", [0.0, 1.0])[:2]) == 0.0
+        )
         for key, command in seen.items():
             kind, path, _ = key
             if is_hidden(said, path) or key[2] == "visible":
@@ -286,7 +292,7 @@ def test_a_page_without_a_server_draws_what_the_library_draws(name):
             assert not is_hidden(seen, path), path
             assert command.get("text") == said[key].get("text"), path
             for value in ("matrix", "value"):
-                if value in command:
+                if value in command and not path.startswith(equal):
                     assert command[value] == pytest.approx(said[key][value], rel=1e-6, abs=1e-8)
                     count += 1
         for freedom, facts in drawn["legend"].pop("ellipsoids").items():
