@@ -77,23 +77,6 @@ def test_json_does_not_depend_on_the_level(analysis, level):
     assert found == json.loads(json.dumps(expected))
 
 
-def test_the_cubic_platform_has_its_closed_forms(analysis):
-    k, H = 1e6, 0.5 / np.sqrt(3.0)
-    found = analysis("cubic")
-    stiff = found["ellipsoids"]["stiffness"]
-    assert stiff["translation"]["held"]["eigenvalues"] == pytest.approx([2 * k] * 3, rel=1e-12)
-    turning = [1.5 * k * H**2, 1.5 * k * H**2, 6 * k * H**2]
-    assert stiff["rotation"]["held"]["eigenvalues"] == pytest.approx(turning, rel=1e-12)
-    assert found["synthesis"]["by_line_springs"]
-    d = 0.1
-    off = analysis(f"cubic --report-at 0,0,{-d}")
-    assert off["centres"]["elasticity"] == pytest.approx([0, 0, d], abs=1e-12)
-    K = np.array(off["stiffness"])
-    tilt = 1.5 * k * H**2 + 2 * k * d**2
-    assert np.diag(K) == pytest.approx([tilt, tilt, 6 * k * H**2, 2 * k, 2 * k, 2 * k])
-    assert abs(K[0, 4]) == pytest.approx(2 * k * d)
-
-
 def test_options_are_those_of_the_function(analysis):
     found = analysis(
         f"stewart-gough --load {LOAD} --connection K --report-at 1,2,3 --direction 1,1,0 "

@@ -1,7 +1,5 @@
 """Every refusal of the analysis: what it says, and the numbers it carries."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
@@ -29,8 +27,6 @@ SKEW = K.copy()
 SKEW[0, 1] = 0.5
 NAN = np.full((6, 6), np.nan)
 TOLERANCES = {"x": tolerances.Tolerance(1.0, 0.1)}
-
-Call = Callable[[], object]
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ from cartstiff import analyse, load
 from cartstiff.kinematics.at_pose import at_pose
 
 ROD, STIFFNESS = 0.31, 1e7
-RAILS = np.eye(3)
 FIRST_AXES = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
 GROUND, PLATFORM = -0.6 * np.eye(3), -0.05 * np.eye(3)
 

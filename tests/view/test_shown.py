@@ -20,8 +20,6 @@ from cartstiff.report.analysis import describe
 from cartstiff.scene.appearance import Appearance
 from cartstiff.statics.equilibrium import equilibrium
 
-#: Two orders of operations on numbers of size one.
-ROUNDING = 1e-11
 LOAD = np.array([3.0, -2.0, 1.0, 30.0, -20.0, -100.0])
 
 
