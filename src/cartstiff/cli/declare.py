@@ -134,7 +134,7 @@ class Documented(NamedTuple):
     examples: str
 
     @classmethod
-    def of(cls, thing: object, api: Iterable[str] = ()) -> Documented:
+    def of(cls, thing: Any, api: Iterable[str] = ()) -> Documented:
         """Read the numpydoc docstring of a function, or of a class and its bases."""
         about, sections = _sections(inspect.getdoc(thing) or "")
         bases = getattr(thing, "__bases__", ())

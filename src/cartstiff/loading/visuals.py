@@ -124,8 +124,8 @@ def _pieces(description: Description, kind: Kind) -> tuple[Sequence[Piece], list
                 T = se3.from_roll_pitch_yaw(*place)
                 rgba = None if isinstance(shape, MeshFile) else _UNPAINTED
                 if (material := element.find("material")) is not None:
-                    own = material.find("color")
-                    own = painted.get(material.get("name")) if own is None else own
+                    inline = material.find("color")
+                    own = painted.get(material.get("name")) if inline is None else inline
                     rgba = rgba if own is None else _clipped(_numbers(own, "rgba", 4))
             except InputError as error:
                 missing.append(f"link {one_line(name)}: {error}")

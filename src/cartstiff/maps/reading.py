@@ -212,7 +212,7 @@ def share_within(
 
     def counted(values: Array) -> tuple[int, int]:
         known = np.asarray(values[np.isfinite(values)], float)
-        return known.size, np.count_nonzero(known <= limit if below else known >= limit)
+        return known.size, int(np.count_nonzero(known <= limit if below else known >= limit))
 
     parts = each_block(best_branch(dataset, name), {name: counted})[name]
     reached, within = np.sum(parts, axis=0).tolist()
