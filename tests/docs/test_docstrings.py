@@ -126,6 +126,12 @@ def initialiser(node):
     return parameters(found[0]) if found else None
 
 
+def names_api(node):
+    """Whether a command takes words from functions of the API."""
+    calls = [d for d in node.decorator_list if isinstance(d, ast.Call)]
+    return any(k.arg == "api" for call in calls for k in call.keywords)
+
+
 def test_something_is_read():
     assert len(EVERYTHING) > 400
     with_parameters = [d for d in EVERYTHING if "Parameters" in d.sections]
@@ -151,6 +157,8 @@ def test_parameters_are_those_of_the_signature():
         there = initialiser(d.node) if isinstance(d.node, ast.ClassDef) else parameters(d.node)
         if there is None:  # a dataclass
             there = [n for n in told if n in fields(d.node)]
+        if names_api(d.node):  # the API describes the others
+            there = [n for n in there if n in told]
         if sorted(told) != sorted(there):
             wrong.append(f"{d.name}: describes {told}, takes {there}")
     assert not wrong, "\n".join(wrong)

@@ -73,7 +73,10 @@ CONTENTS = {
         _number("1" + "0" * 400),
         "key base.1.1: cannot be used; expected a number",
     ),
-    "number of 5000 digits": (_number("1" + "0" * 5000), "finite number"),
+    "number of 5000 digits": (
+        _number("1" + "0" * 5000),
+        "key base.1.1: cannot be used; expected a number",
+    ),
     "endless name": ((PLATFORM + f"name: {'x' * 5000}\n").encode(), "at most 4000 characters"),
     "endless model": (b"kind: serial\nmodel: " + b"x" * 3000 + b".urdf\n", "File name too long"),
 }
