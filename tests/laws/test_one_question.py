@@ -149,7 +149,7 @@ def test_page(arm):
     """The page's numbers are those of the arm's matrices, too."""
     one, file = arm
     T = one.pose(one.q)
-    state = {"load": one.W.tolist(), "load_axes": "inertial", "load_at": one.at.tolist()}
+    state = {"load": one.W.tolist(), "load_axes": "world", "load_at": one.at.tolist()}
     session = Session(Source(cartstiff.load(file)))
     message = read_message(json.dumps({"id": 1, "do": "result", "state": state}))
     found = json.loads(json.dumps(session.answer(message).data, allow_nan=False))["result"]

@@ -33,6 +33,7 @@ from cartstiff import (
     UndefinedError,
     from_symbols,
     levi_civita,
+    load,
     payload,
 )
 from cartstiff.errors import ConvergenceError, MissingDependencyError, UnknownNameError, one_line
@@ -364,6 +365,8 @@ def test_springs_of_a_mechanism():
         arm.with_springs(-1.0)
     with pytest.raises(UnknownNameError, match="rest: unknown joint"):
         arm.with_springs(rest={"zzz": 0.0})
+    with pytest.raises(InputError, match="rest length is negative; expected zero or more, got -1"):
+        load("hexapod").with_springs(rest={"leg2": -1.0})
     with pytest.raises(InputError, match="RRR has no joint springs"):
         replace(arm, springs=None).with_springs(1.0)
     loose = replace(arm, springs=None, potentials=(JointFunction(lambda q: float(q @ q)),))

@@ -35,6 +35,8 @@ def test_report(seam):
     assert "rotation about the body's z axis" in text
     assert "best constant" in text
     assert "K^B unloaded" in text
+    assert "angles count by the characteristic length 0.34998 m" in text
+    assert "-0.00000" not in text
 
 
 def test_json_and_csv_agree(seam, tmp_path):

@@ -31,9 +31,10 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from cartstiff.arrays import Array
+from cartstiff.choices import LARGEST_INPUT
 from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.geometry import se3
-from cartstiff.loading.yaml_file import LARGEST_NUMBER, Lines, read_text
+from cartstiff.loading.yaml_file import Lines, read_text
 from cartstiff.mechanisms.contract import GivenStiffness
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements, coefficient, law_of
@@ -54,7 +55,7 @@ FILE_KINDS = {
     "closed-chain": ("schema", "ClosedChainFile"),
 }
 
-_MAX = LARGEST_NUMBER
+_MAX = LARGEST_INPUT
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-_MAX, le=_MAX)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1 / _MAX, le=_MAX)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=_MAX)]

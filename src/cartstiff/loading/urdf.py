@@ -22,6 +22,7 @@ import numpy as np
 import pinocchio as pin
 
 from cartstiff import numerics
+from cartstiff.choices import LARGEST_INPUT
 from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
 from cartstiff.loading.plausible import large_angles, large_lengths
@@ -35,7 +36,6 @@ from cartstiff.loading.robot_facts import (
     to_root,
     turned_axes,
 )
-from cartstiff.loading.yaml_file import LARGEST_NUMBER
 from cartstiff.notes import Note
 
 _MAX_JOINTS = 2000
@@ -680,7 +680,7 @@ def _is_possible(inertia: ET.Element) -> bool:
     except ValueError:
         return False
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    if not np.isfinite(matrix).all() or np.abs(matrix).max() > LARGEST_NUMBER:
+    if not np.isfinite(matrix).all() or np.abs(matrix).max() > LARGEST_INPUT:
         return False
     small, middle, large = np.linalg.eigvalsh(matrix)
     # Thin plates meet the triangle rule with equality, to the digits that are printed. Rods, such
@@ -827,7 +827,7 @@ class _Reader:
 
     def _check_numbers(self, element: ET.Element, place: str) -> None:
         """Check numbers, and write them as Python does."""
-        largest = math.inf if element.tag == "limit" else LARGEST_NUMBER
+        largest = math.inf if element.tag == "limit" else LARGEST_INPUT
         for word in _ATTRIBUTES.get(element.tag, "").split():
             key, _, count = word.partition("=")
             text = element.get(key)
@@ -851,7 +851,7 @@ class _Reader:
 
 
 def numbers_in(
-    text: str, count: int, what: str, refuse: Refuse, largest: float = LARGEST_NUMBER
+    text: str, count: int, what: str, refuse: Refuse, largest: float = LARGEST_INPUT
 ) -> list[float]:
     """Return the finite numbers of a text; refuse another count of them."""
     try:

@@ -24,8 +24,6 @@ LARGEST = 1024 * 1024
 #: Largest number of keys, values and list entries, repeated by aliases; 40 000 take two seconds.
 MOST_VALUES = 40_000
 _MAX_DEPTH = 30
-#: Larger numbers are mistakes, and their products leave the range of double precision.
-LARGEST_NUMBER = 1e30
 # More brackets in a row than any mechanism file has: they cost the parser seconds.
 _BRACKETS = re.compile(r"(?:[\[{]\s*){60}")
 _COMMENTS = re.compile(r"^\s*(?:#.*)?$", re.MULTILINE)

@@ -88,6 +88,10 @@ def with_values(
     rests = springs.rest
     if rest is not None:
         rests = named_values(rest, names, rests, "rest")
+        if isinstance(springs, LineSprings) and np.any(rests < 0.0):
+            raise InputError(
+                "rest length is negative", expected="zero or more", got=float(np.nanmin(rests))
+            )
         for j in springs.rigid if isinstance(springs, JointSprings) else ():
             if not isinstance(rest, Mapping) or names[j] in rest:
                 raise InputError(

@@ -151,7 +151,8 @@ class LineSprings(PosePotential):
             value.flags.writeable = False
             object.__setattr__(self, name, value)
         if np.any(self.stiffness <= 0):
-            raise InputError("line spring stiffness must be above zero", got=self.stiffness.min())
+            least = float(self.stiffness.min())
+            raise InputError("line spring stiffness must be above zero", got=least)
         flags = np.array(self.unilateral, bool)
         if flags.ndim and flags.shape != self.stiffness.shape:
             expected = f"one, or {len(self.stiffness)}, one per line"
@@ -277,8 +278,10 @@ class LineSprings(PosePotential):
         limit = numerics.BALANCE_TOLERANCE * np.abs(gradient * scale).max(initial=0.0)
         if np.any(missed > limit + _SUM_ROUNDOFF * numerics.EPSILON * summed):
             raise InputError(
-                "no tensions of the lines with open rest lengths balance what acts at this pose",
-                expected="forces that these lines can carry (not a type-2 singularity)",
+                "no tensions of the lines balance this load at this pose"
+                if free.all()
+                else "no tensions of the lines without a rest length balance the other ones here",
+                expected="forces that the lines can carry (not a type-2 singularity)",
                 got=f"unbalanced part {missed.max():.3g}",
             )
         cables = self.cables[free]

@@ -260,6 +260,7 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
         f"{result.candidates} postures compared",
         f"{result.criterion.description} [{result.unit}], {result.criterion.better} is better; "
         f"K^{result.connection} {under}",
+        f"angles count by the characteristic length {number(result.length)} {units.length}",
         f"free: {_free(result)}",
         gravity_loads(result.elastic).text,
         "",
@@ -292,7 +293,7 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
     heads.append(result.criterion.name + of_criterion)
     body = []
     for i, q in enumerate(shown(result.elastic, result.q[:_MAX_LISTED_POINTS])):
-        row = [str(i + 1), *(f"{v:.5f}" for v in q)]
+        row = [str(i + 1), *(f"{round(v, 5) + 0.0:.5f}" for v in q)]  # never -0.00000
         if result.angles is not None:
             row.append(f"{np.degrees(result.angles[i]):.2f}")
         row.append(number(float(result.values[i])))

@@ -788,6 +788,8 @@ class OptimisedPath(LabelledResult):
         configurations are connected without a singularity.
     nearby : float or None
         Largest distance (rad) of revolute joints from the required posture.
+    length : float
+        Characteristic length by which the criterion and `ratios` count angles.
     """
 
     elastic: ElasticMechanism
@@ -809,6 +811,7 @@ class OptimisedPath(LabelledResult):
     collisions: dict[str, Any] | str = NOT_CHECKED
     off_singular: bool | None = True
     nearby: float | None = None
+    length: float = np.nan
 
     @property
     def unit(self) -> str:
@@ -881,6 +884,7 @@ class OptimisedPath(LabelledResult):
                 "description": self.criterion.description,
                 "unit": self.unit,
                 "better": self.criterion.better,
+                "length": self.length,
                 "connection": self.connection,
                 "loaded": self.loaded,
                 "load": {
@@ -1220,6 +1224,7 @@ def optimise_path(
         NOT_CHECKED if collisions is None else collisions.to_dict(),
         singular > 0.0 if solver.rank("none") == solver.movable.sum() else None,
         None if near is None else NEARBY,
+        solver.length,
     )
 
 

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.child_process import answer_of
+from cartstiff.choices import LARGEST_INPUT
 from cartstiff.errors import InputError, MissingDependencyError, listed, one_line
 from cartstiff.geometry import se3
 from cartstiff.loading.mjcf import worker
@@ -36,7 +37,6 @@ from cartstiff.loading.robot_facts import (
     successive_turns,
 )
 from cartstiff.loading.schema import LineModel
-from cartstiff.loading.yaml_file import LARGEST_NUMBER
 from cartstiff.mechanisms.identity import fingerprint, was_read
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece, Shape, Sphere
 from cartstiff.mechanisms.tree import add_joint, primitive
@@ -176,7 +176,7 @@ class _Compiled:
             for name in fields.split():
                 values = np.array(self.data[name] or [], float)
                 rows = values.reshape(len(values), -1) if values.size else np.zeros((0, 1))
-                for i in np.flatnonzero(~(np.abs(rows) <= LARGEST_NUMBER).all(axis=1))[:1]:
+                for i in np.flatnonzero(~(np.abs(rows) <= LARGEST_INPUT).all(axis=1))[:1]:
                     what = f"a position, an armature, a damping or gravity ({name})"
                     if kind:
                         owner = (owners.get(kind) or self.data[f"{kind}_names"])[i] or str(i + 1)
@@ -184,7 +184,7 @@ class _Compiled:
                     raise InputError(
                         f"{what} cannot be used",
                         where=self.where,
-                        expected=f"finite numbers up to {LARGEST_NUMBER:g}",
+                        expected=f"finite numbers up to {LARGEST_INPUT:g}",
                         got=" ".join(f"{v:g}" for v in rows[i]),
                     )
         # MuJoCo normalises directions, to rounding, where they are not zero.
