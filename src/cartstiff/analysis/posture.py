@@ -654,12 +654,6 @@ def analyse_posture(
             expected="both, or none",
             got=f"samples={samples}",
         )
-    if tolerances is not None and tolerances.stiffness >= 1.0:
-        raise InputError(
-            "tolerance of the stiffness cannot be used",
-            expected="a share below 1, such as 0.05 for 5 per cent",
-            got=tolerances.stiffness,
-        )
     answer, notes = sections(result, springs)
     if target is not None:
         found = notes.attempt("joint stiffness for the target", target_section, result, target)

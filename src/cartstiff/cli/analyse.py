@@ -106,6 +106,13 @@ class Analysis(Reading):
             from cartstiff.analysis.tolerances import Tolerances
 
             tolerances = Tolerances(*self.tolerance)
+            if tolerances.stiffness >= 1.0:
+                raise InputError(
+                    "tolerance of the stiffness cannot be used",
+                    where="--tolerance",
+                    expected="a share below 1, such as 0.05 for 5 per cent",
+                    got=tolerances.stiffness,
+                )
         if self.inertia is not None:
             a, f = convert_length(SI, result.elastic.units)
             mass, inertia = self.inertia[0] * f / a, np.diag(self.inertia[1:]) * f * a

@@ -123,9 +123,9 @@ def _pieces(description: Description, kind: Kind) -> tuple[Sequence[Piece], list
                 place = (_numbers(origin, key, 3, "0 0 0") for key in ("xyz", "rpy"))
                 T = se3.from_roll_pitch_yaw(*place)
                 rgba = None if isinstance(shape, MeshFile) else _UNPAINTED
-                if (material := element.find("material")) is not None:
-                    inline = material.find("color")
-                    own = painted.get(material.get("name")) if inline is None else inline
+                if (used := element.find("material")) is not None:
+                    inline = used.find("color")
+                    own = painted.get(used.get("name")) if inline is None else inline
                     rgba = rgba if own is None else _clipped(_numbers(own, "rgba", 4))
             except InputError as error:
                 missing.append(f"link {one_line(name)}: {error}")
