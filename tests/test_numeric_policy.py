@@ -18,7 +18,6 @@ ALLOWED = {
     "loading/mesh_worker.py": "metres of which no robot has so many",
     "loading/mjcf/worker.py": "a mass in kg that stands for none",
     "loading/visuals.py": "metres of which no robot has so many",
-    "loading/yaml_file.py": "the largest number that is read",
     "batch/algebra.py": "the largest angle that the sine of the fast code takes",
     "batch/vector_code.py": "coefficients of sine and cosine",
     "mechanisms/contract.py": "units",

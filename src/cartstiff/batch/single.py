@@ -208,7 +208,9 @@ class QuickPosture(PostureStiffness):
         """Notes on deflections of joints and lines that are large for the mechanism."""
         if self._record[self._code.deflection] < 1.0:
             return []
-        return deflection_notes(self.elastic, self.q)
+        springs = self._asked.springs
+        is_given = self._given is None and springs is not None and springs.is_complete
+        return deflection_notes(self._asked if is_given else self.elastic, self.q)
 
     @property
     def _forces(self) -> list[Note]:

@@ -454,8 +454,6 @@ def in_hertz(modes: Modes, squares: Array) -> Array:
 _MAX_BARS = 16
 # Largest number of contributors listed for each number.
 _MAX_CONTRIBUTORS = 3
-# Smallest share of a contributor: less is printed as 0.0 %.
-_LEAST_SHARE = 5e-4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -493,7 +491,8 @@ class Accuracy(LabelledResult):
         """Return the largest contributors to the variance of one number, with their shares."""
         shares = self.shares[quantity].T[index if isinstance(index, int) else index[::-1]]
         order = np.argsort(-np.nan_to_num(shares), kind="stable")[:_MAX_CONTRIBUTORS]
-        return [(self.names[i], float(shares[i])) for i in order if shares[i] >= _LEAST_SHARE]
+        least = numerics.NEGLIGIBLE_SHARE
+        return [(self.names[i], float(shares[i])) for i in order if shares[i] > least]
 
     @property
     def interval(self) -> FrequencyInterval:
