@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.analysis.asymmetry import is_roundoff
+from cartstiff.analysis.asymmetry import largest_in_blocks
 from cartstiff.analysis.ellipsoids import Freedom, softest
 from cartstiff.analysis.indices import condition, spectrum
 from cartstiff.analysis.posture import FoundDeflection, deflection_found
@@ -629,10 +629,11 @@ def _margins(result: PostureStiffness) -> list[float]:
 def _asymmetries(matrices: Mapping[str, Array | None]) -> dict[str, float | None]:
     """Largest entry of K - K^T of each connection, 0 where it is only round-off."""
     sizes: dict[str, float | None] = dict.fromkeys(matrices)
-    for name, K in matrices.items():
-        if K is not None:
-            skew = K - K.T
-            sizes[name] = 0.0 if is_roundoff(skew, K) else float(skew.max())
+    if existing := {name: K for name, K in matrices.items() if K is not None}:
+        K = np.array([*existing.values()])
+        skew = K - K.swapaxes(1, 2)
+        counts = largest_in_blocks(skew, K) > numerics.SYMMETRY
+        sizes |= zip(existing, np.where(counts, skew.max(axis=(1, 2)), 0.0).tolist(), strict=True)
     return sizes
 
 
