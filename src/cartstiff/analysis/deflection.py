@@ -23,12 +23,13 @@ from cartstiff.arrays import (
     real_array,
 )
 from cartstiff.errors import UndefinedError
+from cartstiff.geometry import se3
 
 
 def displacement_of_point(twist: ArrayLike, point: ArrayLike) -> Array:
     """Small displacement (3,) of a body point: ``v + omega x p``."""
     t, p = checked_vector(twist, 6, "twist"), checked_vector(point, 3, "point")
-    return np.asarray(t[3:] + np.cross(t[:3], p))
+    return np.asarray(t[3:] + se3.cross(t[:3], p))
 
 
 @dataclass(frozen=True, eq=False)

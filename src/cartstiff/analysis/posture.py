@@ -69,6 +69,7 @@ from cartstiff.errors import (
     UnknownNameError,
     checked_kind,
 )
+from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED
 from cartstiff.matrix_names import LETTERS
 from cartstiff.mechanisms.platform import PlatformPosture
@@ -172,7 +173,7 @@ def _without_rounding(deflection: Deflection, length: float) -> Deflection:
 
 def _about_origin(point: Array, force: Array) -> Array:
     """Wrench (6,) that a force at a point adds to its moment about the origin."""
-    return np.append(np.cross(point, force), np.zeros(3))
+    return np.append(se3.cross(point, force), np.zeros(3))
 
 
 def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -135,6 +136,16 @@ def sized(size: float, unit: str) -> tuple[float, str]:
     Millimetres, and centimetres of lengths, are converted to parts of the metre; unknown units are
     not changed.
     """
+    metres, steps = _steps(unit)
+    reached = abs(size) * metres * _ROUND_UP
+    own = next(s for s in steps if s[0] == 1.0) if not size else steps[-1]
+    factor, name = next((s for s in steps if reached >= s[0]), own)
+    return factor / metres, name
+
+
+@cache
+def _steps(unit: str) -> tuple[float, tuple[tuple[float, str], ...]]:
+    """Size of a unit in metres and the like, and the units that people read, the largest first."""
     head, _, tail = unit.partition("/")
     metres = 1e-3 ** (len(_MILLI.findall(head)) - len(_MILLI.findall(tail)))
     unit = _MILLI.sub("m", unit)
@@ -147,10 +158,7 @@ def sized(size: float, unit: str) -> tuple[float, str]:
     elif first[0] in ("N", "J", "Hz", "m", "rad"):
         small = first in (["m"], ["rad"])
         steps = tuple((f, p + unit) for f, p in _PREFIXES if f <= 1.0 or not small)
-    reached = abs(size) * metres * _ROUND_UP
-    own = (1.0, unit) if not size else steps[-1]
-    factor, name = next((s for s in steps if reached >= s[0]), own)
-    return factor / metres, name
+    return metres, steps
 
 
 def engineering(value: float | None, unit: str = "", digits: int = 4, least: float = 0.0) -> str:

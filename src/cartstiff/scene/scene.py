@@ -16,6 +16,7 @@ from cartstiff.analysis.ellipsoids import Ellipsoid, Freedom
 from cartstiff.analysis.matrices import symmetric_part
 from cartstiff.arrays import checked_vector
 from cartstiff.errors import CartstiffError, UndefinedError
+from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -359,7 +360,7 @@ class Scene:
         if look.added_at is None:
             return added
         away = np.subtract(look.added_at, look.point)
-        return added + np.concatenate([np.cross(away, added[3:]), np.zeros(3)])
+        return added + np.append(se3.cross(away, added[3:]), np.zeros(3))
 
     def _deflection(
         self,

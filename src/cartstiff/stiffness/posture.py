@@ -408,6 +408,8 @@ class PostureStiffness(LabelledResult):
         C, change = self.compliances["B"], self.change_by_load
         if C is None or not change.any():
             return C
+        if numerics.is_symmetric(change):
+            return self.tangent_compliance
         return numerics.inverse_of_sum(C, 0.5 * (change + change.T))
 
     @property
