@@ -36,6 +36,7 @@ from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements, stiffnesses_beside, with_stiffnesses_beside
+from cartstiff.mechanisms.identified import quantile
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
 from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings
@@ -198,17 +199,6 @@ def _flatten(results: Results) -> tuple[tuple[str, ...], Array]:
             names.append(f"{key}[{', '.join(map(str, index))}]" if index else str(key))
             values.append(float(array[index]))
     return tuple(names), np.array(values)
-
-
-def quantile(level: float, degrees: float = np.inf) -> float:
-    """Two-sided quantile of Student's t; of the normal distribution for infinite degrees.
-
-    Half the width of an interval over the standard deviation.
-    """
-    from scipy.special import ndtri, stdtrit
-
-    tail = 0.5 + 0.5 * level
-    return float(ndtri(tail) if np.isinf(degrees) else stdtrit(degrees, tail))
 
 
 def check_level(level: float) -> None:

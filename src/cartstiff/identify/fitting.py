@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
-from cartstiff.analysis.tolerances import quantile
 from cartstiff.arrays import Array
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError
 from cartstiff.geometry import se3
 from cartstiff.identify.measurements import Observations
 from cartstiff.identify.models import Model
 from cartstiff.identify.unknowns import PARTS, Unknowns, placement_of, size_of
+from cartstiff.mechanisms.identified import quantile
 
 # Share of an unobservable direction above which a parameter is not determined.
 _UNOBSERVABLE = numerics.ROUNDOFF**0.5

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
-from cartstiff.analysis.tolerances import quantile
 from cartstiff.arrays import Array
 from cartstiff.described import described
 from cartstiff.errors import (
@@ -61,7 +60,7 @@ from cartstiff.identify.unknowns import (
 )
 from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.identified import CompliancePattern, Identified
+from cartstiff.mechanisms.identified import CompliancePattern, Identified, quantile
 from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.results import LabelledResult

@@ -27,7 +27,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
-from cartstiff.analysis.tolerances import quantile
 from cartstiff.arrays import Array, checked_seed, plain_dict
 from cartstiff.errors import (
     CartstiffError,
@@ -56,6 +55,7 @@ from cartstiff.identify.unknowns import (
 )
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.identified import quantile
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.results import LabelledResult
 

@@ -19,6 +19,17 @@ BEAM = " (beam)"
 LINK = " (link)"
 
 
+def quantile(level: float, degrees: float = np.inf) -> float:
+    """Two-sided quantile of Student's t; of the normal distribution for infinite degrees.
+
+    Half the width of an interval over the standard deviation.
+    """
+    from scipy.special import ndtri, stdtrit
+
+    tail = 0.5 + 0.5 * level
+    return float(ndtri(tail) if np.isinf(degrees) else stdtrit(degrees, tail))
+
+
 @dataclass(frozen=True)
 class CompliancePattern:
     """The elements on which a compliance parameter acts, as a symmetric matrix S.
@@ -100,10 +111,7 @@ class Identified:
     @cached_property
     def factor(self) -> float:
         """Half width of an interval over the standard deviation."""
-        from scipy.special import ndtri, stdtrit
-
-        tail = 0.5 + 0.5 * self.level
-        return float(ndtri(tail) if self.degrees is None else stdtrit(self.degrees, tail))
+        return quantile(self.level, np.inf if self.degrees is None else self.degrees)
 
     @property
     def names(self) -> tuple[str, ...]:

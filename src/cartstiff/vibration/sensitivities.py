@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.analysis.tolerances import Tolerances, UncertainParameters, check_level, quantile
+from cartstiff.analysis.tolerances import Tolerances, UncertainParameters, check_level
 from cartstiff.arrays import Array, Result, checked_array, plain_dict
 from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, checked_kind, one_line
@@ -35,7 +35,7 @@ from cartstiff.geometry.differences import derivative_with_error
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements
-from cartstiff.mechanisms.identified import CompliancePattern, Identified
+from cartstiff.mechanisms.identified import CompliancePattern, Identified, quantile
 from cartstiff.results import LabelledResult
 from cartstiff.statics.equilibrium import again
 from cartstiff.statics.rest import Equilibrium
