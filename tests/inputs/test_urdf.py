@@ -216,6 +216,29 @@ def test_a_locked_follower_locks_its_leader(factor, tmp_path, monkeypatch):
         cartstiff.load(file, frame="d", locked={"j1": 0.5, "j3": at})
 
 
+@pytest.mark.parametrize(
+    ("factor", "offset", "lower", "upper"),
+    [(4.0, 0.0, -0.5, 0.5), (-4.0, 1.0, -0.25, 0.75), (1.0, 0.0, -2.0, 2.0), (1.0, 4.0, -2.0, 2.0)],
+)
+def test_limits_of_a_follower_are_limits_of_its_leader(factor, offset, lower, upper, tmp_path):
+    """Unless they leave nothing of the leader's own, as in a file where a sign is wrong."""
+    tag = f'<mimic joint="j1" multiplier="{factor}" offset="{offset}"/>'
+    file = place(mimic("j3", tag), str(tmp_path / "arm.urdf"))
+    arm = cartstiff.load(file, frame="d")
+    first = arm.mechanism.coordinates[0]
+    assert np.allclose([first.lower, first.upper], [lower, upper])
+    assert ("limits-contradict" in [note.code for note in arm.notes]) == (offset == 4.0)
+
+
+def test_a_spring_of_a_follower_that_stays_has_no_effect(tmp_path):
+    spring = '<dynamics springStiffness="50" springReference="0.1"/>'
+    tag = '<mimic joint="j1" multiplier="0" offset="0.2"/>' + spring
+    text = mimic("j3", tag).replace('"j1" type="revolute">', f'"j1" type="revolute">{spring}')
+    arm = cartstiff.load(place(text, str(tmp_path / "arm.urdf")), frame="d")
+    assert arm.springs.stiffness[0] == 50.0
+    assert arm.springs.rest[0] == 0.1
+
+
 def test_mimic_of_a_mimic(accepted):
     text = mimic("j3", '<mimic joint="j2" multiplier="2" offset="0.1"/>').replace(
         '"j2" type="revolute">',

@@ -66,6 +66,7 @@ from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.closures import ReferencePosture
 from cartstiff.mechanisms.contract import (
     SI,
+    Coordinate,
     Units,
     convert_length,
     own_stiffness,
@@ -1050,12 +1051,28 @@ def tree_to(
     free = [c for c in tree.coordinates if c.name not in follows]
     column = {c.name: i for i, c in enumerate(free)}
     matrix, offsets = np.zeros((tree.n, len(free))), np.zeros(tree.n)
-    for i, name in enumerate(tree.names):
-        leader, factor, offsets[i] = follows.get(name, (name, 1.0, 0.0))
-        matrix[i, column[leader]] = factor
+    for i, own in enumerate(tree.coordinates):
+        leader, factor, offsets[i] = follows.get(own.name, (own.name, 1.0, 0.0))
+        matrix[i, j := column[leader]] = factor
+        if own.name in follows and factor:
+            free[j] = _within_limits_of(own, free[j], factor, offsets[i], notes)
     if tree.mimic is not None:
         matrix, offsets = tree.mimic @ matrix, tree.mimic @ offsets
     return KinematicTree(tree.model, tuple(free), tree.given_frames, matrix, offsets)
+
+
+def _within_limits_of(
+    follower: Coordinate, leader: Coordinate, factor: float, offset: float, notes: list[Note]
+) -> Coordinate:
+    """Return the leader with the limits that its follower, at factor q + offset, leaves to it."""
+    low, high = sorted(((follower.lower - offset) / factor, (follower.upper - offset) / factor))
+    low, high = max(low, leader.lower), min(high, leader.upper)
+    if low < high:
+        return replace(leader, lower=low, upper=high)
+    words = f"limits of joint {follower.name!r} leave nothing of those of {leader.name!r}, which "
+    words += "it follows: they do not count"
+    notes.append(Note("limits-contradict", words, {"joint": follower.name, "leader": leader.name}))
+    return leader
 
 
 def mounted_on_springs(

@@ -213,7 +213,7 @@ def on_leaders(
             others.append(Obstacle(f"curved spring of the coupled joint {follower!r}", both))
             continue
         k, more = own.coefficients[0], spring.coefficients[0] * factor**2
-        if k + more > 0.0:
+        if more > 0.0:  # none of a follower that stays where it is
             rest = (k * own.rest + more * (spring.rest - offset) / factor) / (k + more)
             springs[leader] = FileSpring((k + more,), rest)
     return springs, others
