@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,10 +10,10 @@ from tests.identify.campaigns import arm, load
 
 import cartstiff
 from cartstiff.errors import InputError
-from cartstiff.identify.identification import identify
+from cartstiff.identify.identification import identify, written_values
 from cartstiff.identify.plan import candidates, simulated
 from cartstiff.identify.unknowns import unknowns_of
-from cartstiff.identify.written_file import mechanism_file
+from cartstiff.identify.written_file import keys_to_write, mechanism_file
 
 LINK = """
 flexible:
@@ -32,7 +31,8 @@ flexible:
 def _written(result, source, tmp_path):
     out = tmp_path / "sub" / "known.yaml"
     out.parent.mkdir(exist_ok=True)
-    out.write_bytes(mechanism_file(result, str(source), None, out, "test"))
+    keys = keys_to_write(result.unknowns, str(source), None, out)
+    out.write_bytes(mechanism_file(result, keys, out, "test"))
     return cartstiff.load(str(out))
 
 
@@ -55,12 +55,22 @@ def test_legs_by_name_are_written_with_a_stiffness_each(tmp_path):
     assert again.springs.stiffness[k > 0.0] == pytest.approx(found)
 
 
+def test_a_compliance_that_is_zero_but_for_roundoff_is_written_as_one_that_can_be_read():
+    """The spring and its finding are the same number: a file in which they differ is refused."""
+    elastic = cartstiff.load("ur5")
+    result = identify(elastic, _measured(elastic, 12, 1e-6))
+    first = replace(result.estimates[0], compliance=1e-21, interval=(0.0, 1e-21))
+    values = written_values(result.unknowns, (first, *result.estimates[1:]))
+    springs = result.unknowns.mechanism(values).springs
+    assert 1.0 / springs.stiffness[0] == pytest.approx(values[0], rel=1e-12)
+
+
 def test_a_payload_is_not_written_under_another_frame(tmp_path):
     """Its centre is in the M of the file: the same numbers would put it elsewhere."""
     path = arm("elbow", tmp_path, extra="payload: {mass: 2, com: [0, 0, 0.1]}\n")
-    result = SimpleNamespace(elastic=load(path))
+    unknowns = unknowns_of(load(path))
     with pytest.raises(InputError, match="-o: the payload of a file is at its own frame"):
-        mechanism_file(result, str(path), "elsewhere", tmp_path / "out.yaml", "test")
+        keys_to_write(unknowns, str(path), "elsewhere", tmp_path / "out.yaml")
 
 
 def test_a_base_with_a_6x6_is_found_and_written(tmp_path):

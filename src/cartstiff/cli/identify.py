@@ -428,17 +428,22 @@ def command(
     import numpy as np
 
     from cartstiff.identify.identification import identify
-    from cartstiff.identify.written_file import mechanism_file
+    from cartstiff.identify.unknowns import unknowns_of
+    from cartstiff.identify.written_file import keys_to_write, mechanism_file
     from cartstiff.report.identification import describe_identification
     from cartstiff.report.output import write_whole
 
     measured = table.read(data, elastic)
+    keys: dict[str, Any] = {}
+    if output is not None:  # what cannot be written is refused before the fit
+        unknowns = unknowns_of(elastic, **fit.unknowns)
+        keys = keys_to_write(unknowns, robot.mechanism, robot.frame, output)
     with np.errstate(all="ignore"):
         result = identify(elastic, measured, **fit.unknowns, **fit.keywords, progress=_progress)
 
     if output is not None:
         name = one_line(data.name)
-        write_whole(output, mechanism_file(result, robot.mechanism, robot.frame, output, name))
+        write_whole(output, mechanism_file(result, keys, output, name))
     out.show(
         result.to_dict(),
         robot.mechanism,

@@ -675,13 +675,12 @@ def written_values(unknowns: Unknowns, found: Sequence[Estimate]) -> Array:
 
     For a compliance with an upper end only, and an estimate of zero, the middle of its interval.
     """
-    values = unknowns.nominal.copy()
+    values, least = unknowns.nominal.copy(), unknowns.least
     for p, e in enumerate(found):
         if e.compliance is None or e.verdict == "negative":
             continue
         middle = 0.5 * sum(e.interval) if e.interval is not None else 0.0
-        bounded = e.unknown.has_stiffness
-        values[p] = e.compliance if e.compliance > 0.0 or not bounded else middle
+        values[p] = e.compliance if e.compliance > least[p] else max(middle, least[p])
     return values
 
 

@@ -136,16 +136,19 @@ class Unknowns:
             ]
         )
 
+    @property
+    def least(self) -> Array:
+        """Least values (P,) that a mechanism can have: of compliances, a small share of its own."""
+        share = numerics.NEGLIGIBLE_DIFFERENCE * np.abs(self.nominal)
+        return np.where(self.is_bounded, share, -np.inf)
+
     def compliance(self, theta: Array) -> Array:
         """Gamma (E, E)."""
         return self.known + np.tensordot(theta, self.patterns, axes=1)
 
     def mechanism(self, theta: Array) -> ElasticMechanism:
         """The mechanism with these compliances; those at zero become very small."""
-        floor = np.where(
-            self.is_bounded, numerics.NEGLIGIBLE_DIFFERENCE * np.abs(self.nominal), -np.inf
-        )
-        theta = np.maximum(theta, floor)
+        theta = np.maximum(theta, self.least)
         elastic = self.elements.with_compliance(self.compliance(theta))
         return with_coefficients(elastic, self._coefficients(theta))
 

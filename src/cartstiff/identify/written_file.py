@@ -14,7 +14,7 @@ from cartstiff.arrays import Array
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
 from cartstiff.identify.identification import Identification, with_result
-from cartstiff.identify.unknowns import ZERO, placement_of
+from cartstiff.identify.unknowns import ZERO, Unknowns, placement_of
 from cartstiff.loading.catalogue import bundled
 from cartstiff.loading.mechanism_file import with_parameters
 from cartstiff.loading.schema import FlexibleModel, PoseModel, place_of, pose_of
@@ -26,35 +26,28 @@ from cartstiff.mechanisms.other_units import in_units
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw
 
-# Turn [rad] of a base up to which the weight acts along the fit's axes.
-_MAX_TURN = 0.05
 _ROBOTS = (".urdf", ".xml", ".mjcf")
 
 
-def mechanism_file(
-    result: Identification, mechanism: str, frame: str | None, to: Path, source: str
-) -> bytes:
+def mechanism_file(result: Identification, data: dict[str, Any], to: Path, source: str) -> bytes:
     """Text of a mechanism file with the springs found, their covariance, source, date and count.
 
     Parameters
     ----------
     result : Identification
         The springs found.
-    mechanism : str
-        Name or path the mechanism was loaded from.
-    frame : str, optional
-        The frame of interest that was named.
+    data : dict
+        From `keys_to_write`; changed.
     to : Path
-        Path of the new file, to which paths in it are relative.
+        Path of the new file.
     source : str
         Origin of the numbers, for readers.
 
     Raises
     ------
     InputError
-        If the mechanism does not come from a file that could be written again.
+        If springs found have no place in the file.
     """
-    data = _data(result, mechanism, frame, to)
     elastic = with_result(result, source=source)
     length = data.get("units", {}).get("length", SI.length)
     if elastic.units.length != length:  # --units are those of input and output
@@ -102,16 +95,41 @@ def _yaml(data: dict[str, Any]) -> bytes:
     return out.getvalue().encode()
 
 
-def _data(result: Identification, mechanism: str, frame: str | None, to: Path) -> dict[str, Any]:
-    """Keys of the mechanism's own file, its paths relative to the new file."""
+def keys_to_write(
+    unknowns: Unknowns, mechanism: str, frame: str | None, to: Path
+) -> dict[str, Any]:
+    """Keys of the mechanism's own file, its paths relative to the new file.
+
+    Parameters
+    ----------
+    unknowns : Unknowns
+        The parameters that will be found.
+    mechanism : str
+        Name or path the mechanism was loaded from.
+    frame : str, optional
+        The frame of interest that was named.
+    to : Path
+        Path of the new file.
+
+    Raises
+    ------
+    InputError
+        If the mechanism does not come from a file that could be written again, or its kind of file
+        has no key for what will be found.
+    """
+    elastic = unknowns.elements.elastic
+    if unknowns.geometry and elastic.mechanism.kind != "serial":
+        raise InputError(
+            f"{', '.join(unknowns.geometry)} found has no place in a file of kind "
+            f"{elastic.mechanism.kind}",
+            where="-o",
+            expected="-o without it in --unknown",
+        )
     path = bundled(mechanism) or Path(mechanism).expanduser()
-    elastic = result.elastic
     if path.suffix.lower() in (".yaml", ".yml"):
         read, lines = read_yaml(path)
         # Numbers are written anew: none may depend on a parameter any more.
-        data, _ = with_parameters(
-            read, lambda at: place_of(path, lines, at), result.elastic.parameters
-        )
+        data, _ = with_parameters(read, lambda at: place_of(path, lines, at), elastic.parameters)
         data.pop("identified", None)
         if frame is not None and data["kind"] in ("serial", "closed-chain"):
             moves = frame != data.get("frame") or "offset" in data
@@ -221,44 +239,45 @@ def _put_equal_legs(legs: Any, elastic: ElasticMechanism) -> None:
 def _put_geometry(data: dict[str, Any], result: Identification) -> None:
     """Write the zeros, the tool and the base that were found.
 
-    Raises
-    ------
-    InputError
-        If the kind of file has no key for them, or the base is turned so far that the weight, which
-        the fit takes along the stated axes, would act along others.
+    The payload stays on its link, and gravity and the lines' points in F stay where they are to the
+    arm: so the fit takes them.
     """
     placed, elastic = result.placed, result.elastic
     lengths, _ = convert_length(elastic.units, SI)
-    keys = {"zeros": "zeros", "tool": "offset", "base": "base"}
-    words = {"zeros" if n.endswith(ZERO) else n.partition(".")[0] for n in placed}
-    for word in words - (set(keys) if data["kind"] == "serial" else set()):
-        raise InputError(
-            f"{word} found has no place in a file of kind {data['kind']}",
-            where="-o",
-            expected="-o without it in --unknown",
-        )
     tool, base = placement_of(placed, "tool"), placement_of(placed, "base")
-    turn = float(np.linalg.norm(se3.log(se3.pose(base[:3, :3]))[:3]))
-    if turn > _MAX_TURN and elastic.gravity is not None:
-        raise InputError(
-            "the base found is turned against the frame of the positions, along whose axes the "
-            "weight acts",
-            where="-o",
-            expected=f"at most {_MAX_TURN} rad, or rows with a column session instead of base",
-            got=f"{turn:.3g} rad",
-        )
     point = np.asarray(result.measured.point) - tool[:3, 3]  # it keeps its numbers in the new M
     tool[:3, 3] += point - tool[:3, :3] @ point
-    for word, T in (("tool", tool), ("base", base)):
-        if word in words:
-            T[:3, 3] *= lengths
-            T = pose_of(PoseModel.model_validate(data.get(keys[word], {}))) @ T
-            data[keys[word]] = {"xyz": T[:3, 3].tolist(), "rpy": se3.roll_pitch_yaw(T).tolist()}
+    for word, key, T in (("tool", "offset", tool), ("base", "base", base)):
+        if word not in result.unknowns.geometry:
+            continue
+        T[:3, 3] *= lengths
+        own = pose_of(PoseModel.model_validate(data.get(key, {})))
+        place = own @ T
+        data[key] = {
+            "xyz": place[:3, 3].tolist(),
+            "rpy": se3.roll_pitch_yaw(place).tolist(),
+        }
+        if word == "tool" and "payload" in data:
+            com = data["payload"].get("com", [0.0, 0.0, 0.0])
+            data["payload"]["com"] = _moved(se3.inverse(T), com)
+        if word == "base":
+            moved = place @ se3.inverse(own)
+            if elastic.gravity is not None:
+                data["gravity"] = (moved[:3, :3] @ elastic.gravity).tolist()
+            for line in data.get("lines", ()):
+                for i, frame in enumerate(line["frames"]):
+                    if frame == "world":
+                        line["points"][i] = _moved(moved, line["points"][i])
     for j, name in enumerate(elastic.names):
         if f"{name}{ZERO}" in placed:
             size = lengths if elastic.mechanism.coordinates[j].is_length else 1.0
             zeros = data.setdefault("zeros", {})
             zeros[name] = zeros.get(name, 0.0) + size * placed[f"{name}{ZERO}"]
+
+
+def _moved(T: Array, point: Any) -> list[float]:
+    moved: Array = T[:3, :3] @ point + T[:3, 3]
+    return moved.tolist()
 
 
 def _put_joints(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) -> None:
