@@ -222,6 +222,19 @@ def test_the_softest_is_that_of_the_report_and_every_held_number_says_so(opened)
     assert page.evaluate(legend)[0].startswith("translation (rotation held): ")
 
 
+def test_pushes_are_resisted_unless_a_turn_is_not(opened):
+    """Cables whose platform is turned half round push it away, and no load was given."""
+    page = opened("cable-robot")
+    said = "!document.querySelector('.fact.resisted').hidden"
+    assert page.evaluate(said)
+    if not page.evaluate("window.cartstiff.source.moves"):
+        return
+    page.evaluate("window.cartstiff.goTo([0, 0, 0.6, 0, 0, Math.PI])")
+    settled(page)
+    assert "Indefinite" in page.inner_text("#verdict")
+    assert not page.evaluate(said)
+
+
 @pytest.mark.parametrize("given", [False, True])
 def test_sliders_move_the_drives_whether_a_load_was_given_or_not(opened, given):
     page = opened("stewart-gough")

@@ -395,6 +395,25 @@ def test_advice_keeps_the_limits_of_legs(tmp_path):
     )
 
 
+def test_a_sweep_ends_at_the_limit_of_its_joint(arm):
+    """Beyond it there is no posture, and no line."""
+    q = np.array(Q)
+    q[2] = arm.mechanism.coordinates[2].upper
+    text = report_page(replace(arm, q=q), wrench=[0, 0, 0, 0, 0, -20])
+    line = re.findall(r'<path d="([^"]+)" fill="none" stroke="[^"]+" stroke-width="2"', text)[2]
+    ends = [float(point.split(",")[0]) for point in re.split("[ML]", line)[1:]]
+    assert (ends[0], ends[-1]) == (50.0, 240.0)
+
+
+def test_what_springs_hold_before_the_load_is_named_beside_the_picture():
+    cables = cartstiff.load("cable-robot", payload=[3])
+    heads = [
+        re.findall("<h2>(In three.*?)</h2>", report_page(cables, wrench=W))
+        for W in (None, [0, 0, 0, 0, 0, -50])
+    ]
+    assert heads == [["In three dimensions"], ["In three dimensions, before the load"]]
+
+
 def test_a_closed_chain_is_drawn_link_by_link():
     """Every point that a closure ties is the end of a line, on both of its sides."""
     five = cartstiff.load("five-bar")

@@ -102,6 +102,7 @@ def report_page(
         picture = _picture(elastic, result, load)
         legs_shown = _legs(result)
     title = f"{elastic.name}: stiffness at {elastic.mechanism.frame}"
+    before = "" if load.held is None or load.added is None else ", before the load"
     where = placed(elastic.mechanism.frame_offset, elastic.units.length)
     sits = f" M is {where} in {elastic.mechanism.frame}." if where else ""
     parts = [
@@ -109,7 +110,7 @@ def report_page(
         f'<p class="quiet">Lengths in {elastic.units.length}, forces in {elastic.units.force} '
         f"unless said otherwise; M is the tool's frame, F the room.{_text(sits)}</p>",
         f'<div class="answer">{_doubt(elastic)}<ul>{_items(lines)}</ul></div>',
-        f'<section class="screen"><h2>In three dimensions</h2>{picture}</section>',
+        f'<section class="screen"><h2>In three dimensions{before}</h2>{picture}</section>',
         f"<section><h2>Posture</h2><figure>{_skeleton(elastic, start, load, moved)}</figure>"
         f"{_joints(result, start, analysis)}{_near(result)}</section>",
         *([f"<section><h2>Legs</h2>{legs_shown}</section>"] if legs_shown else []),
@@ -480,11 +481,11 @@ def _swept(elastic: ElasticMechanism, start: Array, load: _Load) -> dict[str, tu
             continue
         reach = _REACH * (length if c.is_length else 1.0)
         x = start[j] + reach * np.linspace(-1, 1, _COUNT)
-        x = np.clip(x, min(c.lower, start[j]), max(c.upper, start[j]))
         x[_COUNT // 2] = start[j]
         Q = np.tile(start, (_COUNT, 1))
         Q[:, j] = x
         moved = _displacements(elastic, Q, load)
+        moved[(x < min(c.lower, start[j])) | (x > max(c.upper, start[j]))] = np.nan
         if limits.legs is not None:  # coordinates are within theirs, legs need not be
             poses = np.array([mechanism.at(q).pose for q in Q])
             moved[limits.exceeded(limits.values(Q, poses))] = np.nan
@@ -561,16 +562,16 @@ def _skeleton(elastic: ElasticMechanism, q: Array, load: _Load, moved: Array | N
             )
         drawn.append(
             f'<circle cx="{at[across]:.1f}" cy="{at[up]:.1f}" r="6" fill="#c04020"/></g>'
-            f'<text x="{left}" y="255">{title}: {"xyz"[across]} to the right, {"xyz"[up]} up; '
+            f'<text x="{left}" y="295">{title}: {"xyz"[across]} to the right, {"xyz"[up]} up; '
             "M in red</text>"
         )
     bar = round_number(size / 3.0)
     width, words = 210 * bar / size, [f"{bar:g} {elastic.units.length}"]
-    drawn.append(f'<path d="M20 264v6h{width:.1f}v-6" fill="none" stroke="#222"/>')
+    drawn.append(f'<path d="M20 304v6h{width:.1f}v-6" fill="none" stroke="#222"/>')
     words += [said for *_, said in arrows]
-    drawn.append(f'<text x="{30 + width:.1f}" y="272">{_text("; ".join(words))}</text>')
+    drawn.append(f'<text x="{30 + width:.1f}" y="312">{_text("; ".join(words))}</text>')
     return (
-        '<svg viewBox="-20 -20 680 300" width="680" height="300" font-size="11" '
+        '<svg viewBox="-20 -20 680 340" width="680" height="340" font-size="11" '
         'font-family="sans-serif" role="img"><defs><marker id="head" viewBox="0 0 8 8" refX="6" '
         'refY="4" markerWidth="16" markerHeight="16" markerUnits="userSpaceOnUse" orient="auto">'
         '<path d="M0 0L8 4L0 8z" '
@@ -739,14 +740,14 @@ def _plot(swept: dict[str, tuple[Array, Array]], elastic: ElasticMechanism) -> s
             f'text-anchor="end">{top * tick / 4:.3g}</text>'
         )
     for i, (name, (_, y)) in enumerate(swept.items()):
-        places = np.linspace(50, 430, _COUNT)
-        drawn = " ".join(
-            f"{a:.1f},{max(220 - 200 * mm * b / top, 10):.1f}"
-            for a, b in zip(places, y, strict=True)
-            if np.isfinite(b)
+        known = np.isfinite(y)
+        drawn = "".join(
+            f"{'L' if k and known[k - 1] else 'M'}{50 + 380 * k / (_COUNT - 1):.1f},"
+            f"{max(220 - 200 * mm * y[k] / top, 10):.1f}"
+            for k in np.flatnonzero(known)
         )
         colour = _COLOURS[i % len(_COLOURS)]
-        lines.append(f'<polyline points="{drawn}" fill="none" stroke="{colour}" stroke-width="2"/>')
+        lines.append(f'<path d="{drawn}" fill="none" stroke="{colour}" stroke-width="2"/>')
         if i < 14:
             lines.append(f'<text x="440" y="{20 + 15 * i}" fill="{colour}">{_text(name)}</text>')
     lengths = {c.is_length for c in elastic.mechanism.coordinates}

@@ -44,7 +44,8 @@ export function deflectionPanel(store) {
   const examples = EXAMPLES.map(([words, way]) => button(words, () => store.change({ load: [0, 0, 0, ...way.map((x) => x && EXAMPLE * x)], load_axes: "world" }),
     { title: `A force of ${EXAMPLE} ${words} in the room; then drag the arrow, or type numbers on the left` }));
   store.on("hello", () => { examples[0].textContent = `Add ${EXAMPLE} ${store.unit("force")} downwards`; });
-  const [softest, stable, apart, doubt, found] = ["softest", "stable", "apart", "doubt", "found"].map((name) => el("p", { class: `fact ${name}` }));
+  const [softest, resisted, apart, doubt, found] = ["softest", "resisted", "apart", "doubt", "found"].map((name) => el("p", { class: `fact ${name}` }));
+  resisted.textContent = "Every small push is resisted";
   apart.title = "Largest difference of two entries, over the square root of the product of the two diagonal entries beside it";
   const search = button("Better posture", async () => {
     store.searching = search.disabled = true;
@@ -55,16 +56,16 @@ export function deflectionPanel(store) {
   }, { class: "quiet", title: "The best posture that differs from this one in one coordinate" });
   store.on("state", () => { found.textContent = ""; });
   byId("right").append(el("div", { class: "card moved-card" }, heading("Under this load", search, sway(store)),
-    head, found, bars, softest, stable, apart, doubt, detail, line));
+    head, found, bars, softest, resisted, apart, doubt, detail, line));
 
-  /** What is true with a load or without: the softest direction, stability, whether A or K matters, how sure the springs are. */
+  /** What is true with a load or without: the softest direction, whether a push is resisted, whether A or K matters, how sure the springs are. */
   function facts() {
-    const { softest: soft, moved, result } = store.numbers;
-    softest.hidden = stable.hidden = !soft;
+    const { softest: soft, moved, result, verdict } = store.numbers;
+    softest.hidden = !soft;
+    resisted.hidden = !soft || !(moved ? moved.resisted : verdict.level !== "bad"); // without a load all matrices are the same
     if (soft) {
       softest.replaceChildren("Softest ", el("span", { class: "dim" }, "(free to turn)"), ": ", el("b", {}, engineering(soft.stiffness, `${store.unit("force")}/${store.unit("length")}`)),
         soft.direction ? ` along ${tuple(soft.direction.map((x) => Number(x.toFixed(2))), 2)} of the room` : " along more than one direction alike");
-      stable.textContent = moved?.resisted === false ? "" : "Stable: every small push is resisted";
     }
     const [A, K] = ["A", "K"].map((name) => store.matrix(name, store.numbers, "stiffness"));
     const most = A && K && Math.max(...A.flatMap((row, i) => row.map((x, j) => Math.abs(x - K[i][j]) / Math.sqrt(Math.abs(K[i][i] * K[j][j])))));
