@@ -304,3 +304,30 @@ def test_zeros_of_a_serial_arm(tmp_path: Path) -> None:
     (tmp_path / "b.yaml").write_text(moved.replace("turn: 0.02", "follow: 0.02"), "utf-8")
     with pytest.raises(InputError, match="key zeros"):
         cartstiff.load(str(tmp_path / "b.yaml"))
+
+
+def test_joints_beyond_the_frame_are_held_where_the_file_says(tmp_path: Path) -> None:
+    """Their masses are carried there, and the note names their springs."""
+    pytest.importorskip("example_robot_data")
+    names = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
+    springs = ", ".join(f"{n}_joint: {{stiffness: 1.0e4}}" for n in names)
+    head = "kind: serial\nmodel: ur5\ngravity: [0, 0, -9.81]\n"
+    whole = (
+        f"{head}springs: {{{springs}}}\nzeros: {{wrist_2_joint: 0.2}}\n"
+        "q: {elbow_joint: 1.0, wrist_2_joint: 0.7, wrist_1_joint: -0.4}\n"
+    )
+    held = (
+        f"{head}frame: forearm_link\nlocked: {{wrist_2_joint: 0.9, wrist_1_joint: -0.4}}\n"
+        "q: {elbow_joint: 1.0}\n"
+    )
+    (tmp_path / "whole.yaml").write_text(whole, "utf-8")
+    (tmp_path / "held.yaml").write_text(held, "utf-8")
+    arm = cartstiff.load(tmp_path / "whole.yaml", frame="forearm_link")
+    assert "wrist_1_joint, wrist_2_joint, wrist_3_joint" in str(
+        next(note.message for note in arm.notes if note.code == "idle-springs")
+    )
+    results = [cartstiff.analyse(m) for m in (arm, cartstiff.load(tmp_path / "held.yaml"))]
+    assert results[0].q.tolist() == [0.0, 0.0, 1.0]
+    first, second = (r.posture.gravity(np.array([0.0, 0.0, -9.81])) for r in results)
+    assert np.abs(first.gradient).max() > 1.0
+    assert np.abs(first.gradient - second.gradient).max() < 1e-12

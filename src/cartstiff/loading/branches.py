@@ -30,7 +30,12 @@ _FEWEST_JOINTS, _FEWEST_WITHOUT_LENGTH = 2, 4
 
 
 def notes_on_branches(
-    model: Any, facts: RobotFacts, kept: Collection[str], frame: str, fingers: Collection[str]
+    model: Any,
+    facts: RobotFacts,
+    kept: Collection[str],
+    frame: str,
+    fingers: Collection[str],
+    idle: Collection[str],
 ) -> list[Note]:
     """Return notes on joints that do not act on a frame and might be expected to.
 
@@ -46,11 +51,13 @@ def notes_on_branches(
         The frame of interest.
     fingers : collection of str
         Joints of hands, of which nobody expects that they hold the frame.
+    idle : collection of str
+        Joints that have springs in the mechanism file and do not move the frame.
     """
     notes, words = [], f"not on the chain to {frame!r}"
     names = [name for name in list(model.names)[1:] if name not in fingers]
     away = [name for name in names if name not in kept and name not in facts.followers]
-    if springs := [name for name in away if name in facts.springs]:
+    if springs := [*idle, *(n for n in away if n in facts.springs and n not in idle)]:
         message = f"{len(springs)} joints with springs are {words} and do not act"
         if len(springs) == 1:
             message = f"1 joint with a spring is {words} and does not act"

@@ -1307,10 +1307,13 @@ def chain_of(
         file = as_closed_chain(file)
     file = file.model_copy(update={"lines": lines})
     closed = isinstance(file, ClosedChainFile)
+    zeros: dict[str, float] = getattr(file, "zeros", {})
+    held_at = {name: file.q.get(name, 0.0) + zeros.get(name, 0.0) for name in (*file.q, *zeros)}
+    held = replace(description, facts=replace(facts, posture=facts.posture | held_at))
     held_by = [f for line in file.lines for f in line.frames if f != "world"]
     ends = [frame, *(f for f in held_by if description.model.existFrame(f))]
     tree = tree_to(
-        description,
+        held,
         None if closed and not alone else ends,
         file.locked,
         "",
@@ -1320,6 +1323,11 @@ def chain_of(
     )
     if tree.n == 0 and not closed:
         raise InputError(f"no joint moves frame {frame!r}", expected="a frame on a moving link")
+    model = description.model
+    plain = {name for name, nv in zip(model.names, model.nvs, strict=True) if nv == 1}
+    beyond = plain - {*tree.names, *facts.followers, *file.locked}
+    idle = [name for name in file.springs if name in beyond]
+    file = file.model_copy(update=_without(beyond, file, ("q", "springs", "passive", "zeros")))
     actuated: Sequence[str] = ()
     driven = None
     base = np.eye(4)
@@ -1345,7 +1353,7 @@ def chain_of(
     notes += description_notes(description, tree, given, closed)
     fingers = _hand_joints(description.model, facts.loose)
     fingers |= {n for n in description.model.names if _is_finger(n)}
-    notes += notes_on_branches(description.model, facts, tree.names, frame, fingers)
+    notes += notes_on_branches(description.model, facts, tree.names, frame, fingers, idle)
 
     carrier = None
     if file.payload is not None and file.payload.carrier is not None:
@@ -1375,6 +1383,16 @@ def chain_of(
         edit=at_base,
     )
     return elastic.with_notes(*_repeated_conditions(elastic, len(closing.joints)))
+
+
+def _without(joints: Collection[str], file: Any, keys: Iterable[str]) -> dict[str, Any]:
+    """Entries of a file at some keys without those of some joints."""
+    kept: dict[str, Any] = {}
+    for key in set(keys).intersection(type(file).model_fields):
+        own = getattr(file, key)
+        names = [name for name in own if name not in joints]
+        kept[key] = {name: own[name] for name in names} if isinstance(own, Mapping) else names
+    return kept
 
 
 def _repeated_conditions(elastic: ElasticMechanism, own: int) -> list[Note]:
