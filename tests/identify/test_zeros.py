@@ -514,6 +514,24 @@ def test_a_tool_of_a_platform_has_no_place_in_its_file(tmp_path):
     run("identify", "stewart-gough", path, *words, code=2, said="no place in a file of kind")
 
 
+def test_a_session_has_no_name_of_an_offset_that_is_sought(arm, tmp_path):
+    """Their numbers would be one key of the answer."""
+    source = campaign(tmp_path / "a.csv", session=np.full(40, "tool"))
+    with pytest.raises(InputError, match="column session: has the name of an offset .* got tool"):
+        _found(arm, source, ("joints", "tool"))
+
+
+def test_simulated_rows_keep_their_sessions_and_times(tmp_path):
+    """A table that is filled in is the user's own: the fit needs its sessions."""
+    file, source = _urdf(tmp_path / "ten.yaml"), tmp_path / "a.csv"
+    campaign(source, rows=6, session=["=a", "b", "=a", "b", "=a", "b"], time=np.arange(6.0))
+    run("identify", file, source, "--simulate", 1, "--sd", "x=1um", "--csv", tmp_path / "b.csv")
+    arm = cartstiff.load(str(file))
+    rows = [read_measurements(tmp_path / name, arm) for name in ("a.csv", "b.csv")]
+    assert rows[0].session == rows[1].session
+    assert rows[0].time.tolist() == rows[1].time.tolist() == [0, 1, 2, 3, 4, 5]
+
+
 @pytest.mark.parametrize("word", ["tool", "base"])
 def test_turned_tools_and_bases_change_by_a_step_as_differences_say(word):
     """Rotation vectors by Pinocchio: a tool's step turns after what was found, a base's before."""

@@ -1366,6 +1366,10 @@ def identify(
     _check(offsets, measured, fit, reject, level)
     unknowns = unknowns_of(elastic, sought, ties=ties, known=known, priors=priors)
     unknowns = replace(unknowns, sessions=offsets or "rigid")
+    if both := set(measured.session).intersection(unknowns.geometry):
+        raise InputError(
+            "has the name of an offset that is sought", where="column session", got=min(both)
+        )
     contradictions(measured)
     rows = measured.rows
     measured = in_base(unknowns, measured, Model(unknowns, measured).poses)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
-from cartstiff.arrays import Array, csv_line
+from cartstiff.arrays import Array, csv_rows
 from cartstiff.choices import LARGEST_INPUT
 from cartstiff.errors import (
     ConvergenceError,
@@ -867,7 +867,7 @@ def _check_loads(measurements: Measurements, elastic: ElasticMechanism, cells: C
 def table_text(
     measured: Measurements, elastic: ElasticMechanism, columns: Sequence[str] = ()
 ) -> str:
-    """Rows under a line of names: postures, loads, and measured numbers.
+    """Rows under a line of names: postures, loads, measured numbers, times and sessions.
 
     Parameters
     ----------
@@ -913,8 +913,11 @@ def table_text(
         spread = measured.deviations.get(name)
         if spread is not None and not np.isnan(spread).all() and name not in columns:
             table[f"sd_{name} [{unit}]"] = spread / factor
-    lines = [
-        ",".join("" if np.isnan(x) else f"{x:.10g}" for x in row)
-        for row in zip(*table.values(), strict=True)
-    ]
-    return csv_line(table) + "\n".join(lines) + "\n"
+    if not np.isnan(measured.time).all():
+        table["time [s]"] = measured.time
+    rows = np.stack([*table.values()], axis=1).tolist()
+    lines = [["" if np.isnan(x) else f"{x:.10g}" for x in row] for row in rows]
+    if not measured.session:
+        return csv_rows([*table], lines)
+    named = [[*line, name] for line, name in zip(lines, measured.session, strict=True)]
+    return csv_rows([*table, "session"], named)
