@@ -517,7 +517,7 @@ def test_a_tool_of_a_platform_has_no_place_in_its_file(tmp_path):
 def test_a_session_has_no_name_of_an_offset_that_is_sought(arm, tmp_path):
     """Their numbers would be one key of the answer."""
     source = campaign(tmp_path / "a.csv", session=np.full(40, "tool"))
-    with pytest.raises(InputError, match="column session: has the name of an offset .* got tool"):
+    with pytest.raises(InputError, match=r"column session: has the name of an offset .* got tool"):
         _found(arm, source, ("joints", "tool"))
 
 
