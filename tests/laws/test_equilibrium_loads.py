@@ -138,6 +138,22 @@ def test_loads_that_overflow_are_refused(scale):
         equilibrium(mechanism("stewart-gough"), DeadForce(scale * np.ones(3)))
 
 
+@pytest.mark.parametrize(
+    ("name", "wrench", "stiffness", "words"),
+    [
+        ("ur5", [0, 0, 0, 0, 0, -1e9], None, "the load may be beyond"),
+        ("delta", [1e4, 0, 0, 0, 2e3, 0], None, "the load may be beyond"),
+        ("ur5", [0, 0, 5, 0, 0, 0], {"wrist_3_joint": 0.0}, "nothing holds 'wrist_3_joint'"),
+    ],
+)
+def test_a_search_that_fails_blames_the_load_or_the_joint_that_nothing_holds(
+    name, wrench, stiffness, words
+):
+    elastic = cartstiff.load(name, **({} if stiffness is None else {"stiffness": stiffness}))
+    with pytest.raises(ConvergenceError, match=words):
+        equilibrium(elastic, wrench=wrench)
+
+
 KINDS = (
     "force",
     "wrench",

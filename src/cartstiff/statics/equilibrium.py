@@ -248,7 +248,7 @@ def _along_its_curve(system: System, q: Array, iterations: int, settle: bool) ->
     if that fails, or the curve passes a critical load: beyond, another equilibrium may be meant.
     """
     try:
-        ratio = system.at(q).stiffness_ratio
+        _, ratio = system.own_stiffness(system.at(q).posture)
         if not (system.loads and ratio > numerics.SLOWING_STIFFNESS_RATIO):
             return None
         curve = load_curve(

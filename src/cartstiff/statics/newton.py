@@ -20,6 +20,7 @@ from cartstiff import numerics
 from cartstiff.choices import LARGEST_INPUT
 from cartstiff.errors import ConvergenceError, UndefinedError
 from cartstiff.geometry.se3 import Array
+from cartstiff.statics.held import COMPONENTS
 from cartstiff.statics.problem import (
     Balance,
     Contact,
@@ -188,15 +189,15 @@ class _Iteration:
 
     def _suspicion(self) -> str:
         """A likely reason why no equilibrium was found."""
-        ratio = self.point.stiffness_ratio
         posture = self.point.posture
+        own, ratio = self.system.own_stiffness(self.start.posture)
         free = None if posture.closure is None else self.balance.free
         for note in near_type_2(posture, free):
             return f"{note.message}; a load moves it far, or nothing holds it"
-        if self.system.loads and ratio * numerics.EPSILON > 1.0:
-            soft = np.diag(self.point.stiffness_scale)
-            softest = int(np.where(soft > 0.0, soft, np.inf).argmin())
-            return f"nothing holds {self.system.elastic.names[softest]!r} against the load"
+        if self.system.loads and posture.closure is None and not own.all():
+            names = COMPONENTS if posture.coordinates_are_pose else self.system.elastic.names
+            loose = names[int(own.argmin())]
+            return f"nothing holds {loose!r} against the load"
         if self.system.loads and ratio > numerics.SLOWING_STIFFNESS_RATIO:
             return f"stiffnesses differ by a factor {ratio:.0e}, which holds the search back"
         if self.system.loads:

@@ -128,12 +128,6 @@ class Point:
     stiffness_scale: Array
     limited: Array
 
-    @property
-    def stiffness_ratio(self) -> float:
-        """Largest over smallest stiffness of the coordinates that have one."""
-        stiff = np.diag(self.stiffness_scale)
-        return float(stiff.max(initial=0.0)) / float(stiff.min(initial=np.inf, where=stiff > 0.0))
-
     def add(self, term: Evaluation, members: Array) -> None:
         """Add a term that acts here, with the absolute forces (n,) of its members."""
         e, g, h = self.evaluation
@@ -436,6 +430,17 @@ class System:
             evaluation = term.evaluate(posture)
             point.add(evaluation, term.member_forces(posture, evaluation.gradient))
         return point
+
+    def own_stiffness(self, posture: MechanismPosture) -> tuple[Array, float]:
+        """Size (n,) of each coordinate's stiffness without loads, and the ratio of its extremes.
+
+        In natural units; stiffnesses that are rounding are 0, and of no extreme.
+        """
+        hessian = self.elastic.evaluate(posture).hessian
+        own = np.abs(np.diag(hessian)) * posture.coordinate_lengths**2
+        largest = float(own.max(initial=0.0))
+        own[own <= numerics.EPSILON * largest] = 0.0
+        return own, largest / float(own.min(initial=largest or 1.0, where=own > 0.0))
 
     def constraints(
         self, posture: MechanismPosture, contacts: Sequence[Contact]
