@@ -342,6 +342,21 @@ def test_sag_between_two_directions_of_gravity():
     assert note["values"]["gravity"] == [0.0, 0.0, -9.81]
     text = run(f"{command} --against-gravity 0,0,-9.81")
     assert "the displacement counts from the rest under gravity (0, 0, -9.81) m/s^2" in text
+    assert "no payload" not in text  # there is one
+
+
+def test_sag_from_and_to_no_gravity_at_all():
+    command = "equilibrium cubic --payload 20"
+    sag, lift = (
+        np.array(answer(f"{command} {options}")["displacement"])
+        for options in (
+            "--gravity 0,0,-9.81 --against-gravity 0,0,0",
+            "--gravity 0,0,0 --against-gravity 0,0,-9.81",
+        )
+    )
+    plain = answer(f"{command} --gravity 0,0,-9.81")["displacement"]
+    np.testing.assert_allclose(sag, plain, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(lift, -sag, rtol=0, atol=1e-12)
 
 
 def test_sag_is_the_difference_of_two_equilibria_of_springs_with_rests(tmp_path):

@@ -166,7 +166,7 @@ def command(
         from cartstiff.statics.equilibrium import equilibrium
 
         if against_gravity is not None:
-            if elastic.gravity is None:
+            if elastic.gravity is None and robot.gravity is None:
                 raise InputError(
                     "there is no other gravity to compare with",
                     where="--against-gravity",
@@ -175,8 +175,9 @@ def command(
             first = elastic.with_gravity(against_gravity, where="--against-gravity")
             under = (*loads[: len(loads) - len(weight)], *_weight(first, hung))
             before = equilibrium(first, start, *under, limits=not no_limits)
-            elastic = before.elastic.with_gravity(elastic.gravity).with_notes(
-                _reference_note(before), *(n for n in before.notes if n.code == "unstable-start")
+            elastic = weighing(before.elastic.with_gravity(elastic.gravity)).with_notes(
+                _reference_note(before, against_gravity),
+                *(n for n in before.notes if n.code == "unstable-start"),
             )
             start = before.q
         state = equilibrium(elastic, start, *loads, held=held, limits=not no_limits)
@@ -200,9 +201,9 @@ def command(
     )
 
 
-def _reference_note(before: Any) -> Note:
+def _reference_note(before: Any, gravity: list[float]) -> Note:
     """Note that displacements count from an equilibrium under another gravity."""
-    gravity, place = before.elastic.gravity.tolist(), before.posture.pose[:3, 3].tolist()
+    place = before.posture.pose[:3, 3].tolist()
     shown = [", ".join(f"{x:.6g}" for x in row) for row in (gravity, place)]
     words = (
         f"the displacement counts from the rest under gravity ({shown[0]}) m/s^2, with the body "
