@@ -344,6 +344,8 @@ def test_position_actuators_are_springs_on_request(own):
     codes = [note.code for note in elastic.notes]
     assert "actuator-springs" in codes
     assert "stiffness-assumed" not in codes
+    (ignored,) = [note.message for note in elastic.notes if note.code == "ignored"]
+    assert ignored.endswith("no part: actuators (5)")  # the motor
     assert "stiffness-assumed" in [note.code for note in load(path).notes]
     # The rest positions balance what acts: the arm stands where it is, under its weight.
     assert "unbalanced" not in [note.code for note in cartstiff.analyse(elastic, q).notes]

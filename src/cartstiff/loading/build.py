@@ -39,6 +39,7 @@ from cartstiff.loading.robot_description import (
     read_robot_description,
 )
 from cartstiff.loading.robot_facts import (
+    POSITION_ACTUATORS,
     FileClosure,
     FileSpring,
     Followers,
@@ -888,7 +889,7 @@ def with_actuator_springs(description: RobotDescription, notes: list[Note]) -> R
         "rest positions balance the load at the posture"
     )
     notes.append(Note("actuator-springs", message, {"stiffness": facts.actuators}))
-    ignored = tuple(words for words in facts.ignored if not words.startswith("actuators"))
+    ignored = tuple(words for words in facts.ignored if not words.startswith(POSITION_ACTUATORS))
     return replace(description, facts=replace(facts, springs=springs, ignored=ignored))
 
 

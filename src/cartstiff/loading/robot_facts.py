@@ -17,6 +17,9 @@ from cartstiff.notes import Note
 if TYPE_CHECKING:
     from cartstiff.loading.schema import LineModel
 
+#: Begins the description of actuators that are springs on request.
+POSITION_ACTUATORS = "position actuators of joints"
+
 
 @dataclass(frozen=True)
 class FileSpring:

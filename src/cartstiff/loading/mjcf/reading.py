@@ -27,6 +27,7 @@ from cartstiff.errors import InputError, MissingDependencyError, listed, one_lin
 from cartstiff.geometry import se3
 from cartstiff.loading.mjcf import worker
 from cartstiff.loading.robot_facts import (
+    POSITION_ACTUATORS,
     FileClosure,
     FileSpring,
     Followers,
@@ -533,21 +534,27 @@ class _Compiled:
         A force ``-kp gear q`` on the gear's far side is the spring ``kp gear^2`` at the joint.
         """
         data = self.data
-        if names := [n or f"{i + 1}" for i, n in enumerate(data["actuator_names"])]:
-            self.ignored.append(f"actuators ({_listed(names)})")
         driven: dict[str, float] = {}
-        for kind, (target, _), gear, bias, law in zip(
-            data["actuator_trntype"],
-            data["actuator_trnid"],
-            data["actuator_gear"],
-            data["actuator_biastype"],
-            data["actuator_biasprm"],
-            strict=True,
+        held, others = list[str](), list[str]()
+        for i, (kind, (target, _), gear, bias, law) in enumerate(
+            zip(
+                data["actuator_trntype"],
+                data["actuator_trnid"],
+                data["actuator_gear"],
+                data["actuator_biastype"],
+                data["actuator_biasprm"],
+                strict=True,
+            )
         ):
+            k = 0.0
             if kind in (0, 1) and len(self.coordinates[target]) == 1:  # joint, joint in parent
                 k = -law[1] * gear[0] ** 2 if bias == "mjBIAS_AFFINE" else 0.0
                 name = self.coordinates[target][0]
                 driven[name] = driven.get(name, 0.0) + max(k, 0.0)
+            (held if k > 0.0 else others).append(data["actuator_names"][i] or f"{i + 1}")
+        for words, names in ((POSITION_ACTUATORS, held), ("actuators", others)):
+            if names:
+                self.ignored.append(f"{words} ({_listed(names)})")
         return driven
 
     def _tendons(self) -> list[tuple[LineModel, frozenset[str]]]:
