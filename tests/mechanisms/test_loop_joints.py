@@ -197,15 +197,19 @@ def test_planar_hinges_are_recorded(tmp_path):
     assert found.fallback == 0
 
 
-def test_a_hinge_of_the_room(tmp_path):
-    """A frame tied to the world without points stays where it is at q, and turns there."""
+@pytest.mark.parametrize(
+    ("axes", "free"), [([Y, Y], 1), ([[1, 0, 0], [np.cos(0.7), 0, -np.sin(0.7)]], 0)]
+)
+def test_a_hinge_of_the_room(tmp_path, axes, free):
+    """A frame tied to the world without points stays at q, and turns about an axis along F's."""
     write_urdf(
         tmp_path,
         joint("a", "base", "one", axis=Y),
         joint("b", "one", "two", at=(0.3, 0, 0), axis=Y),
         joint("c", "two", "end", at=(0.3, 0, 0), axis=Y),
     )
-    tie = {"frames": ["end", "world"], "type": "hinge", "axes": [Y, Y]}
+    axes = np.array(axes, float).tolist()
+    tie = {"frames": ["end", "world"], "type": "hinge", "axes": axes}
     elastic = cartstiff.load(
         write_file(
             tmp_path,
@@ -221,7 +225,8 @@ def test_a_hinge_of_the_room(tmp_path):
     at = elastic.mechanism.at(elastic.q)
     J = at.closure.jacobian
     values = np.linalg.svd(J)[1]
-    assert len(elastic.q) - np.count_nonzero(values > 1e-9) == 1
+    assert len(elastic.q) - np.count_nonzero(values > 1e-9) == free
+    assert np.abs(elastic.q[:3] - [-0.5, 1.2, 0.0]).max() < 1e-12
 
 
 # -- in a URDF ------------------------------------------------------------------------------------

@@ -1815,7 +1815,10 @@ class _ClosureBuilder:
         if entry.points is None and "world" in (a, b):
             other = b if a == "world" else a
             tied = f"world (closure {i + 1})"
-            tree.frames[tied] = FixedFrame(0, tree.at(self.q).pose(tree.placement(other)))
+            T = tree.at(self.q).pose(tree.placement(other))
+            if entry.axes is not None:  # these are along the axes of F
+                T = se3.pose(translation=T[:3, 3])
+            tree.frames[tied] = FixedFrame(0, T)
             a, b = (tied, other) if a == "world" else (other, tied)
         if entry.points is not None or entry.type in _FREE_AXES:
             names = []

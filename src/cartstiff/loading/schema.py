@@ -622,7 +622,10 @@ class ClosureModel(FileModel):
         "point; universal: a common point, and two axes that stay square"
     )
     points: list[Vector] | None = keyed(
-        "points in the frames; default origins", None, min_length=2, max_length=2
+        "points in the frames; default origins, and for the world where the other frame is at q",
+        None,
+        min_length=2,
+        max_length=2,
     )
     axes: list[Vector] | None = keyed(
         "of a hinge in either frame, default z; of a universal joint the first in the first frame, "
