@@ -9,6 +9,7 @@ from tests.laws.test_many_engine import assert_same
 from tests.mechanisms.machines import joint, masses, note, write_file, write_urdf
 
 import cartstiff
+from cartstiff.errors import InputError
 
 Y = (0, 1, 0)
 #: Crank, coupler and rocker of a four-bar that is no parallelogram, and the way between pivots.
@@ -266,6 +267,26 @@ def test_joints_of_sdf_between_links(tmp_path, kind, axes, rows):
     at = elastic.mechanism.at(elastic.q)
     rank = np.count_nonzero(np.linalg.svd(at.closure.jacobian)[1] > 1e-9)
     assert len(elastic.q) - rank == 7 - rows
+
+
+@pytest.mark.parametrize(
+    "axis",
+    [
+        '<axis><xyz expressed_in="__model__">0 1 0</xyz></axis>',
+        "<axis><xyz>0 1 0</xyz><use_parent_model_frame>true</use_parent_model_frame></axis>",
+        "<axis><xyz>0 1 0</xyz><dynamics><spring_stiffness>3</spring_stiffness></dynamics></axis>",
+    ],
+)
+def test_joints_of_sdf_that_say_more_are_refused(tmp_path, axis):
+    path = write_urdf(
+        tmp_path,
+        joint("motor", "base", "coupler", axis=Y),
+        joint("pivot", "base", "rocker", at=(0.4, 0, 0), axis=Y),
+    )
+    text = path.read_text().replace("</robot>", f"{sdf_joint('revolute', axis)}</robot>")
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"coupler, rocker\], type: hinge, axes: \[\.\.\., "):
+        cartstiff.load(path, frame="coupler")
 
 
 # -- lists of closures beside a URDF --------------------------------------------------------------

@@ -113,6 +113,8 @@ _SDF_CLOSURES: dict[str, tuple[Literal["weld", "hinge", "universal"], tuple[str,
     "continuous": ("hinge", ("axis",)),
     "universal": ("universal", ("axis", "axis2")),
 }
+#: Elements of such joints that put the axes into another frame, or a spring on them.
+_SDF_WITHOUT_MEANING = ("use_parent_model_frame", "spring_stiffness")
 
 
 class _Robot:
@@ -423,7 +425,10 @@ class _Robot:
         kind, place = joint.get("type", ""), joint.find("pose")
         if links[0] == "world" and kind == "fixed" and links[1] not in self.carrier:
             return
-        if not {"world", *self.links} >= set(links) or (place is not None and place.attrib):
+        is_elsewhere = any(part.attrib for tag in ("pose", "xyz") for part in joint.iter(tag))
+        more = [e.text for tag in _SDF_WITHOUT_MEANING for e in joint.iter(tag)]
+        is_more = any((text or "0").strip().lower() not in ("0", "0.0", "false") for text in more)
+        if not {"world", *self.links} >= set(links) or is_elsewhere or is_more:
             self._leave_out_element(joint, "closures", {})
             return
         text = "0 0 0 0 0 0" if place is None else (place.text or "").strip()
@@ -480,8 +485,9 @@ class _Robot:
     def _leave_out_closure(
         self, what: str, kind: str, links: list[str], points: Sequence[Sequence[float]]
     ) -> None:
-        tied = "weld" if kind in ("fixed", "weld") else "point"
+        tied = "weld" if kind == "weld" else _SDF_CLOSURES.get(kind, ("point",))[0]
         at = "" if len(points) != 2 else f", points: [{_row(points[0])}, {_row(points[1])}]"
+        at += ", axes: [..., ...]" if tied in ("hinge", "universal") else ""
         closure = f"{{frames: [{', '.join(links)}], type: {tied}{at}}}"
         yaml = f"kind: closed-chain, closures: [{closure}]"
         self._leave_out_acting(what, links, "closures", yaml)
