@@ -117,6 +117,9 @@ def test_a_table_of_ones_own(tmp_path):
     table.write_text("joint,stiffness [N/um]\n1,392\n")
     with pytest.raises(InputError, match="slides"):
         cartstiff.load("ur5", springs=str(table))
+    table.write_text("joint,stiffness\nelbow_joint,1e5\n3,1e4\n")
+    with pytest.raises(InputError, match=r"line 3: joint named twice.*'elbow_joint'"):
+        cartstiff.load("ur5", springs=str(table))
 
 
 def test_models_lists_them():

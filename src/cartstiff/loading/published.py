@@ -41,10 +41,12 @@ def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism
     joints = [c for c in elastic.mechanism.coordinates if c.name in known]
     if elastic.spring_names != elastic.names:
         raise InputError("is for mechanisms with joints", where="--springs", expected="--stiffness")
+    numbered = {str(i): c.name for i, c in enumerate(joints, start=1)}
+    numbered |= {c.name: c.name for c in joints}
     is_table = Path(name).suffix.lower() == ".csv"
     if is_table:
         about: dict[str, Any] = {"robot": elastic.name, "method": "a table", "source": name}
-        given = _table(Path(name).expanduser())
+        stiffness = _table(Path(name).expanduser(), numbered)
     else:
         check_name("springs", name, published_springs(), "--springs")
         about = dict(published_springs()[name])
@@ -56,9 +58,10 @@ def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism
                 where="--springs",
                 got=", ".join(c.name for c in joints),
             )
-        given = {k: GivenStiffness.read(f"{x} N m/rad") for k, x in about["stiffness"].items()}
-    numbered = {str(i): c.name for i, c in enumerate(joints, start=1)}
-    stiffness = {numbered.get(joint, joint): k for joint, k in given.items()}
+        stiffness = {
+            numbered.get(joint, joint): GivenStiffness.read(f"{k} N m/rad")
+            for joint, k in about["stiffness"].items()
+        }
     try:
         elastic = elastic.with_springs(stiffness)
     except InputError as error:
@@ -73,8 +76,11 @@ def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism
     return elastic.with_notes(Note("published-springs", words, values))
 
 
-def _table(path: Path) -> dict[str, float]:
-    """Read stiffnesses by joint from columns `joint` and `stiffness [unit]` (else N m/rad)."""
+def _table(path: Path, numbered: Mapping[str, str]) -> dict[str, float]:
+    """Read stiffnesses by joint from columns `joint` and `stiffness [unit]` (else N m/rad).
+
+    A joint may be given by its number instead of its name.
+    """
     cells = read_cells(path, "springs")
     heads = [head_of(head, cells.place)[0] for head in cells.names]
     if sorted(heads) != ["joint", "stiffness"]:
@@ -86,7 +92,7 @@ def _table(path: Path) -> dict[str, float]:
     unit = in_brackets(cells.names[at]).partition("[")[2].rstrip("] ") or "N m/rad"
     given: dict[str, float] = {}
     for row, place in zip(cells.rows, cells.places, strict=True):
-        joint, text = row[1 - at], row[at]
+        joint, text = numbered.get(row[1 - at], row[1 - at]), row[at]
         if joint in given:
             raise InputError("joint named twice", where=place, got=repr(joint))
         is_rigid = text == "rigid"
