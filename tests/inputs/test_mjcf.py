@@ -385,6 +385,16 @@ def test_straight_tendons_are_lines(length):
     assert (length == "0 5") == (not data.qfrc_spring.any())
 
 
+def test_ranges_of_tendons_are_named_where_they_play_no_part():
+    tendon = (
+        '<tendon><spatial name="rope" stiffness="7" limited="true" range="0 0.4">'
+        '<site site="post"/><site site="tip"/></spatial></tendon>'
+    )
+    notes = load(place(HELD.format(root="", own=0, beside=tendon))).notes
+    (ignored,) = [note.message for note in notes if note.code == "ignored"]
+    assert ignored.endswith("no part: ranges of tendons (rope)")
+
+
 def test_a_free_body_on_tendons_is_not_held():
     tendons = "".join(
         f'<spatial stiffness="700"><site site="{a}"/><site site="{b}"/></spatial>'

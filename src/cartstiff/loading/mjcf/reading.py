@@ -12,6 +12,7 @@ import importlib.util
 import re
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
+from itertools import compress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -597,13 +598,13 @@ class _Compiled:
     def _ignore_parts(self) -> None:
         """Describe further parts without effect."""
         data, ignored = self.data, self.ignored
-        loose = [
-            name or f"{t + 1}"
-            for t, name in enumerate(data["tendon_names"])
-            if not data["tendon_stiffness"][t]
-        ]
-        if loose:
-            ignored.append(f"tendons without stiffness ({_listed(loose)})")
+        names = [name or f"{t + 1}" for t, name in enumerate(data["tendon_names"])]
+        for words, which in (
+            ("tendons without stiffness", [not k for k in data["tendon_stiffness"]]),
+            ("ranges of tendons", data["tendon_limited"]),
+        ):
+            if some := list(compress(names, which)):
+                ignored.append(f"{words} ({_listed(some)})")
         if data["pair_names"]:
             ignored.append(f"contact pairs ({len(data['pair_names'])})")
         several = [j for j, own in enumerate(self.coordinates) if len(own) > 1]

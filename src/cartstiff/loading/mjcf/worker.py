@@ -36,7 +36,7 @@ site_bodyid site_pos site_quat
 geom_bodyid geom_type geom_group geom_dataid geom_matid geom_pos geom_quat geom_size geom_rgba
 mat_rgba mesh_pos mesh_quat
 eq_type eq_objtype eq_obj1id eq_obj2id eq_active0 eq_data
-tendon_adr tendon_num tendon_stiffness tendon_stiffnesspoly tendon_lengthspring
+tendon_adr tendon_num tendon_limited tendon_stiffness tendon_stiffnesspoly tendon_lengthspring
 wrap_type wrap_objid actuator_trntype actuator_trnid actuator_gear actuator_biastype
 actuator_biasprm flex_vertadr flex_vertnum flex_vertbodyid
 """
