@@ -35,7 +35,7 @@ _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
     ),
     needs={
         "world": "load hold path",
-        "load_at load_kind": "load path",
+        "load_at load_kind follower": "load path",
         "csv plot": "curve path",
         "against": "path",
     },
@@ -47,7 +47,7 @@ _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
             f"against_gravity {name}"
             for name in ("curve", "path", "hold", "actuate", "sensitivities", "tolerance")
         ),
-        *(f"{name} path" for name in ("hold", "q", "pose", "actuate")),
+        *(f"{name} path" for name in ("hold", "q", "pose", "lengths", "rest", "actuate")),
         "follower load_kind",
     ),
     rare="lengths rest follower sensitivities tolerance",

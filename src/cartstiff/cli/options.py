@@ -545,6 +545,7 @@ class Posture:
     """
 
     API: ClassVar = ("loading/__init__.py load",)
+    NEEDS: ClassVar = {"pose_of": "pose"}
     RARE: ClassVar = "pose_of"
 
     mechanism: str
@@ -720,8 +721,6 @@ class Robot(Shown, File, Tool, Posture):
                     expected=f"{len(elastic.spring_names)} numbers",
                 )
             return mechanism.forward_kinematics(self.lengths, elastic.q), ()
-        if self.pose_of == "M" and self.pose is None:
-            raise InputError("is for --pose", where="--pose-of")
         if self.pose is not None:
             from cartstiff.geometry import se3
             from cartstiff.kinematics.at_pose import at_pose
