@@ -52,6 +52,12 @@ def notes(folder, text):
         (ARM + ON_FOREARM.replace("2.1e11", "210"), "doubtful-units", "Gigapascals"),
         (BODY.replace("[5,0,0]", "[500,0,0]"), "doubtful-units", "base.1 is (500, 0, 0) m"),
         (BODY.replace("20}", "20, rest_length: 0.006}"), "doubtful-units", "stretch of leg 1"),
+        (
+            ARM + "lines: [{frames: [world, forearm_link], points: [[0, 0, 2], [0, 0, 0]], "
+            "stiffness: 9, preload: 400}]\n",
+            "doubtful-units",
+            "stretch of line 1",
+        ),
         (ARM + "payload: {mass: 5}\n", "weightless", "weighs nothing"),
         (BODY + "payload: {mass: 5}\n", "weightless", "weighs nothing"),
         (ARM.replace(ELBOW, "elbow_joint: {polynomial: [-2.0e4]}"), "negative-stiffness", "elbow"),

@@ -568,10 +568,12 @@ def _beam(beam: BeamModel, indices: Array, link: str) -> Beam:
     return Beam(indices, beam.length / beam.segments, section, link, mass)
 
 
-def extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[LineSprings]:
-    """Return line springs and cables between points of named frames."""
-    springs = []
-    for line in lines:
+def extra_lines(
+    lines: Sequence[LineModel], mechanism: Chain, q: Array, notes: list[Note]
+) -> list[LineSprings]:
+    """Return line springs and cables between named frames; add a note on large strains."""
+    springs, strains = list[LineSprings](), dict[str, float]()
+    for i, line in enumerate(lines, start=1):
         a, b = line.frames
         if mechanism.tree.placement(a).joint == mechanism.tree.placement(b).joint:
             raise InputError(
@@ -588,6 +590,8 @@ def extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[
         rest = line.rest_length
         if rest is None:
             rest = length - (line.preload or 0.0) / line.stiffness
+        if rest and not (line.unilateral and rest > length):
+            strains[f"stretch of line {i}"] = (length - rest) / length
         springs.append(
             LineSprings(
                 frame_a=a,
@@ -599,6 +603,7 @@ def extra_lines(lines: Sequence[LineModel], mechanism: Chain, q: Array) -> list[
                 unilateral=line.unilateral,
             )
         )
+    notes += large_strains(strains)
     return springs
 
 
@@ -742,9 +747,9 @@ def _elastic_chain(
     notes[:0] = assumed[:1]
     notes += [*assumed[1:], *beams_that_end_elsewhere(soft, chain), *negative_links(soft)]
     notes += _links_without_effect(soft, chain, file.lines)
+    potentials = [*soft, *extra_lines(file.lines, chain, q, notes)]
     elastic = ElasticMechanism(name, chain, q, springs, notes=tuple(notes))
     chain.undriven = frozenset(np.flatnonzero(springs.is_passive).tolist()) - springs.rigid
-    potentials = [*soft, *extra_lines(file.lines, chain, q)]
     if not potentials and len(chain.undriven) == tree.n:
         names = ", ".join(chain.names)
         words = (
