@@ -485,9 +485,8 @@ class _Robot:
     def _leave_out_closure(
         self, what: str, kind: str, links: list[str], points: Sequence[Sequence[float]]
     ) -> None:
-        tied = "weld" if kind == "weld" else _SDF_CLOSURES.get(kind, ("point",))[0]
+        tied = "weld" if kind in ("fixed", "weld") else "point"
         at = "" if len(points) != 2 else f", points: [{_row(points[0])}, {_row(points[1])}]"
-        at += ", axes: [..., ...]" if tied in ("hinge", "universal") else ""
         closure = f"{{frames: [{', '.join(links)}], type: {tied}{at}}}"
         yaml = f"kind: closed-chain, closures: [{closure}]"
         self._leave_out_acting(what, links, "closures", yaml)
