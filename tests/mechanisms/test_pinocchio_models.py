@@ -57,6 +57,15 @@ def test_the_model_and_its_file_give_the_same_matrices(name):
         assert np.abs(b.tensor(connection).matrix - K).max() <= 1e-15 * np.abs(K).max()
 
 
+def test_joints_beyond_the_frame_are_held_in_the_configuration():
+    model = pin.buildModelFromUrdf(str(example_robot("ur5")))
+    q, g = np.array([0.1, -1.0, 1.0, 0.7, 0.9, 0.3]), np.array([0.0, 0.0, -9.81])
+    arm = cartstiff.from_pinocchio(model, frame="forearm_link", q=q)
+    expected = pin.computeGeneralizedGravity(model, model.createData(), q)[:3]
+    gradient = arm.mechanism.at(arm.q).gravity(g).gradient
+    np.testing.assert_allclose(gradient, expected, atol=1e-12)
+
+
 def test_the_model_is_not_changed():
     model = pin.buildModelFromUrdf(str(example_robot("ur5")))
     before = model.copy()

@@ -244,25 +244,21 @@ def chosen_frame(
 def default_posture(
     tree: KinematicTree,
     values: Mapping[str, float],
+    facts: RobotFacts,
     otherwise: Mapping[str, float] | None = None,
-    facts: RobotFacts | None = None,
 ) -> Array:
     """Default coordinates (n,): given values, then `otherwise`, a keyframe, the file's own posture.
 
     The own posture of a URDF is zero; where the limits exclude it, the middle of the limits is
     taken. Names in `otherwise` need not be coordinates of the tree.
     """
-    names = tree.names
-    _check_joints(values, names, "key q")
-    own = {} if facts is None else facts.posture
-    q = np.array([own.get(name, 0.0) for name in names])
-    if facts is None or facts.keyframe is None:
-        for j, c in enumerate(tree.coordinates):
-            if not c.lower <= q[j] <= c.upper:
-                q[j] = float(np.clip(0.5 * (c.lower + c.upper), -1e9, 1e9))
-    for name, value in {**(otherwise or {}), **values}.items():
-        if name in names:
-            q[names.index(name)] = value
+    _check_joints(values, tree.names, "key q")
+    q, given = np.zeros(tree.n), {**(otherwise or {}), **values}
+    for j, c in enumerate(tree.coordinates):
+        q[j] = facts.posture.get(c.name, 0.0)
+        if facts.keyframe is None and not c.lower <= q[j] <= c.upper:
+            q[j] = np.clip(0.5 * (c.lower + c.upper), -1e9, 1e9)
+        q[j] = given.get(c.name, q[j])
     return q
 
 
@@ -1313,9 +1309,10 @@ def chain_of(
         file = as_closed_chain(file)
     file = file.model_copy(update={"lines": lines})
     closed = isinstance(file, ClosedChainFile)
-    zeros: dict[str, float] = getattr(file, "zeros", {})
-    held_at = {name: file.q.get(name, 0.0) + zeros.get(name, 0.0) for name in (*file.q, *zeros)}
-    held = replace(description, facts=replace(facts, posture=facts.posture | held_at))
+    held_at = {**facts.posture, **(posture or {}), **file.q}
+    for joint, zero in getattr(file, "zeros", {}).items():
+        held_at[joint] = held_at.get(joint, 0.0) + zero
+    held = replace(description, facts=replace(facts, posture=held_at))
     held_by = [f for line in file.lines for f in line.frames if f != "world"]
     ends = [frame, *(f for f in held_by if description.model.existFrame(f))]
     tree = tree_to(
@@ -1348,7 +1345,7 @@ def chain_of(
         name: x for name, x in file.q.items() if closed and _CLOSURE_COORDINATE.fullmatch(name)
     }
     named = {name: x for name, x in file.q.items() if name not in in_closures}
-    closing = _ClosureBuilder(tree, default_posture(tree, named, posture, facts), in_closures)
+    closing = _ClosureBuilder(tree, default_posture(tree, named, facts, posture), in_closures)
     if isinstance(file, ClosedChainFile):
         for i, tie in enumerate(ties):
             closing.add_tie(tie, i)
@@ -1717,7 +1714,7 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
     body = [f"body of leg {i + 1}" for i in range(len(ends))]
     for frame, part, end, grip in zip(body, parts, ends, grips, strict=True):
         _add_frame(tree, frame, part.prefix + end, se3.inverse(grip))
-    q = default_posture(tree, _prefixed(parts, "entry.q"), facts=facts)
+    q = default_posture(tree, _prefixed(parts, "entry.q"), facts)
     start = 0
     for i, (leg, (_, arm, T_F_root)) in enumerate(zip(legs, trees, strict=True)):
         own = slice(start, start + arm.n)
