@@ -280,8 +280,8 @@ def test_refusals():
         choose_quantities(["condition"], Settings("C"), elastic)
     with pytest.raises(InputError, match="no quantity"):
         choose_quantities([], Settings(), elastic)
-    with pytest.raises(InputError, match="closures"):
-        choose_quantities(["manipulability"], Settings(), cartstiff.load("five-bar"))
+    for name in ("five-bar", "cable-robot"):
+        refuses("closures", choose_quantities, ["manipulability"], Settings(), cartstiff.load(name))
 
 
 def test_every_state_has_a_number():

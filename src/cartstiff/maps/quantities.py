@@ -426,10 +426,13 @@ def choose_quantities(
             raise InputError(f"the quantity {name} needs a cutter (milling)")
         if quantity.asks in ("damping", "milling") and not settings.damping.acts_on(elastic):
             raise InputError(f"the quantity {name} needs damping", got="no ratio, no dampers")
-        if "jacobian" in quantity.needs and elastic.mechanism.kind in ("closed-chain", "parallel"):
+        mechanism = elastic.mechanism
+        lines = len(mechanism.points) if isinstance(mechanism, Platform) else 6
+        if "jacobian" in quantity.needs and (mechanism.closures or lines != 6):
             raise InputError(
-                f"the quantity {name} is not defined for a mechanism with closures",
-                expected="a serial chain or a platform",
+                f"the quantity {name} is not defined for a mechanism with closures, or lines "
+                "other than six",
+                expected="a serial chain or a platform on six legs",
             )
         if name == "manipulability":
             quantity = replace(quantity, unit=_manipulability_unit(elastic))
