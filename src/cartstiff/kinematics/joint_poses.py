@@ -503,10 +503,7 @@ class JointPoses:
         Postures are sought at poses (N, 4, 4), each of which is acceptable; None without any.
         """
         other = copy(self)
-        other.lower, other.upper = (
-            np.full_like(self.lower, -np.inf),
-            np.full_like(self.upper, np.inf),
-        )
+        other.lower, other.upper = self.lower - np.inf, self.upper + np.inf
         starts = other.random_starts(max(200, len(poses)), np.random.default_rng(0))
         rows = np.arange(len(starts)) % len(poses)
         q, good = other.solve(poses[rows], starts, free)
@@ -535,26 +532,24 @@ class JointPoses:
 
 def _damped(J: Array, e: Array, damping: Array) -> Array:
     """``J^T (J J^T + damping I)^-1 e``; a little damping excludes directions without motion."""
-    Jt = J.swapaxes(1, 2)
-    M = J @ Jt
-    r = M.shape[1]
-    trace = np.einsum("nii->n", M)
-    M[:, range(r), range(r)] += (damping + numerics.ROUNDOFF_OF_SUMS * trace + numerics.TINY)[
-        :, None
-    ]
-    step: Array = (Jt @ np.linalg.solve(M, e[..., None]))[..., 0]
+    step: Array = (J.swapaxes(1, 2) @ np.linalg.solve(_squared(J, damping), e[..., None]))[..., 0]
     return step
+
+
+def _squared(J: Array, damping: Array | float = 0.0) -> Array:
+    """``J J^T + damping I``, and what keeps it regular."""
+    M: Array = J @ J.swapaxes(1, 2)
+    diagonal = np.einsum("nii->ni", M)
+    trace = diagonal.sum(axis=1)
+    diagonal += (damping + numerics.ROUNDOFF_OF_SUMS * trace + numerics.TINY)[:, None]
+    return M
 
 
 def _projections(J: Array, moving: Array) -> Array:
     """Projections (N, n, n) on the motions of the moving coordinates (N, n) without effect in J."""
     J = J * moving[:, None, :]
-    M = J @ J.swapaxes(1, 2)
-    r = M.shape[1]
-    M[:, range(r), range(r)] += (
-        numerics.ROUNDOFF_OF_SUMS * np.einsum("nii->n", M) + numerics.TINY
-    )[:, None]
-    P: Array = np.eye(J.shape[2]) * moving[:, None, :] - J.swapaxes(1, 2) @ np.linalg.solve(M, J)
+    P: Array = np.eye(J.shape[2]) * moving[:, None, :]
+    P -= J.swapaxes(1, 2) @ np.linalg.solve(_squared(J), J)
     return P
 
 

@@ -217,8 +217,6 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
     if not text.strip() or "\0" in text:
         raise InputError("mechanism has no name", expected="a name or a path", got=repr(text))
     if isinstance(source, str) and text.lstrip().startswith("<"):
-        if overrides.get("parameters"):
-            raise InputError("parameters belong to mechanism files", got="XML text")
         return _from_robot(text, "robot", overrides)
     try:
         path = Path(text).expanduser()
@@ -231,13 +229,6 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
     suffix = path.suffix.lower()
     if suffix in (".yaml", ".yml"):
         return from_data(*read_yaml(path), path, overrides)
-    if overrides.get("parameters"):
-        raise InputError(
-            "parameters belong to mechanism files",
-            where=one_line(text),
-            expected="a .yaml file",
-            got=", ".join(overrides["parameters"]),
-        )
     if suffix in ROBOT_FILES:
         return _from_robot(str(path), path.stem.removesuffix(".urdf"), overrides)
     robots = example_robots()
@@ -262,6 +253,11 @@ def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMech
     from cartstiff.loading.schema import SerialFile
 
     where = "XML text" if model.lstrip().startswith("<") else one_line(model)
+    if overrides.get("parameters"):
+        got = ", ".join(overrides["parameters"])
+        raise InputError(
+            "parameters belong to mechanism files", where=where, expected="a .yaml file", got=got
+        )
     alone = SerialFile.model_construct(kind="serial", model=model)
     with places_in(where):
         serial = with_overrides(alone, overrides)

@@ -1330,7 +1330,10 @@ def chain_of(
     plain = {name for name, nv in zip(model.names, model.nvs, strict=True) if nv == 1}
     beyond = plain - {*tree.names, *facts.followers, *file.locked}
     idle = [name for name in file.springs if name in beyond]
-    file = file.model_copy(update=_without(beyond, file, ("q", "springs", "passive", "zeros")))
+    acting: dict[str, Any] = {"passive": [name for name in file.passive if name not in beyond]}
+    for key in {"q", "springs", "zeros"}.intersection(type(file).model_fields):
+        acting[key] = {name: x for name, x in getattr(file, key).items() if name not in beyond}
+    file = file.model_copy(update=acting)
     actuated: Sequence[str] = ()
     driven = None
     base = np.eye(4)
@@ -1386,16 +1389,6 @@ def chain_of(
         edit=at_base,
     )
     return elastic.with_notes(*_repeated_conditions(elastic, len(closing.joints)))
-
-
-def _without(joints: Collection[str], file: Any, keys: Iterable[str]) -> dict[str, Any]:
-    """Entries of a file at some keys without those of some joints."""
-    kept: dict[str, Any] = {}
-    for key in set(keys).intersection(type(file).model_fields):
-        own = getattr(file, key)
-        names = [name for name in own if name not in joints]
-        kept[key] = {name: own[name] for name in names} if isinstance(own, Mapping) else names
-    return kept
 
 
 def _repeated_conditions(elastic: ElasticMechanism, own: int) -> list[Note]:

@@ -562,8 +562,6 @@ class _Robot(FileModel):
     @model_validator(mode="after")
     def _is_described(self) -> Self:
         only_one(self, "model", "dh")
-        if self.dh is not None and (self.xacro or self.package_path):
-            raise ValueError("xacro and package_path belong to model, not to dh")
         return self
 
     @property
