@@ -302,7 +302,10 @@ def test_a_sweep_that_moves_another_motor_has_gaps_with_the_reason(serve, pages)
     page.wait_for_function("() => document.querySelectorAll('#strip .gap').length >= 5")
     box = page.locator("#strip svg.plot:not(.heat)").bounding_box()
     page.mouse.move(box["x"] + 54, box["y"] + box["height"] / 2)
-    page.wait_for_selector(".reading:has-text('right_motor moves from')")
+    page.wait_for_selector(".reading:has-text('right_motor moves from 54.43° to')")
+    page.evaluate("window.cartstiff.tell('angles', 'rad')")
+    page.mouse.move(box["x"] + 55, box["y"] + box["height"] / 2)
+    page.wait_for_selector(".reading:has-text('right_motor moves from 0.95 to')")
 
 
 ARROWS = """() => ["force", "moment"].map((kind) => {
