@@ -15,9 +15,9 @@ import cartstiff
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError
 from cartstiff.page.messages import Frame, read_message
 from cartstiff.page.session import Session
-from cartstiff.page.shown import describe_mechanism, slider_coordinates, slider_ranges
+from cartstiff.page.shown import describe_mechanism, slider_ranges
 from cartstiff.page.source import Cloud, Playback, Source
-from cartstiff.potentials.springs import PolynomialLaw
+from cartstiff.potentials.springs import JointSprings, PolynomialLaw
 
 
 @pytest.fixture
@@ -283,7 +283,7 @@ def test_a_singular_posture_is_answered(session):
 )
 def test_sliders_are_what_a_user_moves(name, expected):
     elastic = cartstiff.load(name)
-    found = slider_coordinates(elastic)
+    found = elastic.commanded
     if expected is None:
         names = [elastic.names[i] for i in found]
         wanted = ("motor",) if name == "delta" else ("spread", "proximal", "distal")
@@ -295,6 +295,15 @@ def test_sliders_are_what_a_user_moves(name, expected):
         assert low <= x <= high
         assert high > low
     json.dumps(describe_mechanism(elastic, elastic.q), allow_nan=False)
+
+
+def test_a_motor_with_a_nonlinear_spring_has_a_slider():
+    """It has no constant stiffness; the chain names no motors."""
+    elastic = cartstiff.load("five-bar")
+    chain, k = copy(elastic.mechanism), elastic.springs.stiffness.copy()
+    chain.actuated, k[0] = None, 0.0
+    springs = JointSprings(k, elastic.springs.rest, {0: PolynomialLaw((5.0, 0.0, 1e3))})
+    assert replace(elastic, mechanism=chain, springs=springs).commanded == [0, 2]
 
 
 def test_sliders_of_a_platform_end_where_a_leg_ends_its_stroke():

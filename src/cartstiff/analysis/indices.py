@@ -71,12 +71,6 @@ class Indices(Result):
     rotational_condition: float
 
 
-def condition(values: Array) -> float:
-    """Largest over smallest absolute eigenvalue; infinite if one vanishes."""
-    sizes = [abs(x) for x in values.tolist()]
-    return max(sizes) / min(sizes) if min(sizes) > 0.0 else float("inf")
-
-
 def isotropy(matrix: ArrayLike, inverse: ArrayLike | None = None) -> float:
     """Geometric over arithmetic mean of the eigenvalues of a symmetric matrix.
 
@@ -123,7 +117,7 @@ def indices_of(
     K, C = symmetric_pair(stiffness, compliance)
     values, x, kind = spectrum(K, length, C)
     low, high = int(np.argmin(np.abs(values))), int(np.argmax(np.abs(values)))
-    ratio = condition(values)
+    ratio = float(numerics.condition(values))
     shares = np.sum(x[:3] ** 2, axis=0)
     exponent = 2.0 * float(shares[low] - shares[high]) if np.isfinite(ratio) else float("nan")
     twist = x[:, 0] * np.repeat([1.0 / length, 1.0], 3)
@@ -172,7 +166,8 @@ def _definiteness(K: Array) -> Definiteness:
 def held_condition(K: Array, C: Array | None, freedom: Freedom) -> float:
     """Condition number of a diagonal block of K; NaN where neither K nor C resolves it."""
     try:
-        return condition(stiffness_ellipsoid(K, freedom, "held", None, C).eigenvalues)
+        values = stiffness_ellipsoid(K, freedom, "held", None, C).eigenvalues
+        return float(numerics.condition(values))
     except UndefinedError:
         return float("nan")
 

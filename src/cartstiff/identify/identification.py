@@ -263,7 +263,7 @@ def _patterns(model: Model, fit: Fit, kept: NDArray[np.bool_]) -> tuple[Pattern,
     while freedom >= 1:
         X = X - U @ (U.T @ X)
         left = np.linalg.norm(X, axis=0)
-        size = X.T @ r / np.maximum(left, numerics.TINY) ** 2
+        size = X.T @ r / np.maximum(left**2, numerics.TINY)
         rest = np.linalg.norm(r[:, None] - X * size, axis=0) / np.sqrt(freedom)
         t = np.abs(size) * left / np.maximum(rest, numerics.TINY)
         is_play = np.array([kind == "backlash" for kind, _ in names])

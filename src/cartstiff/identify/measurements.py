@@ -29,7 +29,6 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.potentials.springs import JointSprings
 
 LOAD: Final = ("mx", "my", "mz", "fx", "fy", "fz")
 DISPLACEMENT: Final = ("dx", "dy", "dz")
@@ -637,7 +636,7 @@ def _postures(
             column = next(c for c in columns if c.name == name)
             if not coordinate.is_length and not column.declared:
                 _check_angle(name, values, coordinate.lower, coordinate.upper, cells)
-    needed = [j for j in commanded(elastic) if j not in mechanism.rigid]
+    needed = [j for j in elastic.commanded if j not in mechanism.rigid]
     if isinstance(mechanism, Platform) and not is_given.any():
         needed = []  # it is at the file's pose
     if not is_given[needed].all():
@@ -669,19 +668,6 @@ def _postures(
     return q
 
 
-def commanded(elastic: ElasticMechanism) -> list[int]:
-    """Coordinates that are commanded: the motors of a closed chain, else all but those of links.
-
-    A closed chain without named motors has those with a spring.
-    """
-    mechanism, springs = elastic.mechanism, elastic.springs
-    if mechanism.closures and mechanism.actuated is not None:
-        return list(mechanism.actuated)
-    if mechanism.closures and isinstance(springs, JointSprings):
-        return [int(j) for j in np.flatnonzero(~springs.is_passive)]
-    return [j for j in range(len(elastic.names)) if j not in mechanism.virtual]
-
-
 def assembled(elastic: ElasticMechanism, q: Array) -> tuple[Array, float]:
     """Coordinates (n,) that close a chain, and how far its motors or links moved for that.
 
@@ -695,7 +681,7 @@ def assembled(elastic: ElasticMechanism, q: Array) -> tuple[Array, float]:
     mechanism = elastic.mechanism
     if not isinstance(mechanism, Chain) or not mechanism.closures:
         return q, 0.0
-    motors = commanded(elastic)
+    motors = elastic.commanded
     closed = mechanism.closed(q, named=motors).q
     held = [*motors, *mechanism.virtual]
     return closed, float(np.abs(closed - q)[held].max(initial=0.0))

@@ -42,7 +42,6 @@ from cartstiff.identify.measurements import (
     TURN,
     Measurements,
     assembled,
-    commanded,
 )
 from cartstiff.identify.models import Model, model_of
 from cartstiff.identify.unknowns import (
@@ -308,7 +307,7 @@ def _ranges(
     mechanism = elastic.mechanism
     low, high = elastic.q.copy(), elastic.q.copy()
     looped = bool(mechanism.closures)
-    for j in commanded(elastic):
+    for j in elastic.commanded:
         c = mechanism.coordinates[j]
         if isinstance(mechanism, Platform):
             width = _TILT if not c.is_length else _SHIFT * mechanism.length

@@ -535,6 +535,20 @@ class ElasticMechanism(ShownInLines):
         return self.names
 
     @property
+    def commanded(self) -> list[int]:
+        """Coordinates of drives: the motors of a closed chain, else all but those of links.
+
+        A closed chain without named motors has those with a spring, if there are any.
+        """
+        mechanism, springs = self.mechanism, self.springs
+        if mechanism.closures and mechanism.actuated is not None:
+            return list(mechanism.actuated)
+        own = [j for j in range(len(self.names)) if j not in mechanism.virtual]
+        if not mechanism.closures or not isinstance(springs, JointSprings):
+            return own
+        return [j for j in own if not springs.is_passive[j]] or own
+
+    @property
     def stiffnesses(self) -> list[float]:
         """Stiffness of each of `spring_names`; infinite for rigid joints, not used with a law."""
         own = [] if self.springs is None else np.asarray(self.springs.stiffness, float).tolist()

@@ -47,7 +47,6 @@ from cartstiff.page.shown import (
     response_curves,
     series_row,
     shown_numbers,
-    slider_coordinates,
     slider_ranges,
     swept_range,
 )
@@ -431,7 +430,7 @@ class Session:
                 f"{coordinates[i].name} moves from {wanted[i]:.4g} to {reached[i]:.4g} "
                 f"{units.coordinate(coordinates[i].is_length)}",
             )
-            for i in slider_coordinates(self._elastic)
+            for i in self._elastic.commanded
             if abs(reached[i] - wanted[i]) > _REACHED * max(1.0, abs(wanted[i]))
         ]
         if not away:

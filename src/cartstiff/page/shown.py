@@ -10,7 +10,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.analysis.asymmetry import largest_in_blocks
 from cartstiff.analysis.ellipsoids import Freedom, softest
-from cartstiff.analysis.indices import condition, spectrum
+from cartstiff.analysis.indices import spectrum
 from cartstiff.analysis.posture import FoundDeflection, deflection_found
 from cartstiff.analysis.sections import Notes
 from cartstiff.arrays import plain
@@ -161,7 +161,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         "coordinates": coordinates,
         "joints": _joints(elastic),
         "axes": _axes(elastic),
-        "sliders": slider_coordinates(elastic),
+        "sliders": elastic.commanded,
         "springs": [
             {"name": name, "stiffness": plain(k), "unit": unit, "driven": name in driven}
             for name, k, unit in zip(elastic.spring_names, stiffness, spring_units, strict=False)
@@ -209,23 +209,6 @@ def _axes(elastic: ElasticMechanism) -> list[list[float]]:
         return []
     screws = mechanism.tree.screws()
     return [(s[:3] if s[:3].any() else s[3:]).tolist() for s in screws]
-
-
-def slider_coordinates(elastic: ElasticMechanism) -> list[int]:
-    """Coordinates that a user moves: all of an open chain, the motors of a closed one.
-
-    A closed chain without named motors has those with a spring; the closures move the others.
-    """
-    mechanism = elastic.mechanism
-    every = list(range(len(mechanism.coordinates)))
-    if not isinstance(mechanism, Chain):
-        return every
-    if mechanism.actuated is not None:
-        return list(mechanism.actuated)
-    if not mechanism.closures or elastic.springs is None:
-        return [i for i in every if i not in mechanism.held]  # not the compliant links
-    stiff = np.asarray(elastic.springs.stiffness) > 0
-    return [i for i in every if i < len(stiff) and stiff[i] and i not in mechanism.held] or every
 
 
 def slider_ranges(elastic: ElasticMechanism, q: Array) -> list[tuple[float, float]]:
@@ -463,7 +446,7 @@ def _indices(pair: MatrixPair) -> dict[str, Any] | None:
     blocks = dict[str, float]()
     for freedom in _FREEDOMS:
         try:  # principal values that are shown as well
-            blocks[freedom] = condition(pair.ellipsoid(freedom).eigenvalues)
+            blocks[freedom] = float(numerics.condition(pair.ellipsoid(freedom).eigenvalues))
         except UndefinedError:
             blocks[freedom] = float("nan")
     return {
@@ -472,7 +455,7 @@ def _indices(pair: MatrixPair) -> dict[str, Any] | None:
         "length_reason": length.reason,
         "definiteness": definiteness,
         "eigenvalues": values.tolist(),
-        "condition_number": plain(condition(values)),
+        "condition_number": plain(float(numerics.condition(values))),
         "translational_condition": plain(blocks["translation"]),
         "rotational_condition": plain(blocks["rotation"]),
     }
