@@ -325,7 +325,7 @@ def checked_input(
     """`checked_array` of coordinates, loads or stiffnesses, at most `LARGEST_INPUT` in size."""
     array = checked_array(values, shape, what, copy=copy)
     if array.size <= _FEW:
-        is_large = any(not -LARGEST_INPUT <= x <= LARGEST_INPUT for x in array.ravel().tolist())
+        is_large = max(map(abs, array.ravel().tolist()), default=0.0) > LARGEST_INPUT
     else:
         is_large = bool(array.max() > LARGEST_INPUT or array.min() < -LARGEST_INPUT)
     if is_large:

@@ -36,11 +36,19 @@ def test_blocks_and_length_are_those_of_each_function(seed, spread, signs):
         size = np.abs(K[block, block]).max()
         np.testing.assert_allclose(ours.matrix, K[block, block], atol=1e-9 * size)
         free = np.linalg.eigvalsh(np.linalg.inv(C[block, block]))
-        ours = pair.free_ellipsoid(freedom)
+        ours = pair.ellipsoid(freedom, "free")
         other = stiffness_ellipsoid(K, freedom, "free", None, C)
         np.testing.assert_allclose(ours.eigenvalues, other.eigenvalues, rtol=1e-9)
         np.testing.assert_allclose(ours.eigenvalues, free, atol=1e-9 * np.abs(free).max())
         assert ours.definiteness == other.definiteness
+        for others in ("held", "free"):
+            ours = pair.ellipsoid(freedom, others, "compliance")
+            other = compliance_ellipsoid(C, freedom, others, None, K)
+            np.testing.assert_allclose(ours.eigenvalues, other.eigenvalues, rtol=1e-9)
+            np.testing.assert_allclose(
+                ours.matrix, other.matrix, atol=1e-9 * np.abs(other.matrix).max()
+            )
+            assert ours.definiteness == other.definiteness
     length = characteristic_length(K, C)
     assert (pair.length.origin, pair.length.reason) == (length.origin, length.reason)
     assert pair.length.value == pytest.approx(length.value, rel=1e-9)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.analysis.matrices import (
     block_scales,
+    in_blocks,
     scale_lengths,
     symmetric_part,
     with_angles_times,
@@ -84,8 +85,8 @@ def asymmetry_of(stiffness: ArrayLike, wrench: ArrayLike) -> Asymmetry:
 
 def largest_in_blocks(entries: Array, stiffness: Array) -> Array:
     """Largest entry of matrices (..., 6, 6), each relative to the size of its block of K."""
-    scales = block_scales(stiffness).repeat(3, axis=-2).repeat(3, axis=-1)
-    return np.asarray((np.abs(entries) / np.where(scales == 0.0, 1.0, scales)).max(axis=(-2, -1)))
+    scales, largest = block_scales(stiffness), np.abs(in_blocks(entries)).max(axis=(-3, -1))
+    return np.asarray((largest / np.where(scales == 0.0, 1.0, scales)).max(axis=(-2, -1)))
 
 
 def is_roundoff(entries: Array, stiffness: Array) -> bool:

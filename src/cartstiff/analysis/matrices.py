@@ -61,12 +61,16 @@ def block_scales(matrix: ArrayLike) -> Array:
     geometric mean, which has the unit of the coupling block: no length has to be chosen. For a
     positive semidefinite matrix the coupling block never exceeds it.
     """
-    m = real_array(matrix)
-    blocks = m[..., :3, :3], m[..., :3, 3:], m[..., 3:, 3:]
-    rr, rt, tt = (np.sqrt(np.einsum("...ij,...ij->...", x, x)) for x in blocks)
-    coupling = np.sqrt(rr * tt)
-    coupling = np.where(coupling == 0.0, rt, coupling)
-    return np.stack([rr, coupling, coupling, tt], axis=-1).reshape(*rr.shape, 2, 2)
+    sizes = np.sqrt((in_blocks(real_array(matrix)) ** 2).sum(axis=(-3, -1)))
+    coupling = np.sqrt(sizes[..., 0, 0] * sizes[..., 1, 1])
+    coupling = np.where(coupling == 0.0, sizes[..., 0, 1], coupling)
+    sizes[..., 0, 1] = sizes[..., 1, 0] = coupling
+    return np.asarray(sizes)
+
+
+def in_blocks(matrices: Array) -> Array:
+    """Matrices (..., 6, 6) by blocks: (..., 2, 3, 2, 3)."""
+    return matrices.reshape(*matrices.shape[:-2], 2, 3, 2, 3)
 
 
 def as_symmetric(value: ArrayLike, what: str = "stiffness") -> Array:

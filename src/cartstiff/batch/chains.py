@@ -946,6 +946,7 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
         arrays["frames"] = chain.kinematics.frames()
     if "hessian" in wanted:
         arrays |= {"hessian": chain.hessian, "lagrangian": chain.lagrangian(W)}
+    if "length" in wanted:
         arrays["length"] = np.array([chain.length], object)
     if "motions" in wanted and chain.case.is_closed:
         arrays["motions"] = chain.N

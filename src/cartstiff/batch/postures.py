@@ -66,7 +66,6 @@ from cartstiff.errors import (
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.mechanisms.limits import tensions_of
 from cartstiff.numerics import BALANCE_TOLERANCE, RANK, ROUNDOFF
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, checked_load
@@ -151,8 +150,6 @@ def _closed(elastic: ElasticMechanism, q: Array) -> Array:
 
 
 def _output(result: PostureStiffness, name: str) -> Array | float | None:
-    if name == TENSIONS:
-        return tensions_of(result.elastic, result.posture)
     kind, _, connection = name.partition("_")
     if connection == "load":
         return result.tangent if kind == "stiffness" else result.tangent_compliance

@@ -26,7 +26,7 @@ from cartstiff.batch.algebra import PLAIN
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.matrix_names import OF_MANY
-from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import deflection_notes, force_notes, limit_notes
 from cartstiff.notes import Note
@@ -52,6 +52,9 @@ RECORDED = (
     "energy",
     *(f"{kind}_{c}" for kind in ("stiffness", "compliance") for c in OF_MANY),
     "actuation",
+    "leg_lengths",
+    "tensions",
+    "length",
     "verdict",
     "noteworthy",
 )
@@ -148,6 +151,32 @@ class QuickPosture(PostureStiffness):
         place = self._code.jacobian
         return None if place is None else self._record[place].reshape(6, -1)
 
+    @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism without its springs."""
+        return self._asked.mechanism
+
+    @property
+    def leg_lengths(self) -> Array | None:
+        """Lengths (m,) of a platform's legs; None for other mechanisms."""
+        return self._recorded("leg_lengths")
+
+    @property
+    def tensions(self) -> Array | None:
+        """Tensions (m,) of a platform's legs; None for other mechanisms."""
+        return self._recorded("tensions")
+
+    @property
+    def length(self) -> float:
+        """Characteristic length of the posture."""
+        own = self._recorded("length")
+        # Without axes of its own the code has 1, where the posture may find others.
+        return self.posture.length if own is None or own[0] == 1.0 else float(own[0])
+
+    def _recorded(self, name: str) -> Array | None:
+        place = self._code.at.get(name)
+        return None if place is None else self._record[place]
+
     @cached_property
     def matrices(self) -> Mapping[str, Array | None]:
         """K^A, K^B, K^K, K^F as arrays (6, 6), None where one does not exist."""
@@ -235,7 +264,7 @@ class PostureCode:
         if taken.settles:
             self._settling = one_posture(program_for(case, SETTLING), shared)
         self._untraced, self.bends = taken.untraced, bool(taken.untraced) or taken.settles
-        at = self._answer.at
+        self.at = at = self._answer.at
         self.pose, self.wrench, self.jacobian = at["pose"], at["wrench"], at.get("jacobian")
         self.matrices = {
             kind: {name: at.get(f"{kind}_{name}") for name in OF_MANY}

@@ -142,6 +142,10 @@ class ChainPosture(MechanismPosture):
         """Return the pose ``T_F_f`` of a frame fixed to a joint, without its map."""
         return self._state.pose(placement)
 
+    def joint_poses(self, joints: Sequence[int]) -> Array:
+        """Return the poses ``T_F_j`` (m, 4, 4) of some joints of the tree."""
+        return self._state.joint_poses(joints)
+
     def relative(self, frame_a: str, frame_b: str) -> tuple[Array, SecondOrderMap]:
         """Return the pose ``T_a_b`` and its map."""
         if frame_a == "world" and frame_b == "body":

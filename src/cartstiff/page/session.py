@@ -305,15 +305,15 @@ class Session:
     def _drawn(self, message: Draw) -> Answer:
         """Numbers and picture of the state, or of the posture that follows a hand from there."""
         state, followed, mechanism = message.state, None, self._elastic.mechanism
-        q = mechanism.checked(self._q if state.q is None else state.q)
+        start = self._q if state.q is None else state.q
         if message.lengths is not None:
             if not isinstance(mechanism, Platform):
                 raise InputError("is for platforms", where="lengths", expected="towards")
-            q = mechanism.forward_kinematics(message.lengths, q)
-            state = state.model_copy(update={"q": q.tolist(), "moved": None})
+            start = mechanism.forward_kinematics(message.lengths, mechanism.checked(start))
+            state = state.model_copy(update={"q": start.tolist(), "moved": None})
         if message.towards is not None:
             pose = checked_pose(np.array(message.towards.pose), "pose", where="towards")
-            now = self._follower.follow(q, pose, message.towards.turning)
+            now = self._follower.follow(mechanism.checked(start), pose, message.towards.turning)
             state = state.model_copy(update={"q": now.q.tolist(), "moved": None})
             followed = {
                 "distance": now.distance,

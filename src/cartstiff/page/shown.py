@@ -300,7 +300,7 @@ def shown_numbers(
     """
     T = reference_frame(result, state)
     here = result.at(T)
-    pair = matrix_pair(here, state.connection)
+    pair = matrix_pair(here, state.connection, "held")
     shown = here.matrices if state.quantity == "stiffness" else here.compliances
     principal = _principal(here, state)
     numbers = None if pair is None else _indices(pair)
@@ -470,7 +470,7 @@ def distance_to_singularity(result: PostureStiffness) -> list[dict[str, Any]]:
     ratios, motions = list[dict[str, Any]](), None
     if not posture.coordinates_are_pose:
         if posture.closure is None:
-            values = scaled_values(posture, result.jacobian)
+            values = scaled_values(posture, result.jacobian, result.length)
             freedoms = len(posture.q)
         elif isinstance(result, QuickPosture):  # machine code answers where closures are regular
             values, freedoms, motions = values_of_closed(posture)
@@ -490,7 +490,7 @@ def distance_to_singularity(result: PostureStiffness) -> list[dict[str, Any]]:
             values = numerics.singular_values(rates) if known is None else np.array(known)
             ratios.append(_ratio("type-2", values, rates.shape[1]))
     for entry in ratios:
-        entry["length"] = posture.length
+        entry["length"] = result.length
     return ratios
 
 
@@ -508,18 +508,16 @@ def _ratio(kind: str, values: Array, wanted: int) -> dict[str, Any]:
 
 def legs(result: PostureStiffness) -> list[dict[str, Any]] | None:
     """Lengths, limits and tensions of a platform's lines."""
-    posture = result.posture
-    if not isinstance(posture, PlatformPosture):
+    lengths, tensions, platform = result.leg_lengths, result.tensions, result.mechanism
+    if lengths is None or not isinstance(platform, Platform):
         return None
-    mechanism, springs = result.elastic.mechanism, result.elastic.springs
-    lengths = posture.lines.lengths
+    limits = platform.limits
     nothing: list[None] = [None] * len(lengths)
-    limits = getattr(mechanism, "limits", None)
     lower, upper = (nothing, nothing) if limits is None else plain(np.transpose(limits))
-    tensions = plain(springs.tensions(lengths)) if isinstance(springs, LineSprings) else nothing
+    pulls = nothing if tensions is None else plain(tensions)
     return [
         {"length": length, "tension": tension, "lower": low, "upper": high}
-        for length, tension, low, high in zip(lengths.tolist(), tensions, lower, upper, strict=True)
+        for length, tension, low, high in zip(lengths.tolist(), pulls, lower, upper, strict=True)
     ]
 
 
@@ -566,7 +564,7 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         principal = _principal(here, state)
     except UndefinedError:
         principal = None
-    pair = matrix_pair(here, state.connection)
+    pair = matrix_pair(here, state.connection, "held")
     indices = None if pair is None else _indices(pair)
     names = "condition_number", "translational_condition", "rotational_condition"
     conditions = [] if indices is None else [indices[name] for name in names]
@@ -611,13 +609,14 @@ def _margins(result: PostureStiffness) -> list[float]:
 
 def _asymmetries(matrices: Mapping[str, Array | None]) -> dict[str, float | None]:
     """Largest entry of K - K^T of each connection, 0 where it is only round-off."""
-    sizes: dict[str, float | None] = dict.fromkeys(matrices)
-    if existing := {name: K for name, K in matrices.items() if K is not None}:
-        K = np.array([*existing.values()])
-        skew = K - K.swapaxes(1, 2)
+    existing = {name: K for name, K in matrices.items() if K is not None}
+    K = np.array([*existing.values()]).reshape(-1, 6, 6)
+    skew = K - K.swapaxes(1, 2)
+    sizes = np.zeros(len(K))
+    if skew.any():  # seldom without a load
         counts = largest_in_blocks(skew, K) > numerics.SYMMETRY
-        sizes |= zip(existing, np.where(counts, skew.max(axis=(1, 2)), 0.0).tolist(), strict=True)
-    return sizes
+        sizes = np.where(counts, skew.max(axis=(1, 2)), 0.0)
+    return dict.fromkeys(matrices) | dict(zip(existing, sizes.tolist(), strict=True))
 
 
 def _listed(matrix: Array | None) -> list[Any] | None:

@@ -142,8 +142,15 @@ def why_missing(result: PostureStiffness, look: Appearance) -> str | None:
     return states[-1] if states else f"K^{look.connection} does not exist here"
 
 
-# Index of the blocks of K and of C by freedom.
-_PLACES: dict[Freedom, tuple[int, int]] = {"translation": (0, 3), "rotation": (1, 2)}
+Quantity = Literal["stiffness", "compliance"]
+
+# Place among K_tt, K_rr, C_rr, C_tt of the block of a freedom, the others held or free.
+_PLACES: dict[tuple[Freedom, Others], int] = {
+    ("translation", "held"): 0,
+    ("rotation", "held"): 1,
+    ("rotation", "free"): 2,
+    ("translation", "free"): 3,
+}
 
 
 class MatrixPair:
@@ -151,7 +158,7 @@ class MatrixPair:
 
     Each of these numbers has a function of its own (`cartstiff.analysis.ellipsoids`, `metrics`)
     that uses the matrix with more correct digits. If a block has all its digits, as nearly always,
-    one call of LAPACK serves three of them.
+    one call of LAPACK serves all of them.
 
     Parameters
     ----------
@@ -165,7 +172,7 @@ class MatrixPair:
 
     def __init__(self, K: Array, C: Array | None, is_symmetric: bool = True) -> None:
         self.K, self.C, self.is_symmetric = K, C, is_symmetric
-        self._shapes: dict[Freedom, Ellipsoid] = {}
+        self._shapes: dict[tuple[Freedom, Others, Quantity], Ellipsoid] = {}
 
     @cached_property
     def _blocks(self) -> tuple[list[bool], Array, Array]:
@@ -178,39 +185,36 @@ class MatrixPair:
         values, vectors = np.linalg.eigh(stack)
         return [*map(numerics.hold_all_digits, values)], values, vectors
 
-    def ellipsoid(self, freedom: Freedom) -> Ellipsoid:
-        """`cartstiff.analysis.ellipsoids.stiffness_ellipsoid`, the other freedoms held.
+    def ellipsoid(
+        self, freedom: Freedom, others: Others = "held", quantity: Quantity = "stiffness"
+    ) -> Ellipsoid:
+        """`stiffness_ellipsoid` or `compliance_ellipsoid` of `cartstiff.analysis.ellipsoids`.
 
         Raises
         ------
         UndefinedError
             As that function.
         """
-        if freedom not in self._shapes:
-            (at, _), (is_whole, values, vectors) = _PLACES[freedom], self._blocks
-            if is_whole[at]:
-                shape = shape_of(values[at], vectors[at], definiteness(values[at]))
-            else:
-                shape = stiffness_ellipsoid(self.K, freedom, "held", None, self.C)
-            self._shapes[freedom] = shape
-        return self._shapes[freedom]
+        key = freedom, others, quantity
+        if key not in self._shapes:
+            self._shapes[key] = self._ellipsoid(*key)
+        return self._shapes[key]
 
-    def free_ellipsoid(self, freedom: Freedom) -> Ellipsoid:
-        """`cartstiff.analysis.ellipsoids.stiffness_ellipsoid`, the other freedoms free.
-
-        C has to be the symmetric part of the compliance.
-
-        Raises
-        ------
-        UndefinedError
-            As that function.
-        """
-        (_, at), (is_whole, values, vectors) = _PLACES[freedom], self._blocks
-        if is_whole[at]:
-            free = 1.0 / values[at]
-            order = np.argsort(free)
-            return shape_of(free[order], vectors[at][:, order], definiteness(free[order]))
-        return stiffness_ellipsoid(self.K, freedom, "free", None, self.C)
+    def _ellipsoid(self, freedom: Freedom, others: Others, quantity: Quantity) -> Ellipsoid:
+        is_whole, values, vectors = self._blocks
+        at = _PLACES[freedom, others]
+        if not is_whole[at]:
+            if quantity == "stiffness":
+                return stiffness_ellipsoid(self.K, freedom, others, None, self.C)
+            assert self.C is not None
+            return compliance_ellipsoid(self.C, freedom, others, None, self.K)
+        own, axes = values[at], vectors[at]
+        if (others == "free") == (quantity == "stiffness"):
+            # Of the other matrix: same axes, inverse values.
+            own = 1.0 / own
+            order = np.argsort(own)
+            own, axes = own[order], axes[:, order]
+        return shape_of(own, axes, definiteness(own))
 
     @cached_property
     def length(self) -> CharacteristicLength:
@@ -225,11 +229,10 @@ class MatrixPair:
         return CharacteristicLength(exp(-logs / 6.0), "natural", NATURAL)
 
 
-@lru_cache(maxsize=16)  # numbers and picture of a page are about the same
 def block_ellipsoid(
     here: StiffnessInFrame,
     connection: str,
-    quantity: Literal["stiffness", "compliance"],
+    quantity: Quantity,
     freedom: Freedom,
     others: Literal["block", "free", "held"],
 ) -> Ellipsoid | None:
@@ -244,29 +247,29 @@ def block_ellipsoid(
     """
     is_block = others == "block"
     how: Others = "free" if others == "free" or (is_block and quantity == "compliance") else "held"
-    if quantity == "compliance":
-        K, C = here.pair(connection, how)
-        return None if C is None else compliance_ellipsoid(C, freedom, how, None, K)
     pair = matrix_pair(here, connection, how)
-    if pair is None:
-        return None
-    return pair.ellipsoid(freedom) if how == "held" else pair.free_ellipsoid(freedom)
+    if pair is not None:
+        is_missing = quantity == "compliance" and pair.C is None
+        return None if is_missing else pair.ellipsoid(freedom, how, quantity)
+    C = here.pair(connection, how)[1] if quantity == "compliance" else None
+    return None if C is None else compliance_ellipsoid(C, freedom, how)
 
 
 @lru_cache(maxsize=16)
-def matrix_pair(
-    here: StiffnessInFrame, connection: str, others: Others = "held"
-) -> MatrixPair | None:
+def matrix_pair(here: StiffnessInFrame, connection: str, others: Others) -> MatrixPair | None:
     """The pair of a connection, the other freedoms held or free; None without a stiffness."""
     if others == "free":
-        held = matrix_pair(here, connection)
+        held = matrix_pair(here, connection, "held")
         if held is not None and held.is_symmetric:
             return held
     K, C = here.pair(connection, others)
     if K is None:
         return None
     whole = here.matrices[connection]
-    return MatrixPair(K, C, whole is not None and bool(numerics.is_about_symmetric(whole)))
+    is_symmetric = whole is not None and (
+        numerics.is_symmetric(whole) or bool(numerics.is_about_symmetric(whole))
+    )
+    return MatrixPair(K, C, is_symmetric)
 
 
 #: Notes that say why a stiffness does not exist.

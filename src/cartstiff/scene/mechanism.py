@@ -87,25 +87,23 @@ class LinesPicture:
                 share = min(1.0, self.telescope / sqrt(a * a + b * b + c * c))
                 self._tubes[i].set_columns([share * a, share * b, share * c], y, z, start)
 
-    def carry(self, springs: LineSprings, lengths: Array) -> dict[str, Any]:
-        """Colour each line by its tension at a length; return the legend.
+    def carry(self, tensions: Array, taut: Array | None = None) -> dict[str, Any]:
+        """Colour each line by its tension (m,), slack cables grey and dashed; return the legend.
 
         Tensions that are not known yet (no rest length) count as zero.
         """
-        tensions = springs.tensions(lengths)
         tensions = np.where(np.isnan(tensions), 0.0, tensions)
-        taut = springs.is_taut(lengths)
         scale = Tension.from_values(tensions)
-        self._paint(tensions, taut, scale)
-        slack = [int(i) + 1 for i in np.flatnonzero(~taut)] if self._cables else []
+        are_slack = [False] * len(tensions)
+        if self._cables and taut is not None:
+            are_slack = (~taut).tolist()
+        self._paint(scale.share(tensions).tolist(), are_slack)
+        slack = [i + 1 for i, is_slack in enumerate(are_slack) if is_slack]
         return {**scale.legend(), "values": tensions.tolist(), "slack": slack}
 
-    def _paint(self, tensions: Array, taut: Array, scale: Tension) -> None:
-        """Slack cables grey and dashed."""
-        shades = [theme.force_colour(share) for share in scale.share(tensions).tolist()]
-        for i, line in enumerate(self._rods):
-            slack = self._cables and not taut[i]
-            shade = theme.SLACK if slack else shades[i]
+    def _paint(self, shares: list[float], are_slack: list[bool]) -> None:
+        for i, (line, share, slack) in enumerate(zip(self._rods, shares, are_slack, strict=True)):
+            shade = theme.SLACK if slack else theme.force_colour(share)
             if slack != self._dashed[i]:
                 self._dashed[i] = slack
                 rod = objects.dashed_rod if slack else objects.rod
@@ -194,9 +192,9 @@ class PlatformPicture:
         """Facts about the legs, for a viewer that moves the picture itself."""
         return {"telescope": self._lines.telescope, "colours": theme.FORCES.tolist()}
 
-    def paint(self, springs: LineSprings, lengths: Array) -> dict[str, Any]:
+    def paint(self, tensions: Array, taut: Array | None) -> dict[str, Any]:
         """Colour the legs by their tensions; return the legend."""
-        return self._lines.carry(springs, lengths)
+        return self._lines.carry(tensions, taut)
 
 
 def _edges(corners: Array, colour: int) -> objects.Object | None:
@@ -260,7 +258,7 @@ class ChainPicture:
         self._node = node
         self._boxes: list[tuple[FixedFrame, Array]] = []
         pieces, self._missing = visuals_of(chain)
-        self._joints: dict[int, tuple[ViewerNode, FixedFrame]] = {}
+        self._joints: dict[int, ViewerNode] = {}
         self._meshes = read_meshes(p.shape.path for p in pieces if isinstance(p.shape, MeshFile))
         # Lengths of a robot description are metres, as are those of its mechanism.
         shown = [self._piece(i, visual) for i, visual in enumerate(pieces)]
@@ -273,13 +271,13 @@ class ChainPicture:
             self._sticks(lines)
             if self.notes:
                 self.notes.append("sticks between the joints are drawn instead")
-        self._moving = [self._joints[j] for j in sorted(self._joints) if j > 0]
+        self._moving = sorted(j for j in self._joints if j > 0)
 
     def move(self, posture: ChainPosture) -> None:
         """Put every link where it is at a posture."""
         at = posture.pose_at
-        for node, placement in self._moving:
-            node.set_transform(at(placement))
+        for joint, T in zip(self._moving, posture.joint_poses(self._moving), strict=True):
+            self._joints[joint].set_transform(T)
         for node, parent, start, joint in self._sliders:
             T = at(parent)
             node.set_transform(objects.segment(T[:3, :3] @ start + T[:3, 3], at(joint)[:3, 3]))
@@ -287,7 +285,7 @@ class ChainPicture:
     def facts(self) -> dict[str, Any]:
         """Nodes by the joints that move them, for a viewer that moves the picture itself."""
         return {
-            "joints": sorted(j for j in self._joints if j > 0),
+            "joints": self._moving,
             "sliders": [
                 [node.path.rpartition("/")[2], parent.joint, start.tolist(), joint.joint]
                 for node, parent, start, joint in self._sliders
@@ -305,8 +303,8 @@ class ChainPicture:
 
     def _on(self, joint: int) -> ViewerNode:
         if joint not in self._joints:
-            self._joints[joint] = (self._node[f"joint {joint}"], FixedFrame(joint, np.eye(4)))
-        return self._joints[joint][0]
+            self._joints[joint] = self._node[f"joint {joint}"]
+        return self._joints[joint]
 
     def _piece(self, i: int, visual: Visual) -> bool:
         node = self._on(visual.at.joint)[f"{i} {visual.link.replace('/', ' ')}"]
@@ -508,15 +506,19 @@ class MechanismPicture:
             "unit", "limits", "values" and "slack" (numbers from 1), and under "lines" the same for
             every group of springs between links. None where there are no lines.
         """
-        posture, springs = result.posture, result.elastic.springs
+        posture = result.posture
         self.move(posture)
         unit, answer = self._elastic.units.force, dict[str, Any]()
-        if isinstance(springs, LineSprings) and isinstance(posture, PlatformPosture):
-            answer = {"unit": unit, **self._own.paint(springs, posture.lines.lengths)}
-        terms = _lines(result.elastic, posture)
-        if terms:
-            answer["lines"] = [
-                {"unit": unit, **picture.carry(term, np.linalg.norm(ends - starts, axis=1))}
-                for picture, (term, starts, ends) in zip(self._lines, terms, strict=True)
-            ]
+        if (tensions := result.tensions) is not None:
+            taut = None
+            if isinstance(self._elastic.springs, LineSprings) and self._elastic.springs.unilateral:
+                taut = result.elastic.springs.is_taut(result.leg_lengths)
+            answer = {"unit": unit, **self._own.paint(tensions, taut)}
+        if self._lines:
+            answer["lines"] = []
+            terms = _lines(result.elastic, posture)
+            for picture, (term, starts, ends) in zip(self._lines, terms, strict=True):
+                lengths = np.linalg.norm(ends - starts, axis=1)
+                carried = picture.carry(term.tensions(lengths), term.is_taut(lengths))
+                answer["lines"].append({"unit": unit, **carried})
         return answer or None

@@ -6,7 +6,7 @@ Objects are sent once; a new posture moves and stretches them, some twenty-five 
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +21,14 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.scene import theme
-from cartstiff.scene.appearance import Appearance, block_ellipsoid, load_at, reference, why_missing
+from cartstiff.scene.appearance import (
+    Appearance,
+    Quantity,
+    block_ellipsoid,
+    load_at,
+    reference,
+    why_missing,
+)
 from cartstiff.scene.arrows import (
     LONGEST_ARROW,
     SMALLEST_MOTION,
@@ -52,7 +59,6 @@ from cartstiff.scene.viewer import ViewerNode
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.stiffness.posture import StiffnessInFrame
 
-Quantity = Literal["stiffness", "compliance"]
 _QUANTITIES: tuple[Quantity, Quantity] = ("stiffness", "compliance")
 _FREEDOMS: tuple[Freedom, Freedom] = ("translation", "rotation")
 #: Largest semi-axis of an ellipsoid, over the size of the mechanism.

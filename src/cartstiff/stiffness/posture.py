@@ -35,8 +35,10 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.connections import BI_INVARIANT, NAMED, Connection
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.mechanisms.contract import MechanismPosture, Units
+from cartstiff.mechanisms.contract import Mechanism, MechanismPosture, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.limits import tensions_of
+from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
 from cartstiff.results import LabelledResult
@@ -164,8 +166,9 @@ def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFra
     )
 
 
-# Bytes of the frame M.
-_HERE = np.eye(4).tobytes()
+# The frame M in itself, and its bytes.
+_M = fixed(np.eye(4))
+_HERE = _M.tobytes()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -389,6 +392,27 @@ class PostureStiffness(LabelledResult):
         return fixed(self._changes[2])
 
     @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism without its springs."""
+        return self.elastic.mechanism
+
+    @property
+    def leg_lengths(self) -> Array | None:
+        """Lengths (m,) of a platform's legs; None for other mechanisms."""
+        posture = self.posture
+        return posture.lines.lengths if isinstance(posture, PlatformPosture) else None
+
+    @property
+    def tensions(self) -> Array | None:
+        """Tensions (m,) of a platform's legs, see `cartstiff.mechanisms.limits.tensions_of`."""
+        return tensions_of(self.elastic, self.posture)
+
+    @property
+    def length(self) -> float:
+        """Characteristic length of the posture, see `MechanismPosture.length`."""
+        return self.posture.length
+
+    @property
     def tangent(self) -> Array | None:
         """K^load (6, 6): change of the applied wrench per motion, under the load.
 
@@ -445,7 +469,7 @@ class PostureStiffness(LabelledResult):
         InputError
             If it is not a rigid motion.
         """
-        T = np.eye(4) if T_M_N is None else checked_pose(T_M_N, "frame of the body")
+        T = _M if T_M_N is None else checked_pose(T_M_N, "frame of the body")
         key = T.tobytes()
         if key not in self._frames:
             self._frames[key] = stiffness_in_frame(self, T)
@@ -463,8 +487,7 @@ class PostureStiffness(LabelledResult):
     @cached_property
     def _natural(self) -> Array:
         """Natural sizes of the six twist components."""
-        length = self.posture.length
-        return np.array([1.0, 1.0, 1.0, length, length, length])
+        return np.repeat([1.0, self.length], 3)
 
     @cached_property
     def jacobian(self) -> Array | None:

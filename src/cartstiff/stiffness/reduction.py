@@ -453,18 +453,20 @@ def values_of_closed(posture: MechanismPosture) -> tuple[Array, int, Array]:
     """`Reduction.singular_values`, `freedoms` and `motions` for regular closures."""
     assert posture.closure is not None
     N = decomposed(posture.closure, posture.coordinate_lengths).N
-    J = _scaled(posture, posture.motion.jacobian)
+    J = _scaled(posture, posture.motion.jacobian, posture.length)
     return numerics.singular_values(J @ N), N.shape[1], N
 
 
-def _scaled(posture: MechanismPosture, J: Array) -> Array:
+def _scaled(posture: MechanismPosture, J: Array, length: float) -> Array:
     """A Jacobian (6, n) of a posture, length-scaled."""
-    per_length = 1 / posture.length
-    rows = np.array([1.0, 1.0, 1.0, per_length, per_length, per_length])
+    rows = np.repeat([1.0, 1.0 / length], 3)
     return np.asarray(J * rows[:, None] * posture.coordinate_lengths)
 
 
-def scaled_values(posture: MechanismPosture, jacobian: Array | None = None) -> Array:
-    """Singular values of the length-scaled Jacobian of a posture, or of the given one."""
+def scaled_values(
+    posture: MechanismPosture, jacobian: Array | None = None, length: float | None = None
+) -> Array:
+    """Singular values of the length-scaled Jacobian of a posture; both may be known already."""
     J = posture.motion.jacobian if jacobian is None else jacobian
-    return numerics.singular_values(_scaled(posture, J))
+    length = posture.length if length is None else length
+    return numerics.singular_values(_scaled(posture, J, length))
