@@ -17,6 +17,9 @@ from cartstiff.batch.execution import PrintedPosture
 from cartstiff.batch.single import QuickPosture
 from cartstiff.batch.tape import Tape, square_root
 from cartstiff.errors import ConvergenceError, InputError
+from cartstiff.page.messages import ViewState
+from cartstiff.page.picture import PageScene
+from cartstiff.page.shown import shown_numbers
 from cartstiff.stiffness import compute
 
 pytest.importorskip("llvmlite")
@@ -157,7 +160,8 @@ def test_code_alone_knows_what_people_read_first(monkeypatch, name, wrench):
     """Numbers and notes of a plain posture, without a question to the engine."""
     elastic = cartstiff.load(name)
     asked_often(elastic, wrench)
-    expected = compute.analyse(elastic, wrench=wrench)
+    expected, picture = compute.analyse(elastic, wrench=wrench), PageScene(elastic)
+    picture.draw(expected, ViewState(q=expected.q.tolist()))
 
     def asked(*_args, **_keywords):
         raise AssertionError("the engine was asked")
@@ -169,6 +173,17 @@ def test_code_alone_knows_what_people_read_first(monkeypatch, name, wrench):
     assert_same(ours.matrices["B"], expected.matrices["B"])
     assert_same(ours.compliances["A"], expected.compliances["A"])
     assert_same(ours.pose, expected.pose)
+    assert ours.length == pytest.approx(expected.posture.length, rel=1e-13)
+    if expected.leg_lengths is None:
+        assert ours.leg_lengths is None
+        assert ours.tensions is None
+    else:
+        assert_same(ours.leg_lengths, expected.leg_lengths)
+        assert_same(ours.tensions, expected.tensions)
+    if wrench is None:  # the shares of a load ask the springs
+        state = ViewState(q=ours.q.tolist())
+        picture.draw(ours, state)
+        assert shown_numbers(ours, state)["stiffness"] is None
     assert [n.code for n in ours.notes] == [n.code for n in expected.notes]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import sqrt
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -276,8 +276,8 @@ class ChainPicture:
     def move(self, posture: ChainPosture) -> None:
         """Put every link where it is at a posture."""
         at = posture.pose_at
-        for joint, T in zip(self._moving, posture.joint_poses(self._moving), strict=True):
-            self._joints[joint].set_transform(T)
+        for moving, T_F_j in zip(self._moving, posture.joint_poses(self._moving), strict=True):
+            self._joints[moving].set_transform(T_F_j)
         for node, parent, start, joint in self._sliders:
             T = at(parent)
             node.set_transform(objects.segment(T[:3, :3] @ start + T[:3, 3], at(joint)[:3, 3]))
@@ -509,16 +509,18 @@ class MechanismPicture:
         posture = result.posture
         self.move(posture)
         unit, answer = self._elastic.units.force, dict[str, Any]()
-        if (tensions := result.tensions) is not None:
-            taut = None
-            if isinstance(self._elastic.springs, LineSprings) and self._elastic.springs.unilateral:
-                taut = result.elastic.springs.is_taut(result.leg_lengths)
+        tensions, lengths = result.tensions, result.leg_lengths
+        if tensions is not None and lengths is not None:
+            own, taut = self._elastic.springs, None
+            if isinstance(own, LineSprings) and own.unilateral:  # else every line is taut
+                own = cast(LineSprings, result.elastic.springs)  # with its rest lengths
+                taut = own.is_taut(lengths)
             answer = {"unit": unit, **self._own.paint(tensions, taut)}
         if self._lines:
             answer["lines"] = []
             terms = _lines(result.elastic, posture)
             for picture, (term, starts, ends) in zip(self._lines, terms, strict=True):
-                lengths = np.linalg.norm(ends - starts, axis=1)
-                carried = picture.carry(term.tensions(lengths), term.is_taut(lengths))
+                sizes = np.linalg.norm(ends - starts, axis=1)
+                carried = picture.carry(term.tensions(sizes), term.is_taut(sizes))
                 answer["lines"].append({"unit": unit, **carried})
         return answer or None
