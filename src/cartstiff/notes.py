@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from cartstiff.arrays import plain
 from cartstiff.errors import UndefinedError
 
 #: Codes of notes that come before an answer, which may say nothing about the real machine.
@@ -31,6 +30,8 @@ class Note:
 
     def to_dict(self) -> dict[str, object]:
         """For JSON."""
+        from cartstiff.arrays import plain  # the command line reads notes' codes without NumPy
+
         return {"code": self.code, "message": self.message, "values": plain(self.values)}
 
 

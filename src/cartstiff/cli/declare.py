@@ -134,7 +134,8 @@ class Documented(NamedTuple):
     examples: str
 
     @classmethod
-    def of(cls, thing: Any, api: Iterable[str] = ()) -> Documented:
+    @cache
+    def of(cls, thing: Any, api: tuple[str, ...] = ()) -> Documented:
         """Read the numpydoc docstring of a function, or of a class and its bases."""
         about, sections = _sections(inspect.getdoc(thing) or "")
         bases = getattr(thing, "__bases__", ())

@@ -10,7 +10,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from cartstiff import numerics
 from cartstiff.choices import LARGEST_INPUT, ORDERS, Axes
 from cartstiff.cli.options import given_length
 from cartstiff.errors import InputError, check_name, one_line
@@ -139,6 +138,7 @@ def read_target(path: Path, order: str | None, option: str = "--target") -> Targ
     """
     import numpy as np
 
+    from cartstiff import numerics
     from cartstiff.arrays import checked_array
     from cartstiff.loading.tables import read_rows
     from cartstiff.loading.yaml_file import read_bytes

@@ -284,11 +284,11 @@ def _cartan(share: float) -> Array:
     return share * np.swapaxes(se3.STRUCTURE_CONSTANTS, 0, 1)
 
 
-def _kinematic() -> Array:
-    """nabla_X Y = (1/2 w1 x w2, w1 x v2)."""
-    share = np.zeros((6, 6, 1))
-    share[:3, :3], share[3:, :3] = 0.5, 1.0
-    return share * np.swapaxes(se3.STRUCTURE_CONSTANTS, 0, 1)
+def turning_symbols(share: float) -> Array:
+    """Symbols of ``nabla_X Y = (share w1 x w2, w1 x v2)``."""
+    shares = np.zeros((6, 6, 1))
+    shares[:3, :3], shares[3:, :3] = share, 1.0
+    return shares * np.swapaxes(se3.STRUCTURE_CONSTANTS, 0, 1)
 
 
 #: Cartan's (-) connection, nabla = 0: [ZK]_ eq. 35 and 36.
@@ -298,7 +298,7 @@ BI_INVARIANT = Connection("B", _cartan(0.5), MATRICES["B"].meaning)
 #: Levi-Civita connection of a ball's kinetic energy (equal moments of inertia): [ZK]_ eq. 38.
 KINEMATIC = Connection(
     "K",
-    _kinematic(),
+    turning_symbols(0.5),
     MATRICES["K"].meaning,
     tied_to_origin=True,
 )

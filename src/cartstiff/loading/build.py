@@ -29,7 +29,6 @@ from cartstiff.errors import (
     one_line,
 )
 from cartstiff.geometry import se3
-from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.loading.branches import FEET, notes_on_branches
 from cartstiff.loading.catalogue import example_robot
 from cartstiff.loading.plausible import large_strains
@@ -1233,6 +1232,8 @@ def leg_at_pose(
     InputError
         If the leg does not reach the pose.
     """
+    from cartstiff.kinematics.joint_poses import JointPoses
+
     elastic = ElasticMechanism(leg, Chain(tree, end, offset=T_end_B, virtual=virtual), q)
     limited, free = JointPoses(elastic), JointPoses(elastic, limits=False)
     random = limited.random_starts(_RANDOM_STARTS, np.random.default_rng(_SEED))

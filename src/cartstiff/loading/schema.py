@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import (
@@ -37,14 +37,11 @@ from cartstiff.geometry import se3
 from cartstiff.loading.yaml_file import Lines, read_text
 from cartstiff.mechanisms.contract import GivenStiffness
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.elements import Elements, coefficient, law_of
 from cartstiff.mechanisms.identified import CompliancePattern, Identified
-from cartstiff.mechanisms.superelement import (
-    SuperelementMass,
-    superelement_mass,
-    superelement_spring,
-)
 from cartstiff.notes import Note
+
+if TYPE_CHECKING:
+    from cartstiff.mechanisms.superelement import SuperelementMass
 
 #: Module and model of each kind of file: a file imports the classes of its own kind only.
 FILE_KINDS = {
@@ -213,6 +210,8 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
     InputError
         If they do not fit each other, or the springs of the file.
     """
+    from cartstiff.mechanisms.elements import Elements
+
     elements = Elements(elastic)
     patterns, values = [], []
     for entry in model.compliances:
@@ -270,6 +269,8 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
 
 def _check_coefficient(elastic: ElasticMechanism, law: tuple[str, int], entry: FoundModel) -> None:
     """Refuse a polynomial's coefficient that differs from the file's spring."""
+    from cartstiff.mechanisms.elements import coefficient, law_of
+
     (name, power), where = law, "identified"
     if entry.elements is not None:
         raise InputError(
@@ -398,6 +399,8 @@ class SuperelementModel(FileModel):
 
     def in_place(self, folder: Path) -> tuple[Array, SuperelementMass | None, list[float]]:
         """Return the 6x6 spring at the tip with the other nodes free, its mass, and its place."""
+        from cartstiff.mechanisms.superelement import superelement_mass, superelement_spring
+
         ends: Any = {"nodes": self.nodes, "base": self.base, "tip": self.tip, "order": self.order}
         K = _matrix(folder / Path(self.K).expanduser())
         mass = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,12 +15,14 @@ from cartstiff.errors import joined, one_line
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.report.layout import COSINES, body_frame, note_lines, number, percent, table, vector
 from cartstiff.stiffness.tensor import format_matrix
-from cartstiff.vibration.chatter import Lobes
-from cartstiff.vibration.comparison import Shortcut
-from cartstiff.vibration.controllers import Impedance
-from cartstiff.vibration.modes import Modes
-from cartstiff.vibration.response import FrequencyResponse
-from cartstiff.vibration.sensitivities import Accuracy, FrequencyInterval, Sensitivities
+
+if TYPE_CHECKING:
+    from cartstiff.vibration.chatter import Lobes
+    from cartstiff.vibration.comparison import Shortcut
+    from cartstiff.vibration.controllers import Impedance
+    from cartstiff.vibration.modes import Modes
+    from cartstiff.vibration.response import FrequencyResponse
+    from cartstiff.vibration.sensitivities import Accuracy, FrequencyInterval, Sensitivities
 
 
 def describe_modes(modes: Modes, unloaded: Modes | None = None, extra: Sequence[str] = ()) -> str:

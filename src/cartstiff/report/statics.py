@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,11 +16,13 @@ from cartstiff.mechanisms.other_units import shown
 from cartstiff.notes import Note
 from cartstiff.report.analysis import describe
 from cartstiff.report.layout import body_frame, number, row, table, wide_row
-from cartstiff.statics.continuation import LoadCurve
-from cartstiff.statics.rest import Equilibrium
-from cartstiff.statics.toolpath import CompensatedPath
-from cartstiff.toolpaths.optimise import OptimisedPath
-from cartstiff.toolpaths.placement import Placement
+
+if TYPE_CHECKING:
+    from cartstiff.statics.continuation import LoadCurve
+    from cartstiff.statics.rest import Equilibrium
+    from cartstiff.statics.toolpath import CompensatedPath
+    from cartstiff.toolpaths.optimise import OptimisedPath
+    from cartstiff.toolpaths.placement import Placement
 
 _STABLE = {
     True: "stable",

@@ -28,7 +28,7 @@ from cartstiff.arrays import checked_input, checked_reach, checked_vector, read_
 from cartstiff.choices import LOAD_KINDS
 from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
-from cartstiff.geometry.connections import CARTAN_MINUS, KINEMATIC, Connection, from_bilinear_map
+from cartstiff.geometry.connections import CARTAN_MINUS, KINEMATIC, Connection, turning_symbols
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.loads import DeadWrench, FollowerWrench, Load, SemitangentialWrench
 
@@ -204,13 +204,9 @@ def _changes_from_b(kind: str, at: tuple[float, float, float]) -> Array:
 def _connection(kind: str, at: tuple[float, float, float]) -> Connection:
     if kind == "follower":
         return CARTAN_MINUS
-    share = 1.0 if kind == "dead" else 0.5
-
-    def nabla(x: Array, y: Array) -> Array:
-        return np.concatenate([share * np.cross(x[:3], y[:3]), np.cross(x[:3], y[3:])])
-
+    symbols = turning_symbols(1.0 if kind == "dead" else 0.5)
     name = f"{kind} load"
     if any(at):
         name += f" at ({', '.join(f'{x:g}' for x in at)})"
-    there = from_bilinear_map(nabla, name, meaning=f"tangent: {LOAD_KINDS[kind]}")
+    there = Connection(name, symbols, f"tangent: {LOAD_KINDS[kind]}")
     return there.carried_to(se3.pose(translation=np.negative(at)))
