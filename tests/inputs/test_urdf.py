@@ -239,6 +239,32 @@ def test_a_spring_of_a_follower_that_stays_has_no_effect(tmp_path):
     assert arm.springs.rest[0] == 0.1
 
 
+@pytest.mark.parametrize("frame", ["d", "b"])
+def test_masses_on_followers_elsewhere_move_with_their_leader(frame, tmp_path):
+    """As a rod of a parallelogram beside the chain does; also where the leader is held."""
+    pin = pytest.importorskip("pinocchio")
+    side = f'<link name="s">{INERTIAL}</link>{joint("side", "b", "s", "0 1 1")}</robot>'
+    text = ARM.replace("</robot>", side)
+    place(
+        text.replace('<axis xyz="0 1 1"', '<mimic joint="j2" multiplier="-2"/><axis xyz="0 1 1"'),
+        str(tmp_path / "arm.urdf"),
+    )
+    q = {"j1": 0.3, "j2": 0.5, "j3": -0.2, "side": -1.0}
+    held = "{j1: 0.3, j2: 0.5, j3: -0.2}"
+    (tmp_path / "arm.yaml").write_text(
+        f"kind: serial\nmodel: arm.urdf\nframe: {frame}\nq: {held}\n", "utf-8"
+    )
+    arm, g = cartstiff.load(tmp_path / "arm.yaml"), np.array([0.3, -9.0, 2.0])
+    model = pin.buildModelFromXML(text)
+    model.gravity.linear = g
+    at = np.array([q[name] for name in list(model.names)[1:]])
+    torques = pin.computeGeneralizedGravity(model, model.createData(), at)
+    expected = dict(zip(list(model.names)[1:], torques.tolist(), strict=True))
+    expected["j2"] -= 2.0 * expected["side"]
+    found = arm.mechanism.at(arm.q).gravity(g).gradient
+    assert np.allclose(found, [expected[name] for name in arm.names], atol=1e-12)
+
+
 def test_mimic_of_a_mimic(accepted):
     text = mimic("j3", '<mimic joint="j2" multiplier="2" offset="0.1"/>').replace(
         '"j2" type="revolute">',

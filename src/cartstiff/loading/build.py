@@ -1020,12 +1020,23 @@ def tree_to(
             frame = find_frame(model, name)
             keep |= {int(j) for j in model.supports[int(frame.parentJoint)]} - {0}
     keep -= {names.index(name) for name in description.held}
+    numbers = {name: j for j, name in enumerate(names)}
+    for follower, (leader, _, _) in leaders.items():
+        if numbers.get(follower) in keep and leader in numbers:
+            keep.add(numbers[leader])
     follows: Followers = {}
-    for follower, (leader, factor, offset) in leaders.items():
-        index = names.index(follower) if follower in names else 0
-        if index not in keep or index in fixed:
+    for follower, rule in leaders.items():
+        index, (leader, factor, offset) = numbers.get(follower, 0), rule
+        if not index or index in fixed:
             continue
-        if leader not in names:
+        if (at := numbers.get(leader, 0)) in keep and at not in fixed:
+            # The mass on a follower elsewhere moves with its leader, too.
+            follows[follower] = rule
+            keep.add(index)
+        elif at:
+            place = fixed.get(at, facts.posture.get(leader, 0.0))
+            fixed[index] = factor * place + offset
+        elif index in keep:
             notes.append(
                 Note(
                     "mimic-ignored",
@@ -1033,14 +1044,6 @@ def tree_to(
                     "joint of its own",
                 )
             )
-            continue
-        follows[follower] = (leader, factor, offset)
-        keep.add(names.index(leader))
-    for follower, (leader, factor, offset) in list(follows.items()):
-        index = names.index(leader)
-        if index in fixed:  # a locked leader locks its followers
-            fixed[names.index(follower)] = factor * fixed[index] + offset
-            del follows[follower]
     # Other joints are fixed where the file's posture has them: their masses are carried.
     for index, joint in enumerate(names):
         if index not in keep and joint in facts.posture:
