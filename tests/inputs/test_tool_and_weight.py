@@ -1,6 +1,7 @@
 """Tool, payload and gravity: the same words mean the same on every command."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from tests.support.commands import answer, run
 import cartstiff
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
+from cartstiff.report.frames import describe_frames, frames_of
 
 TCP = (0.02, -0.01, 0.1, 0.3, -0.2, 0.5)
 T = se3.from_roll_pitch_yaw(TCP[:3], TCP[3:])
@@ -203,3 +205,14 @@ def test_what_cannot_be_meant(arm, given, words):
     with pytest.raises(InputError, match=words) as caught:
         cartstiff.load(arm, **given)
     assert "\n" not in str(caught.value)
+
+
+def test_frames_of_legs_are_named():
+    """A tool moves M, and with it the numbers of the heads; the feet stay in F."""
+    hexapod = cartstiff.load("hexapod", tcp=[0, 0, 0.1])
+    text = describe_frames(frames_of(hexapod))
+    head, first = re.search(r"(Legs.*)\n  leg1: \(.*?\) to \((.*?)\)", text).groups()
+    assert head == "Legs, from feet in F to heads in M"
+    assert [float(x) for x in first.split(",")] == pytest.approx(
+        hexapod.mechanism.points[0], abs=1e-4
+    )

@@ -183,7 +183,7 @@ def describe_frames(answer: Mapping[str, Any], angle: str = "rad", length: float
 
     below(None, "")
     if answer["legs"]:
-        lines += ["", "Legs"]
+        lines += ["", "Legs, from feet in F to heads in M"]
         lines += [_leg_words(leg, units) for leg in answer["legs"]]
     if answer["closures"]:
         lines += ["", "Closures"]
