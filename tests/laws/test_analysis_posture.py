@@ -386,3 +386,25 @@ def test_refusals() -> None:
         Tolerances(length=-1.0)
     with pytest.raises(UndefinedError, match="no parameter"):
         _ = UncertainParameters(result, Tolerances()).named
+
+
+@pytest.mark.parametrize("size", [1e-9, 1e-6, 1.0])
+@pytest.mark.parametrize(
+    ("kind", "connection", "moment", "expected"),
+    [
+        ("follower", "A", [1.0, 2.0, 3.0], True),
+        ("follower", "K", [1.0, 2.0, 3.0], False),
+        ("conservative", "K", [1.0, 2.0, 3.0], True),
+        ("dead", "K", [0.0, 0.0, 0.0], True),
+        ("dead", "K", [1e-3, 0.0, 0.0], False),
+        ("dead", "B", [0.0, 0.0, 0.0], False),
+    ],
+)
+def test_the_tangent_under_a_small_load_is_known_without_round_off(
+    size, kind, connection, moment, expected
+):
+    elastic = cartstiff.load("hexapod")
+    wrench = size * np.array([*moment, 0.0, 0.0, -100.0])
+    result = cartstiff.analyse(elastic, wrench=wrench, load_kind=kind)
+    about = analyse_posture(result, connection=connection)
+    assert about["load"]["is_tangent"] is expected

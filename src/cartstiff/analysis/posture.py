@@ -88,12 +88,10 @@ def change_from_symmetric(r: PostureStiffness, name: str) -> Array:
     """K^X - K^B: what the connection adds under the load; zero without one."""
     if name == "load":
         return r.change_by_load
+    if name in NAMED and r.wrench is not None:  # without the round-off of a difference
+        return NAMED["B"].wrench_term(r.wrench) - NAMED[name].wrench_term(r.wrench)
     base, K = r.matrices["B"], r.matrices.get(name)
-    if base is not None and K is not None:
-        return K - base
-    if name not in NAMED or r.wrench is None:
-        return np.zeros((6, 6))
-    return NAMED["B"].wrench_term(r.wrench) - NAMED[name].wrench_term(r.wrench)
+    return np.zeros((6, 6)) if base is None or K is None else K - base
 
 
 def deflection_section(
@@ -697,14 +695,16 @@ def _load(r: PostureStiffness, connection: str) -> dict[str, Any] | None:
     if r.wrench is None or not r.is_loaded:
         return None
     moment, force = r.wrench[:3] - np.cross(r.load.at, r.wrench[3:]), r.wrench[3:]
-    difference = np.abs(r.change_by_load - change_from_symmetric(r, connection)).max()
+    changes = np.array([r.change_by_load - change_from_symmetric(r, connection), r.change_by_load])
+    per = np.repeat([1.0 / r.posture.length, 1.0], 3)  # rotations in the unit of translations
+    difference, size = (np.abs(changes) * np.outer(per, per)).max(axis=(1, 2))
     return {
         "kind": r.load.kind,
         "meaning": r.load.words,
         "at": r.load.at,
         "moment": moment,
         "force": force,
-        "is_tangent": difference <= numerics.SYMMETRY * np.abs(r.change_by_load).max(),
+        "is_tangent": bool(difference <= numerics.SYMMETRY * size),
     }
 
 
