@@ -481,7 +481,6 @@ def _swept(elastic: ElasticMechanism, start: Array, load: _Load) -> dict[str, tu
             continue
         reach = _REACH * (length if c.is_length else 1.0)
         x = start[j] + reach * np.linspace(-1, 1, _COUNT)
-        x[_COUNT // 2] = start[j]
         Q = np.tile(start, (_COUNT, 1))
         Q[:, j] = x
         moved = _displacements(elastic, Q, load)

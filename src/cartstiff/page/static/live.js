@@ -115,8 +115,7 @@ export class LiveSource {
   /** The socket has closed: try again, unless that was wanted. */
   async lose(code) {
     this.onlost();
-    if (this.closed) return;
-    if (code === FULL) return; // the server has said why
+    if (this.closed || code === FULL) return; // a full server has said why
     this.goAlone();
     this.onstatus("lost");
     if (await this.strange()) this.onstatus("strange");

@@ -38,7 +38,7 @@ export function modesPanel(store) {
   const card = el("details", { class: "card modes-card", ontoggle: () => {
     const wanted = card.open ? (store.state.mode ?? 1) : null;
     if (store.state && store.state.mode !== wanted && (store.source.live || card.open)) choose(wanted);
-    response.hidden = !card.open;
+    response(card.open);
   } }, el("summary", {}, el("h2", {}, "Vibration"), note), rows, controls, words);
   byId("right").append(card);
 
@@ -266,12 +266,9 @@ function responseStrip(store) {
     request();
     draw();
   });
-  return {
-    get hidden() { return node.hidden; },
-    set hidden(value) {
-      node.hidden = value || !store.source.live;
-      document.body.classList.toggle("vibrating", !node.hidden);
-      if (!value) request();
-    },
+  return (isShown) => {
+    node.hidden = !isShown || !store.source.live;
+    document.body.classList.toggle("vibrating", !node.hidden);
+    request();
   };
 }
