@@ -385,6 +385,14 @@ def test_straight_tendons_are_lines(length):
     assert (length == "0 5") == (not data.qfrc_spring.any())
 
 
+def test_a_joint_that_an_equality_holds_has_no_position_in_a_file():
+    path = place(HELD.format(root="", own=0, beside='<equality><joint joint1="a"/></equality>'))
+    file = Path(path).with_suffix(".yaml")
+    file.write_text(f"kind: serial\nmodel: {path}\nq: {{a: 0.3}}\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"key q: unknown joint.*'a'"):
+        load(file)
+
+
 def test_ranges_of_tendons_are_named_where_they_play_no_part():
     tendon = (
         '<tendon><spatial name="rope" stiffness="7" limited="true" range="0 0.4">'

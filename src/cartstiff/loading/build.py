@@ -1002,8 +1002,8 @@ def tree_to(
     names, still = list(model.names), facts.locked | dict(locked)
     leaders = {follower: to_root(follower, facts.followers) for follower in facts.followers}
     for follower, (leader, factor, offset) in leaders.items():
-        if follower in locked and leader in names and factor:  # a locked follower locks its leader
-            position = (locked[follower] - offset) / factor
+        if follower in still and leader in names and factor:  # a locked follower locks its leader
+            position = (still[follower] - offset) / factor
             if abs(still.setdefault(leader, position) - position) > numerics.NEGLIGIBLE_SHARE:
                 raise InputError(
                     f"joint {follower!r} follows {leader!r}, and both are locked elsewhere",
@@ -1332,7 +1332,7 @@ def chain_of(
         raise InputError(f"no joint moves frame {frame!r}", expected="a frame on a moving link")
     model = description.model
     plain = {name for name, nv in zip(model.names, model.nvs, strict=True) if nv == 1}
-    beyond = plain - {*tree.names, *facts.followers, *file.locked}
+    beyond = plain - {*tree.names, *facts.followers, *facts.locked, *file.locked}
     idle = [name for name in file.springs if name in beyond]
     acting: dict[str, Any] = {"passive": [name for name in file.passive if name not in beyond]}
     for key in {"q", "springs", "zeros"}.intersection(type(file).model_fields):

@@ -445,21 +445,6 @@ class _Compiled:
                     continue
                 follower, leader, factor, offset = leader, follower, 1 / factor, -offset / factor
             followers[follower] = (leader, factor, offset)
-        # Positions that an equality holds lock the joints that follow, and those that lead.
-        locked, changed = self.locked, True
-        while changed:
-            changed = False
-            for follower, (leader, factor, offset) in list(followers.items()):
-                if follower in locked and leader in locked:
-                    refuse(f"joint {follower!r} is held twice", follower, leader)
-                elif leader in locked:
-                    locked[follower] = factor * locked[leader] + offset
-                elif follower in locked:
-                    locked[leader] = (locked[follower] - offset) / factor
-                else:
-                    continue
-                del followers[follower]
-                changed = True
         return followers
 
     def _tendon_joints(self, tendon: int) -> frozenset[str]:
