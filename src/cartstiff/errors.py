@@ -191,6 +191,8 @@ class ConvergenceError(CartstiffError):
 
     Attributes
     ----------
+    what : str
+        The message, without the numbers.
     iterations : int
         How many steps were taken.
     residual : float
@@ -198,6 +200,7 @@ class ConvergenceError(CartstiffError):
     """
 
     def __init__(self, message: str, *, iterations: int, residual: float) -> None:
+        self.what = message
         self.iterations = iterations
         self.residual = residual
         super().__init__(f"{message} ({iterations} iterations, residual {residual:.3g})")

@@ -11,7 +11,7 @@ import pytest
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.errors import InputError
+from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.report.statics import describe_path
 from cartstiff.statics.toolpath import compensate
 
@@ -103,3 +103,10 @@ def test_weight_alone(tmp_path, arm, postures, winds):
     assert "--against all" in run(*words, code=2)
     with pytest.raises(InputError, match="against"):
         compensate(arm, postures, np.r_[0, 0, 0, FORCE], against="weight")
+
+
+def test_links_that_find_no_rest_are_refused_with_the_numbers_once():
+    elastic = cartstiff.load("delta")
+    with pytest.raises(ConvergenceError, match=r"^point 1: the links find no rest") as caught:
+        compensate(elastic, [elastic.q], [3e5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert str(caught.value).count("iterations") == 1

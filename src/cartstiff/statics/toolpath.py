@@ -373,7 +373,9 @@ def _with_links_at_rest(
         posture = settled(elastic, elastic.mechanism.at(q), loads, target)
     except ConvergenceError as error:
         raise ConvergenceError(
-            f"point {index + 1}: {error}", iterations=error.iterations, residual=error.residual
+            f"point {index + 1}: {error.what}",
+            iterations=error.iterations,
+            residual=error.residual,
         ) from None
     return posture.q
 
