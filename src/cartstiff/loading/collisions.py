@@ -7,6 +7,7 @@ touch at the mechanism's default posture. The arm's surroundings and a workpiece
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -84,10 +85,10 @@ class Collisions:
         ]
         self._use(pairs)
         self._collide(elastic.q, first=False)
-        touching = [bool(result.isCollision()) for result in self._data.collisionResults]
-        self._use([pair for pair, touch in zip(pairs, touching, strict=True) if not touch])
+        touching = [result.isCollision() for result in self._data.collisionResults]
+        touching_pairs = list(compress(pairs, touching))
+        self._use([pair for pair in pairs if pair not in touching_pairs])
         self.pairs = len(self._geometry.collisionPairs)
-        touching_pairs = [pair for pair, touch in zip(pairs, touching, strict=True) if touch]
         names = [f"{links[a]} - {links[b]}" for a, b in touching_pairs]
         self.left_out = tuple(dict.fromkeys(names))
 
