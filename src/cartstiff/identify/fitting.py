@@ -151,7 +151,7 @@ def linear_fit(
     for g in unknown:
         largest = float(np.abs(target[group == g]).max(initial=0.0))
         scales[g] = max(largest, numerics.TINY)
-        floor[g] = max(numerics.EPSILON * largest, numerics.TINY)  # of an exact fit
+        floor[g] = max(numerics.ROUNDOFF * largest, numerics.TINY)  # of an exact fit
     h = np.zeros(m)
     for _ in range(_MAX_SCALE_STEPS):
         deviation = unit * scales[group]
