@@ -508,3 +508,24 @@ def test_load_and_weight_are_typed_into_their_fields(ur5):
     state = page.evaluate("() => window.cartstiff.state")
     assert state["payload"] == [3, 0, 0, 0.05]
     assert state["gravity"] == [0, 0, -9.81]
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [
+        ("shoulder_pan_joint N m/rad", -5, "a spring has a stiffness from 0 on"),
+        ("Damping ratio in per cent", -3, "damping is from 0 to 1000 %"),
+    ],
+)
+def test_a_number_that_cannot_be_is_refused_in_words(ur5, field, value, words):
+    springs = ur5.evaluate("() => window.cartstiff.store.state.stiffness")
+    ur5.evaluate(
+        """([label, value]) => {
+            const input = document.querySelector(`input[aria-label="${label}"]`);
+            input.value = value;
+            input.dispatchEvent(new Event("change"));
+        }""",
+        [field, value],
+    )
+    ur5.wait_for_function("(words) => window.heard.includes(words)", arg=words)
+    assert ur5.evaluate("() => window.cartstiff.store.state.stiffness") == springs

@@ -252,7 +252,8 @@ class PostureStiffness(LabelledResult):
             labels = (f"{'xyz'[i]} of M [{unit}]" for i in plane)
             axis.set(**dict(zip(("xlabel", "ylabel"), labels, strict=True)))
             axis.ticklabel_format(scilimits=(-3, 3))
-        figure.suptitle(f"{self.elastic.name}: displacement of M under a unit force")
+        against = " (against it along some)" * bool(numerics.eigenvalues(block)[0] < 0.0)
+        figure.suptitle(f"{self.elastic.name}: displacement of M under a unit force{against}")
         return figure
 
     def _repr_html_(self) -> str:

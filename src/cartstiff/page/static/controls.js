@@ -56,7 +56,7 @@ export function controls(store) {
 
     // -- springs
     springs = mechanism.springs.length ? fields(mechanism.springs.map(({ name, unit }) => [name, unit]),
-      (values) => store.change({ stiffness: values.map((x) => (x === null ? null : Math.max(0, x))) }),
+      (values) => (values.some((x) => x < 0) ? toast("a spring has a stiffness from 0 on") : store.change({ stiffness: values })),
       mechanism.springs.map(({ stiffness }) => stiffness === null), "rigid") : null;
     springs?.node.classList.add("long");
     offer("springs", springs);

@@ -1,6 +1,6 @@
 // Modes in a table, played in the picture, and the response of the body over frequency.
 
-import { LOST, SUPERSEDED, button, byId, dropdown, el, engineering, hint, inSize, radio, short } from "./dom.js";
+import { LOST, SUPERSEDED, button, byId, dropdown, el, engineering, hint, inSize, radio, short, toast } from "./dom.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { showPlaying, ticking } from "./player.js";
 import { Plot } from "./plot.js";
@@ -203,7 +203,7 @@ function responseStrip(store) {
   const input = el("input", { type: "number", min: 0, max: 100, step: "any", value: 2, "aria-label": "Damping ratio in per cent",
     onchange: () => {
       const x = input.valueAsNumber / 100;
-      if (!(x >= 0 && x <= 10)) return;
+      if (!(x >= 0 && x <= 10)) return toast("damping is from 0 to 1000 %");
       ratio = x;
       request();
     } });
