@@ -113,13 +113,10 @@ def after_command(
     InputError
         As `commanded`; ConvergenceError if no equilibrium is found from there.
     """
-    about_load: dict[str, Any] = {
-        "load_kind": load_kind,
-        "load_at": load_at,
-        "load_axes": load_axes,
-    }
-    before = analyse(elastic, q, wrench=wrench, **(about_load if wrench is not None else {}))
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
+    before = analyse(
+        elastic, q, wrench=wrench, load_kind=load_kind, load_at=load_at, load_axes=load_axes
+    )
     loads = () if wrench is None else (kind.acting(wrench, before.pose, load_axes),)
     shifted, start = commanded(before.elastic, command, before.q)
     return equilibrium(shifted, start, *loads, limits=limits)

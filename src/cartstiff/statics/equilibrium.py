@@ -35,9 +35,9 @@ from cartstiff.statics.problem import (
     contact_limits,
     refuse_springs_far_apart,
 )
+from cartstiff.statics.rest import MAX_CURVE_POINTS, chosen_forces, state_of_rest
 from cartstiff.statics.rest import Equilibrium as Equilibrium
 from cartstiff.statics.rest import Reactions as Reactions
-from cartstiff.statics.rest import chosen_forces, state_of_rest
 from cartstiff.statics.small_motions import divergence
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, checked_load
 
@@ -68,8 +68,6 @@ def relaxed(elastic: ElasticMechanism, q: ArrayLike | None = None) -> Array:
 
 # Steps by which loads and displacements are increased if no equilibrium is found at once.
 _STAGES = 8
-# Bound on the points of the curve that is followed if that fails, too.
-_MAX_CURVE_POINTS = 200
 
 
 @checked
@@ -252,7 +250,7 @@ def _along_its_curve(system: System, q: Array, iterations: int, settle: bool) ->
         if not (system.loads and ratio > numerics.SLOWING_STIFFNESS_RATIO):
             return None
         curve = load_curve(
-            system.elastic, q, *system.loads, held=system.held, points=_MAX_CURVE_POINTS
+            system.elastic, q, *system.loads, held=system.held, points=MAX_CURVE_POINTS
         )
         if curve.reason != "factor-reached" or curve.critical:
             return None

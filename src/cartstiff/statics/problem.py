@@ -438,9 +438,8 @@ class System:
         """
         hessian = self.elastic.evaluate(posture).hessian
         own = np.abs(np.diag(hessian)) * posture.coordinate_lengths**2
-        largest = float(own.max(initial=0.0))
-        own[own <= numerics.EPSILON * largest] = 0.0
-        return own, largest / float(own.min(initial=largest or 1.0, where=own > 0.0))
+        own[own <= numerics.EPSILON * own.max(initial=0.0)] = 0.0
+        return own, float(own.max(initial=0.0) / own.min(initial=inf, where=own > 0.0))
 
     def constraints(
         self, posture: MechanismPosture, contacts: Sequence[Contact]

@@ -315,8 +315,8 @@ def _reactions(system: System, solution: Solution) -> Reactions:
     return Reactions(held, wrench, limits, closures, rigid)
 
 
-# Bound on the points of the curve on which critical loads are sought.
-_MAX_CURVE_POINTS = 200
+#: Bound on the points of a curve on which critical loads, or its end, are sought.
+MAX_CURVE_POINTS = 200
 # Messages on critical loads of that curve, by kind.
 _CRITICAL_LOADS = {
     "limit": "a limit point, where the mechanism snaps through: it comes to rest elsewhere than a "
@@ -444,7 +444,7 @@ class Equilibrium(Result, LabelledResult):
                     self.start.q,
                     *self.loads,
                     held=system.held,
-                    points=_MAX_CURVE_POINTS,
+                    points=MAX_CURVE_POINTS,
                 )
         except (ConvergenceError, UndefinedError):
             return []
