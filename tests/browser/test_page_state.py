@@ -518,7 +518,7 @@ def test_load_and_weight_are_typed_into_their_fields(ur5):
     ],
 )
 def test_a_number_that_cannot_be_is_refused_in_words(ur5, field, value, words):
-    springs = ur5.evaluate("() => window.cartstiff.store.state.stiffness")
+    springs = ur5.evaluate("() => window.cartstiff.state.stiffness")
     ur5.evaluate(
         """([label, value]) => {
             const input = document.querySelector(`input[aria-label="${label}"]`);
@@ -528,4 +528,4 @@ def test_a_number_that_cannot_be_is_refused_in_words(ur5, field, value, words):
         [field, value],
     )
     ur5.wait_for_function("(words) => window.heard.includes(words)", arg=words)
-    assert ur5.evaluate("() => window.cartstiff.store.state.stiffness") == springs
+    assert ur5.evaluate("() => window.cartstiff.state.stiffness") == springs
