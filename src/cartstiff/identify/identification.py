@@ -803,10 +803,9 @@ def _share(seen: Observations, fit: Fit) -> tuple[float, float]:
         mine = seen.is_angle == angles
         if mine.any():
             r = fit.residual[mine]
-            rms = float(np.sqrt(np.mean(r**2)))
-            size = float(np.sqrt(np.mean(seen.target[mine] ** 2)))
-            scaled[mine] = r / max(size, numerics.TINY)
-    return float(np.sqrt(np.mean(scaled**2))), rms
+            rms = _rms(r)
+            scaled[mine] = r / max(_rms(seen.target[mine]), numerics.TINY)
+    return _rms(scaled), rms
 
 
 def _others(model: Model) -> Iterator[tuple[str, Measurements]]:
@@ -1399,8 +1398,7 @@ def _check_frame(model: Model, fit: Fit, elastic: ElasticMechanism) -> None:
         If their residuals exceed a share of the mechanism's size, as in another frame.
     """
     seen, length = model.observations, elastic.mechanism.at(elastic.q).length
-    far = fit.residual[seen.is_absolute & ~seen.is_angle]
-    rms = float(np.sqrt(np.mean(far**2))) if far.size else 0.0
+    rms = _rms(fit.residual[seen.is_absolute & ~seen.is_angle])
     if rms > _FOREIGN_SHARE * length:
         raise InputError(
             "measured positions are not those of the mechanism: of another frame, point or posture",
