@@ -322,7 +322,7 @@ def test_the_first_card_says_how_far_the_load_moves_the_point(ur5):
     assert soft["stiffness"] == pytest.approx(1 / values[2], rel=1e-9)
     assert abs(np.dot(soft["direction"], R @ axes[:, 2])) == pytest.approx(1, abs=1e-9)
     assert "free to turn" in card.inner_text()
-    assert "Stable" in card.inner_text()
+    assert "Every small push is resisted" in card.inner_text()
 
 
 def test_what_is_pointed_at_says_its_number_and_lights_its_row(ur5):

@@ -25,7 +25,7 @@ def test_blocks_and_length_are_those_of_each_function(seed, spread, signs):
     K = (Q * values) @ Q.T
     C = (Q / values) @ Q.T
     K, C = 0.5 * (K + K.T), 0.5 * (C + C.T)
-    pair = MatrixPair(K, C, None)
+    pair = MatrixPair(K, C)
     for freedom in ("translation", "rotation"):
         ours = pair.ellipsoid(freedom)
         other = stiffness_ellipsoid(K, freedom, "held", None, C)
@@ -61,7 +61,7 @@ def test_blocks_and_length_are_those_of_each_function(seed, spread, signs):
 def test_a_compliance_is_the_inverse_of_a_stiffness():
     K = np.diag([1.0, 2.0, 3.0, 10.0, 20.0, 30.0])
     shape = compliance_ellipsoid(np.linalg.inv(K), "translation", "held", None, K)
-    own = MatrixPair(K, np.linalg.inv(K), None).ellipsoid("translation")
+    own = MatrixPair(K, np.linalg.inv(K)).ellipsoid("translation")
     np.testing.assert_allclose(shape.eigenvalues, 1.0 / own.eigenvalues[::-1], rtol=1e-15)
     # (det S / det K_tt)^(1/6) = (6 / 6000)^(1/6)
-    assert MatrixPair(K, np.linalg.inv(K), None).length.value == pytest.approx(10**-0.5, rel=1e-15)
+    assert MatrixPair(K, np.linalg.inv(K)).length.value == pytest.approx(10**-0.5, rel=1e-15)

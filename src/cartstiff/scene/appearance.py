@@ -166,12 +166,10 @@ class MatrixPair:
         Symmetric.
     C : ndarray, shape (6, 6), or None
         Its inverse.
-    is_symmetric : bool, optional
-        Whether the stiffness itself is symmetric: the pair is then that with the others free, too.
     """
 
-    def __init__(self, K: Array, C: Array | None, is_symmetric: bool = True) -> None:
-        self.K, self.C, self.is_symmetric = K, C, is_symmetric
+    def __init__(self, K: Array, C: Array | None) -> None:
+        self.K, self.C = K, C
         self._shapes: dict[tuple[Freedom, Others, Quantity], Ellipsoid] = {}
 
     @cached_property
@@ -257,19 +255,17 @@ def block_ellipsoid(
 
 @lru_cache(maxsize=16)
 def matrix_pair(here: StiffnessInFrame, connection: str, others: Others) -> MatrixPair | None:
-    """The pair of a connection, the other freedoms held or free; None without a stiffness."""
-    if others == "free":
-        held = matrix_pair(here, connection, "held")
-        if held is not None and held.is_symmetric:
+    """The pair of a connection, the other freedoms held or free; None without a stiffness.
+
+    One pair serves both where the compliance is the inverse of the stiffness's symmetric part.
+    """
+    own = here.compliances[connection]
+    if others == "free" and (held := matrix_pair(here, connection, "held")) is not None:
+        inverse = here.inverse_of_symmetric_part(connection)
+        if own is not None and inverse is not None and np.array_equal(own, inverse):
             return held
     K, C = here.pair(connection, others)
-    if K is None:
-        return None
-    whole = here.matrices[connection]
-    is_symmetric = whole is not None and (
-        numerics.is_symmetric(whole) or bool(numerics.is_about_symmetric(whole))
-    )
-    return MatrixPair(K, C, is_symmetric)
+    return None if K is None else MatrixPair(K, C)
 
 
 #: Notes that say why a stiffness does not exist.

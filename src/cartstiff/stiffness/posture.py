@@ -101,8 +101,9 @@ class StiffnessInFrame:
         """
         K, C = self.matrices[name], self.compliances[name]
         if others == "held":
-            symmetric = None if K is None else 0.5 * (K + K.T)
-            return symmetric, self.inverse_of_symmetric_part(name)
+            C = self.inverse_of_symmetric_part(name)
+            K, C = (None if M is None else 0.5 * (M + M.T) for M in (K, C))
+            return K, C
         return inverse_pair(K, C)
 
     def inverse_of_symmetric_part(self, name: str) -> Array | None:
