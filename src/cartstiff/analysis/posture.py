@@ -152,7 +152,7 @@ def deflection_found(
         return None
     whole = compliance_deflection(C, whole_wrench, point)
     shares = notes.attempt("shares of the deflection", _shares, r, name, whole)
-    return FoundDeflection(_without_rounding(whole, r.posture.length), added, acts_at, shares)
+    return FoundDeflection(_without_rounding(whole, r.length), added, acts_at, shares)
 
 
 def _without_rounding(deflection: Deflection, length: float) -> Deflection:
@@ -176,13 +176,15 @@ def _about_origin(point: Array, force: Array) -> Array:
 
 def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]:
     """Each joint's or leg's part, with its name and unit kind."""
-    springs, posture = r.elastic.springs, r.posture
+    springs, posture = r.asked.springs, r.posture
+    if not isinstance(springs, LineSprings) or springs.unilateral:
+        springs = r.elastic.springs  # these depend on their rest positions
     if isinstance(springs, FlexureStruts):
         raise UndefinedError("the flexures deflect too, not only the legs", code="no-shares")
     if isinstance(posture, PlatformPosture) and isinstance(springs, LineSprings):
         k = np.where(springs.is_taut(posture.lines.lengths), springs.stiffness, 0.0)
         legs = spring_shares(posture.lines.lines @ whole.twist, k, whole)
-        return _of_springs(r.elastic.spring_names, [True] * len(k), legs)
+        return _of_springs(r.asked.spring_names, [True] * len(k), legs)
     coordinates = r.elastic.mechanism.coordinates
     if posture.closure is None and not posture.coordinates_are_pose:
         J = posture.motion.jacobian

@@ -100,14 +100,13 @@ class QuickPosture(PostureStiffness):
         """`elastic` and `evaluation`; for closed chains from the engine, which deflects links."""
         if self._code.is_closed:
             return self._engine.elastic, self._engine.evaluation
-        if self.posture.coordinates_are_pose:
-            own = Evaluation(self.energy, self.wrench, cast(Array, self.matrices["B"]))
-            return self._asked.with_rest_balancing(self.posture, self._given), own
         return self._asked._balanced_with_evaluation(self.posture, self._given)
 
-    @property
+    @cached_property
     def elastic(self) -> ElasticMechanism:
         """The mechanism with the rest positions that were used."""
+        if self.posture.coordinates_are_pose:
+            return self._asked.with_rest_balancing(self.posture, self._given)
         return self._balanced[0]
 
     @cached_property
@@ -118,6 +117,8 @@ class QuickPosture(PostureStiffness):
     @property
     def evaluation(self) -> Evaluation:
         """Energy, gradient, Hessian in the coordinates."""
+        if self.posture.coordinates_are_pose:
+            return Evaluation(self.energy, self.wrench, cast(Array, self.matrices["B"]))
         return self._balanced[1]
 
     @cached_property

@@ -386,12 +386,17 @@ class PostureStiffness(LabelledResult):
     def shown_wrench(self, wrench: Array) -> Array:
         """A wrench (6,) with round-off set to 0; see `cartstiff.stiffness.rounding`."""
         H = None if self._load_is_given or not any(wrench.tolist()) else self.evaluation.hessian
-        return shown_wrench(wrench, H, self.posture.coordinate_lengths, self.posture.length)
+        return shown_wrench(wrench, H, self.posture.coordinate_lengths, self.length)
 
     @property
     def change_by_load(self) -> Array:
         """``K^load - K^B`` (6, 6), zero without a load; exists at singular postures, too."""
         return fixed(self._changes[2])
+
+    @property
+    def asked(self) -> ElasticMechanism:
+        """The mechanism before its open rest positions were chosen."""
+        return self._asked or self.elastic
 
     @property
     def mechanism(self) -> Mechanism:
