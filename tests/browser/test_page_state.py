@@ -12,6 +12,7 @@ import cartstiff
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.analysis.screws import eigenscrews
 from cartstiff.geometry import se3
+from cartstiff.loading.catalogue import bundled_files
 from cartstiff.page.messages import ViewState
 from cartstiff.report.analysis import summary_text
 from tests.browser.conftest import setup
@@ -529,3 +530,25 @@ def test_a_number_that_cannot_be_is_refused_in_words(ur5, field, value, words):
     )
     ur5.wait_for_function("(words) => window.heard.includes(words)", arg=words)
     assert ur5.evaluate("() => window.cartstiff.state.stiffness") == springs
+
+
+def test_a_nonlinear_spring_has_no_number_and_stays(serve, pages, tmp_path):
+    """Its field is empty; another spring changes without it, and a number replaces it."""
+    text = bundled_files()["ur5"].read_text()
+    own = "elbow_joint: {stiffness: 2.0e4}"
+    assert own in text
+    path = tmp_path / "polynomial.yaml"
+    path.write_text(text.replace(own, "elbow_joint: {polynomial: [2.0e4, 0, 1.0e8]}"))
+    elastic = cartstiff.load(path)
+    page = pages.shared(serve(str(path)).url)
+    field = "input[aria-label='elbow_joint N m/rad']"
+    assert page.input_value(field) == ""
+    assert page.get_attribute(field, "placeholder") == "nonlinear"
+    for name, stiffness in (("shoulder_pan_joint", 2e4), ("elbow_joint", 1e4)):
+        elastic = elastic.with_springs({name: stiffness})
+        setup(page, "springs")
+        page.fill(f"input[aria-label='{name} N m/rad']", str(stiffness))
+        page.keyboard.press("Enter")
+        settled(page)
+        shown = page.evaluate("() => window.cartstiff.numbers.result.stiffness.B")
+        np.testing.assert_allclose(shown, cartstiff.analyse(elastic).matrices["B"], rtol=1e-12)

@@ -163,8 +163,16 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         "axes": _axes(elastic),
         "sliders": elastic.commanded,
         "springs": [
-            {"name": name, "stiffness": plain(k), "unit": unit, "driven": name in driven}
-            for name, k, unit in zip(elastic.spring_names, stiffness, spring_units, strict=False)
+            {
+                "name": name,
+                "stiffness": plain(k),
+                "unit": unit,
+                "driven": name in driven,
+                "nonlinear": i in getattr(springs, "laws", ()),
+            }
+            for i, (name, k, unit) in enumerate(
+                zip(elastic.spring_names, stiffness, spring_units, strict=False)
+            )
         ],
         "takes_load": springs is not None,
         "may_be_loaded": elastic.may_be_loaded,

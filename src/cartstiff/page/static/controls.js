@@ -45,7 +45,7 @@ export function controls(store) {
     const six = [["mx", moment], ["my", moment], ["mz", moment], ["fx", units.force], ["fy", units.force], ["fz", units.force]];
     // What the springs exert is about M, along its axes.
     load = fields(six, (values) => store.change({ load: values.map((x) => x ?? 0),
-      ...(store.state.load === null && store.numbers?.result.wrench?.some((x) => x) ? { load_axes: "body", load_at: [0, 0, 0] } : {}) }), six.map(() => true), "0");
+      ...(store.state.load === null && store.numbers?.result.wrench?.some((x) => x) ? { load_axes: "body", load_at: [0, 0, 0] } : {}) }), six.map(() => ({ called: "0", value: null })));
     loadPoint = fields(COORDINATES.map((name) => [name, units.length, "load at"]), (values) => store.change({ load_at: values }));
     loadPoint.node.title = `Where the load acts: from the origin of M along its axes, in ${units.length}`;
     loadPanel.replaceChildren(
@@ -57,7 +57,7 @@ export function controls(store) {
     // -- springs
     springs = mechanism.springs.length ? fields(mechanism.springs.map(({ name, unit }) => [name, unit]),
       (values) => (values.some((x) => x < 0) ? toast("a spring has a stiffness from 0 on") : store.change({ stiffness: values })),
-      mechanism.springs.map(({ stiffness }) => stiffness === null), "rigid") : null;
+      mechanism.springs.map(({ stiffness, nonlinear }) => (nonlinear || stiffness === null) && { called: nonlinear ? "nonlinear" : "rigid", value: stiffness })) : null;
     springs?.node.classList.add("long");
     offer("springs", springs);
     if (springs) springPanel.replaceChildren(

@@ -5,19 +5,19 @@ import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 
 const DEGREES = 180 / Math.PI;
 
-/** Numbers in fields; calls back with all of them when one has changed. `blank` are those that may be left empty, which means null and is called so. */
-export function fields(names, onchange, blank = null, called = "") {
+/** Numbers in fields; calls back with all of them when one has changed. `blank` has a name and a value for those that may be left empty. */
+export function fields(names, onchange, blank = []) {
   const inputs = names.map(([name, unit, of]) => el("input", { type: "number", step: "any", "aria-label": `${of ? `${of} ` : ""}${name} ${unit}`, onchange: commit }));
   function commit() {
     const values = inputs.map((input, i) =>
-      (blank?.[i] && input.value === "" && !input.validity.badInput ? null : input.valueAsNumber));
+      (blank[i] && input.value === "" && !input.validity.badInput ? blank[i].value : input.valueAsNumber));
     if (values.every((x) => x === null || Number.isFinite(x))) onchange(values);
   }
-  inputs.forEach((input, i) => { if (blank?.[i]) input.placeholder = called; });
+  inputs.forEach((input, i) => { if (blank[i]) input.placeholder = blank[i].called; });
   const node = el("div", { class: "fields" }, ...names.map(([name, unit], i) =>
     el("label", {}, el("span", { title: unit }, name), inputs[i])));
   const set = (values) => inputs.forEach((input, i) => {
-    if (document.activeElement !== input) input.value = values[i] ?? "";
+    if (document.activeElement !== input) input.value = (values[i] === blank[i]?.value ? null : values[i]) ?? "";
   });
   const disable = (off) => inputs.forEach((input) => { input.disabled = off; });
   return { node, set, disable };
