@@ -514,8 +514,8 @@ def test_load_and_weight_are_typed_into_their_fields(ur5):
 @pytest.mark.parametrize(
     ("field", "value", "words"),
     [
-        ("shoulder_pan_joint N m/rad", -5, "a spring has a stiffness from 0 on"),
-        ("Damping ratio in per cent", -3, "damping is from 0 to 1000 %"),
+        ("shoulder_pan_joint N m/rad", -5, "a stiffness must be 0 or more"),
+        ("Damping ratio in per cent", -3, "damping must be between 0 and 1000 %"),
     ],
 )
 def test_a_number_that_cannot_be_is_refused_in_words(ur5, field, value, words):

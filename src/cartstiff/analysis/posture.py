@@ -176,7 +176,7 @@ def _about_origin(point: Array, force: Array) -> Array:
 
 def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]:
     """Each joint's or leg's part, with its name and unit kind."""
-    springs, posture = r.asked.springs, r.posture
+    springs, posture = r.elastic_as_given.springs, r.posture
     if not isinstance(springs, LineSprings) or springs.unilateral:
         springs = r.elastic.springs  # these depend on their rest positions
     if isinstance(springs, FlexureStruts):
@@ -184,7 +184,7 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
     if isinstance(posture, PlatformPosture) and isinstance(springs, LineSprings):
         k = np.where(springs.is_taut(posture.lines.lengths), springs.stiffness, 0.0)
         legs = spring_shares(posture.lines.lines @ whole.twist, k, whole)
-        return _of_springs(r.asked.spring_names, [True] * len(k), legs)
+        return _of_springs(r.elastic_as_given.spring_names, [True] * len(k), legs)
     coordinates = r.elastic.mechanism.coordinates
     if posture.closure is None and not posture.coordinates_are_pose:
         J = posture.motion.jacobian

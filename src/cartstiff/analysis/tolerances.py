@@ -691,7 +691,7 @@ class UncertainParameters:
             )
         else:
             return analyse(elastic, posture.q)
-        asked, loaded = self.result.asked, self.result._load_is_given
+        asked, loaded = self.result.elastic_as_given, self.result._load_is_given
         is_open = np.isnan(nominal.rest if asked.springs is None else asked.springs.rest)
         if not (loaded or is_open.any()):
             forces = forces + self._change(elastic, posture, rows, forces, active)

@@ -129,12 +129,12 @@ class QuickPosture(PostureStiffness):
     @property
     def pose(self) -> Array:
         """``T_F_M`` (4, 4)."""
-        return self._record[self._code.pose].reshape(4, 4)
+        return self._record[self._code.at["pose"]].reshape(4, 4)
 
     @property
     def wrench(self) -> Array:
         """W = dPhi in the body frame."""
-        return self._record[self._code.wrench]
+        return self._record[self._code.at["wrench"]]
 
     @property
     def energy(self) -> float:
@@ -149,8 +149,8 @@ class QuickPosture(PostureStiffness):
     @property
     def jacobian(self) -> Array | None:
         """Body Jacobian of the joint coordinates; for a platform d(pose)/d(leg lengths)."""
-        place = self._code.jacobian
-        return None if place is None else self._record[place].reshape(6, -1)
+        J = self._recorded("jacobian")
+        return None if J is None else J.reshape(6, -1)
 
     @property
     def mechanism(self) -> Mechanism:
@@ -171,7 +171,7 @@ class QuickPosture(PostureStiffness):
     def length(self) -> float:
         """Characteristic length of the posture."""
         own = self._recorded("length")
-        # Without axes of its own the code has 1, where the posture may find others.
+        # The code has 1 where no joint on the way turns the body; the posture looks at all joints.
         return self.posture.length if own is None or own[0] == 1.0 else float(own[0])
 
     def _recorded(self, name: str) -> Array | None:
@@ -266,7 +266,6 @@ class PostureCode:
             self._settling = one_posture(program_for(case, SETTLING), shared)
         self._untraced, self.bends = taken.untraced, bool(taken.untraced) or taken.settles
         self.at = at = self._answer.at
-        self.pose, self.wrench, self.jacobian = at["pose"], at["wrench"], at.get("jacobian")
         self.matrices = {
             kind: {name: at.get(f"{kind}_{name}") for name in OF_MANY}
             for kind in ("stiffness", "compliance")
@@ -274,7 +273,7 @@ class PostureCode:
         self.energy, self._verdict = at["energy"].start, at["verdict"].start
         self.near = at["noteworthy"].start
         self.digits, self.deflection = self.near + 1, self.near + 2
-        self._actuation, here = at.get("actuation"), elastic.mechanism.at(elastic.q)
+        here = elastic.mechanism.at(elastic.q)
         self._sizes = here.coordinate_lengths, here.length
         self.is_closed, self._home = taken.is_closed, taken.home
         self.is_inner = not elastic.parted_terms()[1]
@@ -313,9 +312,8 @@ class PostureCode:
 
     def near_notes(self, quick: QuickPosture) -> list[Note]:
         """Notes on near singularities; the sizes of a platform are the same at every posture."""
-        if self._actuation is not None:
-            lines = quick._record[self._actuation].reshape(-1, 6)
-            return near_actuation_singularity(lines, *self._sizes)
+        if (lines := quick._recorded("actuation")) is not None:
+            return near_actuation_singularity(lines.reshape(-1, 6), *self._sizes)
         values = scaled_values(quick.posture)
         return [*near_type_2(quick.posture), *near_serial(quick.posture, values)]
 

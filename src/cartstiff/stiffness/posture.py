@@ -253,8 +253,10 @@ class PostureStiffness(LabelledResult):
             labels = (f"{'xyz'[i]} of M [{unit}]" for i in plane)
             axis.set(**dict(zip(("xlabel", "ylabel"), labels, strict=True)))
             axis.ticklabel_format(scilimits=(-3, 3))
-        against = " (against it along some)" * bool(numerics.eigenvalues(block)[0] < 0.0)
-        figure.suptitle(f"{self.elastic.name}: displacement of M under a unit force{against}")
+        title = f"{self.elastic.name}: displacement of M under a unit force"
+        if numerics.eigenvalues(block)[0] < 0.0:
+            title += " (indefinite: M moves against some forces)"
+        figure.suptitle(title)
         return figure
 
     def _repr_html_(self) -> str:
@@ -394,7 +396,7 @@ class PostureStiffness(LabelledResult):
         return fixed(self._changes[2])
 
     @property
-    def asked(self) -> ElasticMechanism:
+    def elastic_as_given(self) -> ElasticMechanism:
         """The mechanism before its open rest positions were chosen."""
         return self._asked or self.elastic
 

@@ -56,7 +56,7 @@ export function controls(store) {
 
     // -- springs
     springs = mechanism.springs.length ? fields(mechanism.springs.map(({ name, unit }) => [name, unit]),
-      (values) => (values.some((x) => x < 0) ? toast("a spring has a stiffness from 0 on") : store.change({ stiffness: values })),
+      (values) => (values.some((x) => x < 0) ? toast("a stiffness must be 0 or more") : store.change({ stiffness: values })),
       mechanism.springs.map(({ stiffness, nonlinear }) => (nonlinear || stiffness === null) && { called: nonlinear ? "nonlinear" : "rigid", value: stiffness })) : null;
     springs?.node.classList.add("long");
     offer("springs", springs);

@@ -203,7 +203,7 @@ function responseStrip(store) {
   const input = el("input", { type: "number", min: 0, max: 100, step: "any", value: 2, "aria-label": "Damping ratio in per cent",
     onchange: () => {
       const x = input.valueAsNumber / 100;
-      if (!(x >= 0 && x <= 10)) return toast("damping is from 0 to 1000 %");
+      if (!(x >= 0 && x <= 10)) return toast("damping must be between 0 and 1000 %");
       ratio = x;
       request();
     } });
