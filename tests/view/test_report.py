@@ -446,6 +446,22 @@ def test_rigid_and_nonlinear_springs_stand_in_the_table(arm):
     assert float(number) == pytest.approx(1e-3 * (1e4 + 3e6 * turned**2), rel=1e-3)
 
 
+def test_compliant_links_have_one_row_each():
+    """Their virtual joints are no rows, no part of a better posture, and are not swept."""
+    arm = cartstiff.load(Path(cartstiff.__file__).parents[2] / "examples/flexible_arm.yaml")
+    text = report_page(arm, wrench=[0, 0, 0, 10, 0, -20], load_axes="world")
+    said = words(text)
+    assert "Better posture (the tip stays" in said
+    assert "upper_arm_link.near_ry" not in re.sub("<iframe.*?</iframe>", "", text)
+    assert "±29 deg, within the limits" in text
+    rows = {row[0]: row for row in table_after(text, "Posture")}
+    assert len(rows) == 1 + 6 + 2
+    result = cartstiff.analyse(arm, wrench=[0, 0, 0, 10, 0, -20], load_axes="world")
+    shares = analyse_posture(result)["deflection"]["shares"]
+    share = sum(part["share"] for part in shares if part["name"].startswith("forearm_link."))
+    assert rows["the link forearm_link"][3] == f"{100 * share:.0f} %"
+
+
 def test_a_posture_that_does_not_resist_the_load_has_no_linear_displacement(arm):
     """The load tips the soft arm over: what `analyse` does not say, the report does not either."""
     soft = arm.with_springs(0.013 * arm.springs.stiffness)

@@ -193,6 +193,13 @@ class Response:
             if self.measured:
                 if len(self.measured) > 2:
                     raise InputError("is for feed and normal", where="--measured", got="more files")
+                own = "feed normal tip" + " damping rayleigh" * (self.response is None)
+                if idle := [f"--{n}" for n in own.split() if getattr(vibration, n) is not None]:
+                    raise InputError(
+                        "has its own directions, point and damping",
+                        where="--measured",
+                        got=" and ".join(idle),
+                    )
                 normal = self.measured[1] if len(self.measured) > 1 else None
                 held = MeasuredReceptance.read(self.measured[0], normal, units=units)
                 curve = lobes(held, vibration.cutter, speeds)

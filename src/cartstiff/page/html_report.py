@@ -30,13 +30,13 @@ from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.page.export import export_page
 from cartstiff.page.shown import distance_to_singularity, legs, softest_in_room, verdict
 from cartstiff.page.source import Source
-from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.loads import Load
-from cartstiff.potentials.springs import CoupledSprings, JointSprings
+from cartstiff.potentials.springs import JointSprings
 from cartstiff.report.analysis import (
     largest_share,
     links_of_coordinates,
     resisted_deflection,
+    shares_of_parts,
     softest_words,
 )
 from cartstiff.report.layout import placed
@@ -430,6 +430,7 @@ def _at_same_pose(elastic: ElasticMechanism, start: Array, load: _Load, here: fl
         places = ", ".join(
             f"{c.name} {_place(elastic, float(x), c.is_length)}"
             for c, x in zip(elastic.mechanism.coordinates, q, strict=True)
+            if c.name not in links_of_coordinates(elastic)
         )
         how = "" if free == "none" else ", the tool turned about its z axis"
         return (
@@ -632,16 +633,11 @@ def _joints(result: PostureStiffness, q: Array, analysis: dict[str, Any]) -> str
     """Each coordinate and spring: position before the load, stiffness, share of the deflection."""
     elastic, units = result.elastic, result.elastic.units
     deflection = resisted_deflection(analysis)
-    shares = {part["name"]: part["share"] for part in deflection.get("shares") or []}
+    shares, links = shares_of_parts(deflection, elastic), links_of_coordinates(elastic)
     springs = dict(zip(elastic.spring_names, elastic.stiffnesses, strict=False))
     if isinstance(elastic.springs, JointSprings):
         hessian = elastic.springs.evaluate(result.posture).hessian
         springs |= {elastic.names[j]: hessian[j, j] for j in elastic.springs.laws}
-    for potential in elastic.potentials:  # a virtual joint of a link, the others held
-        if isinstance(potential, (Beam, CoupledSprings)):
-            hessian = potential.evaluate(result.posture).hessian
-            for j in np.ravel(potential.indices):
-                springs[elastic.names[j]] = springs.get(elastic.names[j], 0.0) + hessian[j, j]
 
     def spring(name: str, is_length: bool) -> str:
         k = springs.get(name)
@@ -651,6 +647,8 @@ def _joints(result: PostureStiffness, q: Array, analysis: dict[str, Any]) -> str
 
     rows, passive = [], 0
     for c, value in zip(elastic.mechanism.coordinates, q.tolist(), strict=True):
+        if c.name in links:
+            continue  # the link has one row
         place = engineering(value, units.length) if c.is_length else f"{np.degrees(value):.2f} deg"
         row = (c.name, place, spring(c.name, c.is_length), _percent(shares.get(c.name)))
         is_passive = result.posture.closure is not None and row[2:] in _PASSIVE
@@ -749,7 +747,7 @@ def _plot(swept: dict[str, tuple[Array, Array]], elastic: ElasticMechanism) -> s
         lines.append(f'<path d="{drawn}" fill="none" stroke="{colour}" stroke-width="2"/>')
         if i < 14:
             lines.append(f'<text x="440" y="{20 + 15 * i}" fill="{colour}">{_text(name)}</text>')
-    lengths = {c.is_length for c in elastic.mechanism.coordinates}
+    lengths = {c.is_length for c in elastic.mechanism.coordinates if c.name in swept}
     reaches = {False: f"±{np.degrees(_REACH):.0f} deg", True: f"±{_REACH:g} characteristic lengths"}
     shown = " or ".join(reaches[is_length] for is_length in sorted(lengths))
     lines.append(f'<text x="240" y="240" text-anchor="middle">{shown}, within the limits</text>')

@@ -271,12 +271,20 @@ def links_of_coordinates(elastic: ElasticMechanism) -> dict[str, str]:
     }
 
 
-def largest_share(deflection: Mapping[str, Any], elastic: ElasticMechanism) -> list[str]:
-    """Words on the joint, link or leg that contributes most to a deflection, if shares exist."""
-    links, summed = links_of_coordinates(elastic), dict[str, float]()
+def shares_of_parts(
+    deflection: Mapping[str, Any], elastic: ElasticMechanism
+) -> dict[str, float | None]:
+    """Shares of a deflection by joint, link or leg; a link's virtual joints are one part."""
+    links, summed = links_of_coordinates(elastic), dict[str, float | None]()
     for part in deflection.get("shares") or []:
         name = f"the link {links[own]}" if (own := part["name"]) in links else own
-        summed[name] = summed.get(name, 0.0) + (part["share"] or 0.0)
+        summed[name] = summed[name] + part["share"] if name in summed else part["share"]
+    return summed
+
+
+def largest_share(deflection: Mapping[str, Any], elastic: ElasticMechanism) -> list[str]:
+    """Words on the joint, link or leg that contributes most to a deflection, if shares exist."""
+    summed = {n: share or 0.0 for n, share in shares_of_parts(deflection, elastic).items()}
     if not summed:
         return []
     name = max(summed, key=lambda name: abs(summed[name]))
