@@ -331,3 +331,24 @@ def test_joints_beyond_the_frame_are_held_where_the_file_says(tmp_path: Path) ->
     first, second = (r.posture.gravity(np.array([0.0, 0.0, -9.81])) for r in results)
     assert np.abs(first.gradient).max() > 1.0
     assert np.abs(first.gradient - second.gradient).max() < 1e-12
+
+
+def test_joints_beyond_a_legs_frame_are_held_where_the_file_says(tmp_path: Path) -> None:
+    """A leg of joints as an arm: the note names the leg, its end and the springs."""
+    pytest.importorskip("example_robot_data")
+    head = "kind: parallel\ngravity: [0, 0, -9.81]\nlegs:\n"
+    leg = "  - {model: ur5, frame: forearm_link, springs: {shoulder_pan_joint: {stiffness: 1.0e4}, "
+    leg += "shoulder_lift_joint: {stiffness: 1.0e4}, elbow_joint: {stiffness: 1.0e4}"
+    q = "q: {elbow_joint: 1.0"
+    beyond = ", wrist_2_joint: {stiffness: 5.0}}, passive: [wrist_1_joint], "
+    (tmp_path / "a.yaml").write_text(f"{head}{leg}{beyond}{q}, wrist_1_joint: -0.4}}}}\n", "utf-8")
+    held = "}, locked: {wrist_1_joint: -0.4}, "
+    (tmp_path / "b.yaml").write_text(f"{head}{leg}{held}{q}}}}}\n", "utf-8")
+    named, locked = (cartstiff.load(tmp_path / name) for name in ("a.yaml", "b.yaml"))
+    note = next(note for note in named.notes if note.code == "idle-springs")
+    assert note.message.startswith("leg 1: 1 joint with a spring is not on the chain to 'forearm")
+    a, b = (
+        cartstiff.analyse(m).posture.gravity(np.array([0.0, 0.0, -9.81])) for m in (named, locked)
+    )
+    assert np.abs(a.gradient).max() > 1.0
+    assert np.abs(a.gradient - b.gradient).max() < 1e-12

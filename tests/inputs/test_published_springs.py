@@ -51,6 +51,28 @@ def test_the_set_of_the_bundled_arm_is_its_own():
     assert named.identified is None
 
 
+@pytest.mark.parametrize("is_table", [False, True])
+def test_joints_beyond_a_nearer_frame_need_no_spring(tmp_path, is_table):
+    """The note names them; the others are those of the whole arm; their covariance remains."""
+    springs = "fanuc-r2000ic/longton-first"
+    whole = cartstiff.load("fanuc-r2000ic", springs=springs).springs.stiffness
+    if is_table:
+        springs = tmp_path / "springs.csv"
+        rows = "".join(f"{i},{k}\n" for i, k in enumerate(whole, start=1)).replace("\n6,", "\nj6,")
+        springs.write_text(f"joint,stiffness\n{rows}", "utf-8")
+    arm = cartstiff.load("fanuc-r2000ic", frame="link4", springs=str(springs))
+    assert arm.springs.stiffness.tolist() == pytest.approx(whole[:4], rel=1e-12)
+    note = next(note for note in arm.notes if note.code == "published-springs")
+    last = "j6" if is_table else "6"
+    assert f"Joints beyond frame 'link4' need none: 5, {last}" in note.message
+    own = cartstiff.load("fanuc-r2000ic").identified
+    short = cartstiff.load("fanuc-r2000ic", frame="link4").identified
+    assert short.names == own.names[:4]
+    assert short.covariance.tolist() == own.covariance[:4, :4].tolist()
+    with pytest.raises(InputError, match="of an arm with 7 turning joints"):
+        cartstiff.load("fanuc-r2000ic", frame="link4", springs="kuka-lwr4/jubien-2014")
+
+
 def test_a_joint_without_a_value_is_named_and_not_filled_in():
     """In JSON and text; where nothing was there the assumption is the first sentence."""
     own = cartstiff.load("fanuc-r2000ic").springs.stiffness

@@ -114,3 +114,24 @@ def test_on_the_command_line():
     code, _, err = outcome("analyse 6-pus --pose 0.6,0,0.5,0,0,0")
     assert code == 2
     assert "--pose: the pose cannot be reached" in err
+
+
+@pytest.mark.parametrize(("given", "free"), [((2, 3, 4), "z roll pitch"), ((0, 1, 2), "x y z")])
+def test_coordinates_that_differ_from_the_file_are_those_of_the_pose(given, free):
+    """An Exechon tilts as told: both struts in the plane of the body's y axis, the third across."""
+    strut = {"stiffness": 1e8, "end_axis": [0, 1, 0]}
+    pair, across = [[-0.4, 0, 0], [0.4, 0, 0]], [0, 0.5, 0]
+    ends, end = [[-0.15, 0, 0], [0.15, 0, 0]], [0, 0.2, 0]
+    first = {"chain": "UPR", "base": {"points": pair}, "platform": {"points": ends}}
+    third = {"chain": "SPR", "base": {"points": [across]}, "platform": {"points": [end]}}
+    legs = [first | strut | {"axis": [1, 0, 0]}, third | strut | {"end_axis": [1, 0, 0]}]
+    machine = cartstiff.parallel(legs, [0, 0, -0.9, 0, 0, 0])
+    wanted = np.array([0, 0, -0.9, 0, 0, 0])
+    wanted[[*given]] += [0.05, 0.1, 0.06]
+    q, (note,) = at_pose(machine, wanted)
+    assert note.values["free"] == free.split()
+    T = machine.mechanism.at(q).pose
+    assert np.abs(pose_numbers(T) - wanted)[[*given]].max() < EXACT
+    R, p = T[:3, :3], T[:3, 3]
+    hinge, strut = R @ [0, 1, 0], p + R @ ends[0] - pair[0]
+    assert max(abs(hinge[0]), abs(hinge @ strut), abs((p + R @ end - across) @ R[:, 0])) < EXACT

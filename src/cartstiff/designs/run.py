@@ -276,7 +276,7 @@ class StudyEvaluator:
             sampling = RandomPostures(poses.random.count, poses.random.seed, lower, upper)
         else:
             return Trajectory(home[None])
-        return AtPoses(sampling) if of_body else sampling
+        return AtPoses(sampling, ranges) if of_body else sampling
 
     def _job(self, elastic: ElasticMechanism, case: Case, quantities: list[str]) -> MapJob:
         mechanism = elastic.mechanism

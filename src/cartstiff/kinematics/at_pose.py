@@ -3,11 +3,13 @@ r"""The posture of a machine with a given pose of its body, as for ``--pose``.
 Legs that are known in closed form are solved by it, in the working mode of the default posture.
 Other closed chains go there by Newton's method from the default posture. A body with fewer than six
 freedoms cannot take every pose: as many of its coordinates x, y, z, roll, pitch, yaw as it has
-freedoms are taken from the pose, the others follow, and a note says which.
+freedoms are taken from the pose, first those that differ from the default posture's; the others
+follow, and a note says which.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from itertools import combinations
 from typing import Literal
@@ -84,6 +86,8 @@ def at_pose(
     if isinstance(chain, Platform):
         return wanted, ()
     search = _Search(elastic, T_P_M, "pose")
+    moved = np.abs(_difference(wanted, search.coordinates(search.start))) / search.sizes
+    search.given = np.flatnonzero(moved > numerics.NEGLIGIBLE_DIFFERENCE).tolist()
     q, T = search.one_by_one(wanted[None])[0], search.poses(wanted)
     short = "" if np.isfinite(q).all() else search.short(T)
     if len(search.free) == 6 and not short and not np.isfinite(q).all():
@@ -105,7 +109,9 @@ def at_pose(
     return q, (_note(elastic, wanted, reached, search.free),)
 
 
-def at_poses(elastic: ElasticMechanism, poses: ArrayLike) -> tuple[Array, list[int]]:
+def at_poses(
+    elastic: ElasticMechanism, poses: ArrayLike, given: Sequence[int] = ()
+) -> tuple[Array, list[int]]:
     """Coordinates (N, n) at poses (N, 6), as `at_pose` finds them one by one.
 
     Parameters
@@ -114,6 +120,8 @@ def at_poses(elastic: ElasticMechanism, poses: ArrayLike) -> tuple[Array, list[i
         A body carried by legs.
     poses : array_like, shape (N, 6)
         x, y, z, roll, pitch, yaw of the body in F.
+    given : sequence of int
+        Coordinates of the pose that a body with fewer than six freedoms takes first.
 
     Returns
     -------
@@ -126,6 +134,7 @@ def at_poses(elastic: ElasticMechanism, poses: ArrayLike) -> tuple[Array, list[i
     if isinstance(checked_elastic(elastic).mechanism, Platform):
         return wanted, list(range(6))
     search = _Search(elastic, np.eye(4), "poses")
+    search.given = given
     q = None if search.is_known else search.by_own_steps(legs_of(elastic, limits=False), wanted)
     return (search.one_by_one(wanted) if q is None else q), search.free
 
@@ -168,6 +177,8 @@ class _Search:
             )
         self.chain, self.q = chain, np.array(elastic.q, float)
         self.T_P_M = T_P_M
+        #: Coordinates of the pose that are independent before others.
+        self.given: Sequence[int] = ()
         self.rows = sum(c.rows.stop - c.rows.start for c in chain.closures)  # not rigid joints'
         self.movable = np.array([j not in chain.virtual for j in range(self.q.size)], float)
         self.start = chain.at(self.q)
@@ -288,7 +299,7 @@ class _Search:
 
     @cached_property
     def free(self) -> list[int]:
-        """Independent coordinates of the pose, positions first."""
+        """Independent coordinates of the pose: the given ones, then positions first."""
         _, C = self._closing(self.start)
         C = C * self.columns
         C = C / np.max(np.abs(C), axis=1, keepdims=True, initial=numerics.TINY)
@@ -299,11 +310,9 @@ class _Search:
         count = numerics.rank(np.linalg.svd(rates, compute_uv=False))
         every = [list(c) for c in combinations(range(6), count)]
         scores = [float(np.linalg.svd(rates[c], compute_uv=False).min(initial=1.0)) for c in every]
-        return next(
-            c
-            for c, s in zip(every, scores, strict=True)
-            if s >= numerics.NEAR_SINGULARITY * max(scores)
-        )
+        least = numerics.NEAR_SINGULARITY * max(scores)
+        good = [c for c, score in zip(every, scores, strict=True) if score >= least]
+        return max(good, key=lambda c: len({*c} & {*self.given}))
 
     def _by_steps(self, wanted: Array) -> Array:
         """Newton's method from the default posture; NaN if it does not converge."""

@@ -54,14 +54,10 @@ def notes_on_branches(
     idle : collection of str
         Joints that have springs in the mechanism file and do not move the frame.
     """
-    notes, words = [], f"not on the chain to {frame!r}"
     names = [name for name in list(model.names)[1:] if name not in fingers]
     away = [name for name in names if name not in kept and name not in facts.followers]
-    if springs := [*idle, *(n for n in away if n in facts.springs and n not in idle)]:
-        message = f"{len(springs)} joints with springs are {words} and do not act"
-        if len(springs) == 1:
-            message = f"1 joint with a spring is {words} and does not act"
-        notes.append(Note("idle-springs", f"{message}: {_listed(springs)}", {"joints": springs}))
+    own = (n for n in away if n in facts.springs and n not in idle)
+    notes = idle_springs([*idle, *own], frame)
     if FEET.search(frame) or "hand" in str(model.name).lower():
         return notes
     chains = equal_chains(model, int(find_frame(model, frame).parentJoint))
@@ -83,6 +79,17 @@ def notes_on_branches(
         "mechanism file of kind closed-chain"
     )
     return [*notes, Note("open-loops", message, {"frame": frame, "joints": beside})]
+
+
+def idle_springs(joints: Sequence[str], frame: str, place: str = "") -> list[Note]:
+    """Return a note that names joints with springs that do not move the frame; none without any."""
+    if not joints:
+        return []
+    message = f"{len(joints)} joints with springs are not on the chain to {frame!r} and do not act"
+    if len(joints) == 1:
+        message = f"1 joint with a spring is not on the chain to {frame!r} and does not act"
+    words = f"{place}{message}: {_listed(joints)}"
+    return [Note("idle-springs", words, {"joints": list(joints)})]
 
 
 def equal_chains(model: Any, joint: int) -> list[list[str]]:

@@ -29,7 +29,7 @@ from cartstiff.errors import (
     one_line,
 )
 from cartstiff.geometry import se3
-from cartstiff.loading.branches import FEET, notes_on_branches
+from cartstiff.loading.branches import FEET, idle_springs, notes_on_branches
 from cartstiff.loading.catalogue import example_robot
 from cartstiff.loading.plausible import large_strains
 from cartstiff.loading.robot_description import (
@@ -1330,14 +1330,9 @@ def chain_of(
     )
     if tree.n == 0 and not closed:
         raise InputError(f"no joint moves frame {frame!r}", expected="a frame on a moving link")
-    model = description.model
-    plain = {name for name, nv in zip(model.names, model.nvs, strict=True) if nv == 1}
-    beyond = plain - {*tree.names, *facts.followers, *facts.locked, *file.locked}
+    beyond = _joints_beyond(description, tree, file.locked)
     idle = [name for name in file.springs if name in beyond]
-    acting: dict[str, Any] = {"passive": [name for name in file.passive if name not in beyond]}
-    for key in {"q", "springs", "zeros"}.intersection(type(file).model_fields):
-        acting[key] = {name: x for name, x in getattr(file, key).items() if name not in beyond}
-    file = file.model_copy(update=acting)
+    file = _without_joints(file, beyond)
     actuated: Sequence[str] = ()
     driven = None
     base = np.eye(4)
@@ -1392,7 +1387,26 @@ def chain_of(
         is_given=bool(file.q or posture or facts.keyframe is not None or has_rest),
         edit=at_base,
     )
+    elastic = replace(elastic, beyond=tuple(beyond))
     return elastic.with_notes(*_repeated_conditions(elastic, len(closing.joints)))
+
+
+def _joints_beyond(
+    description: RobotDescription, tree: KinematicTree, locked: Collection[str]
+) -> list[str]:
+    """Joints of a robot that could move and do not move the frame, in the file's order."""
+    model, facts = description.model, description.facts
+    kept = {*tree.names, *facts.followers, *facts.locked, *locked}
+    pairs = zip(model.names, model.nvs, strict=True)
+    return [str(name) for name, nv in pairs if nv == 1 and name not in kept]
+
+
+def _without_joints(entry: Any, beyond: Collection[str]) -> Any:
+    """Return a file or leg without what it says of joints beyond the frame."""
+    acting: dict[str, Any] = {"passive": [name for name in entry.passive if name not in beyond]}
+    for key in {"q", "springs", "zeros"}.intersection(type(entry).model_fields):
+        acting[key] = {name: x for name, x in getattr(entry, key).items() if name not in beyond}
+    return entry.model_copy(update=acting)
 
 
 def _repeated_conditions(elastic: ElasticMechanism, own: int) -> list[Note]:
@@ -1667,7 +1681,7 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
     lines = [*file.lines]
     from cartstiff.loading.legs import drawn_legs
 
-    legs = drawn_legs(file)
+    legs = [*drawn_legs(file)]
     for i, leg in enumerate(legs):
         prefix, place = f"leg{i + 1}/", f"leg {i + 1}"
         drawing = leg.drawing
@@ -1677,7 +1691,12 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
         description = with_base_held(description, end, notes, leg.springs)
         if leg.actuator_springs:
             description = with_actuator_springs(description, notes)
+        at = {**description.facts.posture, **leg.q}
+        description = replace(description, facts=replace(description.facts, posture=at))
         tree = tree_to(description, [end], leg.locked, f"{place}, ", notes, leg.flexible)
+        beyond = _joints_beyond(description, tree, leg.locked)
+        notes += idle_springs([n for n in leg.springs if n in beyond], end, f"{place}: ")
+        leg = legs[i] = _without_joints(leg, beyond)
         notes += description_notes(description, tree, leg.model_fields_set)
         if leg.contact != "rigid":
             tree = extended(tree, end, _CONTACTS[leg.contact], "contact")

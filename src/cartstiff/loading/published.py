@@ -30,7 +30,8 @@ def published_springs() -> Mapping[str, Any]:
 def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism:
     """Return the mechanism with the joint springs of a bundled set, or of a table (.csv).
 
-    Joints without a value in it keep their springs, and a note names them.
+    Joints without a value in it keep their springs, and a note names them. Values of joints beyond
+    the frame are left out, and the note names these joints as well.
 
     Raises
     ------
@@ -52,7 +53,8 @@ def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism
         about = dict(published_springs()[name])
         if "refused" in about:
             raise InputError(f"{name!r} is not to be used: {about['refused']}", where="--springs")
-        if len(joints) != about["joints"] or any(c.is_length for c in joints):
+        more = about["joints"] - len(joints)
+        if not 0 <= more <= len(elastic.beyond) or any(c.is_length for c in joints):
             raise InputError(
                 f"{name!r} is of an arm with {about['joints']} turning joints",
                 where="--springs",
@@ -62,6 +64,10 @@ def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism
             numbered.get(joint, joint): GivenStiffness.read(f"{k} N m/rad")
             for joint, k in about["stiffness"].items()
         }
+    last = len(joints) + len(elastic.beyond)
+    beyond = {*elastic.beyond, *(str(i) for i in range(len(joints) + 1, last + 1))}
+    left_out = [joint for joint in stiffness if joint in beyond]
+    stiffness = {joint: k for joint, k in stiffness.items() if joint not in beyond}
     try:
         elastic = elastic.with_springs(stiffness)
     except InputError as error:
@@ -72,6 +78,9 @@ def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism
     words += "; ".join(about[key] for key in ("source", "warning") if key in about)
     if missing:
         words += f". It has no value for {', '.join(missing)}: what was there is kept"
+    if left_out:
+        words += f". Joints beyond frame {elastic.mechanism.frame!r} need none: "
+        words += ", ".join(left_out)
     values = {"name": name, **about, "stiffness": stiffness, "without_value": missing}
     return elastic.with_notes(Note("published-springs", words, values))
 

@@ -205,6 +205,8 @@ class IdentifiedModel(FileModel):
 def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticMechanism:
     """Add the covariance of measured compliances to a mechanism.
 
+    Springs of joints beyond the frame are left out.
+
     Raises
     ------
     InputError
@@ -212,58 +214,64 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
     """
     from cartstiff.mechanisms.elements import Elements
 
-    elements = Elements(elastic)
-    patterns, values = [], []
-    for entry in model.compliances:
+    elements, beyond = Elements(elastic), {*elastic.beyond}
+    patterns, values, kept = [], [], []
+    for i, entry in enumerate(model.compliances):
         law = entry.polynomial
         pairs = entry.elements or ([] if law else [(entry.name, entry.name, 1.0)])
+        pairs = [pair for pair in pairs if beyond.isdisjoint(pair[:2])]
+        if not pairs and (law is None or law[0] in beyond):
+            continue
+        kept.append(i)
         pattern = CompliancePattern(entry.name, tuple(pairs), law)
         if law is not None:
             _check_coefficient(elastic, law, entry)
         for a, b, weight in pairs:
-            i, j = elements.index(a, "identified"), elements.index(b, "identified")
+            row, column = elements.index(a, "identified"), elements.index(b, "identified")
             C, own = elements.compliance, entry.value * weight
-            tolerance = _COMPLIANCE_TOLERANCE * np.sqrt(C[i, i] * C[j, j])
-            if not pattern.is_share and abs(C[i, j] - own) > tolerance:
+            tolerance = _COMPLIANCE_TOLERANCE * np.sqrt(C[row, row] * C[column, column])
+            if not pattern.is_share and abs(C[row, column] - own) > tolerance:
                 raise InputError(
                     f"compliance of {entry.name!r} is not that of the file's spring",
                     where="identified",
-                    expected=f"{C[i, j]:.6g}, or no key "
+                    expected=f"{C[row, column]:.6g}, or no key "
                     "'identified' with springs that were changed",
                     got=f"{own:.6g}",
                 )
         patterns.append(pattern)
         values.append(entry.value)
-    names = {*elements.names, *(pattern.name for pattern in patterns)}
-    for name in model.at_least:
+    names = {*elements.names, *(entry.name for entry in model.compliances)}
+    at_least = {name: k for name, k in model.at_least.items() if name not in beyond}
+    for name in at_least:
         check_name("spring", name, names, "identified.at_least")
-    P = len(patterns)
+    P = len(model.compliances)
     if [len(row) for row in model.covariance] != [P] * P:
         raise InputError(
             "covariance has the wrong shape",
             where="identified",
             expected=f"{P} rows of {P} numbers",
         )
+    undetermined = [name for name in model.undetermined if name not in beyond]
     identified = Identified(
         tuple(patterns),
         np.array(values),
-        np.array(model.covariance).reshape(P, P),
+        np.array(model.covariance).reshape(P, P)[np.ix_(kept, kept)],
         model.degrees,
         model.level,
         model.rows,
         model.date or "",
         model.source or "",
-        tuple(model.undetermined),
-        dict(model.at_least),
+        tuple(undetermined),
+        at_least,
     )
     elastic = replace(elastic, identified=identified)
-    if not model.undetermined:
+    if not undetermined:
         return elastic
     words = (
         "the measurements say nothing about these springs, whose stiffness in the file is an "
-        f"assumption: {', '.join(model.undetermined)}"
+        f"assumption: {', '.join(undetermined)}"
     )
-    note = Note("stiffness-not-identified", words, {"joints": model.undetermined})
+    note = Note("stiffness-not-identified", words, {"joints": undetermined})
     return elastic.with_notes(note)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from math import prod
 from threading import Lock
 from typing import Any, Literal, get_args
@@ -16,7 +16,7 @@ from cartstiff.batch.work import timed
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
-from cartstiff.kinematics.at_pose import at_poses
+from cartstiff.kinematics.at_pose import COORDINATES, at_poses
 from cartstiff.kinematics.inverse import Free, inverse_kinematics
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.legs import legs_of
@@ -227,18 +227,21 @@ class AtPoses(Sampling):
     ----------
     poses : Sampling
         Samples of x, y, z, roll, pitch, yaw (lengths, rad) of the body in F.
+    given : collection of str
+        Coordinates of the pose that a body with fewer than six freedoms takes first.
     """
 
     stores_q = is_closed = True
 
-    def __init__(self, poses: Sampling) -> None:
+    def __init__(self, poses: Sampling, given: Collection[str] = ()) -> None:
+        self.given = [i for i, name in enumerate(COORDINATES) if name in given]
         self.poses, self.dims, self.shape, self.axes = poses, poses.dims, poses.shape, poses.axes
 
     def postures(self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None) -> Array:
         """Coordinates (m, n) of a box; NaN rows for poses that are not reached."""
         if elastic is None:
             raise InputError("poses have no postures without their mechanism")
-        return np.asarray(at_poses(elastic, self.poses.postures(box))[0])
+        return np.asarray(at_poses(elastic, self.poses.postures(box), self.given)[0])
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""

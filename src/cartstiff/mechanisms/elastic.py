@@ -277,6 +277,8 @@ class ElasticMechanism(ShownInLines):
         Values of the parameters of the mechanism's file, in its units; empty without any.
     files : tuple of (str, str)
         Name and SHA-256 of everything that was read; empty for what was made in Python.
+    beyond : tuple of str
+        Joints of an arm that do not move the frame, in the order of its file.
     """
 
     name: str
@@ -292,6 +294,7 @@ class ElasticMechanism(ShownInLines):
     given: frozenset[str] = frozenset()
     parameters: Mapping[str, float] = field(default_factory=dict)
     files: tuple[tuple[str, str], ...] = ()
+    beyond: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         checked_kind(
