@@ -81,7 +81,7 @@ def test_command_line_in_other_units_and_files(tip, tmp_path):
     for file in (*files, tmp_path / "m.mat"):
         other = answer(*words, "--measured", file, "--measured", tip[1])["lobes"]
         assert other["depths"] == pytest.approx(told["depths"], rel=1e-9)
-    for idle in (("--damping", "0.02"), ("--tip", "0,0,0.1"), ("--feed", "0,1,0")):
+    for idle in (("--damping", "0.02"), ("--tip", "0,0,0.1"), ("--normal", "0,1,0")):
         refused = run(*words, "--measured", tip[0], *idle, code=2)
         assert f"--measured: has its own directions, point and damping, got {idle[0]}" in refused
     once = run(*words, "--measured", tip[0])
