@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.identify.campaigns import write_table
+from tests.identify.campaigns import measurements, write_table
 from tests.support.commands import run
 
 import cartstiff
@@ -18,6 +18,7 @@ from cartstiff.identify.measurements import read_measurements
 from cartstiff.identify.plan import candidates, plan, simulated
 from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.mechanisms.other_units import in_units
+from cartstiff.potentials.loads import DeadWrench
 from cartstiff.report.identification import describe_identification
 
 JOINTS = (
@@ -545,3 +546,30 @@ def test_turned_tools_and_bases_change_by_a_step_as_differences_say(word):
         assert rates[3:, 3 + i] == pytest.approx(rate, abs=1e-8)
     assert rates[:3, :3] == pytest.approx(R if word == "base" else np.eye(3), abs=1e-12)
     assert not rates[:3, 3:].any()
+
+
+def test_rotations_of_sessions_are_exact_on_a_soft_arm():
+    """Exact rows of two frames: the sag turns the first guess of a frame by 15 mrad."""
+    stiffness = [4e3, 4e3, 3e3, 1e3, 1e3, 1e3]
+    soft, rng = cartstiff.load("ur5", stiffness=stiffness), np.random.default_rng(3)
+    frames = {s: pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3)) for s in "ab"}
+    q = rng.uniform(-1.5, 1.5, (20, 6)) + np.array([0, -1, 1, 0, 0.8, 0])
+    W = np.zeros((20, 6))
+    W[:, 3:] = [[*rng.normal(size=2) * 60.0, -120.0] for _ in q]
+    tips = [
+        cartstiff.equilibrium(soft, a, DeadWrench(w)).pose[:3, 3] for a, w in zip(q, W, strict=True)
+    ]
+    names = ["ab"[i % 2] for i in range(20)]
+    seen = np.array([frames[s] * x for s, x in zip(names, tips, strict=True)])
+    rows = measurements(q, W, dict(zip("xyz", seen.T, strict=True)), sd=np.nan, session=names)
+    result = identify(cartstiff.load("ur5"), rows, loaded=True)
+    found = [e.stiffness for e in result.estimates[:5]]
+    assert found == pytest.approx(stiffness[:5], rel=1e-6)
+    assert not len(result.robust.suspects)
+    rows = replace(
+        rows, values=rows.values | {"z": np.where(np.arange(20) == 3, np.nan, seen[:, 2])}
+    )
+    with pytest.raises(
+        InputError, match=r"row 4: a position in a session's own frame is not whole"
+    ):
+        identify(cartstiff.load("ur5"), rows)

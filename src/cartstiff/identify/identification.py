@@ -54,6 +54,7 @@ from cartstiff.identify.unknowns import (
     corrections,
     in_base,
     offsets_of,
+    sessions_turned_back,
     unit_of,
     unknowns_of,
     zeros_of,
@@ -1453,9 +1454,16 @@ def _fits(
         start = _at_rest(model, _near(model)) if isinstance(model, LoadedModel) else None
         plain = fitted(model, start=start, progress=progress)
         step = corrections(elastic, geometry_of(model, plain))
-        if not step:
+        turned = sessions_turned_back(
+            unknowns,
+            model.observations,
+            measured,
+            dict(zip(model.offsets.names, plain.offsets.tolist(), strict=True)),
+            plain.deviation,
+        )
+        if not step and turned is None:
             return model, plain, robust_fit(model, plain)
-        measured = corrected(elastic, measured, step)
+        measured = corrected(elastic, turned or measured, step)
     raise ConvergenceError(
         "zeros and offsets do not settle: they are too large, or the rows hardly separate them",
         iterations=_MAX_CORRECTIONS,

@@ -589,6 +589,31 @@ def corrected(
     )
 
 
+def sessions_turned_back(
+    unknowns: Unknowns,
+    seen: Observations,
+    measured: Measurements,
+    offsets: Mapping[str, float],
+    deviation: Array,
+) -> Measurements | None:
+    """Rows of each session turned back by the rotation of its frame that a fit has found.
+
+    None where the columns of a small rotation are right to a share of the standard deviations (m,).
+    """
+    T_F_B, before = unknowns.elements.elastic.mechanism.base_pose, measured
+    sessions = np.array(measured.session)
+    for name in dict.fromkeys(measured.session):
+        w = np.array([offsets.get(f"{name}.r{axis}", 0.0) for axis in "xyz"])
+        mine = (sessions[seen.row] == name) & seen.is_absolute
+        far = float(np.linalg.norm(w)) * np.abs(seen.place[mine]).max(initial=1.0)
+        wrong = float(np.linalg.norm(w)) * (far + np.abs(seen.target[mine]).max(initial=0.0))
+        if wrong > _NEGLIGIBLE * deviation[mine].min(initial=np.inf):
+            turn = se3.inverse(T_F_B) @ se3.exp([*-w, 0.0, 0.0, 0.0]) @ T_F_B
+            rows, values = np.flatnonzero(sessions == name), measured.values
+            measured = replace(measured, values=_moved(values, rows, turn, np.eye(3)))
+    return None if measured is before else measured
+
+
 def _moved(
     values: Mapping[str, Array], rows: NDArray[np.intp], T: Array, turn: Array
 ) -> dict[str, Array]:
@@ -637,6 +662,12 @@ def in_base(unknowns: Unknowns, measured: Measurements, poses: Array) -> Measure
     points = (points - T_F_B[:3, 3]) @ T_F_B[:3, :3]
     x = np.stack([measured.values[name] for name in POSITION], axis=1)
     known = ~np.isnan(x).any(axis=1)
+    if by_session and (holes := ~known & ~np.isnan(x).all(axis=1)).any():
+        raise InputError(
+            f"row {measured.rows[np.argmax(holes)]}: a position in a session's own frame is not "
+            "whole",
+            expected="all of x, y, z, or --offsets translation",
+        )
     names = dict.fromkeys(measured.session) if by_session else [""]
     for name in names:
         rows = np.flatnonzero(known & (sessions == name) if by_session else known)
