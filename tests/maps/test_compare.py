@@ -64,6 +64,21 @@ def test_what_else_differs_is_said():
     assert compare_maps(a, b, "stiffness").attrs["differs"] == ["frame: None and flange"]
 
 
+def test_loads_springs_weights_and_held_joints_that_differ_are_said(tmp_path):
+    grid = "map ur5 --grid elbow_joint=0.5:1:2 --quantity condition --length 0.2 -o"
+    answer(grid, tmp_path / "a.zarr", "--load 0,0,0,0,0,-100")
+    for more, said in (
+        ("--load 0,0,0,0,0,-200", "load: [0.0, 0.0, 0.0, 0.0, 0.0, -100.0] and"),
+        ("--load 0,0,0,0,0,-100 --world", "axes of the load: body and world"),
+        ("--load 0,0,0,0,0,-100 --stiffness 1e4", "other springs"),
+        ("--load 0,0,0,0,0,-100 --gravity 0,0,-9.81", "other gravity"),
+        ("--load 0,0,0,0,0,-100 --q shoulder_pan_joint=1", "fixed_shoulder_pan_joint: 0.3 and 1.0"),
+    ):
+        answer(grid, tmp_path / f"{said[:8]}.zarr", more)
+        both = f"file://{tmp_path}/a.zarr", tmp_path / f"{said[:8]}.zarr"
+        assert any(line.startswith(said) for line in answer("compare", *both)["differs"]), said
+
+
 def test_settings_that_the_quantity_asks_for_are_said():
     a, b = _made_up([[1, 2]]), _made_up([[1, 2]])
     for data, length, direction in ((a, 0.1, [0, 0, 1]), (b, 0.2, [1, 0, 0])):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cartstiff.errors import InputError
+from cartstiff.mechanisms.other_units import in_units
 from cartstiff.page import source
 from cartstiff.page.source import read_cloud, read_trajectory
 
@@ -155,6 +156,9 @@ def test_points_of_a_map_bring_their_postures(tmp_path, monkeypatch):
     assert len(known.q) == 9
     for q, place in zip(known.q, known.positions, strict=True):
         assert np.allclose(arm.mechanism.at(q).pose[:3, 3], place, atol=1e-9)
+    compute_map(in_units(arm, "mm"), grid, ["minimum"], tmp_path / "mm.zarr")
+    found = read_cloud(f"file://{tmp_path}/mm.zarr", arm)
+    np.testing.assert_allclose(found.positions, known.positions, atol=1e-12)
     monkeypatch.setattr(source, "_AT_ONCE", 4)  # row by row
     assert np.array_equal(read_cloud(tmp_path / "m.zarr", arm).q, known.q)
     monkeypatch.setattr(source, "_MOST_COORDINATES", 6 * 4)

@@ -588,8 +588,8 @@ def _answer(
 
 @declared("compare")
 def compare_command(
-    first: Path,
-    second: Path,
+    first: str,
+    second: str,
     out: Printed,
     *,
     quantity: str | None = None,
@@ -639,8 +639,8 @@ def compare_command(
         "schema": "cartstiff-compare/1",
         "quantity": quantity,
         "how": "difference" if difference else "ratio",
-        "first": str(first),
-        "second": str(second),
+        "first": first,
+        "second": second,
         **compared(result, quantity),
         "slice": places_of(a, cuts),
     }
@@ -652,4 +652,4 @@ def compare_command(
     from cartstiff.report.maps import describe_comparison
 
     words = str(result[quantity].attrs["long_name"])
-    out.show(answer, str(first), lambda: describe_comparison(answer, words))
+    out.show(answer, first, lambda: describe_comparison(answer, words))

@@ -33,7 +33,7 @@ class Shown:
         `time` in seconds may come first.
     """
 
-    map_path: Annotated[Path | None, "--map"] = None
+    map_path: Annotated[str | None, "--map"] = None
     workspace: bool = False
     trajectory: Path | None = None
 
@@ -243,7 +243,7 @@ def report_command(
     ],
     *,
     output: Annotated[Path, OutputFile("REPORT.html", ".html", ".htm")],
-    map_path: Annotated[Path | None, "--map"] = None,
+    map_path: Annotated[str | None, "--map"] = None,
     quantity: str | None = None,
 ) -> None:
     """Write a report to send on: how far the tip moves, which joints contribute, what is better.

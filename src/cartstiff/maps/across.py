@@ -21,6 +21,7 @@ from cartstiff.arrays import Array
 from cartstiff.batch.quantities import QUANTITIES
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.maps.reading import best_branch, quantities_of, quantity_of, state_names
+from cartstiff.mechanisms.identity import differing_parts
 
 if TYPE_CHECKING:
     import xarray
@@ -50,9 +51,9 @@ _COMPARED_ATTRIBUTES = (
     "connection",
     "load_kind",
     "load_at",
-    "wrench",
-    "gravity",
 )
+# Settings of every map: key in the description, and words.
+_SETTINGS = (("load", "load"), ("load_axes", "axes of the load"), ("told", "command of drives"))
 
 
 def compare_maps(
@@ -106,23 +107,36 @@ def compare_maps(
     values = values.where(np.isfinite(values)).assign_attrs(about)
     difference = xarray.Dataset({quantity: values, "state": state}).load()
     ours, theirs = _conditions(first, quantity), _conditions(second, quantity)
+    differs = [
+        f"{key}: {ours.get(key)} and {theirs.get(key)}"
+        for key in {**ours, **theirs}
+        if ours.get(key) != theirs.get(key)
+    ]
+    if first.attrs.get("mechanism") == second.attrs.get("mechanism"):
+        differs += differing_parts(_description(first), _description(second))
     difference.attrs = {
         **first.attrs,
         "mechanism": f"{names[0]} and {names[1]}",
-        "differs": [
-            f"{key}: {ours[key]} and {theirs[key]}" for key in ours if ours[key] != theirs[key]
-        ],
+        "differs": differs,
     }
     return difference
+
+
+def _description(data: xarray.Dataset) -> dict[str, Any]:
+    return dict(json.loads(data.attrs.get("description", "{}")))
 
 
 def _conditions(data: xarray.Dataset, quantity: str) -> dict[str, str]:
     """Conditions under which a map was computed, and the settings that the quantity needs."""
     known = QUANTITIES.get(quantity)
     asked = _SETTINGS_BY_NEED[known.asks] if known is not None and known.asks is not None else ()
-    settings = json.loads(data.attrs.get("description", "{}"))
-    return {key: str(data.attrs.get(key)) for key in _COMPARED_ATTRIBUTES} | {
-        words: str(settings.get(key)) for key, words in (*asked, ("told", "command of drives"))
+    settings = _description(data)
+    where = settings.get("sampling", {})
+    return {
+        **{key: str(data.attrs.get(key)) for key in _COMPARED_ATTRIBUTES},
+        **{words: str(settings.get(key)) for key, words in (*asked, *_SETTINGS)},
+        **{key: str(where.get(key)) for key in ("orientation", "free", "redundancy")},
+        **{key: str(x) for key, x in data.attrs.items() if key.startswith("fixed_")},
     }
 
 

@@ -163,6 +163,13 @@ def require_same(there: Mapping[str, Any], here: Mapping[str, Any], path: Path, 
         )
 
 
+def differing_parts(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    """Return, in words, what differs between the mechanisms of two identities."""
+    a, b = one.get("mechanism", {}), other.get("mechanism", {})
+    parts = _PARTS.items()
+    return [f"other {words}" for part, words in parts if part != "q" and a.get(part) != b.get(part)]
+
+
 def _changed(there: list[list[str]], here: list[list[str]]) -> str | None:
     """Description of the first file that differs; None where all are the same."""
     if [digest for _, digest in there] == [digest for _, digest in here]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.tables import named_unit, read_cells, read_rows
-from cartstiff.mechanisms.contract import SI, Units, named_values
+from cartstiff.mechanisms.contract import LENGTHS, SI, Units, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
@@ -181,14 +181,14 @@ def read_trajectory(
     return Playback(table[:, int(timed) :], time, timed, unused)
 
 
-def read_cloud(path: Path, elastic: ElasticMechanism | None = None) -> Cloud:
+def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Cloud:
     """Points of a map file, or of a table that `cartstiff workspace --csv` wrote.
 
     They are thinned to what a page can show.
 
     Parameters
     ----------
-    path : Path
+    path : path or address
         A map, or a table whose name ends in ``.csv``.
     elastic : ElasticMechanism, optional
         Positions of a table are in its units, limits with its bounds; a map of the same
@@ -199,15 +199,18 @@ def read_cloud(path: Path, elastic: ElasticMechanism | None = None) -> Cloud:
     InputError
         If the file holds no positions or nothing over them.
     """
-    if path.suffix.lower() == ".csv":
-        return _read_boundary(path, elastic)
+    if str(path).lower().endswith(".csv"):
+        return _read_boundary(Path(path), elastic)
     from cartstiff.maps.store import open_map
 
     data = open_map(path)
     where = one_line(str(path))
     if "position" not in data:
         raise InputError("map holds no positions", where=where, expected="a variable `position`")
-    position = np.asarray(data["position"].values, float)
+    size = 1.0
+    if elastic is not None:
+        size = LENGTHS[data["position"].attrs["units"]] / LENGTHS[elastic.units.length]
+    position = size * np.asarray(data["position"].values, float)
     shape = position.shape[:-1]
     flat = position.reshape(-1, position.shape[-1])
     values: dict[str, Array] = {}
@@ -229,10 +232,13 @@ def read_cloud(path: Path, elastic: ElasticMechanism | None = None) -> Cloud:
         Cloud(flat[reached], {n: v[reached] for n, v in values.items()}, units),
         0 if elastic is None else len(elastic.names),
     )
-    own = [] if elastic is None or "q" not in data else [str(name) for name in data["joint"].values]
-    if elastic is None or own != list(elastic.names):
+    joints = data["joint"].values.tolist() if "q" in data else []
+    if elastic is None or joints != list(elastic.names):
         return cloud
-    return replace(cloud, q=_rows(data["q"], shape, np.flatnonzero(reached)[:: cloud.thinned]))
+    q = _rows(data["q"], shape, np.flatnonzero(reached)[:: cloud.thinned])
+    return replace(
+        cloud, q=q * [size if c.is_length else 1.0 for c in elastic.mechanism.coordinates]
+    )
 
 
 def _rows(table: Any, shape: tuple[int, ...], wanted: Array) -> Array:

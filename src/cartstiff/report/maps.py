@@ -161,12 +161,14 @@ def describe_comparison(answer: Mapping[str, Any], words: str) -> str:
     return joined(lines)
 
 
-def map_section(path: Path, quantity: str | None, elastic: ElasticMechanism) -> tuple[str, str]:
+def map_section(
+    path: Path | str, quantity: str | None, elastic: ElasticMechanism
+) -> tuple[str, str]:
     """Return title and HTML of a map's quantity: picture, range, command.
 
     Parameters
     ----------
-    path : Path
+    path : path or address
         Also show a map that `cartstiff map` computed.
     quantity : str or None
         Quantity of the map; default its first.
