@@ -17,6 +17,12 @@ from cartstiff.page.source import Playback, Source
 from tests.browser.conftest import unfold
 
 LOAD = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -300.0])
+#: Where the loops do not close, along the first coordinate.
+GAPS = """async () => {
+    const question = { do: "sweep", coordinate: 0, steps: 121, refined: false };
+    const { rows } = await window.cartstiff.insist(question);
+    return rows.map(({ moved }) => moved !== undefined);
+}"""
 
 
 def result(page: Any) -> dict[str, Any]:
@@ -241,3 +247,9 @@ def test_a_live_page_gives_itself_as_a_file(serve, pages, tmp_path):
         assert np.allclose(found[key], expected[key], atol=1e-12)
     C, there = (np.array(one["compliance"]["B"]) for one in (found, expected))
     assert np.abs(C - there).max() < 1e-12 * np.abs(there).max()
+    # Where its loops do not close a curve has the same gap in both, called the same.
+    gaps = [one.evaluate(GAPS) for one in (page, other)]
+    assert gaps[0] == gaps[1]
+    assert gaps[0].count(True) > 20
+    for one in (page, other):
+        one.wait_for_selector("#strip svg:has-text('loops do not close')")

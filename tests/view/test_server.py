@@ -291,6 +291,9 @@ def test_the_address_without_its_last_stroke_leads_to_the_page(page):
     status, body, _ = get(page.url.rstrip("/").rsplit("/", 1)[0], urlsplit(page.url).path[1:-1])
     assert status == 200
     assert b"<title>cartstiff</title>" in body
+    path = urlsplit(page.url).path.rstrip("/")
+    said = raw(page.url, f"GET {path}?mechanism=1 HTTP/1.1\r\nHost: localhost\r\n\r\n")
+    assert f"Location: {path}/?mechanism=1\r\n" in said
 
 
 def test_the_next_answer_is_of_the_newest_state(tab):

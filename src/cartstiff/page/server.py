@@ -446,7 +446,8 @@ class _File(Guarded):
     def get(self) -> None:
         files: dict[str, tuple[str, bytes]] = self.application.settings["files"]
         if not self.request.path:
-            self.redirect(self.request.uri.partition("?")[0] + "/" if self.request.uri else "/")
+            path, mark, query = (self.request.uri or "").partition("?")
+            self.redirect(f"{path}/{mark}{query}")
             return
         if self.request.path not in files:
             raise HTTPError(404)

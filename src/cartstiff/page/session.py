@@ -59,7 +59,8 @@ from cartstiff.version import __version__
 from cartstiff.vibration.modes import modes
 
 _Work = Generator[None, None, Answer]
-# A coordinate that differs from the wanted one by more, relative to 1 or its size, has moved.
+# Why a row has no values if a drive has moved: by more than this, relative to 1 or its size.
+_OPEN = "the loops do not close with the drives there"
 _REACHED = numerics.NEGLIGIBLE_DIFFERENCE
 # A sweep is refined to this share of its first step.
 _FINEST = 64
@@ -408,36 +409,26 @@ class Session:
         )
 
     def _row(self, state: ViewState, q: Array, moved: int | None) -> Row:
-        """One posture of a series, or the "reason" why there is none."""
+        """One posture of a series, or the "reason" why there is none, with drives that moved."""
         at = state.model_copy(update={"q": q.tolist(), "moved": moved})
         try:
             with np.errstate(all="ignore"):
                 elastic, reached = self._placed(at)
                 if moved_on := self._moved_on(reached, at):  # most of a row's time is the load's
-                    return {"reason": moved_on}
+                    return {"reason": _OPEN, "moved": moved_on}
                 row = series_row(self._analysed(elastic, reached, at), at)
                 return row if at.command else row | {"q": reached.tolist()}
         except CartstiffError as error:
             return {"reason": str(error)}
 
-    def _moved_on(self, reached: Array, state: ViewState) -> str | None:
-        """Return why a posture is not the wanted one: closures have moved a coordinate; or None."""
-        coordinates, units = self._elastic.mechanism.coordinates, self._elastic.units
+    def _moved_on(self, reached: Array, state: ViewState) -> list[tuple[int, float, float]]:
+        """Drives that closures have moved, with their wanted and their reached coordinate."""
         wanted = state.q or ()
-        away = [
-            (
-                abs(reached[i] - wanted[i]),
-                f"{coordinates[i].name} moves from {wanted[i]:.4g} to {reached[i]:.4g} "
-                f"{units.coordinate(coordinates[i].is_length)}",
-            )
+        return [
+            (i, wanted[i], float(reached[i]))
             for i in self._elastic.commanded
             if abs(reached[i] - wanted[i]) > _REACHED * max(1.0, abs(wanted[i]))
         ]
-        if not away:
-            return None
-        words = "; ".join(words for _, words in sorted(away)[-2:][::-1])
-        more = f"; and {len(away) - 2} more" if len(away) > 2 else ""
-        return f"the closures do not hold with these coordinates: {words}{more}"
 
 
 def _seen_from(state: ViewState, T: Array) -> ViewState:

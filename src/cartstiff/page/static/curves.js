@@ -1,8 +1,9 @@
 // What plots show: each from the numbers of one posture, with its words and its unit. Words and
 // units are of the state that the numbers are of.
 
-import { inSize, short } from "./dom.js";
+import { inSize } from "./dom.js";
 import { freeness } from "./numbers.js";
+import { inWords } from "./store.js";
 
 const THREE = ["least", "middle", "largest"];
 
@@ -38,9 +39,14 @@ export const CURVES = [
 export const rowOf = (numbers, q) => ({ q, position: numbers.position, unstable: numbers.moved?.resisted === false,
   ...Object.fromEntries(CURVES.map(({ key, of }) => [key, of(numbers)])) });
 
-/** A reason that names places of joints, with its angles as they are shown. */
-const inAngles = (store, reason) => (store.angle === "rad" ? reason
-  : reason.replaceAll(/(-?\d[\d.e+-]*) to (-?\d[\d.e+-]*) rad/g, (_, ...ends) => ends.slice(0, 2).map((x) => `${short((x * 180) / Math.PI)}°`).join(" to ")));
+/** Why a posture is not reached; of the drives that would have to move to close the loops, the two that move most. */
+function reasonOf(store, { reason, moved }) {
+  if (!moved?.length) return reason;
+  const most = moved.toSorted(([, a, b], [, c, d]) => Math.abs(d - c) - Math.abs(b - a)).slice(0, 2);
+  const words = most.map(([i, ...ends]) => `${store.hello.mechanism.coordinates[i].name} moves from ${ends.map((x) => inWords(store, i, x)).join(" to ")}`);
+  const more = moved.length > 2 ? `; and ${moved.length - 2} more` : "";
+  return `the loops do not close with the drives there: ${words.join("; ")}${more}`;
+}
 
 /** What the plot of a state shows: values of a row, in a unit of the rows' size unless one was chosen; words. */
 export function plotted(store, key, state, rows) {
@@ -54,7 +60,7 @@ export function plotted(store, key, state, rows) {
     unit,
     title: curve.title(store, state),
     values: (row) => row?.[key]?.map((x) => (x === null ? null : (x * own) / factor)) ?? null,
-    why: (row) => (row.reason && inAngles(store, row.reason)) ?? curve.nothing?.(row)
+    why: (row) => reasonOf(store, row) ?? curve.nothing?.(row)
       ?? (state.quantity === "stiffness" ? "the stiffness does not exist here; the compliance may" : "the compliance does not exist here"),
     legend: ["grey: no value; hatched: a value is negative"],
   };

@@ -111,10 +111,10 @@ export class ComputingSource extends FileSource {
   row(q, state) {
     try {
       const m = this.program.solve({ ...state, q });
-      const [moved] = this.program.adjusted(m);
-      return moved ? { reason: moved.message } : rowOf(this.program.numbers({ ...state, q, mode: null }, m), m.straight);
+      const moved = this.program.adjusted(m);
+      return moved.length ? { reason: NOT_CLOSED, moved } : rowOf(this.program.numbers({ ...state, q, mode: null }, m), m.straight);
     } catch ({ message }) {
-      return { reason: message };
+      return { reason: message, ...(message === NOT_CLOSED ? { moved: [] } : {}) };
     }
   }
 

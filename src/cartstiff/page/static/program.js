@@ -8,7 +8,7 @@ import { adjoint, angles, back, block, changed, clean, congruence, cross, dot, e
 import { ATTAINABLE_PRECISION, NEGLIGIBLE_DIFFERENCE, EPSILON, MAX_FUTILE_STEPS, LIMIT_SLACK, NEAR_SINGULARITY, ROUNDOFF, SMALLEST_STEP, SYMMETRY, REPORTED_ERROR, ZERO_SHARE } from "./numerics.js";
 
 export const NOT_PLAIN = "this posture is too near to a singularity, or its load too near to what the springs hold, for the formulas in this page: `cartstiff view` answers it";
-export const NOT_CLOSED = "the loops do not close with the drives there: the page answers where they do";
+export const NOT_CLOSED = "the loops do not close with the drives there, or only at a singularity";
 // What forces inside a platform may lose near type 2, as a ratio of singular values.
 const UNSURE = 10 * REPORTED_ERROR ** 0.5;
 
@@ -80,7 +80,7 @@ export class Program {
         const [size, step, length, doubt] = found("left");
         const unit = Math.max(1, length);
         if (size <= ATTAINABLE_PRECISION * unit || (size <= ROUNDOFF * unit && (size > 0.1 * before || step <= SMALLEST_STEP))) return q;
-        if (doubt !== 0 || !Number.isFinite(step) || k === steps) throw new Error(NOT_PLAIN);
+        if (doubt !== 0 || !Number.isFinite(step) || k === steps) throw new Error(NOT_CLOSED);
         futile = size < 0.9 * best ? 0 : futile + 1;
         if (step <= SMALLEST_STEP || (futile >= MAX_FUTILE_STEPS && step < longest)) break;
         [before, best, q] = [size, Math.min(best, size), found("next")];
@@ -388,7 +388,7 @@ export class Program {
   notes(m, state) {
     const { data } = this;
     const notes = data.notes.filter(({ code }) => !(state.stiffness && code === "stiffness-assumed"));
-    notes.push(...this.adjusted(m));
+    notes.push(...this.adjustedNotes(m));
     const { serial, "type-2": held } = m.singular;
     const size = { characteristic_length: m.length };
     if (this.freedoms < 6 && serial) {
@@ -425,14 +425,18 @@ export class Program {
       values: { stretch: Object.fromEntries(long.map((i) => [doubted.names[i], stretch[i]])) } }];
   }
 
-  /** Drives that the closures have moved: more of them than there are motions are not all free. */
+  /** Drives that the closures have moved, each [coordinate, from, to]: more of them than there are motions are not all free. */
   adjusted({ straight: q, asked }) {
-    const moved = this.data.actuated.filter((j) => Math.abs(q[j] - asked[j]) > NEGLIGIBLE_DIFFERENCE);
+    return this.data.actuated.filter((j) => Math.abs(q[j] - asked[j]) > NEGLIGIBLE_DIFFERENCE).map((j) => [j, asked[j], q[j]]);
+  }
+
+  adjustedNotes(m) {
+    const moved = this.adjusted(m);
     if (!moved.length) return [];
     const { joints } = this.data.base.mechanism;
-    const words = moved.map((j) => `${joints[j]} ${general(asked[j], 6)} -> ${general(q[j], 6)} ${this.unit(j)}`);
+    const words = moved.map(([j, from, to]) => `${joints[j]} ${general(from, 6)} -> ${general(to, 6)} ${this.unit(j)}`);
     return [{ code: "actuators-adjusted", message: `the chain does not close with its joints as given, and they moved: ${words.join(", ")}`,
-      values: Object.fromEntries(moved.map((j) => [joints[j], q[j] - asked[j]])) }];
+      values: Object.fromEntries(moved.map(([j, from, to]) => [joints[j], to - from])) }];
   }
 
   unit(j) {

@@ -33,7 +33,7 @@ function range(list, isLog) {
 }
 
 /** Why nothing is drawn, in few words. */
-const gapWords = (row, why) => (row.reason?.includes(" moves from ") ? "another drive moves" : row.reason ? "not reached" : why(row));
+const gapWords = (row, why) => (row.moved ? "loops do not close" : row.reason ? "not reached" : why(row));
 
 export function strip(store) {
   let series = null; // {coordinate, or null along the trajectory; state, at, rows, key, others}
