@@ -300,32 +300,47 @@ def wrench_margins(lines: Array, wrench: Array, least: Array, most: Array) -> Ar
 
     For tensions without upper limits, infinity means that every wrench can be carried (closure).
     """
-    m = lines.shape[1]
-    margins, spanned = np.full(len(lines), np.inf), np.zeros(len(lines), bool)
-    rows = np.arange(6)
-    for five in combinations(range(m), 5):
-        held = lines[:, five]  # (N, 5, 6)
-        n = np.stack(
-            [(-1.0) ** j * numerics.determinants(held[:, :, rows != j]) for j in range(6)], axis=-1
-        )
-        size = np.linalg.norm(n, axis=-1)
-        n = n / np.maximum(size, numerics.TINY)[:, None]
-        along = np.einsum("nmi,ni->nm", lines, n)
-        along[:, five] = 0.0
-        along[np.abs(along) < numerics.RANK] = 0.0
-        regular = size > numerics.RANK
-        spanned |= regular
-        asked = (n * wrench).sum(axis=-1)
-        for sign in (1.0, -1.0):
-            pulled = sign * along
-            with np.errstate(invalid="ignore"):
-                reach = np.where(
-                    pulled > 0.0, pulled * most, np.where(pulled < 0.0, pulled * least, 0.0)
-                ).sum(axis=-1)
-            margin = reach - sign * asked
-            margins = np.where(regular, np.minimum(margins, margin), margins)
+    if len(lines) > _MARGINS_BLOCK:
+        blocks = np.split(np.arange(len(lines)), range(_MARGINS_BLOCK, len(lines), _MARGINS_BLOCK))
+        own = [wrench_margins(lines[rows], wrench[rows], least, most) for rows in blocks]
+        return np.concatenate(own)
+    fives = np.array(list(combinations(range(lines.shape[1]), 5)), int).reshape(-1, 5)
+    n = _normals(lines[:, fives])
+    size = np.linalg.norm(n, axis=-1)
+    n = n / np.maximum(size, numerics.TINY)[..., None]
+    along = n @ lines.swapaxes(1, 2)  # (N, k, m)
+    along[:, np.arange(len(fives))[:, None], fives] = 0.0
+    along[np.abs(along) < numerics.RANK] = 0.0
+    asked, margins = (n @ wrench[..., None])[..., 0], np.full(size.shape, np.inf)
+    for sign in (1.0, -1.0):
+        pulled = sign * along
+        with np.errstate(invalid="ignore"):
+            reach = np.where(pulled, np.fmax(pulled * least, pulled * most), 0.0).sum(axis=-1)
+        margins = np.minimum(margins, reach - sign * asked)
+    regular = size > numerics.RANK
     # Without five independent lines nothing is spanned.
-    return np.where(spanned, margins, -np.inf)
+    margins = np.where(regular, margins, np.inf).min(axis=1, initial=np.inf)
+    return np.where(regular.any(axis=1), margins, -np.inf)
+
+
+# Poses whose margins are computed at once.
+_MARGINS_BLOCK = 100
+
+
+def _normals(lines: Array) -> Array:
+    """Vectors (..., 6) normal to five lines (..., 5, 6) each, as long as the lines' volume.
+
+    Minors of the first rows follow from those of one row less by Laplace's expansion.
+    """
+    minors = {(): np.float64(1.0)}
+    for row, line in enumerate(np.moveaxis(lines, (-2, -1), (0, 1))):
+        minors = {
+            c: sum(
+                (-1) ** (row - i) * line[k] * minors[c[:i] + c[i + 1 :]] for i, k in enumerate(c)
+            )
+            for c in combinations(range(6), row + 1)
+        }
+    return np.stack([(-1) ** k * n for k, n in enumerate(reversed(minors.values()))], axis=-1)
 
 
 class Margins(PoseMargins):
