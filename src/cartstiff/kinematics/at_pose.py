@@ -283,9 +283,10 @@ class _Search:
         T = self.poses(at)
         q = np.tile(self.q, (len(at), 1))
         for leg in legs:
-            own, good = leg.solver.solve(leg.target(T), q[:, leg.columns])
-            q[:, leg.columns] = own
-            q[~good] = np.nan
+            rows = np.flatnonzero(np.isfinite(q).all(axis=1))
+            own, good = leg.solver.solve(leg.target(T[rows]), q[np.ix_(rows, leg.columns)])
+            q[np.ix_(rows, leg.columns)] = own
+            q[rows[~good]] = np.nan
         return q[len(near) :] if np.isfinite(q[: len(near)]).all() else None
 
     def short(self, T: Array) -> str:

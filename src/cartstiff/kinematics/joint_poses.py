@@ -80,7 +80,8 @@ class Kinematics:
             at_zero = mechanism.at(np.zeros(self.n))
             self._at_zero = at_zero.pose
             self._screws = (se3.adjoint(at_zero.pose) @ at_zero.motion.jacobian).T
-            self._powers = np.array([_powers(se3.hat(screw)) for screw in self._screws])
+            powers = [_powers(se3.hat(screw)).reshape(4, 16).T for screw in self._screws]
+            self._powers = np.array(powers).reshape(self.n, 16, 4)
 
     def at(self, q: Array) -> ManyPoses:
         """Kinematics at coordinates (N, n)."""
@@ -104,11 +105,10 @@ class Kinematics:
     def _product(self, q: Array) -> ManyPoses:
         # Postures are the last axis, so that each step is one array operation.
         (count, n), q = q.shape, np.ascontiguousarray(q.T)
-        shares = np.array([np.ones_like(q), np.sin(q), 1.0 - np.cos(q), q - np.sin(q)])
+        shares = np.stack([np.ones_like(q), np.sin(q), 1.0 - np.cos(q), q - np.sin(q)], axis=1)
         carriers = np.empty((n + 1, 4, 4, count))  # of each joint, and of the body
         carriers[0] = np.eye(4)[..., None]
-        for j, powers in enumerate(self._powers):
-            motion = np.tensordot(powers, shares[:, j], (0, 0))
+        for j, motion in enumerate((self._powers @ shares).reshape(n, 4, 4, count)):
             np.einsum("ikn,kjn->ijn", carriers[j], motion, out=carriers[j + 1])
         T = np.tensordot(self._at_zero.T, carriers[n], (1, 1)).transpose(2, 1, 0)
         R, p = carriers[:n, :3, :3], T[:, :3, 3].T - carriers[:n, :3, 3]
