@@ -357,8 +357,10 @@ class KinematicTree:
         return self._paths[key]
 
     def _with_model(self, model: pin.Model) -> KinematicTree:
-        """Return the tree with another model."""
-        return KinematicTree(model, self.coordinates, self.frames, self.mimic, self.offset)
+        """Return the tree with another model of the same joints, which shares its workspaces."""
+        other = KinematicTree(model, self.coordinates, self.frames, self.mimic, self.offset)
+        other._paths, other._workspaces = self._paths, self._workspaces
+        return other
 
     def copy_joint(
         self,
