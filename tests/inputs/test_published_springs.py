@@ -126,8 +126,11 @@ def test_assumed_springs_are_the_first_sentence(tmp_path):
 
 
 def test_a_table_of_ones_own(tmp_path):
-    """Heads carry the unit; joints by number or name."""
+    """Heads carry the unit, or each cell has its own; joints by number or name."""
     table = tmp_path / "mine.csv"
+    table.write_text("joint,stiffness\n1,100 N m/deg\n2,392 N m/arcmin\n3,2000.\n", "utf-8")
+    k = cartstiff.load("ur5", springs=str(table)).springs.stiffness[:3]
+    assert k.tolist() == pytest.approx([18000 / np.pi, 392 * 10800 / np.pi, 2000], rel=1e-12)
     table.write_text("joint,stiffness [N m/arcmin]\n1,392\nelbow_joint,100\n6,rigid\n")
     k = cartstiff.load("ur5", springs=str(table)).springs
     assert k.stiffness[[0, 2]] == pytest.approx(np.array([392, 100]) * 10800 / np.pi, rel=1e-12)

@@ -86,9 +86,10 @@ def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism
 
 
 def _table(path: Path, numbered: Mapping[str, str]) -> dict[str, float]:
-    """Read stiffnesses by joint from columns `joint` and `stiffness [unit]` (else N m/rad).
+    """Read stiffnesses by joint from columns `joint` and `stiffness [unit]`.
 
-    A joint may be given by its number instead of its name.
+    Without a unit in the head, a cell has its own, or N m/rad. A joint may be given by its number
+    instead of its name.
     """
     cells = read_cells(path, "springs")
     heads = [head_of(head, cells.place)[0] for head in cells.names]
@@ -98,12 +99,14 @@ def _table(path: Path, numbered: Mapping[str, str]) -> dict[str, float]:
             "columns do not fit", where=cells.place, expected=expected, got=", ".join(heads)
         )
     at = heads.index("stiffness")
-    unit = in_brackets(cells.names[at]).partition("[")[2].rstrip("] ") or "N m/rad"
+    unit = in_brackets(cells.names[at]).partition("[")[2].rstrip("] ")
     given: dict[str, float] = {}
     for row, place in zip(cells.rows, cells.places, strict=True):
         joint, text = numbered.get(row[1 - at], row[1 - at]), row[at]
         if joint in given:
             raise InputError("joint named twice", where=place, got=repr(joint))
+        if not unit and text[-1:] in "0123456789.":
+            text += " N m/rad"
         is_rigid = text == "rigid"
         given[joint] = math.inf if is_rigid else GivenStiffness.read(f"{text} {unit}", place)
     return given
