@@ -149,6 +149,11 @@ def test_a_single_branch_is_what_hangs_together():
     ] * 2
     assert share_within(data, "stiffness", 2.0)["within"] == 3
     assert share_within(best, "stiffness", 2.0)["within"] == 2
+    # The same configuration on the other side: where even the best is too soft, none is better.
+    again = single_branch(data, "stiffness", 2.0, below=False)
+    np.testing.assert_array_equal(again["stiffness"], best["stiffness"])
+    assert share_within(data, "stiffness", 2.0, below=False)["within"] == 1
+    assert share_within(again, "stiffness", 2.0, below=False)["within"] == 0
     flat = data.isel(branch=0, drop=True)
     assert single_branch(flat, "stiffness") is flat
 

@@ -20,7 +20,13 @@ from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.batch.quantities import QUANTITIES
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.maps.reading import best_branch, quantities_of, quantity_of, state_names
+from cartstiff.maps.reading import (
+    best_branch,
+    is_smaller_better,
+    quantities_of,
+    quantity_of,
+    state_names,
+)
 from cartstiff.mechanisms.identity import differing_parts
 
 if TYPE_CHECKING:
@@ -218,10 +224,10 @@ def single_branch(
     quantity : str
         Where a configuration reaches a place twice, the branch with the better value is taken.
     limit : float, optional
-        The best configuration keeps the quantity on one side of the limit at the most places;
-        without a limit it is the one that reaches the most places.
+        The best configuration keeps the quantity on the better side of the limit at the most
+        places; without a limit it is the one that reaches the most places.
     below : bool
-        Whether below the limit counts.
+        Whether below the limit is better, for a quantity of which neither end is.
 
     Returns
     -------
@@ -243,8 +249,9 @@ def single_branch(
     values = np.asarray(array.transpose(*places, "branch").values, float)
     q = np.asarray(dataset["q"].transpose(*places, "branch", "joint").values, float)
     labels = _labels(values, q)
+    below = is_smaller_better(array, below)
     chosen = _largest_configuration(labels, values, limit, below)
-    sign = 1.0 if array.attrs.get("better") == "smaller" else -1.0
+    sign = 1.0 if below else -1.0
     mine = labels == chosen
     pick = np.where(mine, sign * values, np.inf).argmin(axis=-1)
     picked = dataset.isel(branch=xarray.DataArray(pick, dims=places)).copy()

@@ -214,21 +214,27 @@ def share_within(
         known = np.asarray(values[np.isfinite(values)], float)
         return known.size, int(np.count_nonzero(known <= limit if below else known >= limit))
 
-    parts = each_block(best_branch(dataset, name), {name: counted})[name]
+    parts = each_block(best_branch(dataset, name, below), {name: counted})[name]
     reached, within = np.sum(parts, axis=0).tolist()
     share = within / reached if reached else 0.0
     return {"limit": limit, "reached": reached, "within": within, "share": share}
 
 
-def best_branch(dataset: xarray.Dataset, quantity: str) -> xarray.Dataset:
+def is_smaller_better(array: xarray.DataArray, below: bool) -> bool:
+    """Whether smaller values of a quantity are better; if neither end is, those wanted are."""
+    return {"smaller": True, "larger": False}.get(array.attrs.get("better", ""), below)
+
+
+def best_branch(dataset: xarray.Dataset, quantity: str, below: bool = False) -> xarray.Dataset:
     """Return the map with the best branch of a quantity at every place.
 
-    Where no branch has a value, the first branch is taken, with its state.
+    Where no branch has a value, the first branch is taken, with its state. `below` as in
+    `is_smaller_better`.
     """
     array = quantity_of(dataset, quantity)
     if "branch" not in array.dims:
         return dataset
-    sign = 1.0 if array.attrs.get("better") == "smaller" else -1.0
+    sign = 1.0 if is_smaller_better(array, below) else -1.0
     return dataset.isel(branch=(sign * array).fillna(np.inf).argmin("branch").compute())
 
 
