@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 import pytest
-from tests.maps.machines import arm, marks, start, start_held_map, start_map
+from tests.maps.machines import arm, drawn, marks, start, start_held_map, start_map
 
 import cartstiff
 from cartstiff.errors import InputError
@@ -113,6 +113,28 @@ def test_a_client_of_ones_own(whole, scheduler, worker, tmp_path):
                 other = tmp_path / "m.zarr" / path.relative_to(tmp_path / "n.zarr")
                 assert path.read_bytes() == other.read_bytes()
     np.testing.assert_array_equal(here["q"], there["q"])
+
+
+def test_workers_of_another_version_write_nothing(scheduler, worker, tmp_path):
+    from distributed import Client
+
+    worker(), worker()
+    elastic = arm()
+    with Client(scheduler, set_as_default=False) as client:
+        client.wait_for_workers(2)
+        one = list(client.scheduler_info()["workers"])[:1]
+        older = "from cartstiff import version; version.__version__ = '0.0.1'"
+        client.run(exec, older, workers=one)
+        with pytest.raises(InputError, match=r"another version of cartstiff; .* got 0\.0\.1"):
+            compute_map(
+                elastic,
+                drawn(elastic, 90),
+                ["condition"],
+                tmp_path / "m.zarr",
+                dask=client,
+                chunk=1,
+            )
+    assert marks(tmp_path / "m.zarr") == {}
 
 
 def test_what_cannot_be_sent(tmp_path):

@@ -202,6 +202,16 @@ def test_two_writers_at_once(elastic, expected):
     _same(found, expected)
 
 
+def test_a_map_that_another_process_creates_in_the_meantime(elastic, tmp_path, monkeypatch):
+    asked = elastic, drawn(elastic), QUANTITIES, tmp_path / "m.zarr"
+    options = {"chunk": 6, "length": 0.2}
+    _, file = prepare_map(*asked, **options)
+    monkeypatch.setattr("cartstiff.maps.run.is_there", lambda address: False)
+    with file.locked(), pytest.raises(InputError, match="another process is computing this map"):
+        compute_map(*asked, **options)
+    assert [path.name for path in tmp_path.iterdir()] == ["m.zarr"]
+
+
 def test_a_map_that_is_computed_when_it_is_used(elastic, expected, tmp_path):
     lazy = map_of(elastic, drawn(elastic), QUANTITIES, chunk=6, length=0.2)
     assert lazy["condition"].chunks == ((6, 6, 6, 2),)

@@ -298,7 +298,9 @@ def _draw_parts(
     norm = colour_norm(np.stack([np.asarray(p[quantity].values, float) for p in parts]))
     pairs = zip(axes, parts, strict=False)
     drawn = [_cells(axis, part, quantity, norm, level) for axis, part in pairs]
-    figure.colorbar(drawn[0][0], ax=axes, label=wrapped(parts[0][quantity]))
+    bar = figure.colorbar(drawn[0][0], ax=axes, label=wrapped(parts[0][quantity]))
+    if level is not None:
+        bar.ax.axhline(level, color="black", linewidth=1.5)
     add_legend(figure, set[str]().union(*(reasons for _, reasons in drawn)))
 
 

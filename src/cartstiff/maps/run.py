@@ -445,7 +445,7 @@ def prepare_map(
             raise InputError("is a file", where=where, expected="a map, or nothing")
     job, layout = planned(elastic, sampling, quantities, **asked)
     if not is_there(file):
-        return job, MapFile.create(file, layout)
+        MapFile.create(file, layout)
     existing = MapFile.at(file)
     there = json.loads(existing.attributes["description"])
     here = json.loads(layout.attributes["description"])
@@ -548,6 +548,7 @@ def _client(scheduler: Any) -> Iterator[Any]:
         if not client.nthreads():
             raise InputError("the scheduler has no workers", where=where, expected="at least one")
         try:
+            client.run(require_versions, versions())
             yield client
         except (AttributeError, ImportError) as error:
             raise InputError(

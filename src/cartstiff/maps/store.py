@@ -366,7 +366,7 @@ class Run(NamedTuple):
 
 @dataclass(frozen=True)
 class MapFile:
-    """A map in a store, from `at` or `create`."""
+    """A map in a store, from `at`."""
 
     address: Any
     attributes: Mapping[str, Any]
@@ -385,21 +385,23 @@ class MapFile:
         return cls(address, _checked_attributes(address, store), store)
 
     @classmethod
-    def create(cls, address: Any, layout: Layout) -> MapFile:
+    def create(cls, address: Any, layout: Layout) -> None:
         """Create a map without computed parts, completely or not at all."""
         objects, place = _objects(layout), local_path(address)
         with reached(address):
             if place is None:
                 _put(_stored(address), objects)
-                return cls.at(address)
+                return
             new = place.with_name(f".{place.name}.{os.getpid()}.new")
             shutil.rmtree(new, ignore_errors=True)
             try:
                 _put(_stored(new), objects)
                 new.rename(place)
+            except OSError:
+                if not place.exists():  # another process may have created it in the meantime
+                    raise
             finally:
                 shutil.rmtree(new, ignore_errors=True)
-        return cls.at(address)
 
     @property
     def where(self) -> str:

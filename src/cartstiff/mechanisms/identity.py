@@ -7,6 +7,7 @@ beside their results, and `require_same` compares it before they resume.
 from __future__ import annotations
 
 import json
+import platform
 import types
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -107,6 +108,7 @@ def require_versions(wanted: Mapping[str, str]) -> None:
         if (here := versions().get(package)) != number:
             raise InputError(
                 f"a worker has another version of {package}",
+                where=platform.node(),
                 expected=f"{number}, as where the command was given",
                 got=here or "none",
             )
