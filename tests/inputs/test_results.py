@@ -1,13 +1,17 @@
 """Results are plain data, labelled arrays, a few lines, and a picture where they have one."""
 
+import importlib
 import json
+import pkgutil
 
 import numpy as np
 import pytest
 
 import cartstiff
 from cartstiff.results import LabelledResult
+from cartstiff.vibration.comparison import compare
 from cartstiff.vibration.controllers import impedance
+from cartstiff.vibration.sensitivities import intervals
 
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("matplotlib")
@@ -119,3 +123,17 @@ def test_bars_have_the_names_and_numbers_of_the_result(results):
     K = results["9 Impedance"].joint_stiffness
     assert [bar.get_width() for bar in left.patches] == list(np.diag(K))
     assert right.get_xlabel() == "damping of the joint"
+
+
+def test_every_class_of_results_has_a_picture():
+    """Those of parts of a command as well, such as intervals of frequencies."""
+    for module in pkgutil.walk_packages(cartstiff.__path__, "cartstiff."):
+        if ".cli" not in module.name and not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
+    assert [c.__name__ for c in LabelledResult.__subclasses__() if not hasattr(c, "plot")] == []
+    modes = cartstiff.modes(cartstiff.load("ur5"))
+    spread = intervals(modes, cartstiff.Tolerances(stiffness=0.05))
+    (lines,) = spread.plot().axes[0].collections
+    assert [end[0] for end in lines.get_segments()[0]] == [spread.low[0], spread.high[0]]
+    (shortcut,) = compare(modes, ["B"])
+    assert list(shortcut.plot().axes[0].lines[0].get_xdata()) == list(shortcut.all_masses)

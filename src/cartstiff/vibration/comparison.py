@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from cartstiff import numerics
 from cartstiff.arrays import Array, Result
 from cartstiff.errors import UnknownNameError
+from cartstiff.figures import new_figure
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units
@@ -50,6 +52,30 @@ class Shortcut(Result, LabelledResult):
     errors: Array | None
     body_errors: Array | None
     missing: str | None = None
+
+    def plot(self) -> Any:
+        """Draw the frequencies with all masses and with those of the body alone.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        MissingDependencyError
+            Without matplotlib.
+        """
+        figure = new_figure()
+        axes = figure.subplots()
+        for label, hertz in (("all masses", self.all_masses), ("body alone", self.body_alone)):
+            if hertz is not None:
+                axes.plot(hertz, range(1, len(hertz) + 1), "o", label=label)
+        axes.set(
+            xlabel="natural frequency [Hz]", ylabel="mode", title=self.missing or f"K^{self.name}"
+        )
+        axes.invert_yaxis()
+        axes.legend()
+        return figure
 
 
 def mass_at_tip(modes: Modes) -> Array | None:

@@ -660,6 +660,26 @@ class FrequencyInterval(Result, LabelledResult):
     high: Array
     level: float
 
+    def plot(self) -> Any:
+        """Draw the interval of each frequency.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        MissingDependencyError
+            Without matplotlib.
+        """
+        figure = new_figure()
+        axes = figure.subplots()
+        axes.hlines(range(1, len(self.low) + 1), self.low, self.high, linewidth=4.0)
+        axes.set(xlabel=f"natural frequency [Hz], {100.0 * self.level:g} % interval", ylabel="mode")
+        axes.locator_params(axis="y", integer=True)
+        axes.invert_yaxis()
+        return figure
+
 
 def intervals(
     modes: Modes,
