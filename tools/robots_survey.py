@@ -135,7 +135,10 @@ def pose_by_yourdfpy(text: str, arm: ElasticMechanism, q: np.ndarray) -> np.ndar
 
 def pose_by_pinocchio(text: str, arm: ElasticMechanism, q: np.ndarray) -> np.ndarray | None:
     """Pose of the arm's frame; None where joints are expanded, which have no like in the file."""
-    model = pin.buildModelFromXML(text, mimic=True)
+    try:
+        model = pin.buildModelFromXML(text, mimic=True)
+    except ValueError:  # a joint follows one that comes later in the tree: both are Pinocchio's own
+        model = pin.buildModelFromXML(text)
     at = pin.neutral(model)
     for name, value in zip(arm.names, q, strict=True):
         if not model.existJointName(name):

@@ -199,6 +199,7 @@ PALM = (
         "closedloop2_A",
         "left-plantar-rod",
         "leftPinkyPitch1Link",
+        "palm_collision",
     ],
 )
 def test_the_default_frame_is_no_camera_nor_a_part_of_a_linkage(name):
@@ -209,6 +210,8 @@ def test_the_default_frame_is_no_camera_nor_a_part_of_a_linkage(name):
     )
     text = urdf_of(UR20).replace("</robot>", PALM + end)
     assert cartstiff.load(text).mechanism.frame == "palm"
+    other = text.replace('"palm"', '"LArm_effector"')
+    assert cartstiff.load(other).mechanism.frame == "LArm_effector"
 
 
 def test_a_foot_beside_a_spring_is_no_finger():

@@ -104,7 +104,7 @@ _TOOL_NAMES = tuple(
     for words in (
         "tool0",
         "tcp|hand_tcp|tcp_link|tcp_frame|link_tcp",
-        "ee|eef|ee_link|ee_frame|eef_link|link_eef|ee_gripper_link|ee_arm_link|end_effector|"
+        "ee|eef|ee_link|ee_frame|eef_link|link_eef|ee_gripper_link|ee_arm_link|effector|"
         "end_effector_link|tool_frame|tool_link|tool",
         "flange|flange_link|link_flange",
     )
@@ -117,9 +117,9 @@ _FINGERS = re.compile(
     r"(?<![^_])gripper_.*(?:jaw|pad|tip|joint|inner|outer|motor)|(?<![^_])(?:jaw|claw)"
 )
 _SENSORS = re.compile(
-    r"camera|sensor|accelerometer|gyro|force_?torque|realsense|kinect|closed_?loop|constraint|"
+    r"camera|sensor|collision|accelerometer|gyro|force_?torque|realsense|kinect|closed_?loop|"
     r"(?<![^_])(?:imu|ft|lidar|laser|range|optical|depth|rgb|led|marker|rod|crank)(?![^_])|"
-    r"optical_frame"
+    r"optical_frame|constraint"
 )
 
 
