@@ -111,6 +111,28 @@ def test_measured_receptance():
     refuses("measured receptance", MeasuredReceptance, f, G[:3])
 
 
+def test_equal_eigenvalues_keep_their_places():
+    """A response that is the same along feed and normal, with and without round-off.
+
+    The depth of a speed is the least a > 0 at which 1 = a KT N/(4 pi) (1 - exp(-i w tau)) mu, for
+    both eigenvalues mu = (own of the coefficients) G of the product.
+    """
+    f, half = np.arange(300.0, 1200.0, 0.05), Milling(KT, 0.3, 3, 0.0, np.pi / 2)
+    g = sum(1 / (k * (1 - (f / n) ** 2 + 0.05j * f / n)) for n, k in ((500, 2e7), (900, 4e7)))
+    speeds, least = np.array([8e3, 9e3, 1e4, 1.1e4, 1.2e4]), []
+    for speed in speeds:
+        delayed = 1 - np.exp(-2j * np.pi * f * 60 / (3 * speed))
+        a = 4 * np.pi / (3 * KT * np.linalg.eigvals(half.mean)[:, None] * g * delayed)
+        is_root = np.diff(np.sign(a.imag)).astype(bool) & (a.real[:, 1:] > 0)
+        is_root &= np.abs(np.diff(a)) < 0.1 * np.abs(a[:, 1:])
+        least.append(a.real[:, 1:][is_root].min())
+    rng = np.random.default_rng(1)
+    for size in (0.0, 1e-15, 1e-13):
+        G = np.eye(2) * (g * (1 + size * rng.normal(size=f.size)))[:, None, None]
+        depths = lobes(MeasuredReceptance(f, G), half, speeds).depths
+        assert depths == pytest.approx(np.array(least), rel=5e-3)
+
+
 def test_depth_along_a_path():
     elastic = load("stewart-simscape")
     milling = Milling(KT, 0.3, 3, 0.0, np.pi / 2, at=(0.0, 0.0, 0.05))

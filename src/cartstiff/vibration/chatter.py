@@ -308,13 +308,22 @@ def _receptance(
 
 
 def _eigenvalues(matrices: Array) -> Array:
-    """Return both eigenvalues (N, 2) of 2x2 matrices, the larger first, without cancellation."""
+    """Return both eigenvalues (N, 2) of 2x2 matrices in a row, without cancellation.
+
+    Each column has the nearest neighbours: by size, equal ones would change places by round-off.
+    """
     (a, b), (c, d) = np.moveaxis(matrices, 0, -1)
     half, root = 0.5 * (a + d), np.sqrt((0.5 * (a - d)) ** 2 + b * c)
     large = half + np.where(np.abs(half + root) >= np.abs(half - root), root, -root)
     with np.errstate(divide="ignore", invalid="ignore"):
         small = np.where(large == 0.0, 0.0, (a * d - b * c) / large)
-    return np.stack([large, small], axis=1)
+    both = np.stack([large, small], axis=1)
+    straight, crossed = (
+        np.abs(both[1:] - other).sum(axis=1) for other in (both[:-1], both[:-1, ::-1])
+    )
+    swapped = np.cumsum(np.append(False, crossed < straight)) % 2 == 1
+    both[swapped] = both[swapped, ::-1]
+    return both
 
 
 def limiting_depth(
