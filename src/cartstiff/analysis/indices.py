@@ -117,7 +117,7 @@ def indices_of(
     K, C = symmetric_pair(stiffness, compliance)
     values, x, kind = spectrum(K, length, C)
     low, high = int(np.argmin(np.abs(values))), int(np.argmax(np.abs(values)))
-    ratio = float(numerics.condition(values))
+    ratio = numerics.condition_of(values)
     shares = np.sum(x[:3] ** 2, axis=0)
     exponent = 2.0 * float(shares[low] - shares[high]) if np.isfinite(ratio) else float("nan")
     twist = x[:, 0] * np.repeat([1.0 / length, 1.0], 3)
@@ -166,8 +166,7 @@ def _definiteness(K: Array) -> Definiteness:
 def held_condition(K: Array, C: Array | None, freedom: Freedom) -> float:
     """Condition number of a diagonal block of K; NaN where neither K nor C resolves it."""
     try:
-        values = stiffness_ellipsoid(K, freedom, "held", None, C).eigenvalues
-        return float(numerics.condition(values))
+        return numerics.condition_of(stiffness_ellipsoid(K, freedom, "held", None, C).eigenvalues)
     except UndefinedError:
         return float("nan")
 

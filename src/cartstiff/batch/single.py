@@ -29,15 +29,16 @@ from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import deflection_notes, force_notes, limit_notes
+from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam, evaluate_together
-from cartstiff.potentials.contract import Evaluation, Potential
+from cartstiff.potentials.contract import Evaluation, LineGeometry, Potential
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.stiffness import compute
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
 from cartstiff.stiffness.posture import PostureStiffness
-from cartstiff.stiffness.posture_notes import near_actuation_singularity, near_serial, near_type_2
+from cartstiff.stiffness.posture_notes import near_serial, near_type_2
 from cartstiff.stiffness.reduction import Reduction, scaled_values
 
 if TYPE_CHECKING:
@@ -112,7 +113,12 @@ class QuickPosture(PostureStiffness):
     @cached_property
     def posture(self) -> MechanismPosture:
         """Kinematics at q."""
-        return self._asked.mechanism.at(self.q)
+        posture = self._asked.mechanism.at(self.q)
+        lengths, lines = self.leg_lengths, self._recorded("actuation")
+        if isinstance(posture, PlatformPosture) and lengths is not None and lines is not None:
+            lines = lines.reshape(-1, 6)
+            posture.lines = LineGeometry(lengths, lines[:, 3:], lines)
+        return posture
 
     @property
     def evaluation(self) -> Evaluation:
@@ -273,11 +279,9 @@ class PostureCode:
         self.energy, self._verdict = at["energy"].start, at["verdict"].start
         self.near = at["noteworthy"].start
         self.digits, self.deflection = self.near + 1, self.near + 2
-        here = elastic.mechanism.at(elastic.q)
-        self._sizes = here.coordinate_lengths, here.length
         self.is_closed, self._home = taken.is_closed, taken.home
         self.is_inner = not elastic.parted_terms()[1]
-        chart = here.chart()
+        chart = elastic.mechanism.at(elastic.q).chart()
         self.notes_on_chart = (Note("kf-undefined", chart),) if isinstance(chart, str) else ()
         self.notes_on_weight = tuple(gravity_loads(elastic).notes)
 
@@ -311,11 +315,11 @@ class PostureCode:
         return at[0] if len(found) else None
 
     def near_notes(self, quick: QuickPosture) -> list[Note]:
-        """Notes on near singularities; the sizes of a platform are the same at every posture."""
-        if (lines := quick._recorded("actuation")) is not None:
-            return near_actuation_singularity(lines.reshape(-1, 6), *self._sizes)
-        values = scaled_values(quick.posture)
-        return [*near_type_2(quick.posture), *near_serial(quick.posture, values)]
+        """Notes on near singularities."""
+        posture = quick.posture
+        if posture.coordinates_are_pose:
+            return near_type_2(posture)
+        return [*near_type_2(posture), *near_serial(posture, scaled_values(posture))]
 
     def _assembled(self, closing: OnePosture, q: Array) -> Array | None:
         """Coordinates that close the chain, as `Chain.closed` finds them; None if not found."""

@@ -9,7 +9,6 @@ Every function acts on the last axes and broadcasts over leading ones.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -32,10 +31,13 @@ SWAP: Final = np.array([3, 4, 5, 0, 1, 2])
 _SMALL_ANGLE: Final = 1e-2
 
 
-def cross(a: Sequence[float] | Array, b: Sequence[float] | Array) -> Array:
-    """Cross product of two vectors (3,): `numpy.cross` takes ten times as long for one pair."""
-    (x, y, z), (u, v, w) = a, b
-    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
+def cross(a: ArrayLike, b: ArrayLike) -> Array:
+    """Cross products of vectors (..., 3) with as many axes, also of recorded numbers.
+
+    `numpy.cross` takes ten times as long for one pair.
+    """
+    (x, y, z), (u, v, w) = np.transpose(a), np.transpose(b)
+    return np.array([y * w - z * v, z * u - x * w, x * v - y * u]).T
 
 
 def skew(v: ArrayLike) -> Array:
@@ -281,14 +283,13 @@ def from_roll_pitch_yaw(
 
 def rotation_by_angles(angles: Array) -> Array:
     """Rotations (..., 3, 3) of `from_roll_pitch_yaw`; the angles may be recorded numbers."""
-    c, s = np.cos(angles), np.sin(angles)
-    (cr, cp, cy), (sr, sp, sy) = np.moveaxis(c, -1, 0), np.moveaxis(s, -1, 0)
+    (cr, cp, cy), (sr, sp, sy) = np.cos(angles).T, np.sin(angles).T
     rows = (
         (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
         (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
         (-sp, cp * sr, cp * cr),
     )
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+    return np.array(rows).swapaxes(0, 1).T
 
 
 def roll_pitch_yaw(T: ArrayLike) -> Array:

@@ -117,14 +117,11 @@ def inverse_of_sum(inverse: Array, change: Array) -> Array | None:
 
 def inverses_of_sums(inverses: Array, changes: Array) -> tuple[Array, NDArray[np.bool_]]:
     """`inverse_of_sum` of stacks (N, n, n), NaN where there is none; where no digits are lost."""
-    better: Array = np.full_like(inverses, np.nan)
-    plain = np.zeros(len(better), bool)
-    exists = np.flatnonzero(np.isfinite(inverses + changes).all(axis=(1, 2)))
-    factors = np.eye(inverses.shape[2]) + changes[exists] @ inverses[exists]
+    exists = np.isfinite(inverses + changes).all(axis=(1, 2))
+    factors = np.eye(inverses.shape[2]) + changes @ inverses
+    factors[~exists] = 0.0
     turned = inverted(factors)  # NaN where one is singular
-    plain[exists] = _squares(factors) * _squares(turned) < _PLAIN_SQUARED_CONDITION
-    lost = ~plain[exists]
-    if lost.any():
+    plain = _squares(factors) * _squares(turned) < _PLAIN_SQUARED_CONDITION
+    if (lost := exists & ~plain).any():
         turned[lost] = invert_each(factors[lost])[0]
-    better[exists] = inverses[exists] @ turned
-    return better, plain
+    return inverses @ turned, plain

@@ -302,13 +302,13 @@ def shown_numbers(
     Returns
     -------
     dict
-        Keys "result", "has_compliance", "position", "angles", "frame", "stiffness", "compliance",
+        Keys "result", "has_compliance", "position", "frame", "stiffness", "compliance",
         "wrench", "principal", "softest", "indices", "symmetric", "singularity", "legs", "moved",
         "modes", "verdict"; None for numbers that do not exist.
     """
     T = reference_frame(result, state)
     here = result.at(T)
-    pair = matrix_pair(here, state.connection, "held")
+    pair = matrix_pair(here, state.connection)
     shown = here.matrices if state.quantity == "stiffness" else here.compliances
     principal = _principal(here, state)
     numbers = None if pair is None else _indices(pair)
@@ -316,7 +316,6 @@ def shown_numbers(
         "result": result.to_dict() if whole else _part(result, state.quantity),
         "has_compliance": pair is not None or result.reduction.compliance is not None,
         "position": result.pose[:3, 3].tolist(),
-        "angles": se3.roll_pitch_yaw(result.pose).tolist(),
         "frame": None if T is None else T.tolist(),
         "stiffness": None,
         "compliance": None,
@@ -451,21 +450,15 @@ def _indices(pair: MatrixPair) -> dict[str, Any] | None:
         values, _, definiteness = spectrum(K, length.value, C)
     except UndefinedError:
         return None
-    blocks = dict[str, float]()
-    for freedom in _FREEDOMS:
-        try:  # principal values that are shown as well
-            blocks[freedom] = float(numerics.condition(pair.ellipsoid(freedom).eigenvalues))
-        except UndefinedError:
-            blocks[freedom] = float("nan")
     return {
         "length": length.value,
         "length_origin": length.origin,
         "length_reason": length.reason,
         "definiteness": definiteness,
         "eigenvalues": values.tolist(),
-        "condition_number": plain(float(numerics.condition(values))),
-        "translational_condition": plain(blocks["translation"]),
-        "rotational_condition": plain(blocks["rotation"]),
+        "condition_number": plain(numerics.condition_of(values)),
+        "translational_condition": plain(pair.condition("translation")),
+        "rotational_condition": plain(pair.condition("rotation")),
     }
 
 
@@ -572,7 +565,7 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         principal = _principal(here, state)
     except UndefinedError:
         principal = None
-    pair = matrix_pair(here, state.connection, "held")
+    pair = matrix_pair(here, state.connection)
     indices = None if pair is None else _indices(pair)
     names = "condition_number", "translational_condition", "rotational_condition"
     conditions = [] if indices is None else [indices[name] for name in names]

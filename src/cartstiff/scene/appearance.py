@@ -19,6 +19,7 @@ from cartstiff.analysis.ellipsoids import (
     shape_of,
     stiffness_ellipsoid,
 )
+from cartstiff.analysis.indices import held_condition
 from cartstiff.analysis.matrices import ROTATION, TRANSLATION, definiteness
 from cartstiff.analysis.metrics import (
     NATURAL,
@@ -35,7 +36,7 @@ from cartstiff.matrix_names import LETTERS
 from cartstiff.scene.scales import SCALES
 from cartstiff.scene.theme import THEMES
 from cartstiff.stiffness.compute import PostureStiffness
-from cartstiff.stiffness.posture import StiffnessInFrame
+from cartstiff.stiffness.posture import StiffnessInFrame, inverse_pair
 
 _KNOWN = {
     "connection": LETTERS,
@@ -163,30 +164,57 @@ class MatrixPair:
     Parameters
     ----------
     K : ndarray, shape (6, 6)
-        Symmetric.
+        Symmetric: with the other freedoms held.
     C : ndarray, shape (6, 6), or None
         Its inverse.
+    asymmetric : tuple, optional
+        Stiffness and compliance of which K is the symmetric part, if the symmetric part of the
+        compliance, with the other freedoms free, is not C.
     """
 
-    def __init__(self, K: Array, C: Array | None) -> None:
+    def __init__(
+        self, K: Array, C: Array | None, asymmetric: tuple[Array, Array | None] | None = None
+    ) -> None:
         self.K, self.C = K, C
-        self._shapes: dict[tuple[Freedom, Others, Quantity], Ellipsoid] = {}
+        self._asymmetric = asymmetric
+        self._shapes: dict[tuple[Freedom, Others, Quantity], Ellipsoid | None] = {}
+
+    @cached_property
+    def _free(self) -> tuple[Array | None, Array | None]:
+        """The pair with the other freedoms free."""
+        return (self.K, self.C) if self._asymmetric is None else inverse_pair(*self._asymmetric)
 
     @cached_property
     def _blocks(self) -> tuple[list[bool], Array, Array]:
-        """Of K_tt, K_rr, C_rr and C_tt: whether all digits are there, values, and vectors."""
+        """Of K_tt, K_rr, C_rr and C_tt: whether all digits are there, values, and vectors.
+
+        With the other freedoms free C is the compliance's own symmetric part, and the last block is
+        (K^-1)_rr.
+        """
         K, C = self.K, self.C
-        if C is None:
-            return [False] * 4, K, K
+        own = C if self._asymmetric is None else self._asymmetric[1]
+        if C is None or own is None:
+            return [False] * 5, K, K
+        free = own if own is C else 0.5 * (own + own.T)
         t, r = (TRANSLATION, TRANSLATION), (ROTATION, ROTATION)
-        stack = np.array([K[t], K[r], C[r], C[t]])
+        stack = np.array([K[t], K[r], free[r], free[t], *([] if own is C else [C[r]])])
         values, vectors = np.linalg.eigh(stack)
         return [*map(numerics.hold_all_digits, values)], values, vectors
 
+    def condition(self, freedom: Freedom) -> float:
+        """`cartstiff.analysis.indices.held_condition`."""
+        is_whole, values, _ = self._blocks
+        at = _PLACES[freedom, "held"]
+        if is_whole[at]:
+            return numerics.condition_of(values[at])
+        return held_condition(self.K, self.C, freedom)
+
     def ellipsoid(
         self, freedom: Freedom, others: Others = "held", quantity: Quantity = "stiffness"
-    ) -> Ellipsoid:
+    ) -> Ellipsoid | None:
         """`stiffness_ellipsoid` or `compliance_ellipsoid` of `cartstiff.analysis.ellipsoids`.
+
+        None without that matrix.
 
         Raises
         ------
@@ -198,14 +226,14 @@ class MatrixPair:
             self._shapes[key] = self._ellipsoid(*key)
         return self._shapes[key]
 
-    def _ellipsoid(self, freedom: Freedom, others: Others, quantity: Quantity) -> Ellipsoid:
+    def _ellipsoid(self, freedom: Freedom, others: Others, quantity: Quantity) -> Ellipsoid | None:
         is_whole, values, vectors = self._blocks
         at = _PLACES[freedom, others]
         if not is_whole[at]:
+            K, C = (self.K, self.C) if others == "held" else self._free
             if quantity == "stiffness":
-                return stiffness_ellipsoid(self.K, freedom, others, None, self.C)
-            assert self.C is not None
-            return compliance_ellipsoid(self.C, freedom, others, None, self.K)
+                return None if K is None else stiffness_ellipsoid(K, freedom, others, None, C)
+            return None if C is None else compliance_ellipsoid(C, freedom, others, None, K)
         own, axes = values[at], vectors[at]
         if (others == "free") == (quantity == "stiffness"):
             # Of the other matrix: same axes, inverse values.
@@ -218,9 +246,10 @@ class MatrixPair:
     def length(self) -> CharacteristicLength:
         """`cartstiff.analysis.metrics.characteristic_length` without a given one."""
         is_whole, values, _ = self._blocks
-        if not (is_whole[0] and is_whole[2]):
+        turning = 2 if self._asymmetric is None else -1
+        if not (is_whole[0] and is_whole[turning]):
             return length_of_pair(self.K, self.C)
-        moving, softness = values[0].tolist(), values[2].tolist()
+        moving, softness = values[0].tolist(), values[turning].tolist()
         if not (moving[0] > 0.0 and softness[0] > 0.0):
             return NOT_NATURAL
         logs = sum(map(log, softness)) + sum(map(log, moving))
@@ -245,27 +274,21 @@ def block_ellipsoid(
     """
     is_block = others == "block"
     how: Others = "free" if others == "free" or (is_block and quantity == "compliance") else "held"
-    pair = matrix_pair(here, connection, how)
-    if pair is not None:
-        is_missing = quantity == "compliance" and pair.C is None
-        return None if is_missing else pair.ellipsoid(freedom, how, quantity)
+    if (pair := matrix_pair(here, connection)) is not None:
+        return pair.ellipsoid(freedom, how, quantity)
     C = here.pair(connection, how)[1] if quantity == "compliance" else None
     return None if C is None else compliance_ellipsoid(C, freedom, how)
 
 
 @lru_cache(maxsize=16)
-def matrix_pair(here: StiffnessInFrame, connection: str, others: Others) -> MatrixPair | None:
-    """The pair of a connection, the other freedoms held or free; None without a stiffness.
-
-    One pair serves both where the compliance is the inverse of the stiffness's symmetric part.
-    """
-    own = here.compliances[connection]
-    if others == "free" and (held := matrix_pair(here, connection, "held")) is not None:
-        inverse = here.inverse_of_symmetric_part(connection)
-        if own is not None and inverse is not None and np.array_equal(own, inverse):
-            return held
-    K, C = here.pair(connection, others)
-    return None if K is None else MatrixPair(K, C)
+def matrix_pair(here: StiffnessInFrame, connection: str) -> MatrixPair | None:
+    """The matrices of a connection; None without a stiffness."""
+    K, C = here.pair(connection, "held")
+    own, given = here.compliances[connection], here.matrices[connection]
+    if K is None or given is None:
+        return None
+    is_one = C is own or (C is not None and own is not None and np.array_equal(own, C))
+    return MatrixPair(K, C, None if is_one else (given, own))
 
 
 #: Notes that say why a stiffness does not exist.

@@ -92,14 +92,13 @@ class EllipsoidPicture:
 
         The scale leads from values to lengths.
         """
-        values = shape.eigenvalues
         flat = shape.definiteness == "positive semidefinite"
         solid = flat or shape.definiteness == "positive"
-        lengths = scale.length(values)
         self.make()
         # In plain numbers from here: arrays of three take longer.
         columns = T[:3, :3].dot(shape.axes).T.tolist()
-        centre, radii, principal = T[:3, 3].tolist(), lengths.tolist(), values.tolist()
+        centre, principal = T[:3, 3].tolist(), shape.eigenvalues.tolist()
+        radii = [*map(scale.length, principal)]
         self.node.show(True)
         self._body.show(solid)
         if solid:

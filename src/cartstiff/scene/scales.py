@@ -73,11 +73,11 @@ class Linear:
         """The scale that a legend says."""
         return cls(facts["value_per_length"] or 0.0, facts["cut_at"] or inf)
 
-    def length(self, values: Array) -> Array:
-        """Lengths of the absolute values."""
+    def length(self, value: float) -> float:
+        """Length of an absolute value."""
         if not self.per_length:
-            return np.zeros_like(values)
-        return np.minimum((np.abs(values) / self.per_length) ** (1.0 / self._power), self.most)
+            return 0.0
+        return min((abs(value) / self.per_length) ** (1.0 / self._power), self.most)
 
     def legend(self) -> dict[str, Any]:
         """Return the meaning of a length."""
@@ -140,12 +140,9 @@ class Logarithmic:
         zero = floor(log10(_smallest(sizes)) - 0.7)
         return zero, target / ceil(log10(max(sizes)) - zero)
 
-    def length(self, values: Array) -> Array:
-        """Lengths of the absolute values."""
-        if not self.zero:
-            return np.zeros_like(values)
-        sizes = np.maximum(np.abs(values), self.zero)
-        return np.log10(sizes / self.zero) * self.per_decade
+    def length(self, value: float) -> float:
+        """Length of an absolute value."""
+        return log10(max(abs(value) / self.zero, 1.0)) * self.per_decade if self.zero else 0.0
 
     def legend(self) -> dict[str, Any]:
         """Return the meaning of a length."""

@@ -137,12 +137,12 @@ def inverse_pair(K: Array | None, C: Array | None) -> tuple[Array | None, Array 
 def _turned(matrices: Mapping[str, Array | None], motion: Array | None) -> NamedArrays:
     """``A^T M A`` of each matrix that exists (A = I if None); adds the transpose of "A" as "+"."""
     turned = dict(matrices)
-    known = {n: M for n, M in matrices.items() if M is not None}
-    if motion is not None and known:
-        stack = motion.T @ np.array([*known.values()]) @ motion
+    if motion is not None:
+        known = {n: M for n, M in matrices.items() if M is not None}
+        stack = fixed(motion.T @ np.array([*known.values()]).reshape(-1, 6, 6) @ motion)
         turned.update(zip(known, stack, strict=True))
     minus = turned["A"]
-    return NamedArrays({**turned, "+": None if minus is None else minus.T})
+    return NamedArrays.of_fixed({**turned, "+": None if minus is None else minus.T}, {})
 
 
 def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFrame:

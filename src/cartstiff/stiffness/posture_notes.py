@@ -216,16 +216,7 @@ def near_type_2(posture: MechanismPosture, free: Array | None = None) -> list[No
     """Note on a type-2 singularity, or a near one: actuators that do not fix the motions (n, f)."""
     if posture.actuation is None:
         return []
-    return near_actuation_singularity(
-        posture.actuation, posture.coordinate_lengths, posture.length, free
-    )
-
-
-def near_actuation_singularity(
-    actuation: Array, coordinate_lengths: Array, length: float, free: Array | None = None
-) -> list[Note]:
-    """`near_type_2` from rates of the actuators per coordinate rate, (m, n)."""
-    rates = actuation * coordinate_lengths
+    rates = posture.actuation * posture.coordinate_lengths
     if free is not None:
         rates = rates @ free
     if not rates.size or len(rates) < rates.shape[1]:
@@ -247,8 +238,8 @@ def near_actuation_singularity(
             f"direction(s): smallest over largest singular value {each[-1] / each[0]:.2g}",
             {
                 "singular_values": each,
-                "characteristic_length": length,
-                "directions": (motions[-weak:] * coordinate_lengths).tolist(),
+                "characteristic_length": posture.length,
+                "directions": (motions[-weak:] * posture.coordinate_lengths).tolist(),
             },
         )
     ]

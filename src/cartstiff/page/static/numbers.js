@@ -1,5 +1,6 @@
 // Verdict, principal values, condition, distance to singularities, notes.
 
+import { angles } from "./algebra.js";
 import { button, byId, chop, clamp, el, engineering, heading, inSize, short, stateChoice, sure, together, tuple } from "./dom.js";
 import { symbol } from "./matrix.js";
 import { PRINTED_AS_ZERO, NEAR_SINGULARITY, RANK } from "./numerics.js";
@@ -82,7 +83,7 @@ export function numbersPanel(store) {
       indices ? `Angles are multiplied by a length: ${indices.length_reason}. Smallest eigenvalue over largest: ${indices.eigenvalues.map((x) => short(x)).join(", ")}` : ""),
       ...(indices ? fact("… of translation, rotation held", short(indices.translational_condition)) : []),
       ...(indices ? fact("… of rotation, translation held", short(indices.rotational_condition)) : []),
-      ...fact("Position", together(chop(numbers.position, numbers.singularity[0]?.length), length), `roll, pitch, yaw ${numbers.angles.map((a) => short((a * 180) / Math.PI)).join(", ")}°`));
+      ...fact("Position", together(chop(numbers.position, numbers.singularity[0]?.length), length), `roll, pitch, yaw ${angles(numbers.result.pose).map((a) => short((a * 180) / Math.PI)).join(", ")}°`));
     meters.replaceChildren(...numbers.singularity.map(meter));
   }
 

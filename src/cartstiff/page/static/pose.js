@@ -1,5 +1,6 @@
 // Sliders and numbers of the coordinates, a platform's legs, the pose of the tool.
 
+import { angles } from "./algebra.js";
 import { button, byId, chop, clamp, el, hint, short, tabs } from "./dom.js";
 import { fields, sliderRow } from "./inputs.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
@@ -170,7 +171,7 @@ function toolPanel(store, node, note, offer) {
     const { numbers } = store;
     const digits = (x) => Number(x.toPrecision(6));
     rows[0].set(chop(numbers.position, numbers.singularity[0]?.length).map(digits));
-    rows[1].set(numbers.angles.map((x) => digits((Math.abs(x) < NEGLIGIBLE_DIFFERENCE ? 0 : x) * (180 / Math.PI))));
+    rows[1].set(angles(numbers.result.pose).map((x) => digits((Math.abs(x) < NEGLIGIBLE_DIFFERENCE ? 0 : x) * (180 / Math.PI))));
     const away = followed && !followed.reached;
     note.textContent = away ? `not reached${followed.stopped.length ? `: ${followed.stopped.join(", ")}` : ""}` : "";
   });

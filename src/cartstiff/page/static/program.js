@@ -273,7 +273,7 @@ export class Program {
     const asymmetries = Object.fromEntries(Object.entries(shown).map(([name, M]) => [name, M && asymmetry(M)]));
     const notes = this.notes(m, state);
     const answer = {
-      q: m.straight, result: this.part(m, state.quantity, notes), has_compliance: true, position: place(m.pose), angles: angles(m.pose), frame: T,
+      q: m.straight, result: this.part(m, state.quantity, notes), has_compliance: true, position: place(m.pose), frame: T,
       stiffness: null, compliance: null, wrench: here.wrench, principal: principalValues(here, state), indices: numbers,
       symmetric: { ...asymmetries, "+": asymmetries.A }, singularity: this.distance(m), legs: this.legs(m), moved: this.moved(m, state),
       modes: state.mode === null ? null : { missing: "Modes are computed by `cartstiff view`." },
