@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.support import loaded_arm, paper_platform
@@ -12,9 +14,13 @@ from cartstiff.analysis.indices import indices_of
 from cartstiff.analysis.matrices import stiffnesses_of_motions, with_angles_times
 from cartstiff.analysis.posture import analyse_posture, summarise
 from cartstiff.batch.postures import analyse_many
+from cartstiff.batch.quantities import BUILT_IN, Quantity
 from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.maps import open_map
 from cartstiff.maps.job import STATES
 from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate
+from cartstiff.maps.run import packed, part_elsewhere, prepare_map
+from cartstiff.maps.store import CHECKSUM
 from cartstiff.stiffness import closures, reduction
 from cartstiff.stiffness.applied_load import LoadKind
 
@@ -325,3 +331,42 @@ def test_what_is_read_of_bodies_with_mass_needs_no_frequencies(name, tmp_path):
     length = found.attrs["characteristic_length"]
     expected = indices_of(cartstiff.analyse(elastic, q[0]).matrices["B"], length).condition_number
     assert float(found["condition"][0]) == pytest.approx(expected, rel=1e-9)
+
+
+def _own(formula, name="condition"):
+    return Quantity(name, "of one's own", "1", formula, ("free",), better="smaller")
+
+
+def _softest(source):
+    soft, _, stiff = source.principal("stiffness", "translation", "free")
+    return np.where(stiff > 2.0 * soft, soft, 1.0)  # cannot be recorded
+
+
+def test_ones_own_quantities_are_the_same_by_every_way(monkeypatch, tmp_path):
+    """Machine code kept the formula of a name that a user had given another meaning."""
+    elastic = cartstiff.load("ur5")
+    grid = cartstiff.Grid({"elbow_joint": (0.5, 1.5, 5)}, elastic.names, elastic.q)
+    asked = elastic, grid, ["condition"]
+    monkeypatch.setitem(QUANTITIES, "condition", _own(_softest))
+    job, file = prepare_map(*asked, tmp_path / "m.zarr", chunk=2)
+    ways = job, replace(job, path="compiled", by_kernel=True)
+    found, compiled = (way.compute((slice(0, 5),))["condition"] for way in ways)
+    np.testing.assert_allclose(compiled, found, rtol=1e-9)
+    data = packed(job)
+    monkeypatch.setitem(QUANTITIES, "condition", BUILT_IN["condition"])
+    for part in range(3):  # on a worker, which does not know it
+        part_elsewhere(data, (), str(file.address), file.attributes[CHECKSUM], part)
+    np.testing.assert_array_equal(open_map(file.address)["condition"], found)
+    with pytest.raises(InputError, match="own quantities differs"):
+        prepare_map(*asked, file.address, chunk=2)
+    monkeypatch.setitem(QUANTITIES, "condition", _own(lambda source: 2.0 * _softest(source)))
+    with pytest.raises(InputError, match="own quantities differs"):
+        prepare_map(*asked, file.address, chunk=2)
+
+
+def test_a_quantity_is_one_number_for_each_posture(monkeypatch):
+    elastic = cartstiff.load("ur5")
+    grid = cartstiff.Grid({"elbow_joint": (0.5, 1.5, 5)}, elastic.names, elastic.q)
+    monkeypatch.setitem(QUANTITIES, "all", _own(lambda s: s.spectrum(), "all"))
+    with pytest.raises(InputError, match=r"all is not one number .*\(N,\), got \(6, 5\)"):
+        cartstiff.map_of(elastic, grid, ["all"]).compute()

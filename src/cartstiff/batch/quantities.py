@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -500,5 +501,14 @@ QUANTITIES: dict[str, Quantity] = {
         ),
     )
 }
+#: Those of this package, of which users add and replace some in `QUANTITIES`.
+BUILT_IN = MappingProxyType(dict(QUANTITIES))
+
+
+def is_own(name: str) -> bool:
+    """Whether a user has defined the quantity."""
+    return QUANTITIES.get(name) is not BUILT_IN.get(name)
+
+
 #: Quantities that need the masses.
 FREQUENCIES = frozenset(map(frequency_name, range(6)))

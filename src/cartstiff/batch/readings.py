@@ -55,6 +55,7 @@ from cartstiff.batch.platforms import PlatformCase
 from cartstiff.batch.quantities import (
     ASYMMETRIC,
     BLOCKS,
+    BUILT_IN,
     FREQUENCIES,
     QUANTITIES,
     Rows,
@@ -538,7 +539,7 @@ def _squared_blocks(matrix: Array) -> tuple[Scalar, Scalar, Scalar]:
 
 
 #: Quantities that can be recorded, by name.
-READINGS = {name: quantity for name, quantity in QUANTITIES.items() if quantity.is_recorded}
+READINGS = {name: quantity for name, quantity in BUILT_IN.items() if quantity.is_recorded}
 
 
 def read(arrays: Mapping[str, Array], asked: Readings) -> tuple[Array, Scalar]:

@@ -27,7 +27,7 @@ import numpy as np
 
 from cartstiff.arrays import Array, checked_number, csv_rows
 from cartstiff.batch.kernels import lasting_path
-from cartstiff.batch.quantities import QUANTITIES
+from cartstiff.batch.quantities import QUANTITIES, is_own
 from cartstiff.checked_call import checked
 from cartstiff.described import described
 from cartstiff.designs.study import Case, Measure, Study, StudyUnits, check_names, read_study
@@ -56,7 +56,7 @@ from cartstiff.mechanisms.elastic import (
     gravity_loads,
     with_default_gravity,
 )
-from cartstiff.mechanisms.identity import Files, identity_of, require_same
+from cartstiff.mechanisms.identity import Files, fingerprint, identity_of, require_same
 from cartstiff.mechanisms.other_units import in_units, shown_factors
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
@@ -801,6 +801,10 @@ def identity_of_study(study: Study, elastic: ElasticMechanism) -> dict[str, Any]
     data = {key: value for key, value in data.items() if value is not None}
     # Ends of a range do not change the numbers of a design within it.
     data["variables"] = sorted(data["variables"])
+    measures = [measure for measure in study.measures.values() if measure.quantity is not None]
+    names = {name for measure in measures for name in study.of_maps(measure)}
+    own = {name: QUANTITIES[name] for name in names if is_own(name)}
+    data["own quantities"] = fingerprint(own) if own else None
     return identity_of(elastic, data)
 
 

@@ -111,6 +111,8 @@ class MapJob:
     one_by_one : int, optional
         Largest number of postures that are analysed singly where the fast backends cannot decide
         the state; the state of further ones is "other". Default: all.
+    own : tuple of Quantity
+        Those of the quantities that a user has defined, which other processes do not know.
     """
 
     elastic: ElasticMechanism
@@ -122,11 +124,12 @@ class MapJob:
     path: Backend = "auto"
     by_kernel: bool = False
     one_by_one: int | None = None
+    own: tuple[Quantity, ...] = ()
 
     @cached_property
     def quantities(self) -> tuple[Quantity, ...]:
         """The quantities by their names."""
-        return choose_quantities(self.names, self.settings, self.elastic)
+        return choose_quantities(self.names, self.settings, self.elastic, self.own)
 
     @property
     def in_stacks(self) -> bool:
@@ -263,7 +266,8 @@ class MapJob:
         if not self.by_kernel:
             return None
         wrench = None if self.wrench is None else np.array(self.wrench)
-        names = readable(self.elastic, self.names, wrench)
+        own = [quantity.name for quantity in self.own]
+        names = readable(self.elastic, [n for n in self.names if n not in own], wrench)
         hertz = float(1.0 / np.sqrt(self.elastic.units.kilogram)) / (2.0 * np.pi)
         readings = Readings(names, self.settings, hertz)
         # If frequencies take too many operations, the other quantities may still be compiled.

@@ -303,19 +303,20 @@ class MapRows(NamedTuple):
     values: dict[str, Array]
 
 
-def quantity_named(name: str) -> Quantity:
-    """Return the quantity with a name of the table, or of a path in the analysis.
+def quantity_named(name: str, own: Sequence[Quantity] = ()) -> Quantity:
+    """Return the quantity with a name of `own`, of the table, or of a path in the analysis.
 
     Raises
     ------
     UnknownNameError, InputError
         For another name, or a path that leads to no number.
     """
+    known = QUANTITIES | {quantity.name: quantity for quantity in own}
     if "." in name:
         return path_quantity(name)
-    if name not in QUANTITIES:
-        raise UnknownNameError("quantity", name, QUANTITIES)
-    return QUANTITIES[name]
+    if name not in known:
+        raise UnknownNameError("quantity", name, known)
+    return known[name]
 
 
 @cache
@@ -392,9 +393,12 @@ def _or_none(matrix: Array) -> Array | None:
 
 
 def choose_quantities(
-    names: Sequence[str], settings: Settings, elastic: ElasticMechanism
+    names: Sequence[str],
+    settings: Settings,
+    elastic: ElasticMechanism,
+    own: Sequence[Quantity] = (),
 ) -> tuple[Quantity, ...]:
-    """Quantities by name, checked against the settings and the mechanism.
+    """Quantities by name (see `quantity_named`), checked against settings and mechanism.
 
     Raises
     ------
@@ -412,7 +416,7 @@ def choose_quantities(
     for name in names:
         if names.count(name) > 1:
             raise InputError("quantity given twice", got=repr(name))
-        quantity = quantity_named(name)
+        quantity = quantity_named(name, own)
         if quantity.asks == "direction" and settings.direction is None:
             raise InputError(
                 f"the quantity {name} needs a direction", expected="--direction (direction=)"
@@ -473,6 +477,15 @@ def evaluate(
     swing : ManyModes, optional
         Small vibrations at the postures, if a quantity may need them.
     """
-    source = Stacks(arrays, settings, lengths, swing)
-    with np.errstate(all="ignore"):
-        return {q.name: np.asarray(q.function(source), float) for q in quantities}
+    source, values = Stacks(arrays, settings, lengths, swing), dict[str, Array]()
+    for quantity in quantities:
+        with np.errstate(all="ignore"):
+            value = np.asarray(quantity.function(source), float)
+        if value.ndim > 1:
+            raise InputError(
+                f"the quantity {quantity.name} is not one number for each posture",
+                expected="shape (N,)",
+                got=value.shape,
+            )
+        values[quantity.name] = value
+    return values

@@ -29,7 +29,7 @@ from cartstiff import numerics
 from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import Array, checked_input, checked_unit, checked_vector
 from cartstiff.batch.kernels import WORTH_READING, lasting_path
-from cartstiff.batch.quantities import QUANTITIES, Quantity, Settings
+from cartstiff.batch.quantities import QUANTITIES, Quantity, Settings, is_own
 from cartstiff.batch.work import timed
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
@@ -63,7 +63,13 @@ from cartstiff.maps.store import (
 )
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.mechanisms.identity import identity_of, require_same, require_versions, versions
+from cartstiff.mechanisms.identity import (
+    fingerprint,
+    identity_of,
+    require_same,
+    require_versions,
+    versions,
+)
 from cartstiff.statics.command import checked_command
 from cartstiff.stiffness.applied_load import checked_load
 from cartstiff.stiffness.compute import analyse
@@ -223,7 +229,13 @@ def map_job(
         raise InputError("is commanded twice", where="command", got=", ".join(sorted(both)))
     kind_of_job = partial(CommandedJob, told=steps) if is_commanded else MapJob
     return kind_of_job(
-        elastic, sampling, tuple(q.name for q in chosen), settings, row, load_axes=load_axes
+        elastic,
+        sampling,
+        tuple(q.name for q in chosen),
+        settings,
+        row,
+        load_axes=load_axes,
+        own=tuple(q for q in chosen if is_own(q.name)),
     )
 
 
@@ -281,6 +293,7 @@ def planned(
         "told": steps or None,
         "single": single,
         "states": list(STATES),
+        "own quantities": fingerprint(job.own) if job.own else None,
     }
     if elastic.identified is not None:
         options["identified"] = elastic.identified.to_dict()
@@ -515,15 +528,17 @@ def packed(thing: Any) -> bytes:
     Raises
     ------
     InputError
-        If it cannot be pickled, for example because of a lambda function.
+        If it cannot be pickled, for example because of a lock or an open file.
     """
+    import cloudpickle  # of Dask: sends functions of a script or a notebook, too
+
     try:
-        return pickle.dumps(thing)
+        return bytes(cloudpickle.dumps(thing))
     except Exception as error:  # pickle raises what the objects in it raise
         raise InputError(
             "mechanism cannot be sent to other processes",
             got=str(error),
-            expected="functions of modules in its potentials, or threads",
+            expected="functions without such objects in its potentials, or threads",
         ) from None
 
 
