@@ -93,7 +93,7 @@ def test_a_worker_with_another_pinocchio_is_named():
 
 
 def test_every_field_with_numbers_is_compared():
-    words = {"name", "notes", "source", "files", "given"}
+    words = {"name", "notes", "source", "files", "given", "beyond"}
     assert {f.name for f in fields(cartstiff.ElasticMechanism)} - words == set(_PARTS)
 
 

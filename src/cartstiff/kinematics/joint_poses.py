@@ -108,7 +108,9 @@ class Kinematics:
         shares = np.stack([np.ones_like(q), np.sin(q), 1.0 - np.cos(q), q - np.sin(q)], axis=1)
         carriers = np.empty((n + 1, 4, 4, count))  # of each joint, and of the body
         carriers[0] = np.eye(4)[..., None]
-        for j, motion in enumerate((self._powers @ shares).reshape(n, 4, 4, count)):
+        # Not by @, whose rounding depends on the number of postures.
+        motions = np.einsum("jab,jbn->jan", self._powers, shares).reshape(n, 4, 4, count)
+        for j, motion in enumerate(motions):
             np.einsum("ikn,kjn->ijn", carriers[j], motion, out=carriers[j + 1])
         T = np.tensordot(self._at_zero.T, carriers[n], (1, 1)).transpose(2, 1, 0)
         R, p = carriers[:n, :3, :3], T[:, :3, 3].T - carriers[:n, :3, 3]
