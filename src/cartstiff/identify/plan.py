@@ -417,6 +417,7 @@ class Plan(LabelledResult):
             "geometry": [{"name": g.name, "unit": g.unit, "sd": g.sd} for g in self.geometry],
             "by_rows": [{"rows": n, "worst_relative_sd": worst} for n, worst in falls],
             "not_identifiable": self.lost,
+            "notes": [note.to_dict() for note in self.unknowns.elements.elastic.notes],
         }
         return plain_dict(data)
 

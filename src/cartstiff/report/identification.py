@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from cartstiff.errors import joined, listed
 from cartstiff.identify.identification import Identification, is_doubt
 from cartstiff.mechanisms.other_units import shown
-from cartstiff.report.layout import body_frame, number, table
+from cartstiff.report.layout import body_frame, note_lines, number, table
 
 if TYPE_CHECKING:
     from cartstiff.identify.identification import Estimate
@@ -158,7 +158,7 @@ def describe_plan(plan: Plan) -> str:
         lines.append(f"  {entry['rows']:>4}  {widest}")
     if plan.lost:
         lines.append(f"no candidate row loads {', '.join(plan.lost)}")
-    return joined(lines)
+    return joined([*lines, *note_lines(elastic.notes)])
 
 
 _SUSPECT = "tab:red"
