@@ -466,3 +466,21 @@ def test_postures_that_nobody_looks_at_are_undecided():
     ).counts() == {"type-2-singularity": 2}
     with pytest.raises(InputError, match="one_by_one"):
         cartstiff.analyse_many(flat, q, one_by_one=-1)
+
+
+@pytest.mark.parametrize(
+    ("more", "needed"),
+    [({"world": True}, "direction and deflect"), ({"deflect_at": [0, 0, 1]}, "deflect")],
+)
+def test_axes_and_point_of_a_deflection_are_no_words_about_the_load(more, needed):
+    """`world` beside a wrench alone left the load in the body's axes."""
+    case = {"wrench": [0, 0, 0, 10, 0, -100], **more}
+    study = {
+        "mechanism": "inclined-hexapod",
+        "variables": {"sz": {"values": [0.3]}},
+        "cases": {"tip": case},
+        "objectives": {"softest": {"quantity": "translation_held_min", "case": "tip"}},
+    }
+    (word,) = more
+    with pytest.raises(InputError, match=f"{word}: is about {needed}, and none is given"):
+        cartstiff.design(study)

@@ -455,7 +455,7 @@ def command(
         command=shlex.join(click.get_current_context().meta["words"]),
         **load.keywords,
         **reading.keywords,
-        world=load.world,
+        world=load.world and (reading.direction or reading.added_load) is not None,
         damping=vibration.damped,
         milling=vibration.cutter,
         told=told,

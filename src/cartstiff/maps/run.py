@@ -385,6 +385,16 @@ def _check_used(settings: Settings, chosen: Sequence[Quantity]) -> None:
                 expected="one of " + ", ".join(names[:4]) + ", ..." * (len(names) > 4),
                 got=", ".join(q.name for q in chosen),
             )
+    for what, is_given, needed in (
+        ("world", settings.world, ("direction", "deflect")),
+        ("deflect_at", any(settings.deflect_at), ("deflect",)),
+    ):
+        if is_given and all(getattr(settings, name) is None for name in needed):
+            raise InputError(
+                f"is about {' and '.join(needed)}, and none is given",
+                where=what,
+                expected="load_axes, load_at for the load",
+            )
 
 
 def map_of(
