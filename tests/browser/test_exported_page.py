@@ -185,10 +185,11 @@ def test_a_file_that_computes_is_held_in_the_hand(tmp_path, pages):
     before = result(page)
     page.evaluate("() => window.cartstiff.move(2, 0)")
     settled(page)
-    assert "what is shown is the last posture" in page.inner_text("#banner")
+    assert page.inner_text("#verdict-text").startswith("Last valid posture: this posture is too")
     assert result(page) == before
     page.evaluate("() => window.cartstiff.move(2, 1)")
     settled(page)
+    assert page.inner_text("#verdict-text").startswith("Positive definite")
     assert not page.locator("#banner").is_visible()
 
 

@@ -79,6 +79,8 @@ def test_whether_a_or_k_matters(stranger):
     stranger.click(".matrix-card > summary")
     stranger.click(".connections [data-value=A]")
     assert "entries differ" in stranger.reads(".differs")
+    stranger.page.keyboard.press("s")
+    stranger.page.wait_for_selector(".apart:has-text('Cᴬ and Cᴷ differ by up to')")
 
 
 def test_the_softest_direction(stranger):

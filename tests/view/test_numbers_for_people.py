@@ -114,7 +114,9 @@ def test_the_legend_says_what_else_is_drawn_and_what_is_not():
     singular = state.model_copy(update={"q": [0.0] * 6, "rotation": True})
     drawn = session.picture.draw(session.result(singular), singular)
     lines = _in_node("legend.js", f"legendOf({json.dumps(drawn)}).lines")
-    assert lines[0]["text"].startswith("translation (rotation free) is not drawn: ")
+    assert [line["mark"] for line in lines] == ["force", "moment", "deflection", "note"]
+    both = "translation (rotation free), rotation (translation free) not drawn: "
+    assert lines[-1]["text"].startswith(both)
 
 
 def test_curves_have_the_unit_of_their_values_that_are_not_zero():

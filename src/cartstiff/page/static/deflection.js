@@ -1,7 +1,7 @@
 // The first question: how far does the load move the point, and what gives way.
 
 import { button, byId, el, engineering, heading, hint, short, together, tuple, typeset } from "./dom.js";
-import { sup } from "./matrix.js";
+import { symbol } from "./matrix.js";
 import { NEGLIGIBLE_DIFFERENCE, ROUNDOFF } from "./numerics.js";
 import { sway } from "./sway.js";
 
@@ -67,10 +67,11 @@ export function deflectionPanel(store) {
       softest.replaceChildren("Softest ", el("span", { class: "dim" }, "(free to turn)"), ": ", el("b", {}, engineering(soft.stiffness, `${store.unit("force")}/${store.unit("length")}`)),
         soft.direction ? ` along ${tuple(soft.direction.map((x) => Number(x.toFixed(2))), 2)} of the room` : " along more than one direction alike");
     }
-    const [A, K] = ["A", "K"].map((name) => store.matrix(name, store.numbers, "stiffness"));
-    const most = A && K && Math.max(...A.flatMap((row, i) => row.map((x, j) => Math.abs(x - K[i][j]) / Math.sqrt(Math.abs(K[i][i] * K[j][j])))));
+    const [A, K] = ["A", "K"].map((name) => store.matrix(name));
+    const most = A && K && Math.max(...A.flatMap((row, i) => row.map((x, j) => Math.abs(x - K[i][j]) / Math.sqrt(Math.abs(K[i][i] * K[j][j])) || 0)));
     apart.hidden = !Number.isFinite(most) || !soft;
-    apart.textContent = most < NEGLIGIBLE_DIFFERENCE ? `K${sup("A")} and K${sup("K")} are the same here` : `K${sup("A")} and K${sup("K")} differ by up to ${short(100 * most, 2)} %`;
+    const both = `${symbol(store.shown, "A")} and ${symbol(store.shown, "K")}`;
+    apart.textContent = most < NEGLIGIBLE_DIFFERENCE ? `${both} are the same here` : `${both} differ by up to ${short(100 * most, 2)} %`;
     const { source, is_illustrative: isIllustrative } = store.hello.mechanism;
     const assumed = result.notes.find(({ code }) => code === "stiffness-assumed");
     doubt.hidden = !assumed && (Boolean(store.shown.stiffness) || !isIllustrative);

@@ -139,9 +139,11 @@ export function heat(store, what) {
   function draw() {
     const { width, height, margin } = plot;
     if (!on() || !map || width < 120 || height < 50) return;
-    const { unit, title, valueOf } = told();
+    const found = told();
+    const { unit, title, valueOf } = found;
     const values = map.rows.map((_, j) => map.rows[standsFor(j)]?.map(valueOf).map((value) => (value > 0 ? value : null)));
     const all = values.flat().filter(Number.isFinite);
+    if (!all.length) return plot.say(`${title}: ${why(found, map.rows.find(Boolean)[0])}`);
     const [low, high] = [Math.min(...all), Math.max(...all)];
     const isLog = high > WIDE * low;
     const share = (value) => (high === low ? 0.5 : isLog ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low));
@@ -154,15 +156,13 @@ export function heat(store, what) {
     plot.text((x.start + x.end) / 2, height - 4, coordinate(map.first).name, "middle");
     plot.text(x.start - 4, y.start, at(map.second, map.ys, y.low), "end");
     plot.text(x.start - 4, y.end + 9, at(map.second, map.ys, y.high), "end");
-    if (all.length) {
-      const [right, top] = [x.end, margin.top];
-      const bar = y.start - top - 14;
-      for (let k = 0; k < 24; k++) plot.add("rect", { x: right + 8, y: top + 14 + (bar * k) / 24, width: 9, height: bar / 24 + 0.4, style: hue(1 - k / 23) });
-      plot.text(right + 20, top + 22, short(high, 3));
-      plot.text(right + 20, y.start, short(low, 3));
-      plot.text(width - 2, top + 8, unit, "end", "unit");
-      if (isLog) plot.text(right + 20, (top + y.start) / 2 + 8, "log");
-    }
+    const [right, top] = [x.end, margin.top];
+    const bar = y.start - top - 14;
+    for (let k = 0; k < 24; k++) plot.add("rect", { x: right + 8, y: top + 14 + (bar * k) / 24, width: 9, height: bar / 24 + 0.4, style: hue(1 - k / 23) });
+    plot.text(right + 20, top + 22, short(high, 3));
+    plot.text(right + 20, y.start, short(low, 3));
+    plot.text(width - 2, top + 8, unit, "end", "unit");
+    if (isLog) plot.text(right + 20, (top + y.start) / 2 + 8, "log");
     // Where the mechanism stands.
     const [here, there] = [store.state.q[map.first], store.state.q[map.second]];
     if (here >= x.low && here <= x.high && there >= y.low && there <= y.high) plot.add("circle", { class: "here", cx: x.place(here), cy: y.place(there), r: 5 });

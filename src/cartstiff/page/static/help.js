@@ -15,19 +15,19 @@ export function shortcuts(store, parts) {
   }
 
   const keys = [
-    ["?", "this list", () => showHelp()],
+    ["?", "this list; Esc closes what is open", () => showHelp()],
     ["h", "home posture", () => toHome(store)],
     ["r", "random posture", () => store.source.moves && toRandom(store)],
     ["0", "all coordinates zero", () => store.source.moves && !store.hello.mechanism.platform && toZero(store)],
-    ["a", "keep this state to compare with", () => store.keep()],
+    ["a", "keep this state", () => store.keep()],
     ["b", "back to state 1", () => store.goToKept()],
-    ...["A", "B", "K", "F", "+", "load"].map((name, i) => [String(i + 1), name === "load" ? "tangent under the load" : `connection ${name}`, () => store.change({ connection: name })]),
+    ["123456", "connection A, B, K, F, +, under the load", (key) => store.change({ connection: ["A", "B", "K", "F", "+", "load"][key - 1] })],
     ["g", "handles at the tool stay", () => parts.hands.toggle()],
     ["u", "undo", () => store.undo()],
     ["U", "redo", () => store.redo()],
     ["s", "stiffness or compliance", () => store.change({ quantity: store.state.quantity === "stiffness" ? "compliance" : "stiffness" })],
-    ["l", "radii by square roots, linear or logarithmic", () => store.source.moves && store.change({ scale: { root: "linear", linear: "log", log: "root" }[store.state.scale] })],
-    ["c", "copy the matrix as NumPy array", () => parts.matrix.copyNumpy()],
+    ["l", "radii: √, linear, log", () => store.source.moves && store.change({ scale: { root: "linear", linear: "log", log: "root" }[store.state.scale] })],
+    ["c", "copy as NumPy array", () => parts.matrix.copyNumpy()],
     ["i", "full analysis", () => showReport(store)],
     ["p", "play or pause", () => parts.strip.toggle()],
     ["v", "play or pause a mode", () => parts.modes.toggle()],
@@ -40,9 +40,8 @@ export function shortcuts(store, parts) {
     if (dialog.open) return dialog.close();
     dialog.replaceChildren(
       heading("Keyboard", button("Close", () => dialog.close())),
-      el("dl", { class: "keys" }, ...keys.flatMap(([key, words]) => [el("dt", {}, el("kbd", {}, key)), el("dd", {}, words)]),
-        el("dt", {}, el("kbd", {}, "← →")), el("dd", {}, "on a slider: a degree or half a per cent; Shift a tenth, PageUp ten"),
-        el("dt", {}, el("kbd", {}, "Tab")), el("dd", {}, "next control; arrows within a group or the matrix")),
+      el("dl", { class: "keys" }, ...[...keys, ["← →", "on a slider: 1° or 0.5 %; Shift a tenth, PageUp ten"], ["Tab", "next control; arrows within a group"]]
+        .map(([key, words]) => el("div", {}, el("dt", {}, el("kbd", {}, /^\d{2}/.test(key) ? `${key[0]} … ${key.at(-1)}` : key)), el("dd", {}, words)))),
       hint("Mouse in the picture: left turns, right moves, wheel zooms; the ball at M and its arms move the tool, its rings turn it (Shift: in steps of 5°), the balls at the load's arrows pull them, the ring about the moment's line makes it larger or smaller (Alt: without snapping); a point of a map that is clicked becomes the posture. Arrow keys turn the view, + and − zoom. The wheel zooms curves, as + and − do on their slider."),
       hint(`cartstiff ${store.hello.version}`));
     dialog.showModal();
@@ -62,10 +61,10 @@ export function shortcuts(store, parts) {
       if (typing) event.target.blur();
     }
     if (event.ctrlKey || event.metaKey || typing) return;
-    const found = keys.find(([key]) => key === event.key);
+    const found = keys.find(([key]) => key.includes(event.key));
     if (!found || (document.querySelector("dialog[open]") && found[0] !== "?")) return;
     event.preventDefault();
-    found[2]();
+    found[2](event.key);
   });
 
   const wished = new URLSearchParams(location.search).get("theme");

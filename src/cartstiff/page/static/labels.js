@@ -91,6 +91,7 @@ function written(sprites, lit) {
 export function arrange(scene, camera, lit, boxes) {
   scene.updateMatrixWorld();
   camera.updateMatrixWorld();
+  camera.updateProjectionMatrix(); // its angle of view may have just been set
   const sprites = [];
   const meshes = [];
   scene.traverseVisible((node) => {

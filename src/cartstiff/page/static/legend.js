@@ -26,9 +26,12 @@ export function legendOf(facts) {
   const ellipsoids = Object.entries(facts.ellipsoids).filter(([, own]) => own);
   const lines = [];
   const say = (mark, text, title = text) => lines.push({ mark, text, title });
+  const missing = new Map(); // what is not drawn, by the reason
+  const miss = (name, { reason }) => missing.set(reason, [...(missing.get(reason) ?? []), name]);
   for (const [freedom, own] of ellipsoids) {
     const called = `${freedom} (${freedom === "translation" ? "rotation" : "translation"} ${facts.others})`;
-    say(freedom, own.shown ? [`${called}: ${radius(own, length)}`, own.reason].filter(Boolean).join("; ") : `${called} is not drawn: ${own.reason}`);
+    if (own.shown) say(freedom, [`${called}: ${radius(own, length)}`, own.reason].filter(Boolean).join("; "));
+    else miss(called, own);
   }
   for (const [kind, first] of [["force", 3], ["moment", 0]]) {
     if (!wrench?.[kind]) continue;
@@ -41,15 +44,16 @@ export function legendOf(facts) {
   if (deflection?.shown) {
     const at = deflection.acts_at.some((x) => x) ? `at ${tuple(deflection.acts_at)} ${length.unit} of M` : "at the origin of M";
     say("deflection", `deflection enlarged ${short(deflection.exaggeration, 3)} times, under the load ${at}`);
-  } else if (deflection) say("deflection", `deflection: ${deflection.reason}`);
+  } else if (deflection) miss("deflection", deflection);
   if (tension?.limits?.[1]) {
     const [low, high] = tension.limits.map((x) => short(x, 3));
     say("tension", `legs: pink ${low} (compression) to green ${high} ${tension.unit} (tension)`);
   }
   for (const [name, words] of [["screws", "eigenscrews"], ["centres", "centres"]]) {
-    if (facts[name]?.shown === false) say(name, `${words} not drawn: ${facts[name].reason}`);
+    if (facts[name]?.shown === false) miss(words, facts[name]);
   }
   if (nodal) say("nodal", `${nodal.name}, ${short(nodal.value, 3)} Hz${nodal.shown ? `, pitch ${engineering(nodal.pitch, length.unit, 3)}` : ` not drawn: ${nodal.reason}`}`);
+  for (const [reason, names] of missing) say("note", `${names.join(", ")} not drawn: ${reason}`);
   for (const note of facts.notes) say("note", note);
   return {
     ...facts, lines, per_length: length.scene_units_per_unit,

@@ -94,7 +94,7 @@ function banners(store, source) {
     document.body.classList.toggle("lost", lost && !source.alone);
     document.body.classList.toggle("alone", lost && Boolean(source.alone));
   };
-  store.on("error", (text) => show(text, "bad"));
+  store.on("error", (text) => text === store.refused || show(text, "bad")); // a refused state is said by the verdict
   store.on("numbers", () => {
     if (!lost && !store.sticky && !banner.hidden && banner.dataset.level === "bad") show(null);
   });

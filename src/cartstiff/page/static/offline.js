@@ -4,7 +4,7 @@ import { back, inverse, place, product, rotation, times, transposed } from "./al
 import { rowOf } from "./curves.js";
 import { clamp } from "./dom.js";
 import { Drawing } from "./drawing.js";
-import { NOT_CLOSED, NOT_PLAIN, Program } from "./program.js";
+import { NOT_CLOSED, Program } from "./program.js";
 import { NEGLIGIBLE_DIFFERENCE, NEAR_SINGULARITY, ROUNDOFF } from "./numerics.js";
 
 const STEPS = 121;
@@ -52,13 +52,9 @@ class FileSource {
       try {
         this.onanswer(...this.answer(message));
       } catch (error) {
-        this.onanswer({ id: message.id, do: message.do, error: this.reason(error) }, []);
+        this.onanswer({ id: message.id, do: message.do, error: error.message }, []);
       }
     });
-  }
-
-  reason(error) {
-    return error.message;
   }
 
   answer(message) {
@@ -79,10 +75,6 @@ export class ComputingSource extends FileSource {
     this.theme = data.hello.state.theme;
     this.program = new Program(data.program, globalThis.cartstiffProgram);
     this.drawing = new Drawing(this.program, data.assets, data.scene);
-  }
-
-  reason({ message }) {
-    return [NOT_PLAIN, NOT_CLOSED].includes(message) ? `${message}; what is shown is the last posture that the page answers` : message;
   }
 
   /** Answers to all questions but "draw", by their names. */

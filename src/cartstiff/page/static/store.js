@@ -306,7 +306,7 @@ export class Store extends EventTarget {
       this.sticky = true; // the reason stays until something else is wished
       this.state = { ...structuredClone(this.hello.state), theme: this.state.theme };
       this.wanted = true;
-    } else this.refuse(data.error);
+    } else if (this.numbers) this.refuse(data.error);
     this.tell("error", data.error);
   }
 

@@ -380,6 +380,7 @@ export function strip(store) {
     map.draw();
   });
   store.on("rows", () => request());
+  store.on("refused", () => plot.node.classList.toggle("stale", series !== null && series.key !== key()));
   store.on("numbers", () => {
     request();
     showCursor();
