@@ -99,6 +99,27 @@ def test_what_is_out_of_reach_is_refused(name, pose, words):
         at_pose(cartstiff.load(name), pose)
 
 
+@pytest.mark.parametrize("free", ["x y z", "z roll"])
+def test_the_pose_of_m_is_that_of_m(free):
+    """Coordinates of M itself are met where the body has fewer freedoms, and named as given."""
+    name = "tricept" if free == "x y z" else "3-rps"
+    tool = np.eye(4)
+    tool[:3, 3] = 0.05, 0.02, -0.1
+    machine = cartstiff.load(name, tcp=tool)
+    T = machine.mechanism.at(machine.q).pose
+    given, wanted = [COORDINATES.index(c) for c in free.split()], pose_numbers(T)
+    wanted[given] += 0.04
+    q, (note,) = at_pose(machine, wanted, tool, of="M")
+    reached = pose_numbers(machine.mechanism.at(q).pose)
+    assert np.abs(reached - wanted)[given].max() < EXACT
+    assert set(free.split()) <= set(note.values["free"])
+    for c, x in note.values["follow"].items():
+        assert x == pytest.approx(reached[COORDINATES.index(c)], abs=EXACT)
+    assert note.values["given"] == pytest.approx(
+        {c: wanted[COORDINATES.index(c)] for c in note.values["follow"]}, abs=EXACT
+    )
+
+
 def test_on_the_command_line():
     code, out, _ = outcome("analyse 3-rps --pose 0,0,0.65,0.1,0,0.2 --json")
     assert code == 0

@@ -77,13 +77,12 @@ def at_pose(
         If the pose cannot be reached: which leg is too short, or how far away the body stays.
     """
     wanted = checked_vector(pose, 6, "pose")
-    T_P_M = np.eye(4) if tool is None else checked_pose(tool, "tool")
+    T_P_M = np.eye(4) if tool is None or of == "M" else checked_pose(tool, "tool")
     chain = checked_elastic(elastic).mechanism
-    if of == "M":
-        at_M = chain.T_P_M if isinstance(chain, Platform) else T_P_M
-        T = se3.from_roll_pitch_yaw(wanted[:3], wanted[3:]) @ se3.inverse(at_M)
-        wanted = np.concatenate([T[:3, 3], se3.roll_pitch_yaw(T)])
     if isinstance(chain, Platform):
+        if of == "M":
+            T = se3.from_roll_pitch_yaw(wanted[:3], wanted[3:]) @ se3.inverse(chain.T_P_M)
+            wanted = np.concatenate([T[:3, 3], se3.roll_pitch_yaw(T)])
         return wanted, ()
     search = _Search(elastic, T_P_M, "pose")
     moved = np.abs(_difference(wanted, search.coordinates(search.start))) / search.sizes
@@ -300,7 +299,10 @@ class _Search:
 
     @cached_property
     def free(self) -> list[int]:
-        """Independent coordinates of the pose: the given ones, then positions first."""
+        """Independent coordinates of the pose: the given ones, and the most independent others.
+
+        Positions come first where none is given, or more than the body has freedoms.
+        """
         _, C = self._closing(self.start)
         C = C * self.columns
         C = C / np.max(np.abs(C), axis=1, keepdims=True, initial=numerics.TINY)
@@ -312,8 +314,13 @@ class _Search:
         every = [list(c) for c in combinations(range(6), count)]
         scores = [float(np.linalg.svd(rates[c], compute_uv=False).min(initial=1.0)) for c in every]
         least = numerics.NEAR_SINGULARITY * max(scores)
-        good = [c for c, score in zip(every, scores, strict=True) if score >= least]
-        return max(good, key=lambda c: len({*c} & {*self.given}))
+        by_score = 0 < len(self.given) < count
+
+        def rank(found: tuple[list[int], float]) -> tuple[int, float]:
+            return len({*found[0]} & {*self.given}), found[1] if by_score else 0.0
+
+        pairs = zip(every, scores, strict=True)
+        return max((pair for pair in pairs if pair[1] >= least), key=rank)[0]
 
     def _by_steps(self, wanted: Array) -> Array:
         """Newton's method from the default posture; NaN if it does not converge."""
