@@ -285,3 +285,18 @@ def test_a_compliant_link_is_named_with_the_sum_of_its_shares() -> None:
     assert words.endswith(f"comes from {most}")
     assert words.startswith(f"{100 * summed[most]:.0f} %")
     assert not any(name in words for name in links)
+
+
+@pytest.mark.parametrize(
+    ("force", "words"),
+    [([0.0, 0.0, -100.0], "each of leg1, leg2, leg3, leg4, leg5, leg6"), ([1, 0, 0], "")],
+)
+def test_legs_with_equal_shares_are_named_together(force: list[float], words: str) -> None:
+    cubic = cartstiff.load("cubic")
+    result = cartstiff.analyse(cubic, wrench=[0, 0, 0, *force])
+    deflection = analyse_posture(result)["deflection"]
+    shares = {part["name"]: part["share"] for part in deflection["shares"]}
+    alike = [name for name, x in shares.items() if x > (1 - 1e-9) * max(shares.values())]
+    (said,) = largest_share(deflection, cubic)
+    assert said.endswith(f" comes from each of {', '.join(alike)}" if len(alike) > 1 else alike[0])
+    assert said.endswith(words)

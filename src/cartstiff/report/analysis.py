@@ -14,7 +14,7 @@ from cartstiff.analysis.ellipsoids import softest
 from cartstiff.analysis.matrices import PURE
 from cartstiff.analysis.sections import unit_of
 from cartstiff.choices import LEVELS
-from cartstiff.errors import check_name, joined
+from cartstiff.errors import check_name, joined, listed
 from cartstiff.geometry import se3
 from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.contract import SI, Units, engineering
@@ -283,13 +283,19 @@ def shares_of_parts(
 
 
 def largest_share(deflection: Mapping[str, Any], elastic: ElasticMechanism) -> list[str]:
-    """Words on the joint, link or leg that contributes most to a deflection, if shares exist."""
+    """Words on the joint, link or leg that contributes most to a deflection, if shares exist.
+
+    Parts with equal shares, as legs of a symmetric machine have, are named together.
+    """
     summed = {n: share or 0.0 for n, share in shares_of_parts(deflection, elastic).items()}
     if not summed:
         return []
-    name = max(summed, key=lambda name: abs(summed[name]))
+    largest = max(summed.values(), key=abs)
+    margin = numerics.NEGLIGIBLE_SHARE * abs(largest)
+    alike = [name for name, share in summed.items() if abs(share - largest) <= margin]
     of = "this" if deflection["kind"] == "joints" else "the energy that this takes"
-    return [f"{100 * summed[name]:.0f} % of {of} comes from {name}"]
+    each = "each of " if len(alike) > 1 else ""
+    return [f"{100 * largest:.0f} % of {of} comes from {each}{listed(alike, most=6)}"]
 
 
 def answer_lines(summary: Mapping[str, Any], elastic: ElasticMechanism) -> list[str]:
