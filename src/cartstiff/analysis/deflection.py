@@ -64,7 +64,7 @@ def compliance_deflection(
     C = checked_matrix(compliance, "compliance")
     W, p = checked_vector(wrench, 6, "wrench"), checked_vector(point, 3, "point")
     twist = C.dot(W)
-    moved = displacement_of_point(twist, p)
+    moved = twist[3:] + se3.cross(twist[:3].tolist(), p.tolist())
     for own in (W, p, twist, moved):  # new arrays need no copy
         own.flags.writeable = False
     return Deflection(W, twist, p, moved, 0.5 * float(W.dot(twist)))

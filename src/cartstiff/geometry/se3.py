@@ -9,6 +9,7 @@ Every function acts on the last axes and broadcasts over leading ones.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -31,13 +32,10 @@ SWAP: Final = np.array([3, 4, 5, 0, 1, 2])
 _SMALL_ANGLE: Final = 1e-2
 
 
-def cross(a: ArrayLike, b: ArrayLike) -> Array:
-    """Cross products of vectors (..., 3) with as many axes, also of recorded numbers.
-
-    `numpy.cross` takes ten times as long for one pair.
-    """
-    (x, y, z), (u, v, w) = np.transpose(a), np.transpose(b)
-    return np.array([y * w - z * v, z * u - x * w, x * v - y * u]).T
+def cross(a: Sequence[float] | Array, b: Sequence[float] | Array) -> Array:
+    """Cross product of vectors (3, ...): `numpy.cross` takes ten times as long for one pair."""
+    (x, y, z), (u, v, w) = a, b
+    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
 
 
 def skew(v: ArrayLike) -> Array:

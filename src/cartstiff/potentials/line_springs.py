@@ -78,7 +78,7 @@ def lines_of_many(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
         u = along * (1.0 / lengths)[..., None]
     else:
         u = along / np.maximum(lengths, numerics.TINY)[..., None]
-    moments = se3.cross(np.broadcast_to(points, u.shape), u)
+    moments = se3.cross(np.broadcast_to(points, u.shape).T, u.T).T
     return LineGeometry(lengths, u, np.concatenate([moments, u], axis=-1))
 
 

@@ -6,7 +6,6 @@ normals that meshcat's own classes lack, for any ``meshcat.Visualizer`` alike.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -254,10 +253,11 @@ def _packer() -> Callable[[dict[str, Any]], bytes]:
         return msgpack.ExtType(value.type, value.data)
 
     pack = msgpack.Packer(default=arrays).pack
+    text = imported("pydantic_core", "pydantic", "labels in a page").to_json
 
     def packed(command: dict[str, Any]) -> bytes:
         if "object" not in command or (label := command["object"].get("label")) is None:
             return pack(command)
-        return json.dumps({"type": "label", "path": command["path"], **label}).encode()
+        return text({"type": "label", "path": command["path"], **label})
 
     return packed
