@@ -1463,11 +1463,13 @@ def _fits(
         )
         if not step and turned is None:
             return model, plain, robust_fit(model, plain)
+        if not step:
+            _check_frame(model, plain, elastic)  # rows of another frame would never settle
         measured = corrected(elastic, turned or measured, step)
     raise ConvergenceError(
         "zeros and offsets do not settle: they are too large, or the rows hardly separate them",
         iterations=_MAX_CORRECTIONS,
-        residual=float(np.abs(list(step.values())).max()),
+        residual=max(map(abs, step.values()), default=0.0),
     )
 
 
