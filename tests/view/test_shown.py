@@ -234,3 +234,12 @@ def test_how_far_the_load_moves_it_is_what_the_analysis_says(name):
     assert moved["shares"] == [{k: row[k] for k in ("name", "share")} for row in told["shares"]]
     told = describe_mechanism(elastic.with_gravity([0, 0, -9.81]), elastic.q)["weighed"]
     assert told.startswith("Gravity: (0, 0, -9.81) on ")
+
+
+def test_a_motion_that_is_rounding_of_a_load_on_the_structure_is_none():
+    """Sideways the legs of a 3-RPS carry nothing: its motion was 1e-23 m, with shares of it."""
+    state = ViewState(load=(0.0, 0.0, 0.0, 100.0, 0.0, 0.0), load_axes="world")
+    moved = shown_numbers(Session(Source(cartstiff.load("3-rps"))).result(state), state)["moved"]
+    assert moved["displacement"] == moved["rotation"] == [0.0] * 3
+    assert moved["energy"] == 0.0
+    assert {row["share"] for row in moved["shares"]} == {None}

@@ -150,23 +150,27 @@ def deflection_found(
         reason = UndefinedError("no compliance exists here", code="no-compliance")
         notes.add(reason, "deflection")
         return None
-    whole = compliance_deflection(C, whole_wrench, point)
+    whole = _without_rounding(C, compliance_deflection(C, whole_wrench, point), r.length)
     shares = notes.attempt("shares of the deflection", _shares, r, name, whole)
-    return FoundDeflection(_without_rounding(whole, r.length), added, acts_at, shares)
+    return FoundDeflection(whole, added, acts_at, shares)
 
 
-def _without_rounding(deflection: Deflection, length: float) -> Deflection:
-    """A motion without the parts that are rounding of the others, angles times the length."""
+def _without_rounding(C: Array, deflection: Deflection, length: float) -> Deflection:
+    """A motion without the parts that are rounding of the others, angles times the length.
+
+    All of it is rounding where the structure carries the load: beside C, not beside itself.
+    """
     twist, displacement = deflection.twist.tolist(), deflection.displacement.tolist()
     sizes = [*(length * abs(x) for x in twist[:3]), *map(abs, twist[3:] + displacement)]
-    if min(sizes) > (rounding := numerics.ROUNDOFF * max(sizes)):
+    units = np.array([length] * 3 + [1.0] * 3)
+    most = np.abs(C * units * units[:, None]).max() * np.abs(deflection.wrench / units).max()
+    rounding = max(numerics.ROUNDOFF * max(sizes), numerics.ZERO_SHARE * float(most))
+    if min(sizes) > rounding:
         return deflection
-    scaled, moved = np.array(sizes[:6]), np.array(sizes[6:])
-    return replace(
-        deflection,
-        twist=read_only(np.where(scaled > rounding, deflection.twist, 0.0)),
-        displacement=read_only(np.where(moved > rounding, deflection.displacement, 0.0)),
-    )
+    twist = read_only(np.where(np.array(sizes[:6]) > rounding, deflection.twist, 0.0))
+    moved = np.where(np.array(sizes[6:]) > rounding, deflection.displacement, 0.0)
+    energy = 0.5 * float(deflection.wrench @ twist)
+    return replace(deflection, twist=twist, displacement=read_only(moved), energy=energy)
 
 
 def _about_origin(point: Array, force: Array) -> Array:
@@ -193,6 +197,7 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
         # The same change of connection in the joints: J (H_W + J^T D J)^-1 J^T = (K^B + D)^-1.
         H = H + J.T @ change_from_symmetric(r, name) @ J
         shares = joint_shares(J, H, whole.wrench, whole.point)
+        part = shares.share if whole.displacement.any() else np.full(len(H), np.nan)
         columns: dict[str, Iterable[Any]] = {
             "name": [c.name for c in coordinates],
             "motion": shares.motion,
@@ -200,7 +205,7 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
             "twist": shares.twists.T,
             "displacement": shares.displacements.T,
             "energy": shares.energy,
-            "share": shares.share,
+            "share": part,
         }
         return {"kind": "joints", "shares": _rows(columns), "load_share": 0.0}
     motion = r.motion_under(whole.wrench, change_from_symmetric(r, name))

@@ -316,6 +316,8 @@ def answer_lines(summary: Mapping[str, Any], elastic: ElasticMechanism) -> list[
         what = "This point" if any(moved["point"]) else "The body frame"
         moves = f"  {what} moves {size} under the load (linear, K^{moved['connection']})"
         lines.append("; ".join([moves, *largest_share(moved, elastic)]))
+    elif (found := summary.get("deflection")) and not any(found["twist"]):
+        lines.append("  The load moves nothing: the structure carries it")
     lines += _softest(summary, units)
     return ["", "Answer", *lines] if lines else []
 

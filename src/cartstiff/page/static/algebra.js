@@ -1,6 +1,6 @@
 // Small matrices as rows of numbers: products, inverses, eigenvalues, singular values, rigid motions.
 
-import { EPSILON, ROUNDOFF } from "./numerics.js";
+import { EPSILON } from "./numerics.js";
 
 export const transposed = (A) => A[0].map((_, j) => A.map((row) => row[j]));
 export const times = (A, v) => A.map((row) => row.reduce((sum, x, k) => sum + x * v[k], 0));
@@ -174,6 +174,3 @@ export function general(x, digits) {
   if (Number(exponent) < -4 || Number(exponent) >= digits) return `${Number(mantissa)}e${exponent[0]}${exponent.slice(1).padStart(2, "0")}`;
   return String(Number(x.toPrecision(digits)));
 }
-
-/** Zero where a number is rounding beside a size. */
-export const clean = (list, size) => list.map((x) => (Math.abs(x) > ROUNDOFF * size ? x : 0));

@@ -2,7 +2,7 @@
 // pose, Jacobian, load and stiffness of a posture; what is read from them is read here. Where the
 // verdict of the arithmetic is not plain, or digits are lost, nothing is said.
 
-import { adjoint, angles, back, block, changed, clean, congruence, cross, dot, eigen, general, identity, inverse,
+import { adjoint, angles, back, block, changed, congruence, cross, dot, eigen, general, identity, inverse,
   largest, motion, moving, place, plus, product, rotation, scaled, scaledInverse, singular, squares, sureOfInverse,
   symmetric, times, transposed } from "./algebra.js";
 import { ATTAINABLE_PRECISION, NEGLIGIBLE_DIFFERENCE, EPSILON, MAX_FUTILE_STEPS, LIMIT_SLACK, NEAR_SINGULARITY, ROUNDOFF, SMALLEST_STEP, SYMMETRY, REPORTED_ERROR, ZERO_SHARE } from "./numerics.js";
@@ -308,7 +308,7 @@ export class Program {
     // A positive definite K has determinants of these two blocks that differ by a length only.
     const isPositive = move[0] > 0 && turn[0] > 0;
     const [length, origin] = isPositive ? [[...move, ...turn].reduce((all, x) => all * x ** (-1 / 6), 1), "natural"] : [1, "unit"];
-    const { values } = eigen(scaled(K, [0, 1, 2, 3, 4, 5].map((i) => (i < 3 ? 1 / length : 1))));
+    const { values } = eigen(scaled(K, turnsBy(1 / length)));
     const condition = (list) => Math.max(...list.map(Math.abs)) / Math.min(...list.map(Math.abs));
     return {
       length, length_origin: origin, length_reason: this.data.words.lengths[origin], definiteness: definiteness(values), eigenvalues: values,
@@ -348,18 +348,22 @@ export class Program {
 
   moved(m, state) {
     if (!this.isLoaded(m)) return null;
-    const twist = times(m.C.load, m.W);
-    const shift = shiftAt(state.point, twist);
+    const units = turnsBy(m.length);
+    const sized = (list) => list.map((x, i) => Math.abs(x) * units[i]);
+    const whole = times(m.C.load, m.W);
+    const shift = shiftAt(state.point, whole);
+    // Where the structure carries the load all of it is rounding: beside the compliance, not beside itself.
+    const most = largest(scaled(m.C.load, units)) * Math.max(...m.W.map((x, i) => Math.abs(x) / units[i]));
+    const rounding = Math.max(ROUNDOFF * Math.max(...sized(whole), ...shift.map(Math.abs)), ZERO_SHARE * most);
+    const displacement = shift.map((x) => (Math.abs(x) > rounding ? x : 0));
+    const twist = whole.map((x, i) => (Math.abs(x) * units[i] > rounding ? x : 0));
     const energy = 0.5 * dot(m.W, twist);
-    const size = Math.max(...twist.map((x, i) => Math.abs(x) * (i < 3 ? m.length : 1)), ...shift.map(Math.abs));
-    const displacement = clean(shift, size);
-    const turn = twist.slice(0, 3).map((x) => (Math.abs(x) * m.length > ROUNDOFF * size ? x : 0));
     const { values } = eigen(m.C.load);
     const names = [...this.data.names, ...(this.data.bending?.beams ?? []).map(({ label }) => `${label} (link)`)];
     return {
-      displacement, in_room: times(rotation(m.pose), displacement), rotation: turn, energy, acts_at: m.at,
+      displacement, in_room: times(rotation(m.pose), displacement), rotation: twist.slice(0, 3), energy, acts_at: m.at,
       resisted: values[0] >= 0 || -values[0] <= ZERO_SHARE * Math.max(...values.map(Math.abs)),
-      shares: this.shares(m, twist, shift, energy, state.point).flatMap((share, i) => (m.stiffness[i] === 0 ? [] : [{ name: names[i], share }])), notes: [],
+      shares: this.shares(m, twist, displacement, energy, state.point).flatMap((share, i) => (m.stiffness[i] === 0 ? [] : [{ name: names[i], share }])), notes: [],
     };
   }
 
@@ -484,6 +488,8 @@ export class Program {
 
 const rows = (flat, width) => Array.from({ length: flat.length / width }, (_, i) => flat.slice(i * width, (i + 1) * width));
 const frames = (flat) => (flat ? rows(flat, 12).map((one) => [...rows(one, 4), [0, 0, 0, 1]]) : []);
+/** What multiplies the parts of a twist, so that turns are lengths: rotations by a length. */
+const turnsBy = (length) => [length, length, length, 1, 1, 1];
 /** How far a twist moves a point. */
 function shiftAt(point, twist) {
   const arm = cross(twist.slice(0, 3), point);
