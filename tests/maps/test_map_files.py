@@ -17,6 +17,7 @@ from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.maps import (
     Axis,
     CartesianGrid,
+    CommandGrid,
     Grid,
     RandomPostures,
     Trajectory,
@@ -148,6 +149,36 @@ def test_closed_chain_is_assembled_at_the_map_s_own_coordinates(tmp_path):
         C = cartstiff.analyse(linkage, q[i]).compliances["B"]
         assert value == pytest.approx(np.linalg.eigvalsh(C[3:, 3:])[-1], rel=1e-6)
     assert np.isnan(data["q"].values[~there]).all()
+
+
+def test_postures_of_another_mechanism_are_refused(elastic):
+    other, n = cartstiff.load("panda"), len(elastic.names)
+    names = [f"joint{i}" for i in range(n)]
+    for sampling, got in (
+        (Trajectory([other.q]), "7 coordinates"),
+        (RandomPostures(3, 0, other.q, other.q), "7 coordinates"),
+        (Grid({names[1]: (0, 1, 3)}, names, elastic.q), "joint0, joint1"),
+    ):
+        with pytest.raises(InputError, match=f"postures are of another mechanism; .* got {got}"):
+            cartstiff.map_of(elastic, sampling, ["condition"])
+    flexures = cartstiff.load("flexure-hexapod")
+    with pytest.raises(InputError, match="unknown drive"):
+        cartstiff.map_of(elastic, CommandGrid({"leg1": (0, 1e-5, 3)}, flexures), ["condition"])
+
+
+def test_parts_of_another_size_and_threads_beside_workers_are_refused(elastic, tmp_path):
+    asked = elastic, Trajectory([elastic.q] * 9), ["condition"], tmp_path / "m.zarr"
+    compute_map(*asked, chunk=4)
+    (tmp_path / "m.zarr" / "condition" / "zarr.json").unlink()
+    with pytest.raises(InputError, match=r"parts of another size; .* or 4, got 3"):
+        compute_map(*asked, chunk=3)
+    found = compute_map(*asked)  # the parts of the file
+    assert (found.attrs["chunks"], found.attrs["chunks_done"]) == (3, 3)
+    with pytest.raises(InputError, match="threads: are those of the workers"):
+        compute_map(*asked, threads=1, dask="tcp://127.0.0.1:1")
+    for wrong in ({"chunk": 1.5}, {"single": "no"}):
+        with pytest.raises(InputError):
+            cartstiff.map_of(*asked[:3], **wrong)
 
 
 # -- Cartesian grids ----------------------------------------------------------------------------

@@ -18,6 +18,7 @@ from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import asdict, replace
 from functools import cache, lru_cache, partial
 from hashlib import sha256
+from math import prod
 from os import cpu_count
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Literal
@@ -176,6 +177,7 @@ def map_job(
             got=type(sampling).__name__,
             expected="a Grid, RandomPostures, Trajectory or CartesianGrid",
         )
+    _check_postures(sampling, elastic)
     load = None if wrench is None else checked_input(wrench, (6,), "wrench")
     kind = checked_load(load_kind, load_at, load_axes, load is not None, elastic.may_be_loaded)
     asked = None if deflect is None else checked_vector(deflect, 6, "wrench of the deflection")
@@ -269,7 +271,8 @@ def planned(
     Layout
         Arrays and attributes of the map; the attribute "description" holds its identity.
     """
-    if chunk is not None and chunk < 1:
+    checked_kind(single, bool, "single", "true or false")
+    if chunk is not None and (chunk < 1 or chunk % 1):
         raise InputError("size of chunks cannot be used", expected="1 or more", got=chunk)
     job = map_job(elastic, sampling, quantities, **asked)
     settings, kind, chosen = job.settings, job.settings.load, job.quantities
@@ -366,6 +369,22 @@ def planned(
     sizes = {"xyz": 3, "joint": len(elastic.names)}
     shape = chunk_shape(sampling, chunk or job.usual_chunk)
     return job, Layout(sampling, arrays, axes, sizes, shape, attributes)
+
+
+def _check_postures(sampling: Sampling, elastic: ElasticMechanism) -> None:
+    """Refuse postures of another mechanism."""
+    own = vars(sampling)
+    row = next((own[name] for name in ("base", "lower", "q") if name in own), elastic.q)
+    names = sampling.names if isinstance(sampling, Grid) else elastic.names
+    if names != elastic.names or np.shape(row)[-1] != len(names):
+        raise InputError(
+            "postures are of another mechanism",
+            where="sampling",
+            expected=", ".join(elastic.names),
+            got=", ".join(names) if names != elastic.names else f"{np.shape(row)[-1]} coordinates",
+        )
+    if isinstance(sampling, CommandGrid):
+        checked_command(elastic, dict.fromkeys(sampling.names, 0.0))
 
 
 def _check_used(settings: Settings, chosen: Sequence[Quantity]) -> None:
@@ -475,7 +494,14 @@ def prepare_map(
     # A resumed map keeps its backend, so that its numbers do not depend on the interruption.
     taken = {name: there.get(name) for name in ("path", "by_kernel")}
     require_same(there, here | taken, file, "map")
-    existing.mend(layout)
+    if asked.get("chunk") and layout.chunk != existing.parts.chunk:
+        raise InputError(
+            "the file holds parts of another size",
+            where=where,
+            expected=f"no number of postures in a part, or {prod(existing.parts.chunk)}",
+            got=asked["chunk"],
+        )
+    existing.mend(replace(layout, chunk=existing.parts.chunk))
     return replace(job, path=taken["path"], by_kernel=bool(taken["by_kernel"])), existing
 
 
@@ -677,6 +703,8 @@ def run_map(
     """Compute the parts that are missing or damaged; arguments as in `compute_map`."""
     if threads is not None and threads < 1:
         raise InputError("number of threads cannot be used", expected="1 or more", got=threads)
+    if threads is not None and dask is not None:
+        raise InputError("are those of the workers", where="threads", expected="no dask, or none")
     count = (threads or cpu_count() or 1) if job.in_stacks else 1
     with file.locked(), _bar(job.sampling.size, progress) as advance:
         wrong = file.damage(verify)
