@@ -40,7 +40,7 @@ class QuickPoses(JointPoses):
         super().__init__(elastic, limits)
         self._constants: TreeConstants | None = None
         mechanism = elastic.mechanism
-        if has_package("llvmlite") and isinstance(mechanism, Chain) and self.movable.all():
+        if has_package("llvmlite") and isinstance(mechanism, Chain):
             constants = chain_constants(mechanism)
             self._constants = None if isinstance(constants, str) else constants
         self._known: dict[str, CompiledKernel] = {}
@@ -50,7 +50,9 @@ class QuickPoses(JointPoses):
         if constants is None or free != "none":
             return super()._errors(q, T_wanted, free)
         count, n = q.shape
-        kernel = self._kernel("errors", lambda: _error_program(constants, self.length, self.sizes))
+        kernel = self._kernel(
+            "errors", lambda: _error_program(constants, self.length, self.sizes * self.movable)
+        )
         arrays = kernel({"q": q, "wanted": T_wanted[:, :3].reshape(count, 12)})
         e, J = arrays["e"], arrays["jacobian"].reshape(count, 6, n)
         turned = np.flatnonzero(arrays["verdict"][:, 0] != PLAIN)

@@ -109,7 +109,10 @@ def at_pose(
 
 
 def at_poses(
-    elastic: ElasticMechanism, poses: ArrayLike, given: Sequence[int] = ()
+    elastic: ElasticMechanism,
+    poses: ArrayLike,
+    given: Sequence[int] = (),
+    legs: list[Leg] | None = None,
 ) -> tuple[Array, list[int]]:
     """Coordinates (N, n) at poses (N, 6), as `at_pose` finds them one by one.
 
@@ -121,6 +124,8 @@ def at_poses(
         x, y, z, roll, pitch, yaw of the body in F.
     given : sequence of int
         Coordinates of the pose that a body with fewer than six freedoms takes first.
+    legs : list of Leg, optional
+        Its legs without limits, from `legs_of`, kept for many calls.
 
     Returns
     -------
@@ -134,7 +139,9 @@ def at_poses(
         return wanted, list(range(6))
     search = _Search(elastic, np.eye(4), "poses")
     search.given = given
-    q = None if search.is_known else search.by_own_steps(legs_of(elastic, limits=False), wanted)
+    q = None
+    if not search.is_known:
+        q = search.by_own_steps(legs or legs_of(elastic, limits=False), wanted)
     return (search.one_by_one(wanted) if q is None else q), search.free
 
 

@@ -330,8 +330,12 @@ class Leg(NamedTuple):
         )
 
 
-def legs_of(elastic: ElasticMechanism, limits: bool = True) -> list[Leg] | None:
+def legs_of(
+    elastic: ElasticMechanism, limits: bool = True, poses: type[JointPoses] = JointPoses
+) -> list[Leg] | None:
     """The legs of a closed chain, that which carries the body frame first; None if it has none.
+
+    `poses` is the class of their solvers.
 
     A chain of another shape, as if two legs share a joint or a leg holds the body twice, has to be
     searched as a whole.
@@ -369,7 +373,7 @@ def legs_of(elastic: ElasticMechanism, limits: bool = True) -> list[Leg] | None:
     for key, joints in parts.items():
         if key != first and not held[key]:
             continue  # an open branch, as a finger: it does not move
-        leg = _leg(elastic, chain, joints, held[key], key == first, limits)
+        leg = _leg(elastic, chain, joints, held[key], key == first, limits, poses)
         if leg is None or columns_taken & set(leg.columns.tolist()):
             return None
         columns_taken |= set(leg.columns.tolist())
@@ -384,6 +388,7 @@ def _leg(
     ties: list[tuple[Closure, FixedFrame, FixedFrame]],
     carries: bool,
     limits: bool,
+    poses: type[JointPoses],
 ) -> Leg | None:
     """One leg as a chain of its own."""
     body, parents = chain.body, chain.tree.model.parents
@@ -425,10 +430,9 @@ def _leg(
         _END,
         closures=closures,
         virtual=[index[v] for v in chain.virtual if v in index],
-        actuated=[index[a] for a in chain.actuated or () if a in index],
         kind=chain.kind,
     )
-    solver = JointPoses(ElasticMechanism(elastic.name, part, elastic.q[columns]), limits)
+    solver = poses(ElasticMechanism(elastic.name, part, elastic.q[columns]), limits)
     distinguishing = set(chain.actuated or ())
     if isinstance(elastic.springs, JointSprings):
         springs = elastic.springs

@@ -53,6 +53,7 @@ from numpy.typing import ArrayLike, NDArray
 from cartstiff import numerics
 from cartstiff.arrays import Array, checked_flag, checked_input, checked_length, plain
 from cartstiff.batch.postures import tensions_of_many
+from cartstiff.batch.quick_poses import QuickPoses
 from cartstiff.checked_call import checked
 from cartstiff.choices import TENSIONS, Distribution
 from cartstiff.described import described
@@ -99,6 +100,7 @@ class PoseMargins:
 
     is_slow = is_quick = True
     free: Sequence[int] = range(6)
+    legs: list[Leg] | None = None
 
     def __init__(self, elastic: ElasticMechanism, length: float) -> None:
         self.elastic, self.length, self.sign = elastic, length, 0.0
@@ -119,7 +121,7 @@ class PoseMargins:
 
     def solved(self, poses: Array) -> Array:
         """Coordinates (N, n) at poses (N, 4, 4) of M, NaN at poses that are not reached."""
-        return at_poses(self.elastic, _coordinates(poses))[0]
+        return at_poses(self.elastic, _coordinates(poses), legs=self.legs)[0]
 
     def others(self, q: Array, poses: Array, limited: Array) -> dict[str, Array]:
         """Further margins (N,) by name, besides those of the limits (N, l)."""
@@ -194,7 +196,7 @@ class LegMargins(PoseMargins):
     """
 
     def __init__(self, elastic: ElasticMechanism, pose: Array, through: bool = False) -> None:
-        chain, legs = elastic.mechanism, legs_of(elastic, limits=False)
+        chain, legs = elastic.mechanism, legs_of(elastic, limits=False, poses=QuickPoses)
         if not isinstance(chain, Chain) or legs is None:
             raise InputError(
                 "workspaces are found for platforms, and for bodies on legs or cables",
@@ -203,7 +205,7 @@ class LegMargins(PoseMargins):
             )
         super().__init__(elastic, float(chain.at(elastic.q).length))
         self.chain, self.legs, self.is_quick = chain, legs, bool(chain.legs)
-        q, self.free = at_poses(elastic, _coordinates(pose[None]))
+        q, self.free = at_poses(elastic, _coordinates(pose[None]), legs=legs)
         if not through and (rates := self.rates(q, pose[None])) is not None:
             self.sign = float(np.sign(numerics.determinants(rates)[0]))
 
