@@ -34,6 +34,16 @@ def tip(tmp_path_factory):
     return feed, written(folder / "y.csv", f, 0.0 * receptance(f))
 
 
+def test_heads_in_round_brackets(tmp_path):
+    """As spreadsheets have them; units with brackets of their own are in square ones."""
+    f, own = np.arange(300.0, 900.0, 1.0), (2j * np.pi * np.arange(300.0, 900.0, 1.0)) ** 2
+    heads = "f (Hz),re (mm/N),im (mm/N)", "f [Hz],re [(m/s^2)/N],im [(m/s^2)/N]"
+    for head, size in zip(heads, (1e3, own), strict=True):
+        path = written(tmp_path / "tip.csv", f, receptance(f) * size, head)
+        G = MeasuredReceptance.read(path).matrices[:, 0, 0]
+        np.testing.assert_allclose(G, receptance(f), rtol=1e-12)
+
+
 def by_hand(speed):
     """The least depth over all lobes: ``a = 2 pi / (N K_t alpha Re G)``, Tlusty's phase."""
     alpha = -KR * np.pi  # a slot: half of -2 K_r pi

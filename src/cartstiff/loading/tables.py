@@ -290,6 +290,7 @@ _ROUND = re.compile(
 )
 # First line of some spreadsheets' tables.
 _SEPARATOR = re.compile(r"sep=[;,\t]?", re.IGNORECASE)
+_SQUARE = str.maketrans("()", "[]")
 _HEAD = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
 #: Factors to SI, by kind of quantity.
 UNITS: Final[Mapping[str, Mapping[str, float]]] = {
@@ -395,7 +396,8 @@ def read_response(path: Path) -> tuple[Array, Array]:
         rows = [f"{place}, row {i}" for i in range(1, len(table) + 1)]
     else:
         cells = read_cells(path, "frequencies")
-        units, place = [(_HEAD.fullmatch(h) or "  ")[2] or "" for h in cells.names], cells.place
+        heads = [h if "[" in h else h.translate(_SQUARE) for h in cells.names]
+        units, place = [(_HEAD.fullmatch(h) or "  ")[2] or "" for h in heads], cells.place
         table, rows = cells.numbers(), cells.places
     first, *others = [plain_unit(unit) for unit in units]
     length, _, rest = re.sub(r"[() ]", "", others[0] if others else "").partition("/")
@@ -403,11 +405,11 @@ def read_response(path: Path) -> tuple[Array, Array]:
     known = length in LENGTHS and force in FORCES and rate in _DERIVATIVES and first in _HERTZ
     if len(units) != 3 or others[0] != others[1] or not known:
         one = "a text 'units' such as 'Hz, um/N, um/N'"
-        heads = "columns such as 'frequency [Hz]', 'real [um/N]', 'imaginary [um/N]'"
+        wanted = "columns such as 'frequency [Hz]', 'real [um/N]', 'imaginary [um/N]'"
         raise InputError(
             "no frequency response with units",
             where=place,
-            expected=one if is_mat else heads,
+            expected=one if is_mat else wanted,
             got=", ".join(units),
         )
     used = np.flatnonzero(table[:, 0] != 0.0)
