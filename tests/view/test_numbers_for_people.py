@@ -125,3 +125,21 @@ def test_curves_have_the_unit_of_their_values_that_are_not_zero():
     rows = "[{ translation: [0, 0, 6.83e-5] }, { translation: [0, 0, 6.5e-5] }]"
     made = f'plotted({store}, "translation", {{ quantity: "compliance" }}, {rows}).unit'
     assert _in_node("curves.js", made) == "µm/N"
+
+
+def test_a_saved_plot_says_all_that_its_numbers_depend_on():
+    hello = {"version": "1", "mechanism": {"name": "arm", "frame": "tool", "coordinates": []}}
+    state = ViewState(
+        load=(0, 0, 0, 0, 0, -80.0),
+        load_at=(0.1, 0, 0),
+        gravity=(0, 0, -9.81),
+        payload=(3, 0, 0, 0.2),
+        stiffness=[2e4, None],
+        command=[0, 0.1],
+    )
+    made = f'provenance({{ hello: {json.dumps(hello)} }}, {state.model_dump_json()}, "title")[1]'
+    assert _in_node("plotfiles.js", made) == (
+        "arm, frame tool, point (0, 0, 0), tool axes, connection load, "
+        "load (0, 0, 0, 0, 0, -80) dead, tool axes, at (0.1, 0, 0) in M, gravity (0, 0, -9.81), "
+        "payload 3 kg at (0, 0, 0.2), springs (20000, rigid), drives commanded by (0, 0.1)"
+    )

@@ -115,7 +115,7 @@ class Row {
     const wished = this.wished();
     const state = { ...wished, ...givenLoad(wished, this.numbers, hello.mechanism) };
     const answer = await (this.store ?? this.main).ask({ do: "sweep", coordinate, steps, state });
-    return { title: this.title, at: answer.at, rows: answer.rows };
+    return { title: this.title, called: this.own ? `state ${this.title}` : this.title, at: answer.at, rows: answer.rows };
   }
 }
 

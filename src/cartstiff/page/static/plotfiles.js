@@ -13,11 +13,15 @@ export const [LETTER, WIDE_LETTER] = [6, 7];
 export function provenance({ hello }, state, title) {
   const { mechanism } = hello;
   const q = mechanism.coordinates.map(({ name }, i) => `${name}=${state.q[i].toPrecision(6)}`).join(" ");
-  const load = state.load ? `, load (${state.load.join(", ")}) ${state.load_kind}, ${state.load_axes === "body" ? "tool" : "room"} axes` : "";
-  const springs = state.stiffness ? `, springs (${state.stiffness.map((k) => k ?? "rigid").join(", ")})` : "";
+  const { load, load_at: at, stiffness, gravity, payload, command } = state;
+  const list = (values) => `(${values.map((x) => x ?? "rigid").join(", ")})`;
+  const axes = (of) => `${of === "body" ? "tool" : "room"} axes`;
   return [
     title,
-    `${mechanism.name}, frame ${mechanism.frame}, point (${state.point.join(", ")}), ${state.axes === "body" ? "tool" : "room"} axes, connection ${state.connection}${load}${springs}`,
+    [`${mechanism.name}, frame ${mechanism.frame}, point ${list(state.point)}, ${axes(state.axes)}, connection ${state.connection}`,
+      load && `load ${list(load)} ${state.load_kind}, ${axes(state.load_axes)}, at ${at ? `${list(at)} in M` : "the point"}`,
+      gravity && `gravity ${list(gravity)}`, payload && `payload ${payload[0]} kg at ${list(payload.slice(1))}`,
+      stiffness && `springs ${list(stiffness)}`, command && `drives commanded by ${list(command)}`].filter(Boolean).join(", "),
     `posture ${q}`,
     `cartstiff ${hello.version}`,
   ];

@@ -142,7 +142,7 @@ export function strip(store) {
       const rows = series.at.map((x, k) => (values(series.rows[k]) ? [x, ...values(series.rows[k]), null] : [x, ...names.map(() => null), why(series.rows[k])]));
       return download(`${name}.csv`, table(lines, [first, ...names.map((word) => `${word} [${unit}]`), "why there is no value"], rows), "text/csv");
     }
-    if (series.others.length) legend.push(`dash-dot, with a name: ${names[0]} of ${series.others.map(({ title: of }) => of).join(", ")}`);
+    if (series.others.length) legend.push(`dash-dot, with a name: ${names[0]} of ${series.others.map(({ called }) => called).join(", ")}`);
     saveDrawing(kind, name, drawing(plot.node, lines, legend));
   }
 
@@ -327,7 +327,7 @@ export function strip(store) {
       if (!end) continue;
       let right = Math.min(end[0], x.end) - 3; // beside the names that stand there
       for (const box of [...plot.node.querySelectorAll(".name")].map((name) => name.getBBox())) if (Math.abs(box.y + box.height - end[1]) < box.height) right = Math.min(right, box.x - 6);
-      plot.text(right, end[1] - 4, title, "end", "unit name");
+      plot.text(right, end[1] < 2 * MARGIN.top ? end[1] + 12 : end[1] - 4, title, "end", "unit name"); // not over the key
     }
     plot.node.setAttribute("aria-label", `${heading} [${unit}] along ${along()}`);
     plot.node.append(...plot.node.querySelectorAll(".unit, .key"), cursor); // over the curves
