@@ -34,7 +34,7 @@ from cartstiff.cli.options import (
     declared,
 )
 from cartstiff.cli.output import say, say_unused
-from cartstiff.errors import InputError, UnknownNameError, check_name, one_line
+from cartstiff.errors import InputError, check_name, one_line
 
 if TYPE_CHECKING:
     from cartstiff.maps.sampling import Sampling
@@ -323,7 +323,14 @@ class Shown:
         cuts = {n.replace("/", "."): value for n, value in (self.cuts or {}).items()}
         check_cuts(cuts, sampling)
         if self.picture is not None:
-            _check_picture(self.kind, self.by, sampling, cuts)
+            from cartstiff.maps.pictures import kind_for
+
+            lengths = dict(zip(sampling.dims, sampling.shape, strict=True))
+            sizes = {dim: 1 if dim in cuts else n for dim, n in lengths.items()}
+            try:
+                kind_for(sizes, self.kind, self.by)
+            except InputError as error:
+                raise error.moved_to(f"--{error.where}") from None
         if self.best is not None or self.worst is not None:
             _check_ranked(quantities)
         if self.single_branch and "branch" not in sampling.dims:
@@ -524,24 +531,6 @@ def command(
         return "\n".join([*lines, *(describe(profiled) if profiled else [])])
 
     out.show(answer, robot.mechanism, text)
-
-
-def _check_picture(kind: str, by: str | None, sampling: Any, cuts: dict[str, float]) -> None:
-    """Refuse a picture that does not fit before the map is computed."""
-    lengths = dict(zip(sampling.dims, sampling.shape, strict=True))
-    wide = [n for n, count in lengths.items() if count > 1 and n not in cuts and n != "branch"]
-    shown = {"line": 1, "heat": 2, "slices": 3}.get(kind)
-    if shown is not None and len(wide) != shown:
-        raise InputError(
-            f"shows {shown} dimension(s)",
-            where=f"--kind {kind}",
-            expected="--slice or another kind",
-            got=", ".join(wide) or "none",
-        )
-    if by is not None and kind not in ("auto", "slices"):
-        raise InputError("is the axis of slices", where="--by", expected="--kind slices", got=kind)
-    if by is not None and by not in wide:
-        raise UnknownNameError("axis of the map", by, wide, where="--by")
 
 
 def _check_ranked(quantities: tuple[str, ...]) -> None:

@@ -194,15 +194,16 @@ def _check_axes(x: xarray.DataArray, y: xarray.DataArray) -> None:
             expected=", ".join(map(str, x.dims)),
             got=", ".join(map(str, y.dims)),
         )
-    for dim in map(str, x.dims):
+    for dim in x.dims:
         if dim not in x.coords or dim not in y.coords:
             raise InputError("maps without axes cannot be compared", expected="grids")
-        a, b = (np.asarray(array[dim].values, float) for array in (x, y))
-        units = [str(array[dim].attrs.get("units", "")) for array in (x, y)]
-        size = max(float(np.abs(a).max(initial=0.0)), numerics.TINY)
-        if units[0] != units[1] or len(a) != len(b) or np.abs(a - b).max() > _AXIS_TOLERANCE * size:
-            both = zip((a, b), units, strict=True)
-            axes = [f"{v[0]:g} to {v[-1]:g} {u} in {len(v)}" for v, u in both]
+        pair = x[dim], y[dim]
+        one, other = (axis.attrs.get("units", "") for axis in pair)
+        size = _AXIS_TOLERANCE * float(np.abs(pair[0]).max())
+        is_same = one == other and pair[0].size == pair[1].size
+        if not is_same or not np.allclose(*pair, rtol=0.0, atol=size):
+            ends = [f"{float(a[0]):g} to {float(a[-1]):g} {a.attrs.get('units', '')}" for a in pair]
+            axes = [f"{end} in {axis.size}" for end, axis in zip(ends, pair, strict=True)]
             raise InputError(f"axis {dim} differs between the maps", expected=axes[0], got=axes[1])
 
 

@@ -6,8 +6,7 @@ hatched, and the legend names their state.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -19,12 +18,11 @@ from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.figures import new_figure
 from cartstiff.maps.reading import (
     best_branch,
-    each_block,
+    computed,
     quantity_of,
     state_names,
     unit_label,
 )
-from cartstiff.maps.store import fact
 
 if TYPE_CHECKING:
     import xarray
@@ -35,6 +33,8 @@ COLOURS = "cividis"
 DECADES = 100.0
 # Largest number of slices, and number of bins of a histogram.
 _SLICES, _BINS = 6, 60
+# Largest number of random postures that are drawn as a line.
+_MOST_OF_LINE = 2000
 _HATCHES = ("////", "....", "xxxx", "\\\\\\\\", "oooo", "----")
 
 
@@ -82,19 +82,36 @@ def draw_map(
     if angle == "deg":
         dataset = _rescaled(dataset, "rad", "deg", np.degrees(1.0))
     array = quantity_of(dataset, quantity)
+    kind = kind_for(array.sizes, kind, by)
+    if kind != "histogram":  # one branch, and no dimensions of one value
+        dataset = best_branch(dataset, quantity)
+        dataset = dataset.isel({d: 0 for d, n in dataset[quantity].sizes.items() if n == 1})
+    return KINDS[kind](dataset, quantity, level, **({"by": by} if kind == "slices" else {}))
+
+
+def kind_for(sizes: Mapping[Any, int], kind: str, by: str | None) -> str:
+    """Return the kind of picture for dimensions with their lengths; arguments as in `draw_map`."""
+    wide = [str(dim) for dim, n in sizes.items() if n > 1 and dim != "branch"]
     if kind == "auto":
-        if by is not None:
-            kind = "slices"
-        elif "posture" in array.dims:
-            kind = "histogram" if array.size > 2000 else "line"
-        else:
-            wide = sum(n > 1 for d, n in array.sizes.items() if d != "branch")
-            kind = {0: "histogram", 1: "line", 2: "heat", 3: "slices"}.get(wide, "histogram")
+        suited = {1: "line", 2: "heat", 3: "slices"}.get(len(wide), "histogram")
+        if sizes.get("posture", 0) > _MOST_OF_LINE:
+            suited = "histogram"
+        kind = suited if by is None else "slices"
     if kind not in KINDS:
         raise UnknownNameError("kind of picture", kind, KINDS)
     if by is not None and kind != "slices":
         raise InputError("is the axis of slices", where="by", expected="kind slices", got=kind)
-    return KINDS[kind](dataset, quantity, level, **({"by": by} if kind == "slices" else {}))
+    if by is not None and by not in wide:
+        raise UnknownNameError("axis of the map", by, wide, where="by")
+    count = {"line": 1, "heat": 2, "slices": 3}.get(kind)
+    if count not in (None, len(wide)):
+        raise InputError(
+            f"shows {count} dimension(s)",
+            where=f"kind {kind}",
+            expected="a slice of the map, or another kind",
+            got=", ".join(wide) or "none",
+        )
+    return kind
 
 
 def _rescaled(dataset: xarray.Dataset, unit: str, shown: str, factor: float) -> xarray.Dataset:
@@ -178,26 +195,10 @@ def add_legend(figure: Any, reasons: set[str]) -> None:
         figure.legend(handles=handles, loc="outside lower center", ncols=min(4, len(handles)))
 
 
-def squeezed(dataset: xarray.Dataset, quantity: str, count: int, kind: str) -> xarray.Dataset:
-    """Reduce the map to its best branch and exactly `count` dimensions."""
-    chosen = best_branch(dataset, quantity)
-    array = chosen[quantity]
-    narrow = {d: 0 for d, n in array.sizes.items() if n == 1}
-    wide = [str(d) for d in array.dims if d not in narrow]
-    if len(wide) != count:
-        raise InputError(
-            f"a {kind} shows {count} dimension(s)",
-            expected="slices of the map" if len(wide) > count else "more dimensions",
-            got=", ".join(wide) or "none",
-        )
-    return chosen.isel(narrow)
-
-
-def _edges(values: Array) -> Array:
-    """Cell borders around equally spaced values."""
-    step = (values[-1] - values[0]) / (len(values) - 1)
-    edges: Array = np.concatenate([values - step / 2, values[-1:] + step / 2])
-    return edges
+def _borders(values: Array) -> Array:
+    """Both borders of the cells around equally spaced values, so that hatching follows them."""
+    step = (values[-1] - values[0]) / (len(values) - 1) if len(values) > 1 else 1.0
+    return np.repeat(np.append(values - step / 2, values[-1] + step / 2), 2)[1:-1]
 
 
 def _axis_label(coordinate: xarray.DataArray) -> str:
@@ -233,8 +234,7 @@ def _cells(
         axis.set_aspect("equal")
     reasons = reasons_of(dataset, values)
     names = set(reasons[reasons != ""].tolist())
-    # Two points per cell and direction, so that the hatching follows the cells' borders.
-    borders = [np.repeat(_edges(dataset[d].values), 2)[1:-1] for d in (x, y)]
+    borders = [_borders(dataset[d].values) for d in (x, y)]
     for name in sorted(names):
         hatch, grey = style_of(name)
         where = np.repeat(np.repeat(reasons == name, 2, axis=0), 2, axis=1).astype(float)
@@ -244,11 +244,10 @@ def _cells(
 
 def heat_map(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> Any:
     """Draw a map over its two dimensions in colours, with a line at a level of the quantity."""
-    flat = squeezed(dataset, quantity, 2, "heat map")
     figure = new_figure()
     axis = figure.subplots()
-    _draw_parts(figure, [axis], [flat], quantity, level)
-    axis.set_title(title_of(flat))
+    _draw_parts(figure, [axis], [dataset], quantity, level)
+    axis.set_title(title_of(dataset))
     return figure
 
 
@@ -264,18 +263,15 @@ def slices(
     by : str, optional
         The dimension that is cut; default the one with the fewest values.
     """
-    flat = squeezed(dataset, quantity, 3, "picture of slices")
-    array = flat[quantity]
+    array = dataset[quantity]
     cut = by if by is not None else str(min(array.dims, key=lambda d: array.sizes[d]))
-    if cut not in array.dims:
-        raise UnknownNameError("axis of the map", cut, [str(d) for d in array.dims])
     length = array.sizes[cut]
     chosen = np.unique(np.linspace(0, length - 1, min(_SLICES, length)).round().astype(int))
     columns = min(3, len(chosen))
     rows = -(-len(chosen) // columns)
     figure = new_figure(3.0 * columns + 1.4, 2.8 * rows + 0.8)
     axes = list(figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).flat)
-    parts = [flat.isel({cut: int(i)}) for i in chosen]
+    parts = [dataset.isel({cut: int(i)}) for i in chosen]
     _draw_parts(figure, axes, parts, quantity, level)
     for axis, part in zip(axes, parts, strict=False):
         value = part[cut]
@@ -306,11 +302,10 @@ def _draw_parts(
 
 def line(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> Any:
     """Draw a curve along the only dimension of a map; grey where there is no number."""
-    flat = squeezed(dataset, quantity, 1, "line")
-    array = flat[quantity]
+    array = dataset[quantity]
     dim = str(array.dims[0])
-    name = "time" if "time" in flat.coords else dim
-    x = np.asarray(flat[name].values if name in flat.coords else np.arange(array.size), float)
+    name = "time" if "time" in dataset.coords else dim
+    x = np.asarray(dataset[name].values if name in dataset.coords else np.arange(array.size), float)
     values = np.asarray(array.values, float)
     figure = new_figure()
     axis = figure.subplots()
@@ -318,24 +313,25 @@ def line(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> 
     axis.plot(x, np.where(np.isfinite(values), values, np.nan), marker=marker)
     if level is not None:
         axis.axhline(level, color="black", linewidth=1.5)
-    reasons = reasons_of(flat, values)
-    edges = _edges(x) if len(x) > 1 else np.array([-0.5, 0.5])
+    reasons = reasons_of(dataset, values)
+    borders = _borders(x)
     present = set(reasons[reasons != ""].tolist())
     for reason in sorted(present):
         hatch, grey = style_of(reason)
-        rows = np.flatnonzero(reasons == reason)
-        for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
-            axis.axvspan(
-                edges[run[0]],
-                edges[run[-1] + 1],
-                facecolor=grey,
-                edgecolor="0.3",
-                hatch=hatch,
-                linewidth=0,
-            )
-    axis.set(xlabel=_axis_label(flat[name]) if name in flat.coords else name)
+        axis.fill_between(
+            borders,
+            0.0,
+            1.0,
+            where=np.repeat(reasons == reason, 2),
+            transform=axis.get_xaxis_transform(),
+            facecolor=grey,
+            edgecolor="0.3",
+            hatch=hatch,
+            linewidth=0,
+        )
+    axis.set(xlabel=_axis_label(dataset[name]) if name in dataset.coords else name)
     axis.set_ylabel(wrapped(array))
-    axis.set_title(title_of(flat))
+    axis.set_title(title_of(dataset))
     add_legend(figure, present)
     return figure
 
@@ -343,30 +339,27 @@ def line(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> 
 def histogram(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> Any:
     """Draw the distribution of the values, on a logarithmic axis if they span decades."""
     array = quantity_of(dataset, quantity)
-    lows, highs, _, numbers = zip(
-        *each_block(dataset, {quantity: partial(fact, quantity)})[quantity], strict=True
-    )
-    low, high, missing = min(lows), max(highs), array.size - int(sum(numbers))
+    values = array.chunk().astype(float)
+    finite = values.where(np.isfinite(values))
+    low, high, known = map(float, computed(finite.min(), finite.max(), finite.count()))
     figure = new_figure()
     axis = figure.subplots()
-    if np.isfinite(low):
+    if known:
         logarithmic = low > 0 and high > DECADES * low
         wide = high if high > low else low + (abs(low) or 1.0)
         spaced = np.geomspace if logarithmic else np.linspace
         edges = spaced(low, wide, _BINS + 1)
         edges[0], edges[-1] = low, wide  # exact ends: rounding must not exclude a value
+        from dask.array.routines import histogram as counted
 
-        def counted(values: Array) -> Array:
-            return np.histogram(values[np.isfinite(values)].astype(float), edges)[0]
-
-        counts = np.sum(each_block(dataset, {quantity: counted})[quantity], axis=0)
+        (counts,) = computed(counted(finite.data, edges)[0])
         axis.stairs(counts, edges, fill=True, color="#4c6ca0")
         if logarithmic:
             axis.set_xscale("log")
     if level is not None:
         axis.axvline(level, color="black", linewidth=1.5)
     axis.set(xlabel=unit_label(array), ylabel="postures")
-    axis.set_title(f"{title_of(dataset)}: {array.size - missing} of {array.size} postures")
+    axis.set_title(f"{title_of(dataset)}: {known:.0f} of {array.size} postures")
     return figure
 
 

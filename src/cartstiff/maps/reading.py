@@ -45,17 +45,22 @@ def each_block(
 
     One Dask graph serves all parts, since a graph for each part takes longer than reading the part.
     """
-    from dask.base import compute
     from dask.delayed import delayed
-    from dask.threaded import get
 
     parts = [
         [delayed(function)(part) for part in dataset[name].chunk().data.to_delayed().ravel()]
         for name, function in functions.items()
     ]
+    return dict(zip(functions, computed(*parts), strict=True))
+
+
+def computed(*lazy: Any) -> tuple[Any, ...]:
+    """Compute several things in one pass over the parts of a map, by threads."""
+    from dask.base import compute
+    from dask.threaded import get
+
     # Given by name or by default, the scheduler would make Dask import `distributed`.
-    computed = compute(*parts, scheduler=get)  # type: ignore[no-untyped-call]
-    return dict(zip(functions, computed, strict=True))
+    return tuple(compute(*lazy, scheduler=get))  # type: ignore[no-untyped-call]
 
 
 def quantity_of(dataset: xarray.Dataset, name: str) -> xarray.DataArray:
@@ -208,14 +213,10 @@ def share_within(
     UnknownNameError
         For a quantity that the map does not hold.
     """
-    quantity_of(dataset, name)
-
-    def counted(values: Array) -> tuple[int, int]:
-        known = np.asarray(values[np.isfinite(values)], float)
-        return known.size, int(np.count_nonzero(known <= limit if below else known >= limit))
-
-    parts = each_block(best_branch(dataset, name, below), {name: counted})[name]
-    reached, within = np.sum(parts, axis=0).tolist()
+    values = best_branch(dataset, name, below)[name].astype(float)
+    known = np.isfinite(values)
+    counts = computed(known.sum(), (known & (values <= limit if below else values >= limit)).sum())
+    reached, within = map(int, counts)
     share = within / reached if reached else 0.0
     return {"limit": limit, "reached": reached, "within": within, "share": share}
 
