@@ -462,6 +462,13 @@ def test_compliant_links_have_one_row_each():
     assert rows["the link forearm_link"][3] == f"{100 * share:.0f} %"
 
 
+def test_a_doubt_about_the_load_is_said_once(arm):
+    """It has other numbers at the stated posture and at rest."""
+    soft = arm.with_springs(0.05 * arm.springs.stiffness)
+    text = report_page(soft, Q, wrench=[0, 0, 0, 0, 0, -300], load_axes="world")
+    assert text.count("[implausible-deflection]") == 1
+
+
 def test_a_posture_that_does_not_resist_the_load_has_no_linear_displacement(arm):
     """The load tips the soft arm over: what `analyse` does not say, the report does not either."""
     soft = arm.with_springs(0.013 * arm.springs.stiffness)

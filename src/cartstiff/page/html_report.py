@@ -260,7 +260,8 @@ def _answer(
     except CartstiffError as error:
         lines.append(f"No equilibrium was found: {error}")
     else:
-        notes |= {str(note): None for note in state.notes}
+        told = {note.code for note in result.notes}
+        notes |= {str(note): None for note in state.notes if note.code not in told}
         lines += beyond_limits(state.notes)
         if load.added is not None and state.stable is not False:
             turned, moved = np.split(displacement_between(before.pose, state.pose), 2)
