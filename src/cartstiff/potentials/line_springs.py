@@ -163,7 +163,7 @@ class LineSprings(PosePotential):
     @property
     def cables(self) -> Array:
         """Which lines (m,) cannot push."""
-        return np.broadcast_to(self.unilateral, self.stiffness.shape)
+        return np.full(self.stiffness.shape, self.unilateral)
 
     def tensions(self, lengths: Array) -> Array:
         """Tension k (l - l0) of each line; zero for a slack cable."""
