@@ -235,6 +235,8 @@ def test_a_map_says_its_postures_to_every_reader(elastic, expected, tmp_path):
     compute_map(elastic, grid_of(elastic), QUANTITIES, tmp_path / "g.zarr", length=0.2)
     plain = _plain(tmp_path / "g.zarr")
     assert plain.attrs["Conventions"].startswith("CF-")
+    assert plain.attrs["joints"].split() == list(elastic.names)
+    assert plain.attrs["joint_units"].split() == ["rad"] * len(elastic.names)
     for i, name in enumerate(elastic.names):
         if name in plain.coords:
             assert plain[name].attrs["units"] == "rad"

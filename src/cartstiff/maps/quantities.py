@@ -412,22 +412,21 @@ def choose_quantities(
         raise UnknownNameError("connection", settings.connection, OF_MANY)
     if not names:
         raise InputError("no quantity was named", expected="one or more names")
+    is_pushed = settings.is_loaded or settings.deflect is not None
+    missing = {
+        "direction": None if settings.direction else "a direction (--direction, direction=)",
+        "deflect": None
+        if is_pushed
+        else "a wrench to deflect the body (--load, or --added-load, deflect=)",
+        "milling": None if settings.milling else "a cutter (--milling, milling=)",
+    }
     chosen = []
     for name in names:
         if names.count(name) > 1:
             raise InputError("quantity given twice", got=repr(name))
         quantity = quantity_named(name, own)
-        if quantity.asks == "direction" and settings.direction is None:
-            raise InputError(
-                f"the quantity {name} needs a direction", expected="--direction (direction=)"
-            )
-        if quantity.asks == "deflect" and settings.deflect is None and not settings.is_loaded:
-            raise InputError(
-                f"the quantity {name} needs a wrench to deflect the body",
-                expected="--load, or --added-load (deflect=) of a map",
-            )
-        if quantity.asks == "milling" and settings.milling is None:
-            raise InputError(f"the quantity {name} needs a cutter (milling)")
+        if (what := missing.get(quantity.asks or "")) is not None:
+            raise InputError(f"the quantity {name} needs {what}")
         if quantity.asks in ("damping", "milling") and not settings.damping.acts_on(elastic):
             raise InputError(f"the quantity {name} needs damping", got="no ratio, no dampers")
         mechanism = elastic.mechanism

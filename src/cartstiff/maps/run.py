@@ -302,6 +302,7 @@ def planned(
         options["identified"] = elastic.identified.to_dict()
     description = identity_of(elastic, options) | {"path": job.path, "by_kernel": job.by_kernel}
     units, mechanism = elastic.units, elastic.mechanism
+    own_units = [units.coordinate(c.is_length) for c in mechanism.coordinates]
     attributes = {
         "schema": SCHEMA,
         "title": f"stiffness map of {elastic.name}",
@@ -319,6 +320,8 @@ def planned(
         "length_unit": units.length,
         "force_unit": units.force,
         "angle_unit": "rad",
+        "joints": " ".join(elastic.names),
+        "joint_units": " ".join(own_units),
         "order": "angular-linear",
         "numerical_path": job.path,
         "command": command,
@@ -361,7 +364,7 @@ def planned(
         found = {"long_name": "number of branches found at the place"}
         arrays["branches"] = Kind(dims[:-1], found, "u4", 0)
     arrays["state"] = Kind(dims, state, "u1", NOT_COMPUTED)
-    joints = {dimension_name(c.name): units.coordinate(c.is_length) for c in mechanism.coordinates}
+    joints = dict(zip(map(dimension_name, elastic.names), own_units, strict=True))
     axes = {}
     for name in sampling.axes:
         unit = None if cartesian else joints.get(name.removeprefix("command_"))

@@ -165,7 +165,7 @@ class Grid(Sampling):
         base: ArrayLike,
     ) -> None:
         self.names = tuple(checked_kind(n, str, "name of a coordinate", "text") for n in names)
-        own = checked_axes(axes, self.names, "coordinate")
+        own = self._own = checked_axes(axes, self.names, "coordinate")
         if not own:
             raise InputError("a grid needs an axis")
         #: Positions of the grid's coordinates in q.
@@ -195,10 +195,7 @@ class Grid(Sampling):
         """For JSON."""
         return {
             "kind": "grid",
-            "axes": {
-                self.names[i]: axis.as_list()
-                for i, axis in zip(self.columns, self.axes.values(), strict=True)
-            },
+            "axes": {name: axis.as_list() for name, axis in self._own.items()},
             "names": list(self.names),
             "base": self.base.tolist(),
         }
