@@ -17,7 +17,7 @@ from tests.support.commands import answer, refuses, run
 
 import cartstiff
 from cartstiff.errors import InputError
-from cartstiff.reach.workspace import lines_at, wrench_margins
+from cartstiff.reach.workspace import LegMargins, Margins, around, lines_at, wrench_margins
 from cartstiff.report.json_schema import json_schema
 from cartstiff.report.reach import describe_workspace
 
@@ -428,3 +428,17 @@ def test_a_start_that_is_singular_to_the_last_digit_is_refused_in_one_line(tmp_p
         "utf-8",
     )
     run("workspace", tmp_path / "m.yaml", "--json", code=2)
+
+
+@pytest.mark.parametrize("through", [False, True])
+def test_a_platform_as_a_tree_has_the_workspace_of_the_platform(through):
+    """Also below its base: beyond singular poses, where universal joints have folded over."""
+    tree, platform = cartstiff.load("6-ups"), cartstiff.load("hexapod")
+    pose = platform.mechanism.pose_of(platform.q)
+    shifts = np.random.default_rng(1).uniform(-1, 1, (400, 3)) * [1.3, 1.3, 1.1] - [0, 0, 0.5]
+    poses = around(pose, np.zeros((1, 3)), shifts)
+    margins = Margins(platform)
+    margins.sign = 0.0 if through else float(np.sign(margins.determinants(pose[None])[0]))
+    inside = margins.inside(poses)
+    assert inside.sum() > 10
+    assert LegMargins(tree, pose, through).inside(poses).tolist() == inside.tolist()

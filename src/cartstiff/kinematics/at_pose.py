@@ -277,9 +277,12 @@ class _Search:
     def by_own_steps(self, legs: list[Leg] | None, wanted: Array) -> Array | None:
         """Each leg at poses (N, 6) by steps from the default posture, all poses at once.
 
-        None without legs, and unless the dependent coordinates stay constant while the others move.
+        None without legs, for legs with self-motions, and unless the dependent coordinates stay
+        constant while the others move.
         """
-        if legs is None or any(leg.free != "none" for leg in legs):
+        if legs is None or any(
+            leg.free != "none" and leg.solver.redundancy(leg.free) for leg in legs
+        ):
             return None
         home, follow = self.coordinates(self.start), [i for i in range(6) if i not in self.free]
         around = np.vstack([np.eye(6)[self.free], -np.eye(6)[self.free]])
@@ -290,7 +293,16 @@ class _Search:
         q = np.tile(self.q, (len(at), 1))
         for leg in legs:
             rows = np.flatnonzero(np.isfinite(q).all(axis=1))
-            own, good = leg.solver.solve(leg.target(T[rows]), q[np.ix_(rows, leg.columns)])
+            starts, target = q[np.ix_(rows, leg.columns)], leg.target(T[rows])
+            own, good = leg.solver.solve(target, starts, leg.free)
+            # Beyond a limit, as where a strut passes through its base, there may be one within.
+            within = leg.solver.narrowed(
+                {c.name: (c.lower, c.upper) for c in leg.chain.coordinates}
+            )
+            beyond = np.flatnonzero((own != np.clip(own, within.lower, within.upper)).any(axis=1))
+            again, found = within.solve(target[beyond], starts[beyond], leg.free)
+            own[beyond[found]] = again[found]
+            good[beyond[found]] = True
             q[np.ix_(rows, leg.columns)] = own
             q[rows[~good]] = np.nan
         return q[len(near) :] if np.isfinite(q[: len(near)]).all() else None

@@ -238,28 +238,40 @@ class LegMargins(PoseMargins):
 
     def rates(self, q: Array, poses: Array) -> Array | None:  # noqa: ARG002
         """Matrices (N, p, p) of the equations of the module, lengths over `length`; or None."""
-        parts = [self._passive(leg, q) for leg in self.legs]
+        first = self.legs[0]
+        body = first.solver.kinematics.at(q[:, first.columns]).pose @ se3.inverse(first.after)
+        parts = [self._passive(leg, q, np.linalg.inv(body)) for leg in self.legs]
         total = sum(part.shape[2] for part in parts)
-        if total != 6 * (len(parts) - 1) or any(
-            leg.hangs or leg.free != "none" for leg in self.legs
-        ):
+        if total != 6 * (len(parts) - 1) or any(leg.hangs for leg in self.legs):
             return None
-        first, *others = parts
+        one, *others = parts
         return np.block(
             [
-                [first, *(-part if i == j else 0.0 * part for j, part in enumerate(others))]
+                [one, *(-part if i == j else 0.0 * part for j, part in enumerate(others))]
                 for i in range(len(others))
             ]
         )
 
-    def _passive(self, leg: Leg, q: Array) -> Array:
-        """Twists in M (N, 6, p) of a leg's passive joints, in natural sizes."""
-        driven = set(self.chain.actuated or ()) | set(self.chain.virtual)
-        kept = [i for i, c in enumerate(leg.columns.tolist()) if c not in driven]
-        J = leg.solver.kinematics.at(q[:, leg.columns]).jacobian[:, :, kept]
-        sizes = leg.solver.sizes[kept]
-        scale = np.repeat([1.0, 1.0 / self.length], 3)[:, None]
-        return np.asarray(se3.adjoint(leg.after) @ J * scale * sizes)
+    def _passive(self, leg: Leg, q: Array, T_M_F: Array) -> Array:
+        """Twists in M (N, 6, p) of a leg's passive joints, and of a ball at its end.
+
+        Where universal joints or balls pass a pose at which their axes depend on each other, the
+        determinants of these twists and of all twists change their signs together, though the body
+        stays held: the sign of the latter is taken out.
+        """
+        there, lengths = (
+            leg.solver.kinematics.at(q[:, leg.columns]),
+            np.repeat([1.0, self.length], 3),
+        )
+        ball = np.tile(np.eye(6)[:, : 3 * (leg.free == "rotation")], (len(q), 1, 1))
+        J = np.concatenate([there.jacobian * leg.solver.sizes, ball], axis=2)
+        J = se3.adjoint(T_M_F @ there.pose) @ J / lengths[:, None]
+        columns = np.append(leg.columns, np.full(ball.shape[2], -1))
+        J, columns = (x[..., ~np.isin(columns, sorted(self.chain.virtual))] for x in (J, columns))
+        passive = J[..., ~np.isin(columns, self.chain.actuated or ())]
+        if J.shape[2] == 6:
+            passive[..., -1] *= np.sign(numerics.determinants(J))[:, None]
+        return np.asarray(passive)
 
 
 def _coordinates(poses: Array) -> Array:
