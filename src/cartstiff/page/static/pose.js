@@ -62,7 +62,7 @@ export function posePanel(store) {
     filter.hidden = sliders.length < MANY;
     filter.value = "";
     const passive = coordinates.length - sliders.length;
-    if (passive) list.append(hint(`${passive} more coordinates follow from the closures and the flexible links.`));
+    if (passive) list.append(hint(`${passive} more coordinates follow from closures or flexible links.`));
     setAngle(store.angle);
   }
 
