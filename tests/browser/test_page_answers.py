@@ -307,6 +307,14 @@ def test_a_sweep_that_moves_another_motor_has_gaps_with_the_reason(serve, pages)
     page.evaluate("window.cartstiff.tell('angles', 'rad')")
     page.mouse.move(box["x"] + 55, box["y"] + box["height"] / 2)
     page.wait_for_selector(".reading:has-text('right_motor moves from 0.95 rad to')")
+    # Sent there, the drives move, which is said; the field that was typed into shows where to.
+    page.fill("#number-0", "-2.6")
+    page.keyboard.press("Enter")
+    settled(page)
+    assert "drives have moved" in page.inner_text("#verdict-text")
+    reached = page.evaluate("() => window.cartstiff.state.q[0]")
+    assert abs(reached + 2.6) > 0.1
+    assert float(page.input_value("#number-0")) == pytest.approx(reached, abs=1e-4)
 
 
 ARROWS = """() => ["force", "moment"].map((kind) => {

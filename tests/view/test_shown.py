@@ -144,6 +144,7 @@ def test_the_load_acts_where_it_is_put(arm):
         ("ur5", None, None, "good", "Positive definite"),
         ("ur5", [0.0] * 6, None, "bad", "Singular posture"),
         ("five-bar", None, None, "warning", "Fewer than six"),
+        ("five-bar", [-2.6, -1.64, 0.95, 1.63], None, "warning", "drives have moved"),
         ("stewart-gough", None, None, "bad", "Indefinite"),
         ("grasp", None, None, "warning", "costs nothing"),
         ("cubic", None, None, "good", "Positive definite"),

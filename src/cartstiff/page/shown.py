@@ -46,6 +46,7 @@ NO_MATRIX: tuple[tuple[str, Level, str], ...] = (
     ("strut-not-found", "bad", "The flexures are bent too far: no balance of a strut was found"),
     ("serial-singularity", "bad", "Singular posture: a motion of the end-effector is impossible"),
     ("idle-self-motion", "bad", "A self-motion costs no energy, yet moves the end-effector"),
+    ("actuators-adjusted", "warning", "The loops do not close there: drives have moved"),
     (
         "fewer-than-six-freedoms",
         "warning",
@@ -54,6 +55,7 @@ NO_MATRIX: tuple[tuple[str, Level, str], ...] = (
 )
 NEAR: tuple[tuple[str, Level, str], ...] = (
     ("type-2-singularity", "bad", "Singular posture: the actuators do not hold the body"),
+    ("actuators-adjusted", "warning", "The loops do not close there: drives have moved"),
     ("near-constraint-singularity", "warning", "The closures nearly repeat each other"),
     ("singular-stiffness", "warning", "Singular stiffness: one motion costs nothing"),
     ("near-serial-singularity", "warning", "Near a singularity: one motion is almost impossible"),

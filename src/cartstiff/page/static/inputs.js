@@ -46,7 +46,10 @@ export function sliderRow(store, { index, id = `slider-${index}`, name, label = 
     const size = isLength ? (upper - lower) / 200 : Math.PI / 180;
     move(clamp(value() + step * size * (event.shiftKey ? 0.1 : 1), lower, upper));
   });
+  let typing = false; // what is being typed is not overwritten
+  number.addEventListener("input", () => { typing = true; });
   number.addEventListener("change", () => {
+    typing = false;
     const typed = number.valueAsNumber / factor();
     if (!Number.isFinite(typed)) set(value());
     else {
@@ -64,7 +67,7 @@ export function sliderRow(store, { index, id = `slider-${index}`, name, label = 
 
   function set(x) {
     if (range.valueAsNumber !== x) range.value = x;
-    if (document.activeElement !== number || !number.matches(":focus-visible")) number.value = shown(x);
+    if (!typing) number.value = shown(x);
     node.classList.toggle("outside", Boolean(limited) && (x < lower - NEGLIGIBLE_DIFFERENCE || x > upper + NEGLIGIBLE_DIFFERENCE));
     range.setAttribute("aria-valuetext", `${shown(x)} ${shownUnit.textContent}`);
   }

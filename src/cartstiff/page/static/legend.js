@@ -17,7 +17,7 @@ function radius({ scale, unit, cut }, length) {
   const isRoot = scale.kind === "root";
   const value = scale.value_per_length * length.bar ** (isRoot ? 2 : 1);
   return `${inLength(length.bar, length.unit)} = ${engineering(value, unit, 3)}${isRoot ? " (square-root scale)" : ""}`
-    + (cut ? `; cut at ${inLength(scale.cut_at, length.unit)}: the stiffest axis is longer` : "");
+    + (cut ? `; cut at ${inLength(scale.cut_at, length.unit)}: the axis marked (cut) is longer` : "");
 }
 
 /** A picture's facts, as `cartstiff.scene.Scene.draw` returns them, with their words, the bar, and the scales of the ellipsoids. */
