@@ -214,6 +214,16 @@ def test_a_map_stands_in_the_report(arm, tmp_path):
         map_section(tmp_path / "m.zarr", None, replace(arm, name="b"))
 
 
+def test_the_map_of_the_help_can_be_shown(tmp_path, monkeypatch):
+    """Its commands are run as they are printed, with fewer points."""
+    monkeypatch.chdir(tmp_path)
+    text = CliRunner().invoke(cartstiff_command, ["report", "--help"]).output.replace("\\\n", " ")
+    for line in re.findall(r"cartstiff (.* m\.zarr.*)", text):
+        done = CliRunner().invoke(cartstiff_command, line.replace(":41", ":3").split())
+        assert done.exit_code == 0, done.output
+    assert "<h2>Map" in (tmp_path / "ur5.html").read_text("utf-8")
+
+
 def test_what_the_file_says_of_its_springs_is_told():
     arm = cartstiff.load("five-bar")
     assert arm.source

@@ -246,7 +246,7 @@ def report_command(
     map_path: Annotated[str | None, "--map"] = None,
     quantity: str | None = None,
 ) -> None:
-    """Write a report to send on: how far the tip moves, which joints contribute, what is better.
+    r"""Write a report to send on: how far the tip moves, which joints contribute, what is better.
 
     One HTML file with a picture in 3D, posture, load, weight, stiffness, a sweep and everything
     that was assumed; it opens without a network and prints on paper.
@@ -265,7 +265,8 @@ def report_command(
     Examples
     --------
     cartstiff report ur5 --load 0,0,0,0,0,-100 --world -o ur5.html
-    cartstiff map ur5 --grid shoulder_lift_joint=-2:0:41,elbow_joint=0.2:2.6:41 -o m.zarr
+    cartstiff map ur5 --grid shoulder_lift_joint=-2:0:41,elbow_joint=0.2:2.6:41 \
+      --quantity deflection --load 0,0,0,0,0,-100 --world -o m.zarr
     cartstiff report ur5 --load 0,0,0,0,0,-100 --map m.zarr -o ur5.html
     cartstiff report kr210.urdf --tcp 0,0,0.2 --payload 12 --load 0,0,0,0,0,-300 -o spindle.html
     """
