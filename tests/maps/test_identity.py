@@ -18,6 +18,7 @@ from cartstiff.errors import InputError
 from cartstiff.loading.catalogue import bundled_folder
 from cartstiff.maps.run import part_elsewhere, prepare_map
 from cartstiff.mechanisms.identity import _PARTS, identity_of
+from cartstiff.mechanisms.other_units import in_units
 
 TOOL = Path(__file__).parents[2] / "tools" / "fuzz_edits.py"
 #: A twentieth of what the tool does by itself.
@@ -106,6 +107,8 @@ def test_use_does_not_change_an_identity(name):
     assert identity_of(elastic, {}) == before
     assert identity_of(pickle.loads(pickle.dumps(elastic)), {}) == before
     assert identity_of(cartstiff.load(name), {}) == before
+    in_degrees = in_units(elastic, elastic.units.length, "deg")
+    assert identity_of(in_degrees, {})["mechanism"] == before["mechanism"]
 
 
 def test_a_file_that_changes_while_a_study_runs_ends_it(tmp_path):

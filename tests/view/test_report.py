@@ -208,6 +208,9 @@ def test_a_map_stands_in_the_report(arm, tmp_path):
     assert "postures: 12 regular" in text
     assert "j2 [deg]" in text
     assert text.count("<svg") == 1
+    assert "than this report" not in text
+    softer = arm.with_springs(0.5 * np.asarray(arm.springs.stiffness))
+    assert "of other springs than this report" in map_section(tmp_path / "m.zarr", None, softer)[1]
     page = report_page(arm, Q, sections=[(title, text)])
     assert page.index("<h2>Map</h2>") < page.index("<h2>What is assumed</h2>")
     with pytest.raises(InputError, match="map of another mechanism; expected b, got "):

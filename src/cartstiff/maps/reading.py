@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import heapq
 import json
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cartstiff.arrays import Array
+from cartstiff.arrays import Array, plain
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.maps.store import PLACES, MapFile, fact
 
@@ -271,19 +270,16 @@ def summary(dataset: xarray.Dataset | MapFile) -> dict[str, Any]:
         arrays, attributes = dataset.data_vars, dataset.attrs
         own = [str(name) for name in arrays if name not in PLACES]
         facts = each_block(dataset, {name: partial(fact, name) for name in own})
-    names, counts = named_states(arrays["state"].attrs), Counter[str]()
-    every = np.sum(facts["state"], axis=0)
-    for code in np.flatnonzero(every).tolist():
-        counts[names.get(code, str(code))] += int(every[code])
+    names, every = named_states(arrays["state"].attrs), np.sum(facts["state"], axis=0)
+    states = {names.get(c, str(c)): int(every[c]) for c in np.flatnonzero(every).tolist()}
     ranges = {}
     for name in (n for n in facts if n not in OTHERS):
-        lows, highs, totals, numbers = zip(*facts[name], strict=True)
-        low, high, total, number = min(lows), max(highs), sum(totals), int(sum(numbers))
+        lows, highs, totals, numbers = np.transpose(facts[name])
+        number = int(numbers.sum())
+        found = (lows.min(), totals.sum() / number, highs.max()) if number else (None,) * 3
         ranges[name] = {
             "unit": arrays[name].attrs.get("units", ""),
-            "smallest": low if number else None,
-            "mean": total / number if number else None,
-            "largest": high if number else None,
+            **dict(zip(("smallest", "mean", "largest"), plain(found), strict=True)),
             "undefined": arrays[name].size - number,
         }
     branches = {}
@@ -295,4 +291,4 @@ def summary(dataset: xarray.Dataset | MapFile) -> dict[str, Any]:
             "found": int(np.max(facts["branches"])),
             "kept": sampling["branches"],
         }
-    return {"states": dict(counts), "quantities": ranges, **branches}
+    return {"states": states, "quantities": ranges, **branches}

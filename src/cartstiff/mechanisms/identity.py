@@ -23,6 +23,7 @@ import pinocchio as pin
 from cartstiff import version as own
 from cartstiff.errors import InputError, one_line
 from cartstiff.mechanisms.chain import Description
+from cartstiff.mechanisms.contract import Mechanism, Units
 from cartstiff.numerics import ROUNDOFF_OF_SUMS, UNCOUPLED
 
 if TYPE_CHECKING:
@@ -238,6 +239,9 @@ class _Fingerprints:
         kind = type(value)
         if isinstance(value, Description):
             return
+        if isinstance(value, Units):
+            yield f"{value.length} {value.force}"  # not the unit of angles in tables for people
+            return
         if isinstance(value, Mapping):
             yield "mapping"
             for key, entry in sorted((repr(key), entry) for key, entry in value.items()):
@@ -281,6 +285,11 @@ def _state(value: Any) -> Any:
         for name, entry in vars(base).items()
         if isinstance(entry, cached_property)
     }
+    # A mechanism has units and base of its own, or those of its class.
+    of_class = [n for n in ("units", "base_pose") if n in state and isinstance(value, Mechanism)]
+    cached.update(
+        n for n in of_class if fingerprint(state[n]) == fingerprint(getattr(type(value), n))
+    )
     return {name: entry for name, entry in state.items() if name not in cached}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from html import escape
 from math import degrees
@@ -14,6 +15,7 @@ from cartstiff.maps.pictures import draw_map
 from cartstiff.maps.reading import quantities_of, quantity_of, summary
 from cartstiff.maps.store import open_map
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.identity import differing_parts, identity_of
 from cartstiff.report.analysis import BALANCING
 from cartstiff.report.layout import body_frame, number, table
 
@@ -201,6 +203,9 @@ def map_section(
     )
     states = ", ".join(f"{count} {state}" for state, count in facts["states"].items())
     text = f"{words['long_name']}: {ends}; postures: {states}."
+    if about["length_unit"] == elastic.units.length:
+        differs = differing_parts(json.loads(about["description"]), identity_of(elastic, {}))
+        text += f" The map is of {', '.join(differs)} than this report." if differs else ""
     if about.get("command"):
         text += f" Made by {one_line(about['command'], 400)}"
     return "Map", f"<figure>{drawn[drawn.index('<svg') :]}</figure><p>{escape(text)}</p>"
