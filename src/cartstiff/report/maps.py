@@ -14,6 +14,7 @@ from cartstiff.figures import figure_content
 from cartstiff.maps.pictures import draw_map
 from cartstiff.maps.reading import quantities_of, quantity_of, summary
 from cartstiff.maps.store import open_map
+from cartstiff.mechanisms.contract import engineering
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identity import differing_parts, identity_of
 from cartstiff.report.analysis import BALANCING
@@ -198,7 +199,7 @@ def map_section(
     figure = draw_map(dataset, name, angle=elastic.units.shown_angle)
     drawn, facts = figure_content(figure, ".svg").decode(), summary(dataset)
     ends = ", ".join(
-        f"{end} {number(facts['quantities'][name][end])} {words['units']}"
+        f"{end} {engineering(facts['quantities'][name][end], words['units'])}"
         for end in ("smallest", "largest")
     )
     states = ", ".join(f"{count} {state}" for state, count in facts["states"].items())
