@@ -138,6 +138,8 @@ def test_screws_of_simple_twists_and_wrenches() -> None:
     assert sliding.pitch == float("inf")
     assert np.allclose(sliding.direction, [0, 1, 0])
     assert np.isnan(screw_of_twist(np.zeros(6)).pitch)
+    # A pitch that is rounding of the turn about an axis elsewhere is none.
+    assert screw_of_twist([3.0, 0.1, 0.2, 1e-17, 0.2, -0.1], 0.5).pitch == 0.0
 
 
 def test_indices_of_a_diagonal_matrix() -> None:

@@ -61,6 +61,8 @@ def _screw(along: Array, moment: Array, length: float) -> Screw:
     else:
         unit = along / size
         point, pitch = np.cross(along, moment) / size**2, float(along @ moment) / size**2
+        if abs(pitch) * size <= numerics.ROUNDOFF * max(lever, size * length):
+            pitch = 0.0
     return Screw(np.array(upright(unit.tolist())), point, pitch)
 
 
@@ -68,7 +70,7 @@ def screw_of_twist(twist: ArrayLike, length: float = 1.0) -> Screw:
     """Screw of a twist (omega, v): axis along omega through ``omega x v / |omega|^2``.
 
     `length` is the size of the problem: omega counts as zero when ``|omega| length`` is rounding
-    beside ``|v|``.
+    beside ``|v|``, and the pitch when it is rounding beside either.
     """
     t = checked_vector(twist, 6, "twist")
     return _screw(t[:3], t[3:], checked_length(length))
