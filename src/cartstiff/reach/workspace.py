@@ -315,10 +315,9 @@ def wrench_margins(lines: Array, wrench: Array, least: Array, most: Array) -> Ar
     For tensions without upper limits, infinity means that every wrench can be carried (closure).
     """
     if len(lines) > _MARGINS_BLOCK:
-        blocks = np.split(np.arange(len(lines)), range(_MARGINS_BLOCK, len(lines), _MARGINS_BLOCK))
-        own = [wrench_margins(lines[rows], wrench[rows], least, most) for rows in blocks]
-        return np.concatenate(own)
-    fives = np.array(list(combinations(range(lines.shape[1]), 5)), int).reshape(-1, 5)
+        blocks = np.array_split(np.arange(len(lines)), len(lines) // _MARGINS_BLOCK + 1)
+        return np.concatenate([wrench_margins(lines[b], wrench[b], least, most) for b in blocks])
+    fives = np.array(list(combinations(range(lines.shape[1]), 5)))
     n = _normals(lines[:, fives])
     size = np.linalg.norm(n, axis=-1)
     n = n / np.maximum(size, numerics.TINY)[..., None]
@@ -333,7 +332,7 @@ def wrench_margins(lines: Array, wrench: Array, least: Array, most: Array) -> Ar
         margins = np.minimum(margins, reach - sign * asked)
     regular = size > numerics.RANK
     # Without five independent lines nothing is spanned.
-    margins = np.where(regular, margins, np.inf).min(axis=1, initial=np.inf)
+    margins = np.where(regular, margins, np.inf).min(axis=1)
     return np.where(regular.any(axis=1), margins, -np.inf)
 
 
@@ -1342,7 +1341,7 @@ def workspace(
         else:
             message = (
                 "the largest sphere and cube are not looked for: these legs' joints follow from a "
-                "pose by iterations alone"
+                "pose by iterations alone, which near the boundary may end in another working mode"
             )
             notes.append(Note("no-fits", message, {}))
     near = least_ratio(margins, moved, positions)
