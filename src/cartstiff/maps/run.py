@@ -84,6 +84,7 @@ if TYPE_CHECKING:
 Versions = tuple[tuple[str, str], ...]
 
 
+_SEVERAL = "computing a map with several processes"
 # Settings that the description of a map holds unchanged.
 _DESCRIBED_SETTINGS = ("connection", "length", "direction", "deflect", "deflect_at", "world")
 
@@ -569,8 +570,8 @@ def packed(thing: Any) -> bytes:
     InputError
         If it cannot be pickled, for example because of a lock or an open file.
     """
-    import cloudpickle  # of Dask: sends functions of a script or a notebook, too
-
+    # Of Dask: sends functions of a script or a notebook, too.
+    cloudpickle = imported("cloudpickle", "cloudpickle", _SEVERAL, "maps")
     try:
         return bytes(cloudpickle.dumps(thing))
     except Exception as error:  # pickle raises what the objects in it raise
@@ -584,8 +585,7 @@ def packed(thing: Any) -> bytes:
 @contextmanager
 def _client(scheduler: Any) -> Iterator[Any]:
     """Yield a client of a running scheduler, or the given client."""
-    package = "distributed"
-    distributed = imported(package, package, "computing a map with several processes", "maps")
+    distributed = imported("distributed", "distributed", _SEVERAL, "maps")
     with ExitStack() as ours:
         client, where = scheduler, one_line(str(scheduler))
         if isinstance(scheduler, str):
