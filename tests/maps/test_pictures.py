@@ -177,6 +177,10 @@ def test_a_level_is_a_line_and_a_share():
     drawn = draw_map(data, "stiffness", "heat", level=2.0).axes[0]
     bare = draw_map(data, "stiffness", "heat").axes[0]
     assert len(drawn.collections) == len(bare.collections) + 1
+    for level, lines in ((2.0, 1), (9.0, 0)):  # the level on the scale of colours, if it is there
+        scale = draw_map(data, "stiffness", "heat", level=level).axes[1]
+        assert len(scale.lines) == lines
+        assert scale.get_ylim() == (1.0, 3.0)
     row = data.isel(a=[0])
     assert len(draw_map(row, "stiffness", level=2.0).axes[0].lines) == 2
     assert len(draw_map(data, "stiffness", "histogram", level=2.0).axes[0].lines) == 1

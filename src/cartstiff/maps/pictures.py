@@ -295,7 +295,7 @@ def _draw_parts(
     pairs = zip(axes, parts, strict=False)
     drawn = [_cells(axis, part, quantity, norm, level) for axis, part in pairs]
     bar = figure.colorbar(drawn[0][0], ax=axes, label=wrapped(parts[0][quantity]))
-    if level is not None:
+    if level is not None and norm.vmin < level < norm.vmax:
         bar.ax.axhline(level, color="black", linewidth=1.5)
     add_legend(figure, set[str]().union(*(reasons for _, reasons in drawn)))
 
@@ -352,7 +352,8 @@ def histogram(dataset: xarray.Dataset, quantity: str, level: float | None = None
         edges[0], edges[-1] = low, wide  # exact ends: rounding must not exclude a value
         from dask.array.routines import histogram as counted
 
-        (counts,) = computed(counted(finite.data, edges)[0])
+        lazy = counted(finite.data, edges)[0]  # type: ignore[no-untyped-call]
+        (counts,) = computed(lazy)
         axis.stairs(counts, edges, fill=True, color="#4c6ca0")
         if logarithmic:
             axis.set_xscale("log")
