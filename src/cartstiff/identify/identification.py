@@ -446,14 +446,10 @@ class Identification(LabelledResult):
     @property
     def inflation(self) -> float:
         """Factor on all standard deviations if the scatter is larger than those given; else 1."""
-        chi, freedom, probability = (
-            self.checks.chi_squared,
-            self.checks.freedom,
-            self.checks.probability,
-        )
+        chi, probability = self.checks.chi_squared, self.checks.probability
         if chi is None or probability is None or probability >= _SIGNIFICANT:
             return 1.0
-        return float(np.sqrt(chi / freedom))
+        return float(np.sqrt(chi / self.checks.freedom))
 
     @property
     def covariance(self) -> Array:
@@ -617,8 +613,7 @@ class Identification(LabelledResult):
         force = np.linalg.norm(measured.wrench[:, 3:], axis=1) / self.elastic.units.newtons
         weight = measured.mass * 9.81
         moment = np.linalg.norm(measured.wrench[:, :3], axis=1)
-        load, unit = force + weight, "N" if self.elastic.units.force == "N" else "SI"
-        name = "force"
+        load, name, unit = force + weight, "force", "N"
         if not load.any():
             load, name, unit = moment, "moment", self.elastic.units.moment
         time = measured.time

@@ -600,18 +600,20 @@ def sessions_turned_back(
 
     None where the columns of a small rotation are right to a share of the standard deviations (m,).
     """
-    T_F_B, before = unknowns.elements.elastic.mechanism.base_pose, measured
-    sessions = np.array(measured.session)
-    for name in dict.fromkeys(measured.session):
-        w = np.array([offsets.get(f"{name}.r{axis}", 0.0) for axis in "xyz"])
-        mine = (sessions[seen.row] == name) & seen.is_absolute
-        far = float(np.linalg.norm(w)) * np.abs(seen.place[mine]).max(initial=1.0)
-        wrong = float(np.linalg.norm(w)) * (far + np.abs(seen.target[mine]).max(initial=0.0))
-        if wrong > _NEGLIGIBLE * deviation[mine].min(initial=np.inf):
-            turn = se3.inverse(T_F_B) @ se3.exp([*-w, 0.0, 0.0, 0.0]) @ T_F_B
-            rows, values = np.flatnonzero(sessions == name), measured.values
-            measured = replace(measured, values=_moved(values, rows, turn, np.eye(3)))
-    return None if measured is before else measured
+    T_F_B, sessions = unknowns.elements.elastic.mechanism.base_pose, np.array(measured.session)
+    turns = {
+        name: np.array([offsets.get(f"{name}.r{axis}", 0.0) for axis in "xyz"])
+        for name in measured.session
+    }
+    largest = max(map(np.linalg.norm, turns.values()), default=0.0)
+    far = largest * np.abs(seen.place).max() + np.abs(seen.target[seen.is_absolute]).max(initial=0)
+    if largest * far <= _NEGLIGIBLE * deviation.min():
+        return None
+    for name, w in turns.items():
+        turn = se3.inverse(T_F_B) @ se3.exp([*-w, 0.0, 0.0, 0.0]) @ T_F_B
+        moved = _moved(measured.values, np.flatnonzero(sessions == name), turn, np.eye(3))
+        measured = replace(measured, values=moved)
+    return measured
 
 
 def _moved(

@@ -159,6 +159,3 @@ def describe_plan(plan: Plan) -> str:
     if plan.lost:
         lines.append(f"no candidate row loads {', '.join(plan.lost)}")
     return joined([*lines, *note_lines(elastic.notes)])
-
-
-_SUSPECT = "tab:red"
