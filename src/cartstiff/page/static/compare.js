@@ -6,7 +6,7 @@ import { Pane } from "./pane.js";
 import { symbol } from "./matrix.js";
 import { freeness } from "./numbers.js";
 import { actsAt } from "./program.js";
-import { LOOKS, METRES, Store, givenLoad } from "./store.js";
+import { LOOKS, METRES, Store, givenLoad, partOf } from "./store.js";
 
 // A picture that nobody sees.
 const NONE = { reset() {}, apply() {}, wait() {}, holding: false };
@@ -63,8 +63,7 @@ class Row {
     const state = refused === null ? this.main.state : this.main.shown;
     const looks = { ...LOOKS(state), quantity: state.quantity, mode: null, ghost: null, measures: this.sameUnits ? legend?.measures ?? null : null };
     if (this.own) return { ...structuredClone(this.kept.state), ...looks, load_at: actsAt(this.kept.state), point: state.point, axes: state.axes, moved: null };
-    const shared = Object.fromEntries(SHARED.map((key) => [key, state[key]]));
-    return { ...this.store.state, ...looks, ...shared, ...(this.alike ? { q: state.q, command: state.command } : {}), moved: null };
+    return { ...this.store.state, ...looks, ...partOf(state, SHARED), ...(this.alike ? { q: state.q, command: state.command } : {}), moved: null };
   }
 
   /** With a picture in a node, or without one. */

@@ -334,20 +334,18 @@ export function hands(store) {
     if (event.buttons || !tool.visible) return;
     const close = distance(event) < NEAR_HAND;
     pane.node.style.cursor = close && gripAt(event) ? "grab" : "";
-    if (close !== near) {
-      near = close;
-      viewer.set_dirty();
-    }
+    bringOut(close);
   });
   for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) {
     pane.node.addEventListener(name, (event) => hold && event.pointerId === hold.pointer && end());
   }
-  pane.node.addEventListener("pointerleave", () => {
-    if (near && !hold) {
-      near = false;
-      viewer.set_dirty();
-    }
-  });
+  pane.node.addEventListener("pointerleave", () => { if (!hold) bringOut(false); });
+
+  /** Show the handles' arms, or no longer. */
+  function bringOut(is) {
+    if (near !== is) viewer.set_dirty();
+    near = is;
+  }
 
   // -- what the hand feels
 

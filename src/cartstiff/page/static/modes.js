@@ -47,8 +47,7 @@ export function modesPanel(store) {
   function choose(mode) {
     stop();
     rest();
-    frames = null;
-    key = null;
+    frames = key = null;
     store.change({ mode });
   }
 
@@ -177,9 +176,7 @@ export function modesPanel(store) {
   };
   store.on("hello", () => {
     stop();
-    frames = null;
-    key = null;
-    shown.picture = null;
+    frames = key = shown.picture = null;
     card.open = store.state.mode !== null && store.state.mode !== undefined;
   });
   store.on("numbers", () => {

@@ -403,9 +403,10 @@ export function givenLoad(state, numbers, { may_be_loaded: mayBe }) {
   return { load, load_at: at, load_axes: turns ? "body" : "world" };
 }
 
-// What of a state decides its numbers, besides the posture; and what else decides curves.
+// What of a state decides its numbers, besides the posture; what else decides curves; how it is shown.
 const MECHANICS = ["point", "stiffness", "load", "load_axes", "load_kind", "load_at", "gravity", "payload", "command"];
 const CURVED = [...MECHANICS, "connection", "quantity", "others", "axes"];
+const SEEN = ["theme", "translation", "rotation", "scale", "labels", "wrench", "deflection", "screws", "centres", "connection", "others", "mode"];
 export const mechanicsOf = (state) => MECHANICS.map((key) => state[key]);
 export const curvesOf = (state) => CURVED.map((key) => state[key]);
 
@@ -421,6 +422,6 @@ export function inWords(store, index, x, digits = 4) {
 // Powers of ten.
 export const METRES = { m: 0, cm: -2, mm: -3, "µm": -6 };
 /** Of a state what says how numbers and picture are shown. */
-export const LOOKS = ({ theme, translation, rotation, scale, labels, wrench, deflection, screws, centres,
-  connection, others, mode }) =>
-  ({ theme, translation, rotation, scale, labels, wrench, deflection, screws, centres, connection, others, mode });
+export const LOOKS = (state) => partOf(state, SEEN);
+/** What an object has under some names. */
+export const partOf = (whole, names) => Object.fromEntries(names.map((name) => [name, whole[name]]));
