@@ -314,3 +314,24 @@ def test_the_springs_of_a_loop_without_named_motors_are_its_motors(tmp_path):
     assert np.ptp(offered.q[:, motors], axis=0).min() > 0.5
     for q in offered.q:
         assert named.mechanism.closed(q).q == pytest.approx(q, abs=1e-6)
+
+
+def test_forces_of_the_picture_are_newtons(tmp_path):
+    """A platform in kN: its rows of 0.1 kN are at 100 N, beside weights in N."""
+    file = tmp_path / "platform.yaml"
+    layout = "base: {radius: 0.3, half_angle: 0.2}, platform: {radius: 0.2, half_angle: 0.2}"
+    file.write_text(
+        f"kind: stewart-gough\nunits: {{length: m, force: kN}}\nlayout: {{{layout}, height: 0.4}}\n"
+        "legs: {stiffness: 1.0e4}\n"
+    )
+    elastic = load(file)
+    rng = np.random.default_rng(1)
+    q = elastic.q + rng.uniform(-0.05, 0.05, (12, 6))
+    W = np.zeros((12, 6))
+    W[:, 3:] = 0.1 * np.eye(3)[np.arange(12) % 3]
+    rows = measurements(
+        q, W, dict(zip(("dx", "dy", "dz"), rng.normal(size=(3, 12)) * 1e-6, strict=True))
+    )
+    first = identify(elastic, rows).plot().axes[0]
+    assert first.get_xlabel() == "force [N]"
+    np.testing.assert_allclose(first.lines[0].get_xdata(), 100.0)

@@ -610,7 +610,7 @@ class Identification(LabelledResult):
             Without matplotlib.
         """
         measured, seen, chosen = self.measured, self.model.observations, self.chosen
-        force = np.linalg.norm(measured.wrench[:, 3:], axis=1) / self.elastic.units.newtons
+        force = np.linalg.norm(measured.wrench[:, 3:], axis=1) * self.elastic.units.newtons
         weight = measured.mass * 9.81
         moment = np.linalg.norm(measured.wrench[:, :3], axis=1)
         load, name, unit = force + weight, "force", "N"
