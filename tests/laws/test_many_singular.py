@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from itertools import pairwise
 
 import numpy as np
@@ -209,3 +210,18 @@ def test_a_body_that_translates_does_not_turn(tmp_path, tilt):
     values = evaluate(quantities, many.arrays, settings)
     assert values[names[0]] == pytest.approx([1e-4] * 3, rel=1e-12)
     assert np.array_equal(values[names[1]], [0.0] * 3)
+
+
+def test_lines_that_all_meet_an_axis_leave_it_free(tmp_path):
+    """The turn about the axis is round-off of levers that cancel: no stiffness, no compliance."""
+    around = 2 * np.pi * np.arange(12) / 6
+    circle = np.stack([np.cos(around), np.sin(around), 0.3 * (np.arange(12) > 5)], axis=1)
+    points = {"base": circle.tolist(), "platform": (circle * [0.2, 0.2, 1.0]).tolist()}
+    file = {"kind": "springs", **points, "legs": {"stiffness": 1e5}, "pose": {"xyz": [0, 0, 0.15]}}
+    path = tmp_path / "spokes.yaml"
+    path.write_text(json.dumps(file))
+    spokes = cartstiff.load(path)
+    found = cartstiff.analyse(spokes)
+    assert found.K[2].tolist() == [0.0] * 6
+    assert found.compliances["B"] is None
+    assert "type-2-singularity" in repr(analyse_many(spokes, spokes.q[None]))

@@ -197,8 +197,9 @@ def _reduced(
     states, short = list[Note](), None
     J = output.jacobian * rows[:, None] * columns
     g = energy.gradient * columns
-    H = energy.hessian * columns[:, None] * columns
-    n = len(g)
+    H, n = energy.hessian * columns[:, None] * columns, len(g)
+    if n:
+        H = zero_roundoff(H, np.ones(n))
     stiff = np.abs(H).max(axis=0, initial=0.0)
 
     # N: all motions (n, f), parametrised by the coordinates `leading`; orthonormal for singular
