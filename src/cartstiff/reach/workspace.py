@@ -195,6 +195,8 @@ class LegMargins(PoseMargins):
         Whether poses beyond singular ones count as well.
     """
 
+    legs: list[Leg]
+
     def __init__(self, elastic: ElasticMechanism, pose: Array, through: bool = False) -> None:
         chain, legs = elastic.mechanism, legs_of(elastic, limits=False, poses=QuickPoses)
         if not isinstance(chain, Chain) or legs is None:
@@ -345,7 +347,7 @@ def _normals(lines: Array) -> Array:
 
     Minors of the first rows follow from those of one row less by Laplace's expansion.
     """
-    minors = {(): np.float64(1.0)}
+    minors: dict[tuple[int, ...], Any] = {(): 1.0}
     for row, line in enumerate(np.moveaxis(lines, (-2, -1), (0, 1))):
         minors = {
             c: sum(
