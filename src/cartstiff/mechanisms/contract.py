@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from math import inf
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -138,9 +139,10 @@ def sized(size: float, unit: str) -> tuple[float, str]:
     """
     metres, steps = _steps(unit)
     reached = abs(size) * metres * _ROUND_UP
-    own = next(s for s in steps if s[0] == 1.0) if not size else steps[-1]
-    factor, name = next((s for s in steps if reached >= s[0]), own)
-    return factor / metres, name
+    for step in steps:
+        if reached >= step[0] or (not size and step[0] == 1.0):
+            break
+    return step[0] / metres, step[1]
 
 
 @cache
@@ -170,16 +172,15 @@ def engineering(value: float | None, unit: str = "", digits: int = 4, least: flo
         return "-"
     if abs(value) < least:
         value = 0.0
-    factor, name = (1.0, unit) if abs(value) == float("inf") else sized(value, unit)
+    factor, name = (1.0, unit) if abs(value) == inf else sized(value, unit)
     x = value / factor * _ROUND_UP
-    mantissa, _, power = f"{x:.{digits - 1}e}".partition("e")
-    if not power:
-        text = mantissa.replace("inf", "∞")
-    elif x == 0.0 or _MIN_PLAIN <= abs(x) < _MAX_PLAIN:
-        text = f"{float(f'{mantissa}e{power}') + 0.0:.15g}"
-    else:
+    text = f"{x + 0.0:.{digits}g}"
+    if 0.0 < abs(x) < _MIN_PLAIN or _MAX_PLAIN <= abs(x) < inf:
+        mantissa, _, power = f"{x:.{digits - 1}e}".partition("e")
         text = f"{float(mantissa):g}e{int(power)}"
-    return f"{text} {name.removeprefix('1')}".rstrip()
+    elif "e" in text:
+        text = f"{float(text):.15g}"
+    return f"{text.replace('inf', '∞')} {name.removeprefix('1')}".rstrip()
 
 
 @dataclass(frozen=True)

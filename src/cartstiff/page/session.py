@@ -271,9 +271,8 @@ class Session:
         A page sends them back with the next state, which must not begin with bent links: a closed
         chain whose links are bent may not close at other positions of its drives.
         """
-        mechanism, q = self._elastic.mechanism, self._q if state.q is None else np.array(state.q)
-        links = sorted(mechanism.virtual)
-        is_bent = bool((result.q[links] != q[links]).any())
+        q = self._q if state.q is None else state.q
+        is_bent = any(result.q[i] != q[i] for i in self._elastic.mechanism.virtual)
         return self._placed(state)[1] if state.command or is_bent else result.q
 
     def numbers(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:

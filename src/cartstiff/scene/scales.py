@@ -155,7 +155,7 @@ class Logarithmic:
 
 def _sizes(values: ArrayLike) -> list[float]:
     """Absolute values that are finite, if there is one above zero."""
-    sizes = [abs(v) for v in np.ravel(values).tolist() if isfinite(v)]
+    sizes = [abs(v) for v in np.asarray(values, float).ravel().tolist() if isfinite(v)]
     return sizes if any(sizes) else []
 
 

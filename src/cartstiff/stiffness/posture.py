@@ -387,7 +387,9 @@ class PostureStiffness(LabelledResult):
 
     def shown_wrench(self, wrench: Array) -> Array:
         """A wrench (6,) with round-off set to 0; see `cartstiff.stiffness.rounding`."""
-        H = None if self._load_is_given or not any(wrench.tolist()) else self.evaluation.hessian
+        if not any(wrench.tolist()):
+            return wrench
+        H = None if self._load_is_given else self.evaluation.hessian
         return shown_wrench(wrench, H, self.posture.coordinate_lengths, self.length)
 
     @property
