@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import Mechanism
+from cartstiff.mechanisms.contract import Mechanism, engineering
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.platform import Platform
@@ -424,7 +424,8 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
     wound = wound[np.argsort(-np.abs(x[wound]))]
     parts = [
         f"joint {chain.names[j]!r} winds up by {np.degrees(abs(x[j])):.3g} deg under "
-        f"{abs(torque[j]):.3g} {units.moment}, at {abs(torque[j] / x[j]):.3g} {units.moment}/rad"
+        f"{engineering(abs(torque[j]), units.moment, 3)}, at "
+        f"{engineering(abs(torque[j] / x[j]), units.spring(False), 3)}"
         for j in wound[:3]
     ]
     parts += [f"{', '.join(chain.names[j] for j in wound[3:])}: more than 5 deg"] * (len(wound) > 3)
@@ -435,7 +436,8 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
         reach = float(sum(map(np.linalg.norm, [*ways[1:], body.T_j_f[:3, 3]])))
         moved = float(np.linalg.norm((chain.at(q).pose - chain.at(q - x).pose)[:3, 3]))
         if moved > MAX_RELATIVE_DEFLECTION * reach > 0.0:
-            parts.append(f"the tip moves by {moved:.3g} {units.length}, its reach is {reach:.3g}")
+            sizes = (engineering(x, units.length, 3) for x in (moved, reach))
+            parts.append("the tip moves by {}, its reach is {}".format(*sizes))
             values |= {"moved": moved, "reach": reach}
     if not parts:
         return []
@@ -464,9 +466,10 @@ def _stretched(
     long = long[np.argsort(-np.abs(x[long]))]
     names = elastic.spring_names
     words = "; ".join(
-        f"{names[i]} changes its length of {lengths[i]:.3g} by {abs(x[i]):.3g} {units.length} "
-        f"under {abs(tensions[i]):.3g} {units.force}, at {springs.stiffness[i]:.3g} "
-        f"{units.spring(True)}"
+        f"{names[i]} changes its length of {engineering(lengths[i], units.length, 3)} by "
+        f"{engineering(abs(x[i]), units.length, 3)} under "
+        f"{engineering(abs(tensions[i]), units.force, 3)}, at "
+        f"{engineering(springs.stiffness[i], units.spring(True), 3)}"
         for i in long[:3]
     )
     values = {"stretch": {names[i]: float(x[i]) for i in long}}

@@ -5,6 +5,7 @@
 import { adjoint, angles, back, block, changed, congruence, cross, dot, eigen, general, identity, inverse,
   largest, motion, moving, place, plus, product, rotation, scaled, scaledInverse, singular, squares, sureOfInverse,
   symmetric, times, transposed } from "./algebra.js";
+import { engineering } from "./dom.js";
 import { ATTAINABLE_PRECISION, NEGLIGIBLE_DIFFERENCE, EPSILON, MAX_FUTILE_STEPS, LIMIT_SLACK, NEAR_SINGULARITY, ROUNDOFF, SMALLEST_STEP, SYMMETRY, REPORTED_ERROR, ZERO_SHARE } from "./numerics.js";
 
 export const NOT_PLAIN = "this posture is too near to a singularity, or its load too near to what the springs hold, for the formulas in this page: `cartstiff view` answers it";
@@ -422,9 +423,9 @@ export class Program {
     const stretch = m.tensions.map((tension, i) => tension / m.stiffness[i]);
     const long = doubted.legs.filter((i) => Math.abs(stretch[i]) > doubted.share * lengths[i]).sort((a, b) => Math.abs(stretch[b]) - Math.abs(stretch[a]));
     if (!long.length) return [];
-    const size = (x) => general(Math.abs(x), 3);
-    const words = long.slice(0, 3).map((i) => `${doubted.names[i]} changes its length of ${size(lengths[i])} by ${size(stretch[i])} ${unit} `
-      + `under ${size(m.tensions[i])} ${doubted.force}, at ${size(m.stiffness[i])} ${doubted.spring}`);
+    const size = (x, of) => engineering(Math.abs(x), of, 3);
+    const words = long.slice(0, 3).map((i) => `${doubted.names[i]} changes its length of ${size(lengths[i], unit)} by ${size(stretch[i], unit)} `
+      + `under ${size(m.tensions[i], doubted.force)}, at ${size(m.stiffness[i], doubted.spring)}`);
     return [{ code: "implausible-deflection", message: `${words.join("; ")}. Is the load meant, and the unit of the springs (1 N/um is 1e6 N/m)?`,
       values: { stretch: Object.fromEntries(long.map((i) => [doubted.names[i], stretch[i]])) } }];
   }
