@@ -23,6 +23,12 @@ def new_figure(width: float = 6.4, height: float = 4.2) -> Any:
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def new_axes(width: float = 6.4, height: float = 4.2) -> tuple[Any, Any]:
+    """Return a figure with one diagram, and its axes; as `new_figure`."""
+    figure = new_figure(width, height)
+    return figure, figure.subplots()
+
+
 def draw_bars(axis: Any, names: Sequence[str], values: ArrayLike, label: str) -> Any:
     """Draw named numbers as bars, the first at the top as in a table; return the bars."""
     bars = axis.barh([printable(name) for name in names], values)

@@ -35,7 +35,7 @@ from cartstiff.errors import (
     UndefinedError,
     UnknownNameError,
 )
-from cartstiff.figures import new_figure
+from cartstiff.figures import new_axes
 from cartstiff.identify.measurements import (
     DISPLACEMENT,
     MEASURED,
@@ -433,8 +433,7 @@ class Plan(LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure = new_figure()
-        axis = figure.subplots()
+        figure, axis = new_axes()
         axis.plot(self.counts, 100.0 * self._worst, "o-")
         axis.set(xlabel="rows", ylabel="largest standard deviation [%]", yscale="log")
         return figure

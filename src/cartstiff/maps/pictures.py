@@ -15,7 +15,7 @@ import numpy as np
 from cartstiff.arrays import Array
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.figures import new_figure
+from cartstiff.figures import new_axes, new_figure
 from cartstiff.maps.reading import (
     best_branch,
     computed,
@@ -244,8 +244,7 @@ def _cells(
 
 def heat_map(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> Any:
     """Draw a map over its two dimensions in colours, with a line at a level of the quantity."""
-    figure = new_figure()
-    axis = figure.subplots()
+    figure, axis = new_axes()
     _draw_parts(figure, [axis], [dataset], quantity, level)
     axis.set_title(title_of(dataset))
     return figure
@@ -307,8 +306,7 @@ def line(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> 
     name = "time" if "time" in dataset.coords else dim
     x = np.asarray(dataset[name].values if name in dataset.coords else np.arange(array.size), float)
     values = np.asarray(array.values, float)
-    figure = new_figure()
-    axis = figure.subplots()
+    figure, axis = new_axes()
     marker = "." if np.isfinite(values).sum() < 200 else ""
     axis.plot(x, np.where(np.isfinite(values), values, np.nan), marker=marker)
     if level is not None:
@@ -342,8 +340,7 @@ def histogram(dataset: xarray.Dataset, quantity: str, level: float | None = None
     values = array.chunk().astype(float)
     finite = values.where(np.isfinite(values))
     low, high, known = map(float, computed(finite.min(), finite.max(), finite.count()))
-    figure = new_figure()
-    axis = figure.subplots()
+    figure, axis = new_axes()
     if known:
         logarithmic = low > 0 and high > DECADES * low
         wide = high if high > low else low + (abs(low) or 1.0)

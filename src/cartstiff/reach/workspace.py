@@ -261,10 +261,8 @@ class LegMargins(PoseMargins):
         determinants of these twists and of all twists change their signs together, though the body
         stays held: the sign of the latter is taken out.
         """
-        there, lengths = (
-            leg.solver.kinematics.at(q[:, leg.columns]),
-            np.repeat([1.0, self.length], 3),
-        )
+        there = leg.solver.kinematics.at(q[:, leg.columns])
+        lengths = np.repeat([1.0, self.length], 3)
         ball = np.tile(np.eye(6)[:, : 3 * (leg.free == "rotation")], (len(q), 1, 1))
         J = np.concatenate([there.jacobian * leg.solver.sizes, ball], axis=2)
         J = se3.adjoint(T_M_F @ there.pose) @ J / lengths[:, None]

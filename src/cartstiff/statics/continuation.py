@@ -27,7 +27,7 @@ from cartstiff import numerics
 from cartstiff.arrays import Result, csv_text, plain_dict
 from cartstiff.checked_call import checked
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
-from cartstiff.figures import new_figure
+from cartstiff.figures import new_axes
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import (
     ElasticMechanism,
@@ -574,8 +574,7 @@ class LoadCurve(Result, LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure = new_figure()
-        axes = figure.subplots()
+        figure, axes = new_axes()
         part = slice(0, 3) if rotation else slice(3, 6)
         units = self.elastic.units
         unit, per = (units.shown_angle, units.shown_per_radian) if rotation else (units.length, 1.0)

@@ -198,7 +198,7 @@ def _reduced(
     J = output.jacobian * rows[:, None] * columns
     g = energy.gradient * columns
     H, n = energy.hessian * columns[:, None] * columns, len(g)
-    if n:
+    if n:  # what is left of springs that cancel along a coordinate is no stiffness
         H = zero_roundoff(H, np.ones(n))
     stiff = np.abs(H).max(axis=0, initial=0.0)
 

@@ -19,7 +19,7 @@ from cartstiff.errors import (
     checked_kind,
     imported,
 )
-from cartstiff.figures import new_figure
+from cartstiff.figures import new_axes
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.results import LabelledResult
@@ -139,8 +139,7 @@ class Placement(LabelledResult):
         worst = self.worst[index]
         label = f"worst {self.path.criterion.name} [{self.path.unit}]"
         titles = [f"workpiece {n} [{'rad' if n == 'yaw' else units.length}]" for n in shown]
-        figure = new_figure(6.4, 4.6)
-        axes = figure.subplots()
+        figure, axes = new_axes(6.4, 4.6)
         if len(shown) < 2:
             values = self.axes[shown[0]] if shown else np.zeros(1)
             axes.plot(values, np.atleast_1d(worst), "o-")

@@ -34,7 +34,7 @@ from cartstiff.arrays import (
     fixed,
 )
 from cartstiff.errors import CartstiffError, InputError, one_line
-from cartstiff.figures import new_figure
+from cartstiff.figures import new_axes
 from cartstiff.loading.tables import read_response
 from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -242,8 +242,7 @@ class Lobes(Result, LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure = new_figure(7.0, 4.0)
-        axis = figure.subplots()
+        figure, axis = new_axes(7.0, 4.0)
         depths = np.where(np.isfinite(self.depths), self.depths, np.nan)
         axis.plot(self.speeds, depths, label="zeroth order")
         if np.isfinite(self.least):

@@ -17,7 +17,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.arrays import Array, Result
 from cartstiff.errors import UnknownNameError
-from cartstiff.figures import new_figure
+from cartstiff.figures import new_axes
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Units
@@ -65,8 +65,7 @@ class Shortcut(Result, LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure = new_figure()
-        axes = figure.subplots()
+        figure, axes = new_axes()
         for label, hertz in (("all masses", self.all_masses), ("body alone", self.body_alone)):
             if hertz is not None:
                 axes.plot(hertz, range(1, len(hertz) + 1), "o", label=label)

@@ -25,7 +25,7 @@ from cartstiff.arrays import Array, Result, checked_input, fixed, plain
 from cartstiff.checked_call import checked
 from cartstiff.described import described
 from cartstiff.errors import InputError, UndefinedError, checked_kind
-from cartstiff.figures import new_figure
+from cartstiff.figures import new_axes
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import LENGTHS, MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, without_mass
@@ -255,8 +255,7 @@ class Modes(Result, LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure = new_figure()
-        axes = figure.subplots()
+        figure, axes = new_axes()
         axes.barh(range(1, len(self.frequencies) + 1), self.frequencies)
         axes.set(xlabel="natural frequency [Hz]", ylabel="mode", title=self.elastic.name)
         axes.locator_params(axis="y", integer=True)

@@ -30,7 +30,7 @@ from cartstiff.analysis.tolerances import Tolerances, UncertainParameters, check
 from cartstiff.arrays import Array, Result, checked_array, plain_dict
 from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, checked_kind, one_line
-from cartstiff.figures import draw_bars, new_figure
+from cartstiff.figures import draw_bars, new_axes, new_figure
 from cartstiff.geometry.differences import derivative_with_error
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -672,8 +672,7 @@ class FrequencyInterval(Result, LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure = new_figure()
-        axes = figure.subplots()
+        figure, axes = new_axes()
         axes.hlines(range(1, len(self.low) + 1), self.low, self.high, linewidth=4.0)
         axes.set(xlabel=f"natural frequency [Hz], {100.0 * self.level:g} % interval", ylabel="mode")
         axes.locator_params(axis="y", integer=True)
