@@ -78,7 +78,7 @@ def main(target: Path = TARGET) -> None:
     import cartstiff
     from cartstiff.page.server import Background
     from cartstiff.page.source import Source
-    from cartstiff.report.output import write_whole
+    from cartstiff.writing import write_whole
 
     server = Background(Source(cartstiff.load(MECHANISM)))
     try:

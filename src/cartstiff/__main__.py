@@ -1,6 +1,13 @@
-"""``python -m cartstiff``."""
+"""The command ``cartstiff``, and ``python -m cartstiff``."""
 
-from cartstiff.cli.main import main
+import signal
+
+# An interrupt while the imports run ends the process as it ends any other program: without a word.
+_before = signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+from cartstiff.cli.main import main  # noqa: E402
+
+signal.signal(signal.SIGINT, _before)
 
 if __name__ == "__main__":
     main()

@@ -8,7 +8,7 @@ from threading import Thread
 import pytest
 
 import cartstiff
-from cartstiff.report.output import write_whole
+from cartstiff.writing import write_whole
 
 
 def test_children_beside_a_load_keep_their_streams():

@@ -45,8 +45,9 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree_building import Give, plain_tree
 from cartstiff.potentials.line_springs import line_geometry
 from cartstiff.potentials.springs import PolynomialLaw, TabulatedLaw
-from cartstiff.report.output import write_result, write_whole
+from cartstiff.report.output import write_result
 from cartstiff.stiffness.compute import analyse
+from cartstiff.writing import write_whole
 
 NAN = float("nan")
 

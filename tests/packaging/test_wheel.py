@@ -54,7 +54,7 @@ def test_wheel_holds_the_package_the_robots_and_nothing_else(wheel):
         names = set(archive.namelist())
         licences = [name for name in names if name.endswith("licenses/LICENSE")]
         entry_points = next(name for name in names if name.endswith("entry_points.txt"))
-        assert "cartstiff = cartstiff.cli.main:main" in archive.read(entry_points).decode()
+        assert "cartstiff = cartstiff.__main__:main" in archive.read(entry_points).decode()
     assert wheel.name == f"cartstiff-{__version__}-py3-none-any.whl"
     assert licences
     package = {name for name in names if name.startswith("cartstiff/")}

@@ -133,8 +133,8 @@ def poses_command(
     from cartstiff.loading.tables import read_rows
     from cartstiff.mechanisms.other_units import shown_factors
     from cartstiff.report.layout import body_frame
-    from cartstiff.report.output import write_whole
     from cartstiff.report.robot_table import robot_table
+    from cartstiff.writing import write_whole
 
     rows = read_rows(
         table, "postures", units=elastic.units, factors=shown_factors(elastic), joints=elastic.names

@@ -431,7 +431,7 @@ def command(
     from cartstiff.identify.unknowns import unknowns_of
     from cartstiff.identify.written_file import keys_to_write, mechanism_file
     from cartstiff.report.identification import describe_identification
-    from cartstiff.report.output import write_whole
+    from cartstiff.writing import write_whole
 
     measured = table.read(data, elastic)
     keys: dict[str, Any] = {}

@@ -94,7 +94,7 @@ class Controller:
             **answer.to_dict(),
         }
         if self.output is not None:
-            from cartstiff.report.output import write_whole
+            from cartstiff.writing import write_whole
 
             write_whole(self.output, _text(gains, self.output.suffix).encode())
         return describe_impedance(answer, shown, elastic.units)

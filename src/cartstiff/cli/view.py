@@ -118,7 +118,7 @@ def _needing(module: str, purpose: str) -> Any:
 
 
 def _write(output: Path, page: str) -> None:
-    from cartstiff.report.output import write_whole
+    from cartstiff.writing import write_whole
 
     data = page.encode()
     write_whole(output, data)

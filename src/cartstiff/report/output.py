@@ -4,44 +4,16 @@ from __future__ import annotations
 
 import io
 import json
-import os
-import secrets
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cartstiff.errors import InputError, one_line
+from cartstiff.errors import InputError
 from cartstiff.figures import figure_content
 from cartstiff.stiffness.compute import PostureStiffness
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file so that readers see the old or the new contents, never a part.
-
-    Raises
-    ------
-    InputError
-        If the place cannot be written.
-    """
-    try:
-        # Created by `open`, it has the permissions of the user's umask.
-        name = path.parent / f".{path.name}.{secrets.token_hex(8)}"
-        handle = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
-    except OSError as error:
-        raise InputError(
-            "file cannot be written", where=one_line(str(path)), got=error.strerror
-        ) from None
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-        name.replace(path)
-    except OSError as error:
-        name.unlink(missing_ok=True)
-        raise InputError(
-            "file cannot be written", where=one_line(str(path)), got=error.strerror
-        ) from None
+from cartstiff.writing import write_whole
 
 
 def write_result(

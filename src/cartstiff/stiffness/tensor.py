@@ -29,6 +29,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.notebook import html_table
 from cartstiff.notes import Note
+from cartstiff.writing import write_whole
 
 #: Names along the axes of matrices: components of wrenches, and of motions.
 COMPONENTS = {
@@ -543,23 +544,26 @@ class StiffnessTensor(LabelledMatrix):
         Raises
         ------
         InputError
-            For another ending.
+            For another ending, or a place that cannot be written.
         """
         path = Path(path)
         if path.suffix == ".json":
-            path.write_text(self.as_json() + "\n", encoding="utf-8")
+            data = f"{self.as_json()}\n".encode()
         elif path.suffix == ".csv":
-            path.write_text(self.to_csv(), encoding="utf-8")
+            data = self.to_csv().encode()
         elif path.suffix == ".npz":
+            buffer = io.BytesIO()
             np.savez(
-                path,
+                buffer,
                 matrix=self.matrix,
                 wrench=self.wrench,
                 pose=self.pose,
                 description=np.array(json.dumps(self.to_dict())),
             )
+            data = buffer.getvalue()
         else:
             raise InputError("unknown file ending", expected=".json, .csv or .npz", got=path.name)
+        write_whole(path, data)
 
 
 def _scale_symbols(symbols: Array, a: float) -> Array:
