@@ -9,7 +9,7 @@ from typing import Any
 from cartstiff.errors import UndefinedError
 
 #: Codes of notes that come before an answer, which may say nothing about the real machine.
-DOUBTS = ("stiffness-assumed", "open-loops")
+DOUBTS = ("stiffness-assumed", "held-by-lines", "open-loops")
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,20 @@ def assumed_stiffness(value: float, joints: Sequence[str], of: Sequence[str]) ->
     )
 
 
+def held_by_lines(joints: Sequence[str]) -> Note:
+    """Note on joints that line springs alone hold, as no other spring was given."""
+    several = len(joints) > 1
+    return Note(
+        "held-by-lines",
+        f"line springs alone hold {', '.join(joints)}: {'these joints have' if several else ''}"
+        f"{'' if several else 'the joint has'} no spring of {'their' if several else 'its'} own "
+        "in the file, and none is assumed; if drives hold "
+        f"{'them' if several else 'it'}, give --stiffness joint=value, or 'springs' in a mechanism "
+        "file ('passive' there says that there are none)",
+        {"joints": list(joints)},
+    )
+
+
 def still_assumed(notes: tuple[Note, ...], stiffness: object) -> tuple[Note, ...]:
     """Notes that remain after stiffnesses were given to all joints, or to those in a mapping."""
     kept = []
@@ -57,11 +71,13 @@ def still_assumed(notes: tuple[Note, ...], stiffness: object) -> tuple[Note, ...
             continue
         if note.code == "published-springs" and not isinstance(stiffness, Mapping):
             continue
-        if note.code != "stiffness-assumed":
+        if note.code not in ("stiffness-assumed", "held-by-lines"):
             kept.append(note)
         elif isinstance(stiffness, Mapping):
             values: Any = note.values
             left = [name for name in values.get("joints", ()) if name not in stiffness]
-            if left:
+            if left and note.code == "held-by-lines":
+                kept.append(held_by_lines(left))
+            elif left:
                 kept.append(assumed_stiffness(values["stiffness"], left, values["all_joints"]))
     return tuple(kept)

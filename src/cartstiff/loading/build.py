@@ -78,7 +78,7 @@ from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.platform import LegLimits, Platform, Struts
 from cartstiff.mechanisms.tree import FixedFrame, KinematicTree
 from cartstiff.mechanisms.tree_building import extended, find_frame, merged, plain_tree
-from cartstiff.notes import Note, assumed_stiffness
+from cartstiff.notes import Note, assumed_stiffness, held_by_lines
 from cartstiff.numerics import NEAR_SINGULARITY, ZERO_SHARE, is_regular
 from cartstiff.potentials.beams import Beam, Section
 from cartstiff.potentials.contract import Potential
@@ -411,19 +411,29 @@ def springs_of(
     *,
     virtual: Sequence[str] = (),
     actuated: Sequence[str] | None = None,
-) -> tuple[JointSprings, list[Note]]:
-    """Return the joint springs of a file's entries, and notes on what was assumed.
+    on_lines: bool = False,
+) -> tuple[JointSprings, list[Note], list[Note]]:
+    """Return the joint springs of a file's entries, doubts that come first, and other notes.
 
     A joint without an entry has the spring of the robot's own file. Of the other joints the
     actuated ones get an assumed spring: in a serial arm all but the `passive` ones, in a closed
     chain (`actuated` is a sequence) those that are named there, or all but the passive ones where
     only these are named. Joints without a spring are free, as virtual joints of links are.
+
+    A mechanism that line springs hold (`on_lines`) and whose file names no passive joints has
+    assumed springs only where an actuator of the robot's own file drives a joint.
     """
     names = tree.names
+    named = set(passive) - set(virtual)
     passive = [*passive, *(n for n in virtual if n not in passive)]
     driven = set(names) - set(passive) - set(facts.passive)
-    if actuated is not None and (actuated or springs or not set(passive) - set(virtual)):
-        driven &= set(actuated)
+    held: set[str] = set()
+    if actuated is not None:
+        if actuated or springs or not named:
+            driven &= set(actuated)
+    elif on_lines and not named and not springs:
+        held = driven - set(facts.actuated)
+        driven -= held
     for entries, key in ((springs, "springs"), (passive, "passive")):
         _check_joints(entries, names, f"key {key}")
     both = set(springs) & set(passive)
@@ -433,6 +443,7 @@ def springs_of(
     laws: dict[int, SpringLaw] = {}
     assumed: list[str] = []
     unsprung: list[str] = []
+    on_lines_alone: list[str] = []
     for j, name in enumerate(names):
         entry = springs.get(name)
         if entry is not None:
@@ -467,15 +478,19 @@ def springs_of(
             assumed.append(name)
         else:
             rest[j] = 0.0
-            if name in facts.passive and name not in passive:
+            if name in held:
+                on_lines_alone.append(name)
+            elif name in facts.passive and name not in passive:
                 unsprung.append(name)
-    notes = [assumed_stiffness(ASSUMED_STIFFNESS, assumed, names)] if assumed else []
+    doubts = [assumed_stiffness(ASSUMED_STIFFNESS, assumed, names)] if assumed else []
+    doubts += [held_by_lines(on_lines_alone)] if on_lines_alone else []
+    notes = list[Note]()
     notes += rest_of_turns(tree.coordinates, rest)
     notes += softening({name: entry for name, entry in springs.items() if not entry.stiffness})
     if unsprung:
         words = f"joints without a spring in the file move freely: {', '.join(unsprung)}"
         notes.append(Note("passive-joints", words, {"joints": unsprung}))
-    return JointSprings(stiffness, rest, laws), notes
+    return JointSprings(stiffness, rest, laws), doubts, notes
 
 
 def softening(springs: Mapping[str, JointSpringModel]) -> list[Note]:
@@ -728,19 +743,20 @@ def _elastic_chain(
         alone = len({int(support[1]) for support in supports if len(support) > 1}) == 1
         q, chosen = regular_posture(chain, q, alone=alone)
         notes += chosen
-    springs, assumed = springs_of(
+    springs, doubts, more = springs_of(
         entries,
         passive,
         tree,
         facts,
         virtual=[*virtual, *(name for name in contacts if name not in entries)],
         actuated=driven,
+        on_lines=bool(file.lines),
     )
     soft = [
         spring for part in parts for spring in link_springs(part.entry.flexible, tree, part.prefix)
     ]
-    notes[:0] = assumed[:1]
-    notes += [*assumed[1:], *beams_that_end_elsewhere(soft, chain), *negative_links(soft)]
+    notes[:0] = doubts
+    notes += [*more, *beams_that_end_elsewhere(soft, chain), *negative_links(soft)]
     notes += _links_without_effect(soft, chain, file.lines)
     potentials = [*soft, *extra_lines(file.lines, chain, q, notes)]
     elastic = ElasticMechanism(name, chain, q, springs, notes=tuple(notes))

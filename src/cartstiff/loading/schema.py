@@ -615,7 +615,11 @@ class SerialFile(Joints, FileWords):
     )
     offset: PoseModel = keyed("M in the named frame", PoseModel.model_construct())
     zeros: dict[str, Number] = keyed("true positions of joints that are commanded to 0", {})
-    lines: list[LineModel] = []
+    lines: list[LineModel] = keyed(
+        "springs and cables between links; where they are and no joint is named under springs or "
+        "passive, none but the joints with actuators of their own get an assumed spring",
+        [],
+    )
 
 
 class ClosureModel(FileModel):

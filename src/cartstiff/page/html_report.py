@@ -307,9 +307,8 @@ def _answer(
 def _doubt(elastic: ElasticMechanism) -> str:
     """Lines in amber: springs that are assumed, or illustrative by their file, and open loops."""
     assumed = [note.message for note in elastic.notes if note.code == "stiffness-assumed"]
-    lines = [
-        f"{n.message[0].upper()}{n.message[1:]}." for n in elastic.notes if n.code == "open-loops"
-    ]
+    others = [n.message for n in elastic.notes if n.code in ("held-by-lines", "open-loops")]
+    lines = [f"{message[0].upper()}{message[1:]}." for message in others]
     if assumed:
         lines.append(f"The springs are assumed: {assumed[0]}.")
     elif elastic.is_illustrative:
