@@ -60,6 +60,7 @@ SMALL = {
     "checked_call",
     "child_process",
     "choices",
+    "writing",
     "described",
     "expressions",
     "figures",
