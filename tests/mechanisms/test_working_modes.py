@@ -168,3 +168,35 @@ def test_legs_that_hang_on_the_body(tmp_path):
         posture = machine.mechanism.at(q)
         assert np.abs(posture.residual).max() < EXACT
         assert np.abs(posture.pose - T).max() < EXACT
+
+
+@pytest.mark.parametrize(
+    ("base", "platform", "link"),
+    [(0.25, 0.1, 0.15), (0.2, 0.05, 0.2), (0.2, 0.12, 0.12), (0.3, 0.1, 0.12), (0.35, 0.12, 0.15)],
+)
+def test_alike_legs_of_a_symmetric_machine_take_one_working_mode(base, platform, link):
+    """At the centre both elbows of every leg are equally near: round-off does not choose."""
+    k = 500.0
+    legs = {"chain": "RRR", "crank": link, "rod": link, "stiffness": k}
+    legs |= {"base": {"radius": base}, "platform": {"radius": platform}}
+    machine = cartstiff.parallel(legs, [0.0] * 6)
+    angle = np.pi - np.arccos((base - platform) / 2 / link)  # of an isosceles triangle
+    motors = [leg.driven for leg in machine.mechanism.legs]
+    np.testing.assert_allclose(machine.q[motors], angle, atol=EXACT)
+    (note,) = (note for note in machine.notes if note.code == "working-mode")
+    assert "mode: plus" in note.message
+    np.testing.assert_allclose(list(note.values["other"].values()), -angle, atol=EXACT)
+    # A rod carries t along its line n, and t n . (crank across) holds its motor's torque.
+    C, total = cartstiff.analyse(machine).compliances["B"], np.zeros((3, 3))
+    for turn in 2 * np.pi * np.arange(3) / 3:
+        across, n = (np.array([np.cos(x), np.sin(x)]) for x in (turn + angle + np.pi / 2, turn))
+        elbow = link * np.array([np.cos(turn + angle), np.sin(turn + angle)])
+        grip = platform * n
+        n = grip - base * n - elbow
+        g = np.array([grip[0] * n[1] - grip[1] * n[0], *n]) / (link * (n @ across))
+        total += k * np.outer(g, g)
+    np.testing.assert_allclose(C[2:5, 2:5], np.linalg.inv(total), rtol=1e-8, atol=1e-12)
+    for mode, sign in (("plus", 1), ("minus", -1)):
+        named = cartstiff.parallel({**legs, "mode": mode}, [0.0] * 6)
+        np.testing.assert_allclose(named.q[motors], sign * angle, atol=EXACT)
+        assert "working-mode" not in {note.code for note in named.notes}

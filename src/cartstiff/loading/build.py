@@ -1695,9 +1695,10 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
     contacts: list[str] = []
     driven: list[str] = []
     lines = [*file.lines]
-    from cartstiff.loading.legs import drawn_legs
+    from cartstiff.loading.legs import drawn_legs, mode_notes
 
     legs = [*drawn_legs(file)]
+    notes += mode_notes(legs)
     for i, leg in enumerate(legs):
         prefix, place = f"leg{i + 1}/", f"leg {i + 1}"
         drawing = leg.drawing

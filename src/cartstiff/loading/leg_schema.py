@@ -106,7 +106,7 @@ class NamedLegs(FileModel):
     mode: _Mode | list[_Mode] | None = keyed(
         "working mode: the smaller (minus) or the larger (plus) of the two slides, or "
         "crank angles between -pi and pi, that reach the file's pose; default the smaller slide, "
-        "and the crank that points outwards the more",
+        "and the crank that points outwards the more; where both do so alike, the larger angle",
         None,
     )
     actuated: list[Text] | None = keyed(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
@@ -17,12 +18,13 @@ from cartstiff.loading.leg_schema import LegEndsModel, LegModel, NamedLegs, Para
 from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import JointSpringModel, PoseModel, check_limits, one_each, pose_of
 from cartstiff.mechanisms.leg_shapes import Family, LegShape, frame_along, turns
+from cartstiff.notes import Note
 
 _Z = np.array([0.0, 0.0, 1.0])
 
 
-def drawn(entry: NamedLegs, T_F_P: Array, leg: str = "") -> list[LegShape]:
-    """Return the shape of each leg, with the body at a pose.
+def drawn(entry: NamedLegs, T_F_P: Array, leg: str = "") -> list[tuple[LegShape, float | None]]:
+    """Return the shape of each leg, with the body at a pose, and the other root of `_root`.
 
     Parameters
     ----------
@@ -97,21 +99,39 @@ def drawn(entry: NamedLegs, T_F_P: Array, leg: str = "") -> list[LegShape]:
             0.0,
             se3.pose(R, B),
         )
-        shapes.append(_at_home(shape, _root(shape, modes[k]), f"leg {k + 1}", leg, is_skew))
+        sign, other = _root(shape, modes[k])
+        shapes.append((_at_home(shape, sign, f"leg {k + 1}", leg, is_skew), other))
     return shapes
 
 
-def _root(shape: LegShape, mode: str | None) -> int:
+def _root(shape: LegShape, mode: str | None) -> tuple[int, float | None]:
     """Sign of the root with the smaller ("minus") or larger ("plus") coordinate at home.
 
-    Angles of cranks are compared between -pi and pi. The default is the smaller slide, and the
-    crank that points outwards more.
+    Angles of cranks are compared between -pi and pi, where -pi counts as pi. The default is the
+    smaller slide, and the crank that points outwards more; of two that do so alike the larger
+    angle. Coordinates within `NEGLIGIBLE_DISTANCE` count as alike, so that round-off does not
+    choose, and legs that are alike choose alike.
+
+    Returns
+    -------
+    sign : int
+    other : float or None
+        Coordinate of the other root, if it points outwards alike.
     """
+    is_crank, alike = shape.family == "crank", numerics.NEGLIGIBLE_DISTANCE
     B = shape.end_home[None, :3, 3]
-    values = {float(shape.driven(B, sign)[0][0]): sign for sign in shape.modes}
-    if mode is None and shape.family == "crank":
-        return values[min(values, key=abs)]
-    return values[max(values) if mode == "plus" else min(values)]
+    roots = [(float(shape.driven(B, sign)[0][0]), sign) for sign in shape.modes]
+    if is_crank:
+        roots = [(t + 2.0 * np.pi if t < alike - np.pi else t, sign) for t, sign in roots]
+    # Two roots that meet are in the order of their signs, whatever their round-off.
+    is_double = abs(roots[0][0] - roots[-1][0]) <= alike * (1.0 if is_crank else shape.rod)
+    smaller, larger = (roots[0], roots[-1]) if is_double else (min(roots), max(roots))
+    if mode is not None or not is_crank:
+        return (larger if mode == "plus" else smaller)[1], None
+    outwards = abs(larger[0]) - abs(smaller[0])
+    if is_double or abs(outwards) <= alike:
+        return larger[1], None if is_double else smaller[0]
+    return (smaller if outwards > 0.0 else larger)[1], None
 
 
 def _at_home(shape: LegShape, sign: int, name: str, leg: str, is_skew: bool) -> LegShape:
@@ -263,6 +283,8 @@ class DrawnLeg:
         The joint whose coordinate is the shape's.
     diameter : float or None
         Diameter of its rod.
+    other : float or None
+        Coordinate of the other working mode, if the file names none and both are equally near.
     """
 
     description: RobotDescription
@@ -270,6 +292,7 @@ class DrawnLeg:
     joints: tuple[str, ...]
     driven: str
     diameter: float | None = None
+    other: float | None = None
 
 
 class _Drawing:
@@ -375,6 +398,26 @@ def drawn_legs(file: ParallelFile) -> list[LegModel]:
     return [entry for entry in entries if isinstance(entry, LegModel)]
 
 
+def mode_notes(legs: Iterable[LegModel]) -> list[Note]:
+    """Note on legs whose two working modes are equally near to the file's pose."""
+    drawings = {f"leg{i}": leg.drawing for i, leg in enumerate(legs, start=1)}
+    tied = {name: d for name, d in drawings.items() if d is not None and d.other is not None}
+    if not tied:
+        return []
+    taken = {name: float(drawing.shape.home) for name, drawing in tied.items()}
+    others = {name: float(drawing.other) for name, drawing in tied.items()}
+    each = [f"{np.degrees(taken[n]):.4g} and {np.degrees(others[n]):.4g} deg" for n in tied]
+    angles = (
+        each[0] if len(set(each)) == 1 else ", ".join(map(": ".join, zip(tied, each, strict=True)))
+    )
+    words = (
+        f"no mode was given, and two working modes are equally near: cranks of {', '.join(tied)} "
+        f"at {angles}; the larger angle is taken (mode: plus), and `mode: minus` in legs takes "
+        "the other"
+    )
+    return [Note("working-mode", words, {"taken": taken, "other": others})]
+
+
 def _legs(entry: NamedLegs, T_F_P: Array, leg: str) -> list[tuple[LegModel, list[str]]]:
     """Drawn legs of an entry by name, with their driven joints."""
     shapes = drawn(entry, T_F_P, leg)
@@ -384,7 +427,8 @@ def _legs(entry: NamedLegs, T_F_P: Array, leg: str) -> list[tuple[LegModel, list
         for key in ("stiffness", "limits", "diameter")
     )
     legs = []
-    for shape, k, limit, diameter in zip(shapes, stiffness, limits, diameters, strict=True):
+    each = zip(shapes, stiffness, limits, diameters, strict=True)
+    for (shape, other), k, limit, diameter in each:
         model, names = leg_model(shape)
         main = "crank" if shape.family == "crank" else "slide"
         actuated = [main] if entry.actuated is None else entry.actuated
@@ -425,6 +469,6 @@ def _legs(entry: NamedLegs, T_F_P: Array, leg: str) -> list[tuple[LegModel, list
             flexible=entry.flexible,
         )
         description = RobotDescription(None, model)
-        drawing = DrawnLeg(description, shape, tuple(names), main, diameter)
+        drawing = DrawnLeg(description, shape, tuple(names), main, diameter, other)
         legs.append((model_of_leg.drawn(drawing), [n for n in names if n in actuated]))
     return legs
