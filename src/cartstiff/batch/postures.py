@@ -166,6 +166,7 @@ _MARGIN = 10.0
 
 
 def lost_ranks(
+    elastic: ElasticMechanism,
     taken: TracedModel,
     q: Array,
     loads: Array | None,
@@ -206,6 +207,12 @@ def lost_ranks(
     is_known &= ~((values > least / _MARGIN) & (values < least * _MARGIN)).any(axis=1)
     ranks = (values > least).sum(axis=1)
     is_lost = is_known & (ranks < min(6, n))
+    if n >= 6 and is_lost.any():  # all postures of a body with fewer freedoms, such as a planar arm
+        one = which[np.argmax(np.where(is_lost, ranks, -1))]
+        usual = analyse(elastic, q[one]).reduction.usual_rank
+        if usual < 6:
+            state = "fewer-than-six-freedoms"
+            is_lost &= ranks == usual
     unbalanced = np.zeros(len(which), bool)
     if not case.is_balancing:
         # Given rest positions determine the torques: those along the self-motions must vanish.
@@ -456,7 +463,7 @@ def analyse_many(
     lost_state, lost_rank = "", doubtful[:0]
     if len(doubtful) >= WORTH_RECORDING:
         lost_state, lost_rank, torn = lost_ranks(
-            taken, coordinates, loads, arrays, doubtful, ran == "compiled", count, size
+            elastic, taken, coordinates, loads, arrays, doubtful, ran == "compiled", count, size
         )
         state[torn] = UNBALANCED
         _clear_still_halves(elastic, arrays, lost_rank)

@@ -479,7 +479,7 @@ def distance_to_singularity(result: PostureStiffness) -> list[dict[str, Any]]:
             values, freedoms, motions = values_of_closed(posture)
         else:
             reduction = result.reduction
-            values, freedoms = reduction.singular_values, reduction.freedoms
+            values, freedoms = reduction.singular_values, reduction.usual_rank
             motions = reduction.motions
         ratios.append(_ratio("serial", values, min(6, freedoms)))
     if posture.actuation is not None:

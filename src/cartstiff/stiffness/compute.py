@@ -26,7 +26,7 @@ from cartstiff.stiffness.applied_load import (
 from cartstiff.stiffness.leg_length_basis import leg_length_basis
 from cartstiff.stiffness.posture import SCHEMA as SCHEMA
 from cartstiff.stiffness.posture import PostureStiffness as PostureStiffness
-from cartstiff.stiffness.reduction import Reduction, reduce_to, scaled_values
+from cartstiff.stiffness.reduction import Reduction, rank_nearby, reduce_to, scaled_values
 from cartstiff.stiffness.settled_links import settled
 
 
@@ -144,7 +144,10 @@ def reduced_at(
 ) -> Reduction:
     """The reduction of an energy at a posture to the end-effector, under constraints."""
     sizes, by_lengths = posture.coordinate_lengths, partial(leg_length_basis, elastic, posture)
-    return reduce_to(posture.motion, energy, closure, posture.length, sizes, force, by_lengths)
+    nearby = partial(rank_nearby, elastic.mechanism, posture)
+    return reduce_to(
+        posture.motion, energy, closure, posture.length, sizes, force, by_lengths, nearby
+    )
 
 
 def _without_energy(
@@ -155,5 +158,6 @@ def _without_energy(
     nothing = Evaluation(np.nan, np.full(n, np.nan), np.full((n, n), np.nan))
     state = Note.of(error)
     values = scaled_values(posture)
-    reduction = Reduction(None, None, np.zeros(0), values, len(values), n, states=[state])
+    rank, usual = len(values), min(6, n)
+    reduction = Reduction(None, None, np.zeros(0), values, rank, n, usual, states=[state])
     return PostureStiffness(elastic, fixed(posture.q), posture, nothing, reduction, load=load)

@@ -21,7 +21,7 @@ def notes_on_posture(
     elastic: ElasticMechanism, posture: MechanismPosture, reduction: Reduction
 ) -> tuple[Note, ...]:
     """Notes of loading, states of the reduction, near singularities and limits at a posture."""
-    rank, full = reduction.rank, min(6, reduction.freedoms)
+    rank, full = reduction.rank, reduction.usual_rank
     return (
         *elastic.notes,
         *reduction.states,

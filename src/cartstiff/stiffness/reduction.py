@@ -29,14 +29,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.errors import UndefinedError
+from cartstiff.errors import ConvergenceError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation, SecondOrderMap
-from cartstiff.stiffness.closures import decomposed, irregular
+from cartstiff.stiffness.closures import Closures, decomposed, irregular
 from cartstiff.stiffness.free_motions import FreeMotions
 from cartstiff.stiffness.rounding import force_roundoff, symmetric_part, zero_roundoff
 
@@ -59,6 +59,9 @@ class Reduction(ShownInLines):
         Rank of J_N.
     freedoms : int
         Number of free motions, the columns of N.
+    usual_rank : int
+        Rank of J_N at the postures around this one: less than six for a body with fewer freedoms,
+        however many free motions are inside the mechanism, such as spins of rods.
     free : FreeMotions or None
         The motions of (3), without those that cost no energy; None if the posture is unbalanced or
         the energy has no minimum over the self-motion.
@@ -80,6 +83,7 @@ class Reduction(ShownInLines):
     singular_values: Array
     rank: int
     freedoms: int
+    usual_rank: int
     free: FreeMotions | None = None
     reachable: Array | None = None
     reachable_stiffness: Array | None = None
@@ -159,6 +163,7 @@ def reduce_to(
     coordinate_lengths: Array,
     force: Array | None = None,
     by_lengths: Callable[[], FreeMotions | None] | None = None,
+    rank_nearby: Callable[[Array], int | None] | None = None,
 ) -> Reduction:
     """Reduce an energy in coordinates to an output; equations (1) to (3) of this module.
 
@@ -178,10 +183,13 @@ def reduce_to(
         The physical wrench, if the structure carries a part that does no work on the coordinates.
     by_lengths : callable, optional
         See `FreeMotions`.
+    rank_nearby : callable, optional
+        Rank of J_N at a posture to which the free motions (n, f), in scaled coordinates, lead; None
+        if none was found. Without it all of up to six free motions are expected to move the output.
     """
-    rows = np.repeat([1.0, 1.0 / length], 3)
+    rows, sizes = np.repeat([1.0, 1.0 / length], 3), coordinate_lengths
     with numerics.one_thread(len(energy.gradient)):
-        return _reduced(output, energy, closure, rows, coordinate_lengths, force, by_lengths)
+        return _reduced(output, energy, closure, rows, sizes, force, by_lengths, rank_nearby)
 
 
 def _reduced(
@@ -192,6 +200,7 @@ def _reduced(
     columns: Array,
     force: Array | None,
     by_lengths: Callable[[], FreeMotions | None] | None,
+    rank_nearby: Callable[[Array], int | None] | None,
 ) -> Reduction:
     """`reduce_to` in scaled units throughout."""
     states, short = list[Note](), None
@@ -221,6 +230,7 @@ def _reduced(
                     closures.values,
                     0,
                     orthonormal.shape[1],
+                    min(len(rows), orthonormal.shape[1]),
                     motions=orthonormal,
                     states=[state],
                 )
@@ -230,13 +240,16 @@ def _reduced(
     J_N = J if closure is None else J @ orthonormal
     values = numerics.singular_values(J_N)
     rank = numerics.rank(values, numerics.EPSILON * np.abs(J).sum())
-    U, still = np.eye(len(rows)), list[slice]()
+    U, still, usual_rank = np.eye(len(rows)), list[slice](), min(len(rows), freedoms)
     Y, Z, along = N, N[:, rank:], orthonormal[:, rank:]
     if rank < max(J_N.shape):
         left, _, Vt = np.linalg.svd(J_N)
         along = orthonormal @ Vt[rank:].T
         if rank < len(rows):  # otherwise round-off of the basis replaces zeros of K
             U, lost, still = left[:, :rank], left[:, rank:], numerics.still_halves(J_N)
+            maps = lost * rows[:, None], output, closure, closures
+            if rank < usual_rank and rank_nearby and not _rises(*maps, orthonormal, along, columns):
+                usual_rank = rank_nearby(orthonormal) or usual_rank
             for half in still:
                 U[half] = 0.0
         # Self-motions Z are parametrised by the stiffest coordinates; the remaining leading ones,
@@ -261,7 +274,9 @@ def _reduced(
                 {"unbalanced_torque": torque.tolist(), "largest": float(np.abs(torque).max())},
             )
         )
-        return Reduction(None, None, lam, values, rank, freedoms, motions=motions, states=states)
+        return Reduction(
+            None, None, lam, values, rank, freedoms, usual_rank, motions=motions, states=states
+        )
 
     w = U @ (to_output.T @ (Y.T @ g))
     if force is not None:
@@ -300,7 +315,8 @@ def _reduced(
 
     if rank < len(rows):
         missing = lost * rows[:, None]
-        kind = "fewer-than-six-freedoms" if freedoms < len(rows) else "serial-singularity"
+        is_regular = freedoms < len(rows) or rank == usual_rank
+        kind = "fewer-than-six-freedoms" if is_regular else "serial-singularity"
         short, still_too = len(states), freedoms - rank
         inside = ""
         if still_too > 0:
@@ -309,7 +325,7 @@ def _reduced(
             Note(
                 kind,
                 f"the end-effector cannot move in {len(rows) - rank} of {len(rows)} directions here"
-                + (inside if kind == "fewer-than-six-freedoms" else " (serial singularity)")
+                + (inside if is_regular else " (serial singularity)")
                 + f": {_COMPLIANCE_ALONE}; the wrench along them is carried by the structure"
                 + (" and is taken as zero in the scaled norm" if force is None else ""),
                 {
@@ -367,6 +383,7 @@ def _reduced(
         values,
         rank,
         freedoms,
+        usual_rank,
         free,
         reachable,
         reachable_K,
@@ -375,6 +392,44 @@ def _reduced(
         states,
         None if closures is None else closures.values,
     )
+
+
+def _rises(
+    lost: Array,
+    output: SecondOrderMap,
+    closure: SecondOrderMap | None,
+    closures: Closures | None,
+    N: Array,
+    along: Array,
+    columns: Array,
+) -> bool:
+    """Whether the rank of J_N is larger at postures around this one, to first order.
+
+    With u a direction that is lost, ``u^T J = nu^T C``, the motion x turns the self-motion z into
+    one that moves the output along u at the rate ``x^T (u . J' - nu . c'') z``. The posture is
+    singular if a rate exists. If none does, self-motions remain so to first order: spins of rods,
+    joints beside those that move a body with fewer than six freedoms, and where two singularities
+    meet.
+
+    Parameters
+    ----------
+    lost : ndarray (6, k)
+        Directions u that the output cannot move along.
+    output, closure, closures, columns
+        As in `_reduced`.
+    N, along : ndarray (n, f), (n, f - r)
+        Orthonormal free motions, and self-motions.
+    """
+    least = numerics.VANISHING_FORM * max(1.0, float(np.abs(output.jacobian * columns).max()))
+    for u in lost.T:
+        form = output.curvature(u)
+        if closure is not None and closures is not None and closures.values.size:
+            nu = closures.forces(columns * (output.jacobian.T @ u), list(range(len(columns))))
+            form = form - closure.curvature(nu if closure.sizes is None else nu / closure.sizes)
+        rates = N.T @ (form * columns[:, None] * columns) @ along
+        if float(np.abs(rates).max(initial=0.0)) > least:
+            return True
+    return False
 
 
 def _is_unbalanced(Z: Array, g: Array, stiff: Array) -> bool:
@@ -471,3 +526,32 @@ def scaled_values(
     J = posture.motion.jacobian if jacobian is None else jacobian
     length = posture.length if length is None else length
     return numerics.singular_values(_scaled(posture, J, length))
+
+
+#: Lengths, rad or characteristic lengths, of the ways to a posture nearby: far enough that what is
+#: lost at a point is regained, and a shorter one for chains that do not close so far away.
+_AWAY = (0.1, 0.02)
+
+
+def rank_nearby(mechanism: Mechanism, posture: MechanismPosture, motions: Array) -> int | None:
+    """Rank of the body's motions at a posture beside this one; None if the chain does not close.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The mechanism.
+    posture : MechanismPosture
+        Where the way starts.
+    motions : ndarray (n, f)
+        Free motions, in scaled coordinates: the way is a sum of all, none of them special.
+    """
+    way = motions @ np.cos(np.arange(motions.shape[1]) ** 2 + 1.0)
+    way = posture.coordinate_lengths * way / max(float(np.linalg.norm(way)), numerics.TINY)
+    for size in _AWAY:
+        try:
+            there = mechanism.closed(posture.q + size * way, hold=())
+        except ConvergenceError:
+            continue
+        closed = there.closure is not None
+        return numerics.rank(values_of_closed(there)[0] if closed else scaled_values(there))
+    return None
