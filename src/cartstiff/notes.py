@@ -63,21 +63,37 @@ def held_by_lines(joints: Sequence[str]) -> Note:
     )
 
 
+def table_as_read(joints: Sequence[str], pieces: str) -> Note:
+    """Note on what is between the points of the tables of joint springs."""
+    who = f"the table{'s' * (len(joints) > 1)} of {', '.join(joints)}"
+    words = {
+        "linear": f"{who}: straight lines between the points (pieces: linear), with a corner at "
+        "each; 'pieces: smooth' in the file makes a curve without corners",
+        "smooth": f"{who}: a smooth curve through the points (pieces: smooth); 'pieces: linear' in "
+        "the file makes straight lines, as catalogues mean",
+    }
+    return Note("spring-table", words[pieces], {"joints": list(joints), "pieces": pieces})
+
+
 def still_assumed(notes: tuple[Note, ...], stiffness: object) -> tuple[Note, ...]:
     """Notes that remain after stiffnesses were given to all joints, or to those in a mapping."""
+    made = {
+        "stiffness-assumed": lambda names, of: assumed_stiffness(
+            of["stiffness"], names, of["all_joints"]
+        ),
+        "held-by-lines": lambda names, _: held_by_lines(names),
+        "spring-table": lambda names, of: table_as_read(names, of["pieces"]),
+    }
     kept = []
     for note in notes:
         if note.code == "springs-missing":
             continue
         if note.code == "published-springs" and not isinstance(stiffness, Mapping):
             continue
-        if note.code not in ("stiffness-assumed", "held-by-lines"):
+        if note.code not in made:
             kept.append(note)
         elif isinstance(stiffness, Mapping):
             values: Any = note.values
             left = [name for name in values.get("joints", ()) if name not in stiffness]
-            if left and note.code == "held-by-lines":
-                kept.append(held_by_lines(left))
-            elif left:
-                kept.append(assumed_stiffness(values["stiffness"], left, values["all_joints"]))
+            kept += [made[note.code](left, values)] if left else []
     return tuple(kept)

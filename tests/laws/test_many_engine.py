@@ -253,7 +253,8 @@ def test_other_potentials():
     assert_same(curved, postures(curved), outputs=("energy", "wrench", "stiffness_F"))
 
 
-TABLE = TabulatedLaw((-0.5, -0.1, 0.0, 0.05, 0.3), (-150.0, -20.0, 0.0, 20.0, 90.0))
+TABLE = TabulatedLaw((-0.5, -0.1, 0.0, 0.05, 0.3), (-150.0, -20.0, 0.0, 20.0, 90.0), "smooth")
+STRAIGHT = replace(TABLE, pieces="linear")
 FALLING = PolynomialLaw((300.0, -500.0, 0.0, 2000.0))  # between 0.3 and more
 
 
@@ -265,6 +266,7 @@ FALLING = PolynomialLaw((300.0, -500.0, 0.0, 2000.0))  # between 0.3 and more
         PolynomialLaw((0.0, 0.0, 4000.0)),  # the engine's: at rest it has no stiffness
         FALLING,
         TABLE,
+        STRAIGHT,
         replace(TABLE, torques=tuple(-t for t in TABLE.torques)),  # the engine's: it falls
     ],
 )
@@ -274,14 +276,14 @@ def test_rest_positions_of_nonlinear_springs_are_chosen(law):
     springs = replace(elastic.springs, laws={1: law, 3: law}, rest=np.full(6, np.nan))
     curved = replace(elastic, springs=springs)
     q = postures(curved)
-    paths = PATHS if law in (TABLE, FALLING) else ("portable",)
+    paths = PATHS if law in (TABLE, STRAIGHT, FALLING) else ("portable",)
     outputs = ("energy", "wrench", "stiffness_B", "compliance_K")
     assert_same(curved, q, *paths, outputs=outputs)
     load = [1.0, 2.0, -1.0, 10.0, 20.0, -15.0]
     assert_same(curved, q, *paths, wrench=load, outputs=outputs[:3])
 
 
-@pytest.mark.parametrize("law", [FALLING, TABLE])
+@pytest.mark.parametrize("law", [FALLING, TABLE, STRAIGHT])
 def test_deflections_are_the_laws_own(law):
     """Over all torques: where the tape knows one, it is what the spring says."""
     torques = np.linspace(-45.0, 45.0, 4001)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -23,9 +25,10 @@ LAWS = {
     "hardening": PolynomialLaw((7.0, 0.0, 2.0)),
     "lopsided": PolynomialLaw((7.0, 1.5, 2.0)),
     "fifth order": PolynomialLaw((3.0, -0.2, 0.5, 0.1, 0.3)),
-    "table": TabulatedLaw((-2.0, -0.5, 0.0, 0.7, 2.5), (-30.0, -4.0, 0.0, 9.0, 60.0)),
+    "table": TabulatedLaw((-2.0, -0.5, 0.0, 0.7, 2.5), (-30.0, -4.0, 0.0, 9.0, 60.0), "smooth"),
     "two points": TabulatedLaw((-1.0, 1.0), (-5.0, 5.0)),
-    "falling table": TabulatedLaw((-1.0, 0.0, 2.0), (8.0, 1.0, -9.0)),
+    "falling table": TabulatedLaw((-1.0, 0.0, 2.0), (8.0, 1.0, -9.0), "smooth"),
+    "straight pieces": TabulatedLaw((-2.0, -0.5, 0.0, 0.7, 2.5), (-30.0, -4.0, 0.0, 9.0, 60.0)),
 }
 EVERY = pytest.mark.parametrize("law", LAWS.values(), ids=LAWS.keys())
 
@@ -58,12 +61,42 @@ def test_tables_pass_through_their_points(name):
         left, right = law.evaluate(x - 1e-9), law.evaluate(x + 1e-9)
         for a, b in zip(left, right, strict=True):
             assert a == pytest.approx(b, abs=1e-6)
-    assert law.evaluate(law.deflections[0])[0] == 0.0
+
+
+@pytest.mark.parametrize("pieces", ["linear", "smooth"])
+def test_a_table_stores_the_work_from_its_rest(pieces):
+    """Energy is zero without a deflection, and elsewhere the integral of the torque from there."""
+    law = TabulatedLaw((-0.3, -0.1, 0.2, 0.5), (-9.0, -1.0, 1.0, 6.0), pieces)
+    assert law.evaluate(0.0)[0] == pytest.approx(0.0, abs=1e-15)
+    for x in (-0.4, -0.2, 0.1, 0.35, 0.7):
+        middles = (np.arange(20000) + 0.5) / 20000 * x
+        work = law.evaluate(middles)[1].mean() * x
+        assert law.evaluate(x)[0] == pytest.approx(work, rel=1e-6)
+    if pieces == "linear":
+        np.testing.assert_allclose(
+            law.evaluate(np.array([-0.4, -0.2, 0.1, 0.35, 0.7]))[1],
+            [-13.0, -5.0, 1 / 3, 3.5, 6.0 + 0.2 * 5 / 0.3],
+        )
+
+
+def test_corners_are_where_straight_pieces_meet():
+    law = TabulatedLaw((-0.1, -0.012, 0.012, 0.1), (-264.0, 0.0, 0.0, 264.0))
+    rise = 264.0 / 0.088
+    got = [tuple(corner) for corner in law.corners]
+    expected = [(-0.012, rise, 0.0), (0.012, 0.0, rise)]
+    np.testing.assert_allclose(got, expected, rtol=1e-12)
+    assert law.corner_at(0.012) == law.corners[1]
+    assert law.corner_at(0.2) is None
+    assert replace(law, pieces="smooth").corners == ()
+    # A torque of zero is carried anywhere in the play: that without a deflection is taken.
+    assert law.deflection_for(0.0) == 0.0
+    assert law.deflection_for(150.0) == pytest.approx(0.012 + 150.0 / rise, rel=1e-12)
+    assert TabulatedLaw((-1.0, 0.0, 1.0), (-5.0, 0.0, 5.0)).corners == ()
 
 
 def test_table_does_not_overshoot():
     """Shape-preserving: monotone points give a monotone torque."""
-    law = TabulatedLaw((0.0, 1.0, 1.1, 2.0), (0.0, 0.1, 5.0, 5.1))
+    law = TabulatedLaw((0.0, 1.0, 1.1, 2.0), (0.0, 0.1, 5.0, 5.1), "smooth")
     torques = [law.evaluate(x)[1] for x in np.linspace(0, 2, 401)]
     assert np.all(np.diff(torques) >= -ROUNDING)
     assert min(torques) >= -ROUNDING

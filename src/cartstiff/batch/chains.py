@@ -138,9 +138,19 @@ def deflection_for(law: SpringLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     return x, verdict
 
 
+def _away_from_corners(law: SpringLaw, x: Scalar) -> Scalar:
+    """Verdict on a deflection: at a corner of a table the stiffness has two values."""
+    verdict: Scalar = PLAIN
+    if isinstance(law, TabulatedLaw):
+        for corner in law.corners:
+            far = absolute(x - corner.deflection)
+            verdict = larger(verdict, pick(far, 2.0 * law.corner_width, FALLBACK, PLAIN))
+    return verdict
+
+
 def _piece(law: TabulatedLaw, x: Scalar, knots: tuple[float, ...]) -> list[Scalar]:
     """Coefficients of the piece in which x lies; `knots` are the ascending ends of the pieces."""
-    rows = law._pieces.tolist()
+    rows = law._rows.tolist()
     found: list[Scalar] = list(rows[-1])
     for row, knot in reversed(list(zip(rows[:-1], knots, strict=True))):
         found = [pick(x, knot, here, behind) for here, behind in zip(row, found, strict=True)]
@@ -149,12 +159,12 @@ def _piece(law: TabulatedLaw, x: Scalar, knots: tuple[float, ...]) -> list[Scala
 
 def _in_table(law: TabulatedLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     y = np.array(law.torques)
-    if not ((np.diff(y) > 0.0).all() and law._pieces[[0, -1], 3].all()):
+    if not ((np.diff(y) > 0.0).all() and law._rows[[0, -1], 3].all()):
         return 0.0, FALLBACK
     start, verdict = _piece(law, torque, law.torques), PLAIN
     # Solve the cubic of that piece, starting from the straight line through its ends.
     secants = np.diff(y) / np.diff(law.deflections)
-    slopes = [law._pieces[0, 3], *secants.tolist(), law._pieces[-1, 3]]
+    slopes = [law._rows[0, 3], *secants.tolist(), law._rows[-1, 3]]
     slope: Scalar = slopes[-1]
     for own, knot in reversed(list(zip(slopes[:-1], law.torques, strict=True))):
         slope = pick(torque, knot, own, slope)
@@ -188,7 +198,7 @@ class JointSpringNumbers:
 
     Attributes
     ----------
-    verdict : on the deflections found by `under`.
+    verdict : on the deflections.
     deflections : those of the coordinates asked for.
     """
 
@@ -202,6 +212,7 @@ class JointSpringNumbers:
         """Energy, torque and stiffness of a spring with a given rest position."""
         self.deflections[a] = stretch = q - self._rest[a]
         if a in self._laws:
+            self.verdict = larger(self.verdict, _away_from_corners(self._laws[a], stretch))
             return stretched(self._laws[a], stretch)
         k = self._stiffness[a]
         return k * stretch * stretch * 0.5, k * stretch, k
@@ -213,7 +224,8 @@ class JointSpringNumbers:
             self.deflections[a] = x = torque / k
             return torque * x * 0.5, k
         self.deflections[a], verdict = deflection_for(self._laws[a], torque)
-        self.verdict = larger(self.verdict, verdict)
+        doubt = _away_from_corners(self._laws[a], self.deflections[a])
+        self.verdict = larger(self.verdict, larger(verdict, doubt))
         energy, _, k = stretched(self._laws[a], self.deflections[a])
         return energy, k
 

@@ -78,7 +78,7 @@ from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.platform import LegLimits, Platform, Struts
 from cartstiff.mechanisms.tree import FixedFrame, KinematicTree
 from cartstiff.mechanisms.tree_building import extended, find_frame, merged, plain_tree
-from cartstiff.notes import Note, assumed_stiffness, held_by_lines
+from cartstiff.notes import Note, assumed_stiffness, held_by_lines, table_as_read
 from cartstiff.numerics import NEAR_SINGULARITY, ZERO_SHARE, is_regular
 from cartstiff.potentials.beams import Beam, Section
 from cartstiff.potentials.contract import Potential
@@ -456,9 +456,9 @@ def springs_of(
                 first, *more = entry.polynomial
                 first = own_stiffness(first, SI, slides, f"{where}.polynomial")
                 laws[j] = PolynomialLaw((first, *more))
-            elif entry.table is not None:
-                x, y = np.array(entry.table).T
-                laws[j] = TabulatedLaw(tuple(x.tolist()), tuple(y.tolist()))
+            elif (table := entry.points) is not None:
+                x, y = np.array(table.points).T
+                laws[j] = TabulatedLaw(tuple(x.tolist()), tuple(y.tolist()), table.pieces)
             if stiffness[j] == 0.0 and j not in laws:
                 rest[j] = 0.0 if entry.rest is None else entry.rest
         elif name in facts.springs and name not in passive:
@@ -486,6 +486,9 @@ def springs_of(
     doubts += [held_by_lines(on_lines_alone)] if on_lines_alone else []
     notes = list[Note]()
     notes += rest_of_turns(tree.coordinates, rest)
+    for pieces in ("linear", "smooth"):
+        tables = [j for j, law in laws.items() if getattr(law, "pieces", None) == pieces]
+        notes += [table_as_read([names[j] for j in tables], pieces)] if tables else []
     notes += softening({name: entry for name, entry in springs.items() if not entry.stiffness})
     if unsprung:
         words = f"joints without a spring in the file move freely: {', '.join(unsprung)}"
@@ -497,8 +500,8 @@ def softening(springs: Mapping[str, JointSpringModel]) -> list[Note]:
     """Return a note on the springs whose torque decreases while their joints turn."""
     soft = []
     for name, entry in springs.items():
-        if entry.table is not None:
-            x, y = np.array(entry.table).T
+        if (table := entry.points) is not None:
+            x, y = np.array(table.points).T
             falls = bool(np.any(np.diff(y) < 0.0)) and bool(np.all(np.diff(x) > 0.0))
         else:
             falls = entry.polynomial is not None and entry.polynomial[0] < 0.0

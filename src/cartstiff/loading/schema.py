@@ -325,6 +325,21 @@ class PayloadModel(FileModel):
 _MAX_MATRIX_BYTES = 64 * 1024 * 1024
 
 
+TablePoints = Annotated[list[Pair], Field(min_length=2)]
+
+
+class SpringTableModel(FileModel):
+    """Points of a spring's torque, and what is between them."""
+
+    points: TablePoints = keyed("pairs [deflection, torque], deflections increasing")
+    pieces: Literal["linear", "smooth"] = keyed(
+        "linear: straight lines between the points, as in catalogues; at a corner the stiffness "
+        "has two values, and a note names both; smooth: a curve that rises and falls as the "
+        "points do, without corners",
+        "linear",
+    )
+
+
 class JointSpringModel(FileModel):
     """A spring in a joint: one of stiffness, polynomial, table."""
 
@@ -339,8 +354,10 @@ class JointSpringModel(FileModel):
         min_length=1,
         max_length=20,
     )
-    table: list[Pair] | None = keyed(
-        "pairs [deflection, torque], deflections increasing", None, min_length=2
+    table: TablePoints | SpringTableModel | None = keyed(
+        "pairs [deflection, torque], deflections increasing: straight pieces between them; or "
+        "points and pieces",
+        None,
     )
     rest: Number | None = keyed("rest position; without it the spring balances the load at q", None)
     damping: NotNegative | None = keyed(
@@ -353,6 +370,13 @@ class JointSpringModel(FileModel):
         if self.stiffness == math.inf and self.rest is not None:
             raise ValueError("a rigid joint has no rest position: it stays where it is")
         return self
+
+    @property
+    def points(self) -> SpringTableModel | None:
+        """The table with the kind of its pieces; None without one."""
+        if isinstance(self.table, list):
+            return SpringTableModel(points=self.table)
+        return self.table
 
 
 class BeamModel(FileModel):

@@ -46,7 +46,7 @@ from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.potentials.gravity import Gravity
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import DeadForce, Load, Scaled
-from cartstiff.potentials.springs import JointSprings
+from cartstiff.potentials.springs import JointSprings, TabulatedLaw
 
 
 def with_values(
@@ -669,8 +669,33 @@ class ElasticMechanism(ShownInLines):
         return inner, [term for term in terms if _is_external(term)]
 
     def diagnostics(self, posture: MechanismPosture) -> list[Note]:
-        """Return notes on limits of the answer: slack cables, beams beyond their theory."""
-        return [note for term in self.terms() for note in term.diagnostics(posture)]
+        """Return notes on limits of the answer: slack cables, corners of springs, bent beams."""
+        own = [note for term in self.terms() for note in term.diagnostics(posture)]
+        return [*own, *self._corners(posture.q)]
+
+    def _corners(self, q: Array) -> list[Note]:
+        """Return a note on each spring that is at a corner of its table."""
+        springs, notes = self.springs, list[Note]()
+        if not isinstance(springs, JointSprings):
+            return notes
+        for j, law in springs.laws.items():
+            x = float(q[j] - springs.rest[j])
+            if not isinstance(law, TabulatedLaw) or (corner := law.corner_at(x)) is None:
+                continue
+            c, name = self.mechanism.coordinates[j], self.spring_names[j]
+            unit = self.units.length if c.is_length else "rad"
+            below, above, used = (
+                engineering(k, self.units.spring(c.is_length), 4)
+                for k in (corner.below, corner.above, law.evaluate(x)[2])
+            )
+            words = (
+                f"the spring of {name} is at a corner of its table, at a deflection of "
+                f"{engineering(corner.deflection, unit, 4)}: its stiffness is {below} for smaller "
+                f"deflections and {above} for larger ones; the answer is with {used}"
+            )
+            values = {"joint": name, **corner._asdict()}
+            notes.append(Note("spring-corner", words, values))
+        return notes
 
     def evaluate(self, posture: MechanismPosture) -> Evaluation:
         """Return energy, gradient and Hessian of all potentials at a posture."""

@@ -9,13 +9,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import pi
-from typing import Any, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_array, read_only, real_array
-from cartstiff.errors import InputError
+from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
@@ -102,18 +102,31 @@ class PolynomialLaw(SpringLaw):
         return x
 
 
+class Corner(NamedTuple):
+    """A point of a table at which the stiffness changes: below it, above it."""
+
+    deflection: float
+    below: float
+    above: float
+
+
 @dataclass(frozen=True)
 class TabulatedLaw(SpringLaw):
-    """Torque through measured points: a shape-preserving cubic (PCHIP), extended linearly.
+    """Torque through points: straight between them, or a smooth curve; straight beyond them.
 
     Attributes
     ----------
     deflections, torques : tuple of float
         At least two points; deflections strictly increasing.
+    pieces : {"linear", "smooth"}
+        Straight pieces, as a catalogue means them: the stiffness jumps at the points, and that of
+        the piece above is taken there. Or a shape-preserving cubic (PCHIP): energy, torque and
+        stiffness are continuous.
     """
 
     deflections: tuple[float, ...]
     torques: tuple[float, ...]
+    pieces: Literal["linear", "smooth"] = "linear"
 
     def __post_init__(self) -> None:
         x, y = real_array(self.deflections), real_array(self.torques)
@@ -121,39 +134,68 @@ class TabulatedLaw(SpringLaw):
             raise InputError("spring table needs two or more finite points", got=f"{x.size} points")
         if np.any(np.diff(x) <= 0):
             raise InputError("deflections of a spring table must increase strictly", got=x.tolist())
+        check_name("kind of pieces", self.pieces, ["linear", "smooth"])
 
     @cached_property
-    def _cubic(self) -> tuple[Array, Array, Array]:
-        """Knots, values, slopes of the interpolant."""
-        from scipy.interpolate import PchipInterpolator
-
-        x, y = np.asarray(self.deflections, float), np.asarray(self.torques, float)
-        return x, y, PchipInterpolator(x, y).derivative()(x)
+    def corners(self) -> tuple[Corner, ...]:
+        """Points at which the stiffness jumps; none of a smooth curve."""
+        slopes = self._rows[:, 3]
+        jumps = np.abs(np.diff(slopes)) > numerics.NEGLIGIBLE_DIFFERENCE * np.abs(slopes).max()
+        sides = zip(self.deflections, slopes[:-1], slopes[1:], jumps, strict=True)
+        is_linear = self.pieces == "linear"
+        return tuple(
+            Corner(float(x), float(below), float(above))
+            for x, below, above, jumps_here in sides
+            if is_linear and jumps_here
+        )
 
     @cached_property
-    def _pieces(self) -> Array:
+    def corner_width(self) -> float:
+        """Distance to a corner below which the deflection counts as that of the corner."""
+        return numerics.NEGLIGIBLE_DIFFERENCE * (self.deflections[-1] - self.deflections[0])
+
+    def corner_at(self, x: float) -> Corner | None:
+        """Return the corner at a deflection, if there is one."""
+        near = (c for c in self.corners if abs(c.deflection - x) <= self.corner_width)
+        return next(near, None)
+
+    @cached_property
+    def _rows(self) -> Array:
         """A row for each piece: knot, energy, torque, slope, two more coefficients of the torque.
 
-        The first and the last piece are straight.
+        The first and the last piece are straight. The energy is that without a deflection.
         """
-        x, y, slopes = self._cubic
-        h = np.diff(x)
-        energies = h * (y[1:] + y[:-1]) / 2 + h * h * (slopes[:-1] - slopes[1:]) / 12
-        secants = np.diff(y) / h
+        x, y = np.asarray(self.deflections, float), np.asarray(self.torques, float)
+        h, secants = np.diff(x), np.diff(y) / np.diff(x)
         rows = np.zeros((len(x) + 1, 6))
-        rows[1:, 0], rows[2:, 1] = x, np.cumsum(energies)
-        rows[1:, 2], rows[1:, 3] = y, slopes
-        rows[1:-1, 4] = (3 * secants - 2 * slopes[:-1] - slopes[1:]) / h
-        rows[1:-1, 5] = (slopes[:-1] + slopes[1:] - 2 * secants) / (h * h)
-        rows[0, 0], rows[0, 2:4] = x[0], (y[0], slopes[0])
+        rows[0, 0], rows[1:, 0], rows[0, 2], rows[1:, 2] = x[0], x, y[0], y
+        if self.pieces == "linear":
+            energies = h * (y[1:] + y[:-1]) / 2
+            rows[:, 3] = [secants[0], *secants, secants[-1]]
+        else:
+            from scipy.interpolate import PchipInterpolator
+
+            slopes = PchipInterpolator(x, y).derivative()(x)
+            energies = h * (y[1:] + y[:-1]) / 2 + h * h * (slopes[:-1] - slopes[1:]) / 12
+            rows[0, 3], rows[1:, 3] = slopes[0], slopes
+            rows[1:-1, 4] = (3 * secants - 2 * slopes[:-1] - slopes[1:]) / h
+            rows[1:-1, 5] = (slopes[:-1] + slopes[1:] - 2 * secants) / (h * h)
+        rows[2:, 1] = np.cumsum(energies)
+        rows[:, 1] -= self.on_piece(rows[np.searchsorted(x, 0.0, side="right")], 0.0)[0]
         return rows
+
+    @cached_property
+    def _ends(self) -> Array:
+        """Ascending deflections at which the pieces end; a corner belongs to the piece above."""
+        x = np.asarray(self.deflections, float)
+        return x - numerics.ROUNDOFF * (x[-1] - x[0]) * (self.pieces == "linear")
 
     def evaluate(self, x: Any) -> tuple[Any, Any, Any]:
         """Energy, torque and tangent stiffness at a deflection, or at each of (N,).
 
-        The energy is zero at the first point.
+        The energy is zero without a deflection.
         """
-        return self.on_piece(self._pieces[np.searchsorted(self._cubic[0], x, side="right")].T, x)
+        return self.on_piece(self._rows[np.searchsorted(self._ends, x, side="right")].T, x)
 
     @staticmethod
     def on_piece(piece: Any, x: Any) -> tuple[Any, Any, Any]:
@@ -169,33 +211,45 @@ class TabulatedLaw(SpringLaw):
     def in_units(self, size: float, effort: float) -> TabulatedLaw:
         """The same law in other units."""
         deflections, torques = (x * size for x in self.deflections), self.torques
-        return TabulatedLaw(tuple(deflections), tuple(t * effort for t in torques))
+        return replace(
+            self,
+            deflections=tuple(deflections),
+            torques=tuple(t * effort for t in torques),
+        )
 
     def deflection_for(self, torque: float) -> float:
-        """Deflection by bisection on the monotone branch that brackets the torque."""
-        knots, y, slopes = self._cubic
-        for end, outward in ((0, -1.0), (-1, 1.0)):
-            beyond = (torque - y[end]) * outward
-            if slopes[end] != 0 and beyond / slopes[end] > 0 and self._outside(torque, y):
-                return float(knots[end] + (torque - y[end]) / slopes[end])
-        for i in range(len(knots) - 1):
-            low, high = y[i], y[i + 1]
-            if min(low, high) <= torque <= max(low, high):
-                a, b = float(knots[i]), float(knots[i + 1])
-                for _ in range(200):
-                    middle = 0.5 * (a + b)
-                    if middle in (a, b):
-                        break
-                    if (self.evaluate(middle)[1] > torque) == (high > low):
-                        b = middle
-                    else:
-                        a = middle
-                return 0.5 * (a + b)
-        raise InputError("spring table never reaches the torque", got=f"{torque:.6g}")
+        """Deflection of smallest size that carries a torque."""
+        each = (self._on_piece_at(i, torque) for i in range(len(self._rows)))
+        found = [x for x in each if x is not None]
+        if not found:
+            raise InputError("spring table never reaches the torque", got=f"{torque:.6g}")
+        return min(found, key=abs)
 
-    @staticmethod
-    def _outside(torque: float, y: Array) -> bool:
-        return bool(torque < y.min() or torque > y.max())
+    def _on_piece_at(self, i: int, torque: float) -> float | None:
+        """Deflection of smallest size on one piece that carries a torque; None if none does."""
+        ends = (-np.inf, *self.deflections, np.inf)
+        knot, _, at_knot, slope, *_ = self._rows[i].tolist()
+        low, high = ends[i], ends[i + 1]
+        is_outside = i in (0, len(self.deflections))
+        if is_outside:
+            far = at_knot + (np.inf if i else -np.inf) * slope if slope else at_knot
+        else:
+            far = self.torques[i]
+        if not min(at_knot, far) <= torque <= max(at_knot, far):
+            return None
+        if at_knot == far:  # flat, as a play is
+            return float(np.clip(0.0, low, high))
+        if is_outside or self.pieces == "linear":
+            return float(np.clip(knot + (torque - at_knot) / slope, low, high))
+        for _ in range(200):
+            middle = 0.5 * (low + high)
+            if middle in (low, high):
+                break
+            if (self.on_piece(self._rows[i], middle)[1] > torque) == (far > at_knot):
+                high = middle
+            else:
+                low = middle
+        return 0.5 * (low + high)
 
 
 @dataclass(frozen=True)
