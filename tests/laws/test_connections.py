@@ -17,7 +17,7 @@ from tests.support import (
     wrenches,
 )
 
-from cartstiff.errors import UndefinedError
+from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry.charts import exponential, paper
 from cartstiff.geometry.connections import (
     BI_INVARIANT,
@@ -394,3 +394,31 @@ def test_field_with_its_derivative():
 def test_cartan_plus_is_the_transpose():
     assert np.array_equal(CARTAN_PLUS.symbols, 2 * BI_INVARIANT.symbols)
     assert not CARTAN_MINUS.symbols.any()
+
+
+@pytest.mark.parametrize(
+    "nabla",
+    [
+        lambda x, y: 1.0 + x,
+        lambda x, y: x * x * y,
+        lambda x, y: x * np.abs(y),
+        lambda x, y: np.full(6, 3.0),
+        lambda x, y: x * y * (1.0 + 1e-3 * x @ x),
+        lambda x, y: np.linalg.norm(x) * y,
+    ],
+)
+def test_maps_that_are_not_bilinear_are_refused(nabla):
+    with pytest.raises(InputError, match=r"connection 'mine'.*not linear in both x and y"):
+        from_bilinear_map(nabla, "mine")
+
+
+@given(seeds)
+def test_bilinear_maps_are_accepted_with_round_off(seed):
+    symbols = np.random.default_rng(seed).normal(size=(6, 6, 6))
+
+    def nabla(x, y):
+        return np.einsum("jik,i,j->k", symbols, x, y) * (1.0 + 1e-10 * np.sin(1e3 * x.sum()))
+
+    got = from_bilinear_map(nabla, "mine").symbols
+    np.testing.assert_allclose(got, symbols, rtol=1e-9)
+    assert not from_bilinear_map(lambda x, y: 0.0 * x).symbols.any()

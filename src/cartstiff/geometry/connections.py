@@ -31,6 +31,9 @@ from cartstiff.matrix_names import MATRICES
 
 # Laws are judged on the symbols' own scale; 1e-12 leaves four digits for rounding.
 _LAW_TOLERANCE = numerics.ROUNDOFF
+# Linearity is judged at twists of these sizes; maps that were found by differences of numbers keep
+# half of their digits.
+_TESTED_SIZES, _BILINEARITY = (1.0, 1e-3, 1e3, 7.0), 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,12 +205,41 @@ def from_symbols(
 def from_bilinear_map(
     nabla: Callable[[Array, Array], ArrayLike], name: str = "user", *, meaning: str = ""
 ) -> Connection:
-    """Connection from a function ``nabla(x, y)`` on twists that is linear in both arguments."""
+    """Connection from a function ``nabla(x, y)`` on twists that is linear in both arguments.
+
+    The function is compared with the array of its values on the basis at other twists.
+
+    Raises
+    ------
+    InputError
+        If it is not linear in both arguments.
+    """
     basis = np.eye(6)
     symbols = np.array(
         [[checked_array(nabla(x, y), (6,), "nabla(x, y)") for x in basis] for y in basis]
     )
-    return from_symbols(symbols, name, meaning=meaning)
+    connection = from_symbols(symbols, name, meaning=meaning)
+    rng = np.random.default_rng(0)
+    for size in _TESTED_SIZES:
+        x, y = size * rng.normal(size=(2, 6))
+        got, expected = checked_array(nabla(x, y), (6,), "nabla(x, y)"), connection(x, y)
+        terms = np.einsum("jik,i,j->", np.abs(symbols), np.abs(x), np.abs(y))
+        if np.abs(got - expected).max() > _BILINEARITY * max(
+            float(terms), float(np.abs(got).max())
+        ):
+            i = int(np.abs(got - expected).argmax())
+            raise InputError(
+                "nabla(x, y) is not linear in both x and y",
+                where=f"connection {name!r}",
+                expected=f"component {i + 1} at x = {_listed(x)}, y = {_listed(y)} as its values "
+                f"on the basis make it, {expected[i]:.6g}",
+                got=f"{got[i]:.6g}",
+            )
+    return connection
+
+
+def _listed(x: Array) -> str:
+    return "(" + ", ".join(f"{value:.4g}" for value in x) + ")"
 
 
 @checked
