@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -77,7 +77,7 @@ def table_as_read(joints: Sequence[str], pieces: str) -> Note:
 
 def still_assumed(notes: tuple[Note, ...], stiffness: object) -> tuple[Note, ...]:
     """Notes that remain after stiffnesses were given to all joints, or to those in a mapping."""
-    made = {
+    made: dict[str, Callable[[list[str], Mapping[str, Any]], Note]] = {
         "stiffness-assumed": lambda names, of: assumed_stiffness(
             of["stiffness"], names, of["all_joints"]
         ),

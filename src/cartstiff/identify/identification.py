@@ -38,6 +38,7 @@ from cartstiff.identify.measurements import (
     Measurements,
     Observations,
     field_of,
+    read_measurements,
 )
 from cartstiff.identify.models import (
     LoadedModel,
@@ -1306,7 +1307,7 @@ _MAX_CORRECTIONS = 20
 
 def identify(
     elastic: ElasticMechanism,
-    measured: Measurements,
+    measured: Measurements | Any,
     *,
     sought: Sequence[str] = (),
     ties: Sequence[Sequence[str]] = (),
@@ -1325,8 +1326,8 @@ def identify(
     ----------
     elastic : ElasticMechanism
         Its geometry is taken as known; its springs are the start of the search.
-    measured : Measurements
-        From `read_measurements`.
+    measured : Measurements, Path, str, mapping of str to array_like, or data frame
+        From `read_measurements`; or what that reads with its defaults.
     sought, ties, known, priors
         Parameters to be found, see `cartstiff.identify.unknowns.unknowns_of`.
     offsets : {"rigid", "translation", "none"}, optional
@@ -1358,6 +1359,8 @@ def identify(
     ConvergenceError
         If the fit does not settle.
     """
+    if not isinstance(measured, Measurements):
+        measured = read_measurements(measured, elastic)
     _check(offsets, measured, fit, reject, level)
     unknowns = unknowns_of(elastic, sought, ties=ties, known=known, priors=priors)
     unknowns = replace(unknowns, sessions=offsets or "rigid")

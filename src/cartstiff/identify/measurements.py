@@ -24,7 +24,15 @@ from cartstiff.errors import (
     one_line,
 )
 from cartstiff.geometry import se3
-from cartstiff.loading.tables import UNITS, Cells, head_of, in_brackets, read_cells
+from cartstiff.loading.tables import (
+    UNITS,
+    Cells,
+    cells_of,
+    head_of,
+    in_brackets,
+    is_table,
+    read_cells,
+)
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -474,7 +482,7 @@ def _shown(kinds: Iterable[str]) -> list[str]:
 
 
 def read_measurements(
-    path: Path,
+    table: Any,
     elastic: ElasticMechanism,
     *,
     axes: str | None = None,
@@ -488,8 +496,9 @@ def read_measurements(
 
     Parameters
     ----------
-    path : Path
-        CSV with a line of column names; see the how-to "Which joint stiffness do I enter?".
+    table : Path, str, mapping of str to array_like, or data frame
+        CSV with a line of column names, see the how-to "Which joint stiffness do I enter?"; or
+        the same columns by name, as in a data frame of pandas.
     elastic : ElasticMechanism
         The measured mechanism.
     axes : {"base", "body", "world"}, optional
@@ -511,7 +520,16 @@ def read_measurements(
     InputError
         With file, line and column.
     """
-    cells = read_cells(path, "measurements", _LARGEST_FILE, elastic.names)
+    if is_table(table):
+        cells = cells_of(table, "measurements", elastic.names)
+    elif isinstance(table, (str, Path)):
+        cells = read_cells(Path(table), "measurements", _LARGEST_FILE, elastic.names)
+    else:
+        raise InputError(
+            "measurements have no named columns",
+            expected="Measurements, the path of a CSV, a mapping of columns, or a data frame",
+            got=type(table).__name__,
+        )
     kinds = kinds_of(elastic)
     cells, unused = without_paths(cells, kinds)
     columns = [
@@ -522,19 +540,19 @@ def read_measurements(
     for name in names:
         if names.count(name) > 1 or (f"q_{name}" in names and name not in MEASURED):
             raise InputError("column named twice", where=cells.place, got=repr(name))
-    table = {
+    numbers = {
         column.name: _numbers(cells, i, column)
         for i, column in enumerate(columns)
         if column.kind != "text"
     }
     count = len(cells.rows)
     length, force = convert_length(SI, elastic.units)
-    q = _postures(table, columns, elastic, cells, length)
+    q = _postures(numbers, columns, elastic, cells, length)
     reach = elastic.mechanism.at(elastic.q).length / length
-    _check_sizes(columns, table, reach, cells)
+    _check_sizes(columns, numbers, reach, cells)
     factors = np.repeat([force * length, force], 3)
-    wrench = np.stack([_loads(table, name, cells) for name in LOAD], axis=1) * factors
-    values, sds = _measured(table, cells, dict(deviations or {}), length, open_cells)
+    wrench = np.stack([_loads(numbers, name, cells) for name in LOAD], axis=1) * factors
+    values, sds = _measured(numbers, cells, dict(deviations or {}), length, open_cells)
     session: tuple[str, ...] = ()
     if "session" in names:
         at = names.index("session")
@@ -542,7 +560,7 @@ def read_measurements(
         for name, place in zip(session, cells.places, strict=True):
             if not name:
                 raise InputError("no session", where=place, expected="a name in every row")
-    mass, mass0 = _loads(table, "mass", cells), _loads(table, "mass0", cells)
+    mass, mass0 = _loads(numbers, "mass", cells), _loads(numbers, "mass0", cells)
     least = np.minimum(mass, mass0)
     _refuse(least < 0, cells, "mass cannot be used", "zero or more", least)
     if axes is None and OF_PATH in unused and wrench.any():
@@ -555,9 +573,9 @@ def read_measurements(
         axes or "base",
         values,
         sds,
-        _directions(table, cells, values),
+        _directions(numbers, cells, values),
         session,
-        table.get("time", np.full(count, np.nan)),
+        numbers.get("time", np.full(count, np.nan)),
         point,
         point if load_at is None else load_at,
         unused=unused,

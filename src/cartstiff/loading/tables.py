@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -179,6 +179,59 @@ def read_cells(
     if not rows:
         raise InputError(f"no {what}", where=where, expected="one a line, comma-separated")
     return Cells(_numbered(names or (), joints), rows, places, begin)
+
+
+def is_table(value: Any) -> bool:
+    """Whether a value has named columns: a mapping of columns, or a data frame."""
+    return isinstance(value, Mapping) or (hasattr(value, "columns") and hasattr(value, "to_numpy"))
+
+
+def cells_of(table: Any, what: str, joints: tuple[str, ...] = ()) -> Cells:
+    """Return the cells of a table with named columns that is in memory.
+
+    Parameters
+    ----------
+    table : mapping of str to sequence, or data frame
+        Columns by name; a data frame has ``columns`` and ``to_numpy()``, as that of pandas. Cells
+        that are None or NaN are empty.
+    what, joints
+        As of `read_cells`.
+
+    Raises
+    ------
+    InputError
+        For columns of different lengths, without names, or without rows.
+    """
+    where = f"{type(table).__name__} of {what}"
+    if isinstance(table, Mapping):
+        names, columns = [*table], [np.asarray(column, object) for column in table.values()]
+        lengths = {
+            name: len(c) if c.ndim == 1 else -1 for name, c in zip(names, columns, strict=True)
+        }
+        if -1 in lengths.values() or len({*lengths.values()}) > 1:
+            expected = "columns of one length"
+            raise InputError("columns do not fit", where=where, expected=expected, got=lengths)
+        rows = [list(row) for row in zip(*columns, strict=True)]
+    else:
+        names, rows = [*table.columns], np.asarray(table.to_numpy(), object).tolist()
+    for name in names:
+        if not isinstance(name, str) or not name.strip():
+            expected = "names of the columns, such as 'fz [N]'"
+            raise InputError("a column has no name", where=where, expected=expected, got=repr(name))
+    if not rows:
+        raise InputError(f"no {what}", where=where, expected="at least one row")
+    texts = [[_cell(value) for value in row] for row in rows]
+    places = [f"{where}, row {i}" for i in range(1, len(rows) + 1)]
+    return Cells(_numbered(tuple(n.strip() for n in names), joints), texts, places, where)
+
+
+def _cell(value: Any) -> str:
+    """Text of a cell; empty for None and what is not a number."""
+    is_missing = value is None or (isinstance(value, float) and np.isnan(value))
+    if is_missing or type(value).__name__ in ("NAType", "NaTType"):
+        return ""
+    is_number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+    return repr(float(value)) if is_number else str(value).strip()
 
 
 def _lines(path: Path, largest: int) -> Iterator[tuple[str, str]]:
