@@ -262,14 +262,14 @@ def short(source: Any) -> Any:
 
 @pytest.fixture(scope="package", autouse=True)
 def _short_curves() -> Iterator[None]:
-    """The page's own questions for curves are those for 61 postures, and more where they bend."""
+    """The page's own questions for curves are those for 61 postures."""
     from cartstiff.page.session import Session
 
     sweep = Session._sweep
 
     def swept(self: Session, message: Any) -> Any:
         if message.steps == 61 and any(self.source is one for one in _SHORT):
-            message = message.model_copy(update={"steps": 7, "refined": False})
+            message = message.model_copy(update={"steps": 7})
         return sweep(self, message)
 
     Session._sweep = swept

@@ -19,7 +19,7 @@ from tests.browser.conftest import unfold
 LOAD = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -300.0])
 #: Where the loops do not close, along the first coordinate.
 GAPS = """async () => {
-    const question = { do: "sweep", coordinate: 0, steps: 121, refined: false };
+    const question = { do: "sweep", coordinate: 0, steps: 121 };
     const { rows } = await window.cartstiff.insist(question);
     return rows.map(({ moved }) => moved !== undefined);
 }"""

@@ -67,7 +67,7 @@ SWEEP = """async ([coordinate, steps]) => {
     const state = { ...store.state, ...store.given() };
     for (;;) {
         try {
-            return await store.ask({ do: "sweep", coordinate, steps, refined: false, state });
+            return await store.ask({ do: "sweep", coordinate, steps, state });
         } catch (error) {
             if (!String(error).includes("a newer question")) throw error;
         }

@@ -146,8 +146,7 @@ def test_a_load_that_bends_links_leaves_the_sweep_and_the_sliders(session):
     free, loaded = (
         {x for x, row in zip(found["at"], found["rows"], strict=True) if "reason" not in row}
         for found in (
-            worked(one, do="sweep", coordinate=15, steps=13, state=state, refined=False)
-            for state in ({}, load)
+            worked(one, do="sweep", coordinate=15, steps=13, state=state) for state in ({}, load)
         )
     )
     assert len(free) > 3
@@ -162,7 +161,7 @@ def test_a_sweep_deflects_links_only_where_the_chain_closes(session, monkeypatch
     real = Session._analysed
     monkeypatch.setattr(Session, "_analysed", lambda *a: analysed.append(1) or real(*a))
     state = {"load": [0, 0, 0, 0, 0, -100.0], "load_axes": "world"}
-    found = worked(one, do="sweep", coordinate=15, steps=13, state=state, refined=False)
+    found = worked(one, do="sweep", coordinate=15, steps=13, state=state)
     reached = sum("reason" not in row for row in found["rows"])
     assert 3 < reached < 13
     assert len(analysed) == reached
@@ -356,7 +355,7 @@ def test_what_drives_are_told_moves_the_body_from_where_the_sliders_stand(sessio
         assert np.abs(rest.q - machine.q).max() > 1e-6
         assert numbers["q"] == machine.q.tolist()
         state["q"] = numbers["q"]
-    rows = worked(tab, do="sweep", state=state, coordinate=0, steps=3, refined=False)["rows"]
+    rows = worked(tab, do="sweep", state=state, coordinate=0, steps=3)["rows"]
     assert np.abs(np.array(rows[1]["q"]) - rest.q).max() < 1e-6
     with pytest.raises(InputError, match="6"):
         asked(tab, do="numbers", state={"command": [1e-5]})

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
+from typing import get_args
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tools import page_messages
 
 from cartstiff.errors import InputError
-from cartstiff.page.messages import LARGEST_MESSAGE, Draw, ViewState, read_message
+from cartstiff.page.messages import LARGEST_MESSAGE, Draw, Message, ViewState, read_message
 
 
 def test_a_message_is_read():
@@ -99,3 +102,27 @@ def test_any_json_is_a_message_or_refused(data):
 def test_any_bytes_are_refused(data):
     with pytest.raises(InputError):
         read_message(data)
+
+
+def test_the_messages_of_the_script_are_those_of_the_models():
+    """Written anew by ``python tools/page_messages.py``."""
+    assert page_messages.TARGET.read_text(encoding="utf-8") == page_messages.javascript()
+
+
+# A question as the scripts write it: its "do" first, then fields, each by name or with a value.
+_QUESTION = re.compile(r'\{ do: "(\w+)"((?:, [^{}]*(?:\{[^{}]*\}[^{}]*)*)?) \}')
+_FIELD = re.compile(r",\s*(\w+)\b(?=\s*[:,]|\s*$)")
+
+
+def test_every_question_of_the_scripts_has_fields_that_the_server_reads():
+    known = {
+        get_args(kind.model_fields["do"].annotation)[0]: kind.model_fields
+        for kind in get_args(Message)
+    }
+    found = dict.fromkeys(known, 0)
+    for path in sorted(page_messages.TARGET.parent.glob("*.js")):
+        for do, rest in _QUESTION.findall(path.read_text(encoding="utf-8")):
+            fields = _FIELD.findall(re.sub(r"\{[^{}]*\}|\([^()]*\)|\.\.\.", "", rest))
+            assert set(fields) <= set(known[do]), f"{path.name}: {do} {fields}"
+            found[do] += 1
+    assert min(found.values()) > 0, found

@@ -166,12 +166,11 @@ class Result(_Request):
 
 
 class Sweep(_Request):
-    """Principal values while one coordinate runs through its range; `refined` where they jump."""
+    """Principal values while one coordinate runs through its range."""
 
     do: Literal["sweep"]
     coordinate: int = Field(ge=0, le=500)
     steps: int = Field(default=61, ge=2, le=201)
-    refined: bool = True
 
 
 class Series(_Request):

@@ -7,7 +7,6 @@ many postures; it is a generator, which a server can interrupt between two postu
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from functools import partial
 from time import thread_time
 from typing import Any
 
@@ -41,7 +40,6 @@ from cartstiff.page.messages import (
     ViewState,
 )
 from cartstiff.page.picture import PageScene
-from cartstiff.page.refining import Row, Rows, outwards, refine
 from cartstiff.page.shown import (
     describe_mechanism,
     response_curves,
@@ -62,9 +60,8 @@ _Work = Generator[None, None, Answer]
 # Why a row has no values if a drive has moved: by more than this, relative to 1 or its size.
 _OPEN = "the loops do not close with the drives there"
 _REACHED = numerics.NEGLIGIBLE_DIFFERENCE
-# A sweep is refined to this share of its first step.
-_FINEST = 64
-
+#: The plotted numbers of a posture with its "q", or the "reason" why it is not reached.
+Row = dict[str, Any]
 
 #: Makes the picture of a mechanism, without a posture yet.
 PictureMaker = Callable[[ElasticMechanism], Any]
@@ -101,7 +98,6 @@ class Session:
         self._q = np.array(elastic.q if q is None else q, float)
         self._variant: tuple[Any, ElasticMechanism] = ((None, None, None), elastic)
         self._follower = Follower(elastic)
-        self._swept: tuple[Sweep | None, Rows] = (None, {})  # the last one, before it is refined
         self._cloud_shown: str | None = None
         self._colour_bar: dict[str, Any] | None = None
         self.picture = self.make_picture(elastic)
@@ -375,25 +371,21 @@ class Session:
         ends = slider_ranges(self._elastic, self._q)[i]
         is_length = self._elastic.mechanism.coordinates[i].is_length
         values = np.linspace(*swept_range(*ends, is_length), message.steps)
-        follow = message.state.command is None
-        row = partial(self._row, message.state, moved=i)
-        asked = message.model_copy(update={"id": 0, "refined": False})
-        if self._swept[0] != asked:
-            self._swept = asked, (yield from outwards(row, base, i, values, follow))
-        rows = dict(self._swept[1])
-        if message.refined:
-            narrow = (values[-1] - values[0]) / (message.steps - 1) / _FINEST
-            yield from refine(rows, row, i, narrow, 2 * message.steps)
-        at = sorted(rows)
-        return Answer(
-            {
-                "id": message.id,
-                "do": "sweep",
-                "coordinate": i,
-                "at": at,
-                "rows": [rows[x] for x in at],
-            }
-        )
+        is_commanded = message.state.command is not None
+        rows = [Row()] * message.steps
+        # Outwards from the posture, each from its neighbour: a closed chain keeps its branch.
+        last = {-1: base, 1: base}
+        for k in np.argsort(np.abs(values - base[i]), kind="stable"):
+            side = 1 if values[k] >= base[i] else -1
+            q = last[side].copy()
+            q[i] = values[k]
+            rows[k] = row = self._row(message.state, q, i)
+            if "reason" not in row:
+                # Commands of drives have moved the coordinates of a row on from where it began.
+                last[side] = q if is_commanded else np.array(row["q"])
+            yield
+        answer = {"coordinate": i, "at": values.tolist(), "rows": rows}
+        return Answer({"id": message.id, "do": "sweep", **answer})
 
     def _series(self, message: Series) -> _Work:
         trajectory = self.source.trajectory

@@ -23,7 +23,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import limits_of
-from cartstiff.mechanisms.platform import Platform, PlatformPosture
+from cartstiff.mechanisms.platform import Platform
 from cartstiff.page.messages import ViewState
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.scene.appearance import MatrixPair, block_ellipsoid, matrix_pair
@@ -592,22 +592,7 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         "energy": None if energy is None else [energy],
         "leg_force": [max(map(abs, forces))] if forces else None,
         "unstable": unstable,
-        "margins": _margins(result),
     }
-
-
-def _margins(result: PostureStiffness) -> list[float]:
-    """Length less natural length of every cable: it is taut where this is positive."""
-    posture = result.posture
-    if not isinstance(posture, PlatformPosture):
-        return []
-    springs = result.elastic.springs
-    if not isinstance(springs, LineSprings):
-        return []
-    if not springs.unilateral or not springs.is_complete:
-        return []
-    margins: list[float] = (posture.lines.lengths - springs.rest_length)[springs.cables].tolist()
-    return margins
 
 
 def _asymmetries(matrices: Mapping[str, Array | None]) -> dict[str, float | None]:

@@ -27,7 +27,7 @@ async function better(store) {
   const { sliders, coordinates, platform } = store.hello.mechanism;
   let best = { deflection: [here] };
   for (const coordinate of sliders) {
-    const { rows } = await store.insist({ do: "sweep", coordinate, steps: TRIED, refined: false, state });
+    const { rows } = await store.insist({ do: "sweep", coordinate, steps: TRIED, state });
     for (const row of rows) if (row.deflection?.[0] < best.deflection[0]) best = { ...row, coordinate };
   }
   const share = 1 - best.deflection[0] / here;

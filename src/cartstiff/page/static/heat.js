@@ -101,7 +101,7 @@ export function heat(store, what) {
       while (asked === key && what.busy()) await new Promise((done) => setTimeout(done, PAUSE));
       return asked === key;
     };
-    const answer = await store.insist({ do: "sweep", coordinate: along, steps: CELLS, refined: false, state }, isWanted).catch(() => null);
+    const answer = await store.insist({ do: "sweep", coordinate: along, steps: CELLS, state }, isWanted).catch(() => null);
     return answer?.rows;
   }
 

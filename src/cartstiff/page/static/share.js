@@ -2,11 +2,12 @@
 
 import { button, byId, copy, download, toast } from "./dom.js";
 import { pictureFile } from "./legend.js";
+import { FIELDS } from "./messages.js";
 
 // What stands for the stiffness of a rigid joint, which is null.
 const RIGID = "rigid";
 const flag = (text) => text === "true";
-const oneOf = (...words) => (text) => (words.includes(text) ? text : undefined);
+const oneOf = (key) => (text) => (FIELDS.ViewState[key].includes(text) ? text : undefined);
 /** Numbers of a text, if they are so many (of the first state); some may be rigid. */
 const numbers = (count, isRigid = false) => (text, first) => {
   const found = text.split(",").map((x) => (isRigid && x === RIGID ? null : Number(x)));
@@ -16,11 +17,11 @@ const numbers = (count, isRigid = false) => (text, first) => {
 const three = numbers(() => 3);
 // Of the state, what an address holds, and how it is read; undefined for what cannot be.
 const FORMS = {
-  q: numbers(({ q }) => q.length), connection: oneOf("load", "A", "B", "K", "F", "+"), quantity: oneOf("stiffness", "compliance"),
-  others: oneOf("free", "held"), axes: oneOf("body", "world"), point: three,
+  q: numbers(({ q }) => q.length), connection: oneOf("connection"), quantity: oneOf("quantity"),
+  others: oneOf("others"), axes: oneOf("axes"), point: three,
   stiffness: numbers(null, true), load: numbers(() => 6),
-  load_axes: oneOf("body", "world"), load_kind: oneOf("dead", "follower", "conservative"), load_at: three,
-  gravity: three, payload: numbers(() => 4), command: numbers(null), scale: oneOf("root", "linear", "log"),
+  load_axes: oneOf("load_axes"), load_kind: oneOf("load_kind"), load_at: three,
+  gravity: three, payload: numbers(() => 4), command: numbers(null), scale: oneOf("scale"),
   translation: flag, rotation: flag, labels: flag, wrench: flag, deflection: flag, screws: flag, centres: flag,
   quantity_of_map: (text, first) => (first.quantity_of_map === null ? undefined : text),
   mode: (text) => (/^[1-9]\d?$/.test(text) ? Number(text) : undefined),

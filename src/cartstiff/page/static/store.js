@@ -5,6 +5,7 @@
 import { cross, rotation, times } from "./algebra.js";
 import { LOST, SUPERSEDED, short } from "./dom.js";
 import { legendOf } from "./legend.js";
+import { FIELDS, MESSAGES, NEEDED } from "./messages.js";
 
 // Time (ms) after which what is shown is said to be of another posture.
 const LATE = 700;
@@ -157,21 +158,22 @@ export class Store extends EventTarget {
       return;
     }
     this.wanted = false;
-    this.busy = this.number++;
-    this.sent = structuredClone(this.state);
     const { towards } = this;
+    const question = formed({ do: "draw", id: this.number, state: structuredClone(this.state), ...(towards?.lengths ? towards : towards ? { towards } : {}) });
+    this.busy = this.number++;
+    this.sent = question.state;
     this.towards = null;
     if (this.numbers) this.lateness ??= setTimeout(() => this.tell("late", true), LATE);
     this.say("sent", this.busy);
-    this.source.ask({ id: this.busy, do: "draw", state: this.sent, ...(towards?.lengths ? towards : towards ? { towards } : {}) });
+    this.source.ask(question);
   }
 
   /** Ask something else; resolves with the answer, rejects with the reason in words. */
   ask(message) {
-    const id = this.number++;
     return new Promise((resolve, reject) => {
-      this.waiting.set(id, { resolve, reject });
-      this.source.ask({ id, state: this.state, ...message });
+      const question = formed({ id: this.number++, state: this.state, ...message });
+      this.waiting.set(question.id, { resolve, reject });
+      this.source.ask(question);
     });
   }
 
@@ -384,6 +386,24 @@ export class Store extends EventTarget {
     this.fine = this.lengths.includes(unit) && unit !== this.unit("length") ? unit : null;
     this.tell("units", this.fine);
   }
+}
+
+/** A message, if the server reads such a one; what its models do not know is refused where it is sent. */
+function formed(message) {
+  const check = (name, held, place) => {
+    for (const key of NEEDED[name]) if (held[key] === undefined) throw new Error(`message cannot be sent: ${place} has no ${key}`);
+    for (const [key, value] of Object.entries(held)) {
+      const content = FIELDS[name][key];
+      if (value === undefined) continue;
+      if (content === undefined) throw new Error(`message cannot be sent: ${place} takes no ${key}`);
+      if (Array.isArray(content) && !content.includes(value)) throw new Error(`message cannot be sent: ${place} takes no ${key} ${value}`);
+      if (typeof content !== "string" || !value) continue;
+      if (key === "measures") Object.values(value).forEach((one) => check(content, one, `${place}.${key}`));
+      else [value].flat().forEach((one) => check(content, one, `${place}.${key}`));
+    }
+  };
+  check(MESSAGES[message.do], message, message.do);
+  return message;
 }
 
 /** Another posture moves the drives and leaves the load: the patch of a state that says so.

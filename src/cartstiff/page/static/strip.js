@@ -213,17 +213,13 @@ export function strip(store) {
       plot.text(MARGIN.left, MARGIN.top + 24, "computing …", "start", "nothing");
     }
     try {
-      let seconds = 0;
-      for (const refined of swept !== null && store.source.live ? [false, true] : [true]) { // the first look need not wait
-        const { at, rows, seconds: took } = await store.ask({ ...question, refined });
-        if (asked !== own) return;
-        series = { state, coordinate: swept, at, rows, key: refined && wanted, others: [] };
-        if (ends()[0] < at[0] || ends()[1] > at.at(-1)) showPlot({ seen: null });
-        seconds += took;
-        again.hidden = true;
-        plot.node.classList.remove("stale");
-        draw();
-      }
+      const { at, rows, seconds } = await store.ask(question);
+      if (asked !== own) return;
+      series = { state, coordinate: swept, at, rows, key: wanted, others: [] };
+      if (ends()[0] < at[0] || ends()[1] > at.at(-1)) showPlot({ seen: null });
+      again.hidden = true;
+      plot.node.classList.remove("stale");
+      draw();
       slow = seconds > QUICK ? slow + 1 : 0;
       if (swept !== null) for (const row of store.rows) {
         const other = await row.sweep(swept, 61).catch(() => null);

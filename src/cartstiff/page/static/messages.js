@@ -1,0 +1,181 @@
+// Written by `python tools/page_messages.py` from the models of `cartstiff.page.messages`, which
+// read what a page sends: not to be changed by hand.
+
+/**
+ * @typedef {object} Measure How large values are drawn, as `cartstiff.scene.scales` says it in a legend.
+ * @property {"root" | "linear" | "log"} kind
+ * @property {number | null} [value_per_length]
+ * @property {number | null} [cut_at]
+ * @property {number | null} [zero_at]
+ * @property {number | null} [length_per_decade]
+ */
+/**
+ * @typedef {object} ViewState Everything that decides what a tab shows; the default is what it shows at first.
+ * @property {number[] | null} [q]
+ * @property {number | null} [moved]
+ * @property {"load" | "A" | "B" | "K" | "F" | "+"} [connection]
+ * @property {"stiffness" | "compliance"} [quantity]
+ * @property {"free" | "held"} [others]
+ * @property {"body" | "world"} [axes]
+ * @property {[number, number, number]} [point]
+ * @property {(number | null)[] | null} [stiffness]
+ * @property {[number, number, number, number, number, number] | null} [load]
+ * @property {"body" | "world"} [load_axes]
+ * @property {"dead" | "follower" | "conservative"} [load_kind]
+ * @property {[number, number, number] | null} [load_at]
+ * @property {[number, number, number] | null} [gravity]
+ * @property {[number, number, number, number] | null} [payload]
+ * @property {number[] | null} [command]
+ * @property {number[] | null} [ghost]
+ * @property {string | null} [quantity_of_map]
+ * @property {number | null} [mode]
+ * @property {Record<"translation" | "rotation", Measure> | null} [measures]
+ * @property {"light" | "dark"} [theme]
+ * @property {boolean} [translation]
+ * @property {boolean} [rotation]
+ * @property {"root" | "linear" | "log"} [scale]
+ * @property {boolean} [labels]
+ * @property {boolean} [wrench]
+ * @property {boolean} [deflection]
+ * @property {boolean} [screws]
+ * @property {boolean} [centres]
+ */
+/**
+ * @typedef {object} Towards A pose that a hand pulls M to, ``T_F_M``, and whether it turns M as well.
+ * @property {[[number, number, number, number], [number, number, number, number], [number, number, number, number], [number, number, number, number]]} pose
+ * @property {boolean} [turning]
+ */
+/**
+ * @typedef {object} Draw The numbers and the picture of a state; of the posture that follows a hand, if one pulls.
+ * @property {number} id
+ * @property {ViewState} [state]
+ * @property {"draw"} do
+ * @property {Towards | null} [towards]
+ * @property {number[] | null} [lengths]
+ */
+/**
+ * @typedef {object} Numbers The numbers of a state alone: the picture stays.
+ * @property {number} id
+ * @property {ViewState} [state]
+ * @property {"numbers"} do
+ */
+/**
+ * @typedef {object} Result All that `analyse` says of a state, as JSON.
+ * @property {number} id
+ * @property {ViewState} [state]
+ * @property {"result"} do
+ */
+/**
+ * @typedef {object} Sweep Principal values while one coordinate runs through its range.
+ * @property {number} id
+ * @property {ViewState} [state]
+ * @property {"sweep"} do
+ * @property {number} coordinate
+ * @property {number} [steps]
+ */
+/**
+ * @typedef {object} Series Principal values along the trajectory that the page was started with.
+ * @property {number} id
+ * @property {ViewState} [state]
+ * @property {"series"} do
+ */
+/**
+ * @typedef {object} Swing Pictures along the swing of the mode that the state names.
+ * @property {number} id
+ * @property {ViewState} [state]
+ * @property {"swing"} do
+ * @property {number} [share]
+ */
+/**
+ * @typedef {object} Response Receptance at the reference point over frequency, all modes damped by one ratio.
+ * @property {number} id
+ * @property {ViewState} [state]
+ * @property {"response"} do
+ * @property {number} [ratio]
+ */
+/**
+ * @typedef {object} Analysis The analysis of the matrix, as text.
+ * @property {number} id
+ * @property {ViewState} [state]
+ * @property {"analysis"} do
+ */
+/**
+ * @typedef {object} Export The page at this state as one file; the rest of the page's state is in `address`.
+ * @property {number} id
+ * @property {ViewState} [state]
+ * @property {"export"} do
+ * @property {string | null} [address]
+ */
+/**
+ * @typedef {object} Frame Another frame of the mechanism as the frame of interest; `kept` states go along.
+ * @property {number} id
+ * @property {ViewState} [state]
+ * @property {"frame"} do
+ * @property {string} name
+ * @property {ViewState[]} [kept]
+ */
+/**
+ * @typedef {object} Bounds How much room the picture of a state takes.
+ * @property {number} id
+ * @property {ViewState} [state]
+ * @property {"bounds"} do
+ */
+/**
+ * @typedef {object} Program The arithmetic of the mechanism, for the page itself.
+ * @property {number} id
+ * @property {ViewState} [state]
+ * @property {"program"} do
+ */
+/** Model of each message, by its `do`. */
+export const MESSAGES = {
+  draw: "Draw",
+  numbers: "Numbers",
+  result: "Result",
+  sweep: "Sweep",
+  series: "Series",
+  swing: "Swing",
+  response: "Response",
+  analysis: "Analysis",
+  export: "Export",
+  frame: "Frame",
+  bounds: "Bounds",
+  program: "Program",
+};
+
+/** Fields of each model: their model, the words that they may be, or null. */
+export const FIELDS = {
+  Measure: { kind: ["root", "linear", "log"], value_per_length: null, cut_at: null, zero_at: null, length_per_decade: null },
+  ViewState: { q: null, moved: null, connection: ["load", "A", "B", "K", "F", "+"], quantity: ["stiffness", "compliance"], others: ["free", "held"], axes: ["body", "world"], point: null, stiffness: null, load: null, load_axes: ["body", "world"], load_kind: ["dead", "follower", "conservative"], load_at: null, gravity: null, payload: null, command: null, ghost: null, quantity_of_map: null, mode: null, measures: "Measure", theme: ["light", "dark"], translation: null, rotation: null, scale: ["root", "linear", "log"], labels: null, wrench: null, deflection: null, screws: null, centres: null },
+  Towards: { pose: null, turning: null },
+  Draw: { id: null, state: "ViewState", do: ["draw"], towards: "Towards", lengths: null },
+  Numbers: { id: null, state: "ViewState", do: ["numbers"] },
+  Result: { id: null, state: "ViewState", do: ["result"] },
+  Sweep: { id: null, state: "ViewState", do: ["sweep"], coordinate: null, steps: null },
+  Series: { id: null, state: "ViewState", do: ["series"] },
+  Swing: { id: null, state: "ViewState", do: ["swing"], share: null },
+  Response: { id: null, state: "ViewState", do: ["response"], ratio: null },
+  Analysis: { id: null, state: "ViewState", do: ["analysis"] },
+  Export: { id: null, state: "ViewState", do: ["export"], address: null },
+  Frame: { id: null, state: "ViewState", do: ["frame"], name: null, kept: "ViewState" },
+  Bounds: { id: null, state: "ViewState", do: ["bounds"] },
+  Program: { id: null, state: "ViewState", do: ["program"] },
+};
+
+/** Fields that may not be left out. */
+export const NEEDED = {
+  Measure: ["kind"],
+  ViewState: [],
+  Towards: ["pose"],
+  Draw: ["id", "do"],
+  Numbers: ["id", "do"],
+  Result: ["id", "do"],
+  Sweep: ["id", "do", "coordinate"],
+  Series: ["id", "do"],
+  Swing: ["id", "do"],
+  Response: ["id", "do"],
+  Analysis: ["id", "do"],
+  Export: ["id", "do"],
+  Frame: ["id", "do", "name"],
+  Bounds: ["id", "do"],
+  Program: ["id", "do"],
+};
