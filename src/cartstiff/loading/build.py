@@ -1649,11 +1649,32 @@ def _with_frame(file: Any, frame: str) -> Any:
     return file.model_copy(update=other)
 
 
+# Joints of contacts: those with springs, then those that are free.
+_SOFT_CONTACT = (("contact.tx", "PX"), ("contact.ty", "PY"), ("contact.tz", "PZ"))
 _CONTACTS = {
     "rigid": (),
     "soft-finger": (("contact.z", "RZ"),),
     "point": (("contact.x", "RX"), ("contact.y", "RY"), ("contact.z", "RZ")),
 }
+
+
+def _with_contact(
+    tree: KinematicTree, end: str, leg: LegModel, soft: Collection[str]
+) -> KinematicTree:
+    """Return a leg's tree with the joints of its contact, those with springs first.
+
+    They are along the contact's axes; frame "contact" is parallel to the frame `end` at zero.
+    """
+    joints = [(name, kind) for name, kind in _SOFT_CONTACT if name in soft]
+    joints += _CONTACTS[leg.contact]
+    given = leg.contact_stiffness
+    if given is None or not any(given.rpy):
+        return extended(tree, end, joints, "contact")
+    turn = se3.from_roll_pitch_yaw([0.0, 0.0, 0.0], given.rpy)
+    _add_frame(tree, "contact axes", end, turn)
+    tree = extended(tree, "contact axes", joints, "turned contact")
+    _add_frame(tree, "contact", "turned contact", se3.inverse(turn))
+    return tree
 
 
 def _check_joints(names: Iterable[str], known: Collection[str], where: str) -> None:
@@ -1719,9 +1740,17 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
         leg = legs[i] = _without_joints(leg, beyond)
         notes += description_notes(description, tree, leg.model_fields_set)
         if leg.contact != "rigid":
-            tree = extended(tree, end, _CONTACTS[leg.contact], "contact")
+            soft = {
+                name: FileSpring((own_stiffness(k, SI, name != "contact.z", place),), math.nan)
+                for name, k in leg.contact_springs.items()
+            }
+            tree = _with_contact(tree, end, leg, soft)
             end = "contact"
-            contacts += [f"{prefix}{joint}" for joint, _ in _CONTACTS[leg.contact]]
+            contacts += [
+                f"{prefix}{joint}" for joint, _ in _CONTACTS[leg.contact] if joint not in soft
+            ]
+            springs = {**description.facts.springs, **soft}
+            description = replace(description, facts=replace(description.facts, springs=springs))
         names = tree.names
         for entries, key in ((leg.springs, "springs"), (leg.passive, "passive"), (leg.q, "q")):
             _check_joints(entries, names, f"{place}, key {key}")
@@ -1757,7 +1786,7 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
         start += arm.n
         if file.pose is None or leg.drawing is not None:
             continue  # a leg by name is drawn at the pose
-        virtual = virtual_joints(leg.flexible)
+        virtual = [*virtual_joints(leg.flexible), *leg.contact_springs]
         q[own] = leg_at_pose(
             arm,
             ends[i],

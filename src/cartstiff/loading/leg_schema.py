@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, PrivateAttr, Tag, model_validator
 
 from cartstiff.loading.schema import (
+    GIVEN,
     RIGID,
     FileModel,
     FileWords,
@@ -15,6 +17,7 @@ from cartstiff.loading.schema import (
     Joints,
     JointSpringModel,
     LineModel,
+    NotNegative,
     Number,
     Pair,
     PoseModel,
@@ -164,6 +167,31 @@ class NamedLegs(FileModel):
         return self
 
 
+class ContactStiffnessModel(FileModel):
+    """Springs between a fingertip and the body, along the axes of their contact."""
+
+    normal: Stiffness = keyed("along its z, N/m; default rigid", math.inf)
+    tangential: Stiffness | Annotated[list[Stiffness], Field(min_length=2, max_length=2)] = keyed(
+        "along its x and y, N/m: one number or two; default rigid", math.inf
+    )
+    spin: Annotated[NotNegative, GIVEN] | None = keyed(
+        "about its z, N m/rad; default 0: free", None
+    )
+
+    rpy: Vector = keyed(
+        "the contact's axes in the chain's end frame, roll, pitch, yaw in rad; z is the normal, "
+        "about which it spins",
+        [0.0, 0.0, 0.0],
+    )
+
+    def by_joint(self) -> dict[str, float]:
+        """Springs by the joint of the contact that they are in: contact.tx, ..., contact.z."""
+        x, y = self.tangential if isinstance(self.tangential, list) else [self.tangential] * 2
+        each = {"contact.tx": x, "contact.ty": y, "contact.tz": self.normal}
+        springs = {name: k for name, k in each.items() if k != math.inf}
+        return springs if self.spin is None else {**springs, "contact.z": self.spin}
+
+
 class LegModel(Joints):
     """One chain of a parallel mechanism, from the ground to the body."""
 
@@ -173,7 +201,28 @@ class LegModel(Joints):
     contact: Literal["rigid", "soft-finger", "point"] = keyed(
         "joint between chain and body: none, spin about z, or a ball", "rigid"
     )
+    contact_stiffness: ContactStiffnessModel | None = keyed(
+        "of a soft-finger or point contact: joints contact.tx, .ty, .tz with springs, which "
+        "balance the load at q as those of other joints without rest",
+        None,
+    )
     _drawing: Any = PrivateAttr(default=None)
+
+    @model_validator(mode="after")
+    def _gives_at_its_contact(self) -> LegModel:
+        if self.contact_stiffness is None:
+            return self
+        if self.contact == "rigid":
+            raise ValueError("contact_stiffness is of a contact: soft-finger or point")
+        for name in self.contact_stiffness.by_joint():
+            if name in self.springs or name in self.passive:
+                raise ValueError(f"contact_stiffness has the spring of {name}: give it once")
+        return self
+
+    @property
+    def contact_springs(self) -> dict[str, float]:
+        """Springs of the contact's joints, by name."""
+        return {} if self.contact_stiffness is None else self.contact_stiffness.by_joint()
 
     @property
     def drawing(self) -> Any:

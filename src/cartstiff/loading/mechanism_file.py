@@ -185,10 +185,10 @@ def _evaluated(
     return {name: values[name] for name in entries}, set().union(*needed.values())
 
 
-# Keys of stiffnesses that may have a unit: of joints, legs and flexures that slide; of flexures
-# that turn, which are in N m/rad in every file.
-_STIFFNESS_KEYS = ("stiffness", "polynomial", "axial", "shear")
-_TURNING_KEYS = ("bending", "torsion")
+# Keys of stiffnesses that may have a unit: of joints, legs, flexures and contacts that slide; of
+# flexures and contacts that turn, which are in N m/rad in every file.
+_STIFFNESS_KEYS = ("stiffness", "polynomial", "axial", "shear", "normal", "tangential")
+_TURNING_KEYS = ("bending", "torsion", "spin")
 
 
 def _own_units(file: Mapping[str, Any]) -> Units:
