@@ -292,8 +292,7 @@ def serve() -> Iterator[Callable[..., Any]]:
         key = f"{name} {curves} {sorted((k, str(v)) for k, v in options.items())}"
         if key not in running:
             elastic = cartstiff.load(name)
-            reload = lambda frame: cartstiff.load(name, frame=frame)  # noqa: E731
-            source = Source(elastic, reload=reload, **options)
+            source = Source(elastic, **options)
             running[key] = Background(source if curves else short(source))
         return running[key]
 

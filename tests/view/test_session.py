@@ -13,10 +13,12 @@ from scipy.spatial.transform import Rotation
 
 import cartstiff
 from cartstiff.errors import CartstiffError, InputError, UnknownNameError
+from cartstiff.geometry import se3
 from cartstiff.page.messages import Frame, read_message
 from cartstiff.page.session import Session
 from cartstiff.page.shown import describe_mechanism, slider_ranges
 from cartstiff.page.source import Cloud, Playback, Source
+from cartstiff.potentials.loads import DeadWrench
 from cartstiff.potentials.springs import JointSprings, PolynomialLaw
 
 
@@ -229,7 +231,7 @@ def test_a_map(session):
 
 
 def test_another_frame_of_interest(session):
-    one = session("ur5", reload=lambda name: cartstiff.load("ur5", frame=name))
+    one = session("ur5")
     names = one.hello().data["mechanism"]["frames"]
     assert "wrist_3_link" in names
     found = asked(one, do="frame", name="wrist_3_link")
@@ -241,8 +243,65 @@ def test_another_frame_of_interest(session):
     for name in ("/etc/passwd", "nonsense"):
         with pytest.raises(UnknownNameError):
             asked(one, do="frame", name=name)
-    with pytest.raises(UnknownNameError):
-        asked(session("ur5"), do="frame", name="wrist_3_link")  # nothing to load it from
+
+
+FLEXIBLE = """
+kind: serial
+model: ur5
+flexible:
+  upper_arm_link:
+    stiffness:
+      - [2.0e+4, 0, 0, 0, 0, 0]
+      - [0, 2.0e+4, 0, 0, 0, 0]
+      - [0, 0, 2.0e+4, 0, 0, 0]
+      - [0, 0, 0, 1.0e+6, 0, 0]
+      - [0, 0, 0, 0, 1.0e+6, 0]
+      - [0, 0, 0, 0, 0, 1.0e+6]
+"""
+
+
+@pytest.mark.parametrize("kind", ["rigid", "flexible"])
+def test_another_frame_moves_no_load_and_no_payload(kind, no_picture, tmp_path):
+    """Typed with the command or on the page, they stay where they are on the link."""
+    path = tmp_path / "arm.yaml"
+    path.write_text(FLEXIBLE)
+    name = "ur5" if kind == "rigid" else str(path)
+    typed = cartstiff.load(name, payload=[6.0, 0.1, 0.0, 0.2], tcp=[0.0, 0.0, 0.05])
+    tab = Session(Source(typed), no_picture)
+    tree = typed.mechanism.tree
+    T_N_M = np.linalg.inv(tree.placement("ee_link").T_j_f) @ typed.mechanism.body.T_j_f
+    state = {
+        "load": [0.0, 0.0, 0.0, 30.0, 0.0, -400.0],
+        "load_axes": "world",
+        "load_at": [0.03, 0.0, 0.1],
+        "payload": [4.0, 0.0, 0.05, 0.1],
+    }
+    before = asked(tab, do="numbers", state=state)["numbers"]["result"]
+    found = asked(tab, do="frame", name="ee_link", state=state, kept=[state])
+    for now in (found["now"], *found["kept"]):
+        for there, here in ((now["load_at"], "load_at"), (now["payload"][1:], "payload")):
+            assert there == pytest.approx((T_N_M @ [*state[here][-3:], 1.0])[:3], abs=1e-15)
+    assert tab.elastic.mechanism.tree is tree  # with the payload on its joint
+    after = asked(tab, do="numbers", state=found["now"])["numbers"]["result"]
+    assert after["pose"] == pytest.approx(before["pose"] @ np.linalg.inv(T_N_M), abs=1e-9)
+    inverse = np.linalg.inv(T_N_M)
+    Ad = se3.adjoint(inverse)
+    expected = Ad.T @ np.array(before["load"]["stiffness"]) @ Ad
+    assert np.allclose(after["load"]["stiffness"], expected, rtol=1e-6, atol=1e-6 * expected.max())
+    # Back at the first frame: its tool is there again.
+    back = asked(tab, do="frame", name="tool0", state=found["now"])
+    assert back["now"]["load_at"] == pytest.approx(state["load_at"], abs=1e-15)
+    assert np.array_equal(tab.elastic.mechanism.body.T_j_f, typed.mechanism.body.T_j_f)
+
+
+def test_what_is_fixed_to_M_itself_stays_with_M(session):
+    """A force of a file's own on M would move with it: no other frame is offered."""
+    elastic = cartstiff.load("ur5")
+    loaded = elastic.with_potential(DeadWrench([0.0] * 6))
+    assert len(elastic.frames_of_body) > 1
+    assert loaded.frames_of_body == ["tool0"]
+    with pytest.raises(UnknownNameError, match="frame"):
+        loaded.with_frame("wrist_3_link")
 
 
 def test_the_analysis_as_text(session):

@@ -32,7 +32,7 @@ class Tabs(RuleBasedStateMachine):
     @initialize(name=st.sampled_from(["cubic", "ur5"]))
     def begin(self, name: str) -> None:
         self.name = name
-        self.source = Source(_elastic(name), reload=lambda frame: cartstiff.load(name, frame=frame))
+        self.source = Source(_elastic(name))
         self.tabs = [Session(self.source, NoPicture) for _ in range(2)]
         self.frames = [_elastic(name).mechanism.frame] * 2
         self.state: dict[str, Any] = {}

@@ -70,10 +70,6 @@ class Shown:
             checked_command(elastic, steps)
             command = [steps.get(name, 0.0) for name in elastic.spring_names]
 
-        def reload(name: str) -> Any:
-            unplaced = replace(robot, q=None, pose=None, pose_of="body", lengths=None)
-            return replace(unplaced, frame=name).load()[0]
-
         trajectory = None
         if self.trajectory is not None:
             mechanism, factors = elastic.mechanism, shown_factors(elastic)
@@ -90,7 +86,6 @@ class Shown:
             load_at=None if load.load_at is None else tuple(load.load_at),  # type: ignore[arg-type]
             load_axes=load.axes,
             command=command,
-            reload=reload,
             trajectory=trajectory,
             cloud=cloud,
         )

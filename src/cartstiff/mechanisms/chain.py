@@ -325,6 +325,22 @@ class Chain(Mechanism):
         vars(other).pop("ties", None)
         return other
 
+    @property
+    def frames_of_body(self) -> list[str]:
+        """Names of the frames on the link that carries M, its own among them."""
+        joint = self.body.joint
+        names = [name for name, place in self.tree.frames.items() if place.joint == joint]
+        return names if self.frame in names else [self.frame, *names]
+
+    def with_frame(self, name: str) -> Chain:
+        """Return the chain with M at a frame of the same link; joints and masses stay."""
+        at = self.placement(name)
+        if at.joint != self.body.joint:
+            raise UnknownNameError("frame", name, self.frames_of_body)
+        other = copy(self)
+        other.frame, other.frame_offset, other.body = name, read_only(np.eye(4)), at
+        return other
+
     def with_mass(self, mass: float, centre: Array, carrier: FixedFrame | None = None) -> Chain:
         """Return the chain with a point mass [kg] added at a point of M, or of another frame."""
         other, at = copy(self), carrier or self.body

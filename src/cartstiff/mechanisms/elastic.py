@@ -23,7 +23,7 @@ from cartstiff.arrays import (
     fixed,
     real_array,
 )
-from cartstiff.errors import InputError, checked_kind
+from cartstiff.errors import InputError, UnknownNameError, checked_kind
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.chain import Chain
@@ -564,6 +564,36 @@ class ElasticMechanism(ShownInLines):
     def with_notes(self, *notes: Note) -> ElasticMechanism:
         """Return the mechanism with more notes."""
         return replace(self, notes=(*self.notes, *notes)) if notes else self
+
+    @property
+    def frames_of_body(self) -> list[str]:
+        """Names of the frames that may take the place of M, the present one among them.
+
+        Those of M's link, for chains. A spring or a load that is fixed to M itself would move with
+        it: then there are no others.
+        """
+        mechanism = self.mechanism
+        fixed_to = {getattr(p, side, "") for p in self._acting() for side in ("frame_a", "frame_b")}
+        if isinstance(mechanism, Chain) and mechanism.kind in ("serial", "closed-chain"):
+            fixed_to |= {frame for c in mechanism.closures for frame in (c.frame_a, c.frame_b)}
+            if "body" not in fixed_to:
+                return mechanism.frames_of_body
+        return [mechanism.frame]
+
+    def with_frame(self, name: str) -> ElasticMechanism:
+        """Return the mechanism with M at another frame of `frames_of_body`.
+
+        Nothing but M moves: springs, masses, the payload and loads stay where they are.
+
+        Raises
+        ------
+        UnknownNameError
+            For any other name.
+        """
+        if name not in (known := self.frames_of_body) or not isinstance(self.mechanism, Chain):
+            raise UnknownNameError("frame", name, known)
+        notes = tuple(n for n in self.notes if n.code not in ("default-frame", "ambiguous-frame"))
+        return replace(self, mechanism=self.mechanism.with_frame(name), notes=notes)
 
     def with_payload(self, mass: float, point: ArrayLike = (0.0, 0.0, 0.0)) -> ElasticMechanism:
         """Return the mechanism with a point mass [kg] fixed to a point (3,) of M.

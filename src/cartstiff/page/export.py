@@ -121,7 +121,7 @@ def _session(
     source: Source, elastic: ElasticMechanism, state: ViewState | None, picture: PictureMaker
 ) -> tuple[Session, ViewState]:
     """Return a session whose mechanism has commands, payload and gravity of a state; the state."""
-    here = replace(source, elastic=elastic, reload=None)
+    here = replace(source, elastic=elastic)
     session = Session(here, picture)
     first = session.start if state is None else state
     if first.command is not None and any(first.command):
@@ -188,9 +188,7 @@ def client_program(session: Session, number: int) -> tuple[Answer, str]:
     if getattr(session.elastic.mechanism, "closures", ()):
         # To record it takes seconds, in which the server would answer nothing else.
         return Answer(message | {"why": "the server answers for closed chains"}), ""
-    fresh = Session(
-        replace(session.source, elastic=session.elastic, reload=None), session.make_picture
-    )
+    fresh = Session(replace(session.source, elastic=session.elastic), session.make_picture)
     base = fresh.result(fresh.start)
     program = browser_program(session.elastic, base)
     if isinstance(program, str):

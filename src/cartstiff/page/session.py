@@ -143,13 +143,13 @@ class Session:
 
         With the numbers of that picture a page that wants nothing else need not ask for them.
         """
-        source, trajectory, cloud = self.source, self.source.trajectory, self.source.cloud
+        trajectory, cloud = self.source.trajectory, self.source.cloud
         state = self.start
         data = {
             "id": number,
             "do": "hello",
             "version": __version__,
-            "mechanism": describe_mechanism(self._elastic, self._q, source.reload is not None),
+            "mechanism": describe_mechanism(self._elastic, self._q),
             "state": state.model_dump(),
             "now": None if now is None else now.model_dump(),
             **self._facts,
@@ -325,18 +325,16 @@ class Session:
     # -- questions --------------------------------------------------------------------------
 
     def _other_frame(self, message: Frame) -> Answer:
-        reload = self.source.reload
-        known = describe_mechanism(self._elastic, self._q)["frames"]
-        if reload is None or message.name not in known:
-            raise UnknownNameError("frame", message.name, known if reload else ())
-        if message.name == self._elastic.mechanism.frame:
+        before, first = self._elastic.mechanism, self.source.elastic
+        if message.name == before.frame:
             return self.hello(message.id)
-        # The frames offered move with the same joint: coordinates and springs are the same.
-        before, state = self.result(message.state).pose, message.state
-        self._start(reload(message.name), self._q)
-        after = self.result(state.model_copy(update={"load": None})).pose
-        T = se3.inverse(after) @ before
-        answer = self.hello(message.id, _seen_from(state, T))
+        # The first frame may have an offset of its own, that of the tool.
+        is_first = message.name == first.mechanism.frame
+        self._start(first if is_first else self._elastic.with_frame(message.name), self._q)
+        # On one link they are at rest relative to each other, whatever the load bends.
+        after = self._elastic.mechanism
+        T = se3.inverse(after.at(self._q).pose) @ before.at(self._q).pose
+        answer = self.hello(message.id, _seen_from(message.state, T))
         answer.data["kept"] = [_seen_from(one, T).model_dump() for one in message.kept]
         return answer
 

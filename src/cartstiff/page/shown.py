@@ -120,7 +120,7 @@ _TURN = np.pi
 _SHARE = 0.25
 
 
-def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True) -> dict[str, Any]:
+def describe_mechanism(elastic: ElasticMechanism, q: Array) -> dict[str, Any]:
     """Names, units, ranges and springs.
 
     Parameters
@@ -129,8 +129,6 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         The mechanism.
     q : ndarray (n,)
         The posture around which coordinates without limits are ranged.
-    frames : bool
-        Whether other frames of interest may be chosen.
     """
     mechanism, units = elastic.mechanism, elastic.units
     ranges = slider_ranges(elastic, q)
@@ -158,7 +156,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
         "name": elastic.name,
         "kind": mechanism.kind,
         "frame": mechanism.frame,
-        "frames": _frames(elastic) if frames else [mechanism.frame],
+        "frames": elastic.frames_of_body,
         "units": units.to_dict(),
         "coordinates": coordinates,
         "joints": _joints(elastic),
@@ -189,16 +187,6 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array, frames: bool = True)
             for name, matrix in MATRICES.items()
         ],
     }
-
-
-def _frames(elastic: ElasticMechanism) -> list[str]:
-    mechanism = elastic.mechanism
-    if not isinstance(mechanism, Chain) or mechanism.kind not in ("serial", "closed-chain"):
-        return [mechanism.frame]
-    # Those that move with the same joint: for them the chain, its joints and springs are the same.
-    joint = mechanism.body.joint
-    names = [name for name, place in mechanism.tree.frames.items() if place.joint == joint]
-    return names if mechanism.frame in names else [mechanism.frame, *names]
 
 
 def _joints(elastic: ElasticMechanism) -> list[int]:

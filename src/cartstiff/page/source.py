@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
@@ -99,8 +99,6 @@ class Source:
         Its behaviour, point and axes, as in `cartstiff.page.messages.ViewState`.
     command : list of float or None
         Commands of the drives at first, one number a spring.
-    reload : callable or None
-        Gives the mechanism with another frame of interest, by name.
     trajectory : Playback or None
         Postures for the time slider.
     cloud : Cloud or None
@@ -110,7 +108,6 @@ class Source:
     elastic: ElasticMechanism
     q: Array | None = None
     load: Array | None = None
-    reload: Callable[[str], ElasticMechanism] | None = None
     trajectory: Playback | None = None
     cloud: Cloud | None = None
     load_kind: Literal["dead", "follower", "conservative"] = "dead"
