@@ -5,6 +5,8 @@ import pytest
 from tests.mechanisms.machines import codes, joint, note, write_file, write_urdf
 
 import cartstiff
+from cartstiff import analyse_posture
+from cartstiff.report.analysis import answer_lines
 
 STIFFNESS = (2e5, 3e5, 5e5)
 RADIUS, PLATE, ROD, WIDTH = 0.3, 0.06, 0.4, 0.05
@@ -127,3 +129,35 @@ def test_a_planar_arm_of_six_joints_is_singular_only_where_it_is_stretched(tmp_p
     assert dict(many.counts()) == {"fewer-than-six-freedoms": count, "serial-singularity": 1}
     assert codes(cartstiff.analyse(arm, np.zeros(6)))[-1] == "serial-singularity"
     assert "fewer-than-six-freedoms" in codes(cartstiff.analyse(arm, bent[0]))
+
+
+def parallel_arm(folder, tilt):
+    """Two arms on parallelograms: the tool translates, and turns by the tilt of two axes."""
+    joints = [
+        joint("j1", "base", "a", axis=(0, 1, 0)),
+        joint("l1", "a", "b", at=(0, 0, 1.0), axis=(tilt, 1, 0)),
+        joint("j2", "b", "c", axis=(0, 1, 0)),
+        joint("l2", "c", "tool0", at=(0.8, 0, 0), axis=(0, 1, tilt)),
+    ]
+    for k, lead in ((1, "j1"), (3, "j2")):
+        joints[k] = joints[k].replace(
+            "</joint>", f'<mimic joint="{lead}" multiplier="-1"/></joint>'
+        )
+    return cartstiff.load(write_urdf(folder, *joints, name=f"arm{tilt:g}"), stiffness=1e4)
+
+
+@pytest.mark.parametrize("tilt", [1e-8, 1e-6])
+def test_a_body_that_turns_by_a_tilt_of_its_axes_says_so(tmp_path, tilt):
+    q = [0.4, 0.3]
+    exact, tilted = (cartstiff.analyse(parallel_arm(tmp_path, t), q) for t in (0.0, tilt))
+    assert "nearly-still" not in codes(exact)
+    found = note(tilted, "nearly-still")
+    assert found.values["half"] == "rotation"
+    assert 0.5 * tilt < found.values["share"] < 2.0 * tilt
+    C = [result.compliances["B"][3:, 3:] for result in (exact, tilted)]
+    np.testing.assert_allclose(C[1], C[0], atol=10 * tilt * C[0].max())
+    headlines = [
+        answer_lines(analyse_posture(result), result.elastic) for result in (exact, tilted)
+    ]
+    assert headlines[0] == headlines[1]
+    assert "N/mm" in headlines[1][-1]

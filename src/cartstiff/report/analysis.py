@@ -411,8 +411,13 @@ def _softest(s: Mapping[str, Any], u: Units) -> list[str]:
     """Describe the softest directions: the largest principal compliances, other freedoms free."""
     lines, compliance = [], s["ellipsoids"]["compliance"]
     axes = "these axes" if _is_turned(s) else "the body"
-    for freedom in _FREEDOMS:
-        e = compliance[freedom]["free"]
+    for freedom, other in _FREEDOMS.items():
+        e, beside = (compliance[each]["free"] for each in (freedom, other))
+        if s["connection"] is None and e is not None and beside is not None:
+            power = 2 if freedom == "rotation" else -2
+            most = [max(map(abs, part["eigenvalues"])) for part in (e, beside)]
+            if most[0] * s["length"]["value"] ** power < numerics.LOST_ERROR**2 * most[1]:
+                continue  # a note says that the body hardly has this freedom
         if e is not None and (found := softest(e["eigenvalues"], e["axes"])) is not None:
             lines.append(f"  softest {softest_words(*found, freedom, u, axes)}")
     return lines

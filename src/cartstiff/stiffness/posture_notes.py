@@ -28,6 +28,7 @@ def notes_on_posture(
         *(near_serial(posture, reduction.singular_values, rank) if rank == full else ()),
         *near_type_2(posture, reduction.motions),
         *near_constraint(reduction),
+        *nearly_still(posture, reduction),
         *elastic.diagnostics(posture),
         *limit_notes(elastic.mechanism, posture),
         *force_notes(elastic, posture),
@@ -208,6 +209,34 @@ def near_constraint(reduction: Reduction) -> list[Note]:
                 "free": doubtful.size - held,
                 "unresolved": numerics.ROUNDOFF / least,
             },
+        )
+    ]
+
+
+def nearly_still(posture: MechanismPosture, reduction: Reduction) -> list[Note]:
+    """Note on a body with fewer than six freedoms whose rotation, or translation, nearly vanishes.
+
+    Both are compared in the characteristic length. Below `RANK` they count as none
+    (`cartstiff.numerics.still_halves`).
+    """
+    if not 0 < reduction.rank < 6:
+        return []
+    sizes = np.repeat([1.0, 1.0 / posture.length], 3)
+    J = posture.motion.jacobian * sizes[:, None] * posture.coordinate_lengths
+    J = J if reduction.motions is None else J @ reduction.motions
+    halves = {"rotation": float(np.linalg.norm(J[:3])), "translation": float(np.linalg.norm(J[3:]))}
+    (half, less), (other, more) = sorted(halves.items(), key=lambda part: part[1])
+    share = less / max(more, numerics.TINY)
+    if not numerics.RANK < share < numerics.LOST_ERROR:
+        return []
+    return [
+        Note(
+            "nearly-still",
+            f"the body hardly has a {half}: {share:.2g} of its {other}, in characteristic lengths; "
+            f"axes that should be parallel, or meet, and do not quite in the file's digits? If so, "
+            f"its {half} is none, and compliances of {half}, and of {other} with {half} held, say "
+            "nothing about the machine",
+            {"half": half, "share": share, "characteristic_length": posture.length},
         )
     ]
 

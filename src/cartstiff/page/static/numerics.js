@@ -3,6 +3,7 @@
 export const ATTAINABLE_PRECISION = 1e-15;
 export const EPSILON = 2.220446049250313e-16;
 export const LIMIT_SLACK = 1e-13;
+export const LOST_ERROR = 1e-4;
 export const MAX_FUTILE_STEPS = 8;
 export const NEAR_SINGULARITY = 0.05;
 export const NEGLIGIBLE_DIFFERENCE = 1e-9;

@@ -6,7 +6,7 @@ import { adjoint, angles, back, block, changed, congruence, cross, dot, eigen, g
   largest, motion, moving, place, plus, product, rotation, scaled, scaledInverse, singular, squares, sureOfInverse,
   symmetric, times, transposed } from "./algebra.js";
 import { engineering } from "./dom.js";
-import { ATTAINABLE_PRECISION, NEGLIGIBLE_DIFFERENCE, EPSILON, MAX_FUTILE_STEPS, LIMIT_SLACK, NEAR_SINGULARITY, ROUNDOFF, SMALLEST_STEP, SYMMETRY, REPORTED_ERROR, ZERO_SHARE } from "./numerics.js";
+import { ATTAINABLE_PRECISION, NEGLIGIBLE_DIFFERENCE, EPSILON, MAX_FUTILE_STEPS, LIMIT_SLACK, LOST_ERROR, NEAR_SINGULARITY, RANK, ROUNDOFF, SMALLEST_STEP, SYMMETRY, REPORTED_ERROR, ZERO_SHARE } from "./numerics.js";
 
 export const NOT_PLAIN = "this posture is too near to a singularity, or its load too near to what the springs hold, for the formulas in this page: `cartstiff view` answers it";
 export const NOT_CLOSED = "the loops do not close with the drives there, or only at a singularity";
@@ -191,6 +191,10 @@ export class Program {
       const motions = m.orthonormal ? product(J, m.orthonormal) : J;
       m.singular.serial = singular(motions[0].length < 6 ? motions : transposed(motions));
       if (this.least(m.singular.serial) <= NEGLIGIBLE_DIFFERENCE) throw new Error(NOT_PLAIN);
+      if (this.freedoms < 6) { // a rotation, or translation, that nearly vanishes needs a note
+        const [less, more] = [0, 3].map((i) => Math.hypot(...motions.slice(i, i + 3).flat())).sort((a, b) => a - b);
+        if (less > RANK * more && less < LOST_ERROR * more) throw new Error(NOT_PLAIN);
+      }
       if (m.orthonormal && data.actuated.length >= this.freedoms) m.singular["type-2"] = singular(data.actuated.map((j) => m.orthonormal[j].map((x) => x * m.sizes[j])));
     }
     const held = m.singular["type-2"];
