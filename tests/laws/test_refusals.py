@@ -268,8 +268,10 @@ def test_loads_that_lines_cannot_balance():
     dependent = platform_mechanism(
         ring, 0.5 * ring, np.full(6, 100.0), np.full(6, 0.8), q=[0, 0, 1.0, 0, 0, 0]
     )
-    with pytest.raises(InputError, match="no tensions of the lines balance this load"):
-        analyse(dependent, wrench=[0, 0, 1, 0, 0, 0])
+    with pytest.raises(InputError, match="no tensions of the lines balance this load") as caught:
+        analyse(dependent, wrench=[0, 0, 530.0, 0, 0, 0])
+    # Six lines through the axis carry no moment about it.
+    assert caught.value.got == "an unbalanced moment of 530 and force of 0, in the file's units"
     legs = general_legs()
     cables = legs_as_platform(legs)
     cables = replace(cables, springs=replace(cables.springs, unilateral=True))

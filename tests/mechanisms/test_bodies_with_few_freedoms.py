@@ -161,3 +161,41 @@ def test_a_body_that_turns_by_a_tilt_of_its_axes_says_so(tmp_path, tilt):
     ]
     assert headlines[0] == headlines[1]
     assert "N/mm" in headlines[1][-1]
+
+
+@pytest.mark.parametrize("stiffness", [10.0, 30.0])
+def test_a_mast_that_topples_is_indefinite(tmp_path, stiffness):
+    """A mass of 2 kg, 1 m above a universal joint with equal springs."""
+    joints = joint("x", "base", "a", axis=(1, 0, 0)), joint("y", "a", "mast", axis=(0, 1, 0))
+    urdf = write_urdf(tmp_path, *joints)
+    springs = {name: {"stiffness": stiffness} for name in "xy"}
+    payload = {"mass": 2.0, "com": [0, 0, 1.0]}
+    content = {"model": urdf.name, "frame": "mast", "springs": springs, "gravity": [0, 0, -9.81]}
+    mast = cartstiff.load(write_file(tmp_path, kind="serial", payload=payload, **content))
+    result = cartstiff.analyse(mast, [0.0, 0.0])
+    left = stiffness - 2.0 * 9.81 * 1.0
+    np.testing.assert_allclose(result.compliances["load"][0, 0], 1 / left)
+    assert ("indefinite" in codes(result)) == (left < 0)
+    answer = answer_lines(analyse_posture(result), mast)
+    assert any("not stable" in line for line in answer) == (left < 0)
+    if left < 0:
+        found = note(result, "indefinite")
+        np.testing.assert_allclose(found.values["eigenvalues"], [left, left])
+        assert "along 2 motion(s)" in found.message
+
+
+def test_legs_in_compression_under_a_flat_plate_are_indefinite(tmp_path):
+    """Vertical turns and slides cost -2 t / L each: six legs to three points, pushing alike."""
+    corners = [[0.1, 0, 0], [-0.05, 0.08660254, 0], [-0.05, -0.08660254, 0]]
+    base = [[3 * x, 3 * y, z] for z in (0.0, 1.0) for x, y, _ in corners]
+    data = {
+        "base": base,
+        "platform": 2 * corners,
+        "pose": {"xyz": [0, 0, 0.5]},
+        "legs": {"stiffness": 1000, "preload": -200},
+    }
+    result = cartstiff.analyse(cartstiff.load(write_file(tmp_path, kind="springs", **data)))
+    assert {"type-2-singularity", "indefinite"} <= set(codes(result))
+    values = np.linalg.eigvalsh(result.matrices["load"])
+    found = note(result, "indefinite").message
+    assert f"along {int((values < 0).sum())} motion(s)" in found

@@ -70,6 +70,26 @@ def test_volume_is_that_of_a_fine_grid(machine, found):
     assert found.columns.poses + found.positions.poses < 0.1 * n**3
 
 
+def test_the_least_ratio_is_that_of_the_whole_workspace(machine, found):
+    """Not only of the poses on rays: against a fine grid of positions within the limits."""
+    low, high = found.boundary.min(axis=0), found.boundary.max(axis=0)
+    axes = [np.linspace(a, b, 50) for a, b in zip(low, high, strict=True)]
+    places = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+    places = places[_allowed(machine, places, found.pose)]
+    poses = np.tile(found.pose, (len(places), 1, 1))
+    poses[:, :3, 3] = places
+    values = np.linalg.svd(lines_at(machine.mechanism, poses)[1], compute_uv=False)
+    on_grid = (values[:, -1] / values[:, 0]).min()
+    aside = cartstiff.workspace(
+        machine, machine.q + np.array([0.2, -0.2, 0, 0, 0, 0]), directions=200, fits=False
+    )
+    ratio, place = aside.singularity
+    assert 0.0 < ratio <= on_grid
+    assert ratio == pytest.approx(found.singularity[0], rel=0.01)
+    assert ratio > 0.8 * on_grid  # the grid's poses are a fiftieth apart
+    assert _allowed(machine, place[None], found.pose).all()
+
+
 def test_a_ray_that_reaches_no_limit_ends_at_the_radius():
     """A ball well within all limits: its volume is known, and no limit cuts its surface."""
     found = cartstiff.workspace(cartstiff.load("hexapod"), radius=0.1, directions=300, fits=False)

@@ -276,13 +276,15 @@ class LineSprings(PosePotential):
             np.abs(present)
         )
         limit = numerics.BALANCE_TOLERANCE * np.abs(gradient * scale).max(initial=0.0)
-        if np.any(missed > limit + _SUM_ROUNDOFF * numerics.EPSILON * summed):
+        missed[missed <= limit + _SUM_ROUNDOFF * numerics.EPSILON * summed] = 0.0
+        if missed.any():
             raise InputError(
                 "no tensions of the lines balance this load at this pose"
                 if free.all()
                 else "no tensions of the lines without a rest length balance the other ones here",
                 expected="forces that the lines can carry (not a type-2 singularity)",
-                got=f"unbalanced part {missed.max():.3g}",
+                got=f"an unbalanced moment of {_length(missed[:3]):.3g} and force of "
+                f"{_length(missed[3:] / size):.3g}, in the file's units",
             )
         cables = self.cables[free]
         if not are_taut(tensions[cables]):
@@ -348,6 +350,10 @@ class LineSprings(PosePotential):
         if not self.unilateral:
             return self.stiffness
         return np.where(self.is_taut(lengths), self.stiffness, 0.0)
+
+
+def _length(vector: Array) -> float:
+    return float(np.linalg.norm(vector))
 
 
 def are_taut(tensions: Array) -> bool:

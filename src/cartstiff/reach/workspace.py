@@ -904,14 +904,41 @@ def singular_around(
 
 
 def least_ratio(margins: PoseMargins, moved: Moved, rays: Rays) -> tuple[float, Array] | None:
-    """Return the least ratio of singular values on the first part of each ray, and its offset."""
+    """Return the least ratio of singular values found inside the limits, and its offset.
+
+    The search starts at the best of the poses on the rays, and goes from each in steps in random
+    directions, within the limits, that are halved where none of them is better.
+    """
     shares = np.linspace(0.0, 1.0, 9)
     offsets = (shares[:, None, None] * rays.first[:, None] * rays.directions).reshape(-1, 3)
+    offsets = np.concatenate([offsets, rays.offsets])
     ratio = margins.ratios(moved(offsets))
     if np.isinf(ratio).all():
         return None
-    k = int(ratio.argmin())
-    return float(ratio[k]), offsets[k]
+    few, tries = (8, 8) if margins.is_slow or not margins.is_quick else (40, 16)
+    first = np.argsort(ratio, kind="stable")[: 5 * few : 5]  # neighbours lead to the same place
+    x, least = offsets[first], ratio[first]
+    step = np.full(len(x), 2.0 * rays.reach / np.sqrt(len(rays.directions)))
+    rng = np.random.default_rng(17)
+    for _ in range(_STEPS):
+        ways = rng.normal(size=(len(x), tries, 3))
+        ways *= step[:, None, None] / np.linalg.norm(ways, axis=2, keepdims=True)
+        tried = (x[:, None] + ways).reshape(-1, 3)
+        found, inside = np.full(len(tried), np.inf), margins.inside(moved(tried))
+        if inside.any():
+            found[inside] = margins.ratios(moved(tried[inside]))
+        best = found.reshape(len(x), tries).argmin(axis=1) + tries * np.arange(len(x))
+        is_better = found[best] < least
+        x, least = (
+            np.where(is_better[:, None], tried[best], x),
+            np.where(is_better, found[best], least),
+        )
+        step = np.where(is_better, step, 0.5 * step)
+        if step.max() < numerics.NEGLIGIBLE_CHANGE * rays.reach:
+            break
+    k = int(least.argmin())
+    # The limit may be the singular poses themselves.
+    return (float(least[k]) if least[k] > numerics.RANK else 0.0), x[k]
 
 
 def crossings(
@@ -1043,8 +1070,8 @@ class Workspace(LabelledResult):
     sphere, cube : tuple of (centre (3,), size) or None
         Largest sphere (radius) and cube along the axes of F (edge) found inside.
     singularity : tuple of (ratio, position) or None
-        Least ratio of singular values of six legs' lines, moments over the body's length, on the
-        poses inside, and where it is.
+        Least ratio of singular values of six legs' lines, moments over the body's length, that a
+        search from the rays found on the poses inside, and where it is.
     singular : Singular or None
         Poses where the determinant of six legs changes its sign, and distance of the nearest one.
     margin : float

@@ -311,6 +311,8 @@ def answer_lines(summary: Mapping[str, Any], elastic: ElasticMechanism) -> list[
             lines[-1] += ": the posture is not stable"
         elif definite == "positive":
             lines[-1] += ": every small motion is resisted"
+    elif name is None and _yields(summary["ellipsoids"]["compliance"]):
+        lines.append("  The stiffness is negative along a motion: the posture is not stable")
     if moved := resisted_deflection(summary):
         size = engineering(math.hypot(*moved["displacement"]), units.length)
         what = "This point" if any(moved["point"]) else "The body frame"
@@ -320,6 +322,12 @@ def answer_lines(summary: Mapping[str, Any], elastic: ElasticMechanism) -> list[
         lines.append("  The load moves nothing: the structure carries it")
     lines += _softest(summary, units)
     return ["", "Answer", *lines] if lines else []
+
+
+def _yields(compliance: Mapping[str, Any]) -> bool:
+    """Whether a load moves the body against itself, where only the compliance exists."""
+    found = (compliance[freedom]["free"] for freedom in _FREEDOMS)
+    return any(e is not None and not e["definiteness"].startswith(("pos", "zero")) for e in found)
 
 
 def _heading(s: Mapping[str, Any], u: Units) -> list[str]:

@@ -215,7 +215,7 @@ def describe_workspace(reached: Workspace) -> str:
         if elastic.mechanism.kind not in ("stewart-gough", "springs"):
             of, over = "passive joints' twists that meet in the body", "lengths"
         lines += [
-            f"Nearest to singular: smallest over largest singular value of the {of} "
+            f"Nearest to singular that was found: smallest over largest singular value of the {of} "
             f"{number(ratio, 3)} at {vector(place, 4)}",
             f"  ({over} over the body's length {number(elastic.mechanism.at(elastic.q).length)} "
             f"{unit}; 0 is singular)",

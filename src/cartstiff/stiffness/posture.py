@@ -512,7 +512,10 @@ class PostureStiffness(LabelledResult):
     def notes(self) -> tuple[Note, ...]:
         """Assumptions, and reasons why something does not exist."""
         reason = () if self._flat.note is None else (self._flat.note,)
-        return (*self.notes_on_posture, *reason, *self.notes_on_digits)
+        signs = posture_notes.indefinite(
+            self.reduction, self.tangent, self.tangent_compliance, self._natural
+        )
+        return (*self.notes_on_posture, *signs, *reason, *self.notes_on_digits)
 
     @cached_property
     def notes_on_digits(self) -> list[Note]:

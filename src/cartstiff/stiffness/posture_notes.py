@@ -107,6 +107,41 @@ def notes_on_digits(
     return notes
 
 
+def indefinite(
+    reduction: Reduction, tangent: Array | None, compliance: Array | None, natural: Array
+) -> list[Note]:
+    """Note on a posture that its springs and load do not keep: a motion lowers the energy.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        To the end-effector.
+    tangent, compliance : ndarray (6, 6) or None
+        K^load and C^load. Under loads without a potential they are asymmetric, and their signs
+        decide nothing.
+    natural : ndarray, shape (6,)
+        Natural sizes of the twist's components.
+    """
+    sizes = natural[:, None] * natural
+    K = reduction.reachable_stiffness if tangent is None else tangent * sizes
+    pair = [M for M in (K, None if compliance is None else compliance / sizes) if M is not None]
+    if any(numerics.asymmetry(M) for M in pair):
+        return []
+    spectra = [numerics.eigenvalues(M) for M in pair]
+    if all(x.min() >= -numerics.ZERO_SHARE * np.abs(x).max() for x in spectra if x.size):
+        return []
+    negative = max(int((x < -numerics.ZERO_SHARE * np.abs(x).max()).sum()) for x in spectra)
+    return [
+        Note(
+            "indefinite",
+            f"the stiffness is negative along {negative} motion(s) of the body, under the load and "
+            "the tensions here: the posture is not stable, and without something else that holds "
+            "it the mechanism moves away",
+            {"eigenvalues": spectra[0].tolist(), "characteristic_length": float(natural[-1])},
+        )
+    ]
+
+
 def _known(error: float) -> str:
     return f"to a relative error of about {error:.1g} only" if error < 1.0 else "not at all"
 
