@@ -1330,7 +1330,7 @@ def chain_of(
     ties = [tie for tie in facts.closures if tie.joints & moving]
     if alone and ties and isinstance(file, SerialFile):
         file = as_closed_chain(file)
-    file = file.model_copy(update={"lines": lines})
+    file = naming_leaders(file.model_copy(update={"lines": lines}), description, notes, "")
     closed = isinstance(file, ClosedChainFile)
     held_at = {**facts.posture, **(posture or {}), **file.q}
     for joint, zero in getattr(file, "zeros", {}).items():
@@ -1677,6 +1677,55 @@ def _with_contact(
     return tree
 
 
+def naming_leaders(file: Any, description: RobotDescription, notes: list[Note], where: str) -> Any:
+    """Return a file, or leg, in which joints that follow others by <mimic> are these others.
+
+    A follower has no coordinate of its own: it is driven, or moves freely, where its leader does,
+    and its place is that of its leader.
+
+    Raises
+    ------
+    InputError
+        For a spring or a zero of a follower, and for places that do not agree.
+    """
+    followers, names = description.facts.followers, set(description.model.names)
+    rules = {name: to_root(name, followers) for name in followers}
+    rules = {name: rule for name, rule in rules.items() if rule[0] in names and rule[1]}
+    named = dict.fromkeys((*getattr(file, "actuated", ()), *file.passive, *file.q))
+    for key in ("springs", "zeros"):
+        for name in rules.keys() & getattr(file, key, {}).keys():
+            leader, factor, offset = rules[name]
+            raise InputError(
+                f"joint {name!r} has no coordinate of its own: it follows {leader!r} by <mimic>",
+                where=f"{where}key {key}",
+                expected=f"{leader}, of which it is {factor:g} times the position, plus {offset:g}",
+            )
+    if not (led := {name: rules[name][0] for name in named if name in rules}):
+        return file
+    q = {name: value for name, value in file.q.items() if name not in led}
+    for name in file.q.keys() & led.keys():
+        leader, factor, offset = rules[name]
+        place = (file.q[name] - offset) / factor
+        if abs(q.setdefault(leader, place) - place) > numerics.NEGLIGIBLE_SHARE:
+            raise InputError(
+                f"joint {name!r} follows {leader!r}, and the places of both do not agree",
+                where=f"{where}key q",
+                expected=f"{leader} at {place:g}, or one of them",
+                got=f"{q[leader]:g}",
+            )
+    changed: dict[str, Any] = {
+        key: list(dict.fromkeys(led.get(name, name) for name in getattr(file, key)))
+        for key in ("actuated", "passive")
+        if key in file.model_fields_set
+    }
+    each = ", ".join(f"{name} follows {leader}" for name, leader in led.items())
+    words = f"joints of the file follow others by <mimic>, which are taken instead: {each}"
+    notes.append(Note("followers-named", words, {"leaders": led}))
+    if file.q:
+        changed["q"] = q
+    return file.model_copy(update=changed)
+
+
 def _check_joints(names: Iterable[str], known: Collection[str], where: str) -> None:
     for name in names:
         check_name("joint", name, known, where)
@@ -1732,6 +1781,7 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
         description = with_base_held(description, end, notes, leg.springs)
         if leg.actuator_springs:
             description = with_actuator_springs(description, notes)
+        leg = legs[i] = naming_leaders(leg, description, notes, f"{place}, ")
         at = {**description.facts.posture, **leg.q}
         description = replace(description, facts=replace(description.facts, posture=at))
         tree = tree_to(description, [end], leg.locked, f"{place}, ", notes, leg.flexible)
