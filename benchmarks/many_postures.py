@@ -27,12 +27,11 @@ from typing import Any
 import many_postures_peers as peers
 import numpy as np
 import pinocchio as pin
-from machine_limits import cache_size
+from machine_limits import Machine, cache_size
 
 import cartstiff
 from cartstiff.batch.plans import plan, program_for
 from cartstiff.batch.postures import analyse_many
-from cartstiff.batch.work import Machine
 from cartstiff.loading.catalogue import example_robot
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism

@@ -38,7 +38,6 @@ GROUPS: tuple[tuple[str, ...], ...] = (
     ("condition", "isotropy", "minimum"),
     ("singular_value_ratio", "manipulability"),
     ("connection_change",),
-    ("indices.best_length",),
 )
 ROUNDS = 5
 
@@ -79,7 +78,7 @@ def maps(quick: bool) -> None:
     print("|---|---:|---:|---:|---:|---:|")
     for count, options in (
         (whole, ["--grid", grid]),
-        (int(few), ["--random", few, "--single", "--chunk", "262144"]),
+        (int(few), ["--random", few, "--chunk", "262144"]),
     ):
         with tempfile.TemporaryDirectory() as folder:
             print(one_map(count, options, Path(folder)), flush=True)

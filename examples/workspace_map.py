@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
-from cartstiff.maps import Axis, Grid, best, compute_map, draw_map, summary, worst
+from cartstiff.maps import Axis, Grid, best, compute_map, draw_map, summary
 from cartstiff.report.output import save_figure
 
 QUANTITY = "translation_free_min"
@@ -24,14 +24,15 @@ def main(picture: Path | None = None) -> dict[str, object]:
             arm, Grid(axes, arm.names, arm.q), [QUANTITY], Path(folder) / "map.zarr"
         ).load()
     found = summary(dataset)
-    stiffest, softest = best(dataset, QUANTITY), worst(dataset, QUANTITY)
+    stiffest = best(dataset, QUANTITY)
+    softest = dataset.isel(dataset[QUANTITY].argmin(...))
     if picture is not None:
         save_figure(draw_map(dataset, QUANTITY), picture)
     return {
         "postures": int(dataset[QUANTITY].size),
         "singular": found["states"]["serial-singularity"],
-        "softest, kN/m": float(softest[QUANTITY][0]) / 1e3,
-        "elbow there, rad": float(np.abs(softest["elbow_joint"][0])),
+        "softest, kN/m": float(softest[QUANTITY]) / 1e3,
+        "elbow there, rad": float(np.abs(softest["elbow_joint"])),
         "stiffest, kN/m": float(stiffest[QUANTITY][0]) / 1e3,
         "elbow at the stiffest, rad": float(np.abs(stiffest["elbow_joint"][0])),
     }

@@ -131,7 +131,7 @@ def _map(folder: Path, file: str, parts: int | None = None) -> np.ndarray[Any, A
     elastic = cartstiff.load(folder / _MAIN)
     job, stored = prepare_map(elastic, _grid(elastic), _QUANTITIES, folder / file, chunk=2)
     if parts is not None:
-        stored.write(0, job.compute(stored.boxes[0]))
+        stored.write(0, job.compute(stored.parts.box(0)))
         return np.zeros(0)
     run_map(job, stored)
     return np.array([stored.described[name][:] for name in job.names])

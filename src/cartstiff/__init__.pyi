@@ -24,7 +24,6 @@ from .loading import load as load
 from .loading import parallel as parallel
 from .loading.pinocchio_model import from_pinocchio as from_pinocchio
 from .maps.cartesian import CartesianGrid as CartesianGrid
-from .maps.job import CommandGrid as CommandGrid
 from .maps.pictures import draw_map as draw_map
 from .maps.run import compute_map as compute_map
 from .maps.run import map_of as map_of

@@ -208,7 +208,6 @@ def test_joints_that_are_still_assumed_are_named(accepted):
         ("analyse", "--at", "--report-at"),
         ("map", "--deflect", "--added-load"),
         ("map", "--deflect-at", "--added-load-at"),
-        ("analyse", "--explain", "--profile"),
     ],
 )
 def test_an_option_that_was_renamed_says_its_name(refused, command, old, new):

@@ -67,12 +67,6 @@ def test_what_no_quantity_of_a_map_needs_is_refused(tmp_path, asked, words):
         prepare_map(elastic, grid, ["condition"], tmp_path / "m.zarr", **asked)
 
 
-@pytest.mark.parametrize("option", ["--by nope", "--kind line"])
-def test_options_of_pictures_need_a_picture(tmp_path, option):
-    command = "map ur5 --grid elbow_joint=0.5:1:3 --quantity condition -o"
-    assert "is for --picture" in run(command, tmp_path / "m.zarr", option, code=2)
-
-
 def test_sensitivities_of_what_does_not_exist_are_no_table_of_nan(tmp_path):
     """An arm of two joints without masses: no K, no frequencies."""
     file = write_urdf(tmp_path, joint("j1", "base", "b"), joint("j2", "b", "c", (1, 0, 0)))

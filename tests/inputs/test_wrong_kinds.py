@@ -20,8 +20,6 @@ WRONG = (None, 3, "x", [], {"a": 1}, object())
     [
         lambda w: cartstiff.Held(w),
         lambda w: cartstiff.analyse(PLATFORM).K.to_connection(w),
-        lambda w: cartstiff.CommandGrid(w, PLATFORM),
-        lambda w: cartstiff.CommandGrid(AXES, w),
         lambda w: cartstiff.CartesianGrid(w, PLATFORM, PLATFORM.q),
         lambda w: cartstiff.CartesianGrid(AXES, w, PLATFORM.q),
         lambda w: cartstiff.Grid(w, PLATFORM.names, PLATFORM.q),

@@ -54,12 +54,7 @@ def start(*arguments: str, **environment: str) -> subprocess.Popen[str]:
 
 def start_map(file: Path, *more: str, **environment: str) -> subprocess.Popen[str]:
     """Start to compute the map of `COMMAND`."""
-    return start("-m", "cartstiff", *_words(file, more), **environment)
-
-
-def _words(file: Path, more: tuple[str, ...]) -> list[str]:
-    """The command's words, with one thread unless a scheduler's workers compute."""
-    return [*COMMAND, "-o", str(file), *more, *([] if "--dask" in more else ["--threads", "1"])]
+    return start("-m", "cartstiff", *COMMAND, "-o", str(file), *more, **environment)
 
 
 # The command, held before the mark of the N-th part, or where a scheduler's workers compute at the
@@ -104,7 +99,7 @@ def start_held_map(file: Path, parts: int, *more: str, **environment: str) -> su
     """Start to compute the map of `COMMAND`, and wait until it stands still at a part."""
     script = file.parent / "held.py"
     script.write_text(_HELD.replace("PARTS", str(parts)), encoding="utf-8")
-    process = start(str(script), *_words(file, more), **environment)
+    process = start(str(script), *COMMAND, "-o", str(file), *more, **environment)
     assert process.stderr is not None
     for line in process.stderr:
         if line == "held\n":

@@ -7,9 +7,9 @@ import pytest
 import xarray
 from tests.maps.machines import arm
 
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff.errors import UnknownNameError
 from cartstiff.maps import Axis, Grid, RandomPostures, compute_map, draw_map, slice_map
-from cartstiff.maps.pictures import KINDS
+from cartstiff.maps.pictures import histogram
 from cartstiff.report.output import save_figure
 
 QUANTITY = "translation_free_min"
@@ -59,11 +59,10 @@ def _texts(figure):
     return legends, labels
 
 
-@pytest.mark.parametrize("kind", ["slices", "histogram"])
 @pytest.mark.parametrize("ending", [".png", ".svg"])
-def test_every_kind_is_drawn(cube, tmp_path, kind, ending):
+def test_pictures_are_written(cube, tmp_path, ending):
     file = tmp_path / f"m{ending}"
-    save_figure(draw_map(cube, QUANTITY, kind), file)
+    save_figure(draw_map(cube, QUANTITY), file)
     assert file.stat().st_size > 5000
 
 
@@ -88,7 +87,7 @@ def test_heat_map_shows_the_numbers_and_names_the_rest():
     data = _made_up(
         [[1, 2, 3], [4, np.nan, 6], [np.nan, np.inf, 9]], [[0, 0, 0], [0, 1, 0], [0, 0, 0]]
     )
-    figure = draw_map(data, "stiffness", "heat")
+    figure = draw_map(data, "stiffness")
     mesh = figure.axes[0].collections[0]
     assert mesh.get_cmap().name == "cividis"
     shown = mesh.get_array()
@@ -105,9 +104,9 @@ def test_heat_map_shows_the_numbers_and_names_the_rest():
 def test_decades_are_shown_on_a_logarithmic_scale():
     from matplotlib.colors import LogNorm
 
-    figure = draw_map(_made_up([[1, 10], [100, 1000]]), "stiffness", "heat")
+    figure = draw_map(_made_up([[1, 10], [100, 1000]]), "stiffness")
     assert isinstance(figure.axes[0].collections[0].norm, LogNorm)
-    negative = draw_map(_made_up([[-1, 10], [100, 1000]]), "stiffness", "heat")
+    negative = draw_map(_made_up([[-1, 10], [100, 1000]]), "stiffness")
     assert not isinstance(negative.axes[0].collections[0].norm, LogNorm)
 
 
@@ -122,7 +121,7 @@ def test_line_has_gaps_where_nothing_is():
 
 def test_histogram_counts_every_number(cube):
     for name in (QUANTITY, "condition"):
-        figure = draw_map(cube, name, "histogram")
+        figure = histogram(cube, name)
         values = figure.axes[0].patches[0].get_data().values
         assert values.sum() == np.isfinite(cube[name].values).sum()
         assert f"of {cube[name].size} postures" in figure.axes[0].get_title()
@@ -138,65 +137,22 @@ def test_histogram_of_random_postures(tmp_path):
 
 def test_a_map_without_numbers_is_drawn_too():
     nothing = _made_up(np.full((3, 3), np.nan), np.ones((3, 3)))
-    for kind in ("heat", "histogram"):
-        draw_map(nothing, "stiffness", kind)
-    assert _texts(draw_map(nothing, "stiffness", "heat"))[0] == ["serial-singularity"]
+    assert histogram(nothing, "stiffness").axes
+    assert _texts(draw_map(nothing, "stiffness"))[0] == ["serial-singularity"]
     flat = _made_up(np.full((3, 3), 5.0))
-    for kind in ("heat", "histogram"):
-        draw_map(flat, "stiffness", kind)
+    for draw in (draw_map, histogram):
+        assert draw(flat, "stiffness").axes
 
 
 def test_refusals(cube):
-    with pytest.raises(UnknownNameError, match="kind of picture"):
-        draw_map(cube, QUANTITY, "cake")
     with pytest.raises(UnknownNameError, match="quantity"):
         draw_map(cube, "softness")
-    with pytest.raises(InputError, match="kind heat: shows 2"):
-        draw_map(cube, QUANTITY, "heat")
-    with pytest.raises(InputError, match="kind line: shows 1"):
-        draw_map(cube, QUANTITY, "line")
-    with pytest.raises(UnknownNameError, match="axis of the map"):
-        draw_map(cube, QUANTITY, "slices", by="elbow")
-    for kind in ("line", "heat", "histogram"):
-        with pytest.raises(InputError, match="by: is the axis of slices; expected kind slices"):
-            draw_map(cube, QUANTITY, kind, by=cube[QUANTITY].dims[0])
-    assert set(KINDS) == {"heat", "slices", "line", "histogram"}
-
-
-def test_a_level_is_a_line_and_a_share():
-    from cartstiff.maps.reading import share_within
-
-    data = _made_up([[1, 2, 3], [2, 3, np.nan]], better="smaller")
-    assert share_within(data, "stiffness", 2) == {
-        "limit": 2,
-        "reached": 5,
-        "within": 3,
-        "share": 0.6,
-    }
-    assert share_within(data, "stiffness", 3, below=False)["within"] == 2
-    drawn = draw_map(data, "stiffness", "heat", level=2.0).axes[0]
-    bare = draw_map(data, "stiffness", "heat").axes[0]
-    assert len(drawn.collections) == len(bare.collections) + 1
-    for level, lines in ((2.0, 1), (9.0, 0)):  # the level on the scale of colours, if it is there
-        scale = draw_map(data, "stiffness", "heat", level=level).axes[1]
-        assert len(scale.lines) == lines
-        assert scale.get_ylim() == (1.0, 3.0)
-    row = data.isel(a=[0])
-    assert len(draw_map(row, "stiffness", level=2.0).axes[0].lines) == 2
-    assert len(draw_map(data, "stiffness", "histogram", level=2.0).axes[0].lines) == 1
-    deep = xarray.concat([data, data], "c").assign_coords(c=("c", [0.0, 1.0]))
-    marked, plain = (draw_map(deep, "stiffness", level=at) for at in (2.0, None))
-    for with_line, without in zip(marked.axes[:2], plain.axes[:2], strict=True):
-        assert len(with_line.collections) == len(without.collections) + 1
-    best = data.expand_dims(branch=2).copy(deep=True)
-    best["stiffness"][1] += 5.0
-    assert share_within(best, "stiffness", 2)["within"] == 3
 
 
 def test_positions_stand_as_in_the_room():
     """x to the right, z up, as long as wide."""
     data = _made_up([[1, 2, 3], [2, 3, 4]]).rename(a="x", b="z")
-    axis = draw_map(data, "stiffness", "heat").axes[0]
+    axis = draw_map(data, "stiffness").axes[0]
     assert (axis.get_xlabel(), axis.get_ylabel()) == ("x [rad]", "z [rad]")
     assert axis.get_aspect() == 1.0
     assert axis.get_xlim() == (-0.5, 1.5)
@@ -205,6 +161,6 @@ def test_positions_stand_as_in_the_room():
 def test_positions_are_in_millimetres():
     data = _made_up([[1, 2, 3], [2, 3, 4]]).rename(a="x", b="z")
     data["x"].attrs["units"] = data["z"].attrs["units"] = "m"
-    axis = draw_map(data, "stiffness", "heat").axes[0]
+    axis = draw_map(data, "stiffness").axes[0]
     assert (axis.get_xlabel(), axis.get_ylabel()) == ("x [mm]", "z [mm]")
     assert axis.get_xlim() == (-500.0, 1500.0)

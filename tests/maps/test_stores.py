@@ -56,8 +56,8 @@ def test_stores(elastic, expected, tmp_path, address):
     where = zarr.storage.MemoryStore() if address == "store" else address.format(tmp_path)
     asked = {"chunk": 6, "length": 0.2}
     job, file = prepare_map(elastic, drawn(elastic), QUANTITIES, where, **asked)
-    assert run_map(job, file).computed == 4
-    assert run_map(job, MapFile.at(where)) == (0, ())
+    assert run_map(job, file) == 4
+    assert run_map(job, MapFile.at(where)) == 0
     for found in (_plain(where), open_map(where)):
         _same(found, expected)
     with pytest.raises(InputError, match="length differs"):
@@ -137,9 +137,10 @@ def test_a_full_disk_is_named_and_the_map_goes_on(elastic, expected, tmp_path, m
         await put(self, key, value)
 
     with monkeypatch.context() as patch:
+        patch.setattr("cartstiff.maps.run.cpu_count", lambda: 1)
         patch.setattr(LocalStore, "set", limited)
         with pytest.raises(InputError, match=r"written; .* same command .* No space left"):
-            run_map(job, file, threads=1)
+            run_map(job, file)
     assert len(file.done()) == 1
     _same(compute_map(*asked, chunk=6, length=0.2), expected)
 
@@ -148,6 +149,7 @@ def test_large_parts_are_computed_one_at_a_time_in_pieces(elastic, expected, tmp
     """All threads compute the pieces of a part, so that more threads need little more memory."""
     monkeypatch.setattr("cartstiff.maps.job._PIECE_ROWS", 2)
     monkeypatch.setattr("cartstiff.maps.run.MAX_CHUNK", 11)
+    monkeypatch.setattr("cartstiff.maps.run.cpu_count", lambda: 4)
     at_once, most, compute = [], [], MapJob.compute
 
     def counted(self, box, mapped):
@@ -159,7 +161,7 @@ def test_large_parts_are_computed_one_at_a_time_in_pieces(elastic, expected, tmp
 
     monkeypatch.setattr(MapJob, "compute", counted)
     asked = elastic, drawn(elastic), QUANTITIES, tmp_path / "m.zarr"
-    _same(compute_map(*asked, chunk=6, length=0.2, threads=4), expected)
+    _same(compute_map(*asked, chunk=6, length=0.2), expected)
     assert most == [1, 1, 1, 1]
     compute_map(elastic, grid_of(elastic), QUANTITIES, tmp_path / "g.zarr", length=0.2)
     monkeypatch.undo()
@@ -170,10 +172,13 @@ def test_large_parts_are_computed_one_at_a_time_in_pieces(elastic, expected, tmp
 _MANY_THREADS = """
 import sys
 import cartstiff
+from cartstiff.maps import run
+
+run.cpu_count = lambda: 16
 arm = cartstiff.load("ur5")
 names = ["condition", "translation_free_min", "manipulability"]
 postures = cartstiff.RandomPostures.within_limits(arm, 4_000_000)
-cartstiff.compute_map(arm, postures, names, sys.argv[1], threads=16)
+cartstiff.compute_map(arm, postures, names, sys.argv[1])
 # The peak of this program alone: ru_maxrss would hold what the tests' own process had.
 status = open("/proc/self/status").read()
 print(int(status.split("VmHWM:")[1].split()[0]) // 1024)
@@ -254,9 +259,10 @@ def test_what_a_killed_process_leaves_is_not_computed_to_every_reader(
         asked = elastic, drawn(elastic), QUANTITIES, file
         job, made = prepare_map(*asked, chunk=6, length=0.2)
         with monkeypatch.context() as patch:
+            patch.setattr("cartstiff.maps.run.cpu_count", lambda: 1)
             _killed_after(patch, files)
             with pytest.raises(_Killed):
-                run_map(job, made, threads=1)
+                run_map(job, made)
         plain = _plain(file)
         done = plain["state"].values != 255
         for name in ("q", "position", *QUANTITIES):
@@ -272,9 +278,10 @@ def test_killed_again_and_again(elastic, expected, tmp_path, monkeypatch, files)
     job, made = prepare_map(*asked, chunk=2, length=0.2)
     while len(made.done()) < 10:
         with monkeypatch.context() as patch:
+            patch.setattr("cartstiff.maps.run.cpu_count", lambda: 1)
             _killed_after(patch, files)
             try:
-                run_map(job, made, threads=1)
+                run_map(job, made)
             except _Killed:
                 kills += 1
         now = int((_plain(asked[3])["state"].values != 255).sum())
@@ -298,13 +305,13 @@ def test_resuming_reads_no_number(elastic, tmp_path, monkeypatch):
 
     monkeypatch.setattr(LocalStore, "get", counted)
     job, file = prepare_map(*asked, chunk=6, length=0.2)
-    assert run_map(job, file).computed == 1
+    assert run_map(job, file) == 1
     assert not [key for key in read if "/c/" in key and not key.startswith("parts/")]
 
 
 def test_parts_are_few_large_objects_in_pieces(elastic, expected, tmp_path, monkeypatch):
     _, layout = planned(elastic, drawn(elastic, 2 * 10**8), ["condition", "force", "isotropy"])
-    objects = len(layout.parts.boxes) * (1 + len(layout.arrays))
+    objects = len(layout.parts) * (1 + len(layout.arrays))
     assert objects < 2000
     assert layout.encoding(layout.arrays["q"])["chunks"] == (45056, 6)
     monkeypatch.setattr(store, "INNER", 3)

@@ -26,7 +26,6 @@ from cartstiff.batch.plans import (
     program_for,
 )
 from cartstiff.batch.readings import Readings
-from cartstiff.batch.work import MAKING, timed
 from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -70,8 +69,7 @@ def _compiled_kernel(case: Case, names: tuple[str, ...], readings: Readings | No
     """Machine code for a case; the last 64 are cached."""
     key = (case, names, readings)
     with _lock:
-        with timed(MAKING):
-            kernel = _compiled.pop(key, None) or CompiledKernel(program_for(*key))
+        kernel = _compiled.pop(key, None) or CompiledKernel(program_for(*key))
         _compiled[key] = kernel
         if len(_compiled) > 64:
             del _compiled[next(iter(_compiled))]
@@ -293,68 +291,57 @@ def run(
     """
     if not len(q):
         return
-    with timed(_way(taken, kernel), len(q), kernel.program):
-        count = len(q)
-        exists = {n: len(s) for n, s in kernel.program.outputs.items() if n != "verdict"}
-        for name, array in arrays.items():
-            if name not in exists:
-                array[...] = np.nan
-        is_compiled = not isinstance(kernel, PortableKernel)
-        length, is_streamed = size or (COMPILED_CHUNK if is_compiled else CHUNK), False
-        if is_compiled:
-            is_streamed = sum(arrays[name].nbytes for name in exists) > STREAMED
-            with timed(MAKING):
-                kernel.entry(is_streamed)
+    count = len(q)
+    exists = {n: len(s) for n, s in kernel.program.outputs.items() if n != "verdict"}
+    for name, array in arrays.items():
+        if name not in exists:
+            array[...] = np.nan
+    is_compiled = not isinstance(kernel, PortableKernel)
+    length, is_streamed = size or (COMPILED_CHUNK if is_compiled else CHUNK), False
+    if is_compiled:
+        is_streamed = sum(arrays[name].nbytes for name in exists) > STREAMED
+        kernel.entry(is_streamed)
+    if taken.untraced:
+        length = min(length, EVALUATED_CHUNK)
+    if taken.is_closed:
+        length = min(length, CLOSED_CHUNK)
+    length = min(length, count)
+    workers = _workers(threads, length)
+    solver = _PostureSolver(taken, is_compiled, workers)
+    shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
+    if loads is not None and loads.ndim == 1:
+        shared["wrench"] = np.ascontiguousarray(loads)[None]
+    verdict = aligned_empty(length, 1)  # aligned, or no output could be written past the cache
+    for start in range(0, count, length):
+        stop = min(start + length, count)
+        rows = stop - start
+        inputs = {**shared, "q": np.ascontiguousarray(q[start:stop])}
+        if loads is not None and loads.ndim == 2:
+            inputs["wrench"] = np.ascontiguousarray(loads[start:stop])
+        is_found = None
+        if solver:
+            q[start:stop], is_found = solver.solve(inputs["q"], inputs)
+            inputs["q"] = np.ascontiguousarray(q[start:stop])
+        doubts = None
         if taken.untraced:
-            length = min(length, EVALUATED_CHUNK)
-        if taken.is_closed:
-            length = min(length, CLOSED_CHUNK)
-        length = min(length, count)
-        workers = _workers(threads, length)
-        solver = _PostureSolver(taken, is_compiled, workers)
-        shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
-        if loads is not None and loads.ndim == 1:
-            shared["wrench"] = np.ascontiguousarray(loads)[None]
-        verdict = aligned_empty(length, 1)  # aligned, or no output could be written past the cache
-        for start in range(0, count, length):
-            stop = min(start + length, count)
-            rows = stop - start
-            inputs = {**shared, "q": np.ascontiguousarray(q[start:stop])}
-            if loads is not None and loads.ndim == 2:
-                inputs["wrench"] = np.ascontiguousarray(loads[start:stop])
-            is_found = None
-            if solver:
-                q[start:stop], is_found = solver.solve(inputs["q"], inputs)
-                inputs["q"] = np.ascontiguousarray(q[start:stop])
-            doubts = None
-            if taken.untraced:
-                more, doubts = taken.untraced.derivatives(
-                    inputs["q"], is_compiled, inputs.get("wrench")
-                )
-                inputs.update(more)
-            chunk, copies = {"verdict": verdict}, []
-            for name, width in exists.items():
-                part = arrays[name][start:stop]
-                if part.flags.c_contiguous:
-                    chunk[name] = part.reshape(rows, width)
-                else:
-                    chunk[name] = np.empty((rows, width))
-                    copies.append((part, chunk[name]))
-            kernel.run(inputs, chunk, rows, workers, is_streamed)
-            for part, values in copies:
-                part[...] = values.reshape(part.shape)
-            verdicts[start:stop] = verdict[:rows, 0]
-            if doubts is not None:
-                doubted = doubts != PLAIN
-                verdicts[start:stop][doubted] = doubts[doubted]
-            if is_found is not None:
-                verdicts[start:stop][~is_found] = FALLBACK
-
-
-def _way(taken: TracedModel, kernel: Any) -> str:
-    """Description of a kernel for the profile."""
-    is_portable = isinstance(kernel, PortableKernel)
-    way = "recorded arithmetic over NumPy's arrays" if is_portable else "machine code"
-    way += ", quantities read at once" * ("readings" in kernel.program.outputs)
-    way += ", chains closed by it too" * taken.is_closed
-    return way + ", links bent by it too" * taken.settles
+            more, doubts = taken.untraced.derivatives(
+                inputs["q"], is_compiled, inputs.get("wrench")
+            )
+            inputs.update(more)
+        chunk, copies = {"verdict": verdict}, []
+        for name, width in exists.items():
+            part = arrays[name][start:stop]
+            if part.flags.c_contiguous:
+                chunk[name] = part.reshape(rows, width)
+            else:
+                chunk[name] = np.empty((rows, width))
+                copies.append((part, chunk[name]))
+        kernel.run(inputs, chunk, rows, workers, is_streamed)
+        for part, values in copies:
+            part[...] = values.reshape(part.shape)
+        verdicts[start:stop] = verdict[:rows, 0]
+        if doubts is not None:
+            doubted = doubts != PLAIN
+            verdicts[start:stop][doubted] = doubts[doubted]
+        if is_found is not None:
+            verdicts[start:stop][~is_found] = FALLBACK

@@ -43,7 +43,6 @@ from cartstiff.batch.arguments import (
 from cartstiff.batch.chains import ChainCase
 from cartstiff.batch.execution import PortableKernel
 from cartstiff.batch.kernels import (
-    ASKED,
     BACKENDS,
     WORTH_RECORDING,
     Backend,
@@ -55,7 +54,6 @@ from cartstiff.batch.kernels import (
 from cartstiff.batch.plans import TracedModel, given_as, plan
 from cartstiff.batch.quantities import FREQUENCIES, frequency_name
 from cartstiff.batch.readings import READINGS, Readings, frequencies_of, with_masses
-from cartstiff.batch.work import BY_REFERENCE, timed
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
     ConvergenceError,
@@ -447,7 +445,7 @@ def analyse_many(
     if taken is None:
         everything = np.arange(len(state))
         _by_reference(
-            elastic, coordinates, loads, arrays, everything, state, codes, kind, load_axes, reason
+            elastic, coordinates, loads, arrays, everything, state, codes, kind, load_axes
         )
         return Postures(
             coordinates, arrays, state, tuple(codes), "engine", reason, elastic.names, len(state)
@@ -521,12 +519,10 @@ def _by_reference(
     codes: list[str],
     kind: LoadKind,
     axes: Axes,
-    reason: str = "",
 ) -> None:
     """Fill some postures one by one; also writes the coordinates of assembled chains into `q`."""
     is_moved = _is_moved(elastic, loads)
-    way = BY_REFERENCE if reason in ("", ASKED) else f"{BY_REFERENCE} ({reason})"
-    with timed(way, len(which)), numerics.one_thread():
+    with numerics.one_thread():
         for i in which.tolist():
             load = loads if loads is None or loads.ndim == 1 else loads[i]
             rows = {name: array[i : i + 1] for name, array in arrays.items()}

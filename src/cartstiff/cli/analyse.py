@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import time
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -147,14 +146,12 @@ class Analysis(Reading):
         return answer
 
 
-#: Backend named by --profile: machine code is used only for repeated evaluations.
-ENGINE = "engine, one posture (with its first use)"
 _ENDINGS = (".json", ".npz", ".nas", ".bdf", ".xml", ".dat", ".csv", ".urdf")
 
 
 @declared(
     "analyse",
-    rare="lengths actuate sensitivities relax order axes profile strict",
+    rare="lengths actuate sensitivities relax order axes strict",
 )
 def command(
     robot: Robot,
@@ -167,7 +164,6 @@ def command(
     relax: bool = False,
     order: Order | None = None,
     axes: Axes | None = None,
-    profile: bool = False,
     strict: bool = False,
 ) -> None:
     """Stiffness of MECHANISM at a posture: matrices under every connection, and what they say.
@@ -200,8 +196,6 @@ def command(
     axes
         Also print the matrices along these axes. They stay about the body frame's origin; base is
         the robot's own base, world the room.
-    profile
-        Also print the time of each part, what computed the answer, and what limits its speed.
     strict
         Exit with code 3 if a quantity does not exist.
 
@@ -220,9 +214,7 @@ def command(
     cartstiff analyse cubic --sensitivities --json
     cartstiff analyse ur5 --target wanted.csv --inertia 2,0.01,0.01,0.005
     """
-    steps = StepTimes()
     elastic, q = robot.load()
-    steps.end("reading the mechanism")
 
     import numpy as np
 
@@ -242,7 +234,6 @@ def command(
 
             result = analyse(elastic, relaxed(elastic, result.q), **manner)
         data = result.to_dict()
-        steps.end(ENGINE, 1)
         if order is not None or axes is not None:
             data["as_controller"] = _as_controller(result, order or ORDERS[0], axes or "body")
         by_parameters = parameters.add(result, robot, data)
@@ -250,8 +241,6 @@ def command(
     if reading.level != "none":
         shows_springs = out.json or output is not None or reading.level == "full"
         data["analysis"] = reading.run(result, shows_springs, load.world)
-        steps.end("analysis of the matrix")
-    how = steps.explain(data) if profile else []
     if output is not None:
         from cartstiff.report.output import write_result
 
@@ -266,7 +255,7 @@ def command(
             answer = answer_lines(data["analysis"], elastic)
         if "as_controller" in data:
             shown = "\n".join([*_matrices_text(data["as_controller"]), shown])
-        lines = [describe(result, shown, answer=answer), *by_parameters, *how]
+        lines = [describe(result, shown, answer=answer), *by_parameters]
         if not relax and any(note.code == "unbalanced" for note in result.notes):
             lines.append("  --relax lets the self-motion settle, with the body held where it is")
             if load.load is None:
@@ -281,29 +270,6 @@ def command(
         say(f"cartstiff: {names} does not exist here ({reasons})", error=True)
         sys.stdout.flush()
         raise click.exceptions.Exit(3)
-
-
-class StepTimes:
-    """Processor times of successive steps, for --profile."""
-
-    def __init__(self) -> None:
-        self._wall, self._begun = time.perf_counter(), time.process_time()
-        self._last, self._done = self._begun, list[tuple[str, int, float]]()
-
-    def end(self, what: str, postures: int = 0) -> None:
-        """Record the time of a step that has ended."""
-        now = time.process_time()
-        self._done.append((what, postures, now - self._last))
-        self._last = now
-
-    def explain(self, data: dict[str, Any]) -> list[str]:
-        """Add the times to the JSON object, and return them as lines."""
-        from cartstiff.batch.work import Share, Work, describe, explained
-
-        work = Work({what: Share(postures, spent) for what, postures, spent in self._done})
-        wall = time.perf_counter() - self._wall
-        data["explained"] = explained(work, wall, self._last - self._begun)
-        return describe(data["explained"])
 
 
 def _as_controller(result: PostureStiffness, order: Any, axes: Any) -> dict[str, Any]:

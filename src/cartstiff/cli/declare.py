@@ -266,7 +266,6 @@ RENAMED = {
     "--at": "--report-at",
     "--deflect": "--added-load",
     "--deflect-at": "--added-load-at",
-    "--explain": "--profile",
 }
 #: Removed options of commands: message and replacement.
 GONE = {

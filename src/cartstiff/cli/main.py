@@ -42,7 +42,6 @@ _COMMANDS = {
         "cartstiff.cli.map",
         "Stiffness over a grid, a trajectory or random postures, in a file and a picture.",
     ),
-    "compare": ("cartstiff.cli.map", "Ratio or difference of two maps: two arms, two mountings."),
     "path": (
         "cartstiff.cli.path",
         "The stiffest postures along a path, and where to put the workpiece.",

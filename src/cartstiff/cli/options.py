@@ -328,18 +328,16 @@ def _named(
     *,
     between: str = ",",
     names: tuple[str, ...] = (),
-    single: bool = False,
     wrong: str = "cannot be used",
     **words: Any,
 ) -> dict[str, list[float]]:
-    """Parse numbers by name, as many as in `shape`; with `single` one number is also allowed."""
+    """Parse numbers by name, as many as in `shape`."""
     found: dict[str, list[float]] = {}
-    counts = {shape.count(":") + 1, 1 if single else shape.count(":") + 1}
     for item in re.split(between, text.strip()):
         name, equals, numbers = (piece.strip() for piece in item.partition("="))
         parts = numbers.split(":")
-        if not equals or len(parts) not in counts or (names and name not in names):
-            more = f" of {', '.join(names)}" if names else " or NAME=VALUE" if single else ""
+        if not equals or len(parts) != shape.count(":") + 1 or (names and name not in names):
+            more = f" of {', '.join(names)}" if names else ""
             expected = f"{shape}{more}, each once"
             raise InputError(wrong, where=where, expected=expected, got=repr(item))
         values = [parse_numbers(part, f"{where} {name}", 1, **words)[0] for part in parts]
@@ -350,9 +348,8 @@ def _named(
 class Pairs(OptionType):
     """``NAME=VALUE`` pairs as a mapping to numbers; only for `names`, if given.
 
-    A shape such as ``NAME=LOW:HIGH:COUNT`` maps to as many numbers; with `single` one number is
-    also allowed. The numbers are in the units of the mechanism's file, or positions of a `frame`,
-    or of `axes`: coordinates and legs.
+    A shape such as ``NAME=LOW:HIGH:COUNT`` maps to as many numbers. The numbers are in the units of
+    the mechanism's file, or positions of a `frame`, or of `axes`: coordinates and legs.
     """
 
     merges = True
@@ -364,10 +361,9 @@ class Pairs(OptionType):
         *,
         frame: bool = False,
         axes: bool = False,
-        single: bool = False,
     ) -> None:
         super().__init__(shape)
-        self.names, self.frame, self.axes, self.single = names, frame, axes, single
+        self.names, self.frame, self.axes = names, frame, axes
 
     def converted(self, value: Any, by: Factors, elastic: Any) -> Any:
         """Convert lengths and angles; a count is unchanged."""
@@ -384,7 +380,7 @@ class Pairs(OptionType):
         if ":" not in self.name:
             named = _named(text, where, "NAME=VALUE", names=self.names)
             return {name: numbers[0] for name, numbers in named.items()}
-        named = _named(text, where, self.name, between=r"[,\s]+", single=self.single)
+        named = _named(text, where, self.name, between=r"[,\s]+")
         for name, values in named.items():
             if len(values) == 3 and not (values[2].is_integer() and 1 <= values[2] <= MAX_COUNT):
                 raise InputError(
@@ -468,7 +464,6 @@ Picture = Annotated[Path | None, OutputFile("FILE.png", ".png", ".svg", ".pdf")]
 Csv = Annotated[Path | None, OutputFile("FILE.csv", ".csv")]
 Count = Annotated[int | None, click.IntRange(1)]
 Several = Annotated[int | None, click.IntRange(1, 1000)]
-Processes = Annotated[int | None, click.IntRange(1, 1024)]
 Seed = Annotated[int, click.IntRange(0)]
 
 

@@ -1,13 +1,10 @@
 """Public names: type checkers and `lazy_loader` read them here."""
 
 from .cartesian import CartesianGrid as CartesianGrid
-from .job import CommandGrid as CommandGrid
 from .pictures import draw_map as draw_map
 from .reading import best as best
-from .reading import share_within as share_within
 from .reading import slice_map as slice_map
 from .reading import summary as summary
-from .reading import worst as worst
 from .run import compute_map as compute_map
 from .run import map_of as map_of
 from .sampling import Axis as Axis

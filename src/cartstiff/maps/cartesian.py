@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from cartstiff.arrays import Array, checked_seed, is_pose
 from cartstiff.batch.quick_poses import QuickPoses
-from cartstiff.batch.work import timed
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
@@ -176,7 +175,7 @@ class CartesianGrid(Sampling):
 
         for first in range(0, len(places), PLACES_AT_ONCE):
             some = list(poses[first : first + PLACES_AT_ONCE])
-            with _SEARCH_LOCK, timed("inverse kinematics of the places", len(some)):
+            with _SEARCH_LOCK:
                 part = inverse_kinematics(
                     elastic,
                     some,

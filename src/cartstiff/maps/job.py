@@ -1,18 +1,15 @@
-"""Computation of one part of a map, with all the data that a worker in another process needs.
-
-Also maps over commands: the stiffness at the equilibrium after the drives have moved.
-"""
+"""Computation of one part of a map, with all the data that a worker in another process needs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cartstiff.arrays import Array
 from cartstiff.batch.following import Assembler, Closed
@@ -29,9 +26,6 @@ from cartstiff.batch.postures import (
 from cartstiff.batch.quantities import FREQUENCIES, Quantity, Settings
 from cartstiff.batch.readings import Readings
 from cartstiff.batch.vibrations import ManyModes
-from cartstiff.batch.work import timed
-from cartstiff.checked_call import checked
-from cartstiff.errors import CartstiffError, InputError, checked_kind
 from cartstiff.maps.cartesian import PLACES_AT_ONCE, CartesianGrid
 from cartstiff.maps.quantities import (
     MapRows,
@@ -39,10 +33,9 @@ from cartstiff.maps.quantities import (
     evaluate,
     needed_outputs,
 )
-from cartstiff.maps.sampling import Axis, Grid, Sampling, usual_chunk
-from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.mechanisms.limits import Limits, force_notes, forces_beyond
-from cartstiff.statics.command import analyse_commanded, checked_command, drives
+from cartstiff.maps.sampling import Grid, Sampling, usual_chunk
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.limits import Limits, forces_beyond
 
 #: State of a place that no posture reaches.
 UNREACHABLE = "unreachable"
@@ -134,8 +127,7 @@ class MapJob:
     @property
     def in_stacks(self) -> bool:
         """Whether postures are computed in stacks, not one after the other in Python."""
-        one_by_one = any("." in name for name in self.names)
-        return not (one_by_one or (self.path == "engine" and bool(self._closures)))
+        return not (self.path == "engine" and bool(self._closures))
 
     @property
     def usual_chunk(self) -> int:
@@ -283,8 +275,7 @@ class MapJob:
         """Quantities (N,) by name."""
         wrench = None if self.wrench is None else np.asarray(self.wrench, float)
         vibrations = ManyModes(self.elastic, result.q, wrench, self._acting, self.one_by_one)
-        with timed("quantities read from stored matrices", len(result)):
-            return evaluate(quantities, result.arrays, self.settings, self._lengths, vibrations)
+        return evaluate(quantities, result.arrays, self.settings, self._lengths, vibrations)
 
     def _analysed(self, q: Array, quantities: Sequence[Quantity]) -> Postures:
         return analyse_many(
@@ -338,122 +329,13 @@ class MapJob:
     def _assembled(self, q: Array, box: tuple[slice, ...]) -> Closed:
         """Assemble the postures (N, n) of a box, with the sampled coordinates held."""
         where, rows = self.sampling, min(len(q), CLOSED_CHUNK)
-        with timed("closing of chains", len(q)):
-            if not isinstance(where, Grid):
-                return Assembler(self.elastic, self.elastic.q, [], self.path, rows).together(q)
-            own = where.columns
-            assembler = Assembler(self.elastic, where.base, own, self.path, rows)
-            return assembler.grid(where.values, own, box)
+        if not isinstance(where, Grid):
+            return Assembler(self.elastic, self.elastic.q, [], self.path, rows).together(q)
+        own = where.columns
+        return Assembler(self.elastic, where.base, own, self.path, rows).grid(
+            where.values, own, box
+        )
 
 
 def _code(name: str) -> int:
     return STATES.index(name if name in STATES else "other")
-
-
-class CommandGrid(Sampling):
-    """All combinations of commands to some drives, from one posture.
-
-    Parameters
-    ----------
-    axes : mapping of str to Axis or (low, high, count)
-        Commanded displacement of each drive (rad, lengths), as in `cartstiff.after_command`; the
-        first varies slowest. The dimensions are called ``command_NAME``.
-    elastic : ElasticMechanism
-        The mechanism.
-    base : array_like (n,), optional
-        Posture before the commands; default the mechanism's.
-    """
-
-    stores_q = True
-
-    @checked
-    def __init__(
-        self,
-        axes: Mapping[str, Axis | Sequence[float]],
-        elastic: ElasticMechanism,
-        base: ArrayLike | None = None,
-    ) -> None:
-        checked_kind(axes, Mapping, "axes of a grid", "names and (low, high, count)")
-        checked_command(checked_elastic(elastic), dict.fromkeys(axes, 0.0))
-        names = drives(elastic)
-        self.base = elastic.mechanism.assembled(elastic.q if base is None else base)
-        self.names = tuple(axes)
-        self._grid = Grid(axes, names, np.zeros(len(names)))
-        self.axes = {f"command_{name}": axis for name, axis in self._grid.axes.items()}
-        self.dims, self.shape = tuple(self.axes), self._grid.shape
-
-    def postures(
-        self,
-        box: tuple[slice, ...],
-        elastic: ElasticMechanism | None = None,  # noqa: ARG002
-    ) -> Array:
-        """Return the posture before the commands for every cell of a box (m, n)."""
-        return np.tile(self.base, (prod(s.stop - s.start for s in box), 1))
-
-    def commands(self, box: tuple[slice, ...]) -> list[dict[str, float]]:
-        """Return the commanded displacements in each cell of a box."""
-        rows = self._grid.postures(box)[:, self._grid.columns].tolist()
-        return [dict(zip(self.names, row, strict=True)) for row in rows]
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        axes = zip(self.names, self._grid.axes.values(), strict=True)
-        return {
-            "kind": "command",
-            "axes": {name: axis.as_list() for name, axis in axes},
-            "base": self.base.tolist(),
-        }
-
-
-@dataclass(frozen=True)
-class CommandedJob(MapJob):
-    """As `MapJob`, evaluated at the equilibrium after a command, by the reference backend.
-
-    Attributes
-    ----------
-    told : mapping of str to float
-        Commanded displacements at every posture; a `CommandGrid` adds its own.
-    """
-
-    path: Backend = "engine"
-    told: Mapping[str, float] | None = None
-
-    @property
-    def stores_q(self) -> bool:
-        """Always: the postures follow from equilibria."""
-        return True
-
-    def _fill_piece(self, box: tuple[slice, ...], arrays: dict[str, Array]) -> None:
-        """As `MapJob._fill_piece`, one posture after the other, after its command."""
-        q, told = self._sampled(box, arrays), dict(self.told or {})
-        own = self.sampling.commands(box) if isinstance(self.sampling, CommandGrid) else None
-        for i in np.flatnonzero(np.isfinite(q).all(axis=1)):
-            answer = self._after(told | own[i] if own else told, q[i])
-            q[i] = answer.q
-            self._fill(arrays, np.array([i]), answer)
-        arrays["q"][:] = q
-
-    def _after(self, told: Mapping[str, float], q: Array) -> MapRows:
-        """Return the results after one command from a posture (n,), as stacks of one."""
-        load = self.settings.load
-        about_load: dict[str, Any] = {"load_kind": load.kind, "load_at": load.at}
-        if self.wrench is not None:
-            about_load |= {"wrench": self.wrench, "load_axes": self.load_axes}
-        none = {name: np.full(1, np.nan) for name in self.names}
-        try:
-            with np.errstate(all="ignore"):
-                at_rest = analyse_commanded(self.elastic, told, q, **about_load)
-        except CartstiffError as error:
-            # Only a command that rigid drives cannot follow is not refused earlier.
-            if isinstance(error, InputError) and error.where != "command":
-                raise
-            return MapRows(q[None], _state_row(NO_REST), np.full((1, 4, 4), np.nan), none)
-        if force_notes(at_rest.elastic, at_rest.posture):
-            return MapRows(at_rest.q[None], _state_row(BEYOND), at_rest.pose[None], none)
-        own = {name: getattr(self, name) for name in ("sampling", "names", "settings")}
-        job = MapJob(at_rest.elastic, **own, wrench=None, path="engine")
-        return job._by_matrices(at_rest.q[None], self.quantities)
-
-
-def _state_row(state: str) -> Any:
-    return np.array([_code(state)], np.uint8)

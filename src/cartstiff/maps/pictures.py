@@ -14,7 +14,6 @@ import numpy as np
 
 from cartstiff.arrays import Array
 from cartstiff.checked_call import checked
-from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.figures import new_axes, new_figure
 from cartstiff.maps.reading import (
     best_branch,
@@ -39,16 +38,8 @@ _HATCHES = ("////", "....", "xxxx", "\\\\\\\\", "oooo", "----")
 
 
 @checked
-def draw_map(
-    dataset: xarray.Dataset,
-    quantity: str,
-    kind: str = "auto",
-    *,
-    by: str | None = None,
-    level: float | None = None,
-    angle: str = "rad",
-) -> Any:
-    """Draw a map in the kind that suits its dimensions, or in a given kind.
+def draw_map(dataset: xarray.Dataset, quantity: str, *, angle: str = "rad") -> Any:
+    """Draw a map: a line, heat map or slices for one, two or three dimensions, else a histogram.
 
     Parameters
     ----------
@@ -56,13 +47,6 @@ def draw_map(
         From `open_map`, or a slice of it.
     quantity : str
         Quantity to draw.
-    kind : str
-        One of `KINDS`, or "auto": a line, heat map or slices for one, two or three dimensions, a
-        histogram for more and for random postures.
-    by : str, optional
-        For "slices": the axis along which the map is cut.
-    level : float, optional
-        A value of the quantity, in its unit, at which a line is drawn.
     angle : str
         Unit of joint angles along the axes: "rad" or "deg".
 
@@ -74,44 +58,24 @@ def draw_map(
     Raises
     ------
     UnknownNameError
-        For an unknown kind or quantity.
-    InputError
-        If the kind does not fit the dimensions, or another kind than slices has an axis of them.
+        For an unknown quantity.
     """
     quantity_of(dataset, quantity)
     if angle == "deg":
         dataset = _rescaled(dataset, "rad", "deg", np.degrees(1.0))
-    array = quantity_of(dataset, quantity)
-    kind = kind_for(array.sizes, kind, by)
-    if kind != "histogram":  # one branch, and no dimensions of one value
+    draw = _suited(quantity_of(dataset, quantity).sizes)
+    if draw is not histogram:  # one branch, and no dimensions of one value
         dataset = best_branch(dataset, quantity)
         dataset = dataset.isel({d: 0 for d, n in dataset[quantity].sizes.items() if n == 1})
-    return KINDS[kind](dataset, quantity, level, **({"by": by} if kind == "slices" else {}))
+    return draw(dataset, quantity)
 
 
-def kind_for(sizes: Mapping[Any, int], kind: str, by: str | None) -> str:
-    """Return the kind of picture for dimensions with their lengths; arguments as in `draw_map`."""
-    wide = [str(dim) for dim, n in sizes.items() if n > 1 and dim != "branch"]
-    if kind == "auto":
-        suited = {1: "line", 2: "heat", 3: "slices"}.get(len(wide), "histogram")
-        if sizes.get("posture", 0) > _MOST_OF_LINE:
-            suited = "histogram"
-        kind = suited if by is None else "slices"
-    if kind not in KINDS:
-        raise UnknownNameError("kind of picture", kind, KINDS)
-    if by is not None and kind != "slices":
-        raise InputError("is the axis of slices", where="by", expected="kind slices", got=kind)
-    if by is not None and by not in wide:
-        raise UnknownNameError("axis of the map", by, wide, where="by")
-    count = {"line": 1, "heat": 2, "slices": 3}.get(kind)
-    if count not in (None, len(wide)):
-        raise InputError(
-            f"shows {count} dimension(s)",
-            where=f"kind {kind}",
-            expected="a slice of the map, or another kind",
-            got=", ".join(wide) or "none",
-        )
-    return kind
+def _suited(sizes: Mapping[Any, int]) -> Callable[[xarray.Dataset, str], Any]:
+    """Return what draws a map of dimensions with these lengths."""
+    if sizes.get("posture", 0) > _MOST_OF_LINE:
+        return histogram
+    wide = [dim for dim, n in sizes.items() if n > 1 and dim != "branch"]
+    return {1: line, 2: heat_map, 3: slices}.get(len(wide), histogram)
 
 
 def _rescaled(dataset: xarray.Dataset, unit: str, shown: str, factor: float) -> xarray.Dataset:
@@ -206,13 +170,10 @@ def _axis_label(coordinate: xarray.DataArray) -> str:
     return f"{coordinate.name} [{unit}]" if unit else str(coordinate.name)
 
 
-def _cells(
-    axis: Any, dataset: xarray.Dataset, quantity: str, norm: Any, level: float | None
-) -> tuple[Any, set[str]]:
+def _cells(axis: Any, dataset: xarray.Dataset, quantity: str, norm: Any) -> tuple[Any, set[str]]:
     """Draw coloured cells over two dimensions; return them and the states of hatched cells.
 
-    Positions are drawn as in the room: x to the right, z up, equal scales, in mm. A line marks the
-    `level` of the quantity.
+    Positions are drawn as in the room: x to the right, z up, equal scales, in mm.
     """
     dims = [str(d) for d in dataset[quantity].dims]
     spatial = set(dims) <= set("xyz")
@@ -226,10 +187,6 @@ def _cells(
     mesh = shown.plot.pcolormesh(
         ax=axis, x=x, y=y, cmap=COLOURS, norm=norm, add_colorbar=False, rasterized=True
     )
-    if level is not None and min(values.shape) > 1 and shown.min() < level < shown.max():
-        shown.plot.contour(
-            ax=axis, x=x, y=y, levels=[level], colors="black", linewidths=1.5, add_labels=False
-        )
     if spatial:
         axis.set_aspect("equal")
     reasons = reasons_of(dataset, values)
@@ -242,28 +199,18 @@ def _cells(
     return mesh, names
 
 
-def heat_map(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> Any:
-    """Draw a map over its two dimensions in colours, with a line at a level of the quantity."""
+def heat_map(dataset: xarray.Dataset, quantity: str) -> Any:
+    """Draw a map over its two dimensions in colours."""
     figure, axis = new_axes()
-    _draw_parts(figure, [axis], [dataset], quantity, level)
+    _draw_parts(figure, [axis], [dataset], quantity)
     axis.set_title(title_of(dataset))
     return figure
 
 
-def slices(
-    dataset: xarray.Dataset, quantity: str, level: float | None = None, by: str | None = None
-) -> Any:
-    """Draw heat maps at up to six values of the third dimension, with one colour scale.
-
-    Parameters
-    ----------
-    dataset, quantity, level
-        As in `draw_map`.
-    by : str, optional
-        The dimension that is cut; default the one with the fewest values.
-    """
+def slices(dataset: xarray.Dataset, quantity: str) -> Any:
+    """Draw heat maps at up to six values of the shortest dimension, with one colour scale."""
     array = dataset[quantity]
-    cut = by if by is not None else str(min(array.dims, key=lambda d: array.sizes[d]))
+    cut = str(min(array.dims, key=lambda d: array.sizes[d]))
     length = array.sizes[cut]
     chosen = np.unique(np.linspace(0, length - 1, min(_SLICES, length)).round().astype(int))
     columns = min(3, len(chosen))
@@ -271,7 +218,7 @@ def slices(
     figure = new_figure(3.0 * columns + 1.4, 2.8 * rows + 0.8)
     axes = list(figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).flat)
     parts = [dataset.isel({cut: int(i)}) for i in chosen]
-    _draw_parts(figure, axes, parts, quantity, level)
+    _draw_parts(figure, axes, parts, quantity)
     for axis, part in zip(axes, parts, strict=False):
         value = part[cut]
         axis.set_title(f"{cut} = {float(value):.4g} {value.attrs.get('units', '')}", fontsize=9)
@@ -283,23 +230,17 @@ def slices(
 
 
 def _draw_parts(
-    figure: Any,
-    axes: Sequence[Any],
-    parts: Sequence[xarray.Dataset],
-    quantity: str,
-    level: float | None,
+    figure: Any, axes: Sequence[Any], parts: Sequence[xarray.Dataset], quantity: str
 ) -> None:
     """Draw heat maps with one colour scale and one legend."""
     norm = colour_norm(np.stack([np.asarray(p[quantity].values, float) for p in parts]))
     pairs = zip(axes, parts, strict=False)
-    drawn = [_cells(axis, part, quantity, norm, level) for axis, part in pairs]
-    bar = figure.colorbar(drawn[0][0], ax=axes, label=wrapped(parts[0][quantity]))
-    if level is not None and norm.vmin < level < norm.vmax:
-        bar.ax.axhline(level, color="black", linewidth=1.5)
+    drawn = [_cells(axis, part, quantity, norm) for axis, part in pairs]
+    figure.colorbar(drawn[0][0], ax=axes, label=wrapped(parts[0][quantity]))
     add_legend(figure, set[str]().union(*(reasons for _, reasons in drawn)))
 
 
-def line(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> Any:
+def line(dataset: xarray.Dataset, quantity: str) -> Any:
     """Draw a curve along the only dimension of a map; grey where there is no number."""
     array = dataset[quantity]
     dim = str(array.dims[0])
@@ -309,8 +250,6 @@ def line(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> 
     figure, axis = new_axes()
     marker = "." if np.isfinite(values).sum() < 200 else ""
     axis.plot(x, np.where(np.isfinite(values), values, np.nan), marker=marker)
-    if level is not None:
-        axis.axhline(level, color="black", linewidth=1.5)
     reasons = reasons_of(dataset, values)
     borders = _borders(x)
     present = set(reasons[reasons != ""].tolist())
@@ -334,7 +273,7 @@ def line(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> 
     return figure
 
 
-def histogram(dataset: xarray.Dataset, quantity: str, level: float | None = None) -> Any:
+def histogram(dataset: xarray.Dataset, quantity: str) -> Any:
     """Draw the distribution of the values, on a logarithmic axis if they span decades."""
     array = quantity_of(dataset, quantity)
     values = array.chunk().astype(float)
@@ -354,17 +293,6 @@ def histogram(dataset: xarray.Dataset, quantity: str, level: float | None = None
         axis.stairs(counts, edges, fill=True, color="#4c6ca0")
         if logarithmic:
             axis.set_xscale("log")
-    if level is not None:
-        axis.axvline(level, color="black", linewidth=1.5)
     axis.set(xlabel=unit_label(array), ylabel="postures")
     axis.set_title(f"{title_of(dataset)}: {known:.0f} of {array.size} postures")
     return figure
-
-
-#: Pictures by name.
-KINDS: dict[str, Callable[..., Any]] = {
-    "heat": heat_map,
-    "slices": slices,
-    "line": line,
-    "histogram": histogram,
-}

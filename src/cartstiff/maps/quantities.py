@@ -4,18 +4,13 @@ The table of quantities is `cartstiff.batch.quantities`; this module evaluates i
 (N, 6, 6), equal row by row to `cartstiff.analysis` of one posture. An asymmetric matrix (K^A, a
 tangent under load) is read by its symmetric part, as there. A quantity that does not exist at a
 posture is NaN.
-
-Any other number of the analysis can be named by its path in the analysis of one posture, such as
-``indices.condition_exponent`` or ``centres.stiffness.2``; it is then computed posture by posture,
-some hundred times slower.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +29,7 @@ from cartstiff.analysis.matrices import (
     symmetric_part,
     with_angles_times,
 )
-from cartstiff.analysis.posture import summarise
-from cartstiff.analysis.sections import look_up, unit_of
-from cartstiff.arrays import Array, plain
+from cartstiff.arrays import Array
 from cartstiff.batch.quantities import (
     ASYMMETRIC,
     BLOCKS,
@@ -304,92 +297,17 @@ class MapRows(NamedTuple):
 
 
 def quantity_named(name: str, own: Sequence[Quantity] = ()) -> Quantity:
-    """Return the quantity with a name of `own`, of the table, or of a path in the analysis.
+    """Return the quantity with a name of `own` or of the table.
 
     Raises
     ------
-    UnknownNameError, InputError
-        For another name, or a path that leads to no number.
+    UnknownNameError
+        For another name.
     """
     known = QUANTITIES | {quantity.name: quantity for quantity in own}
-    if "." in name:
-        return path_quantity(name)
     if name not in known:
         raise UnknownNameError("quantity", name, known)
     return known[name]
-
-
-@cache
-def path_quantity(path: str) -> Quantity:
-    """Return the quantity of a dotted path: keys and, in lists, positions counted from 0.
-
-    Raises
-    ------
-    InputError
-        If the analysis of a stiffness has no number at this path.
-    """
-    _check_path(path)
-
-    def function(s: Stacks) -> Array:
-        rows = s.once("analyses", lambda: _single_analyses(s))
-        return np.array([_number(row, path) for row in rows])
-
-    return Quantity(
-        path,
-        f"{path} of the analysis",
-        unit_of(path),
-        function,
-        (*(f"stiffness_{c}" for c in OF_MANY), "inverse", "compliance_{connection}", "wrench"),
-        "length",
-        None,
-    )
-
-
-def _check_path(path: str) -> None:
-    """Refuse a path that leads to no number in the analysis of a regular posture."""
-    model = summarise({"B": np.diag([3.0, 2.0, 4.0, 50.0, 60.0, 70.0])}, np.zeros(6), 0.2)
-    node: Any = model
-    for key in path.split("."):
-        if isinstance(node, dict) and key not in node:
-            raise UnknownNameError("part of the analysis", key, [str(k) for k in node])
-        node = look_up(node, key)
-    if isinstance(node, bool) or not isinstance(node, (int, float)):
-        shown = "a group" if isinstance(node, dict) else "a list" if isinstance(node, list) else ""
-        raise InputError(
-            f"{path} is not a number of the analysis",
-            expected="a path to one number",
-            got=shown or repr(node),
-        )
-
-
-def _number(tree: Any, path: str) -> float:
-    found = look_up(tree, path)
-    return float(found) if isinstance(found, (int, float)) else np.nan
-
-
-def _single_analyses(s: Stacks) -> list[dict[str, Any]]:
-    settings, rows = s.settings, []
-    wrenches = np.nan_to_num(s.arrays["wrench"])
-    for i, W in enumerate(wrenches):
-        matrices = {c: _or_none(s.arrays[f"stiffness_{c}"][i]) for c in OF_MANY}
-        compliance = _or_none(s.arrays[f"compliance_{settings.connection}"][i])
-        rows.append(
-            plain(
-                summarise(
-                    matrices,
-                    W,
-                    settings.length,
-                    connection=settings.connection,
-                    compliance=compliance,
-                    inverse=_or_none(s.C[i]),
-                )
-            )
-        )
-    return rows
-
-
-def _or_none(matrix: Array) -> Array | None:
-    return matrix if np.isfinite(matrix).all() else None
 
 
 def choose_quantities(
@@ -403,7 +321,7 @@ def choose_quantities(
     Raises
     ------
     UnknownNameError
-        For a name that is neither in `QUANTITIES` nor a path of the analysis.
+        For a name that is not in `QUANTITIES`.
     InputError
         If a quantity needs a setting that is missing, is named twice, or does not exist for this
         kind of mechanism.

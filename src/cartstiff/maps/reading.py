@@ -1,4 +1,4 @@
-"""Reading of a map: summary, best and worst postures, slices. Large maps are read in parts.
+"""Reading of a map: summary, best postures, slices. Large maps are read in parts.
 
 The summary (number of postures in each state, range of every quantity) is added up from statistics
 of the parts. A map file stores these statistics, so that its summary needs neither its arrays nor
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import heapq
 import json
+import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ import numpy as np
 
 from cartstiff.arrays import Array, plain
 from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.maps.store import PLACES, MapFile, fact
+from cartstiff.maps.store import NOT_COMPUTED, PLACES, MapFile, fact
 
 if TYPE_CHECKING:
     import xarray
@@ -103,24 +104,13 @@ def best(dataset: xarray.Dataset, quantity: str, count: int = 1) -> xarray.Datas
     InputError
         If neither end of the quantity is better.
     """
-    return _ranked(dataset, quantity, count, best_first=True)
-
-
-def worst(dataset: xarray.Dataset, quantity: str, count: int = 1) -> xarray.Dataset:
-    """Return the postures at which a quantity is worst; as `best`."""
-    return _ranked(dataset, quantity, count, best_first=False)
-
-
-def _ranked(
-    dataset: xarray.Dataset, quantity: str, count: int, *, best_first: bool
-) -> xarray.Dataset:
     array = quantity_of(dataset, quantity)
     if count < 1:
         raise InputError("number of postures cannot be used", expected="1 or more", got=count)
     better = array.attrs.get("better")
     if better is None:
         raise InputError(f"neither end of {quantity} is better", expected="another quantity")
-    sign = 1.0 if (better == "smaller") == best_first else -1.0
+    sign = 1.0 if better == "smaller" else -1.0
 
     def least(values: Array) -> list[tuple[float, tuple[int, ...]]]:
         """Return the smallest signed values of a part with their indices in it."""
@@ -133,16 +123,16 @@ def _ranked(
 
     from dask.array.core import slices_from_chunks
 
-    best: list[tuple[float, tuple[int, ...]]] = []
+    found: list[tuple[float, tuple[int, ...]]] = []
     parts = each_block(dataset, {quantity: least})[quantity]
     for box, own in zip(slices_from_chunks(array.chunk().chunks), parts, strict=True):  # type: ignore[no-untyped-call]
         starts = [s.start for s in box]
-        best += [(x, tuple(np.add(cell, starts).tolist())) for x, cell in own]
-        best = heapq.nsmallest(count, best)
+        found += [(x, tuple(np.add(cell, starts).tolist())) for x, cell in own]
+        found = heapq.nsmallest(count, found)
     import xarray
 
     picks = {
-        str(dim): xarray.DataArray([cell[i] for _, cell in best], dims="rank")
+        str(dim): xarray.DataArray([cell[i] for _, cell in found], dims="rank")
         for i, dim in enumerate(array.dims)
     }
     return dataset.isel(picks).compute()
@@ -183,58 +173,16 @@ def places_of(dataset: xarray.Dataset, names: Iterable[str]) -> dict[str, dict[s
     }
 
 
-def share_within(
-    dataset: xarray.Dataset, name: str, limit: float, below: bool = True
-) -> dict[str, float]:
-    """Share of the reached postures at which a quantity is on one side of a limit.
-
-    At a place with several branches the best one counts.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        From `open_map`, or a slice of it.
-    name : str
-        The quantity.
-    limit : float
-        Limit in the unit of the quantity.
-    below : bool
-        Whether below the limit counts, or above it.
-
-    Returns
-    -------
-    dict of str to float
-        "reached": number of postures or places that have a value; "within": those up to and at the
-        limit; "share": "within" over "reached", 0 if nothing is reached.
-
-    Raises
-    ------
-    UnknownNameError
-        For a quantity that the map does not hold.
-    """
-    values = best_branch(dataset, name, below)[name].astype(float)
-    known = np.isfinite(values)
-    counts = computed(known.sum(), (known & (values <= limit if below else values >= limit)).sum())
-    reached, within = map(int, counts)
-    share = within / reached if reached else 0.0
-    return {"limit": limit, "reached": reached, "within": within, "share": share}
-
-
-def is_smaller_better(array: xarray.DataArray, below: bool) -> bool:
-    """Whether smaller values of a quantity are better; if neither end is, those wanted are."""
-    return {"smaller": True, "larger": False}.get(array.attrs.get("better", ""), below)
-
-
-def best_branch(dataset: xarray.Dataset, quantity: str, below: bool = False) -> xarray.Dataset:
+def best_branch(dataset: xarray.Dataset, quantity: str) -> xarray.Dataset:
     """Return the map with the best branch of a quantity at every place.
 
-    Where no branch has a value, the first branch is taken, with its state. `below` as in
-    `is_smaller_better`.
+    Where neither end is better, the largest is taken; where no branch has a value, the first
+    branch, with its state.
     """
     array = quantity_of(dataset, quantity)
     if "branch" not in array.dims:
         return dataset
-    sign = 1.0 if is_smaller_better(array, below) else -1.0
+    sign = 1.0 if array.attrs.get("better") == "smaller" else -1.0
     return dataset.isel(branch=(sign * array).fillna(np.inf).argmin("branch").compute())
 
 
@@ -271,6 +219,7 @@ def summary(dataset: xarray.Dataset | MapFile) -> dict[str, Any]:
         own = [str(name) for name in arrays if name not in PLACES]
         facts = each_block(dataset, {name: partial(fact, name) for name in own})
     names, every = named_states(arrays["state"].attrs), np.sum(facts["state"], axis=0)
+    every[NOT_COMPUTED] += math.prod(arrays["state"].shape) - every.sum()  # parts without facts
     states = {names.get(c, str(c)): int(every[c]) for c in np.flatnonzero(every).tolist()}
     ranges = {}
     for name in (n for n in facts if n not in OTHERS):
@@ -288,7 +237,7 @@ def summary(dataset: xarray.Dataset | MapFile) -> dict[str, Any]:
         branches["branches"] = {
             "starts": 1 + sampling["starts"],
             "legs": sampling.get("legs", 0),
-            "found": int(np.max(facts["branches"])),
+            "found": int(np.max(facts["branches"], initial=0)),
             "kept": sampling["branches"],
         }
     return {"states": states, "quantities": ranges, **branches}

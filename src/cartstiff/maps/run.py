@@ -12,7 +12,7 @@ import json
 import pickle
 import platform
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import asdict, replace
@@ -31,7 +31,6 @@ from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import Array, checked_input, checked_unit, checked_vector
 from cartstiff.batch.kernels import WORTH_READING, lasting_path
 from cartstiff.batch.quantities import QUANTITIES, Quantity, Settings, is_own
-from cartstiff.batch.work import timed
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
     CartstiffError,
@@ -42,7 +41,7 @@ from cartstiff.errors import (
     one_line,
 )
 from cartstiff.maps.cartesian import CartesianGrid
-from cartstiff.maps.job import STATES, CommandedJob, CommandGrid, MapJob, Mapped
+from cartstiff.maps.job import STATES, MapJob, Mapped
 from cartstiff.maps.quantities import choose_quantities
 from cartstiff.maps.sampling import MAX_CHUNK, Grid, Sampling, chunk_shape, dimension_name
 from cartstiff.maps.store import (
@@ -53,7 +52,6 @@ from cartstiff.maps.store import (
     Kind,
     Layout,
     MapFile,
-    Run,
     empty_dataset,
     is_there,
     local_path,
@@ -71,7 +69,6 @@ from cartstiff.mechanisms.identity import (
     require_versions,
     versions,
 )
-from cartstiff.statics.command import checked_command
 from cartstiff.stiffness.applied_load import checked_load
 from cartstiff.stiffness.compute import analyse
 from cartstiff.vibration.chatter import Milling
@@ -127,7 +124,6 @@ def map_job(
     load_axes: Literal["body", "world"] = "body",
     damping: Damping | float = 0.0,
     milling: Milling | None = None,
-    told: Mapping[str, float] | None = None,
 ) -> MapJob:
     """Check the arguments of a map and return its computation, without any file.
 
@@ -136,9 +132,9 @@ def map_job(
     elastic : ElasticMechanism
         From `cartstiff.load`.
     sampling : Sampling
-        `Grid`, `RandomPostures`, `Trajectory`, `CartesianGrid` or `CommandGrid`.
+        `Grid`, `RandomPostures`, `Trajectory` or `CartesianGrid`.
     quantities : str or sequence of str
-        Names in `cartstiff.batch.quantities.QUANTITIES`, or paths of the analysis.
+        Names in `cartstiff.batch.quantities.QUANTITIES`.
     connection : {"load", "B", "A", "K", "F"}, optional
         Matrix that is read. Default under a load: load, the tangent stiffness under it, as in the
         analysis of one posture; without a load all but F are the same.
@@ -161,9 +157,6 @@ def map_job(
         Damping besides the mechanism's dampers, for ``damping_1`` ... and ``limiting_depth``.
     milling : Milling, optional
         The cutter and its force law, for ``limiting_depth``.
-    told : mapping of str to float, optional
-        Commanded displacement of drives from each posture, as in `cartstiff.after_command`; the
-        quantities are read at the equilibrium after it. A `CommandGrid` maps over commands.
 
     Raises
     ------
@@ -212,26 +205,14 @@ def map_job(
     chosen = choose_quantities(names, settings, elastic)
     _check_used(settings, chosen)
     row = None if load is None else tuple(load.tolist())
-    steps = checked_command(elastic, told) if told else {}
-    is_commanded = bool(steps) or isinstance(sampling, CommandGrid)
-    if isinstance(sampling, CartesianGrid) and sampling.redundancy == "best":
-        if chosen[0].better is None:
-            raise InputError(
-                f"neither end of {chosen[0].name} is better",
-                where="redundancy",
-                expected="another first quantity, or the nearest posture",
-            )
-        if is_commanded:
-            raise InputError(
-                "is chosen before the drives move",
-                where="redundancy",
-                expected="the nearest posture",
-                got="best",
-            )
-    if isinstance(sampling, CommandGrid) and (both := set(steps) & set(sampling.names)):
-        raise InputError("is commanded twice", where="command", got=", ".join(sorted(both)))
-    kind_of_job = partial(CommandedJob, told=steps) if is_commanded else MapJob
-    return kind_of_job(
+    is_best = isinstance(sampling, CartesianGrid) and sampling.redundancy == "best"
+    if is_best and chosen[0].better is None:
+        raise InputError(
+            f"neither end of {chosen[0].name} is better",
+            where="redundancy",
+            expected="another first quantity, or the nearest posture",
+        )
+    return MapJob(
         elastic,
         sampling,
         tuple(q.name for q in chosen),
@@ -247,7 +228,6 @@ def planned(
     sampling: Sampling,
     quantities: Sequence[str],
     *,
-    single: bool = False,
     chunk: int | None = None,
     command: str = "",
     **asked: Any,
@@ -258,8 +238,6 @@ def planned(
     ----------
     elastic, sampling, quantities, **asked
         As in `map_job`.
-    single : bool
-        Keep results in single precision: half the size.
     chunk : int, optional
         Largest number of postures in a part.
     command : str
@@ -272,18 +250,15 @@ def planned(
     Layout
         Arrays and attributes of the map; the attribute "description" holds its identity.
     """
-    checked_kind(single, bool, "single", "true or false")
     if chunk is not None and (chunk < 1 or chunk % 1):
         raise InputError("size of chunks cannot be used", expected="1 or more", got=chunk)
     job = map_job(elastic, sampling, quantities, **asked)
     settings, kind, chosen = job.settings, job.settings.load, job.quantities
-    row, steps = job.wrench, dict(job.told or {}) if isinstance(job, CommandedJob) else {}
-    if not isinstance(job, CommandedJob):
-        acts: Literal["none", "shared", "each"]
-        acts = "none" if row is None else "shared"
-        path = lasting_path(elastic, acts, job.outputs, sampling.size)
-        reads = path == "compiled" and sampling.size >= WORTH_READING
-        job = replace(job, path=path, by_kernel=reads)
+    row = job.wrench
+    acts: Literal["none", "shared", "each"] = "none" if row is None else "shared"
+    path = lasting_path(elastic, acts, job.outputs, sampling.size)
+    reads = path == "compiled" and sampling.size >= WORTH_READING
+    job = replace(job, path=path, by_kernel=reads)
     options = {
         "joints": list(elastic.names),
         "sampling": sampling.to_dict(),
@@ -294,8 +269,6 @@ def planned(
         "load_at": kind.at,
         "load_axes": job.load_axes,
         **_vibration(settings),
-        "told": steps or None,
-        "single": single,
         "states": list(STATES),
         "own quantities": fingerprint(job.own) if job.own else None,
     }
@@ -326,7 +299,6 @@ def planned(
         "order": "angular-linear",
         "numerical_path": job.path,
         "command": command,
-        **({"told": ", ".join(f"{name} by {x:+g}" for name, x in steps.items())} if steps else {}),
         "python_version": platform.python_version(),
         "zarr_version": zarr_library().__version__,
         **{f"{package}_version": number for package, number in versions().items()},
@@ -338,13 +310,12 @@ def planned(
         for i, name in enumerate(elastic.names):
             if i not in sampling.columns:
                 attributes[f"fixed_{dimension_name(name)}"] = float(sampling.base[i])
-    dims, own = sampling.dims, "f4" if single else "f8"
+    dims = sampling.dims
     arrays = {
         q.name: Kind(
             dims,
             {"units": q.unit_in(units), "long_name": q.description}
             | ({} if q.better is None else {"better": q.better}),
-            own,
         )
         for q in chosen
     }
@@ -354,7 +325,7 @@ def planned(
         "flag_meanings": " ".join([*STATES, "not-computed"]),
     }
     place = {"units": units.length, "long_name": "position of the body frame's origin in F"}
-    arrays["position"] = Kind((*dims, "xyz"), place, own)
+    arrays["position"] = Kind((*dims, "xyz"), place)
     if job.stores_q:
         about = {"long_name": "coordinates of the posture", "joints": " ".join(elastic.names)}
         arrays["q"] = Kind((*dims, "joint"), about)
@@ -368,7 +339,7 @@ def planned(
     joints = dict(zip(map(dimension_name, elastic.names), own_units, strict=True))
     axes = {}
     for name in sampling.axes:
-        unit = None if cartesian else joints.get(name.removeprefix("command_"))
+        unit = None if cartesian else joints.get(name)
         axes[name] = Kind((name,), {"units": unit or units.length})
     sizes = {"xyz": 3, "joint": len(elastic.names)}
     shape = chunk_shape(sampling, chunk or job.usual_chunk)
@@ -387,8 +358,6 @@ def _check_postures(sampling: Sampling, elastic: ElasticMechanism) -> None:
             expected=", ".join(elastic.names),
             got=", ".join(names) if names != elastic.names else f"{np.shape(row)[-1]} coordinates",
         )
-    if isinstance(sampling, CommandGrid):
-        checked_command(elastic, dict.fromkeys(sampling.names, 0.0))
 
 
 def _check_used(settings: Settings, chosen: Sequence[Quantity]) -> None:
@@ -428,7 +397,7 @@ def map_of(
     Parameters
     ----------
     elastic, sampling, quantities, **asked
-        As in `cartstiff.maps.run.map_job`; also `single`, `chunk` and `command` of `planned`.
+        As in `cartstiff.maps.run.map_job`; also `chunk` and `command` of `planned`.
 
     Returns
     -------
@@ -477,7 +446,7 @@ def prepare_map(
     file: Any,
     **asked: Any,
 ) -> tuple[MapJob, MapFile]:
-    """Check everything and create the file, or open and repair one that holds the same map.
+    """Check everything and create the file, or open one that holds the same map.
 
     Arguments as in `compute_map`.
     """
@@ -505,7 +474,7 @@ def prepare_map(
             expected=f"no number of postures in a part, or {prod(existing.parts.chunk)}",
             got=asked["chunk"],
         )
-    existing.mend(replace(layout, chunk=existing.parts.chunk))
+    existing.complete(replace(layout, chunk=existing.parts.chunk))
     return replace(job, path=taken["path"], by_kernel=bool(taken["by_kernel"])), existing
 
 
@@ -513,11 +482,11 @@ def part_of(job: MapJob, file: MapFile, number: int, mapped: Mapped = map) -> in
     """Compute and write a part unless it is complete; return its number."""
     if not file.is_done(number):
         _return_large_arrays()
-        arrays = job.compute(file.boxes[number], mapped)
+        arrays = job.compute(file.parts.box(number), mapped)
         # Large parts are written one at a time: compression holds a second copy in memory.
         one = _WRITING_LOCK if file.count(number) > INNER else nullcontext()
         go_on = "the same command to go on from the parts that are there"
-        with one, timed("writing the file"), reached(file.address, "map cannot be written", go_on):
+        with one, reached(file.address, "map cannot be written", go_on):
             file.write(number, arrays)
     return number
 
@@ -618,12 +587,11 @@ def _client(scheduler: Any) -> Iterator[Any]:
 
 
 @contextmanager
-def _workers(
-    job: MapJob, file: MapFile, threads: int, scheduler: Any
-) -> Iterator[Callable[[int], Future[int]]]:
+def _workers(job: MapJob, file: MapFile, scheduler: Any) -> Iterator[Callable[[int], Future[int]]]:
     """Yield a function that submits a part to threads, or to the workers of a scheduler."""
     if scheduler is None:
         # Few large parts are in memory at once; all threads compute their pieces.
+        threads = (cpu_count() or 1) if job.in_stacks else 1
         parts = max(1, min(threads, MAX_CHUNK // file.count(0)))
         with (
             numerics.one_thread(),
@@ -649,10 +617,8 @@ def compute_map(
     quantities: Sequence[str],
     file: Any,
     *,
-    threads: int | None = None,
     dask: Any = None,
     progress: bool | None = False,
-    verify: bool = False,
     **asked: Any,
 ) -> xarray.Dataset:
     """Quantities of the stiffness at many postures, in a file or another store.
@@ -662,20 +628,15 @@ def compute_map(
     Parameters
     ----------
     elastic, sampling, quantities, **asked
-        As in `cartstiff.maps.run.map_job`; also `single`, `chunk` and `command` of `planned`.
+        As in `cartstiff.maps.run.map_job`; also `chunk` and `command` of `planned`.
     file : path, address or store
         A folder that ends in ``.zarr``, an address that fsspec knows (``memory://``, ``s3://``), or
         a store of Zarr.
-    threads : int, optional
-        Threads of this process; default one for every core.
     dask : str or distributed.Client, optional
         Address or client of a running Dask scheduler, whose workers compute instead. They must see
         the file under the same path.
     progress : bool or None
         Bar on standard error; None shows it on a terminal only.
-    verify : bool
-        Whether all existing parts are read, so that damaged ones are found and computed anew;
-        without it only missing objects are noticed.
 
     Returns
     -------
@@ -690,34 +651,19 @@ def compute_map(
         After Ctrl-C; the file is valid, and the same call resumes it.
     """
     job, there = prepare_map(elastic, sampling, quantities, file, **asked)
-    run_map(job, there, threads=threads, dask=dask, progress=progress, verify=verify)
+    run_map(job, there, dask=dask, progress=progress)
     return open_map(file)
 
 
-def run_map(
-    job: MapJob,
-    file: MapFile,
-    *,
-    threads: int | None = None,
-    dask: Any = None,
-    progress: bool | None = False,
-    verify: bool = False,
-) -> Run:
-    """Compute the parts that are missing or damaged; arguments as in `compute_map`."""
-    if threads is not None and threads < 1:
-        raise InputError("number of threads cannot be used", expected="1 or more", got=threads)
-    if threads is not None and dask is not None:
-        raise InputError("are those of the workers", where="threads", expected="no dask, or none")
-    count = (threads or cpu_count() or 1) if job.in_stacks else 1
+def run_map(job: MapJob, file: MapFile, *, dask: Any = None, progress: bool | None = False) -> int:
+    """Compute the parts that are missing; return their number. Arguments as in `compute_map`."""
     with file.locked(), _bar(job.sampling.size, progress) as advance:
-        wrong = file.damage(verify)
-        for part in wrong:
-            file.forget(part)
-        done = set(file.done())
+        done = file.done()
+        file.forget(set(file.marks()).difference(done))
         advance(sum(map(file.count, done)))
-        missing = [part for part in range(len(file.boxes)) if part not in done]
+        missing = sorted(set(range(len(file.parts))).difference(done))
         if missing:
-            with _workers(job, file, count, dask) as submit:
+            with _workers(job, file, dask) as submit:
                 futures = [submit(part) for part in missing]
                 try:
                     for future in as_completed(futures):
@@ -726,7 +672,7 @@ def run_map(
                     for future in futures:
                         future.cancel()
                     raise
-    return Run(len(missing), tuple(wrong.values()))
+    return len(missing)
 
 
 @contextmanager

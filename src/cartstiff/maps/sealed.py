@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Mapping
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,11 @@ from zarr.storage import WrapperStore
 
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, one_line
+
+#: What to do about a damaged object of a map.
+RECOMPUTED = "the file as it was written; without it, the same command computes it anew"
+# Instead of the checksum of objects that do not exist.
+_NOT_WRITTEN = -1
 
 
 def seal(salt: str, key: str, value: bytes | memoryview) -> int:
@@ -32,9 +39,8 @@ class SealedStore(WrapperStore):  # type: ignore[type-arg]
         Arrays that are split into parts, in the order of the columns of `seals`.
     cuts : tuple of int
         Number of parts along each dimension.
-    seals : ndarray (parts, arrays)
-        Checksums of the parts; -1 for parts that have not been written, whose objects do not
-        exist; -2 where the checksum is unknown.
+    seals : mapping of int to ndarray (arrays,)
+        Checksums of the parts that have been written; the objects of the others do not exist.
     """
 
     def __init__(
@@ -44,7 +50,7 @@ class SealedStore(WrapperStore):  # type: ignore[type-arg]
         fixed: dict[str, int],
         names: list[str],
         cuts: tuple[int, ...],
-        seals: Array,
+        seals: Mapping[int, Array],
     ) -> None:
         super().__init__(store)
         self.about = salt, fixed, names, cuts, seals
@@ -63,14 +69,14 @@ class SealedStore(WrapperStore):  # type: ignore[type-arg]
         expected, salt, place = self._expected(key)
         if expected is None:
             return await super().get(key, prototype, byte_range)
-        if expected == -1:
+        if expected == _NOT_WRITTEN:
             return None
         value = await super().get(key, prototype)
         if value is None or seal(salt, key, value.as_numpy_array().data) != expected:
             raise InputError(
                 f"{place} is damaged: {one_line(key)} is missing, or not what was written there",
                 where=one_line(str(self._store)),
-                expected="to be computed anew by the same command with --verify",
+                expected=RECOMPUTED,
             )
         if byte_range is None:
             return value
@@ -80,11 +86,12 @@ class SealedStore(WrapperStore):  # type: ignore[type-arg]
         return value[first : getattr(byte_range, "end", len(value))]
 
     def _expected(self, key: str) -> tuple[int | None, str, str]:
-        """Return the checksum of an object (-1: does not exist, None: no checksum), salt, place."""
+        """Return the checksum of an object (None: it has none), salt and place."""
         salt, fixed, names, cuts, seals = self.about
         name, _, cell = key.partition("/c/")
         if name not in names or not cell:
             return fixed.get(key), "", "map"
         index = (*map(int, cell.split("/")), *[0] * len(cuts))[: len(cuts)]
         part = int(np.ravel_multi_index(index, cuts))
-        return int(seals[part, names.index(name)]), salt, f"part {part + 1} of {len(seals)}"
+        own = int(seals[part][names.index(name)]) if part in seals else _NOT_WRITTEN
+        return own, salt, f"part {part + 1} of {prod(cuts)}"

@@ -2,8 +2,8 @@
 
 A map is split into parts. Each array of a part is written as one object, ``state`` last, and then
 the mark of the part: the checksums of these objects and their statistics for the summary. A part
-without a mark has not been computed. A part that differs from its mark is reported and computed
-anew.
+without its mark or one of its objects has not been computed. An object that differs from its
+checksum is refused when it is read.
 """
 
 from __future__ import annotations
@@ -14,11 +14,10 @@ import os
 import shutil
 import stat
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 from math import ceil, prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -32,7 +31,7 @@ from cartstiff.maps.sampling import Sampling, dimension_name
 if TYPE_CHECKING:
     import xarray
 
-SCHEMA = "cartstiff-map/5"
+SCHEMA = "cartstiff-map/6"
 #: Attribute of the group that holds the checksum of its description and that of its arrays.
 CHECKSUM = "description_checksum"
 #: Value of ``state`` where nothing has been computed yet.
@@ -40,7 +39,7 @@ NOT_COMPUTED = 255
 #: Arrays of a map without statistics.
 PLACES = ("position", "q", "time")
 # Largest number of parts of a map: each has several objects, which are all listed.
-_MAX_PARTS = 10**6
+_MAX_PARTS = 10**5
 #: Largest number of postures compressed together: a few are read without the rest of a part.
 INNER = 2**16
 # Largest number of bytes of a file: the limit of Blosc.
@@ -61,22 +60,29 @@ class Kind(NamedTuple):
     fill: float = np.nan
 
 
-class Parts(NamedTuple):
+@dataclass(frozen=True)
+class Parts:
     """Division of an array's shape into chunks, which are computed and stored one by one."""
 
     shape: tuple[int, ...]
     chunk: tuple[int, ...]
 
-    @property
+    @cached_property
     def cuts(self) -> tuple[int, ...]:
         """Number of parts along each dimension."""
         return tuple(ceil(n / c) for n, c in zip(self.shape, self.chunk, strict=True))
 
-    @property
-    def boxes(self) -> list[tuple[slice, ...]]:
-        """Box of each part in the array, in C order."""
-        pairs = zip(self.shape, self.chunk, strict=True)
-        return list(product(*([slice(i, min(i + c, n)) for i in range(0, n, c)] for n, c in pairs)))
+    def __len__(self) -> int:
+        return prod(self.cuts)
+
+    def cell(self, part: int) -> tuple[int, ...]:
+        """Place of a part, which are numbered in C order, along each dimension."""
+        return tuple(int(i) for i in np.unravel_index(part, self.cuts))
+
+    def box(self, part: int) -> tuple[slice, ...]:
+        """Box of a part in the array."""
+        triples = zip(self.cell(part), self.chunk, self.shape, strict=True)
+        return tuple(slice(i * c, min(i * c + c, n)) for i, c, n in triples)
 
 
 @dataclass(frozen=True)
@@ -110,7 +116,7 @@ class Layout:
         for name in self.sampling.dims:
             if name in (*_RESERVED, *self.arrays, *self.sizes):
                 raise InputError("a dimension has the name of something else in the map", got=name)
-        if (count := prod(self.parts.cuts)) > _MAX_PARTS:
+        if (count := len(self.parts)) > _MAX_PARTS:
             raise InputError(
                 f"map of {self.sampling.size} postures has too many parts",
                 expected=f"at most {_MAX_PARTS}: fewer postures, or more in each",
@@ -181,6 +187,13 @@ def _result_of(coroutine: Any) -> Any:
 
 async def _listed(store: Any) -> set[str]:
     return {key async for key in store.list_prefix("")}
+
+
+async def _numbers(store: Any, folder: str) -> list[int]:
+    """Numbers that are names in a folder of a store."""
+    keys = [key async for key in store.list_prefix(folder)]
+    names = {key.removeprefix(folder).split("/", 1)[0] for key in keys}
+    return [int(name) for name in names if name.isdecimal() and str(int(name)) == name]
 
 
 def local_path(address: Any) -> Path | None:
@@ -324,8 +337,9 @@ def _objects(layout: Layout) -> dict[str, bytes]:
     columns = 1 + len(names) + sum(map(_fact_size, names))
     group.create_array(
         _MARKS,
-        shape=(prod(layout.parts.cuts), columns),
+        shape=(len(layout.parts), columns),
         chunks=(1, columns),
+        compressors=None,
         dtype="f8",
         fill_value=0,
     )
@@ -347,21 +361,6 @@ def _put(store: Any, objects: Mapping[str, bytes]) -> None:
     make = default_buffer_prototype().buffer.from_bytes
     for key, value in objects.items():
         _result_of(store.set(key, make(value)))
-
-
-class Run(NamedTuple):
-    """Result of a run that computed missing parts.
-
-    Attributes
-    ----------
-    computed : int
-        Number of parts that were computed.
-    damaged : tuple of str
-        Damage of the parts that were computed anew.
-    """
-
-    computed: int
-    damaged: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -434,35 +433,35 @@ class MapFile:
         state = self.described["state"]
         return Parts(tuple(state.shape), tuple(state.shards or state.chunks))
 
-    @cached_property
-    def boxes(self) -> list[tuple[slice, ...]]:
-        """Box of each part in the map."""
-        return self.parts.boxes
-
     def count(self, part: int) -> int:
         """Return the number of postures in a part."""
-        return prod(s.stop - s.start for s in self.boxes[part])
+        return prod(s.stop - s.start for s in self.parts.box(part))
 
     def _keys(self, part: int) -> list[str]:
         """Return the keys of the objects of a part."""
-        cell = (*(int(i) for i in np.unravel_index(part, self.parts.cuts)), 0)
+        cell = (*self.parts.cell(part), 0)
         arrays = [self.described[name] for name in self.names]
         codes = [array.metadata.encode_chunk_key(cell[: array.ndim]) for array in arrays]
         return [f"{name}/{code}" for name, code in zip(self.names, codes, strict=True)]
 
-    def _marks(self, parts: Sequence[int] | None = None) -> Array:
-        """Marks of parts, by default of all: zeros without a mark, first entry -1 if damaged."""
-        array, known = self.described[_MARKS], parts or range(len(self.boxes))
-        try:
-            rows = np.asarray(array[:] if parts is None else array[parts])
-        except Exception:  # codecs raise any kind
-            if parts is not None:
-                return np.full((1, array.shape[1]), -1.0)
-            return np.concatenate([self._marks([part]) for part in known])
-        for row, part in zip(rows, known, strict=True):
-            if row.any() and row[0] != self._sealed_row(part, row):
-                row[0] = -1.0
-        return rows
+    def marks(self) -> dict[int, Array]:
+        """Marks of the parts that have one: checksum of the mark, of each object, statistics."""
+        there = sorted(_result_of(_numbers(self.inner, f"{_MARKS}/c/")))
+        return {part: self._mark(part) for part in there if part < len(self.parts)}
+
+    def _mark(self, part: int) -> Array:
+        from cartstiff.maps.sealed import RECOMPUTED
+
+        key, array = f"{_MARKS}/c/{part}/0", self.described[_MARKS]
+        text = _read(self.inner, key) or b""
+        row = np.frombuffer(text if len(text) == 8 * array.shape[1] else b"", "<f8")
+        if not row.size or row[0] != self._sealed_row(part, row):
+            raise InputError(
+                f"map is damaged: {key} is not what was written there",
+                where=self.where,
+                expected=RECOMPUTED,
+            )
+        return row
 
     def _sealed_row(self, part: int, row: Array) -> int:
         """Return the checksum of a mark, which is never 0."""
@@ -470,42 +469,41 @@ class MapFile:
 
         return 1 + seal(self.attributes[CHECKSUM], f"{_MARKS}/{part}", row[1:].tobytes())
 
-    def store(self, marks: Array | None = None) -> Any:
-        """Return the store that reads only objects that agree with marks, by default as stored."""
+    def store(self, marks: Mapping[int, Array]) -> Any:
+        """Return the store that reads only objects that agree with their marks."""
         from cartstiff.maps.sealed import SealedStore
 
         names = self.names
-        marks = self._marks() if marks is None else marks
-        first = marks[:, :1]
-        seals = np.where(first > 0, marks[:, 1 : 1 + len(names)], first - 1).astype(np.int64)
+        seals = {part: row[1 : 1 + len(names)].astype(np.int64) for part, row in marks.items()}
         about = self.attributes[CHECKSUM], self._fixed, names, self.parts.cuts, seals
         return SealedStore(self.inner, *about)
 
     @cached_property
     def _unread(self) -> Any:
         """The group as of a map without written parts."""
-        store = self.store(np.zeros((len(self.boxes), 1 + len(self.names))))
-        return zarr_library().open_group(store, mode="r+", use_consolidated=True)
+        return zarr_library().open_group(self.store({}), mode="r+", use_consolidated=True)
 
     def done(self) -> list[int]:
-        """Parts that are complete, in order."""
-        return np.flatnonzero(self._marks()[:, 0] > 0).tolist()
+        """Parts that have a mark and all their objects, in order."""
+        listed = _result_of(_listed(self.inner))
+        return [part for part in self.marks() if listed.issuperset(self._keys(part))]
 
     def is_done(self, part: int) -> bool:
-        """Whether a part is complete."""
-        return bool(self._marks([part])[0, 0] > 0)
+        """Whether a part has its mark."""
+        return _read(self.inner, f"{_MARKS}/c/{part}/0") is not None
 
-    def forget(self, part: int) -> None:
-        """Remove the mark of a part, so that it is computed anew."""
-        _result_of(self.inner.delete(f"{_MARKS}/c/{part}/0"))
+    def forget(self, parts: Iterable[int]) -> None:
+        """Remove the marks of parts, so that they are computed anew."""
+        for part in parts:
+            _result_of(self.inner.delete(f"{_MARKS}/c/{part}/0"))
 
     def facts(self) -> dict[str, Array]:
         """Statistics of the completed parts for the summary, by array."""
-        marks = self._marks()
         sizes = [_fact_size(name) for name in self.names]
         first = 1 + len(sizes) + np.concatenate([[0], np.cumsum(sizes)])
+        marks = np.array([*self.marks().values()]).reshape(-1, int(first[-1]))
         found = {n: marks[:, i : i + k] for n, i, k in zip(self.names, first, sizes, strict=False)}
-        return {name: rows[marks[:, 0] > 0] for name, rows in found.items() if rows.size}
+        return {name: rows for name, rows in found.items() if rows.shape[1]}
 
     def write(self, part: int, arrays: dict[str, Array]) -> None:
         """Write the arrays of a part, which are removed from `arrays`, and then its mark."""
@@ -514,49 +512,31 @@ class MapFile:
             # Chunks that hold only the fill value are written as well.
             array = group[name].with_config({"write_empty_chunks": True})
             kept = arrays.pop(name).astype(array.dtype, copy=False)
-            array[self.boxes[part][: array.ndim]] = kept
+            array[self.parts.box(part)[: array.ndim]] = kept
             if name not in PLACES:
                 facts.append(fact(name, kept))
         row = np.concatenate(
             [[0.0], [group.store.written.pop(key) for key in self._keys(part)], *facts]
         )
         row[0] = self._sealed_row(part, row)
-        self.described[_MARKS][part] = row
+        _put(self.inner, {f"{_MARKS}/c/{part}/0": row.astype("<f8").tobytes()})
 
-    def damage(self, verify: bool = False) -> dict[int, str]:
-        """Return the damage of completed parts; without `verify` only missing objects.
+    def complete(self, layout: Layout) -> None:
+        """Write what is missing of the objects that describe the map, and check the others."""
+        from cartstiff.maps.sealed import RECOMPUTED, seal
 
-        Parameters
-        ----------
-        verify : bool
-            Whether every object is read.
-        """
-        marks, place = self._marks(), f"{_MARKS}/c/%d/0 is not what was written there"
-        wrong = {part: place % part for part in np.flatnonzero(marks[:, 0] < 0).tolist()}
-        listed, sealed = _result_of(_listed(self.inner)), self.store(marks)
-        for part in np.flatnonzero(marks[:, 0] > 0).tolist():
-            if lost := [key for key in self._keys(part) if key not in listed]:
-                wrong[part] = f"{lost[0]} is missing"
-            elif verify:
-                try:
-                    for key in self._keys(part):
-                        _read(sealed, key)
-                except InputError as error:
-                    wrong[part] = str(error)
-        return wrong
-
-    def mend(self, layout: Layout) -> list[str]:
-        """Rewrite the damaged objects that describe the map; return their keys."""
-        from cartstiff.maps.sealed import seal
-
-        fixed, damaged = self._fixed, {}
+        fixed = self._fixed
         for key, value in _objects(layout).items():
-            if key in fixed:
-                there = _read(self.inner, key)
-                if there is None or seal("", key, there) != fixed[key]:
-                    damaged[key] = value
-        _put(self.inner, damaged)
-        return list(damaged)
+            if key not in fixed:
+                continue
+            if (there := _read(self.inner, key)) is None:
+                _put(self.inner, {key: value})
+            elif seal("", key, there) != fixed[key]:
+                raise InputError(
+                    f"map is damaged: {key} is not what was written there",
+                    where=self.where,
+                    expected=RECOMPUTED,
+                )
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -580,7 +560,7 @@ class MapFile:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise InputError(
-                    "another process is computing this map", where=self.where
+                    "another process or thread is computing this map", where=self.where
                 ) from None
             except OSError:  # file systems without locks
                 pass
@@ -617,11 +597,11 @@ def open_map(path: Any) -> xarray.Dataset:
         Without xarray, zarr or dask.
     """
     file = MapFile.at(path)
-    marks = file._marks()
+    marks = file.marks()
     dims = file.described["state"].metadata.dimension_names
     dataset = _opened(file.store(marks), file.names, dict(zip(dims, file.parts.chunk, strict=True)))
-    dataset.attrs["chunks_done"] = int(np.count_nonzero(marks[:, 0] > 0))
-    dataset.attrs["chunks"] = len(marks)
+    dataset.attrs["chunks_done"] = len(marks)
+    dataset.attrs["chunks"] = len(file.parts)
     return with_postures(dataset)
 
 

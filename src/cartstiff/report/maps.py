@@ -39,7 +39,6 @@ def describe_map(
         *_searched(answer.get("branches")),
         *_load(answer),
         *([weighed] if weighed else []),
-        *([f"drives are commanded to move: {answer['told']}"] if answer.get("told") else []),
         "",
         "States",
         *table(("state", "postures"), [(k, str(n)) for k, n in answer["states"].items()]),
@@ -59,34 +58,19 @@ def describe_map(
             ],
         ),
     ]
-    for which in ("below", "above"):
-        if (listed := answer.get(which)) is not None:
-            unit = answer["quantities"][listed["quantity"]]["unit"]
-            lines += [
-                "",
-                f"{listed['quantity']} {which} {number(listed['limit'])} {unit}: "
-                f"{100 * listed['share']:.1f} % of what is reached ({listed['within']} of "
-                f"{listed['reached']})",
-            ]
-            if (single := listed.get("single_branch")) is not None:
-                lines.append(
-                    f"  by the best single branch, without a flip: {100 * single['share']:.1f} % "
-                    f"({single['within']}; it reaches {single['places']})"
-                )
-    for which in ("best", "worst"):
-        for name, rows in answer.get(which, {}).items():
-            unit = answer["quantities"][name]["unit"]
-            lines += ["", f"{which.capitalize()} of {name} [{unit}]"]
-            lines += _postures(rows, units, coordinates)
+    for name, rows in answer.get("best", {}).items():
+        unit = answer["quantities"][name]["unit"]
+        lines += ["", f"Best of {name} [{unit}]"]
+        lines += _postures(rows, units, coordinates)
     return joined(lines)
 
 
-def ranked(dataset: Any, name: str, which: str, count: int) -> list[dict[str, Any]]:
-    """Return the best or worst postures as rows of a table, for JSON."""
+def ranked(dataset: Any, name: str, count: int) -> list[dict[str, Any]]:
+    """Return the best postures as rows of a table, for JSON."""
     from cartstiff.arrays import plain
-    from cartstiff.maps.reading import best, state_names, worst
+    from cartstiff.maps.reading import best, state_names
 
-    rows = (best if which == "best" else worst)(dataset, name, count)
+    rows = best(dataset, name, count)
     names = state_names(dataset)
     joints = [str(j) for j in dataset["joint"].values]
     return [
@@ -145,23 +129,6 @@ def _postures(
 def _slice(answer: Mapping[str, Any]) -> list[str]:
     at = [f"{name} {p['value']:g} {p['unit']}" for name, p in answer.get("slice", {}).items()]
     return [f"  only the nearest places to the slice: {', '.join(at)}"] if at else []
-
-
-def describe_comparison(answer: Mapping[str, Any], words: str) -> str:
-    """Describe the answer of ``cartstiff compare``."""
-    unit = "" if answer["unit"] == "1" else f" {answer['unit']}"
-    lines = [
-        words,
-        *_slice(answer),
-        f"  {answer['places']} of {answer['of']} places have a number in both maps",
-        f"  smallest {number(answer['smallest'])}{unit}, {answer['mean_kind']} mean "
-        f"{number(answer['mean'])}{unit}, largest {number(answer['largest'])}{unit}",
-    ]
-    if (share := answer["first_is_better"]) is not None:
-        lines.append(f"  the first is better at {100 * share:.1f} % of them")
-    if answer["differs"]:
-        lines += ["What else differs", *(f"  {words}" for words in answer["differs"])]
-    return joined(lines)
 
 
 def map_section(
