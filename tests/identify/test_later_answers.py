@@ -34,7 +34,7 @@ def known(tmp_path_factory):
 
 def test_commands_along_a_path_leave_what_the_springs_leave(known):
     elastic = load(known)
-    path = compensate(elastic, np.array(PLACES[:2]), FORCE)
+    path = compensate(elastic, np.array(PLACES[:2]), FORCE, load_axes="world")
     # After compensation the tool is where it belongs, as well as the springs are known: other
     # springs under the same commands, by differences of equilibria.
     for q, deviation, rest in zip(PLACES, path.deviation, path.commands, strict=False):

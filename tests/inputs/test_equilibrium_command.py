@@ -21,6 +21,8 @@ MORE = {
     "history",
     "eigenvalues",
     "displacement",
+    "relaxation",
+    "displacement_by_load",
     "displacement_uncertainty",
     "elastic_wrench",
     "reactions",
@@ -80,7 +82,10 @@ def test_text_has_units(mechanism):
     assert lines[0].startswith("Equilibrium: stable, residual ")
     assert lines[1].endswith(f" N {length}")
     rows = {line.split()[0]: line for line in lines if line.startswith("  ")}
-    assert "Displacement of the body frame from the start to the equilibrium, axes of F" in text
+    # The paper's platform is no equilibrium without the wrench of its preload.
+    preloaded = mechanism == "stewart-gough"
+    part = "by the load, from that rest" if preloaded else "from the start to the equilibrium"
+    assert f"Displacement of the body frame {part}, axes of F" in text
     assert f" {length}\n" in text[text.index("  translation") :]
     assert " deg\n" in text[text.index("  rotation") :]
     if "Wrench that the springs balance" in text:
@@ -126,16 +131,54 @@ def test_a_moment_is_not_decided():
     assert "non-conservative" in _codes(data)
 
 
-def test_a_payload_weighs():
+def test_a_payload_acts_before_the_load():
+    """As the own weight, and as a payload of the file; its own sag is that of its weight as a load.
+
+    The note names the options for that.
+    """
     heavy = answer("equilibrium hexapod --payload 50,0.1,0,0.2")
-    W = np.array(heavy["elastic_wrench"])
+    assert heavy["displacement"] == [0.0] * 6
+    assert heavy["before_load"] == "balanced"
+    assert sum(part["mass"] for part in heavy["weighed"]) == 50.0
+    (note,) = [n["message"] for n in heavy["notes"] if n["code"] == "payload-before-load"]
+    sag = answer("equilibrium hexapod", note.partition("that of ")[2])
+    assert sag["displacement"][5] < 0
+    W = np.array(sag["elastic_wrench"])
     np.testing.assert_allclose(np.linalg.norm(W[3:]), 50 * 9.81, rtol=1e-9)
-    assert heavy["displacement"][5] < 0
-    assert heavy["stable"] is True
-    centred = answer("equilibrium hexapod --payload 50")
-    np.testing.assert_allclose(centred["elastic_wrench"][:3], 0, atol=1e-9)
-    both = answer("equilibrium hexapod --payload 50 --load 0,0,0,0,0,490.5 --world")
-    np.testing.assert_allclose(both["displacement"], 0, atol=1e-12)
+    all_of_it = answer("equilibrium hexapod --payload 50,0.1,0,0.2 --against-gravity 0,0,0")
+    np.testing.assert_allclose(all_of_it["displacement"], sag["displacement"], atol=1e-9)
+
+
+@pytest.mark.parametrize("options", ["", "--payload 12,0,0,-0.1"])
+def test_a_start_that_is_no_rest_has_two_displacements(tmp_path, options):
+    """The way to the rest before the load, and that by the load: each as of its own equilibrium."""
+    _needs("ur5")
+    joints = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+    rests = (0.3, -1.15, 1.42, -0.7, 0.9, 0.2)
+    file = tmp_path / "arm.yaml"
+    file.write_text(
+        "kind: serial\nmodel: ur5\nframe: tool0\ngravity: [0, 0, -9.81]\n"
+        "q: {shoulder_pan_joint: 0.3, shoulder_lift_joint: -1.1, elbow_joint: 1.4, "
+        "wrist_1_joint: -0.7, wrist_2_joint: 0.9, wrist_3_joint: 0.2}\nsprings:\n"
+        + "".join(
+            f"  {joint}_joint: {{stiffness: 2.0e+4, rest: {rest}}}\n"
+            for joint, rest in zip(joints, rests, strict=True)
+        ),
+        encoding="utf-8",
+    )
+    command = f"equilibrium {file} {options}"
+    alone, both = answer(command), answer(f"{command} --load 0,0,0,0,0,-100 --world")
+    assert both["before_load"] == "given"
+    poses = [np.array(data["pose"]) for data in (alone, both)]
+    np.testing.assert_allclose(both["relaxation"], alone["displacement"], rtol=0, atol=1e-9)
+    by_load = np.array(both["displacement_by_load"])
+    np.testing.assert_allclose(by_load[3:], (poses[1] - poses[0])[:3, 3], rtol=0, atol=1e-9)
+    assert np.linalg.norm(both["relaxation"][3:]) > 5 * np.linalg.norm(by_load[3:])
+    start = np.array(alone["pose"])[:3, 3] - alone["displacement"][3:]
+    np.testing.assert_allclose(both["displacement"][3:], poses[1][:3, 3] - start, atol=1e-9)
+    text = run(f"{command} --load 0,0,0,0,0,-100 --world")
+    assert "before the load, from the start to its rest" in text
+    assert "by the load, from that rest" in text
 
 
 def test_a_held_displacement_has_a_reaction():
@@ -291,16 +334,17 @@ def test_a_payload_without_gravity_weighs_alike_everywhere():
     """Each command assumes the earth's gravity, on the links too, and says so."""
     _write("path.csv", [(0.3, -1.1, 1.4, -0.7, 0.9, 0.2)])
     analysed = cartstiff.analyse(cartstiff.load("ur5", payload=3)).to_dict()
-    links = {part["name"]: part["mass"] for part in analysed["weighed"]} | {"payload": 0.0}
-    for more in ([], ["--curve", "1"], ["--path", "path.csv"]):
+    links = {part["name"]: part["mass"] for part in analysed["weighed"]}
+    assert links["payload"] == 3.0
+    push = ["--load", "0,0,0,0,0,-50"]
+    for more in ([], [*push, "--curve", "1"], [*push, "--path", "path.csv"]):
         found = answer("equilibrium ur5 --payload 3", *more)
         assert found["gravity"] == analysed["gravity"] == [0.0, 0.0, -9.81]
-        parts = {part["name"]: part["mass"] for part in found["weighed"]}
-        assert parts.pop("payload among the loads") == 3.0
-        assert parts == {name: mass for name, mass in links.items() if mass}
+        assert {part["name"]: part["mass"] for part in found["weighed"]} == links
+        assert found["before_load"] == analysed["before_load"] == "balanced"
         assert "gravity-assumed" in _codes(found)
         given = answer("equilibrium ur5 --payload 3 --gravity 0,0,-9.81", *more)
-        key = "commands" if more[:1] == ["--path"] else "displacement"
+        key = "commands" if "--path" in more else "displacement"
         assert found[key] == given[key]
     # Who says that there is none has none.
     assert answer("equilibrium ur5 --payload 3 --gravity 0,0,0")["displacement"] == [0.0] * 6
@@ -354,9 +398,10 @@ def test_sag_from_and_to_no_gravity_at_all():
             "--gravity 0,0,0 --against-gravity 0,0,-9.81",
         )
     )
-    plain = answer(f"{command} --gravity 0,0,-9.81")["displacement"]
+    load = "--load 0,0,0,0,0,-196.2 --world"  # the cubic platform itself has no mass
+    plain = answer(f"equilibrium cubic {load}")["displacement"]
     np.testing.assert_allclose(sag, plain, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(lift, -sag, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(lift, -sag, rtol=0, atol=1e-3 * np.abs(sag).max())
 
 
 def test_sag_is_the_difference_of_two_equilibria_of_springs_with_rests(tmp_path):

@@ -262,12 +262,60 @@ def test_coupled_joint_springs_give_the_target(n: int, heavy: bool) -> None:
     bare: ElasticMechanism = replace(result.elastic, springs=None).with_potential(made)
     back = cartstiff.analyse(bare, result.q)
     assert np.allclose(back.wrench, LOAD, rtol=1e-7, atol=1e-7)
-    assert np.allclose(back.B.matrix, target, rtol=0, atol=1e-9 * np.abs(target).max())
+    symmetric = 0.5 * (back.tangent + back.tangent.T)  # a dead moment has no symmetric tangent
+    assert found["connection"] == "load"
+    assert not found["is_symmetric"]
+    assert np.allclose(symmetric, target, rtol=0, atol=1e-9 * np.abs(target).max())
+
+
+@pytest.mark.parametrize("connection", [None, "load", "B", "K", "A", "F"])
+@pytest.mark.parametrize("kind", ["dead", "follower"])
+def test_a_target_is_the_matrix_of_the_connection(connection: str | None, kind: Any) -> None:
+    """K^load against finite differences of the joints' balance; the others against `analyse`."""
+    given = loaded_arm("RRPRRR", 3)
+    load = np.array([0.0, 0.0, 0.0, 20.0, -30.0, 40.0])
+    result = cartstiff.analyse(resting_arm(6), wrench=load, load_kind=kind)
+    F = np.random.default_rng(2).standard_normal((6, 9))
+    target = 1e3 * F @ F.T
+    answer = analyse_posture(result, connection=connection, target=target)
+    found = answer["synthesis"]["target"]
+    assert found["connection"] == answer["connection"] == (connection or "load")
+    K, torque = np.array(found["matrix"]), np.array(found["torque"])
+    springs = Tangent(result.q, torque, K)
+    made = cartstiff.analyse(
+        replace(result.elastic, springs=None).with_potential(springs), load_kind=kind
+    )
+    matrix = made.matrices[found["connection"]]
+    assert matrix is not None
+    assert 0.5 * (matrix + matrix.T) == pytest.approx(target, abs=1e-8 * np.abs(target).max())
+    assert found["is_symmetric"] == bool(np.allclose(matrix, matrix.T, atol=1e-6))
+    if found["connection"] != "load":
+        return
+
+    room = frame_pose(given.model, result.q, "tip")[:3, :3] @ load[3:]
+
+    def unbalanced(q: np.ndarray) -> np.ndarray:
+        R = frame_pose(given.model, q, "tip")[:3, :3]
+        force = R.T @ room if kind == "dead" else load[3:]
+        J = body_jacobian(given.model, q, "tip")
+        return np.asarray(torque + K @ (q - result.q) - J[3:].T @ force)
+
+    step, q = 1e-6, result.q
+    slopes = [(unbalanced(q + step * e) - unbalanced(q - step * e)) / (2 * step) for e in np.eye(6)]
+    inverse = np.linalg.inv(body_jacobian(given.model, q, "tip"))
+    tangent = inverse.T @ np.array(slopes).T @ inverse
+    assert 0.5 * (tangent + tangent.T) == pytest.approx(target, abs=1e-4)
+
+
+def test_a_redundant_arm_has_no_target_of_its_joints_chart() -> None:
+    found = analyse_posture(arm(8), connection="F", target=np.eye(6))
+    assert found["synthesis"]["target"] is None
+    assert "kf-undefined" in {n["code"] for n in found["notes"]}
 
 
 def test_independent_springs_are_found_again() -> None:
     result = arm(6)
-    found = analyse_posture(result, target=result.B.matrix)["synthesis"]["target"]
+    found = analyse_posture(result, connection="B", target=result.B.matrix)["synthesis"]["target"]
     assert found["is_feasible"]
     again = result.elastic.with_springs(found["diagonal_fit"]["stiffness"])
     back = cartstiff.analyse(again, result.q, wrench=LOAD)
@@ -276,7 +324,7 @@ def test_independent_springs_are_found_again() -> None:
 
 def test_leg_stiffnesses_are_found_again() -> None:
     result = cartstiff.analyse(cartstiff.load("stewart-gough"))
-    found = analyse_posture(result, target=result.B.matrix)["synthesis"]["target"]
+    found = analyse_posture(result, connection="B", target=result.B.matrix)["synthesis"]["target"]
     assert found["is_feasible"]
     assert found["diagonal_fit"]["stiffness"] == pytest.approx([10, 20, 30, 40, 50, 60])
     tension = result.elastic.springs.tensions(result.posture.lines.lengths)

@@ -51,7 +51,7 @@ def test_the_shares(arm, postures, winds, against, stated):
     if stated:
         springs = arm.springs.replaced(arm.springs.stiffness, arm.q)
         arm = replace(arm, springs=springs)
-    path = compensate(arm, postures, np.r_[0, 0, 0, FORCE], against=against)
+    path = compensate(arm, postures, np.r_[0, 0, 0, FORCE], load_axes="world", against=against)
     np.testing.assert_allclose(path.weight, weight, atol=1e-9)
     np.testing.assert_allclose(path.commands, postures + weight + pushed, atol=1e-9)
     own = weight if against == "all" else 0.0 * weight

@@ -72,8 +72,15 @@ def test_columns_by_name(seam, tmp_path):
     axes = tmp_path / "axes.csv"
     lines = ["x,y,z,ax,ay,az", *(",".join([*row[:3], "0", "0", "2"]) for row in rows)]
     axes.write_text("\n".join(lines), encoding="utf-8")
-    again = answer("path hexapod", axes, *LOAD, "--free-axis z", *QUICK)
+    again = answer("path hexapod", axes, *LOAD, "--world --free-axis z", *QUICK)
     assert again["values"] == pytest.approx(base["values"], rel=1e-9)
+    assert (base["load_axes"], again["load_axes"]) == ("path", "world")
+    lines = ["x,y,z,ax,ay,az,fx_world,fy_world,fz_world"]
+    lines += [",".join([*row[:3], "0", "0", "2", "50", "0", "-50"]) for row in rows]
+    axes.write_text("\n".join(lines), encoding="utf-8")
+    assert answer("path hexapod", axes, "--free-axis z", *QUICK)["values"] == again["values"]
+    text = run("path hexapod", axes, "--free-axis z", *QUICK)
+    assert "Loads along the axes of the room" in text
     twelve = tmp_path / "twelve.csv"
     lines = [",".join([*row, "0", "0", "0", "50", "0", "-50"]) for row in rows]
     twelve.write_text("\n".join(lines), encoding="utf-8")

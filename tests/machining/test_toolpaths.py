@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tests.machining import planar
 from tests.support import frame_pose, loaded_arm
 
@@ -381,10 +382,10 @@ def test_tool_axes_that_are_none(arguments, match):
         ToolPath.from_axes(*arguments)
 
 
-def test_loads_have_one_default_for_their_axes(tmp_path):
-    """The same poses by angles, by the tool's axis, and from a file: one deflection, J K^-1 J^T W.
+def test_loads_are_along_axes_that_the_user_knows(tmp_path):
+    """Full poses have their own axes; by the tool's axis alone the user names them.
 
-    The path turns, so that the force turns with it.
+    One deflection, J K^-1 J^T W. The path turns, so that a force along its axes turns with it.
     """
     turns = np.array([0.0, 0.25])
     p = np.array([[0.62, -0.1, 0.3], [0.62, 0.0, 0.3]])
@@ -392,29 +393,52 @@ def test_loads_have_one_default_for_their_axes(tmp_path):
     load = np.array([0.0, 0.0, 0.0, -80.0, 30.0, 40.0])
     arm = cartstiff.load("ur5").with_springs(2e4)
     along = np.column_stack([np.cos(turns), np.sin(turns), 0 * turns])
+    forces, moments = np.tile(load[3:], (2, 1)), np.zeros((2, 3))
     for name, heads, columns in (
-        ("angles", "x,y,z,roll,pitch,yaw", angles),
-        ("axes", "x,y,z,ax,ay,az", along),
+        ("angles", "x,y,z,roll,pitch,yaw", (angles,)),
+        ("axes", "x,y,z,ax,ay,az", (along,)),
+        ("named", "x,y,z,ax,ay,az,fx_world,fy_world,fz_world", (along, forces)),
+        ("unnamed", "x,y,z,ax,ay,az,fx,fy,fz", (along, forces)),
+        ("mixed", "x,y,z,ax,ay,az,fx_world,fy,fz_world", (along, forces)),
+        ("moments", "x,y,z,ax,ay,az,mx_base,my_base,mz_base", (along, moments)),
     ):
-        table = np.hstack([p, columns])
+        table = np.hstack([p, *columns])
         np.savetxt(tmp_path / f"{name}.csv", table, "%.17g", ",", header=heads, comments="")
-    asked = {"free": "x", "wrench": load, "direction": None, "axes": None, "factors": {}}
-    paths = [
-        ToolPath(se3.from_roll_pitch_yaw(p, angles), load),
-        ToolPath.from_axes(p, along, "x", wrenches=load),
-        read_path_file(tmp_path / "angles.csv", units=arm.units, **asked),
-        read_path_file(tmp_path / "axes.csv", units=arm.units, **asked),
-    ]
+    asked = {"free": "x", "direction": None, "factors": {}, "units": arm.units}
+
+    def read(name, wrench=None, axes=None):
+        return read_path_file(tmp_path / f"{name}.csv", wrench=wrench, axes=axes, **asked)
+
+    own = ToolPath(se3.from_roll_pitch_yaw(p, angles), load)
+    room = ToolPath.from_axes(p, along, "x", wrenches=load, axes="world")
+    paths = [own, read("angles", load), room, read("axes", load, "world"), read("named")]
+    assert [path.axes for path in paths] == ["path", "path", "world", "world", "world"]
     for path in paths:
-        assert path.axes == "path"
-        c, s = np.cos(0.25), np.sin(0.25)
-        assert path.wrench(1)[3:] == pytest.approx([-80 * c - 30 * s, 30 * c - 80 * s, 40.0])
+        turned = np.tile(load, (2, 1))
+        if path.axes == "path":
+            turned[1, 3:] = Rotation.from_euler("z", turns[1]).apply(load[3:])
+        assert path.wrench(1) == pytest.approx(turned[1])
         result = optimise_path(arm, path, samples=4)
-        for pose, q, value in zip(path.poses, result.q, result.values, strict=True):
+        assert result.to_dict()["load_axes"] == path.axes
+        for W, q, value in zip(turned, result.q, result.values, strict=True):
             R = np.kron(np.eye(2), arm.mechanism.at(q).pose[:3, :3])
             J = R @ arm.mechanism.at(q).motion.jacobian
-            turned = np.kron(np.eye(2), pose[:3, :3]) @ load
-            assert value == pytest.approx(np.linalg.norm((J @ J.T @ turned)[3:] / 2e4), rel=1e-9)
+            assert value == pytest.approx(np.linalg.norm((J @ J.T @ W)[3:] / 2e4), rel=1e-9)
+    with pytest.raises(InputError, match="axes of the wrenches are not known"):
+        ToolPath.from_axes(p, along, "x", wrenches=load)
+    with pytest.raises(InputError, match="axes of the directions are not known"):
+        ToolPath.from_axes(p, along, "x", directions=[0, 0, 1])
+    with pytest.raises(InputError, match=r"not known.*--world.*fx_world"):
+        read("axes", load)
+    with pytest.raises(InputError, match="not known"):
+        read("unnamed")
+    with pytest.raises(InputError, match=r"different axes.*fx_world, fy, fz_world"):
+        read("mixed")
+    with pytest.raises(InputError, match="name other axes; expected body, got world"):
+        read("named", axes="body")
+    assert read("moments").wrenches is not None
+    drill = [0.0, 0.0, 0.0, -80.0, 0.0, 0.0]  # along the tool's axis, which is known
+    assert read("axes", drill).wrench(1)[3:] == pytest.approx(-80.0 * along[1])
 
 
 def test_loads_along_the_axes_of_the_robots_base(tmp_path):

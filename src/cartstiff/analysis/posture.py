@@ -37,6 +37,7 @@ from cartstiff.analysis.ellipsoids import (
 from cartstiff.analysis.indices import best_conditioned_length, indices_of
 from cartstiff.analysis.matrices import (
     as_symmetric,
+    definiteness,
     invert,
     move_compliance,
     move_stiffness,
@@ -115,7 +116,9 @@ def deflection_section(
     found = deflection_found(r, name, added, acts_at, point, notes)
     if found is None:
         return None
+    given = "load" if r._load_is_given else "preload"
     return {
+        "by": given if added is None else "added load",
         **plain(found.whole),
         "wrench": found.added,
         "wrench_about_origin": found.whole.wrench,
@@ -243,11 +246,22 @@ def _of_springs(
     return {"kind": "springs", "shares": rows, "load_share": parts.load_share}
 
 
-def target_section(r: PostureStiffness, target: ArrayLike) -> dict[str, Any]:
-    """Joint or leg stiffness for a desired K^B in M under the present load."""
-    K, W = as_symmetric(target, "target stiffness"), r.wrench
+def target_section(
+    r: PostureStiffness, target: ArrayLike, connection: str | None = None
+) -> dict[str, Any]:
+    """Joint or leg stiffness for a desired stiffness in M under the present load.
+
+    ``K^X - K^B`` depends on the load alone, so that the springs must produce ``K^B = K - sym(K^X -
+    K^B)`` for a desired symmetric part K of K^X.
+    """
+    desired, W = as_symmetric(target, "target stiffness"), r.wrench
     if W is None:
         raise UndefinedError("no load balances this posture", code="unbalanced")
+    name, _ = _matrices(r, r.at(), connection)
+    if name == "F":
+        r.tensor("F")  # refuses where there is none
+    change = change_from_symmetric(r, name)
+    K = desired - 0.5 * (change + change.T)
     posture, springs = r.posture, r.elastic.springs
     n = posture.motion.jacobian.shape[1]
     gradient, hessian = np.zeros(n), np.zeros((n, n))
@@ -279,7 +293,16 @@ def target_section(r: PostureStiffness, target: ArrayLike) -> dict[str, Any]:
             code="kf-undefined",
         )
     answer: dict[str, Any] = {"joints": names, "are_lengths": lengths, **plain(joint_springs)}
-    return answer | {"desired": K, "torque": torque}
+    if (fit := answer["diagonal_fit"]) is not None and fit["cartesian"] is not None:
+        fit["cartesian"] = np.array(fit["cartesian"]) + change
+    antisymmetric = numerics.asymmetry(change) > 0.0
+    answer |= {"connection": name, "is_symmetric": not antisymmetric}
+    # The tangent under the load decides stability, whichever matrix was asked for.
+    tangent = K + 0.5 * (r.change_by_load + r.change_by_load.T)
+    root = np.sqrt(np.abs(np.diag(tangent)))
+    definite = root.all() and definiteness(np.linalg.eigvalsh(tangent / np.outer(root, root)))
+    answer["stable"] = definite == "positive"
+    return answer | {"desired": desired, "torque": torque}
 
 
 _PREFERRED = ("B", "K", "F", "A", "+")
@@ -588,7 +611,8 @@ def analyse_posture(
     load_at : array_like, shape (3,), optional
         Point of the body, in M, at which that wrench acts; default the point that is analysed.
     target : array_like, shape (6, 6), optional
-        Desired K^B in M, for which joint (or leg) stiffnesses are given.
+        Desired symmetric part of the analysed matrix (see `connection`) in M, for which joint (or
+        leg) stiffnesses are given.
     tolerances : Tolerances, optional
         Standard deviations: relative of every spring stiffness, absolute of every length and
         rotation [rad] of the geometry. Without them those of measured springs count, where the
@@ -662,7 +686,9 @@ def analyse_posture(
         )
     answer, notes = sections(result, springs)
     if target is not None:
-        found = notes.attempt("joint stiffness for the target", target_section, result, target)
+        found = notes.attempt(
+            "joint stiffness for the target", target_section, result, target, connection
+        )
         answer["synthesis"] = {**(answer["synthesis"] or {}), "target": plain(found)}
     answer["uncertainty"] = None
     if tolerances is not None or result.elastic.identified is not None:

@@ -49,7 +49,8 @@ class Analysis(Reading):
     samples : N
     target : FILE
         Desired stiffness (6x6, symmetric, body frame; .json, .csv or .npy): the joint stiffness
-        that produces it under the load. A .json may name its order, units and frame.
+        that produces it under the load, as the matrix of --connection. A .json may name its order,
+        units and frame.
     target_order
         Order of the target's rows and columns; default what its file says, else angular-linear
         (rotation before translation).
@@ -100,6 +101,14 @@ class Analysis(Reading):
                 return components
             return (np.reshape(components, (-1, 3)) @ result.pose[:3, :3]).ravel()
 
+        connection, own = self.connection, self.wanted and self.wanted.connection
+        if own and connection not in (None, own):
+            raise InputError(
+                "the target's file names another matrix",
+                where="--connection",
+                expected=own,
+                got=connection,
+            )
         mass = inertia = tolerances = None
         if self.tolerance is not None:
             from cartstiff.analysis.tolerances import Tolerances
@@ -119,7 +128,7 @@ class Analysis(Reading):
             try:
                 answer = analyse_posture(
                     result,
-                    connection=self.connection,
+                    connection=connection or own,
                     length=self.length,
                     mass=mass,
                     inertia=inertia,

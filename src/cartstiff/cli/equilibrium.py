@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -20,7 +19,6 @@ from cartstiff.cli.options import (
     declared,
 )
 from cartstiff.cli.output import say_unused
-from cartstiff.cli.tables import WRENCH
 from cartstiff.errors import InputError
 from cartstiff.notes import Note
 
@@ -32,6 +30,7 @@ _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
     api=(
         "statics/continuation.py load_curve curve=to",
         "statics/toolpath.py compensate",
+        "statics/equilibrium.py equilibrium",
     ),
     needs={
         "world": "load hold path",
@@ -78,10 +77,11 @@ def command(
 ) -> None:
     """Where MECHANISM comes to rest under a load, whether it is stable, and its stiffness there.
 
-    Without the load the mechanism is at rest at the posture: springs without a rest position carry
-    its weight there. The displacement counts from this posture. A dead load keeps its direction in
-    the room while the body moves. A dead moment has no energy; then stability depends on the
-    masses.
+    Before the load the mechanism carries its weight and the payload. Springs without a rest
+    position balance them at the posture, and the displacement counts from there. With given rest
+    positions the mechanism first moves from the posture to its rest; the displacement by the load
+    counts from that rest. A dead load keeps its direction in the room while the body moves. A dead
+    moment has no energy; then stability depends on the masses.
 
     Parameters
     ----------
@@ -101,12 +101,10 @@ def command(
     no_limits
         Ignore joint and leg limits.
     path : FILE.csv
-        Compensate along a path: one posture a line, or posture and wrench (as for --load, in the
-        axes of the body at that posture), under a line of names if wanted. The answer has the
-        commands that put the loaded body there.
-    against_gravity
-        Gravity at the start, in F [m/s^2]. Under it the mechanism is at rest at the posture; the
-        displacement is that from there to the rest under the gravity of --gravity or the file.
+        Compensate along a path: one posture a line, or posture and wrench, under a line of names if
+        wanted. A wrench is in the axes of the body at that posture, as for --load, of the room with
+        --world, or in those that its columns name (fx_world); fx,fy,fz are enough. The answer has
+        the commands that put the loaded body there.
 
     Examples
     --------
@@ -114,7 +112,7 @@ def command(
     cartstiff equilibrium stewart-gough --load 0,0,0,0,0,-50 --world --json
     cartstiff equilibrium ur5 --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1
     cartstiff equilibrium ur5 --load 0,0,5,0,0,-100 --load-kind follower
-    cartstiff equilibrium panda --payload 3,0,0,0.1
+    cartstiff equilibrium panda --payload 3,0,0,0.1 --load 0,0,0,0,0,-50 --world
     cartstiff equilibrium stewart-gough --load 0,0,0,0,0,-50 --tolerance 0.05,0.01
     cartstiff equilibrium cubic --payload 20 --gravity 0,-9.81,0 --against-gravity 0,0,-9.81
     cartstiff equilibrium ur5 --hold z=-0.002
@@ -124,30 +122,12 @@ def command(
     """
     if follower:
         load = replace(load, load_kind="follower")
-    # A payload is a load here: it deflects the mechanism, which is at rest without it.
-    bare, hung = replace(robot, payload=None), robot.payload
-    elastic, q = bare.load()
+    elastic, q = robot.load()
 
-    from cartstiff.mechanisms.elastic import with_default_gravity
     from cartstiff.statics.command import commanded
-    from cartstiff.statics.held import Held
-    from cartstiff.stiffness.applied_load import LoadKind
 
-    def weighing(elastic: Any) -> Any:
-        """Return the mechanism with the gravity that acts on its payload."""
-        weighs = hung and (robot.gravity is None or any(robot.gravity))
-        return with_default_gravity(elastic, hung[0]) if hung and weighs else elastic
-
-    elastic, posture = weighing(elastic).placed(q, "--q")
+    elastic, posture = elastic.placed(q, "--q")
     q = posture.q
-    weight = _weight(elastic, hung)
-    kind = LoadKind(load.load_kind, load.manner["load_at"])
-
-    def loads_at(q: Any, wrench: Any) -> tuple[Any, ...]:
-        """Return the loads on a body that shall be at q."""
-        if wrench is None:
-            return weight
-        return (kind.acting(wrench, elastic.mechanism.at(q).pose, load.axes), *weight)
 
     def moved(elastic: Any) -> tuple[Any, Any]:
         """Return the mechanism and its posture after the drives have moved."""
@@ -156,42 +136,42 @@ def command(
         )
 
     elastic, start = moved(elastic)
-    held = None if hold is None else Held(hold, axes=load.axes)
     if path is not None:
-        _compensate(elastic, path, load, loads_at, against, out)
+        _compensate(elastic, path, load, against, out)
         return
-    loads = loads_at(start, load.load)
+    acting: dict[str, Any] = {} if load.load is None else load.keywords
+    if hold is not None:
+        from cartstiff.statics.held import Held
+
+        acting["held"] = Held(hold, axes=load.axes)
     if curve is None:
         from cartstiff.report.statics import describe_equilibrium
         from cartstiff.statics.equilibrium import equilibrium
 
-        if against_gravity is not None:
-            if elastic.gravity is None and robot.gravity is None:
-                raise InputError(
-                    "there is no other gravity to compare with",
-                    where="--against-gravity",
-                    expected="--gravity as well, or gravity in the file",
-                )
-            first = elastic.with_gravity(against_gravity, where="--against-gravity")
-            under = (*loads[: len(loads) - len(weight)], *_weight(first, hung))
-            before = equilibrium(first, start, *under, limits=not no_limits)
-            elastic = weighing(before.elastic.with_gravity(elastic.gravity)).with_notes(
-                _reference_note(before, against_gravity),
-                *(n for n in before.notes if n.code == "unstable-start"),
+        if against_gravity is not None and elastic.gravity is None and robot.gravity is None:
+            raise InputError(
+                "there is no other gravity to compare with",
+                where="--against-gravity",
+                expected="--gravity as well, or gravity in the file",
             )
-            start = before.q
-        state = equilibrium(elastic, start, *loads, held=held, limits=not no_limits)
+        state = equilibrium(
+            elastic, start, against_gravity=against_gravity, limits=not no_limits, **acting
+        )
+        if not acting and against_gravity is None:
+            state = _with_payload_noted(state, robot.payload)
         data = state.to_dict()
-        more = parameters.add(state, bare, data, lambda e: moved(weighing(e))[0])
+        more = parameters.add(state, robot, data, lambda e: moved(e)[0])
         out.show(data, elastic.name, lambda: "\n".join([describe_equilibrium(state), *more]))
         return
-    if not loads:
-        raise InputError("a curve needs a load", expected="--load or --payload")
+    if load.load is None:
+        options = _as_load(elastic, robot.payload)
+        expected = f"--load; the payload's own weight is {options}" if options else "--load"
+        raise InputError("a curve needs a load", expected=expected)
 
     from cartstiff.report.statics import describe_curve
     from cartstiff.statics.continuation import load_curve
 
-    result = load_curve(elastic, start, *loads, to=curve, held=held)
+    result = load_curve(elastic, start, to=curve, **acting)
     out.show(
         result.to_dict(),
         elastic.name,
@@ -201,64 +181,78 @@ def command(
     )
 
 
-def _reference_note(before: Any, gravity: list[float]) -> Note:
-    """Note that displacements count from an equilibrium under another gravity."""
-    place = before.posture.pose[:3, 3].tolist()
-    shown = [", ".join(f"{x:.6g}" for x in row) for row in (gravity, place)]
-    words = (
-        f"the displacement counts from the rest under gravity ({shown[0]}) m/s^2, with the body "
-        f"frame at ({shown[1]})"
+def _as_load(elastic: Any, payload: list[float] | None) -> str:
+    """The options that make a load of a payload's weight; empty without one."""
+    if payload is None or elastic.gravity is None or not elastic.gravity.any():
+        return ""
+    weight = ",".join(f"{w:g}" for w in payload[0] / elastic.units.newtons * elastic.gravity)
+    at = ",".join(f"{x:g}" for x in payload[1:])
+    return f"--load 0,0,0,{weight} --world" + (f" --load-at {at}" if at else "")
+
+
+def _with_payload_noted(state: Any, payload: list[float] | None) -> Any:
+    """Add a note if a payload was given that moves nothing, as the springs balance it."""
+    options = _as_load(state.elastic, payload)
+    if not options or state.iterations:
+        return state
+    message = (
+        "the payload acts before the load, as the own weight does, and the springs balance both at "
+        f"the posture; its own sag is that of {options}"
     )
-    return Note("against-gravity", words, {"gravity": gravity, "q": before.q.tolist()})
-
-
-def _weight(elastic: Any, numbers: list[float] | None) -> tuple[Any, ...]:
-    """Return the load of --payload."""
-    from cartstiff.potentials.loads import payload
-
-    if numbers is None:
-        return ()
-    gravity = (0.0, 0.0, 0.0) if elastic.gravity is None else elastic.gravity
-    mass = numbers[0] / elastic.units.newtons  # weights are in the unit of force
-    return (payload(mass, gravity, numbers[1:] or (0.0, 0.0, 0.0)),)
+    note = Note("payload-before-load", message, {"payload": payload})
+    return replace(state, _own_notes=(*state._own_notes, note))
 
 
 def _compensate(
-    elastic: Any,
-    path: Path,
-    load: Load,
-    loads_at: Callable[[Any, Any], tuple[Any, ...]],
-    against: Literal["load", "all"] | None,
-    out: Output,
+    elastic: Any, path: Path, load: Load, against: Literal["load", "all"] | None, out: Output
 ) -> None:
-    from cartstiff.loading.tables import read_rows
+    from cartstiff.cli.tables import one_of_axes, wrench_columns
+    from cartstiff.loading.tables import FORCE, MOMENT, WRENCH, along_axes, read_rows
     from cartstiff.report.statics import describe_path
     from cartstiff.statics.toolpath import compensate
 
-    mechanism, wrench = elastic.mechanism, load.load
+    mechanism, wrench, axes = elastic.mechanism, load.load, None
     rows = read_rows(
         path, "postures", units=elastic.units, factors=column_factors(elastic), joints=elastic.names
     )
     joints = dict.fromkeys((elastic.names, mechanism.joint_names))
-    columns, table, unused = rows.arranged(*joints, *((*own, *WRENCH) for own in joints))
+    parts = [WRENCH]
+    if rows.names is not None:
+        names, axes = along_axes(rows.names, rows.place)
+        rows, parts = rows._replace(names=names), [WRENCH, FORCE, MOMENT]
+    columns, table, unused = rows.arranged(
+        *joints, *((*own, *part) for own in joints for part in parts)
+    )
     say_unused(path, unused)
-    n = len(columns) if columns in joints else len(columns) - len(WRENCH)
-    postures, wrenches = mechanism.undeflected(table[:, :n]), [wrench] * len(table)
-    if table.shape[1] > n:
-        if wrench is not None:
-            raise InputError("give wrenches by --load or in the path file, not both")
-        wrenches = list(table[:, n:])
-    if wrenches[0] is None and (load.load_at is not None or load.load_kind != "dead"):
-        name = "--load-kind" if load.load_at is None else "--load-at"
-        raise InputError("is for --load", where=name)
-    loads = [list(loads_at(q, w)) for q, w in zip(postures, wrenches, strict=True)]
-    if not loads[0] and against != "all":
-        raise InputError(
-            "a path needs a load",
-            where="--path",
-            expected="--load, --payload, six more columns in the file, or --against all",
+    by_name = dict(zip(columns, table.T, strict=True))
+    own = next(own for own in joints if set(own) <= set(columns) and own == columns[: len(own)])
+    wrenches = wrench_columns({n: by_name[n] for n in columns[len(own) :]})
+    if wrenches is not None and wrench is not None:
+        raise InputError("give wrenches by --load or in the path file, not both")
+    wrenches = wrench if wrenches is None else wrenches
+    if wrenches is None:
+        for name, is_given in (
+            ("--load-at", load.load_at),
+            ("--load-kind", load.load_kind != "dead"),
+        ):
+            if is_given:
+                raise InputError("is for --load", where=name)
+        if against == "load" or (against is None and elastic.before_load != "given"):
+            raise InputError(
+                "a path needs a load",
+                where="--path",
+                expected="--load, columns fx,fy,fz in the file, or --against all",
+            )
+        result = compensate(elastic, mechanism.undeflected(table), against=against)
+    else:
+        named = one_of_axes("world" if load.world else None, axes, rows.place) or "body"
+        if named == "base":
+            R = mechanism.base_pose[:3, :3]
+            wrenches, named = (wrenches.reshape(-1, 3) @ R.T).reshape(-1, 6), "world"
+        postures = mechanism.undeflected(table[:, : len(own)])
+        result = compensate(
+            elastic, postures, wrenches, load_axes=named, against=against, **load.manner
         )
-    result = compensate(elastic, postures, loads, against=against)
     out.show(
         result.to_dict(),
         elastic.name,

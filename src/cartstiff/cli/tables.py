@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from cartstiff.choices import LARGEST_INPUT, ORDERS, Axes
 from cartstiff.cli.options import given_length
 from cartstiff.errors import InputError, check_name, one_line
+from cartstiff.matrix_names import LETTERS
 
 if TYPE_CHECKING:
     from cartstiff.mechanisms.contract import Mechanism, Units
@@ -49,6 +51,8 @@ class Target:
         Name of the frame that the file is for.
     where : str
         For messages.
+    connection : str or None
+        Letter of the matrix, where a saved `StiffnessTensor` names it.
     """
 
     matrix: Any
@@ -57,6 +61,7 @@ class Target:
     units: tuple[str, str] | None
     frame: str | None
     where: str
+    connection: str | None = None
 
     def in_units_of(self, mechanism: Mechanism) -> Any:
         """Return the matrix in its own order, in the units of the mechanism.
@@ -165,7 +170,9 @@ def read_target(path: Path, order: str | None, option: str = "--target") -> Targ
             text = data.decode()
             # The comment that our own files begin with names the order.
             named = [o for o in ORDERS if f"order {o}" in text.partition("\n")[0]]
+            head = re.match(r"# K\^(load|[ABFK+])\b", text)
             fields = {"order": named[0]} if text.startswith("#") and named else {}
+            fields |= {"connection": {"name": head[1]}} if head else {}
             content = read_rows(path, "rows", _LARGEST).values
         else:
             content = json.loads(data)
@@ -204,7 +211,14 @@ def read_target(path: Path, order: str | None, option: str = "--target") -> Targ
         _units(fields.get("units"), where),
         _frame(fields.get("frame"), where),
         where,
+        _connection(fields.get("connection")),
     )
+
+
+def _connection(connection: Any) -> str | None:
+    """The letter of a saved tensor's connection; None for one without a letter."""
+    name = connection.get("name") if isinstance(connection, dict) else None
+    return name if name in LETTERS else None
 
 
 def _check_keys(fields: dict[str, Any], where: str) -> None:
@@ -253,9 +267,6 @@ def _frame(frame: Any, where: str) -> str | None:
 _POSITION = ("x", "y", "z")
 _ANGLES = ("roll", "pitch", "yaw")
 _AXIS = ("ax", "ay", "az")
-WRENCH = ("mx", "my", "mz", "fx", "fy", "fz")
-_DIRECTION = ("dx", "dy", "dz")
-_GROUPS = (_POSITION, _ANGLES, _AXIS, WRENCH, _DIRECTION)
 
 
 def read_path_file(
@@ -273,8 +284,9 @@ def read_path_file(
 
     The first line may name the columns, with units (``x [mm]``, ``yaw [deg]``): x, y, z with roll,
     pitch, yaw (about fixed axes) or with ax, ay, az (the tool's axis), and optionally mx, my, mz,
-    fx, fy, fz (wrench) and dx, dy, dz (direction). Without names the columns are x, y, z, roll,
-    pitch, yaw, and a wrench if there are twelve. Lines that start with # are ignored.
+    fx, fy, fz (wrench, of which one half may be missing) and dx, dy, dz (direction). These may name
+    their axes, as fx_world, fx_base, fx_body. Without names the columns are x, y, z, roll, pitch,
+    yaw, and a wrench if there are twelve. Lines that start with # are ignored.
 
     Parameters
     ----------
@@ -301,7 +313,7 @@ def read_path_file(
     import numpy as np
 
     from cartstiff.geometry import se3
-    from cartstiff.loading.tables import read_rows
+    from cartstiff.loading.tables import DIRECTION, WRENCH, along_axes, read_rows
     from cartstiff.mechanisms.contract import ANGLES, SI
     from cartstiff.toolpaths.tool_path import ToolPath
 
@@ -312,14 +324,16 @@ def read_path_file(
     if rows.names is None:
         names, values, _ = rows.arranged((*_POSITION, *_ANGLES), (*_POSITION, *_ANGLES, *WRENCH))
     else:
-        names, values = tuple(name.lower() for name in rows.names), rows.values
+        lower, values = tuple(name.lower() for name in rows.names), rows.values
+        names, own = along_axes(lower, rows.place)
         _check_names(names, rows.place)
+        axes = one_of_axes(axes, own, rows.place)
     table = dict(zip(names, values.T, strict=True))
 
     def columns(group: tuple[str, ...]) -> Any:
         return np.column_stack([table[n] for n in group]) if group[0] in table else None
 
-    wrenches, directions = columns(WRENCH), columns(_DIRECTION)
+    wrenches, directions = wrench_columns(table), columns(DIRECTION)
     for option, value, column in (
         ("--load", wrench, wrenches),
         ("--direction", direction, directions),
@@ -356,13 +370,36 @@ def read_path_file(
         raise error.at(where) from None
 
 
+def wrench_columns(table: Mapping[str, Any]) -> Any:
+    """Wrenches (m, 6) of a table's columns by name, None without any; a missing half is zero."""
+    import numpy as np
+
+    from cartstiff.loading.tables import WRENCH
+
+    there = [name for name in WRENCH if name in table]
+    if not there:
+        return None
+    zero = np.zeros(len(table[there[0]]))
+    return np.column_stack([table.get(name, zero) for name in WRENCH])
+
+
+def one_of_axes(option: Axes | None, named: Axes | None, place: str) -> Axes | None:
+    """Axes of loads by an option or by the columns' names; refused if they differ."""
+    if option is not None and named is not None and option != named:
+        raise InputError("the columns name other axes", where=place, expected=option, got=named)
+    return named or option
+
+
 def _check_names(names: tuple[str, ...], where: str) -> None:
-    known = [name for group in _GROUPS for name in group]
+    from cartstiff.loading.tables import DIRECTION, FORCE, MOMENT
+
+    groups = (_POSITION, _ANGLES, _AXIS, MOMENT, FORCE, DIRECTION)
+    known = [name for group in groups for name in group]
     for name in names:
         check_name("column", name, known, where)
         if names.count(name) > 1:
             raise InputError("column named twice", where=where, got=repr(name))
-    for group in _GROUPS:
+    for group in groups:
         if 0 < len(set(group) & set(names)) < len(group):
             raise InputError("columns are missing", where=where, expected=", ".join(group))
     if "x" not in names or ("roll" in names) == ("ax" in names):

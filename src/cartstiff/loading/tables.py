@@ -13,11 +13,12 @@ from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
 
 from cartstiff.arrays import Array, unsafe_cell
+from cartstiff.choices import AXES, Axes
 from cartstiff.errors import InputError, one_line
 from cartstiff.loading.yaml_file import LARGEST, read_bytes, read_text
 from cartstiff.mechanisms.contract import (
@@ -89,6 +90,39 @@ class Rows(NamedTuple):
         shapes = dict.fromkeys(f"{len(layout)} numbers ({', '.join(layout)})" for layout in layouts)
         expected = ", or ".join(shapes)
         raise InputError("wrong count", where=self.place, expected=expected, got=str(width))
+
+
+MOMENT, FORCE, DIRECTION = ("mx", "my", "mz"), ("fx", "fy", "fz"), ("dx", "dy", "dz")
+WRENCH = (*MOMENT, *FORCE)
+_ALONG = re.compile(rf"([mfd][xyz])_({'|'.join(AXES)})")
+
+
+def along_axes(names: tuple[str, ...], place: str) -> tuple[tuple[str, ...], Axes | None]:
+    """Names of columns without the axes that loads and directions name, as ``fx_world``; the axes.
+
+    Raises
+    ------
+    InputError
+        If two of them name other axes, or only some name them.
+    """
+    named = [_ALONG.fullmatch(name) for name in names]
+    bare = tuple(m[1] if m else name for m, name in zip(named, names, strict=True))
+    axes = {
+        m[2] if m else None
+        for m, name in zip(named, bare, strict=True)
+        if name in (*WRENCH, *DIRECTION)
+    }
+    if len(axes) > 1:
+        raise InputError(
+            "loads and directions are along different axes",
+            where=place,
+            expected="the same axes for all",
+            got=", ".join(
+                n for n, b in zip(names, bare, strict=True) if b in (*WRENCH, *DIRECTION)
+            ),
+        )
+    _refuse_twice(bare, place)
+    return bare, cast("Axes | None", next(iter(axes), None))
 
 
 class Cells(NamedTuple):

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -151,6 +151,14 @@ def spring_torques(
     return gradient
 
 
+# How the springs take the weight before any load, in words.
+_BEFORE_LOAD = {
+    "balanced": "before the load the springs balance it at the posture",
+    "given": "before the load it acts on the springs' given rest positions",
+    "partly": "before the load springs without a rest position balance it at the posture",
+}
+
+
 @dataclass(frozen=True)
 class GravityLoads:
     """Gravity, and the masses on which it acts.
@@ -168,6 +176,8 @@ class GravityLoads:
         Mass [kg] of the payloads among the loads, and their weight, which the loads contain.
     unit : str
         The mechanism's unit of force.
+    before : {"balanced", "given", "partly"} or None
+        State before any load, see `ElasticMechanism.before_load`.
     """
 
     acceleration: tuple[float, ...] | None
@@ -176,15 +186,17 @@ class GravityLoads:
     payload: float
     weight: float
     unit: str
+    before: Literal["balanced", "given", "partly"] | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON: keys "gravity" and "weighed"."""
+        """Plain data for JSON: keys "gravity", "weighed" and "before_load"."""
         parts = [{"name": name, "mass": mass} for name, mass in self.bodies.items()]
         if self.payload:
             parts.append({"name": "payload among the loads", "mass": self.payload})
         return {
             "gravity": None if self.acceleration is None else list(self.acceleration),
             "weighed": parts,
+            "before_load": self.before,
         }
 
     @property
@@ -197,6 +209,7 @@ class GravityLoads:
             each = ", ".join(f"{name} {mass:.6g}" for name, mass in self.bodies.items())
             total = sum(self.bodies.values())
             words = f"Gravity: ({field}) on {total:.6g} kg" + (f" ({each})" if each else "")
+            words += f"; {_BEFORE_LOAD[self.before]}" if self.before and total else ""
         if self.payload:
             words += f"; load: payload of {self.payload:.6g} kg, {self.weight:.6g} {self.unit}"
         return words
@@ -228,7 +241,8 @@ def gravity_loads(elastic: ElasticMechanism, loads: Sequence[Potential] = ()) ->
     masses = {} if field is None else elastic.mechanism.masses()
     bodies = {name: mass for name, mass in masses.items() if mass > 0.0}
     massless = without_mass(elastic.mechanism, masses)
-    return GravityLoads(field, bodies, massless, payload, weight, elastic.units.force)
+    unit = elastic.units.force
+    return GravityLoads(field, bodies, massless, payload, weight, unit, elastic.before_load)
 
 
 def with_default_gravity(elastic: ElasticMechanism, hung: float) -> ElasticMechanism:
@@ -691,6 +705,20 @@ class ElasticMechanism(ShownInLines):
         if self.springs is None:
             return True
         return bool(np.any((self.springs.stiffness > 0.0) & ~np.isnan(self.springs.rest)))
+
+    @property
+    def before_load(self) -> Literal["balanced", "given", "partly"] | None:
+        """What the mechanism carries before any load, the same for every question.
+
+        That is its own weight and the payload, of the file or of an option. Springs without a rest
+        position balance both at the posture ("balanced"), as after a program was taught there. Rest
+        positions that are given decide themselves where it comes to rest ("given"); "partly" is
+        both. None without springs.
+        """
+        if self.springs is None or not (may := self.springs.rest_is_free(every=True)).any():
+            return None
+        free = self.springs.rest_is_free()[may]
+        return "balanced" if free.all() else "partly" if free.any() else "given"
 
     def parted_terms(self) -> tuple[list[Potential], list[Potential]]:
         """Return the potentials of the mechanism's own parts, and gravity and loads."""

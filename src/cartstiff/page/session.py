@@ -22,7 +22,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.following import Follower
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
-from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.page.messages import (
     Analysis,
@@ -275,7 +275,7 @@ class Session:
         """Its numbers; "q" is where the sliders are, see `before_load`."""
         numbers = shown_numbers(result, state) | {"q": self.before_load(result, state).tolist()}
         if state.gravity is not None or state.payload is not None:
-            numbers["weighed"] = gravity_loads(result.elastic).text
+            numbers["weighed"] = result.weighed.text
         return numbers
 
     def changed(self, state: ViewState) -> ElasticMechanism:

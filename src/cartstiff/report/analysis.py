@@ -18,7 +18,7 @@ from cartstiff.errors import check_name, joined, listed
 from cartstiff.geometry import se3
 from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.contract import SI, Units, engineering
-from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import beyond_limits
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.springs import CoupledSprings
@@ -86,7 +86,7 @@ def describe(
         "",
     ]
     lines += load_lines(result, at_rest)
-    lines.append(gravity_loads(elastic).text)
+    lines.append(result.weighed.text)
     if np.isfinite(result.stored_energy):
         lines.append(f"  energy stored in the springs {result.stored_energy:.6g} {units.moment}")
     outside = _potential_of_loads(result)
@@ -316,8 +316,15 @@ def answer_lines(summary: Mapping[str, Any], elastic: ElasticMechanism) -> list[
     if moved := resisted_deflection(summary):
         size = engineering(math.hypot(*moved["displacement"]), units.length)
         what = "This point" if any(moved["point"]) else "The body frame"
-        moves = f"  {what} moves {size} under the load (linear, K^{moved['connection']})"
-        lines.append("; ".join([moves, *largest_share(moved, elastic)]))
+        linear = f"(linear, K^{moved['connection']})"
+        if moved["by"] == "preload":
+            lines += [
+                "  No load is given: the springs need the wrench below to hold the body here;",
+                f"  {what.lower()} moves {size} when that is taken away {linear}",
+            ]
+        else:
+            moves = f"  {what} moves {size} under the {moved['by']} {linear}"
+            lines.append("; ".join([moves, *largest_share(moved, elastic)]))
     elif (found := summary.get("deflection")) and not any(found["twist"]):
         lines.append("  The load moves nothing: the structure carries it")
     lines += _softest(summary, units)
@@ -646,7 +653,11 @@ def target_lines(t: Section, u: Units, full: bool) -> list[str]:
     order = ""
     if "order" in t:
         order = f" ({t['order']} by {t['order_from'].replace('file', 'its file')})"
-    lines = ["", f"joint stiffness for the target{order}"]
+    lines = ["", f"joint stiffness for the target K^{t['connection']}{order}"]
+    if not t["is_symmetric"]:
+        lines.append(
+            f"  the load adds an antisymmetric part to K^{t['connection']}, whatever springs"
+        )
     unit = [u.spring(s) for s in t["are_lengths"]]
     fit = t["diagonal_fit"]
     if t["is_feasible"]:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cartstiff.choices import AXES_WORDS
 from cartstiff.errors import joined
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import gravity_loads
@@ -18,6 +20,7 @@ from cartstiff.report.analysis import describe
 from cartstiff.report.layout import body_frame, number, row, table, wide_row
 
 if TYPE_CHECKING:
+    from cartstiff.geometry.se3 import Array
     from cartstiff.statics.continuation import LoadCurve
     from cartstiff.statics.rest import Equilibrium
     from cartstiff.statics.toolpath import CompensatedPath
@@ -42,16 +45,14 @@ def _sizes(posture: MechanismPosture) -> tuple[float, float]:
 
 def describe_equilibrium(state: Equilibrium) -> str:
     """Describe an equilibrium, and its stiffness with the loads included."""
-    units, (turn, length) = state.elastic.units, _sizes(state.posture)
+    units = state.elastic.units
     lines = [
         f"Equilibrium: {_STABLE[state.stable]}, residual {state.residual:.2g} (relative) after "
         f"{state.iterations} step(s)",
         _softest(state),
         *(f"  {line}" for line in beyond_limits(state.notes)),
         "",
-        "Displacement of the body frame from the start to the equilibrium, axes of F",
-        f"  rotation     {wide_row(np.degrees(state.displacement[:3]), np.degrees(turn))} deg",
-        f"  translation  {wide_row(state.displacement[3:], length)} {units.length}",
+        *_displacements(state),
     ]
     if (known := state.elastic.identified) is not None and (
         s := state.displacement_deviation
@@ -74,6 +75,31 @@ def describe_equilibrium(state: Equilibrium) -> str:
     lines += [*_reactions(state), "", "Stiffness there, loads included", ""]
     lines += describe(state.stiffness, at_rest=True).split("\n")
     return joined(lines)
+
+
+def _displacements(state: Equilibrium) -> list[str]:
+    """Describe the displacement; where it begins with a relaxation, its two parts by name."""
+    turn, length = _sizes(state.posture)
+
+    def rows(displacement: Array) -> list[str]:
+        return [
+            f"  rotation     {wide_row(np.degrees(displacement[:3]), np.degrees(turn))} deg",
+            f"  translation  {wide_row(displacement[3:], length)} {state.elastic.units.length}",
+        ]
+
+    whole = "Displacement of the body frame from the start to the equilibrium, axes of F"
+    before, by_load = state.before, state.displacement_by_load
+    if before is None or by_load is None:
+        more = "  without the load no rest was found: its own part is not known"
+        return [whole, *rows(state.displacement), more]
+    if before is state or not before.iterations:
+        return [whole, *rows(state.displacement)]
+    return [
+        "Displacement of the body frame before the load, from the start to its rest, axes of F",
+        *rows(before.displacement),
+        "Displacement of the body frame by the load, from that rest, axes of F",
+        *rows(by_load),
+    ]
 
 
 def _reactions(state: Equilibrium) -> list[str]:
@@ -180,7 +206,8 @@ def describe_path(path: CompensatedPath, *, is_written: bool = False) -> str:
     turn, length = _sizes(path.elastic.mechanism.at(path.q[0]))
     lines = [
         f"Deflection compensation of {path.elastic.name} along {len(path.q)} postures",
-        path.weighed.text + _carried(path),
+        replace(path.weighed, before=None).text + _carried(path),
+        *([] if path.load_axes is None else [f"Loads along the {AXES_WORDS[path.load_axes]}"]),
         "",
         f"  {'':<22} {'before':>12} {'after':>12}",
     ]
@@ -266,6 +293,7 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
         f"angles count by the characteristic length {number(result.length)} {units.length}",
         f"free: {_free(result)}",
         gravity_loads(result.elastic).text,
+        *_axes_of_loads(result),
         "",
     ]
     of_criterion = f" [{result.unit}]" if result.unit else ""
@@ -309,6 +337,15 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
     angle = units.shown_angle
     of_ranges = f"{angle}; {units.length} for {', '.join(lengths)}" if lengths else angle
     return joined([*lines, f"  coordinates in {of_ranges}"])
+
+
+def _axes_of_loads(result: OptimisedPath) -> list[str]:
+    """State the axes of a path's loads and directions, if it has any."""
+    path, axes = result.path, result.load_axes
+    given = {"Loads": path.wrenches, "directions": path.directions}
+    named = " and ".join(name for name, rows in given.items() if rows is not None)
+    of = "axes of the path's poses" if axes == "path" else AXES_WORDS[axes] if axes else ""
+    return [f"{named[0].upper()}{named[1:]} along the {of}"] if of else []
 
 
 def _free(result: OptimisedPath) -> str:

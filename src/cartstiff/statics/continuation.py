@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -489,11 +489,14 @@ class LoadCurve(Result, LabelledResult):
     reason: Reason
     notes: tuple[Note, ...]
     _path: LoadPath
+    #: See `ElasticMechanism.before_load`, of the mechanism as it was given.
+    _before_load: Literal["balanced", "given", "partly"] | None = None
 
     @property
     def weighed(self) -> GravityLoads:
         """Bodies under gravity, and payloads among the loads (at factor 1)."""
-        return gravity_loads(self.elastic, (*self._path.system.loads, *self._path.loads))
+        found = gravity_loads(self.elastic, (*self._path.system.loads, *self._path.loads))
+        return replace(found, before=self._before_load)
 
     @cached_property
     def deviation(self) -> Array:
@@ -694,7 +697,7 @@ def load_curve(
         raise InputError("resolution cannot be used", expected="a positive number", got=resolution)
     elastic, posture = elastic.placed(q)
     refuse_springs_far_apart(elastic)
-    limits = contact_limits(elastic, posture)
+    limits, before_load = contact_limits(elastic, posture), elastic.before_load
     elastic, q = elastic.with_rest_balancing(posture), posture.q
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
     if wrench is not None:
@@ -707,7 +710,7 @@ def load_curve(
         *notes_at_start(elastic.mechanism, posture, limits),
         *gravity_loads(elastic).notes,
     )
-    return _trace(path, notes, [path.origin], points)
+    return replace(_trace(path, notes, [path.origin], points), _before_load=before_load)
 
 
 def branch(curve: LoadCurve, index: int = 0, direction: int = 1, points: int = 200) -> LoadCurve:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from numbers import Integral
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,7 @@ from cartstiff.checked_call import checked
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Load, Scaled, SemitangentialWrench
 from cartstiff.statics.continuation import load_curve, start_and_loads
@@ -80,22 +81,28 @@ def equilibrium(
     load_at: ArrayLike = DEAD_AT_ORIGIN.at,
     load_axes: Literal["body", "world"] = "body",
     held: Held | Mapping[str, float] | None = None,
+    against_gravity: ArrayLike | None = None,
     limits: bool = True,
     settle: bool = True,
     iterations: int = 200,
 ) -> Equilibrium:
     r"""Equilibrium of a mechanism under load.
 
+    Before the load the mechanism carries its weight and payload. With springs without rest
+    positions it is then at rest at `q`; with given ones it first moves from there to its rest,
+    which is the `Equilibrium.relaxation`, and `Equilibrium.displacement_by_load` counts from it.
+
     Parameters
     ----------
     elastic : ElasticMechanism
         Mechanism and potentials, from `cartstiff.load`. Springs without a rest position carry
-        gravity at `q`, so that the mechanism is at rest there without load.
+        weight and payload at `q`, as in `cartstiff.analyse`.
     q : array_like (n,) or mapping, optional
         Start, in rad and length units, in joint order or by name; default the file's posture. A
         potential in its place is the first of `loads`.
     *loads : Potential
-        Added loads: `DeadForce`, `DeadWrench`, `FollowerWrench`, `payload`, or any energy.
+        Added loads: `DeadForce`, `DeadWrench`, `FollowerWrench`, `payload` (the weight of a mass
+        that comes with the load; one of ``load(payload=)`` acts before it), or any energy.
     wrench, load_kind, load_at, load_axes
         Load (moment, force) on the body, its behaviour while the body moves, the point of the body,
         in M, at which it acts, and the axes of its components, those of M at the start or of F: as
@@ -103,6 +110,9 @@ def equilibrium(
     held : Held or mapping, optional
         Displacement of a frame prescribed partly or wholly. A mapping such as ``{"z": -0.005}``
         counts from the pose at the start, along the body's axes there.
+    against_gravity : array_like (3,), optional
+        Gravity before the load, in F [m/s^2], if it was another: springs without a rest position
+        carry that one at `q`, and the displacement counts from the rest under it.
     limits : bool
         Keep joint (or leg) limits, as contacts.
     settle : bool
@@ -140,7 +150,10 @@ def equilibrium(
         raise InputError("bound on the steps cannot be used", expected="1 or more", got=iterations)
     limits, settle = checked_flag(limits, "limits"), checked_flag(settle, "settle")
     q, loads = start_and_loads(q, loads)
-    original, start = checked_elastic(elastic).placed(q)
+    given = checked_elastic(elastic)
+    if against_gravity is not None:
+        elastic, q = _before_turning(given, q, against_gravity, limits)
+    original, start = elastic.placed(q)
     refuse_springs_far_apart(original)
     q = start.q
     elastic = original.with_rest_balancing(start)
@@ -168,7 +181,24 @@ def equilibrium(
                 raise error from None
             solution, stages = replace(staged, is_far=True), _STAGES
     state = state_of_rest(system, solution, start, stages)
-    return state if elastic.identified is None else replace(state, _chosen=chosen)
+    return replace(state, _chosen=chosen, _before_load=given.before_load)
+
+
+def _before_turning(
+    elastic: ElasticMechanism, q: Any, gravity: ArrayLike, limits: bool
+) -> tuple[ElasticMechanism, Array]:
+    """The mechanism with the rest positions of another gravity, and its rest there."""
+    before = equilibrium(elastic.with_gravity(gravity, where="--against-gravity"), q, limits=limits)
+    place = before.posture.pose[:3, 3].tolist()
+    shown = [", ".join(f"{x:.6g}" for x in row) for row in (np.asarray(gravity, float), place)]
+    words = (
+        f"the displacement counts from the rest under gravity ({shown[0]}) m/s^2, with the body "
+        f"frame at ({shown[1]})"
+    )
+    values = {"gravity": np.asarray(gravity, float).tolist(), "q": before.q.tolist()}
+    unstable = (note for note in before.notes if note.code == "unstable-start")
+    turned = before.elastic.with_gravity(elastic.gravity)
+    return turned.with_notes(Note("against-gravity", words, values), *unstable), before.q
 
 
 def again(state: Equilibrium, elastic: ElasticMechanism, start: Array) -> Equilibrium:

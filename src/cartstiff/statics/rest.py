@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -407,6 +407,8 @@ class Equilibrium(Result, LabelledResult):
     _squares: Array | None = None
     #: State at the start of springs whose rest positions were chosen there; or None.
     _chosen: InitialForces | None = None
+    #: See `ElasticMechanism.before_load`, of the mechanism as it was given.
+    _before_load: Literal["balanced", "given", "partly"] | None = None
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
@@ -534,6 +536,37 @@ class Equilibrium(Result, LabelledResult):
         """Rotation vector and translation (6,) of the body frame since the start, axes of F."""
         return displacement_between(self.start.pose, self.pose)
 
+    @cached_property
+    def before(self) -> Equilibrium | None:
+        """The rest before the load, without the added loads and held components, near the start.
+
+        The equilibrium itself without any; None if no such rest is found.
+        """
+        if not self.loads and self._system.held is None:
+            return self
+        system = System(self.elastic, (), None, self._system.limits)
+        try:
+            with bounded(self.elastic):
+                found = solve(system, self.start.q, settle=False)
+                if found.iterations:  # the start is no equilibrium: a stable one is wanted
+                    found = solve(system, self.start.q)
+        except (ConvergenceError, UndefinedError):
+            return None
+        return state_of_rest(system, found, self.start, 1)
+
+    @property
+    def relaxation(self) -> Array | None:
+        """The part of `displacement` before the load: from the start to the rest `before`; (6,).
+
+        Zero where the mechanism is at rest at the start, as with springs without rest positions.
+        """
+        return None if self.before is None else self.before.displacement
+
+    @cached_property
+    def displacement_by_load(self) -> Array | None:
+        """Rotation vector and translation (6,) by the load, from the rest `before`; axes of F."""
+        return None if self.before is None else displacement_between(self.before.pose, self.pose)
+
     @property
     def has_free_motion(self) -> bool:
         """Whether a motion of the body costs no energy, so that its rest is not determined."""
@@ -639,7 +672,14 @@ class Equilibrium(Result, LabelledResult):
         W = reduction.force
         is_given = W is not None and force is not None and force.any() and np.allclose(W, force)
         return PostureStiffness(
-            elastic, self.q, posture, evaluation, reduction, notes, _load_is_given=bool(is_given)
+            elastic,
+            self.q,
+            posture,
+            evaluation,
+            reduction,
+            notes,
+            _load_is_given=bool(is_given),
+            _before_load=self._before_load,
         )
 
     def _uncertainty(self) -> dict[str, Any] | None:

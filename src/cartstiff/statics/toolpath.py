@@ -47,7 +47,7 @@ from cartstiff.results import LabelledResult
 from cartstiff.statics.equilibrium import Equilibrium, equilibrium
 from cartstiff.statics.held import Held, displacement_between, shown_displacements
 from cartstiff.statics.problem import System
-from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, checked_load
 from cartstiff.stiffness.closures import decomposed
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.stiffness.settled_links import settled
@@ -84,6 +84,8 @@ class CompensatedPath(LabelledResult):
         Whether the compensated equilibrium is stable.
     weighed : GravityLoads
         Bodies under gravity, and payloads among the loads of the first point.
+    load_axes : {"body", "world"} or None
+        Axes in which the wrenches were given; None for potentials.
     notes : tuple of Note
         Commands beyond limits, points without an equilibrium or with an unstable one, poses that
         too few joints cannot give to the body on deflected links.
@@ -102,6 +104,7 @@ class CompensatedPath(LabelledResult):
     deviation: Array | None
     stable: tuple[bool | None, ...]
     weighed: GravityLoads
+    load_axes: Literal["body", "world"] | None
     notes: tuple[Note, ...]
 
     @property
@@ -133,6 +136,7 @@ class CompensatedPath(LabelledResult):
             "schema": SCHEMA,
             "units": self.elastic.units.to_dict(),
             **self.weighed.to_dict(),
+            "load_axes": self.load_axes,
             "springs": self.springs,
             "poses": self.poses,
             "q": self.q,
@@ -205,12 +209,12 @@ _START_OFFSET = 0.1
 def compensate(
     elastic: ElasticMechanism,
     path: ArrayLike,
-    wrenches: ArrayLike | Sequence[Potential | Sequence[Potential]],
+    wrenches: ArrayLike | Sequence[Potential | Sequence[Potential]] | None = None,
     *,
     q: ArrayLike | None = None,
-    load_kind: Literal["dead", "follower", "conservative"] | None = None,
-    load_at: ArrayLike = (0.0, 0.0, 0.0),
-    load_axes: Literal["world", "body"] = "world",
+    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_at: ArrayLike = DEAD_AT_ORIGIN.at,
+    load_axes: Literal["body", "world"] = "body",
     against: Literal["load", "all"] | None = None,
 ) -> CompensatedPath:
     """Commands that put the loaded end-effector on a path.
@@ -224,21 +228,17 @@ def compensate(
         links), or poses ``T_F_M`` for which postures are found, each near the one before.
     wrenches : array_like (m, 6) or (6,), or a sequence of potentials
         (moment, force) of the process on the body at `load_at`, at each point or the same at all;
-        or the loads at each point as potentials.
+        or the loads at each point as potentials; None against "all" for no load but the weight.
     q : array_like (n,), optional
         Start of the search for the first pose; default the file's posture.
-    load_kind : {"dead", "follower", "conservative"}, optional
-        Behaviour of the wrenches while the body moves, as in `cartstiff.analyse`; default they keep
-        their components in their axes: "dead" in those of F, "follower" in those of the body.
-    load_at : array_like (3,)
-        The point of the body, in M, at which wrenches act.
-    load_axes : {"world", "body"}
-        Whether wrenches are given in axes of F or of the body at each posture.
+    load_kind, load_at, load_axes
+        Behaviour of the wrenches while the body moves, their point, and the axes of their
+        components at each posture of the path: as in `cartstiff.analyse`.
     against : {"load", "all"}, optional
-        Compensate the deflection by the load, for a program taught under the weight, which its
-        positions include already; or by all, also by the weight and whatever else acts without the
-        load. Default load; all if the file gives every spring's rest position, as the deflection
-        from there is then due to the weight too.
+        Compensate the deflection by the load, for a program taught under weight and payload, which
+        its positions include already; or by all, also by the weight and whatever else acts without
+        the load. Default load; all if the file gives every spring's rest position, as the
+        deflection from there is then due to the weight too.
 
     Raises
     ------
@@ -255,9 +255,12 @@ def compensate(
     if against not in AGAINST:
         raise UnknownNameError("kind of compensation", against, AGAINST, where="--against")
     postures = _postures(elastic, path, q)
-    kind = LoadKind(load_kind or ("dead" if load_axes == "world" else "follower"), load_at)  # type: ignore[arg-type]
+    kind = checked_load(load_kind, load_at, load_axes, wrenches is not None)
+    if wrenches is None and against != "all":
+        raise InputError("a path needs a load", expected="wrenches, or against 'all'")
     poses = [elastic.mechanism.at(q).pose for q in postures]
-    loads = _loads(wrenches, poses, kind, load_axes)
+    potentials = _given_loads(wrenches, len(poses), kind, load_axes)
+    loads = potentials or _loads(wrenches, poses, kind, load_axes)  # type: ignore[arg-type]
     inner, _ = elastic.parted_terms()
     straight = replace(
         elastic, gravity=None, potentials=tuple(t for t in inner if t is not springs)
@@ -290,7 +293,9 @@ def compensate(
         if np.abs(away).max() > numerics.NEGLIGIBLE_DIFFERENCE:
             words = "the joints cannot undo all of the links' deflection: the nearest pose is taken"
             notes.append(Note("pose-missed", f"point {index + 1}: {words}", {"point": index + 1}))
-    mass = gravity_loads(elastic, loads[0])
+    # A program is taught: whatever rest positions the file gives are commanded anew.
+    taught_under: Literal["balanced"] | None = "balanced" if against == "load" else None
+    mass = replace(gravity_loads(elastic, loads[0]), before=taught_under)
     within = {elastic.names[j] for j in elastic.mechanism.virtual}
     names = tuple(name for name in elastic.spring_names if name not in within)
     own = [elastic.spring_names.index(name) for name in names]
@@ -310,6 +315,7 @@ def compensate(
         None if elastic.identified is None else deviation,
         verdicts,
         mass,
+        load_axes if potentials is None else None,
         (*notes, *mass.notes),
     )
 
@@ -336,31 +342,40 @@ def _postures(elastic: ElasticMechanism, path: ArrayLike, start: ArrayLike | Non
     return np.array(postures)
 
 
-def _loads(
-    wrenches: ArrayLike | Sequence[Potential | Sequence[Potential]],
-    poses: Sequence[Array],
+def _given_loads(
+    wrenches: ArrayLike | Sequence[Potential | Sequence[Potential]] | None,
+    m: int,
     kind: LoadKind,
-    axes: Literal["world", "body"],
-) -> list[tuple[Potential, ...]]:
-    m = len(poses)
-    if axes not in ("world", "body"):
-        raise InputError("unknown axes", expected="world or body", got=axes)
+    axes: str,
+) -> list[tuple[Potential, ...]] | None:
+    """Loads of m points that are none, or potentials; None for wrenches."""
+    if wrenches is None:
+        return [()] * m
     each: Any = [wrenches] * m if isinstance(wrenches, Potential) else wrenches
-    if isinstance(each, Sequence) and each:
-        points = [(p,) if isinstance(p, Potential) else p for p in each]
-        if all(
-            isinstance(p, Sequence) and all(isinstance(x, Potential) for x in p) for p in points
-        ):
-            if len(points) != m:
-                raise InputError("loads and path differ in number", expected=m, got=len(points))  # type: ignore[arg-type]
-            if kind != DEAD_AT_ORIGIN or axes != "world":
-                raise InputError(
-                    "potentials already say how and where they act",
-                    where="loads of the path",
-                    expected="no load_kind, load_at or load_axes",
-                )
-            return [tuple(p) for p in points]
-    loads = checked_array(wrenches, [(m, 6), (6,)], "array of wrenches")  # type: ignore[arg-type]
+    if not isinstance(each, Sequence) or not each:
+        return None
+    points = [(p,) if isinstance(p, Potential) else p for p in each]
+    if not all(
+        isinstance(p, Sequence) and all(isinstance(x, Potential) for x in p) for p in points
+    ):
+        return None
+    if len(points) != m:
+        raise InputError("loads and path differ in number", expected=m, got=len(points))  # type: ignore[arg-type]
+    if kind != DEAD_AT_ORIGIN or axes != "body":
+        raise InputError(
+            "potentials already say how and where they act",
+            where="loads of the path",
+            expected="no load_kind, load_at or load_axes",
+        )
+    return [tuple(p) for p in points]
+
+
+def _loads(
+    wrenches: ArrayLike, poses: Sequence[Array], kind: LoadKind, axes: Literal["body", "world"]
+) -> list[tuple[Potential, ...]]:
+    """Wrenches as loads at each pose."""
+    m = len(poses)
+    loads = checked_array(wrenches, [(m, 6), (6,)], "array of wrenches")
     rows = np.broadcast_to(loads, (m, 6))
     return [(kind.acting(w, T, axes),) for w, T in zip(rows, poses, strict=True)]
 

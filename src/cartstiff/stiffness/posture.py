@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,7 +36,7 @@ from cartstiff.geometry.connections import BI_INVARIANT, NAMED, Connection
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture, Units
-from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.elastic import ElasticMechanism, GravityLoads, gravity_loads
 from cartstiff.mechanisms.limits import tensions_of
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.notes import Note
@@ -204,6 +204,8 @@ class PostureStiffness(LabelledResult):
     _load_is_given: bool = False
     #: The mechanism before its open rest positions were chosen; None if that is `elastic`.
     _asked: ElasticMechanism | None = None
+    #: State before the load, if that of `elastic_as_given` is another.
+    _before_load: Literal["balanced", "given", "partly"] | None = None
 
     def _lines(self) -> list[str]:
         elastic, W = self.elastic, self.wrench
@@ -401,6 +403,12 @@ class PostureStiffness(LabelledResult):
     def elastic_as_given(self) -> ElasticMechanism:
         """The mechanism before its open rest positions were chosen."""
         return self._asked or self.elastic
+
+    @property
+    def weighed(self) -> GravityLoads:
+        """Gravity, the masses on which it acts, and the state before the load."""
+        before = self._before_load or self.elastic_as_given.before_load
+        return replace(gravity_loads(self.elastic), before=before)
 
     @property
     def mechanism(self) -> Mechanism:
@@ -612,7 +620,7 @@ class PostureStiffness(LabelledResult):
             "jacobian": plain(self.jacobian),
             "wrench": plain(self.wrench),
             "load": self.load_as_dict(),
-            **gravity_loads(self.elastic).to_dict(),
+            **self.weighed.to_dict(),
             "energy": None if np.isnan(self.energy) else self.energy,
             "stored_energy": None if np.isnan(self.stored_energy) else self.stored_energy,
             "stiffness": {name: plain(K) for name, K in self.matrices.items()},

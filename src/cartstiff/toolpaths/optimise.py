@@ -893,6 +893,7 @@ class OptimisedPath(LabelledResult):
                     "meaning": self.load.words,
                 },
             },
+            "load_axes": self.load_axes,
             "free": self.free,
             "redundant_joint": self.joint,
             "q": self.q,
@@ -915,6 +916,12 @@ class OptimisedPath(LabelledResult):
             "notes": self.notes,
         }
         return plain_dict(data)
+
+    @property
+    def load_axes(self) -> Literal["path", "world", "body"] | None:
+        """Axes of the path's loads and directions, see `ToolPath`; None without any."""
+        nothing = self.path.wrenches is None and self.path.directions is None
+        return None if nothing else self.path.axes
 
     @property
     def wrenches(self) -> Array | None:

@@ -70,17 +70,19 @@ class ToolPath:
         *,
         wrenches: ArrayLike | None = None,
         directions: ArrayLike | None = None,
-        axes: Axes = "path",
+        axes: Axes | None = None,
     ) -> ToolPath:
         """Make a path of positions (m, 3) and directions of the tool's axis (m, 3) or (3,), in F.
 
         The first pose is turned from F by the smallest angle that aligns the axis, and each later
-        pose from the previous one. `axes` are those of wrenches and directions, as in `ToolPath`.
+        pose from the previous one. `axes` are those of wrenches and directions, "world" or "body".
+        They are needed unless all of these are along the tool's axis: the other two axes of the
+        poses are chosen here, and nobody can know them before.
 
         Raises
         ------
         InputError
-            For wrong shapes or a direction that is zero.
+            For wrong shapes, a direction that is zero, or loads along axes that are not known.
         """
         check_name("axis", axis, ("x", "y", "z"))
         p = checked_array(positions, ("N", 3), "array of positions")
@@ -94,8 +96,18 @@ class ToolPath:
         for direction in u:
             R = _least_turn(R @ own, direction) @ R
             rotations.append(R)
-        poses = se3.pose(np.array(rotations), p)
-        return cls(poses, wrenches, directions, axes)  # type: ignore[arg-type]
+        path = cls(se3.pose(np.array(rotations), p), wrenches, directions, axes or "path")
+        if path.axes == "path":
+            across = ~own.astype(bool)
+            for name, rows in (("wrenches", path.wrenches), ("directions", path.directions)):
+                if rows is not None and rows.reshape(-1, 3)[:, across].any():
+                    raise InputError(
+                        f"the axes of the {name} are not known: a path by the tool's axis alone "
+                        "defines no others",
+                        expected="axes world or body (--world, --axes, columns such as fx_world), "
+                        "or poses with roll, pitch, yaw",
+                    )
+        return path
 
     def __len__(self) -> int:
         return len(self.poses)

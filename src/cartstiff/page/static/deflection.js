@@ -17,7 +17,8 @@ function assumptions(store, moved) {
   const [m, f] = [0, 3].map((i) => Math.hypot(...(store.shown.load ?? result.wrench).slice(i, i + 3)));
   const load = [[f, "force"], [m, "moment"]].filter(([x]) => x > 0).map(([x, kind]) => engineering(x, store.unit(kind))).join(", ");
   const at = moved.acts_at.some((x) => x) ? `${together(moved.acts_at, store.unit("length"))} in M` : "M";
-  return `${load} at ${at}: ${result.load.meaning}. ${store.numbers.weighed ?? store.hello.mechanism.weighed}. To first order.`;
+  const held = store.shown.load ? "" : "No load is given: this wrench holds the body on its springs, and without it the body moves back as far. ";
+  return `${held}${load} at ${at}: ${result.load.meaning}. ${store.numbers.weighed ?? store.hello.mechanism.weighed}. To first order.`;
 }
 
 /** Go to the posture that differs in one coordinate and at which the load moves the point least; says how much less. */
