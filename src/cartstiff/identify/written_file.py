@@ -282,6 +282,8 @@ def _moved(T: Array, point: Any) -> list[float]:
 
 def _put_joints(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) -> None:
     elements = Elements(elastic)
+    if isinstance(holder.get("springs"), str):  # of a published set: written joint by joint
+        holder["springs"] = {}
     springs = holder.setdefault("springs", {})
     laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
     for j, law in laws.items():
@@ -297,6 +299,8 @@ def _put_joints(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) 
         ):
             continue
         at = elements.index(name)
+        if _put_contact(holder, short, float(elements.stiffness[at, at])):
+            continue
         entry = springs.get(short)
         if isinstance(entry, dict) and not {"polynomial", "table"} & set(entry):
             entry["stiffness"] = float(elements.stiffness[at, at])
@@ -304,6 +308,25 @@ def _put_joints(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) 
             springs[short] = {"stiffness": float(elements.stiffness[at, at])}
     if not springs:
         del holder["springs"]
+
+
+def _put_contact(holder: dict[str, Any], joint: str, stiffness: float) -> bool:
+    """Write the spring of a soft contact where the leg has it; False for other joints."""
+    contact = holder.get("contact_stiffness")
+    if contact is None:
+        return False
+    if joint in ("contact.tx", "contact.ty"):
+        given = contact["tangential"]
+        both = given if isinstance(given, list) else [given, given]
+        contact["tangential"] = [
+            stiffness if joint[-1] == a else k for a, k in zip("xy", both, strict=True)
+        ]
+        return True
+    key = {"contact.tz": "normal", "contact.z": "spin"}.get(joint)
+    if key not in contact:
+        return False
+    contact[key] = stiffness
+    return True
 
 
 def _put_links(

@@ -1449,7 +1449,7 @@ def _repeated_conditions(elastic: ElasticMechanism, own: int) -> list[Note]:
 
 def build_platform(file: PlatformFile | SpringsFile, name: str) -> ElasticMechanism:
     """Build the elastic mechanism of a body held by lines."""
-    m = len(one_each(file.platform, len(file.base), "key platform"))
+    m, notes = len(one_each(file.platform, len(file.base), "key platform")), list[Note]()
     limits = pair_per_leg(file.legs.limits, m, "key legs.limits", "[shortest, longest]")
     from cartstiff.loading.platform_schema import BodyModel
 
@@ -1465,7 +1465,7 @@ def build_platform(file: PlatformFile | SpringsFile, name: str) -> ElasticMechan
         mass=body.mass,
         mass_centre=body.com,
         inertia=_checked_inertia(body.inertia),
-        struts=_struts(file, m),
+        struts=_struts(file, m, notes),
         leg_limits=leg_limits_of(file, T_P_M),
     )
     if payload is not None:
@@ -1482,11 +1482,10 @@ def build_platform(file: PlatformFile | SpringsFile, name: str) -> ElasticMechan
     q = np.concatenate([file.pose.xyz, file.pose.rpy])
     dampers = _per_leg(file.legs.damping, m, "key legs.damping")
     damping = dampers if dampers is not None and dampers.any() else None
-    notes = []
     if rest is not None:
         strains = (geometry.lengths - rest) / geometry.lengths
         # A rest length of zero is intended: such springs balance weights.
-        notes = large_strains(
+        notes += large_strains(
             {f"stretch of leg {i + 1}": float(x) for i, x in enumerate(strains) if rest[i]}
         )
     elastic = ElasticMechanism(name, platform, q, springs, notes=tuple(notes), damping=damping)
@@ -1550,12 +1549,26 @@ def _checked_inertia(rows: list[list[float]] | None) -> Array:
     return inertia
 
 
-def _struts(file: PlatformFile | SpringsFile, m: int) -> Struts | None:
-    """Return the masses of the legs; None without any."""
+def _struts(file: PlatformFile | SpringsFile, m: int, notes: list[Note]) -> Struts | None:
+    """Return the masses of the legs, and add a note on assumed ones; None without any."""
+    from cartstiff.loading.platform_schema import LegMassModel
+
     strut = file.legs.strut
     mass = file.legs.mass if strut is None or strut.mass is None else strut.mass
     if mass is None:
         return None
+    if not isinstance(mass, LegMassModel):
+        feet, heads = np.array(file.base), np.array(file.platform)
+        T = pose_of(file.pose)
+        quarter = np.linalg.norm(heads @ T[:3, :3].T + T[:3, 3] - feet, axis=1) / 4.0
+        half = np.broadcast_to(_per_leg(mass, m, "key legs.mass"), m) / 2.0
+        words = (
+            "legs.mass is one number for a leg: a uniform bar of the leg's length at the file's "
+            "pose, half of it on either joint; fixed, moving, fixed_com and moving_com state "
+            "another distribution"
+        )
+        notes.append(Note("leg-mass-spread", words, {"mass": (2.0 * half).tolist()}))
+        return Struts(half, half, quarter, quarter, np.zeros(m))
     keys = ("fixed", "moving", "fixed_com", "moving_com", "radius")
     values = [_per_leg(getattr(mass, key), m, f"key legs.mass.{key}") for key in keys]
     return Struts(*(np.zeros(m) if value is None else value for value in values))

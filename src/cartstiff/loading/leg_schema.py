@@ -17,6 +17,7 @@ from cartstiff.loading.schema import (
     Joints,
     JointSpringModel,
     LineModel,
+    NamedSprings,
     NotNegative,
     Number,
     Pair,
@@ -207,6 +208,15 @@ class LegModel(Joints):
         None,
     )
     _drawing: Any = PrivateAttr(default=None)
+
+    @model_validator(mode="after")
+    def _has_springs_by_joint(self) -> LegModel:
+        if isinstance(self.springs, NamedSprings):
+            raise ValueError(
+                f"springs {self.springs.name!r}: a name is read in kind serial and closed-chain; "
+                "give the springs of a leg by joint"
+            )
+        return self
 
     @model_validator(mode="after")
     def _gives_at_its_contact(self) -> LegModel:

@@ -19,7 +19,13 @@ from pydantic import Field, TypeAdapter, ValidationError
 from cartstiff.arrays import checked_number
 from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.expressions import Expression, is_name
-from cartstiff.loading.schema import FILE_KINDS, first_error, place_of, with_findings
+from cartstiff.loading.schema import (
+    FILE_KINDS,
+    NamedSprings,
+    first_error,
+    place_of,
+    with_findings,
+)
 from cartstiff.loading.yaml_file import Lines
 from cartstiff.mechanisms.contract import SI, GivenStiffness, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -371,6 +377,10 @@ def mechanism_of(
     else:
         make = build.build_parallel if file.kind == "parallel" else build.build_chain
         elastic = make(file, path.parent, name)
+    if isinstance(named := getattr(file, "springs", None), NamedSprings):
+        from cartstiff.loading.published import with_named_springs
+
+        elastic = with_named_springs(elastic, named.name, "key springs", path.parent)
     notes = (*elastic.notes, *file_notes(file), *parameters.notes())
     source = " ".join((file.source or "").split())
     elastic = replace(elastic, notes=notes, source=source, parameters=parameters.values)

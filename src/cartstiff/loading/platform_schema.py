@@ -214,7 +214,7 @@ class StrutModel(FileModel):
     )
     lower: FlexureModel = keyed("at the base")
     upper: FlexureModel = keyed("at the platform")
-    mass: LegMassModel | None = keyed("in place of mass in legs", None)
+    mass: LegMassModel | PerLeg | None = keyed("in place of mass in legs", None)
 
     @model_validator(mode="after")
     def _stands(self) -> StrutModel:
@@ -245,7 +245,11 @@ class LinesLegs(FileModel):
     force: Pair | Annotated[list[Pair], Field(min_length=1)] | None = keyed(
         "[least, largest] tension, or one pair per leg; compression below zero", None
     )
-    mass: LegMassModel | None = None
+    mass: LegMassModel | PerLeg | None = keyed(
+        "bars of the legs; or kg of each leg, as a uniform bar of the leg's length at the file's "
+        "pose, one half of it on either joint",
+        None,
+    )
     damping: PerLeg = keyed("dampers along the legs, force per velocity (seconds)", 0.0)
 
     @model_validator(mode="after")

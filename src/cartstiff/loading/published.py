@@ -27,10 +27,13 @@ def published_springs() -> Mapping[str, Any]:
     return read_yaml(Path(__file__).with_name("published_springs.yaml"))[0]
 
 
-def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism:
+def with_named_springs(
+    elastic: ElasticMechanism, name: str, where: str = "--springs", folder: Path | None = None
+) -> ElasticMechanism:
     """Return the mechanism with the joint springs of a bundled set, or of a table (.csv).
 
-    Joints without a value in it keep their springs, and a note names them. Values of joints beyond
+    A table's path is relative to `folder`; `where` is the place of the name, for messages. Joints
+    without a value in it keep their springs, and a note names them. Values of joints beyond
     the frame are left out, and the note names these joints as well.
 
     Raises
@@ -41,23 +44,23 @@ def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism
     known = elastic.mechanism.joint_names
     joints = [c for c in elastic.mechanism.coordinates if c.name in known]
     if elastic.spring_names != elastic.names:
-        raise InputError("is for mechanisms with joints", where="--springs", expected="--stiffness")
+        raise InputError("is for mechanisms with joints", where=where, expected="--stiffness")
     numbered = {str(i): c.name for i, c in enumerate(joints, start=1)}
     numbered |= {c.name: c.name for c in joints}
     is_table = Path(name).suffix.lower() == ".csv"
     if is_table:
         about: dict[str, Any] = {"robot": elastic.name, "method": "a table", "source": name}
-        stiffness = _table(Path(name).expanduser(), numbered)
+        stiffness = _table((folder or Path()) / Path(name).expanduser(), numbered)
     else:
-        check_name("springs", name, published_springs(), "--springs")
+        check_name("springs", name, published_springs(), where)
         about = dict(published_springs()[name])
         if "refused" in about:
-            raise InputError(f"{name!r} is not to be used: {about['refused']}", where="--springs")
+            raise InputError(f"{name!r} is not to be used: {about['refused']}", where=where)
         more = about["joints"] - len(joints)
         if not 0 <= more <= len(elastic.beyond) or any(c.is_length for c in joints):
             raise InputError(
                 f"{name!r} is of an arm with {about['joints']} turning joints",
-                where="--springs",
+                where=where,
                 got=", ".join(c.name for c in joints),
             )
         stiffness = {
@@ -71,7 +74,8 @@ def with_named_springs(elastic: ElasticMechanism, name: str) -> ElasticMechanism
     try:
         elastic = elastic.with_springs(stiffness)
     except InputError as error:
-        raise error.moved_to(f"--springs {name}") from None
+        place = where if where.startswith("key") else f"{where} {name}"
+        raise error.moved_to(place) from None
     missing = [c.name for c in joints if c.name not in stiffness]
     grade = "" if is_table else f"grade {about['grade']} ({GRADES[about['grade']]}), "
     words = f"springs {name} ({about['robot']}): {grade}method: {about['method']}; "

@@ -379,6 +379,38 @@ class JointSpringModel(FileModel):
         return self.table
 
 
+class NamedSprings(dict[str, JointSpringModel]):
+    """Joint springs of a published set, or of a table: nothing by joint in the file itself.
+
+    Attributes
+    ----------
+    name : str
+        Name of the set, or path of the table relative to the file.
+    """
+
+    name: str
+
+
+def _by_joint_or_name(value: Any, check: Any) -> Any:
+    if not isinstance(value, str):
+        return check(value)
+    springs = NamedSprings()
+    springs.name = value
+    return springs
+
+
+def _or_text(schema: dict[str, Any]) -> None:
+    own = {key: schema.pop(key) for key in ("type", "additionalProperties") if key in schema}
+    schema["anyOf"] = [own, {"type": "string", "minLength": 1}]
+
+
+SpringsByJoint = Annotated[
+    dict[str, JointSpringModel],
+    WrapValidator(_by_joint_or_name),
+    Field(json_schema_extra=_or_text),
+]
+
+
 class BeamModel(FileModel):
     """A straight beam along the link's x axis, clamped at both ends, with axial force effects."""
 
@@ -622,7 +654,11 @@ class Joints(_Robot):
     frame: Text | None = keyed("link or site that is the body frame M", None)
     locked: dict[str, Number] = keyed("joints held fixed", {})
     q: dict[str, Number] = keyed("default posture; a closed chain is assembled from there", {})
-    springs: dict[str, JointSpringModel] = {}
+    springs: SpringsByJoint = keyed(
+        "by joint; or the name of a published set (see `cartstiff models`), or of a table beside "
+        "this file (.csv: joint, stiffness [N m/arcmin])",
+        {},
+    )
     actuator_springs: Flag = keyed(
         "the kp of an MJCF file's position actuators, times their gears squared, are springs", False
     )

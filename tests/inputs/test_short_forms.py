@@ -1,0 +1,137 @@
+"""Short forms that people write in mechanism files: springs by name, one mass for a leg."""
+
+import json
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff import analyse
+from cartstiff.errors import InputError
+
+SET = "kuka-kr210/gbt-adl-2023"
+#: Its numbers, N m/rad.
+PUBLISHED = [2207200.0, 3376720.0, 2775690.0, 2350160.0, 2157460.0, 467056.0]
+ROWS = [{"d": 0.3, "alpha": 1.5}, {"a": 0.5}, {"a": 0.1, "alpha": 1.5}, {"d": 0.6, "alpha": -1.5}]
+ROWS += [{"alpha": 1.5}, {"d": 0.1}]
+POSTURE = {f"j{i}": x for i, x in enumerate((0.1, -0.7, 0.9, 0.3, 0.8, -0.2), start=1)}
+
+
+def written(folder, **data):
+    path = folder / "file.yaml"
+    path.write_text(json.dumps(data), encoding="utf-8")
+    return path
+
+
+def arm(folder, **data):
+    dh = {"convention": "standard", "joints": ROWS}
+    return written(folder, kind="serial", dh=dh, q=POSTURE, **data)
+
+
+def codes(elastic):
+    return {note.code: note for note in elastic.notes}
+
+
+# -- springs by name -------------------------------------------------------------------------------
+
+
+def test_published_springs_in_a_file(tmp_path):
+    elastic = cartstiff.load(arm(tmp_path, springs=SET))
+    np.testing.assert_allclose(elastic.springs.stiffness, PUBLISHED)
+    assert codes(elastic)["published-springs"].values["name"] == SET
+    assert "stiffness-assumed" not in codes(elastic)
+    by_option = cartstiff.load(arm(tmp_path), springs=SET)
+    np.testing.assert_array_equal(analyse(elastic).B.matrix, analyse(by_option).B.matrix)
+
+
+def test_a_table_of_springs_beside_the_file(tmp_path, monkeypatch):
+    rows = "".join(f"j{i},{i}\n" for i in range(1, 7))
+    folder = tmp_path / "sub"
+    folder.mkdir()
+    (folder / "own.csv").write_text(f"joint,stiffness [N m/arcmin]\n{rows}", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    elastic = cartstiff.load(arm(folder, springs="own.csv"))
+    expected = np.arange(1, 7) * 60 * 180 / np.pi
+    np.testing.assert_allclose(elastic.springs.stiffness, expected, rtol=1e-12)
+
+
+def test_springs_that_are_given_replace_those_by_name(tmp_path):
+    other = cartstiff.load(arm(tmp_path, springs=SET), stiffness={"j2": 5.0})
+    assert other.springs.stiffness.tolist() == [PUBLISHED[0], 5.0, *PUBLISHED[2:]]
+
+
+@pytest.mark.parametrize(
+    ("springs", "words"),
+    [
+        ("kuka-kr2100", r"file.yaml, line 1, key springs: unknown springs.*kuka-kr210/gbt"),
+        ("kuka-kr500/gbt-adl-2023", "key springs.*not to be used"),
+        ("fanuc.csv", "fanuc.csv"),
+        (7, "key springs: cannot be used"),
+        ("kuka-kr270/klimchik-2013", None),
+    ],
+)
+def test_names_that_do_not_fit(tmp_path, springs, words):
+    if words is None:  # five values for six joints: the first keeps what it had
+        note = codes(cartstiff.load(arm(tmp_path, springs=springs)))["published-springs"]
+        assert note.values["without_value"] == ["j1"]
+        return
+    with pytest.raises(InputError, match=words):
+        cartstiff.load(arm(tmp_path, springs=springs))
+
+
+def test_legs_have_springs_by_joint(tmp_path):
+    dh = {"convention": "standard", "joints": ROWS}
+    leg = {"dh": dh, "q": POSTURE, "springs": SET}
+    with pytest.raises(InputError, match="a name is read in kind serial and closed-chain"):
+        cartstiff.load(written(tmp_path, kind="parallel", legs=[leg, leg]))
+
+
+# -- masses of legs in one number ------------------------------------------------------------------
+
+BASE = [[np.cos(a), np.sin(a), 0] for a in (0.0, 0.2, 2.1, 2.3, 4.2, 4.4)]
+TOP = [[np.cos(a) / 2, np.sin(a) / 2, 0] for a in (5.4, 1.0, 1.2, 3.1, 3.3, 5.2)]
+POSE = {"xyz": [0.02, -0.03, 0.8], "rpy": [0.05, 0.02, 0.1]}
+
+
+def platform(folder, mass, **more):
+    data = {"kind": "stewart-gough", "base": BASE, "platform": TOP, "pose": POSE}
+    return cartstiff.load(
+        written(
+            folder,
+            **data,
+            body={"mass": 2.0},
+            gravity=[0, 0, -9.81],
+            legs={"stiffness": 1e5, "mass": mass},
+            **more,
+        )
+    )
+
+
+def test_a_leg_with_one_mass_is_a_uniform_bar(tmp_path):
+    elastic = platform(tmp_path, 0.2)
+    assert elastic.masses["legs"] == pytest.approx(1.2)
+    T = elastic.mechanism.at(elastic.q).pose
+    ends = np.array(TOP) @ T[:3, :3].T + T[:3, 3]
+    # A uniform bar's centre is in its middle: so is that of both halves together.
+    energy = 9.81 * (0.2 * (ends[:, 2] / 2).sum() + 2.0 * T[2, 3])
+    at_rest = elastic.mechanism.at(elastic.q).gravity(np.array([0, 0, -9.81])).energy
+    assert at_rest == pytest.approx(energy, rel=1e-12)
+    assert codes(elastic)["leg-mass-spread"].values["mass"] == [0.2] * 6
+    lengths = np.linalg.norm(ends - BASE, axis=1) / 4
+    halves = {"fixed": 0.1, "moving": 0.1}
+    spelt = platform(
+        tmp_path, halves | {"fixed_com": lengths.tolist(), "moving_com": lengths.tolist()}
+    )
+    np.testing.assert_allclose(analyse(elastic).B.matrix, analyse(spelt).B.matrix, rtol=1e-12)
+    one, other = cartstiff.modes(elastic), cartstiff.modes(spelt)
+    np.testing.assert_allclose(one.frequencies, other.frequencies, rtol=1e-9)
+    assert "leg-mass-spread" not in codes(spelt)
+
+
+def test_one_mass_for_each_leg(tmp_path):
+    each = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+    assert platform(tmp_path, each).masses["legs"] == pytest.approx(sum(each))
+    with pytest.raises(InputError, match=r"legs.mass: wrong count; expected one, or 6"):
+        platform(tmp_path, [0.1, 0.2])
+    with pytest.raises(InputError, match=r"legs.mass"):
+        platform(tmp_path, "heavy")
