@@ -135,3 +135,47 @@ def test_one_mass_for_each_leg(tmp_path):
         platform(tmp_path, [0.1, 0.2])
     with pytest.raises(InputError, match=r"legs.mass"):
         platform(tmp_path, "heavy")
+
+
+# -- refusals that say what is allowed ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"legs": {"stiffness": 1e5, "mass": {"fixd": 1}}}, "one of fixed, moving, fixed_com, "),
+        ({"legs": {"stifness": 1e5}}, "one of stiffness, strut, .*closest: stiffness"),
+        ({"pose": {"xyz": [0, 0, 1], "quat": [1, 0, 0, 0]}}, r"one of xyz, rpy, got 'quat'"),
+        ({"plattform": TOP}, "one of name, .*closest: platform"),
+        (
+            {"legs": {"stiffness": 1e5, "rest_length": "200 mm"}},
+            "rest_length: cannot be used; expected a number in the unit of the file.* '20 N/mm', "
+            "got '200 mm'",
+        ),
+        ({"pose": {"xyz": [0, 0, "1.2 m"]}}, "a number in the unit of the file.*got '1.2 m'"),
+        ({"pose": {"xyz": [0, 0, "high"]}}, "expected a number, got 'high'"),
+    ],
+)
+def test_a_refusal_says_what_is_allowed(tmp_path, change, words):
+    data = {"kind": "stewart-gough", "base": BASE, "platform": TOP, "pose": POSE}
+    path = written(tmp_path, **{**data, "legs": {"stiffness": 1e5}, **change})
+    with pytest.raises(InputError, match=words):
+        cartstiff.load(path)
+
+
+def test_keys_of_the_kind_of_leg_that_is_meant(tmp_path):
+    ring = {"radius": 1.0}
+    by_name = {"chain": "UPS", "base": ring, "platform": ring, "axes": "radial"}
+    with pytest.raises(InputError, match="one of chain, base, platform, symmetry, "):
+        cartstiff.load(written(tmp_path, kind="parallel", legs=by_name))
+    described = {"model": "arm.urdf", "frame": "tip", "grib": {}}
+    with pytest.raises(InputError, match=r"one of dh, model, .*closest: grip"):
+        cartstiff.load(written(tmp_path, kind="parallel", legs=[described]))
+
+
+def test_a_link_with_two_parents_names_the_way_out():
+    joint = '<joint name="{}" type="revolute"><parent link="{}"/><child link="c"/></joint>'
+    text = '<robot name="r"><link name="a"/><link name="b"/><link name="c"/>{}{}</robot>'
+    urdf = text.format(joint.format("j1", "a"), joint.format("j2", "b"))
+    with pytest.raises(InputError, match=r"two parent joints.*'closures'.*kind closed-chain"):
+        cartstiff.load(urdf)

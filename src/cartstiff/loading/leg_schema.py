@@ -24,6 +24,7 @@ from cartstiff.loading.schema import (
     PoseModel,
     Positive,
     Text,
+    UnitsModel,
     Vector,
     keyed,
     only_one,
@@ -271,6 +272,10 @@ class ParallelFile(FileWords):
     """One body carried by several chains."""
 
     kind: Literal["parallel"]
+    units: UnitsModel = keyed(
+        "of all numbers, for legs by name: with mm a stiffness is in N/mm or N mm/rad; force is N",
+        UnitsModel.model_construct(),
+    )
     legs: _Legs = keyed("legs by name, or chains one by one, or a list of both")
     pose: PoseModel | None = keyed(
         "the body's own frame in F, where the legs are put together; legs by name need it", None

@@ -22,6 +22,7 @@ from cartstiff.expressions import Expression, is_name
 from cartstiff.loading.schema import (
     FILE_KINDS,
     NamedSprings,
+    UnitsModel,
     first_error,
     place_of,
     with_findings,
@@ -29,6 +30,7 @@ from cartstiff.loading.schema import (
 from cartstiff.loading.yaml_file import Lines
 from cartstiff.mechanisms.contract import SI, GivenStiffness, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.other_units import in_units
 from cartstiff.notes import Note
 
 #: Keys of a file whose texts are for readers.
@@ -103,7 +105,8 @@ def with_parameters(
         check_name("parameter", name, entries, place(()))
     rest = {key: value for key, value in data.items() if key != "parameters"}
     units = _own_units(rest)
-    values, used = _evaluated(entries, given, place, units)
+    turning = units if data.get("kind") == "parallel" else SI
+    values, used = _evaluated(entries, given, place, units, turning)
     # A stiffness with its unit is converted where it is used, as it may slide or turn.
     texts = {n: x for n, x in entries.items() if isinstance(x, str) and x[:1] != "="}
 
@@ -144,6 +147,7 @@ def _evaluated(
     given: Mapping[str, float],
     place: Callable[[Place], str],
     units: Units,
+    turning: Units,
 ) -> tuple[dict[str, float], set[str]]:
     """Value of every parameter, and the names that occur in the arithmetic of others."""
     formulas: dict[str, Expression | float] = {}
@@ -166,7 +170,7 @@ def _evaluated(
             formulas[name] = checked_number(entry, where)
         elif isinstance(entry, str) and entry[:1] in (*"+-.", *digits):
             stiffness = GivenStiffness.read(entry, where)
-            own_units = units if stiffness.is_length else SI
+            own_units = units if stiffness.is_length else turning
             formulas[name] = stiffness.in_units(own_units, stiffness.is_length)
         else:
             raise InputError(
@@ -224,8 +228,8 @@ def _with_unit(
             raise InputError("no stiffness", where=where, expected=expected, got=repr(text))
         return given.in_units(units, row >= 3, where)
     if file.get("kind") not in ("stewart-gough", "springs"):
-        # Files with joints are in SI; whether a joint slides or turns is known later.
-        return given.in_units(SI, True, where) if "lines" in at else given
+        # Whether a joint slides or turns is known later: its stiffness is left in SI.
+        return given.in_units(units, True, where) if "lines" in at else given
     return given.in_units(units, True, where)
 
 
@@ -367,9 +371,13 @@ def mechanism_of(
     from cartstiff.loading.plausible import file_notes
 
     name = file.name or path.stem
+    own = SI
     if file.kind == "parallel":
         from cartstiff.loading.legs import with_drawn_legs
 
+        if file.units != UnitsModel():
+            own = Units(file.units.length, file.units.force)
+            file, overrides = _in_metres(file, overrides)
         file = with_drawn_legs(file)
     file = build.with_overrides(file, overrides)
     if file.kind in ("stewart-gough", "springs"):
@@ -377,6 +385,8 @@ def mechanism_of(
     else:
         make = build.build_parallel if file.kind == "parallel" else build.build_chain
         elastic = make(file, path.parent, name)
+    if own != SI:
+        elastic = in_units(elastic, own.length)
     if isinstance(named := getattr(file, "springs", None), NamedSprings):
         from cartstiff.loading.published import with_named_springs
 
@@ -387,3 +397,16 @@ def mechanism_of(
     if file.identified is None:
         return elastic
     return with_findings(elastic, file.identified)
+
+
+def _in_metres(file: Any, overrides: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+    """Return a file of legs by name and its overrides with lengths in metres."""
+    from cartstiff.loading.leg_units import in_metres
+
+    metres, _ = convert_length(Units(file.units.length), SI)
+    file = in_metres(file, metres)
+    if (T := overrides.get("tcp")) is not None:
+        T = T.copy()
+        T[:3, 3] *= metres
+        overrides = {**overrides, "tcp": T}
+    return file, overrides

@@ -8,11 +8,23 @@ classes of its own kind only.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from types import UnionType
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    Self,
+    Union,
+    get_args,
+    get_origin,
+)
 
 import numpy as np
 from pydantic import (
@@ -771,9 +783,8 @@ def first_error(
     got = chosen["input"]
     got = "nothing" if got is None or got == "" else repr(got) if isinstance(got, str) else got
     if kind == "extra_forbidden":
-        close = get_close_matches(str(at[-1]), (known or known_keys(FileModel)) - {at[-1]}, n=3)
         what, got = "unknown key", repr(at[-1])
-        expected = f"keys of the file format (closest: {', '.join(close)})" if close else None
+        expected = _expected_key(str(at[-1]), _section_keys(at[:-1], data), known)
     elif kind == "missing":
         what, expected, got = f"key {at[-1]!r} is missing", _meaning(str(at[-1])), None
     elif kind in ("union_tag_invalid", "union_tag_not_found"):
@@ -783,9 +794,66 @@ def first_error(
         what, expected, got = chosen["msg"].removeprefix("Value error, "), None, None
     else:
         what, expected = "cannot be used", _expectation(chosen)
+        if (
+            kind == "float_type"
+            and isinstance(got, str)
+            and _WITH_UNIT.fullmatch(str(chosen["input"]))
+        ):
+            expected = (
+                "a number in the unit of the file, or arithmetic such as '=2*r'; only stiffnesses "
+                "are read with a unit, such as '20 N/mm'"
+            )
         if kind in ("too_short", "too_long"):
             what, got = "wrong count", str(len(got))
     return InputError(what, where=place_of(path, lines, at), expected=expected, got=got)
+
+
+def _expected_key(got: str, own: Sequence[str], known: set[str] | None) -> str | None:
+    """Words on the keys of a section, or on those of the whole format where it is not known."""
+    every = known or known_keys(FileModel)
+    close = get_close_matches(got, {*own} or every - {got}, n=3)
+    closest = f" (closest: {', '.join(close)})" if close else ""
+    if own:
+        return f"one of {', '.join(own)}{closest}"
+    return f"keys of the file format{closest}" if close else None
+
+
+def _section_keys(at: tuple[str | int, ...], data: Any) -> list[str]:
+    """Keys of the section of a file at a way of keys; none where the section is not known."""
+    kind = data.get("kind") if isinstance(data, dict) else None
+    if kind not in FILE_KINDS:
+        return []
+    module, name = FILE_KINDS[kind]
+    hints: list[Any] = [getattr(import_module(f"cartstiff.loading.{module}"), name)]
+    for part in at:
+        data = data[part] if isinstance(data, (dict, list)) else None
+        hints = [inner for hint in hints for inner in _inner(hint, part)]
+    models = [hint for hint in hints if isinstance(hint, type) and issubclass(hint, BaseModel)]
+    if not models or not isinstance(data, dict):
+        return []
+    # Of several kinds of entries the one is meant with which most keys agree.
+    return [
+        *max(models, key=lambda model: len(model.model_fields.keys() & data.keys())).model_fields
+    ]
+
+
+def _inner(hint: Any, part: str | int) -> list[Any]:
+    """Types of what is at a key, or an index, of a type."""
+    if isinstance(hint, type) and issubclass(hint, BaseModel):
+        field = hint.model_fields.get(str(part))
+        return [] if field is None else _alternatives(field.annotation)
+    inner = get_args(hint)
+    item = inner[-1:] if get_origin(hint) in (list, dict) else ()
+    return [one for each in item for one in _alternatives(each)]
+
+
+def _alternatives(hint: Any) -> list[Any]:
+    """Types of a union, without their metadata."""
+    if get_origin(hint) is Annotated:
+        return _alternatives(get_args(hint)[0])
+    if get_origin(hint) in (Union, UnionType):
+        return [one for each in get_args(hint) for one in _alternatives(each)]
+    return [hint]
 
 
 def _keys(location: tuple[str | int, ...], data: Any, kind: str) -> tuple[str | int, ...]:
@@ -818,6 +886,8 @@ def _meaning(key: str) -> str | None:
     return words.pop() if len(words) == 1 else None
 
 
+# A number with a unit behind it.
+_WITH_UNIT = re.compile(r"\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*[^\W\d_].*")
 _TYPES = {
     "float_type": "a number",
     "finite_number": "a finite number",

@@ -223,7 +223,13 @@ class _Robot:
             ends.append(link)
         parent, child = ends
         if child in self.carrier:
-            raise refuse(f"link {child!r} has two parent joints", got=f"the second is {name!r}")
+            raise refuse(
+                f"link {child!r} has two parent joints",
+                expected="a tree: leave one of both out, give its side a link of its own at that "
+                "place, and join it to the other under 'closures' in a mechanism file of kind "
+                "closed-chain",
+                got=f"the second is {name!r}",
+            )
         if parent == child:
             raise refuse(f"joint {name!r} joins link {child!r} to itself")
         self.carrier[child] = name, parent
