@@ -179,3 +179,13 @@ def test_a_link_with_two_parents_names_the_way_out():
     urdf = text.format(joint.format("j1", "a"), joint.format("j2", "b"))
     with pytest.raises(InputError, match=r"two parent joints.*'closures'.*kind closed-chain"):
         cartstiff.load(urdf)
+
+
+def test_springs_that_were_found_replace_those_by_name(tmp_path):
+    from cartstiff.identify.written_file import _put_joints
+
+    elastic = cartstiff.load(arm(tmp_path, springs=SET)).with_springs({"j3": 7.0})
+    holder = {"springs": SET}
+    _put_joints(holder, elastic, "")
+    found = [holder["springs"][f"j{i}"]["stiffness"] for i in range(1, 7)]
+    np.testing.assert_allclose(found, [*PUBLISHED[:2], 7.0, *PUBLISHED[3:]], rtol=1e-12)

@@ -318,14 +318,13 @@ def _put_contact(holder: dict[str, Any], joint: str, stiffness: float) -> bool:
     if joint in ("contact.tx", "contact.ty"):
         given = contact["tangential"]
         both = given if isinstance(given, list) else [given, given]
-        contact["tangential"] = [
-            stiffness if joint[-1] == a else k for a, k in zip("xy", both, strict=True)
-        ]
+        found = [stiffness if joint[-1] == a else k for a, k in zip("xy", both, strict=True)]
+        holder["contact_stiffness"] = {**contact, "tangential": found}
         return True
     key = {"contact.tz": "normal", "contact.z": "spin"}.get(joint)
     if key not in contact:
         return False
-    contact[key] = stiffness
+    holder["contact_stiffness"] = {**contact, key: stiffness}  # legs may share the entry
     return True
 
 
