@@ -1561,7 +1561,7 @@ def _struts(file: PlatformFile | SpringsFile, m: int, notes: list[Note]) -> Stru
         feet, heads = np.array(file.base), np.array(file.platform)
         T = pose_of(file.pose)
         quarter = np.linalg.norm(heads @ T[:3, :3].T + T[:3, 3] - feet, axis=1) / 4.0
-        half = np.broadcast_to(_per_leg(mass, m, "key legs.mass"), m) / 2.0
+        half = np.array(one_each(mass, m, "key legs.mass"), float) / 2.0
         words = (
             "legs.mass is one number for a leg: a uniform bar of the leg's length at the file's "
             "pose, half of it on either joint; fixed, moving, fixed_com and moving_com state "

@@ -821,19 +821,20 @@ def _expected_key(got: str, own: Sequence[str], known: set[str] | None) -> str |
 def _section_keys(at: tuple[str | int, ...], data: Any) -> list[str]:
     """Keys of the section of a file at a way of keys; none where the section is not known."""
     kind = data.get("kind") if isinstance(data, dict) else None
-    if kind not in FILE_KINDS:
+    if not isinstance(kind, str) or kind not in FILE_KINDS:
         return []
     module, name = FILE_KINDS[kind]
     hints: list[Any] = [getattr(import_module(f"cartstiff.loading.{module}"), name)]
+    section: Any = data
     for part in at:
-        data = data[part] if isinstance(data, (dict, list)) else None
+        section = section[part] if isinstance(section, (dict, list)) else None
         hints = [inner for hint in hints for inner in _inner(hint, part)]
     models = [hint for hint in hints if isinstance(hint, type) and issubclass(hint, BaseModel)]
-    if not models or not isinstance(data, dict):
+    if not models or not isinstance(section, dict):
         return []
     # Of several kinds of entries the one is meant with which most keys agree.
     return [
-        *max(models, key=lambda model: len(model.model_fields.keys() & data.keys())).model_fields
+        *max(models, key=lambda model: len(model.model_fields.keys() & section.keys())).model_fields
     ]
 
 
