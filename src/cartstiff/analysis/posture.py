@@ -75,6 +75,7 @@ from cartstiff.geometry.connections import NAMED
 from cartstiff.matrix_names import LETTERS
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.potentials.beams import Beam
+from cartstiff.potentials.coupled_joints import CoupledJointSprings
 from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings, second_derivative
 from cartstiff.potentials.springs import CoupledSprings, JointSprings
@@ -217,6 +218,13 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
         each = zip(coordinates, np.diag(springs.evaluate(posture).hessian), motion, strict=False)
         found += [(c.name, c.is_length, k, x) for c, k, x in each if k]
     for link in r.elastic.potentials:
+        if isinstance(link, CoupledJointSprings):
+            slides = [
+                all(c.is_length for c, f in zip(coordinates, row, strict=True) if f)
+                for row in link.factors
+            ]
+            sums = link.factors @ motion
+            found += zip(link.names, slides, link.stiffness.tolist(), sums.tolist(), strict=True)
         if not isinstance(link, (CoupledSprings, Beam)):
             continue
         # Along its own deflection a link is one spring, of that much turn and displacement.

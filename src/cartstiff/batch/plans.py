@@ -166,6 +166,8 @@ def chain_constants(chain: Chain) -> TreeConstants | str:
 
 def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> TracedModel | str:
     springs, n = elastic.springs, len(chain.is_length)
+    if elastic.coupled_springs:
+        return "springs that couple joints are balanced posture by posture"
     # Stiffnesses and rest positions are zero where there are none.
     shared = {"stiffness": np.zeros((1, n)), "rest": np.zeros((1, n))}
     laws: Mapping[int, SpringLaw] = {}

@@ -30,11 +30,12 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.coupled_joints import CoupledJointSprings
 from cartstiff.potentials.gravity import Gravity
-from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import DeadForce, DeadWrench, Load, Scaled
-from cartstiff.potentials.springs import JointSprings, SpringLaw
+from cartstiff.potentials.springs import CoupledSprings, JointSprings, SpringLaw
 from cartstiff.statics.equilibrium import in_stages
 from cartstiff.statics.newton import Solution, solve
 from cartstiff.statics.problem import System
@@ -49,7 +50,11 @@ def unloaded(elastic: ElasticMechanism, q: Array | None = None) -> ElasticMechan
     Its springs are at rest at the commanded positions q (n,); without it their rest positions are
     open.
     """
-    inner = tuple(p for p in elastic.potentials if not isinstance(p, (Load, Scaled)) or _is_lift(p))
+    inner = tuple(
+        replace(p, rest=p.rest + np.nan) if isinstance(p, CoupledJointSprings) else p
+        for p in elastic.potentials
+        if not isinstance(p, (Load, Scaled)) or _is_lift(p)
+    )
     springs = elastic.springs
     if springs is None:
         return replace(elastic, potentials=inner)
@@ -279,10 +284,11 @@ class Model:
 
 
 def is_open_chain(elastic: ElasticMechanism) -> bool:
-    """Whether the torque of each joint follows from the load alone: no loops, no lines."""
+    """Whether the torque of each joint follows from the load alone: no loops, no other springs."""
     mechanism = elastic.mechanism
-    lines = any(isinstance(p, LineSprings) for p in elastic.potentials)
-    return isinstance(mechanism, Chain) and not mechanism.closures and not lines
+    alone = (CoupledSprings, Beam, Load, Scaled)
+    others = any(not isinstance(p, alone) for p in elastic.potentials)
+    return isinstance(mechanism, Chain) and not mechanism.closures and not others
 
 
 def derivatives(by_functional: Array, by_load: Array, patterns: Array | Sequence[Array]) -> Array:

@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, lru_cache
+from itertools import compress
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -82,6 +83,7 @@ from cartstiff.notes import Note, assumed_stiffness, held_by_lines, table_as_rea
 from cartstiff.numerics import NEAR_SINGULARITY, ZERO_SHARE, is_regular
 from cartstiff.potentials.beams import Beam, Section
 from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.coupled_joints import CoupledJointSprings
 from cartstiff.potentials.flexure_struts import Flexure, FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings, line_geometry
 from cartstiff.potentials.loads import DeadForce
@@ -412,13 +414,15 @@ def springs_of(
     virtual: Sequence[str] = (),
     actuated: Sequence[str] | None = None,
     on_lines: bool = False,
+    coupled: Collection[str] = (),
 ) -> tuple[JointSprings, list[Note], list[Note]]:
     """Return the joint springs of a file's entries, doubts that come first, and other notes.
 
     A joint without an entry has the spring of the robot's own file. Of the other joints the
     actuated ones get an assumed spring: in a serial arm all but the `passive` ones, in a closed
     chain (`actuated` is a sequence) those that are named there, or all but the passive ones where
-    only these are named. Joints without a spring are free, as virtual joints of links are.
+    only these are named. Joints without a spring are free, as virtual joints of links are, and
+    those that `coupled` springs hold.
 
     A mechanism that line springs hold (`on_lines`) and whose file names no passive joints has
     assumed springs only where an actuator of the robot's own file drives a joint.
@@ -426,7 +430,7 @@ def springs_of(
     names = tree.names
     named = set(passive) - set(virtual)
     passive = [*passive, *(n for n in virtual if n not in passive)]
-    driven = set(names) - set(passive) - set(facts.passive)
+    driven = set(names) - set(passive) - set(facts.passive) - set(coupled)
     held: set[str] = set()
     if actuated is not None:
         if actuated or springs or not named:
@@ -480,7 +484,7 @@ def springs_of(
             rest[j] = 0.0
             if name in held:
                 on_lines_alone.append(name)
-            elif name in facts.passive and name not in passive:
+            elif name in facts.passive and name not in {*passive, *coupled}:
                 unsprung.append(name)
     doubts = [assumed_stiffness(ASSUMED_STIFFNESS, assumed, names)] if assumed else []
     doubts += [held_by_lines(on_lines_alone)] if on_lines_alone else []
@@ -579,6 +583,42 @@ def _beam(beam: BeamModel, indices: Array, link: str) -> Beam:
     )
     mass = beam.density * beam.area * beam.length
     return Beam(indices, beam.length / beam.segments, section, link, mass)
+
+
+def coupled_springs(parts: Sequence[_Part], tree: KinematicTree) -> list[CoupledJointSprings]:
+    """Springs on sums of joint positions: those of the files' keys, and fixed tendons of robots."""
+    entries = [(part, entry) for part in parts for entry in part.entry.coupled_springs]
+    for part in parts:
+        for entry in part.description.facts.coupled:
+            if not {part.prefix + n for n in entry.joints}.isdisjoint(tree.names):
+                entries.append((part, entry))
+    if not entries:
+        return []
+    factors, rest = np.zeros((len(entries), tree.n)), np.zeros(len(entries))
+    for i, (part, entry) in enumerate(entries):
+        held = {**part.description.facts.locked, **part.entry.locked}
+        rest[i] = np.nan if entry.rest is None else entry.rest
+        for name, factor in entry.joints.items():
+            if name in held:
+                rest[i] -= factor * held[name]
+                continue
+            _check_joints([part.prefix + name], tree.names, "key coupled_springs")
+            factors[i, tree.names.index(part.prefix + name)] = factor
+    names = tuple(
+        part.prefix + (entry.name or f"coupled{i}") for i, (part, entry) in enumerate(entries, 1)
+    )
+    if len({*names, *tree.names}) < len(names) + tree.n:
+        raise InputError(
+            "a coupled spring has the name of another, or of a joint",
+            where="key coupled_springs",
+            expected="different names",
+        )
+    k = np.array([entry.stiffness for _, entry in entries])
+    acting = factors.any(axis=1)
+    together = CoupledJointSprings(
+        factors[acting], k[acting], rest[acting], tuple(compress(names, acting))
+    )
+    return [together] if acting.any() else []
 
 
 def extra_lines(
@@ -746,6 +786,7 @@ def _elastic_chain(
         alone = len({int(support[1]) for support in supports if len(support) > 1}) == 1
         q, chosen = regular_posture(chain, q, alone=alone)
         notes += chosen
+    together = coupled_springs(parts, tree)
     springs, doubts, more = springs_of(
         entries,
         passive,
@@ -754,6 +795,12 @@ def _elastic_chain(
         virtual=[*virtual, *(name for name in contacts if name not in entries)],
         actuated=driven,
         on_lines=bool(file.lines),
+        coupled=[
+            n
+            for term in together
+            for n, c in zip(tree.names, term.factors.T, strict=True)
+            if c.any()
+        ],
     )
     soft = [
         spring for part in parts for spring in link_springs(part.entry.flexible, tree, part.prefix)
@@ -761,7 +808,7 @@ def _elastic_chain(
     notes[:0] = doubts
     notes += [*more, *beams_that_end_elsewhere(soft, chain), *negative_links(soft)]
     notes += _links_without_effect(soft, chain, file.lines)
-    potentials = [*soft, *extra_lines(file.lines, chain, q, notes)]
+    potentials = [*soft, *together, *extra_lines(file.lines, chain, q, notes)]
     elastic = ElasticMechanism(name, chain, q, springs, notes=tuple(notes))
     chain.undriven = frozenset(np.flatnonzero(springs.is_passive).tolist()) - springs.rigid
     if not potentials and len(chain.undriven) == tree.n:

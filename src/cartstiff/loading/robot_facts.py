@@ -15,7 +15,7 @@ from cartstiff.mechanisms.leg_shapes import frame_along
 from cartstiff.notes import Note
 
 if TYPE_CHECKING:
-    from cartstiff.loading.schema import LineModel
+    from cartstiff.loading.schema import CoupledSpringModel, LineModel
 
 #: Begins the description of actuators that are springs on request.
 POSITION_ACTUATORS = "position actuators of joints"
@@ -133,6 +133,8 @@ class RobotFacts:
         Coordinates that an actuator drives.
     lines : tuple of (LineModel, frozenset of str)
         Tendons that are line springs, and coordinates that change their lengths.
+    coupled : tuple of CoupledSpringModel
+        Fixed tendons, which are springs that couple joints.
     actuators : dict of str to float
         Stiffness of the position actuators' control by coordinate, N m/rad or N/m.
     followers : dict of str to (str, float, float)
@@ -166,6 +168,7 @@ class RobotFacts:
     loose: frozenset[str] = frozenset()
     actuated: tuple[str, ...] = ()
     lines: tuple[tuple[LineModel, frozenset[str]], ...] = ()
+    coupled: tuple[CoupledSpringModel, ...] = ()
     actuators: dict[str, float] = field(default_factory=dict)
     followers: dict[str, tuple[str, float, float]] = field(default_factory=dict)
     locked: dict[str, float] = field(default_factory=dict)

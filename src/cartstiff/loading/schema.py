@@ -423,6 +423,27 @@ SpringsByJoint = Annotated[
 ]
 
 
+class CoupledSpringModel(FileModel):
+    """A spring that couples joints: on a sum of their positions, each times its factor."""
+
+    name: Text | None = keyed("for people; default coupled1, coupled2, ...", None)
+    joints: dict[Text, Number] = keyed("factor of each joint's position in the sum", min_length=1)
+    stiffness: Positive = keyed(
+        "force per change of the sum: the energy is half of it times the square of that change; "
+        "N m/rad for a sum of angles, N/m for one of lengths"
+    )
+    rest: Number | None = keyed(
+        "the sum at rest; without it the spring balances the load at q", None
+    )
+
+    @field_validator("joints")
+    @classmethod
+    def _acts(cls, joints: dict[str, float]) -> dict[str, float]:
+        if not all(joints.values()):
+            raise ValueError("a factor of a coupled spring is not zero")
+        return joints
+
+
 class BeamModel(FileModel):
     """A straight beam along the link's x axis, clamped at both ends, with axial force effects."""
 
@@ -670,6 +691,10 @@ class Joints(_Robot):
         "by joint; or the name of a published set (see `cartstiff models`), or of a table beside "
         "this file (.csv: joint, stiffness [N m/arcmin])",
         {},
+    )
+    coupled_springs: list[CoupledSpringModel] = keyed(
+        "springs on sums of joint positions, as of a differential or a tendon over several joints",
+        [],
     )
     actuator_springs: Flag = keyed(
         "the kp of an MJCF file's position actuators, times their gears squared, are springs", False

@@ -43,6 +43,7 @@ from cartstiff.notebook import ShownInLines, html_table
 from cartstiff.notes import Note, still_assumed
 from cartstiff.potentials.beams import evaluate_together
 from cartstiff.potentials.contract import Evaluation, Potential
+from cartstiff.potentials.coupled_joints import CoupledJointSprings, least_forces
 from cartstiff.potentials.gravity import Gravity
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.loads import DeadForce, Load, Scaled
@@ -142,13 +143,33 @@ def spring_torques(
     worst = int(np.argmax(np.abs(missing)))
     size = max(size, float(np.abs(gradient).max()))
     if every and abs(missing[worst]) > numerics.BALANCE_TOLERANCE * size + numerics.ROUNDOFF:
-        unit = elastic.units.effort(elastic.mechanism.coordinates[worst].is_length)
-        raise InputError(
-            f"{elastic.names[worst]} has no spring, but the wrench needs "
-            f"{engineering(abs(missing[worst]), unit)} from it",
+        raise _unheld(elastic, posture, worst, float(abs(missing[worst])))
+    return gradient
+
+
+def _unheld(
+    elastic: ElasticMechanism, posture: MechanismPosture, j: int, torque: float
+) -> InputError:
+    """Refusal of a wrench that needs a torque at coordinate j, where no rest can be chosen."""
+    unit = elastic.units.effort(elastic.mechanism.coordinates[j].is_length)
+    needed = f"but the wrench needs {engineering(torque, unit)} from it"
+    others = {
+        type(term).__name__
+        for term in elastic.parted_terms()[0]
+        if term is not elastic.springs and term.evaluate(posture).hessian[j].any()
+    }
+    if not others:
+        return InputError(
+            f"{elastic.names[j]} has no spring, {needed}",
             expected="a stiffness above zero there, or a wrench that does not load it",
         )
-    return gradient
+    words = ", ".join(sorted(others))
+    return InputError(
+        f"{elastic.names[j]} has no spring whose rest position could be chosen, {needed}; "
+        f"the energy that acts there ({words}) keeps its own rest",
+        expected="equilibrium (cartstiff equilibrium), which deflects it, or springs whose rest "
+        "may be chosen: springs or coupled_springs in the file",
+    )
 
 
 # How the springs take the weight before any load, in words.
@@ -637,12 +658,64 @@ class ElasticMechanism(ShownInLines):
         potentials, and the end-effector is unloaded. With it, all rest positions are chosen so
         that the springs balance it.
         """
-        if self.springs is None or (self.springs.is_complete and wrench is None):
+        if not self.has_open_rest and wrench is None:
             return self
         posture = at if isinstance(at, MechanismPosture) else self.mechanism.at(at)
         load = None if wrench is None else checked_input(wrench, (6,), "wrench")
-        springs, _ = self._balanced_springs(posture, load, self._evaluate_others(posture))
-        return replace(self, springs=springs)
+        elastic = self._with_coupled_balancing(posture, load)
+        springs, _ = elastic._balanced_springs(posture, load, elastic._evaluate_others(posture))
+        return elastic if springs is elastic.springs else replace(elastic, springs=springs)
+
+    @property
+    def has_open_rest(self) -> bool:
+        """Whether the rest position of a spring is to be chosen."""
+        is_open = self.springs is not None and not self.springs.is_complete
+        return is_open or any(term.rest_is_free().any() for term in self.coupled_springs)
+
+    @cached_property
+    def coupled_springs(self) -> tuple[CoupledJointSprings, ...]:
+        """Springs that couple joints, in the order of the potentials."""
+        return tuple(term for term in self.potentials if isinstance(term, CoupledJointSprings))
+
+    def _with_coupled_balancing(
+        self, posture: MechanismPosture, wrench: Array | None
+    ) -> ElasticMechanism:
+        """Choose the rest positions of springs that couple joints, as `with_rest_balancing`."""
+        every = wrench is not None
+        if not any(term.rest_is_free(every).any() for term in self.coupled_springs):
+            return self
+        J, sizes = posture.motion.jacobian, posture.coordinate_lengths
+        wanted = np.zeros(J.shape[1]) if wrench is None else J.T.dot(wrench)
+        rest = [term for term in self.terms(springs=False) if term not in self.coupled_springs]
+        parts = evaluate_together(rest, posture)
+        own = np.zeros(len(wanted))
+        if isinstance(self.springs, JointSprings):
+            chosen = self.springs.rest_is_free(every)
+            k = np.diag(self.springs.evaluate(posture).hessian)
+            own = np.where(chosen, np.where(k > 0.0, k, 1.0), 0.0)
+            wanted = wanted - np.where(chosen, 0.0, self.springs.torque(posture.q))
+        wanted = wanted - sum((part.gradient for part in parts), np.zeros(len(wanted)))
+        free = [term.rest_is_free(every) for term in self.coupled_springs]
+        for term, is_free in zip(self.coupled_springs, free, strict=True):
+            x = term.factors @ posture.q - term.rest
+            wanted = wanted - term.factors.T @ np.where(is_free, 0.0, term.stiffness * x)
+        pairs = list(zip(self.coupled_springs, free, strict=True))
+        closure = posture.closure
+        forces = least_forces(
+            np.concatenate([term.factors[is_free] for term, is_free in pairs]),
+            np.concatenate([term.stiffness[is_free] for term, is_free in pairs]),
+            wanted,
+            own,
+            np.zeros((len(wanted), 0)) if closure is None else closure.jacobian.T,
+            sizes,
+        )
+        potentials, start = list(self.potentials), 0
+        for term, is_free in pairs:
+            each = np.full(len(is_free), np.nan)
+            each[is_free] = forces[start : start + is_free.sum()]
+            start += int(is_free.sum())
+            potentials[potentials.index(term)] = term.with_forces(posture, each)
+        return replace(self, potentials=tuple(potentials))
 
     def at_rest(self, q: Array) -> ElasticMechanism:
         """Return the mechanism with all springs of its joints at rest at coordinates q (n,)."""
@@ -677,9 +750,10 @@ class ElasticMechanism(ShownInLines):
         self, posture: MechanismPosture, wrench: Array | None
     ) -> tuple[ElasticMechanism, Evaluation]:
         """`with_rest_balancing` and its `evaluate`; the other potentials are evaluated once."""
-        others = self._evaluate_others(posture)
-        springs, exerted = self._balanced_springs(posture, wrench, others)
-        elastic = self if springs is self.springs else replace(self, springs=springs)
+        elastic = self._with_coupled_balancing(posture, wrench)
+        others = elastic._evaluate_others(posture)
+        springs, exerted = elastic._balanced_springs(posture, wrench, others)
+        elastic = elastic if springs is elastic.springs else replace(elastic, springs=springs)
         if exerted is None or springs is None:
             return elastic, elastic._with_springs_added(posture, others)
         # The chosen torque is exact; computed from a stiff spring's rest position it is rounded.
@@ -703,6 +777,8 @@ class ElasticMechanism(ShownInLines):
         Open rest positions are chosen so that it need not.
         """
         if self.springs is None:
+            return True
+        if not all(term.rest_is_free().all() for term in self.coupled_springs):
             return True
         return bool(np.any((self.springs.stiffness > 0.0) & ~np.isnan(self.springs.rest)))
 

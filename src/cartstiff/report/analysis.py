@@ -89,6 +89,11 @@ def describe(
     lines.append(result.weighed.text)
     if np.isfinite(result.stored_energy):
         lines.append(f"  energy stored in the springs {result.stored_energy:.6g} {units.moment}")
+    for spring in result.coupled_springs_as_dict().get("coupled_springs", []):
+        lines.append(
+            f"  coupled spring {spring['name']}: sum {spring['sum']:.6g}, at rest "
+            f"{spring['rest']:.6g}, force {spring['force']:.6g}"
+        )
     outside = _potential_of_loads(result)
     if np.isfinite(outside) and outside != 0.0:
         lines.append(f"  potential of gravity and loads {outside:.6g} {units.moment}")

@@ -269,8 +269,7 @@ def contact_limits(elastic: ElasticMechanism, start: MechanismPosture) -> Limits
 
 def _rests_at(elastic: ElasticMechanism, start: MechanismPosture) -> bool:
     """Whether the forces balance at a posture, closures aside."""
-    springs = elastic.springs
-    if springs is not None and not springs.is_complete:
+    if elastic.has_open_rest:
         return True
     energy, lengths = elastic.evaluate(start), start.coordinate_lengths
     stiffness = np.abs(energy.hessian * np.outer(lengths, lengths)).max(initial=0.0)

@@ -251,6 +251,12 @@ def compensate(
         springs would have to carry a part of it.
     """
     springs = _springs(checked_elastic(elastic))
+    if elastic.coupled_springs:
+        raise InputError(
+            "a path's commands are for the springs of single joints, and springs that couple "
+            "joints are not commanded",
+            expected="springs of single joints; equilibrium or analyse for this mechanism",
+        )
     against = against or ("all" if springs.is_complete else "load")
     if against not in AGAINST:
         raise UnknownNameError("kind of compensation", against, AGAINST, where="--against")

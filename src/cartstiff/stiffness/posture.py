@@ -605,6 +605,21 @@ class PostureStiffness(LabelledResult):
             "compliance": None if C is None else C.tolist(),
         }
 
+    def coupled_springs_as_dict(self) -> dict[str, Any]:
+        """Rest positions and forces of springs that couple joints, if there are any."""
+        springs = [
+            {"name": name, "sum": x, "rest": rest, "force": force}
+            for term in self.elastic.coupled_springs
+            for name, x, rest, force in zip(
+                term.names,
+                (term.factors @ self.q).tolist(),
+                term.rest.tolist(),
+                (term.stiffness * (term.factors @ self.q - term.rest)).tolist(),
+                strict=True,
+            )
+        ]
+        return {"coupled_springs": springs} if springs else {}
+
     def to_dict(self) -> dict[str, Any]:
         """The object printed by ``cartstiff analyse --json``."""
 
@@ -623,6 +638,7 @@ class PostureStiffness(LabelledResult):
             **self.weighed.to_dict(),
             "energy": None if np.isnan(self.energy) else self.energy,
             "stored_energy": None if np.isnan(self.stored_energy) else self.stored_energy,
+            **self.coupled_springs_as_dict(),
             "stiffness": {name: plain(K) for name, K in self.matrices.items()},
             "compliance": {name: plain(C) for name, C in self.compliances.items()},
             "notes": [note.to_dict() for note in self.notes],

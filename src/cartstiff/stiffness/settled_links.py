@@ -28,15 +28,15 @@ LONGEST, LAST, ROUNDED = 0.2, numerics.EQUILIBRIUM_TOLERANCE, 1e3 * numerics.EQU
 def settled_coordinates(elastic: ElasticMechanism) -> Array:
     """Coordinates (k,) that a wrench deflects to rest: those without springs of their own.
 
-    Empty if no link is compliant, or if a closed chain has neither actuators nor joint springs.
+    Empty if no link is compliant.
     """
     chain, springs = elastic.mechanism, elastic.springs
     if not isinstance(chain, Chain) or not chain.virtual or not isinstance(springs, JointSprings):
         return np.zeros(0, int)
-    free = np.flatnonzero(springs.is_passive)
-    if chain.closures and chain.actuated is None and free.size == chain.tree.n:
-        return np.zeros(0, int)
-    return free
+    free = springs.is_passive.copy()
+    for term in elastic.coupled_springs:  # their rest positions are chosen, as those of springs
+        free[term.factors.any(axis=0)] = False
+    return np.flatnonzero(free)
 
 
 def settled(
@@ -71,8 +71,9 @@ def settled(
     if not free.size:
         return posture
     lam = np.zeros(0)
+    acting = [t for t in elastic.terms(springs=False) if t not in elastic.coupled_springs]
     for _ in range(STEPS):
-        parts = evaluate_together((*elastic.terms(springs=False), *loads), posture)
+        parts = evaluate_together((*acting, *loads), posture)
         sizes = posture.coordinate_lengths
         gradient = sum((p.gradient for p in parts), np.zeros(sizes.size)) * sizes
         H = sum((p.hessian for p in parts), np.zeros(2 * sizes.shape)) * np.outer(sizes, sizes)

@@ -122,7 +122,7 @@ class Home:
         if self.state is None:
             return self.parameters.at(values, start, by_all)
         elastic = self.parameters.mechanism(values)
-        if elastic.springs is not None and not elastic.springs.is_complete:
+        if elastic.has_open_rest:
             chosen = self.parameters.posture_of(elastic, self.state.start.q)
             elastic = elastic.with_rest_balancing(elastic.mechanism.closed(chosen))
         return again(self.state, elastic, start)

@@ -37,8 +37,9 @@ from cartstiff.loading.robot_facts import (
     RobotFacts,
     on_leaders,
     successive_turns,
+    to_root,
 )
-from cartstiff.loading.schema import LineModel
+from cartstiff.loading.schema import CoupledSpringModel, LineModel
 from cartstiff.mechanisms.identity import fingerprint, was_read
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece, Shape, Sphere
 from cartstiff.mechanisms.tree import add_joint, primitive
@@ -313,7 +314,7 @@ class _Compiled:
         closures, followers = self._equalities()
         springs, nonlinear = on_leaders(springs, followers)
         self.obstacles += nonlinear
-        lines = self._tendons()
+        lines, coupled = self._tendons(followers)
         self._elastic_bodies()
         gravity = np.array(data["opt.gravity"], float)
         has_gravity = bool(gravity.any()) and not self.is_off("GRAVITY")
@@ -330,6 +331,7 @@ class _Compiled:
             loose=frozenset(floating - looped),
             actuated=tuple(actuated),
             lines=tuple(lines),
+            coupled=tuple(coupled),
             actuators={name: k for name, k in actuated.items() if k > 0.0},
             followers=followers,
             locked=self.locked,
@@ -543,15 +545,18 @@ class _Compiled:
                 self.ignored.append(f"{words} ({_listed(names)})")
         return driven
 
-    def _tendons(self) -> list[tuple[LineModel, frozenset[str]]]:
-        """Straight tendons with stiffness between two sites as lines; others become obstacles.
+    def _tendons(
+        self, followers: Followers
+    ) -> tuple[list[tuple[LineModel, frozenset[str]]], list[CoupledSpringModel]]:
+        """Straight tendons with stiffness between two sites as lines, fixed ones on joints' sums.
 
-        A tendon with a range of spring lengths is slack within it; one whose range begins at 0
-        pulls and never pushes.
+        Others become obstacles. A tendon with a range of spring lengths is slack within it; one
+        whose range begins at 0 pulls and never pushes.
         """
         data = self.data
         further = data["tendon_stiffnesspoly"] or [[]] * len(data["tendon_names"])
         lines: list[tuple[LineModel, frozenset[str]]] = []
+        coupled: list[CoupledSpringModel] = []
         for t, name in enumerate(data["tendon_names"]):
             k, joints = data["tendon_stiffness"][t], self._tendon_joints(t)
             if not (k or any(further[t])) or self.is_off("SPRING", "PASSIVE"):
@@ -568,9 +573,33 @@ class _Compiled:
                     unilateral=shortest < rest,
                 )
                 lines.append((line, joints))
+            elif plain and shortest == rest and set(data["wrap_type"][part]) == {"mjWRAP_JOINT"}:
+                factors = zip(data["wrap_objid"][part], data["wrap_prm"][part], strict=True)
+                coupled.append(
+                    self._coupled(name or f"tendon {t + 1}", k, rest, factors, followers)
+                )
             else:
                 self._leave_out(f"stiffness of tendon {name or t + 1!r}", joints)
-        return lines
+        return lines, coupled
+
+    def _coupled(
+        self,
+        name: str,
+        k: float,
+        rest: float,
+        factors: Iterable[tuple[int, float]],
+        followers: Followers,
+    ) -> CoupledSpringModel:
+        """Return a fixed tendon as a spring on a sum of coordinates, those of leaders."""
+        joints = dict[str, float]()
+        for j, factor in factors:
+            (own,) = self.coordinates[j]  # MuJoCo takes hinges and slides only
+            if own in followers:
+                own, ratio, offset = to_root(own, followers)
+                factor, rest = factor * ratio, rest - factor * offset
+            joints[own] = joints.get(own, 0.0) + factor
+        acting = {own: factor for own, factor in joints.items() if factor}
+        return CoupledSpringModel.model_construct(name=name, joints=acting, stiffness=k, rest=rest)
 
     def _elastic_bodies(self) -> None:
         """Leave out plugins of bodies that exert forces, and flexible objects."""

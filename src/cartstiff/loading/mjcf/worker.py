@@ -37,7 +37,7 @@ geom_bodyid geom_type geom_group geom_dataid geom_matid geom_pos geom_quat geom_
 mat_rgba mesh_pos mesh_quat
 eq_type eq_objtype eq_obj1id eq_obj2id eq_active0 eq_data
 tendon_adr tendon_num tendon_limited tendon_stiffness tendon_stiffnesspoly tendon_lengthspring
-wrap_type wrap_objid actuator_trntype actuator_trnid actuator_gear actuator_biastype
+wrap_type wrap_objid wrap_prm actuator_trntype actuator_trnid actuator_gear actuator_biastype
 actuator_biasprm flex_vertadr flex_vertnum flex_vertbodyid
 """
 #: Fields whose numbers are replaced by MuJoCo's names of them.
