@@ -34,6 +34,7 @@ from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation, Posture, Potential
 from cartstiff.potentials.segment_shapes import (
     deformations,
+    internal_twist,
     power_series,
     sheared,
     with_derivatives,
@@ -268,9 +269,7 @@ class Beam(Potential):
 
     def shapes(self, x: Array) -> tuple[Jet, Jet, Jet]:
         """Twist (m,), elongation (m,), turns (m, 4) of segments at coordinates x (m, 6)."""
-        h = self.length
-        f = np.array(self.section.bending) / (np.array(self.section.shear) * h * h)
-        ratios = f / (1 / 12 + f)
+        h, ratios = self.length, self._slants
         phi, turns = deformations(x, ratios)
         stretch = variables(x)[2]
         if ratios.any():
@@ -291,15 +290,21 @@ class Beam(Potential):
         torsion = self.section.torsion / h
         energy = N * u - N * N * h / (2 * self.section.axial) + (s * squares).sum(axis=-1)
         energy = energy + 0.5 * torsion * (phi.value * phi.value)
-        gradient = torsion * phi.value[:, None] * phi.gradient
-        hessian = torsion * (
-            phi.gradient[:, :, None] * phi.gradient[:, None, :]
-            + phi.value[:, None, None] * phi.hessian
-        )
+        moments, torque = 2 * s * theta, torsion * phi.value
         mixed = stretch.gradient.copy()  # d^2 U / dN dx
-        gradient = gradient + N[:, None] * stretch.gradient
+        gradient = N[:, None] * stretch.gradient
+        hessian = torsion * (phi.gradient[:, :, None] * phi.gradient[:, None, :])
         hessian = hessian + N[:, None, None] * stretch.hessian
-        G, moments = turns.gradient, 2 * s * theta
+        about_y, about_z = self.section.bending
+        if about_y != about_z:
+            more = self._internal_twist(phi.value, theta)
+            energy = energy + more[0]
+            moments, torque = moments + more[1][:, :4], torque + more[1][:, 4]
+            rates = np.concatenate([turns.gradient, phi.gradient[:, None]], axis=1)
+            hessian = hessian + rates.swapaxes(1, 2) @ (more[2] @ rates)
+        gradient = gradient + torque[:, None] * phi.gradient
+        hessian = hessian + torque[:, None, None] * phi.hessian
+        G = turns.gradient
         gradient = gradient + (moments[:, None] @ G)[:, 0]
         mixed = mixed + ((2 * s1 * theta)[:, None] @ G)[:, 0]
         hessian = hessian + np.einsum("mk,mkab->mab", moments, turns.hessian)
@@ -307,6 +312,25 @@ class Beam(Potential):
         answers = follows / (h / self.section.axial - (s2 * squares).sum(axis=-1))
         hessian = hessian + answers[:, None, None] * mixed[:, :, None] * mixed[:, None, :]
         return energy, gradient, hessian
+
+    def _internal_twist(self, twist: Array, turns: Array) -> tuple[Array, Array, Array]:
+        """See `internal_twist`."""
+        about_y, about_z = self.section.bending
+        h = self.length
+        return internal_twist(
+            twist,
+            turns,
+            abs(about_z - about_y) / h,
+            self.section.torsion / h,
+            self._slants,
+            int(about_z > about_y),
+        )
+
+    @cached_property
+    def _slants(self) -> Array:
+        """Parts (2,) of the S about y and about z that are slant."""
+        f = np.array(self.section.bending) / (np.array(self.section.shear) * self.length**2)
+        return f / (1 / 12 + f)
 
     def _axial_force(self, u: Array, theta: Array) -> tuple[Array, Array, Array, Array]:
         """Tension at which elongation and bowing add up to u, by Newton's method in a bracket.

@@ -106,6 +106,119 @@ def sheared(stretch: Jet, turns: Jet, h: float, ratios: Array) -> tuple[Jet, Jet
     return along, turns + (across - slant).combined(_ONLY_S)
 
 
+def internal_twist(
+    twist: Array, turns: Array, stiffer: float, torsion: float, ratios: Array, axis: int
+) -> tuple[Array, Array, Array]:
+    r"""Energy (m,) of the coupling of bending and torsion within segments, with derivatives.
+
+    Where a section is bent about its soft axis s, its stiff bending p = `axis` turns with the
+    section: its curvature is that of the line along the turned axis. With chi the turn of the
+    sections along the segment, of xi from -1/2 to 1/2, and s = +1 for p = y and -1 for p = z,
+
+        U = D / 2h int [P (k_p + s chi k_s)]^2 - k_p^2 + GJ / 2h int chi'^2 ,  D = EI_p - EI_s ,
+
+        k = alpha + 12 beta xi ,  alpha = -2 bow ,  beta = S  (of S the part that bends).
+
+    P is the projection on 1 and xi: any other curvature is made up for by bending between the
+    ends, which costs nothing to this order. The turn chi = phi xi + further turns that vanish at
+    the ends minimises U. These enter by three moments, and with their flexibility
+    (``int 1, xi, xi^2`` of the turn of a bar of unit torsion stiffness under 1, xi, xi^2)
+
+        F = h / GJ [[alpha^2 / 12 + beta^2 / 5, 2 sqrt(3) alpha beta / 15],
+                    [                      ..., alpha^2 / 60 + 3 beta^2 / 7]]
+
+        U = 1/2 d^T (W^-1 + F)^-1 d - 1/2 k^T W k ,  W = D / h diag(1, 1 - r_p) ,
+        k = (alpha_p, sqrt(12) beta_p) ,  d = k + s phi (beta_s, alpha_s / sqrt(12)) .
+
+    Torsion is thus a spring in series with the stiff bending: support stiffness of a leaf spring
+    that is bent decreases with the square of its deflection. In a straight segment U is zero with
+    all derivatives.
+
+    Parameters
+    ----------
+    twist, turns : ndarray (m,), (m, 4)
+        phi; bows about y and z, and S about y and z.
+    stiffer, torsion : float
+        D / h and GJ / h.
+    ratios : ndarray (2,)
+        Parts of the S about y and z that are slant.
+    axis : {0, 1}
+        Stiff axis: y or z.
+
+    Returns
+    -------
+    energy : ndarray (m,)
+    slopes : ndarray (m, 5)
+        By the four turns and the twist.
+    curvatures : ndarray (m, 5, 5)
+    """
+    soft, sign = 1 - axis, 1.0 - 2.0 * axis
+    root = np.sqrt(12.0)
+    bends = 1.0 - float(ratios[soft])
+    alpha, beta, chi = -2.0 * turns[:, soft], bends * turns[:, 2 + soft], sign * twist
+    k = [-2.0 * turns[:, axis], root * turns[:, 2 + axis]]
+    w = [stiffer, stiffer * (1.0 - float(ratios[axis]))]
+    delta = [chi * beta, chi * alpha / root]
+    d = [k[0] + delta[0], k[1] + delta[1]]
+    c, mixed = 1.0 / torsion, root / 15.0
+    F00 = c * (alpha * alpha / 12.0 + beta * beta / 5.0)
+    F01 = c * mixed * (alpha * beta)
+    F11 = c * (alpha * alpha / 60.0 + 3.0 / 7.0 * (beta * beta))
+    product = F00 * F11 - F01 * F01
+    scale = 1.0 / (1.0 + w[0] * F00 + w[1] * F11 + w[0] * w[1] * product)
+    # W less (W^-1 + F)^-1.
+    R00 = w[0] * w[0] * scale * (F00 + w[1] * product)
+    R11 = w[1] * w[1] * scale * (F11 + w[0] * product)
+    R01 = w[0] * w[1] * scale * F01
+    lost = [R00 * d[0] + R01 * d[1], R01 * d[0] + R11 * d[1]]
+    t = [w[0] * d[0] - lost[0], w[1] * d[1] - lost[1]]
+    energy = 0.5 * sum(w[i] * delta[i] * (2.0 * k[i] + delta[i]) - d[i] * lost[i] for i in range(2))
+    # By alpha, beta, k_0, k_1, chi: rates of d, F t and the rest.
+    zero, one = 0.0 * chi, 0.0 * chi + 1.0
+    rates = [(zero, chi / root), (chi, zero), (one, zero), (zero, one), (beta, alpha / root)]
+    bent = [
+        (
+            c * (alpha / 6.0 * t[0] + mixed * beta * t[1]),
+            c * (mixed * beta * t[0] + alpha / 30.0 * t[1]),
+        ),
+        (
+            c * (0.4 * beta * t[0] + mixed * alpha * t[1]),
+            c * (mixed * alpha * t[0] + 6.0 / 7.0 * (beta * t[1])),
+        ),
+        *[(zero, zero)] * 3,
+    ]
+    slopes = [
+        r[0] * t[0] + r[1] * t[1] - 0.5 * (b[0] * t[0] + b[1] * t[1])
+        for r, b in zip(rates, bent, strict=True)
+    ]
+    slopes[2], slopes[3] = w[0] * delta[0] - lost[0], w[1] * delta[1] - lost[1]
+    e = [(r[0] - b[0], r[1] - b[1]) for r, b in zip(rates, bent, strict=True)]
+    Re = [(R00 * x + R01 * y, R01 * x + R11 * y) for x, y in e]
+    curvatures = [[zero] * 5 for _ in range(5)]
+    for i in range(5):
+        for j in range(i + 1):
+            own = -(e[i][0] * Re[j][0] + e[i][1] * Re[j][1])
+            if not {i, j} <= {2, 3}:
+                own = own + w[0] * (e[i][0] * e[j][0]) + w[1] * (e[i][1] * e[j][1])
+            curvatures[i][j] = own
+    curvatures[0][0] = curvatures[0][0] - c * (t[0] * t[0] / 12.0 + t[1] * t[1] / 60.0)
+    curvatures[1][1] = curvatures[1][1] - c * (t[0] * t[0] / 5.0 + 3.0 / 7.0 * (t[1] * t[1]))
+    curvatures[1][0] = curvatures[1][0] - c * mixed * (t[0] * t[1])
+    curvatures[4][0] = curvatures[4][0] + t[1] / root
+    curvatures[4][1] = curvatures[4][1] + t[0]
+    # To the turns and the twist.
+    places = [soft, 2 + soft, axis, 2 + axis, 4]
+    factors = [-2.0, bends, -2.0, root, sign]
+    gradient = np.zeros((len(twist), 5), twist.dtype)
+    hessian = np.zeros((len(twist), 5, 5), twist.dtype)
+    for i, (at, factor) in enumerate(zip(places, factors, strict=True)):
+        gradient[:, at] = factor * slopes[i]
+        for j in range(i + 1):
+            value = factor * factors[j] * curvatures[i][j]
+            hessian[:, at, places[j]] = hessian[:, places[j], at] = value
+    return energy, gradient, hessian
+
+
 def _swing(angles: Array) -> Jet:
     """Ry(b) Rz(g) as (y, z, twist): a rotation vector (0, y, z), after or before a turn about e_x.
 
