@@ -97,10 +97,12 @@ URDF = f"""<robot name="leaves"><link name="g"/><link name="a"/><link name="b"/>
 <link name="end"/>
 <joint name="ja" type="fixed"><parent link="g"/><child link="a"/>
 <origin xyz="{-GAP / 2} 0 0" rpy="0 -1.5707963267948966 0"/></joint>
-<joint name="ka" type="fixed"><parent link="a"/><child link="stage"/><origin xyz="{LENGTH} 0 0"/></joint>
+<joint name="ka" type="fixed"><parent link="a"/><child link="stage"/>
+<origin xyz="{LENGTH} 0 0"/></joint>
 <joint name="jb" type="fixed"><parent link="g"/><child link="b"/>
 <origin xyz="{GAP / 2} 0 0" rpy="0 -1.5707963267948966 0"/></joint>
-<joint name="kb" type="fixed"><parent link="b"/><child link="end"/><origin xyz="{LENGTH} 0 0"/></joint>
+<joint name="kb" type="fixed"><parent link="b"/><child link="end"/>
+<origin xyz="{LENGTH} 0 0"/></joint>
 </robot>"""
 FILE = """kind: closed-chain
 model: leaves.urdf
@@ -146,6 +148,21 @@ def test_support_stiffness_of_bent_leaves(tmp_path, segments, push, allowed):
     assert state.stiffness.pose[0, 3] == pytest.approx(moved[0], rel=allowed)
     assert found[1, 1] == pytest.approx(C[1, 1], rel=allowed)
     assert found[0, 0] == pytest.approx(C[0, 0], rel=allowed)
+
+
+@pytest.mark.parametrize(("segments", "push"), [(1, 14.0), (1, 28.0), (2, 28.0)])
+def test_the_error_of_a_bent_leaf_is_stated(tmp_path, segments, push):
+    """A note names the estimate and the cure where the error exceeds some percent."""
+    state = equilibrium(leaves(tmp_path, segments), None, DeadForce([push, 0.0, 0.0]))
+    _, C = reference(push)
+    found = state.stiffness.compliances["B"][3:, 3:]
+    error = abs(found[1, 1] / C[1, 1] - 1.0)  # y is across the width in every posture
+    noted = [note for note in state.stiffness.notes if note.code == "beam-bent"]
+    assert bool(noted) == (segments == 1)
+    assert error < (noted[0].values["error"] if noted else 0.03)
+    if noted:
+        assert noted[0].values["error"] < 3 * error
+        assert "segments: 2" in noted[0].message
 
 
 @pytest.mark.parametrize(

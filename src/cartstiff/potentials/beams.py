@@ -50,8 +50,11 @@ _TERMS = 20
 _LARGEST_SHARE, _AT_BOUND = 0.999, numerics.ROUNDOFF
 _MAX_STEPS = 100
 # Least share of the clamped buckling load, and least turn against the chord [rad], for the notes
-# that ask for more segments.
-_NOTED_COMPRESSION, _NOTED_TURN = 0.75, 0.4
+# that ask for more segments; and least relative error of a stiffness.
+_NOTED_COMPRESSION, _NOTED_TURN, _NOTED_ERROR = 0.75, 0.4, 0.03
+# Relative errors of stiffnesses as shares of the squares of turns, found beside beams of eight
+# and sixteen segments: of leaf springs in an S, where torsion and bending are coupled, and else.
+_ERROR_OF_S, _ERROR_OF_TURNS = 1.2, 0.1
 
 
 def _series() -> Array:
@@ -127,7 +130,8 @@ class Section(NamedTuple):
 class _Segments(NamedTuple):
     """Segments of a beam: energies (m,), gradients (m, 6), Hessians (m, 6, 6), axial forces (m,).
 
-    `turns` (m,) is the larger of the sections' turns against the chord and the twist [rad].
+    `turns` (m,) is the larger of the sections' turns against the chord and the twist [rad], and
+    `errors` (m,) the estimated relative error of the stiffness.
     """
 
     energies: Array
@@ -135,6 +139,7 @@ class _Segments(NamedTuple):
     hessians: Array
     axial_forces: Array
     turns: Array
+    errors: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,8 +205,8 @@ class Beam(Potential):
         diagnostics: list[Note] = []
         if not x.any():
             return diagnostics
-        _, _, _, N, turns = self._segments(x)
-        bent = float(turns.max())
+        _, _, _, N, turns, errors = self._segments(x)
+        bent, error = float(turns.max()), float(errors.max())
         share = -float(N.min()) / self.clamped_load
         count = len(self.indices)
         many = f"beam {self.link!r} with {count} segment{'s' if count > 1 else ''}"
@@ -212,12 +217,12 @@ class Beam(Potential):
             )
             values = {"link": self.link, "share": share, "segments": count}
             diagnostics.append(Note("beam-compressed", message, values))
-        if bent > _NOTED_TURN:
+        if bent > _NOTED_TURN or error > _NOTED_ERROR:
             message = (
-                f"{many}: one turns by {bent:.2g} rad against its chord, beyond the theory of "
-                "small turns: give more segments"
+                f"{many}: one turns by {bent:.2g} rad against its chord, so that stiffnesses may "
+                f"be wrong by about {100 * error:.2g} %: give more segments (segments: {2 * count})"
             )
-            values = {"link": self.link, "turn": bent, "segments": count}
+            values = {"link": self.link, "turn": bent, "segments": count, "error": error}
             diagnostics.append(Note("beam-bent", message, values))
         return diagnostics
 
@@ -261,7 +266,19 @@ class Beam(Potential):
         at_bound = ((1 - _AT_BOUND) * low >= N) | ((1 - _AT_BOUND) * high <= N)
         terms = self.terms(shapes, N, rotational, np.where(at_bound, 0.0, 1.0))
         bent = np.maximum(np.abs(phi.value), np.abs(turns.value).max(axis=-1))
-        return _Segments(*terms, N, bent)
+        return _Segments(*terms, N, bent, self._errors(bent, turns.value))
+
+    def _errors(self, bent: Array, turns: Array) -> Array:
+        """Estimated relative errors (m,) of the stiffness of segments with turns (m, 4)."""
+        errors = _ERROR_OF_TURNS * bent * bent
+        about_y, about_z = self.section.bending
+        if about_y == about_z:
+            return errors
+        soft = int(about_y > about_z)
+        S = (1.0 - self._slants[soft]) * turns[:, 2 + soft]
+        # Flexibility of the torsion against that of the stiff bending, see `internal_twist`.
+        share = abs(about_z - about_y) / self.section.torsion * (3.0 / 7.0) * S * S
+        return errors + _ERROR_OF_S * S * S * share / (1.0 + share)
 
     def segments(self, x: Array) -> tuple[Array, Array, Array]:
         """Energies (m,), gradients (m, 6), Hessians (m, 6, 6) of segments at coordinates (m, 6)."""
