@@ -11,7 +11,6 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, lru_cache
-from itertools import compress
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -614,11 +613,11 @@ def coupled_springs(parts: Sequence[_Part], tree: KinematicTree) -> list[Coupled
             expected="different names",
         )
     k = np.array([entry.stiffness for _, entry in entries])
-    acting = factors.any(axis=1)
+    acting = np.flatnonzero(factors.any(axis=1))
     together = CoupledJointSprings(
-        factors[acting], k[acting], rest[acting], tuple(compress(names, acting))
+        factors[acting], k[acting], rest[acting], tuple(names[i] for i in acting)
     )
-    return [together] if acting.any() else []
+    return [together] if acting.size else []
 
 
 def extra_lines(

@@ -41,8 +41,7 @@ class CoupledJointSprings(Potential):
     names: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        shapes = {"factors": None, "stiffness": None, "rest": None}
-        for name in shapes:
+        for name in ("factors", "stiffness", "rest"):
             array = checked_array(getattr(self, name), None, name, finite=name != "rest")
             array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -50,7 +49,8 @@ class CoupledJointSprings(Potential):
         if self.factors.shape[:1] != (m,) or self.factors.ndim != 2:
             raise InputError("one row of factors for each coupled spring", expected=f"{m} rows")
         if self.stiffness.shape != (m,) or self.rest.shape != (m,):
-            raise InputError("one stiffness and rest position for each coupled spring", expected=m)
+            what = "one stiffness and rest position for each coupled spring"
+            raise InputError(what, expected=f"{m} of both")
         if np.any(self.stiffness <= 0.0):
             raise InputError("stiffness of a coupled spring must be above zero")
 

@@ -172,7 +172,8 @@ def internal_twist(
     R01 = w[0] * w[1] * scale * F01
     lost = [R00 * d[0] + R01 * d[1], R01 * d[0] + R11 * d[1]]
     t = [w[0] * d[0] - lost[0], w[1] * d[1] - lost[1]]
-    energy = 0.5 * sum(w[i] * delta[i] * (2.0 * k[i] + delta[i]) - d[i] * lost[i] for i in range(2))
+    stored = [w[i] * delta[i] * (2.0 * k[i] + delta[i]) - d[i] * lost[i] for i in (0, 1)]
+    energy = 0.5 * (stored[0] + stored[1])
     # By alpha, beta, k_0, k_1, chi: rates of d, F t and the rest.
     zero, one = 0.0 * chi, 0.0 * chi + 1.0
     rates = [(zero, chi / root), (chi, zero), (one, zero), (zero, one), (beta, alpha / root)]
