@@ -230,6 +230,39 @@ def test_boundaries_of_bodies_on_legs_agree_with_analyse(machines, name, axes):
     assert found.axes[2] in describe_workspace(found)
 
 
+def test_legs_of_joints_stay_in_their_working_mode():
+    """A delta at 1500 places, against its cranks and both its determinants in closed form."""
+    crank, rod, base, plate = 0.2, 0.45, 0.15, 0.05
+    delta = cartstiff.load("delta")
+    pose = cartstiff.analyse(delta).pose
+    turns = [Rotation.from_euler("z", 2 * np.pi * k / 3).as_matrix() for k in range(3)]
+    places = np.random.default_rng(0).uniform([-0.5, -0.5, -0.75], [0.5, 0.5, -0.05], (1500, 3))
+    places[0] = pose[:3, 3]
+    cranks, rods, held = [], [], []
+    for R in turns:
+        B = places @ R + [plate - base, 0, 0]  # in the leg's own axes; cranks turn about y
+        c = ((B * B).sum(axis=1) + crank**2 - rod**2) / (2 * crank)
+        with np.errstate(invalid="ignore"):
+            t = np.arctan2(-B[:, 2], B[:, 0]) - np.arccos(c / np.hypot(B[:, 0], B[:, 2]))
+        n = (B - crank * np.column_stack([np.cos(t), 0 * t, -np.sin(t)])) / rod
+        # Two universal joints with parallel outer axes y keep the body from turning about this:
+        across = np.cross([0.0, 1.0, 0.0], np.cross([0.0, 1.0, 0.0], n))
+        cranks.append(t)
+        rods.append(n @ R.T)
+        held.append(across @ R.T)
+    cranks = np.column_stack(cranks)
+    reached = np.isfinite(cranks).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        signs = np.linalg.det(np.stack(rods, axis=1)) * np.linalg.det(np.stack(held, axis=1))
+    margins, poses = LegMargins(delta, pose), np.tile(pose, (1500, 1, 1))
+    poses[:, :3, 3] = places
+    q = margins.solved(poses)
+    np.testing.assert_array_equal(np.isfinite(q).all(axis=1), reached)
+    away = q[reached][:, delta.mechanism.actuated] - cranks[reached]
+    assert np.abs((away + np.pi) % (2 * np.pi) - np.pi).max() < 1e-8
+    np.testing.assert_array_equal(margins.inside(poses), reached & (signs * signs[0] > 0))
+
+
 def test_turns_of_joints_are_limits_everywhere():
     """Angles of joints that are not driven, one by one."""
     legs = PUS | {"turns": {"u1": [-0.2, 0.2], "s2": [-1.0, 1.0]}}

@@ -15,7 +15,7 @@ from itertools import combinations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_pose, checked_vector
@@ -25,6 +25,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.inverse import inverse_kinematics
 from cartstiff.kinematics.legs import Leg, legs_of
+from cartstiff.kinematics.rods import rod_of
 from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
@@ -40,6 +41,8 @@ _MAX_STEPS, _MAX_LEG_STEPS, _LONGEST_LEG_STEP = 200, 30, 0.1
 # Distance of poses about the default one that test which coordinates are independent (rad, or
 # characteristic lengths).
 _TEST_DISTANCE = 0.02
+# Starts for legs whose steps end in another working mode.
+_ATTEMPTS = 6
 
 
 @checked
@@ -170,6 +173,18 @@ def _note(elastic: ElasticMechanism, wanted: Array, reached: Array, free: list[i
     return Note("pose-follows", words + ", ".join(shown), values)
 
 
+def _stepped(leg: Leg, starts: Array, target: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Coordinates of a leg by steps, within its limits where possible, and which are reached."""
+    own, good = leg.solver.solve(target, starts, leg.free)
+    # Beyond a limit, as where a strut passes through its base, there may be one within.
+    within = leg.solver.narrowed({c.name: (c.lower, c.upper) for c in leg.chain.coordinates})
+    beyond = np.flatnonzero((own != np.clip(own, within.lower, within.upper)).any(axis=1))
+    again, found = within.solve(target[beyond], starts[beyond], leg.free)
+    own[beyond[found]] = again[found]
+    good[beyond[found]] = True
+    return own, good
+
+
 class _Search:
     """Searches for postures of a chain with closures."""
 
@@ -294,18 +309,38 @@ class _Search:
         for leg in legs:
             rows = np.flatnonzero(np.isfinite(q).all(axis=1))
             starts, target = q[np.ix_(rows, leg.columns)], leg.target(T[rows])
-            own, good = leg.solver.solve(target, starts, leg.free)
-            # Beyond a limit, as where a strut passes through its base, there may be one within.
-            within = leg.solver.narrowed(
-                {c.name: (c.lower, c.upper) for c in leg.chain.coordinates}
-            )
-            beyond = np.flatnonzero((own != np.clip(own, within.lower, within.upper)).any(axis=1))
-            again, found = within.solve(target[beyond], starts[beyond], leg.free)
-            own[beyond[found]] = again[found]
-            good[beyond[found]] = True
+            own, good = self._of_leg(leg, starts, target)
             q[np.ix_(rows, leg.columns)] = own
             q[rows[~good]] = np.nan
         return q[len(near) :] if np.isfinite(q[: len(near)]).all() else None
+
+    def _of_leg(self, leg: Leg, starts: Array, target: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Coordinates of a leg at poses of its end, and which are reached in its working mode."""
+        rod = rod_of(leg, self.q[leg.columns], frozenset(self.chain.actuated or ()))
+        if rod is None:
+            return _stepped(leg, starts, target)
+        wanted = rod.coordinate(target)
+        own, good = starts.copy(), np.zeros(len(starts), bool)
+        left = np.flatnonzero(np.isfinite(wanted))
+        rng = np.random.default_rng(3)
+        for attempt in range(_ATTEMPTS):
+            if not left.size:
+                break
+            begin = starts[left].copy()
+            if attempt and good.any():  # the passive joints of the nearest pose in this mode
+                from scipy.spatial import KDTree
+
+                known, flat = np.flatnonzero(good), target[:, :3].reshape(-1, 12)
+                _, nearest = KDTree(flat[known]).query(flat[left], [min(attempt, len(known))])
+                begin = own[known[nearest[:, 0]]]
+            elif attempt:
+                begin += rng.uniform(-1.0, 1.0, begin.shape) * self.movable[leg.columns]
+            begin[:, rod.driven] = wanted[left]
+            found, reached = _stepped(leg, begin, target[left])
+            reached &= rod.keeps(found, wanted[left])
+            own[left[reached]], good[left[reached]] = found[reached], True
+            left = left[~reached]
+        return own, good
 
     def short(self, T: Array) -> str:
         """The leg that does not reach a pose of M, in words; empty if all do."""

@@ -63,6 +63,7 @@ from cartstiff.geometry import se3
 from cartstiff.kinematics.architecture import architecture_of, orientation_rank
 from cartstiff.kinematics.at_pose import COORDINATES, at_poses
 from cartstiff.kinematics.legs import Leg, legs_of
+from cartstiff.kinematics.rods import rod_of
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic, gravity_loads
 from cartstiff.mechanisms.limits import Limits
@@ -207,9 +208,16 @@ class LegMargins(PoseMargins):
             )
         super().__init__(elastic, float(chain.at(elastic.q).length))
         self.chain, self.legs, self.is_quick = chain, legs, bool(chain.legs)
+        actuated = frozenset(chain.actuated or ())
+        self.rods = {id(leg): rod_of(leg, elastic.q[leg.columns], actuated) for leg in legs}
         q, self.free = at_poses(elastic, _coordinates(pose[None]), legs=legs)
         if not through and (rates := self.rates(q, pose[None])) is not None:
             self.sign = float(np.sign(numerics.determinants(rates)[0]))
+
+    @property
+    def keeps_modes(self) -> bool:
+        """Whether the driven joint of every leg is known in closed form, in one working mode."""
+        return self.is_quick or all(rod is not None for rod in self.rods.values())
 
     def others(self, q: Array, poses: Array, limited: Array) -> dict[str, Array]:  # noqa: ARG002
         """Missing length of each leg at poses that are not reached, and the determinant."""
@@ -271,6 +279,9 @@ class LegMargins(PoseMargins):
         passive = J[..., ~np.isin(columns, self.chain.actuated or ())]
         if J.shape[2] == 6:
             passive[..., -1] *= np.sign(numerics.determinants(J))[:, None]
+        elif (rod := self.rods[id(leg)]) is not None:
+            own = q[:, leg.columns]
+            passive[..., -1] *= rod.orientation(own, there.pose, there.jacobian)[:, None]
         return np.asarray(passive)
 
 
@@ -1357,6 +1368,12 @@ def workspace(
     turns = None
     if len(margins.free) == 6:
         turns = rays_to_boundaries(margins, turned, np.pi, count, scan, end="half turn")
+    if isinstance(margins, LegMargins) and not margins.keeps_modes:
+        message = (
+            "joints of legs follow from a pose by iterations alone, which may end in another "
+            "working mode: single poses may be taken as inside, or outside, that are not"
+        )
+        notes.append(Note("working-mode-unchecked", message, {}))
     if at_centre.min() < 0.0:
         worst = margins.names[int(at_centre.argmin())]
         message = f"the pose that the rays start from is itself beyond a limit: {worst}"
@@ -1368,7 +1385,7 @@ def workspace(
         else:
             message = (
                 "the largest sphere and cube are not looked for: these legs' joints follow from a "
-                "pose by iterations alone, which near the boundary may end in another working mode"
+                "pose by iterations, which take too long for it"
             )
             notes.append(Note("no-fits", message, {}))
     near = least_ratio(margins, moved, positions)
