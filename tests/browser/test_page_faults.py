@@ -109,10 +109,13 @@ def test_missing_meshes_are_one_line_and_leave_the_picture_free(serve, pages, lo
     assert np.abs(page.evaluate(TOOL)).max() < 0.95
 
 
-def test_assumed_springs_are_said_with_the_answer(serve, pages):
+@pytest.mark.parametrize(
+    ("code", "prefix"), [("stiffness-assumed", "Springs assumed: "), ("held-by-lines", "")]
+)
+def test_assumed_springs_are_said_with_the_answer(serve, pages, code, prefix):
     page = pages.open(serve("ur5").url)
     words = "stiffness of all joints taken as 1e4"
-    note = {"code": "stiffness-assumed", "message": words, "values": {}}
+    note = {"code": code, "message": words, "values": {}}
     assert page.inner_text(".doubt") == "Springs illustrative, not measured"
     page.evaluate(
         """(note) => {
@@ -122,7 +125,7 @@ def test_assumed_springs_are_said_with_the_answer(serve, pages):
         }""",
         note,
     )
-    assert page.inner_text(".doubt") == f"Springs assumed: {words}"
+    assert page.inner_text(".doubt") == f"{prefix}{words}"
 
 
 def test_a_sweep_is_followed_between_its_samples(serve, pages):

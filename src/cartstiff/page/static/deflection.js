@@ -74,10 +74,11 @@ export function deflectionPanel(store) {
     const both = `${symbol(store.shown, "A")} and ${symbol(store.shown, "K")}`;
     apart.textContent = most < NEGLIGIBLE_DIFFERENCE ? `${both} are the same here` : `${both} differ by up to ${short(100 * most, 2)} %`;
     const { source, is_illustrative: isIllustrative } = store.hello.mechanism;
-    const assumed = result.notes.find(({ code }) => code === "stiffness-assumed");
-    doubt.hidden = !assumed && (Boolean(store.shown.stiffness) || !isIllustrative);
-    doubt.textContent = assumed ? `Springs assumed: ${assumed.message}` : "Springs illustrative, not measured";
-    doubt.title = assumed ? "" : source;
+    const [assumed, onLines] = ["stiffness-assumed", "held-by-lines"].map((name) => result.notes.find(({ code }) => code === name)?.message);
+    const doubted = assumed ? `Springs assumed: ${assumed}` : onLines;
+    doubt.hidden = !doubted && (Boolean(store.shown.stiffness) || !isIllustrative);
+    doubt.textContent = doubted ?? "Springs illustrative, not measured";
+    doubt.title = doubted ? "" : source;
   }
 
   store.on("numbers", () => {
