@@ -535,5 +535,6 @@ def changed_compliance(
 
 def shared_inputs(wrench: str) -> list[str]:
     """Names of inputs with one row for all postures; `wrench` is "none", "shared" or "each"."""
-    own = ["stiffness", "rest", "forces", "weight", "lines", "anchors", "points", "length"]
+    own = ["stiffness", "rest", "preload", "least", "forces", "weight", "lines"]
+    own += ["anchors", "points", "length"]
     return own + (["wrench"] if wrench == "shared" else [])

@@ -301,27 +301,41 @@ def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -
         and np.array_equal(springs.points, platform.points)
     ):
         return "the springs are not the platform's own lines"
-    is_open = np.isnan(springs.rest_length)
-    if is_open.any() and not is_open.all():
+    is_open, preload = springs.rest_is_free(), springs.preload
+    has_preload = np.zeros(m, bool) if preload is None else is_open & ~np.isnan(preload)
+    if len({*zip(is_open.tolist(), has_preload.tolist(), strict=True)}) > 1:
         return "some rest lengths are given and others are found posture by posture"
+    if wrench != "none" and not is_open.all() and isinstance(springs.driven, tuple):
+        return "which springs keep their rest lengths is found posture by posture"
+    is_cable_driven = has_preload.any() and springs.cables.all()
     forces, points, loose = _forces(elastic, platform)
     legs = None if elastic.gravity is None else platform.struts
-    if m < 6 and (wrench != "none" or (is_open.any() and (forces or loose or legs is not None))):
+    carries = forces or loose or legs is not None
+    if m < 6 and (
+        wrench != "none" or is_cable_driven or (is_open.any() and carries and preload is None)
+    ):
         return "whether fewer than six lines carry a load is seen posture by posture"
     case = PlatformCase(
         numbers(platform.anchors),
         numbers(platform.points),
         numbers(platform.T_P_M),
         float(platform.length),
-        "open" if is_open.any() else "given",
+        "preload" if has_preload.any() else "open" if is_open.any() else "given",
         wrench,
         springs.unilateral,
         tuple(points),
         bool(loose),
     )
+    least = np.zeros(m)
+    if springs.unilateral:
+        none = np.zeros(np.count_nonzero(springs.cables))
+        least[springs.cables] = springs.least_tensions(none, springs.cables)
+    given = np.zeros(m) if preload is None else preload
     shared = {
         "stiffness": springs.stiffness[None],
         "rest": np.nan_to_num(springs.rest_length)[None],
+        "preload": np.nan_to_num(given)[None],
+        "least": least[None],
     }
     if forces:
         shared["forces"] = np.concatenate(forces)[None]

@@ -40,7 +40,7 @@ from cartstiff.batch.algebra import (
     upper_inverse,
     zeros,
 )
-from cartstiff.batch.tape import Scalar, Tape, larger, pick
+from cartstiff.batch.tape import Scalar, Tape, absolute, larger, pick
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.limits import MAX_RELATIVE_DEFLECTION
@@ -66,8 +66,9 @@ class PlatformCase:
     anchors, points : flat (m, 3), in F and in M; empty where `lines` is not 0.
     T_P_M : flat (4, 4).
     length : characteristic length.
-    rest : {"given", "open"}
-        Whether the lines have rest lengths, or these are chosen at each posture.
+    rest : {"given", "open", "preload"}
+        Whether the lines have rest lengths, or these are chosen at each posture, or there follow
+        from the preload.
     wrench : {"none", "shared", "each"}
     unilateral : bool or tuple of bool (m,)
     points_of_forces : points of the body in M at which constant forces act.
@@ -157,31 +158,44 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
     # Tensions and stretches of the lines, and the wrench.
     taut = k
     W = given_wrench(tape, case, lambda: T)
-    if case.rest == "given":
+    given, stretch = zeros(m), zeros(m)
+    if case.rest == "preload":
+        given = tape.vector("preload", m)
+    elif case.rest == "given":
         stretch = lengths - tape.vector("rest", m)
-        t = k * stretch
-    else:
-        t = zeros(m)
-    if W is not None or (case.rest == "open" and not alone):
+        given = k * stretch
+    holds = case.rest == "preload" and m <= 6  # else the lines balance one another
+    balances = case.rest == "preload" and not holds
+    if W is not None or balances or (case.rest == "open" and not alone):
         if decomposition is None:
             raise ValueError("fewer than six lines carry no chosen wrench")
-        missing = -gradient if W is None else W - gradient
-        present = t if m > 6 else zeros(m)
-        missing = missing - lines.T @ present
-        # The tensions nearest to the present ones that add the missing wrench.
+        if m <= 6:
+            given = zeros(m)
+        elif case.rest == "given" and case.unilateral:
+            each = zip(given, cables, strict=True)
+            given = np.array([larger(0.0, t) if pulls else t for t, pulls in each], object)
+        # The tensions nearest to the given ones that add the missing wrench.
+        missing = (-gradient if W is None else W - gradient) - lines.T @ given
         added = zeros(m)
         added[:6] = inverse_R.T @ missing
-        t = present + decomposition.apply(added)
+        t = given + decomposition.apply(added)
         if case.unilateral:
-            # With more than six cables `cartstiff.analyse` keeps each taut, if possible.
-            least = largest(t[cables]) * numerics.NEGLIGIBLE_FORCE if m > 6 else -numerics.TINY
-            for tension in t[cables]:
-                verdict = larger(verdict, pick(least, tension, PLAIN, FALLBACK))
+            # `cartstiff.analyse` takes others where more than six cables would not keep these.
+            least: list[Scalar] = [-numerics.TINY] * m
+            if m > 6:
+                mean = sum(absolute(x) for x in t[cables]) * (numerics.TAUT_SHARE / cables.sum())
+                least = [pick(0.0, x, x, mean) for x in tape.vector("least", m)]
+            for i in np.flatnonzero(cables):
+                verdict = larger(verdict, pick(least[i], t[i], PLAIN, FALLBACK))
         energy = energy + ((t * t / k).sum()) * 0.5
         if W is None:
             W = zeros(6)
     elif case.rest == "open":
-        W = zeros(6)
+        t, W = zeros(m), zeros(6)
+    elif holds:
+        t = given
+        energy = energy + ((t * t / k).sum()) * 0.5
+        W = t @ lines + gradient
     else:
         if case.unilateral:
             taut = np.array(
@@ -191,7 +205,7 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
                 ],
                 object,
             )
-            t = taut * stretch
+        t = taut * stretch
         energy = energy + (t @ stretch) * 0.5
         W = t @ lines + gradient
 

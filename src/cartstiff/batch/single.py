@@ -30,6 +30,7 @@ from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import deflection_notes, force_notes, limit_notes
 from cartstiff.mechanisms.platform import PlatformPosture
+from cartstiff.mechanisms.preload import preload_notes
 from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam, evaluate_together
 from cartstiff.potentials.contract import Evaluation, LineGeometry, Potential
@@ -80,6 +81,7 @@ class QuickPosture(PostureStiffness):
             _code=code,
             _asked=asked,
             _given=wrench,
+            _rest_is_chosen=wrench is not None,
             _record=record,
         )
 
@@ -224,6 +226,7 @@ class QuickPosture(PostureStiffness):
             *limit_notes(mechanism, self),
             *self._forces,
             *self._deflections,
+            *preload_notes(self._asked, self._given is not None),
             *self._code.notes_on_weight,
         )
 

@@ -70,7 +70,6 @@ from cartstiff.potentials.flexure_struts import (
     StrutStates,
     strut_end,
 )
-from cartstiff.potentials.line_springs import lines_of_many
 from cartstiff.potentials.springs import SpringLaw
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, wrench_in_body
 
@@ -434,12 +433,7 @@ def strut_states(
         States at the known poses.
     is_known : ndarray of bool (N,)
     """
-    free = np.isnan(struts.rest_length) | every
-    start = np.where(
-        np.isnan(struts.rest_length),
-        lines_of_many(poses, struts.anchors, struts.points).lengths,
-        struts.rest_length,
-    )
+    start, free = struts.start_rest(poses, every)
     search = _Search(struts, poses, start)
     if type(struts) is not FlexureStruts or (free.any() and not (free.all() and len(free) == 6)):
         search.which = search.which[:0]

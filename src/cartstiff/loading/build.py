@@ -1524,16 +1524,21 @@ def build_platform(file: PlatformFile | SpringsFile, name: str) -> ElasticMechan
     if platform.struts is not None:
         _check_bars(platform.struts, geometry.lengths)
     springs = _legs(file, platform, T_F_M, geometry.lengths)
-    rest = None if np.isnan(springs.rest_length).all() else springs.rest_length
     q = np.concatenate([file.pose.xyz, file.pose.rpy])
     dampers = _per_leg(file.legs.damping, m, "key legs.damping")
     damping = dampers if dampers is not None and dampers.any() else None
-    if rest is not None:
-        strains = (geometry.lengths - rest) / geometry.lengths
-        # A rest length of zero is intended: such springs balance weights.
-        notes += large_strains(
-            {f"stretch of leg {i + 1}": float(x) for i, x in enumerate(strains) if rest[i]}
-        )
+    stretches = geometry.lengths - springs.rest_length
+    if springs.preload is not None:
+        wound = np.isnan(stretches)
+        stretches = np.where(wound, springs.preload / springs.stiffness, stretches)
+    # A rest length of zero is intended: such springs balance weights.
+    notes += large_strains(
+        {
+            f"stretch of leg {i + 1}": float(x)
+            for i, x in enumerate(np.nan_to_num(stretches / geometry.lengths))
+            if springs.rest_length[i] != 0.0
+        }
+    )
     elastic = ElasticMechanism(name, platform, q, springs, notes=tuple(notes), damping=damping)
     return elastic.with_gravity(file.gravity, where="key gravity")
 
@@ -1552,13 +1557,17 @@ def _legs(
     if stiffness is None:  # the schema requires it
         raise InputError("legs have no stiffness")
     rests = np.full(m, np.nan) if rest is None else rest
+    cables = one_each(getattr(file, "unilateral", False), m, "key unilateral")
+    drives = cables if legs.driven is None else one_each(legs.driven, m, f"{place}driven")
+    if legs.driven is None and file.kind == "stewart-gough":
+        drives = [True] * m
     if strut is None:
         springs = LineSprings(
             anchors=platform.anchors,
             points=platform.points,
             stiffness=stiffness,
             rest_length=rests,
-            unilateral=tuple(one_each(getattr(file, "unilateral", False), m, "key unilateral")),
+            unilateral=tuple(cables),
         )
     else:
         a, f = convert_length(SI, platform.units)  # moments are in N m, whatever the units
@@ -1571,9 +1580,15 @@ def _legs(
         )
     if file.flexible:
         springs = mounted_on_springs(springs, file, T_F_M)
+    limits = None if platform.leg_limits is None else platform.leg_limits.forces
+    least = None if limits is None else np.where(cables, limits[:, 0], 0.0)
+    springs = replace(springs, driven=tuple(drives), least=least)
     if preload is None:
         return springs
-    return springs.replaced(springs.stiffness, lengths - preload / springs.stiffness)
+    # A passive spring was made with its rest length; a drive winds its leg to the tension.
+    rests = np.where(drives, np.nan, lengths - preload / springs.stiffness)
+    wound = np.where(drives, preload, np.nan) if any(drives) else None
+    return replace(springs, rest_length=rests, preload=wound)
 
 
 def _checked_inertia(rows: list[list[float]] | None) -> Array:

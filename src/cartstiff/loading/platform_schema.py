@@ -232,9 +232,22 @@ class LinesLegs(FileModel):
         "of legs between ideal joints, force per length", None
     )
     strut: StrutModel | None = keyed("in place of stiffness: legs with flexure joints", None)
-    rest_length: PerLeg | None = keyed("length without tension", None)
+    rest_length: PerLeg | None = keyed(
+        "length without tension: a fixed number, at every pose; a driven leg changes it for a "
+        "given load only",
+        None,
+    )
     preload: Number | Annotated[list[Number], Field(min_length=1)] | None = keyed(
-        "tension at the file's pose, instead of rest_length", None
+        "in place of rest_length. Of a driven leg: its tension at every commanded pose, to which "
+        "the drive winds it; more legs than motions have the tensions nearest to it that balance "
+        "weight and load. Of a passive one: its tension at the file's pose, which fixes its "
+        "rest length",
+        None,
+    )
+    driven: Flag | Annotated[list[Flag], Field(min_length=1)] | None = keyed(
+        "a drive changes the length; default: legs of a stewart-gough, and cables, are driven, "
+        "other springs are passive",
+        None,
     )
     limits: _Lengths | Annotated[list[_Lengths], Field(min_length=1)] | None = keyed(
         "[shortest, longest], or one pair per leg", None

@@ -90,10 +90,7 @@ def default_connection(elastic: ElasticMechanism, wrench: Array | None = None) -
     """Return the matrix to read: "load" (tangent under the load) if a load can act, else "B"."""
     if wrench is not None:
         return "load" if wrench.any() else "B"
-    springs = elastic.springs
-    if springs is None or elastic.potentials:
-        return "load"
-    return "load" if np.any(~np.isnan(springs.rest) & (springs.stiffness > 0.0)) else "B"
+    return "load" if elastic.potentials or elastic.may_be_loaded else "B"
 
 
 def default_length(elastic: ElasticMechanism, connection: str = "B", **load: Any) -> float:

@@ -774,11 +774,13 @@ class ElasticMechanism(ShownInLines):
     def may_be_loaded(self) -> bool:
         """Whether the environment may have to hold a load although none is given.
 
-        Open rest positions are chosen so that it need not.
+        Open rest positions are chosen so that it need not, unless a preload is to be held.
         """
         if self.springs is None:
             return True
         if not all(term.rest_is_free().all() for term in self.coupled_springs):
+            return True
+        if isinstance(self.springs, LineSprings) and self.springs.holding().any():
             return True
         return bool(np.any((self.springs.stiffness > 0.0) & ~np.isnan(self.springs.rest)))
 
@@ -788,12 +790,15 @@ class ElasticMechanism(ShownInLines):
 
         That is its own weight and the payload, of the file or of an option. Springs without a rest
         position balance both at the posture ("balanced"), as after a program was taught there. Rest
-        positions that are given decide themselves where it comes to rest ("given"); "partly" is
-        both. None without springs.
+        positions that are given, and a preload that is held, decide themselves where it comes to
+        rest ("given"); "partly" is both. None without springs.
         """
         if self.springs is None or not (may := self.springs.rest_is_free(every=True)).any():
             return None
-        free = self.springs.rest_is_free()[may]
+        free = self.springs.rest_is_free()
+        if isinstance(self.springs, LineSprings):
+            free &= ~self.springs.holding()
+        free = free[may]
         return "balanced" if free.all() else "partly" if free.any() else "given"
 
     def parted_terms(self) -> tuple[list[Potential], list[Potential]]:

@@ -49,8 +49,8 @@ USUAL_RANK_RATIO: Final = 1e-8
 
 #: A force, or its uncertainty, below this share of the others is negligible.
 NEGLIGIBLE_FORCE: Final = 1e-6
-#: Least tension of every cable, as shares of the mean tension: the first that is possible.
-TAUT_SHARES: Final = (0.1, 0.01, 1e-3, 1e-5, 0.0)
+#: Tension that every cable keeps if that is possible, as a share of the mean given tension.
+TAUT_SHARE: Final = 0.1
 #: Numbers below this share of the largest one are printed as 0.
 PRINTED_AS_ZERO: Final = 1e-12
 #: Largest condition numbers of a Jacobian and of an equilibrated stiffness for recorded arithmetic;

@@ -26,6 +26,7 @@ from cartstiff.mechanisms.closures import LONGEST_STEP, MOST_STEPS
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import MAX_RELATIVE_DEFLECTION, Limits, stretch_is_doubted
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.mechanisms.preload import preload_notes
 from cartstiff.page.shown import DEFINITE, NEAR, NO_MATRIX
 from cartstiff.potentials.beams import alike
 from cartstiff.potentials.line_springs import LineSprings
@@ -240,6 +241,8 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
         ],
         "base": result.to_dict(),
     }
+    for key, is_loaded in (("rest_notes", False), ("loaded_rest_notes", True)):
+        described[key] = [note.to_dict() for note in preload_notes(elastic, is_loaded)]
     described["reach"] = result.posture.length
     if isinstance(mechanism, Platform):
         bounds = mechanism.limits

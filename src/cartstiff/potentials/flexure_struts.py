@@ -312,15 +312,36 @@ class FlexureStruts(LineSprings):
         return replace(self, rest_length=at.rest_length[0])
 
     def many(self, T_a_b: Array, gradients: Array, every: bool = False) -> StrutStates:
-        """`solve` at poses (N, 4, 4), the open or all rest lengths chosen to exert gradients."""
-        free = np.isnan(self.rest_length) | every
-        rest = np.broadcast_to(self.rest_length, (len(T_a_b), len(free)))
+        """`solve` at poses (N, 4, 4), the open or all rest lengths chosen to exert gradients.
+
+        As for lines, open struts that cannot balance one another have their preload instead.
+        """
+        rest, free = self.start_rest(T_a_b, every)
         if not free.any():
             return self.solve(T_a_b, rest)
-        lengths = lines_of_many(T_a_b, self.anchors, self.points).lengths
-        return self._balancing(T_a_b, np.where(np.isnan(rest), lengths, rest), gradients, free)
+        return self._bearing_by(T_a_b, rest, gradients, free)
 
-    def _balancing(self, T_a_b: Array, rest: Array, gradient: Array, free: Any) -> StrutStates:
+    def start_rest(self, T_a_b: Array, every: bool = False) -> tuple[Array, Array]:
+        """Rest lengths (N, m) at poses, and the struts (m,) of which they are to be chosen.
+
+        Those start from the given rest length, or from the length that they have there, more than
+        six with their preload.
+        """
+        held = np.zeros(len(self.made), bool) if every else self.holding()
+        free = self.rest_is_free(every) & ~held
+        rest = np.broadcast_to(self.rest_length, (len(T_a_b), len(free)))
+        if not np.isnan(rest).any():
+            return rest, free
+        wound = held if self.preload is None or np.count_nonzero(free) <= 6 else held | free
+        tensions = np.where(wound, np.nan_to_num(self.given_tensions(self.rest_length)), 0.0)
+        return np.where(np.isnan(rest), self._wound(T_a_b, tensions), rest), free
+
+    def _wound(self, T_a_b: Array, tensions: Array) -> Array:
+        """Rest lengths (N, m) of straight struts with tensions (m,) at poses."""
+        lengths = lines_of_many(T_a_b, self.anchors, self.points).lengths
+        return np.asarray(lengths - tensions / self.stiffness)
+
+    def _bearing_by(self, T_a_b: Array, rest: Array, gradient: Array, free: Any) -> StrutStates:
         """`solve` with a gradient; found only if `solve` with these rest lengths agrees.
 
         Struts with large bending have several shapes for one rest length.

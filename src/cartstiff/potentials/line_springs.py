@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_array
+from cartstiff.arrays import checked_array, read_only, real_array
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -30,6 +30,7 @@ from cartstiff.potentials.contract import (
 from cartstiff.potentials.contract import (
     LineGeometry as LineGeometry,
 )
+from cartstiff.potentials.tensions import kept_taut, nearest_balance
 
 
 def _placed(turning: Array, coupling: Array, weight: Array) -> Array:
@@ -112,6 +113,14 @@ class LineSprings(PosePotential):
     unilateral : bool or tuple of bool (m,)
         Cables: a line shorter than its rest length is slack and carries nothing. A tuple where some
         lines are cables and others push as well.
+    preload : ndarray (m,), optional
+        Tensions of driven lines at every commanded posture, whose rest lengths follow it; NaN for
+        the others. Where a rest length is given, or was chosen, that one counts.
+    driven : bool or tuple of bool (m,)
+        Lines whose rest length a drive changes, so that a given load replaces it; the others keep
+        it, where the driven ones can balance the load.
+    least : ndarray (m,), optional
+        Tensions that cables keep if that is possible; 0 where there is no such limit.
     balanced_at : tuple of ndarray (m,), (m,), or None
         Lengths, and the tensions chosen there, which the rest length of a stiff line would round.
         None if the rest lengths were given.
@@ -122,6 +131,9 @@ class LineSprings(PosePotential):
     stiffness: Array
     rest_length: Array
     unilateral: bool | tuple[bool, ...] = False
+    preload: Array | None = None
+    driven: bool | tuple[bool, ...] = False
+    least: Array | None = None
     balanced_at: tuple[Array, Array] | None = None
 
     length_powers: ClassVar = {
@@ -129,6 +141,8 @@ class LineSprings(PosePotential):
         "points": 1,
         "stiffness": -1.0,
         "rest_length": 1,
+        "preload": 0,
+        "least": 0,
         "balanced_at": (1, 0),
     }
 
@@ -153,12 +167,17 @@ class LineSprings(PosePotential):
         if np.any(self.stiffness <= 0):
             least = float(self.stiffness.min())
             raise InputError("line spring stiffness must be above zero", got=least)
-        flags = np.array(self.unilateral, bool)
-        if flags.ndim and flags.shape != self.stiffness.shape:
-            expected = f"one, or {len(self.stiffness)}, one per line"
-            raise InputError("line springs: unilateral: wrong count", expected=expected)
-        own = tuple(flags.tolist()) if flags.any() and not flags.all() else bool(flags.any())
-        object.__setattr__(self, "unilateral", own)
+        for name in ("preload", "least"):
+            if (given := getattr(self, name)) is not None:
+                tensions = real_array(given) + np.zeros(len(self.stiffness))
+                object.__setattr__(self, name, read_only(tensions))
+        for name in ("unilateral", "driven"):
+            flags = np.array(getattr(self, name), bool)
+            if flags.ndim and flags.shape != self.stiffness.shape:
+                expected = f"one, or {len(self.stiffness)}, one per line"
+                raise InputError(f"line springs: {name}: wrong count", expected=expected)
+            own = tuple(flags.tolist()) if flags.any() and not flags.all() else bool(flags.any())
+            object.__setattr__(self, name, own)
 
     @property
     def cables(self) -> Array:
@@ -213,16 +232,20 @@ class LineSprings(PosePotential):
                 notes.append(Note("direction-dependent", message, {"cables": at_edge}))
         if self.balanced_at is None or len(lines) < 2:
             return notes
+        tensions = self.balanced_at[1]
+        given = np.zeros(len(tensions)) if self.preload is None else np.nan_to_num(self.preload)
         values = numerics.singular_values(lines / np.repeat([np.abs(lines).max(), 1.0], 3))
-        if len(lines) > numerics.rank(values):
-            tensions = self.balanced_at[1].tolist()
+        largest = numerics.NEGLIGIBLE_FORCE * np.abs(tensions).max()
+        is_preload = given.any() and (np.abs(tensions - given) <= largest).all()
+        if len(lines) > numerics.rank(values) and not is_preload:
             message = (
                 "several sets of tensions balance the load; this is the set nearest to the given "
-                "tensions, or to zero"
+                "tensions (least squares), or to zero"
             )
             if self.unilateral:
                 message += ", with every cable taut where that is possible"
-            notes.append(Note("tensions-chosen", message, {"tensions": tensions}))
+            values_of = {"tensions": tensions.tolist(), "given": given.tolist()}
+            notes.append(Note("tensions-chosen", message, values_of))
         return notes
 
     @property
@@ -231,8 +254,14 @@ class LineSprings(PosePotential):
         return self.rest_length
 
     def replaced(self, stiffness: Array, rest: Array) -> LineSprings:
-        """The same lines with other stiffnesses and rest lengths."""
-        return replace(self, stiffness=stiffness, rest_length=rest, balanced_at=None)
+        """The same lines with other stiffnesses and rest lengths; new ones replace a preload."""
+        preload = self.preload
+        if preload is not None:
+            is_new = ~np.isnan(rest) & (rest != self.rest_length)
+            preload = None if is_new.all() else np.where(is_new, np.nan, preload)
+        return replace(
+            self, stiffness=stiffness, rest_length=rest, preload=preload, balanced_at=None
+        )
 
     @property
     def is_complete(self) -> bool:
@@ -248,36 +277,58 @@ class LineSprings(PosePotential):
     ) -> LineSprings:
         """The same lines with rest lengths at which they exert a gradient (6,) at a posture.
 
-        Tensions t solve ``lines^T t = gradient`` (of least norm where there are more than six).
+        Open lines with a preload have exactly that tension where they cannot balance a load
+        among themselves (see `holding`) and `every` is False. All other open lines, or with
+        `every` all driven ones, have the tensions nearest to the given ones that exert the
+        gradient together with the others, cables taut: see `cartstiff.potentials.tensions`.
 
         Raises
         ------
         InputError
             If no tensions of the open lines balance it.
         """
+        if every and isinstance(self.driven, tuple):
+            free = np.array(self.driven) | self.rest_is_free()
+            try:  # springs that nothing drives keep their rest lengths, if that is possible
+                return self._balancing(posture, gradient, free)
+            except InputError:
+                pass
+        return self._balancing(posture, gradient, self.rest_is_free(every), holds=not every)
+
+    def _balancing(
+        self, posture: Posture, gradient: Array, free: Array, holds: bool = False
+    ) -> LineSprings:
+        """`with_rest_balancing` by the lines `free` (m,); `holds`: or with their preload."""
         geometry = self.geometry(posture)
-        free = self.rest_is_free(every)
-        fixed = np.where(free, 0.0, self.stiffness * (geometry.lengths - self.rest_length))
-        wanted = gradient - geometry.lines.T @ fixed
         size = float(np.abs(geometry.lines).max())
         scale = np.array([1.0] * 3 + [size] * 3)
-        matrix = geometry.lines[free].T * scale[:, None]
-        # With more than six lines, the tensions nearest to the present ones: preload is kept.
-        present = self.stiffness * np.nan_to_num(geometry.lengths - self.rest_length)
-        tensions = present[free] if np.count_nonzero(free) > 6 else np.zeros(matrix.shape[1])
-        missing = wanted * scale - matrix @ tensions
-        added, _, _, values = np.linalg.lstsq(matrix, missing, rcond=numerics.RANK)
-        tensions = tensions + added
-        if numerics.ratio(values) < numerics.NEAR_SINGULARITY:  # correct the round-off once
-            missing = wanted * scale - matrix @ tensions
-            tensions = tensions + np.linalg.lstsq(matrix, missing, rcond=numerics.RANK)[0]
-        missed = np.abs(matrix @ tensions - wanted * scale)
-        summed = np.abs(matrix) @ np.abs(tensions) + np.abs(geometry.lines.T * scale[:, None]) @ (
-            np.abs(present)
-        )
-        limit = numerics.BALANCE_TOLERANCE * np.abs(gradient * scale).max(initial=0.0)
+        lines = geometry.lines.T * scale[:, None]
+        held = self.holding(lines) if holds else np.zeros(len(free), bool)
+        free = free & ~held
+        given = self.given_tensions(geometry.lengths)
+        fixed = np.where(free, 0.0, np.where(held, given, self.tensions(geometry.lengths)))
+        rest, exerted = self.rest_length.copy(), fixed.copy()
+        rest[held] = geometry.lengths[held] - given[held] / self.stiffness[held]
+        if free.any():
+            exerted[free] = self._balanced(lines, gradient * scale, free, given, fixed)
+            rest[free] = geometry.lengths[free] - exerted[free] / self.stiffness[free]
+        return self._at_rest(rest, exerted, geometry.lengths)
+
+    def _balanced(
+        self, lines: Array, gradient: Array, free: Array, given: Array, fixed: Array
+    ) -> Array:
+        """Tensions of the free lines that exert a gradient beside the fixed tensions (m,)."""
+        matrix, wanted = lines[:, free], gradient - lines @ fixed
+        count = int(np.count_nonzero(free))
+        several = count > 6 or count > numerics.rank(numerics.singular_values(matrix))
+        start = given[free] if several else np.zeros(count)
+        tensions = nearest_balance(matrix, wanted, start)
+        missed = np.abs(matrix @ tensions - wanted)
+        summed = np.abs(matrix) @ (np.abs(tensions) + np.abs(start)) + np.abs(lines) @ np.abs(fixed)
+        limit = numerics.BALANCE_TOLERANCE * np.abs(gradient).max(initial=0.0)
         missed[missed <= limit + _SUM_ROUNDOFF * numerics.EPSILON * summed] = 0.0
         if missed.any():
+            size = _length(lines[3:, 0])  # of directions in that scale
             raise InputError(
                 "no tensions of the lines balance this load at this pose"
                 if free.all()
@@ -287,19 +338,56 @@ class LineSprings(PosePotential):
                 f"{_length(missed[3:] / size):.3g}, in the file's units",
             )
         cables = self.cables[free]
-        if not are_taut(tensions[cables]):
-            given = float(np.maximum(present[free & self.cables], 0.0).mean())
-            tensions = _pulling(matrix, tensions, given, cables)
-        if tensions[cables].min(initial=0.0) < 0:
+        taut: Array | None = tensions
+        if cables.any():
+            least = self.least_tensions(tensions[cables], free & self.cables)
+            taut = kept_taut(matrix, tensions, cables, least, float(np.abs(start).max()))
+        if taut is None:
             raise InputError(
                 "the cables cannot balance this load at this pose: one would have to push",
                 expected="a load that tensions alone can carry",
             )
-        rest = self.rest_length.copy()
-        rest[free] = geometry.lengths[free] - tensions / self.stiffness[free]
-        exerted = self.tensions(geometry.lengths)
-        exerted[free] = tensions
-        return self._at_rest(rest, exerted, geometry.lengths)
+        return taut
+
+    def holding(self, lines: Array | None = None) -> Array:
+        """Lines (m,) that are to have exactly their preload at a posture, whatever acts.
+
+        These are the open ones with a preload, where the open lines are not more than the motions
+        that they determine, so that no set of tensions balances itself. All others, as the cables
+        of a cable robot, choose their tensions. `lines` (6, m) are those at the posture; without
+        them six or fewer lines count as independent.
+        """
+        is_open = self.rest_is_free()
+        if self.preload is None:
+            return np.zeros(len(is_open), bool)
+        own, count = is_open & ~np.isnan(self.preload), int(np.count_nonzero(is_open))
+        if lines is not None and own.any() and count <= 6 and self.cables[is_open].all():
+            values = numerics.singular_values(lines[:, is_open])
+            return own & (count <= numerics.rank(values))
+        return own & (count <= 6)
+
+    def given_tensions(self, lengths: Array) -> Array:
+        """Given tensions (m,): those of the rest length, or the preload, or zero."""
+        given = self.stiffness * (lengths - self.rest_length)
+        given = np.where(self.cables, np.maximum(given, 0.0), given)
+        if self.preload is not None:
+            given = np.where(np.isnan(given), self.preload, given)
+        return np.nan_to_num(given)
+
+    def least_tensions(self, tensions: Array, which: Array) -> Array:
+        """Tensions that cables `which` (m,) keep if possible, for tensions without that bound.
+
+        Those of their limits, else a share of the mean preload, or without one of `tensions`.
+        Limits of drives are not for cables with a rest length.
+        """
+        own = None if self.preload is None else self.preload[which & self.rest_is_free()]
+        preload = float(np.nan_to_num(own).mean()) if own is not None and own.size else 0.0
+        mean = preload if preload > 0.0 else float(np.abs(tensions).mean())
+        least = np.full(len(tensions), numerics.TAUT_SHARE * mean)
+        if self.least is None:
+            return least
+        is_limited = self.rest_is_free()[which] & (self.least[which] > 0.0)
+        return np.where(is_limited, self.least[which], least)
 
     def _at_rest(self, rest: Array, tensions: Array, lengths: Array) -> LineSprings:
         """The same lines with rest lengths at which they exert tensions."""
@@ -354,40 +442,3 @@ class LineSprings(PosePotential):
 
 def _length(vector: Array) -> float:
     return float(np.linalg.norm(vector))
-
-
-def are_taut(tensions: Array) -> bool:
-    """Whether every cable is in tension, beyond round-off of the largest, or all tensions are 0."""
-    least = numerics.NEGLIGIBLE_FORCE * float(np.abs(tensions).max(initial=0.0))
-    return bool(tensions.min(initial=np.inf) > least or least == 0.0)
-
-
-def _pulling(matrix: Array, tensions: Array, given: float, cables: Array) -> Array:
-    """Tensions nearest to balanced ones (m,) that balance as well, without compressed cables.
-
-    The least tension of `cables` (m,) is a tenth of the mean `given` tension, or of that of
-    `tensions`, if possible, else the largest possible of a few smaller shares; all are -1 if a
-    cable must be in compression.
-    The change ``N y`` is the shortest for which ``N y >= least - t``, N the motions of no wrench
-    (`matrix` has rows of wrenches), by non-negative least squares ([LawsonHanson]_, chapter 23).
-    """
-    from scipy.optimize import nnls
-
-    _, values, Vt = np.linalg.svd(matrix)
-    N = Vt[numerics.rank(values) :].T
-    mean = given or float(np.abs(tensions[cables]).mean())
-    size = max(mean, float(np.abs(tensions).max()))
-    for share in numerics.TAUT_SHARES:
-        short = ((share * mean - tensions) / size)[cables]
-        if N.shape[1] == 0:
-            if (short <= numerics.BALANCE_TOLERANCE).all():
-                return np.where(cables, np.maximum(tensions, 0.0), tensions)
-            continue
-        u, _ = nnls(np.vstack([N[cables].T, short]), np.append(np.zeros(N.shape[1]), 1.0))
-        r = np.append(N[cables].T @ u, short @ u - 1.0)
-        if not -r[-1] > numerics.BALANCE_TOLERANCE:
-            continue
-        found = tensions + size * (N @ (-r[:-1] / r[-1]))
-        if found[cables].min() >= -numerics.BALANCE_TOLERANCE * size:
-            return np.where(cables, np.maximum(found, 0.0), found)
-    return -np.ones(matrix.shape[1])

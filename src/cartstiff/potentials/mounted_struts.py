@@ -31,6 +31,7 @@ from cartstiff.potentials.flexure_struts import (
     solved,
     turned,
 )
+from cartstiff.potentials.line_springs import lines_of_many
 
 _MAX_STEPS = 40
 
@@ -90,6 +91,22 @@ class MountedStruts(FlexureStruts):
         if not self.is_complete:
             return super().lengths_at(T_a_b)
         return super().lengths_at(self._at_rest_in(T_a_b[None], self.rest_length[None]).T[0])
+
+    def _wound(self, T_a_b: Array, tensions: Array) -> Array:
+        """Rest lengths (N, m) of struts with tensions (m,), with base and platform deflected."""
+        lines = lines_of_many(T_a_b, self.anchors, self.points)
+        W, before = tensions @ lines.lines, lines.lengths
+        for _ in range(_MAX_STEPS if tensions.any() else 0):
+            at = self._bearing(T_a_b, W)
+            lines = lines_of_many(at.T, self.anchors, self.points)
+            # The wrench on the struts' ends is W, pulled back to there.
+            to_end = at.J[..., self._struts].swapaxes(-1, -2)
+            W = solved(to_end, (tensions @ lines.lines)[..., None])[..., 0]
+            moved = np.abs(lines.lengths - before).max(initial=0.0)
+            if not moved > numerics.ROUNDOFF * self.made.max():
+                break
+            before = lines.lengths
+        return np.asarray(lines.lengths - tensions / self.stiffness)
 
     @np.errstate(over="ignore", invalid="ignore")
     def solve(

@@ -420,7 +420,9 @@ class Margins(PoseMargins):
         if self.is_spread:
             # The limits choose among the balancing tensions, not the rest lengths.
             rest = np.full(m, np.nan)
-            free = replace(springs, rest_length=rest, unilateral=False, balanced_at=None)
+            free = replace(
+                springs, rest_length=rest, unilateral=False, preload=None, balanced_at=None
+            )
             self.elastic = replace(elastic, springs=free)
         if tensions not in TENSIONS:
             raise InputError(

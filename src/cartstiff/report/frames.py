@@ -151,6 +151,7 @@ def _legs(mechanism: Any, springs: LineSprings) -> list[dict[str, Any]]:
             "to": np.asarray(springs.points)[i].tolist(),
             "stiffness": float(k),
             "rest": plain(springs.rest_length[i]),
+            "preload": None if springs.preload is None else plain(springs.preload[i]),
             "shortest": plain(limits[i][0]),
             "longest": plain(limits[i][1]),
         }
@@ -250,6 +251,8 @@ def _leg_words(leg: Mapping[str, Any], units: Units) -> str:
     words = [f"{leg['stiffness']:.6g} {units.stiffness['translation']}"]
     if leg["rest"] is not None:
         words.append(f"rest length {leg['rest']:.6g}")
+    if leg["preload"] is not None:
+        words.append(f"preload {leg['preload']:.6g} {units.force}")
     if leg["longest"] is not None:
         words.append(f"{_range(leg['shortest'], leg['longest'])} {units.length}")
     return f"  {leg['name']}: ({ends[0]}) to ({ends[1]}), {', '.join(words)}"

@@ -269,7 +269,10 @@ def contact_limits(elastic: ElasticMechanism, start: MechanismPosture) -> Limits
 
 def _rests_at(elastic: ElasticMechanism, start: MechanismPosture) -> bool:
     """Whether the forces balance at a posture, closures aside."""
-    if elastic.has_open_rest:
+    springs = elastic.springs
+    if isinstance(springs, LineSprings) and springs.holding().any():
+        elastic = elastic.with_rest_balancing(start)
+    elif elastic.has_open_rest:
         return True
     energy, lengths = elastic.evaluate(start), start.coordinate_lengths
     stiffness = np.abs(energy.hessian * np.outer(lengths, lengths)).max(initial=0.0)

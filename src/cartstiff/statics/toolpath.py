@@ -406,8 +406,12 @@ def _balancing_rest(
 ) -> Array:
     """Rest positions at which the springs, and the closures, balance all other forces at q."""
     posture = elastic.mechanism.at(q)
-    loaded = _commanded(elastic, np.full(len(elastic.spring_names), np.nan)).with_potential(*loads)
-    balanced, columns = loaded.with_rest_balancing(posture), posture.coordinate_lengths
+    columns = posture.coordinate_lengths
+    if isinstance(elastic.springs, LineSprings):  # as under a load: near their preload, if possible
+        balanced = elastic.with_potential(*loads).with_rest_balancing(posture, np.zeros(6))
+    else:
+        free = _commanded(elastic, np.full(len(elastic.spring_names), np.nan))
+        balanced = free.with_potential(*loads).with_rest_balancing(posture)
     springs = _springs(balanced)
     acting = balanced.evaluate(posture)
     left = acting.gradient * columns

@@ -132,6 +132,7 @@ def analyse_at(
         load=kind,
         _load_is_given=force is not None and any(force.tolist()),
         _asked=asked,
+        _rest_is_chosen=force is not None,
     )
 
 

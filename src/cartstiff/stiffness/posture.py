@@ -39,6 +39,7 @@ from cartstiff.mechanisms.contract import Mechanism, MechanismPosture, Units
 from cartstiff.mechanisms.elastic import ElasticMechanism, GravityLoads, gravity_loads
 from cartstiff.mechanisms.limits import tensions_of
 from cartstiff.mechanisms.platform import PlatformPosture
+from cartstiff.mechanisms.preload import preload_notes
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
 from cartstiff.results import LabelledResult
@@ -206,6 +207,8 @@ class PostureStiffness(LabelledResult):
     _asked: ElasticMechanism | None = None
     #: State before the load, if that of `elastic_as_given` is another.
     _before_load: Literal["balanced", "given", "partly"] | None = None
+    #: Whether a given wrench determined the rest positions.
+    _rest_is_chosen: bool = False
 
     def _lines(self) -> list[str]:
         elastic, W = self.elastic, self.wrench
@@ -542,7 +545,11 @@ class PostureStiffness(LabelledResult):
     def notes_on_posture(self) -> tuple[Note, ...]:
         """The `notes` without those on matrices."""
         known, find = self._notes, posture_notes.notes_on_posture
-        return find(self.elastic, self.posture, self.reduction) if known is None else known
+        if known is not None:
+            return known
+        asked = self.elastic if self._asked is None else self._asked
+        on_rest = preload_notes(asked, self._rest_is_chosen)
+        return find(self.elastic, self.posture, self.reduction, on_rest)
 
     def tensor(self, connection: str | Connection = "B") -> StiffnessTensor:
         """Stiffness tensor under a named connection ("A", "B", "K", "+", "F") or any other.

@@ -18,9 +18,15 @@ from cartstiff.stiffness.rounding import norm, without_cancelled
 
 
 def notes_on_posture(
-    elastic: ElasticMechanism, posture: MechanismPosture, reduction: Reduction
+    elastic: ElasticMechanism,
+    posture: MechanismPosture,
+    reduction: Reduction,
+    on_rest: Iterable[Note] = (),
 ) -> tuple[Note, ...]:
-    """Notes of loading, states of the reduction, near singularities and limits at a posture."""
+    """Notes of loading, states of the reduction, near singularities and limits at a posture.
+
+    `on_rest` are those on preload and rest positions.
+    """
     rank, full = reduction.rank, reduction.usual_rank
     return (
         *elastic.notes,
@@ -33,6 +39,7 @@ def notes_on_posture(
         *limit_notes(elastic.mechanism, posture),
         *force_notes(elastic, posture),
         *deflection_notes(elastic, posture.q),
+        *on_rest,
         *(() if elastic.gravity is None else gravity_loads(elastic).notes),
     )
 

@@ -415,7 +415,7 @@ export class Program {
       notes.push({ code: "near-type-2-singularity", message: `the actuators hardly hold the mechanism in ${weak} direction(s): smallest over largest singular value ${general(this.least(held), 2)}`,
         values: { singular_values: values, ...size, directions: all.slice(-weak).map((v) => v.map((x, i) => x * m.sizes[i])) } });
     }
-    notes.push(...this.beyond(m), ...this.stretched(m), ...data.last_notes);
+    notes.push(...this.beyond(m), ...this.stretched(m), ...(m.given ? data.loaded_rest_notes : data.rest_notes), ...data.last_notes);
     return notes;
   }
 

@@ -1,0 +1,77 @@
+"""Notes on preload and rest positions: which hold at a posture, and which a load replaces.
+
+The drives of a platform wind its legs: at every commanded posture these have their preload. A rest
+length or rest position is a fixed number. A load that has to be balanced at a posture decides on
+the forces of all springs instead, except where more lines than motions leave a choice.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cartstiff.mechanisms.contract import engineering
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.notes import Note
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.springs import JointSprings
+
+
+def preload_notes(elastic: ElasticMechanism, is_loaded: bool) -> list[Note]:
+    """Note on the preload that drives hold, or on what a load replaces.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        The mechanism as given, before rest positions are chosen.
+    is_loaded : bool
+        Whether rest positions are chosen so that the springs balance a given wrench.
+    """
+    springs = elastic.springs
+    if isinstance(springs, LineSprings):
+        return _notes_on_lines(elastic, springs, is_loaded)
+    if not isinstance(springs, JointSprings) or not is_loaded:
+        return []
+    given = springs.rest_is_free(every=True) & ~springs.rest_is_free()
+    names = [name for name, own in zip(elastic.names, given, strict=True) if own]
+    if not names:
+        return []
+    return [_replaced("rest positions", names, "their joints")]
+
+
+def _notes_on_lines(elastic: ElasticMechanism, springs: LineSprings, is_loaded: bool) -> list[Note]:
+    held = springs.holding()
+    if is_loaded:
+        is_fixed = ~springs.rest_is_free()
+        if isinstance(springs.driven, tuple):  # springs that nothing drives keep theirs
+            is_fixed &= np.array(springs.driven)
+        for what, own in (("preload", held), ("rest lengths", is_fixed)):
+            if own.any():
+                names = [n for n, x in zip(elastic.spring_names, own, strict=True) if x]
+                return [_replaced(what, names, "these legs")]
+        return []
+    if not held.any() or springs.preload is None:
+        return []
+    names = [n for n, x in zip(elastic.spring_names, held, strict=True) if x]
+    tensions = springs.preload[held].tolist()
+    if not any(tensions):
+        return []
+    unit, low, high = elastic.units.force, min(tensions), max(tensions)
+    sizes = engineering(low, unit) if low == high else f"{low:g} to {high:g} {unit}"
+    words = (
+        f"the drives hold the preload of the file at every commanded pose ({_listed(names)}: "
+        f"{sizes}); the legs cannot balance it among themselves, so that the environment holds it "
+        "with the wrench that is stated"
+    )
+    return [Note("preload-held", words, {"preload": dict(zip(names, tensions, strict=True))})]
+
+
+def _replaced(what: str, names: list[str], whose: str) -> Note:
+    words = (
+        f"the load alone determines the forces of {whose}, and replaces the {what} of "
+        f"{_listed(names)}; `equilibrium` keeps them and moves the body"
+    )
+    return Note("load-replaces-rest", words, {"replaced": what, "springs": names})
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names) if len(names) < 4 else f"{names[0]} to {names[-1]}"

@@ -1,0 +1,235 @@
+"""Preload of driven and passive legs, and tensions of cables, at poses other than the file's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import LinearConstraint, linprog, minimize
+from tests.mechanisms.machines import codes, note, write_file
+
+import cartstiff
+from cartstiff import analyse, analyse_many, equilibrium, load
+from cartstiff.errors import InputError
+from cartstiff.geometry import se3
+
+BASE = [[91.41, 40.7], [-10.45, 99.52], [-80.96, 58.82], [-80.96, -58.82], [-10.45, -99.52]]
+TOP = [[59.75, 5.23], [-25.34, 54.36], [-34.41, 49.15], [-34.41, -49.15], [-25.34, -54.36]]
+HEXAPOD = {
+    "units": {"length": "mm", "force": "N"},
+    "base": [[*p, 0.0] for p in (*BASE, [91.41, -40.7])],
+    "platform": [[*p, -10.0] for p in (*TOP, [59.75, -5.23])],
+}
+HOME, AWAY = [0.0, 0.0, 120.0, 0.0, 0.0, 0.0], [5.0, -8.0, 125.0, 0.05, 0.1, -0.08]
+K, PRELOAD = 15e3, 200.0
+
+
+def hexapod(tmp_path, name="hexapod", pose=HOME, kind="stewart-gough", **legs):
+    place = {"xyz": pose[:3], "rpy": pose[3:]}
+    legs = {"stiffness": K, "preload": PRELOAD} | legs
+    return load(write_file(tmp_path, name=name, kind=kind, pose=place, legs=legs, **HEXAPOD))
+
+
+def tensions_of(result):
+    return result.elastic.springs.tensions(result.posture.lines.lengths)
+
+
+def stiffness_of_lines(q, tension):
+    """K^B of lines with a tension, from the energy's second differences: W by differences."""
+    T = se3.from_roll_pitch_yaw(np.array(q[:3]), np.array(q[3:]))
+    anchors, points = np.array(HEXAPOD["base"]), np.array(HEXAPOD["platform"])
+
+    def lengths(step):
+        at = T @ se3.exp(step)
+        return np.linalg.norm(points @ at[:3, :3].T + at[:3, 3] - anchors, axis=1)
+
+    rest = lengths(np.zeros(6)) - tension / K
+    sizes, h = np.repeat([1e-3, 5e-2], 3), np.eye(6)
+
+    def energy(step):
+        return 0.5 * K * float(((lengths(step * sizes) - rest) ** 2).sum())
+
+    H = [
+        [(energy(a + b) - energy(a - b) - energy(b - a) + energy(-a - b)) / 4.0 for b in h]
+        for a in h
+    ]
+    return np.array(H) / np.outer(sizes, sizes)
+
+
+@pytest.mark.parametrize("pose", [HOME, AWAY])
+def test_drives_hold_the_preload_at_every_commanded_pose(tmp_path, pose):
+    result = analyse(hexapod(tmp_path), pose)
+    assert tensions_of(result) == pytest.approx(np.full(6, PRELOAD), rel=1e-12)
+    expected = stiffness_of_lines(pose, PRELOAD)
+    sizes = np.repeat([59.0, 1.0], 3)
+    scale = np.outer(sizes, sizes)
+    assert np.abs((result.B.matrix - expected) / scale).max() < 1e-4 * K
+    lines = result.posture.lines.lines
+    assert result.wrench == pytest.approx(PRELOAD * lines.sum(axis=0), rel=1e-9, abs=1e-6)
+    assert note(result, "preload-held").values["preload"]["leg3"] == PRELOAD
+
+
+def test_the_same_by_the_files_pose_and_by_any_door(tmp_path):
+    """A pose that is typed, in the file, in an array, or mapped: one preload, one stiffness."""
+    typed = analyse(hexapod(tmp_path), AWAY)
+    filed = analyse(hexapod(tmp_path, "filed", AWAY))
+    assert filed.B.matrix == pytest.approx(typed.B.matrix, rel=1e-9, abs=1e-6)
+    for path in ("auto", "engine"):
+        many = analyse_many(
+            hexapod(tmp_path), [HOME, AWAY], outputs=("B", "wrench", "tensions"), path=path
+        )
+        assert many.arrays["stiffness_B"][1] == pytest.approx(typed.B.matrix, rel=1e-9, abs=1e-6)
+        assert many.arrays["wrench"][1] == pytest.approx(typed.wrench, rel=1e-9, abs=1e-6)
+        assert many.arrays["tensions"] == pytest.approx(np.full((2, 6), PRELOAD), rel=1e-9)
+    still = equilibrium(hexapod(tmp_path), AWAY, wrench=typed.wrench, load_axes="body")
+    assert np.abs(still.displacement).max() < 1e-6
+    assert tensions_of(still.stiffness) == pytest.approx(np.full(6, PRELOAD), rel=1e-6)
+
+
+def test_passive_springs_keep_the_rest_length_of_the_files_pose(tmp_path):
+    passive = hexapod(tmp_path, driven=False)
+    lengths = [passive.mechanism.leg_lengths(q) for q in (HOME, AWAY)]
+    expected = PRELOAD + K * (lengths[1] - lengths[0])
+    assert tensions_of(analyse(passive, AWAY)) == pytest.approx(expected, rel=1e-9)
+    springs = hexapod(tmp_path, "springs", kind="springs")
+    assert tensions_of(analyse(springs, AWAY)) == pytest.approx(expected, rel=1e-9)
+    assert "preload-held" not in codes(analyse(springs, AWAY))
+
+
+def test_rest_lengths_are_fixed_numbers(tmp_path):
+    fixed = hexapod(tmp_path, preload=None, rest_length=130.0)
+    lengths = fixed.mechanism.leg_lengths(AWAY)
+    assert tensions_of(analyse(fixed, AWAY)) == pytest.approx(K * (lengths - 130.0), rel=1e-9)
+
+
+def test_a_load_that_replaces_what_the_file_says_is_named(tmp_path):
+    W = [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]
+    plain = analyse(hexapod(tmp_path, preload=None), AWAY, wrench=W)
+    for name, legs in (("p", {}), ("r", {"preload": None, "rest_length": 130.0})):
+        loaded = analyse(hexapod(tmp_path, name, **legs), AWAY, wrench=W)
+        assert tensions_of(loaded) == pytest.approx(tensions_of(plain), rel=1e-9)
+        assert len(note(loaded, "load-replaces-rest").values["springs"]) == 6
+        assert "preload-held" not in codes(loaded)
+    assert "load-replaces-rest" not in codes(plain)
+
+
+def test_springs_that_nothing_drives_keep_their_rest_lengths_under_a_load(tmp_path):
+    """A seventh, passive spring beside six driven legs: these balance the load and its force."""
+    keys = HEXAPOD | {
+        "base": [*HEXAPOD["base"], [0.0, 0.0, 0.0]],
+        "platform": [*HEXAPOD["platform"], [0.0, 0.0, -10.0]],
+    }
+    legs = {"stiffness": [K] * 6 + [5.0], "preload": 50.0, "driven": [True] * 6 + [False]}
+    place = {"xyz": HOME[:3], "rpy": HOME[3:]}
+    both = load(write_file(tmp_path, kind="springs", pose=place, legs=legs, **keys))
+    W = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -100.0])
+    result = analyse(both, AWAY, wrench=W)
+    stretched = both.mechanism.leg_lengths(AWAY)[6] - both.mechanism.leg_lengths(HOME)[6]
+    t = tensions_of(result)
+    assert t[6] == pytest.approx(50.0 + 5.0 * stretched, rel=1e-9)
+    assert t @ result.posture.lines.lines == pytest.approx(W, abs=1e-6)
+
+
+def least_kept(G, w, given):
+    """Least tension by the rule, from linear programs and a search along the null space."""
+    m = G.shape[1]
+    d = 0.1 * given.mean()
+    edge = projected(G, w, given, 0.0)
+    most = 2.0 * max(given.max(), edge.max(), np.abs(nearest(G, w, given)).max())
+    goal = np.append(np.zeros(m), -1.0)
+    found = linprog(
+        goal,
+        A_ub=np.column_stack([-np.eye(m), np.full(m, d)]),
+        b_ub=np.zeros(m),
+        A_eq=np.column_stack([G, np.zeros(6)]),
+        b_eq=w,
+        bounds=[(None, most)] * m + [(None, 1.0)],
+    )
+    s = found.x[-1]
+    return 0.5 * s * (1.0 + s) * d
+
+
+def nearest(G, w, given):
+    return given + np.linalg.pinv(G) @ (w - G @ given)
+
+
+def projected(G, w, given, least):
+    """The nearest balancing tensions above a bound, by a general solver in the null space."""
+    p, N = nearest(G, w, given), np.linalg.svd(G)[2][6:].T
+    inside = linprog(
+        np.append(np.zeros(N.shape[1]), -1.0),
+        A_ub=np.column_stack([-N, np.ones(len(p))]),
+        b_ub=p - least,
+        bounds=[(None, None)] * N.shape[1] + [(None, 1e3)],
+    )
+    found = minimize(
+        lambda y: float(y @ y),
+        inside.x[:-1],
+        jac=lambda y: 2.0 * y,
+        constraints=[LinearConstraint(N, least - p, np.inf)],
+        method="SLSQP",
+        options={"maxiter": 500, "ftol": 1e-14},
+    )
+    return p + N @ found.x
+
+
+def test_cables_have_the_tensions_nearest_to_the_preload():
+    robot = load("cable-robot")
+    at = analyse(robot, [0.1, 0.0, 0.6, 0.0, 0.0, 0.0])
+    assert sorted(tensions_of(at).round(1)) == [185.9] * 4 + [212.3] * 4
+    rng = np.random.default_rng(4)
+    given, bounded = np.full(8, 200.0), 0
+    for _ in range(25):
+        q = robot.q + rng.uniform(-1, 1, 6) * [0.2, 0.15, 0.15, 0.2, 0.2, 0.2]
+        W = np.array([1.0, 2.0, 3.0, 10.0, -20.0, -30.0])
+        G = robot.mechanism.at(q).lines.lines.T
+        top = linprog(
+            np.append(np.zeros(8), -1.0),
+            A_ub=np.column_stack([-np.eye(8), np.ones(8)]),
+            b_ub=np.zeros(8),
+            A_eq=np.column_stack([G, np.zeros(6)]),
+            b_eq=W,
+            bounds=[(None, None)] * 8 + [(None, 1e3)],
+        )
+        if top.status != 0 or top.x[-1] <= 1e-3:
+            if top.status != 0 or top.x[-1] < -1e-3:
+                with pytest.raises(InputError, match="cables cannot balance"):
+                    analyse(robot, q, wrench=W)
+            continue
+        t = tensions_of(analyse(robot, q, wrench=W))
+        expected = projected(G, W, given, least_kept(G, W, given))
+        assert t == pytest.approx(expected, abs=2e-2)
+        bounded += bool(t.min() < 20.0 + 1e-6)
+        many = analyse_many(robot, [q], wrench=W, outputs=("tensions",)).arrays["tensions"][0]
+        assert many == pytest.approx(t, abs=1e-6)
+    assert bounded > 3  # poses at which the bound counts
+
+
+def test_tensions_and_stiffness_have_no_cliffs_along_a_line():
+    robot = load("cable-robot")
+    Q = [[0.02, 0.01, z, 0.0, 0.02, 0.0] for z in np.linspace(0.4, 0.8, 201)]
+    many = analyse_many(robot, Q, outputs=("B", "tensions")).arrays
+    assert np.abs(np.diff(many["tensions"], axis=0)).max() < 3.0
+    stiffness = many["stiffness_B"][:, 3, 3]
+    assert np.abs(np.diff(stiffness) / stiffness[:-1]).max() < 0.01
+    # Beyond the bound of a tenth, too.
+    W = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    tensions = []
+    for pull in np.linspace(0.0, 2000.0, 101):
+        W[3] = pull
+        tensions.append(tensions_of(analyse(robot, wrench=W)))
+    tensions = np.array(tensions)
+    assert tensions.min() == pytest.approx(20.0)
+    assert np.abs(np.diff(tensions, axis=0)).max() < 15.0
+
+
+def test_a_rope_of_fixed_length_is_a_passive_cable(tmp_path):
+    robot = load("cable-robot")
+    p = robot.mechanism
+    keys = {"base": p.anchors.tolist(), "platform": p.points.tolist(), "unilateral": True}
+    legs = {"stiffness": 5e4, "preload": 200.0, "driven": False}
+    pose = {"xyz": [0.0, 0.0, 0.6]}
+    ropes = load(write_file(tmp_path, kind="springs", pose=pose, legs=legs, **keys))
+    q = [0.003, 0.0, 0.6, 0.0, 0.0, 0.0]
+    expected = 200.0 + 5e4 * (p.leg_lengths(q) - p.leg_lengths(robot.q))
+    assert tensions_of(analyse(ropes, q)) == pytest.approx(np.maximum(expected, 0.0), rel=1e-9)
+    assert cartstiff.analyse(ropes, q).wrench[3] > 1.0
