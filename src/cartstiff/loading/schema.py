@@ -851,6 +851,7 @@ def _section_keys(at: tuple[str | int, ...], data: Any) -> list[str]:
     module, name = FILE_KINDS[kind]
     hints: list[Any] = [getattr(import_module(f"cartstiff.loading.{module}"), name)]
     section: Any = data
+    part: Any
     for part in at:
         section = section[part] if isinstance(section, (dict, list)) else None
         hints = [inner for hint in hints for inner in _inner(hint, part)]
