@@ -91,7 +91,9 @@ def test_a_file_of_a_closed_chain_moves_its_drives(name, tmp_path, pages):
     drive = chain.mechanism.actuated[0]
     page.focus(f"#slider-{drive}")
     page.keyboard.press("PageUp")
-    page.evaluate("() => window.cartstiff.change({ load: [0, 0, 0, 0.3, -0.2, -0.4] })")
+    page.evaluate(
+        "() => window.cartstiff.change({ load_axes: 'body', load: [0, 0, 0, 0.3, -0.2, -0.4] })"
+    )
     settled(page)
     found = result(page)
     assert found["q"][drive] != chain.q[drive]

@@ -242,7 +242,7 @@ def test_a_number_moves_the_robot(ur5):
 def test_each_connection_shows_the_api_s_matrix(serve, pages):
     load = np.array([200.0, -100.0, 400.0, 50.0, -40.0, 300.0])
     page = pages.shared(serve("stewart-gough").url)
-    page.evaluate("(load) => window.cartstiff.change({ load })", load.tolist())
+    page.evaluate("(load) => window.cartstiff.change({ load, load_axes: 'body' })", load.tolist())
     result = cartstiff.analyse(cartstiff.load("stewart-gough"), wrench=load)
     for key, name in enumerate("ABKF+", start=1):
         page.keyboard.press(str(key))
@@ -277,7 +277,7 @@ def test_another_connection_marks_the_cells_that_it_changes(ur5):
     settled(ur5)
     assert ur5.inner_text(".differs").endswith("there is no load")
     load = [0, 0, 0, 0, 0, -100]
-    ur5.evaluate("(load) => window.cartstiff.change({ load })", load)
+    ur5.evaluate("(load) => window.cartstiff.change({ load, load_axes: 'body' })", load)
     settled(ur5)
     place = ur5.locator(".matrix").bounding_box()
     ur5.keyboard.press("1")
@@ -338,27 +338,29 @@ def test_a_singular_posture_is_said(ur5):
 
 def test_load_springs_and_reference_point(ur5):
     setup(ur5, "load")
-    ur5.check("text=Apply this load")
+    ur5.click("[aria-label=Load] [data-value=mine]")
     ur5.fill("input[aria-label='fz N']", "-250")
     ur5.keyboard.press("Tab")
     settled(ur5)
     arm = cartstiff.load("ur5")
     load = [0, 0, 0, 0, 0, -250]
-    assert close(matrix(ur5), cartstiff.analyse(arm, wrench=load).tangent)
+    expected = cartstiff.analyse(arm, wrench=load, load_axes="world")
+    assert close(matrix(ur5), expected.tangent)
     setup(ur5, "springs")
     ur5.fill("input[aria-label^='elbow_joint N']", "50000")
     ur5.keyboard.press("Tab")
     settled(ur5)
     arm = arm.with_springs({"elbow_joint": 5e4})
-    result = cartstiff.analyse(arm, wrench=load)
+    result = cartstiff.analyse(arm, wrench=load, load_axes="world")
     assert close(matrix(ur5), result.tangent)
+    ur5.click("[aria-label='The load acts at'] [data-value=origin]")  # wherever the point is
     setup(ur5, "point")
     ur5.fill("input[aria-label='z m']", "0.1")
     ur5.keyboard.press("Tab")
     settled(ur5)
     T = np.eye(4)
     T[2, 3] = 0.1
-    assert close(matrix(ur5), result.K.to_frame(T).matrix)
+    assert close(matrix(ur5), result.at(T).matrices["load"])
 
 
 def test_another_frame_of_interest(ur5):
@@ -470,7 +472,10 @@ def test_curves_asked_for_again_after_others_are_those_of_the_last_question(serv
     page.select_option("select[aria-label='Along what']", "sweep:1")
     for number, force in enumerate((0, -50, -100, -50), start=1):
         if force:
-            page.evaluate("(z) => window.cartstiff.change({load: [0, 0, 0, 0, 0, z]})", force)
+            page.evaluate(
+                "(z) => window.cartstiff.change({ load_axes: 'body', load: [0, 0, 0, 0, 0, z]})",
+                force,
+            )
         # Where a sweep takes more than a second the page asks first.
         page.wait_for_function(
             """(number) => {

@@ -129,7 +129,8 @@ def test_what_is_wished_for_names_nothing_that_is_shown(opened):
     page.evaluate(
         """(wishes) => {
             const store = window.cartstiff;
-            store.change({ ...wishes, point: [0.1, 0, 0], load: [1, 2, 3, 40, 50, 60] });
+            store.change({ ...wishes, point: [0.1, 0, 0],
+                load: [1, 2, 3, 40, 50, 60], load_axes: 'body' });
             store.tell("units", null); // draws everything anew
         }""",
         wishes,
@@ -259,7 +260,7 @@ def test_sliders_move_the_drives_whether_a_load_was_given_or_not(opened, given):
     assert np.abs(np.array(numbers["wrench"]) - result.wrench).max() < 1e-9 * size
     K = result.matrices["B"]
     assert np.abs(np.array(numbers["stiffness"]["B"]) - K).max() < 1e-9 * np.abs(K).max()
-    assert page.is_checked("text=Apply this load")
+    assert page.is_checked("[aria-label=Load] [data-value=mine] input")
     # The sweep through this posture is of the same load.
     found = swept(page, 2, 5)
     at, rows = found["at"], found["rows"]
@@ -328,7 +329,10 @@ def test_a_larger_load_has_a_longer_arrow(opened):
     page = opened("ur5")
     before = np.zeros(2)
     for size in (0.01, 0.9, 1.1, 4.9, 5.1, 99, 101, 1100):
-        page.evaluate("(f) => window.cartstiff.change({ load: [0, f / 10, 0, 0, 0, -f] })", size)
+        page.evaluate(
+            "(f) => window.cartstiff.change({ load_axes: 'body', load: [0, f / 10, 0, 0, 0, -f] })",
+            size,
+        )
         settled(page)
         arrows = np.array(page.evaluate(ARROWS))
         assert (arrows > before).all(), size

@@ -73,7 +73,7 @@ def test_the_way_under_the_load_is_shown_enlarged_by_a_stated_factor(serve, chro
     page.goto(serve(name).url)
     page.wait_for_function("() => window.cartstiff?.source.local")
     load = (0.0, 0.0, 0.0, 30.0, 0.0, -100.0)
-    changed(page, load=load)
+    changed(page, load_axes="body", load=load)
     page.click("text=Show it move")
     words = page.inner_text(".moved-card button[aria-pressed=true]")
     times = float(words.split("enlarged ")[1].split(" ")[0])
@@ -94,7 +94,7 @@ def test_the_way_under_the_load_is_shown_enlarged_by_a_stated_factor(serve, chro
 
 def test_two_coordinates_are_a_map_of_colours(serve, pages):
     page = pages.shared(serve("ur5").url)
-    changed(page, load=[0, 0, 0, 0, 0, -100])
+    changed(page, load_axes="body", load=[0, 0, 0, 0, 0, -100])
     page.wait_for_function("() => window.cartstiff.source.local")
     page.select_option("select[aria-label='Values of']", "deflection")
     page.select_option("select[aria-label='And along what']", "1")

@@ -64,7 +64,9 @@ def test_an_address_s_posture_is_in_the_picture(serve, pages):
 def test_a_saved_picture_carries_what_it_shows(serve, pages, tmp_path, times):
     """Of its size; the words below are read where they are put together, before they are dots."""
     page = pages.shared(serve("ur5").url)
-    page.evaluate("() => window.cartstiff.change({ load: [0, 0, 0, 0, 0, -100] })")
+    page.evaluate(
+        "() => window.cartstiff.change({ load_axes: 'body', load: [0, 0, 0, 0, 0, -100] })"
+    )
     settled(page)
     # The drawing that becomes the PNG passes by as the source of an image.
     page.evaluate(
@@ -105,7 +107,7 @@ def test_a_file_says_the_same_as_the_server(serve, pages, tmp_path):
     path = tmp_path / "page.html"
     path.write_text(export_page(Source(elastic)), "utf-8")
     change = """() => window.cartstiff.change({ q: [0.3, -1.1, 0.05, -0.7, 0.9, 0.2],
-        others: "held", load: [0, 3, 0, 0, 0, -100] })"""
+        others: "held", load_axes: 'body', load: [0, 3, 0, 0, 0, -100] })"""
     legend = "() => window.cartstiff.legend"
     said = []
     for page in (pages.shared(serve("ur5").url), pages.open(path.as_uri(), offline=True)):

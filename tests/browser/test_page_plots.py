@@ -54,7 +54,7 @@ def saved(page, kind: str, path):
 )
 def test_every_quantity_is_what_the_library_says(serve, pages, tmp_path, name, i, has_legs):
     page = pages.shared(serve(name).url)
-    page.evaluate("(load) => window.cartstiff.change({ load })", LOAD)
+    page.evaluate("(load) => window.cartstiff.change({ load, load_axes: 'body' })", LOAD)
     elastic = cartstiff.load(name)
     state = ViewState(load=LOAD)
     page.select_option(ALONG, f"sweep:{i}")
@@ -115,7 +115,7 @@ def test_a_file_is_of_what_the_page_says_also_at_once(serve, pages, tmp_path):
     page = pages.shared(serve("ur5", curves=True).url)
     page.select_option(QUANTITY, "condition")
     for i, load in ((1, (0, 0, 0, 0, 0, -100)), (3, LOAD)):
-        page.evaluate("(load) => window.cartstiff.change({ load })", load)
+        page.evaluate("(load) => window.cartstiff.change({ load, load_axes: 'body' })", load)
         page.select_option(ALONG, f"sweep:{i}")
         comments, names, table = saved(page, "csv", tmp_path / "plot.csv")
         assert f"along {elastic.names[i]}" in comments[0]
@@ -126,7 +126,9 @@ def test_a_file_is_of_what_the_page_says_also_at_once(serve, pages, tmp_path):
             q[i] = row[0]
             expected = series_row(cartstiff.analyse(elastic, q, wrench=load), ViewState(load=load))
             assert row[1:] == pytest.approx(expected["condition"], rel=1e-6)
-    page.evaluate("() => window.cartstiff.change({ load: [0, 0, 0, 0, 0, -300] })")
+    page.evaluate(
+        "() => window.cartstiff.change({ load_axes: 'body', load: [0, 0, 0, 0, 0, -300] })"
+    )
     page.select_option(AND, "0")
     comments, names, table = saved(page, "csv", tmp_path / "map.csv")
     assert f"along {elastic.names[3]} and {elastic.names[0]}" in comments[0]
@@ -141,7 +143,7 @@ def test_a_file_is_of_what_the_page_says_also_at_once(serve, pages, tmp_path):
 
 def test_an_address_holds_the_plot_and_what_is_seen_of_it(serve, pages):
     url = serve("ur5").url
-    page = pages.open(url + "#load=0,0,0,0,0,-100")
+    page = pages.open(url + "#load=0,0,0,0,0,-100&load_axes=body")
     page.wait_for_selector("#strip .plot .curve-2")
     page.select_option(QUANTITY, "turn")
     page.select_option(ALONG, "sweep:1")
@@ -278,7 +280,9 @@ def test_a_curve_of_another_state_is_dimmed(serve, pages):
     }"""
     )
     try:
-        page.evaluate("() => window.cartstiff.change({ load: [0, 0, 0, 0, 0, -100] })")
+        page.evaluate(
+            "() => window.cartstiff.change({ load_axes: 'body', load: [0, 0, 0, 0, 0, -100] })"
+        )
         page.wait_for_function("() => window.free")
         assert page.evaluate(stale)
     finally:

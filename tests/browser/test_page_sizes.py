@@ -39,8 +39,8 @@ def ur5(serve, pages):
 
 def test_the_picture_is_the_widest_and_the_answer_is_under_it_on_a_phone(ur5):
     ur5.evaluate(
-        """() => window.cartstiff.change({ load: [-123.456, 1e-5, 2e3, -98765.4, 0.5, 1],
-        point: [-0.12345, 0, 0] })"""
+        """() => window.cartstiff.change({ load_axes: 'body',
+        load: [-123.456, 1e-5, 2e3, -98765.4, 0.5, 1], point: [-0.12345, 0, 0] })"""
     )
     for width, height in SIZES:
         ur5.set_viewport_size({"width": width, "height": height})
@@ -59,7 +59,9 @@ def test_the_picture_is_the_widest_and_the_answer_is_under_it_on_a_phone(ur5):
 
 def test_labels_are_legible_and_keep_off_what_they_name(ur5):
     """On a phone across, too, where the picture has most of the height and swipes scroll."""
-    ur5.evaluate("() => window.cartstiff.change({ load: [0, 0, 0, 0, 0, -100] })")
+    ur5.evaluate(
+        "() => window.cartstiff.change({ load_axes: 'body', load: [0, 0, 0, 0, 0, -100] })"
+    )
     settled(ur5)
     for size in ((844, 390), (390, 844)):
         assert looked_at(ur5, size) == []
@@ -103,7 +105,10 @@ def test_what_a_springless_joint_would_have_to_carry_is_said(ur5):
     load = [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]
     torque = abs((cartstiff.analyse(arm).jacobian.T @ load)[2])
     stiffness = [1e4, 1e4, 0.0, 1e4, 1e4, 1e4]
-    ur5.evaluate("([load, stiffness]) => cartstiff.change({ load, stiffness })", [load, stiffness])
+    ur5.evaluate(
+        "([load, stiffness]) => cartstiff.change({ load, stiffness, load_axes: 'body' })",
+        [load, stiffness],
+    )
     ur5.wait_for_selector("body.refused")
     said = ur5.inner_text("#verdict-text")
     assert f"elbow_joint has no spring, but the wrench needs {torque:.4g} N m from it" in said

@@ -74,6 +74,7 @@ def test_another_frame_keeps_posture_load_springs_and_kept_states(serve, pages):
         moved=None,
         stiffness=springs,
         load=[1, 2, 3, 40, -50, 60],
+        load_axes="body",
         point=[0.0, 0.02, 0.1],
     )
     page.keyboard.press("a")
@@ -249,7 +250,7 @@ def test_the_browser_computes_between_answers_and_for_a_dead_server(pages):
     page.watch.without_server()
     server.close()
     page.wait_for_selector("#banner:has-text('computed in the browser')")
-    changed(page, q=arm.q.tolist(), moved=None, load=[0, 0, 0, 0, 0, -100])
+    changed(page, q=arm.q.tolist(), moved=None, load=[0, 0, 0, 0, 0, -100], load_axes="body")
     here = cartstiff.analyse(arm, wrench=[0, 0, 0, 0, 0, -100])
     assert close(matrix(page), here.tangent)
     assert page.evaluate(VALUES) == labels
@@ -299,7 +300,7 @@ def test_the_first_card_says_how_far_the_load_moves_the_point(ur5):
     card = ur5.locator(".moved-card")
     assert "no load" in card.inner_text()
     load, point = [0.0, 5.0, 0.0, 0.0, 0.0, -300.0], [0.0, 0.0, 0.1]
-    changed(ur5, load=load, point=point)
+    changed(ur5, load_axes="body", load=load, point=point)
     result = cartstiff.analyse(cartstiff.load("ur5"), wrench=load, load_at=point)
     moved = np.linalg.solve(result.tangent, result.wrench)
     d = moved[3:] + np.cross(moved[:3], point)
@@ -497,7 +498,7 @@ def test_load_and_weight_are_typed_into_their_fields(ur5):
             field.press("Enter")
             settled(page)
 
-    page.check("text=Apply this load")
+    page.click("[aria-label=Load] [data-value=mine]")
     page.click("[aria-label='Axes of the load'] [data-value=world]")
     typed(mx=3, fx=40, fy=-50, fz=60, load_at_x=0.02, load_at_z=0.1)
     typed(gravity_gz=-9.81, payload_mass=3, payload_at_z=0.05)

@@ -84,6 +84,18 @@ def test_results_show_themselves_in_a_few_lines(results):
         assert result._repr_html_().startswith("<pre>"), name
 
 
+def test_a_loaded_result_shows_the_tangent_under_the_load():
+    arm = cartstiff.load("ur5")
+    loaded = cartstiff.analyse(arm, wrench=[0, 0, 0, 0, 0, -300])
+    change = np.abs(loaded.tangent - loaded.matrices["B"])
+    most = np.unravel_index(change.argmax(), (6, 6))
+    for K, is_shown in ((loaded.tangent, True), (loaded.matrices["B"], False)):
+        entry = f"{K[most]:.6g}"
+        assert (entry in repr(loaded)) is is_shown
+        assert (entry in loaded._repr_html_()) is is_shown
+    assert "under the load" not in repr(cartstiff.analyse(arm))
+
+
 def test_the_outline_reaches_as_far_as_any_unit_force_moves_the_body(results):
     result = results["0 PostureStiffness"]
     reach = np.linalg.norm(np.linalg.inv(result.tangent)[3:, 3:], axis=1)

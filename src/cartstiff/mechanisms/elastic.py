@@ -377,11 +377,18 @@ class ElasticMechanism(ShownInLines):
             return False
         if self.springs is None or len(self.parted_terms()[0]) > 1:
             return True
+        return bool(self.illustrative)
+
+    @property
+    def illustrative(self) -> frozenset[str]:
+        """Names of the springs that the file calls illustrative, and that were not replaced."""
+        if "illustrative" not in self.source.lower() or self.springs is None:
+            return frozenset()
         sprung = zip(self.spring_names, self.springs.rest_is_free(every=True), strict=True)
-        known = set(self.given)
+        known: set[str] = set(self.given)
         if (found := self.identified) is not None:  # a note names those that are not determined
             known |= {*found.undetermined, *(a for p in found.patterns for a, _, _ in p.entries)}
-        return not known.issuperset(name for name, has_spring in sprung if has_spring)
+        return frozenset(name for name, has_spring in sprung if has_spring) - known
 
     @property
     def units(self) -> Units:

@@ -27,6 +27,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.limits import MAX_RELATIVE_DEFLECTION, Limits, stretch_is_doubted
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.preload import preload_notes
+from cartstiff.notes import assumed_stiffness
 from cartstiff.page.shown import DEFINITE, NEAR, NO_MATRIX
 from cartstiff.potentials.beams import alike
 from cartstiff.potentials.line_springs import LineSprings
@@ -235,6 +236,7 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
             "upper": plain(limits.upper.tolist()),
         },
         "notes": [note.to_dict() for note in elastic.notes],
+        "some_assumed": _some_assumed(elastic),
         "last_notes": [
             note.to_dict()
             for note in (*([] if elastic.gravity is None else gravity_loads(elastic).notes), *chart)
@@ -255,6 +257,15 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
             "doubted": _doubted_legs(elastic, mechanism),
         }
     return described
+
+
+def _some_assumed(elastic: ElasticMechanism) -> str | None:
+    """Return the words of a note on springs of which only those named at {} are assumed."""
+    for note in elastic.notes:
+        if note.code == "stiffness-assumed":
+            values: Any = note.values
+            return assumed_stiffness(values["stiffness"], ["{}"], ["{}", ""]).message
+    return None
 
 
 def _doubted_legs(elastic: ElasticMechanism, platform: Platform) -> dict[str, Any] | None:

@@ -116,7 +116,8 @@ class Session:
             load=_six(source.load),
             load_kind=source.load_kind,
             load_at=source.load_at,
-            load_axes=source.load_axes,
+            # As the page's own buttons, unless a load was given along other axes.
+            load_axes="world" if source.load is None else source.load_axes,
             command=source.command,
         )
         result = self.result(state)
@@ -149,7 +150,8 @@ class Session:
             "id": number,
             "do": "hello",
             "version": __version__,
-            "mechanism": describe_mechanism(self._elastic, self._q),
+            "mechanism": describe_mechanism(self._elastic, self._q)
+            | {"fingerprint": self.source.fingerprint},
             "state": state.model_dump(),
             "now": None if now is None else now.model_dump(),
             **self._facts,

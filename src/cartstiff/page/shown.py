@@ -152,6 +152,14 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array) -> dict[str, Any]:
         for c in (coordinates if not lines else [{}] * len(stiffness))
     ]
     driven = () if springs is None else drives(elastic)
+    assumed = {
+        name
+        for note in elastic.notes
+        if note.code == "stiffness-assumed"
+        for name in note.values.get("joints", ())  # type: ignore[attr-defined]
+    }
+    doubts = dict.fromkeys(assumed, "assumed")
+    doubts |= dict.fromkeys(elastic.illustrative - assumed, "illustrative")
     return {
         "name": elastic.name,
         "kind": mechanism.kind,
@@ -169,6 +177,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array) -> dict[str, Any]:
                 "unit": unit,
                 "driven": name in driven,
                 "nonlinear": i in getattr(springs, "laws", ()),
+                "doubt": doubts.get(name),
             }
             for i, (name, k, unit) in enumerate(
                 zip(elastic.spring_names, stiffness, spring_units, strict=False)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import prod
 from pathlib import Path
 from types import MappingProxyType
@@ -17,6 +19,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.loading.tables import named_unit, read_cells, read_rows
 from cartstiff.mechanisms.contract import LENGTHS, SI, Units, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.identity import fingerprint
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.parsing import parse_numbers
@@ -31,6 +34,8 @@ _MOST_COORDINATES = 200_000
 # Postures of a map that are read at a time.
 _AT_ONCE = 1_000_000
 _MOST_POSTURES = 5_000
+# Parts of a mechanism on which its numbers depend, besides the posture.
+_MODEL = ("mechanism", "springs", "potentials", "gravity", "damping")
 # Names of the quantity that colours the boundary of a workspace, and of singular points.
 _CUTS = "limit that cuts"
 _SINGULAR = "singular surface"
@@ -114,6 +119,19 @@ class Source:
     load_at: tuple[float, float, float] | None = None
     load_axes: Literal["body", "world"] = "body"
     command: list[float] | None = None
+
+    @cached_property
+    def fingerprint(self) -> str | None:
+        """Of the model and of the load at first, by which a link knows its page again.
+
+        None where own code cannot be told apart.
+        """
+        elastic = self.elastic
+        model = {name: getattr(elastic, name) for name in _MODEL}
+        load = self.load, self.load_kind, self.load_at, self.load_axes, self.command
+        with suppress(InputError):
+            return fingerprint([model, load])[:12]
+        return None
 
 
 def changed(

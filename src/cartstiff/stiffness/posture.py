@@ -48,7 +48,15 @@ from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind
 from cartstiff.stiffness.flat_chart import FlatChart, flat_chart, flat_connection, pose_by_chart
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import exceeds_roundoff, shown_wrench, without_cancelled
-from cartstiff.stiffness.tensor import Compliance, StiffnessTensor, codes_of, numbers_text
+from cartstiff.stiffness.tensor import (
+    BlockUnits,
+    Compliance,
+    StiffnessTensor,
+    codes_of,
+    format_matrix,
+    matrix_html,
+    numbers_text,
+)
 
 SCHEMA = "cartstiff/1"
 
@@ -226,7 +234,22 @@ class PostureStiffness(LabelledResult):
             + (", ".join(f"K^{name}" for name in exists) or "none exists here")
             + f" in {elastic.units.force} and {elastic.units.length}: .A .B .K .F, .matrices",
             f"  notes    {codes_of(self.notes)}",
+            *self._tangent_text().splitlines(),
         ]
+
+    def _tangent_text(self) -> str:
+        """The tangent where a load changes the stiffness, as `StiffnessTensor` prints matrices."""
+        if self.tangent is None or not self.is_loaded:
+            return ""
+        (a, b), (c, d) = self._tangent_units
+        units = [f"[{a} | {b}]"] * 3 + [f"[{c} | {d}]"] * 3
+        title = f"K under the load (.tangent) in {self.frame}, order {se3.ANGULAR_LINEAR}"
+        return format_matrix(self.tangent, units, title)
+
+    @property
+    def _tangent_units(self) -> BlockUnits:
+        names = self.units.blocks
+        return (names["rr"], names["rt"]), (names["tr"], names["tt"])
 
     def plot(self) -> Any:
         """Draw how far M moves under a unit force of any direction, in the planes of its axes.
@@ -266,7 +289,12 @@ class PostureStiffness(LabelledResult):
 
     def _repr_html_(self) -> str:
         lines = super()._repr_html_()
-        return lines if self.matrices["B"] is None else lines + self.B._repr_html_()
+        if self.tangent is None:
+            return lines
+        if not self.is_loaded:
+            return lines + self.B._repr_html_()
+        title = "K under the load"
+        return lines + matrix_html(self.tangent, self._tangent_units, title, se3.ANGULAR_LINEAR)
 
     @property
     def frame(self) -> str:

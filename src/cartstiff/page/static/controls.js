@@ -4,9 +4,11 @@ import { button, byId, choice, dropdown, el, engineering, heading, hint, stateCh
 import { fields, sliderRow } from "./inputs.js";
 import { NEGLIGIBLE_DIFFERENCE, ZERO_SHARE } from "./numerics.js";
 import { standAtExtreme } from "./pick.js";
+import { givenLoad } from "./store.js";
 
 const COORDINATES = ["x", "y", "z"];
 const AXES = [["body", "tool axes", "Components along the axes of the body frame M"], ["world", "room axes", "Components along the axes of the inertial frame F"]];
+const NO_LOAD = [0, 0, 0, 0, 0, 0];
 
 export function controls(store) {
   const note = el("span", { class: "dim small" });
@@ -26,7 +28,19 @@ export function controls(store) {
     ["point", "at the point", "The load acts at the reference point, about which its moment is"],
     ["origin", "at M, or at:", "The load acts at the origin of M, or at the point of M that is given, about which its moment is"]],
   (value) => store.change({ load_at: value === "point" ? null : [0, 0, 0] }));
-  let load, springs, point, given, loadPoint, weight;
+  // One of three; mine begins with what is shown.
+  const [loadOf, chooseLoad] = choice("Load", [
+    ["springs", "from the springs", "What the springs of the file exert at this posture, until it is moved"],
+    ["mine", "mine", "Moment and force of the fields below"],
+    ["none", "none", "Nothing acts: the springs rest at this posture"]], (value) => {
+    isMine = value === "mine";
+    const { mechanism } = store.hello;
+    if (isMine) store.change(shownLoad());
+    else store.change({ load: value === "none" && mechanism.may_be_loaded ? NO_LOAD : null });
+  });
+  const along = hint();
+  let isMine = false; // chosen, while its numbers may all be zero
+  let load, springs, point, loadPoint, weight;
 
   function build(hello) {
     const { mechanism } = hello;
@@ -39,18 +53,14 @@ export function controls(store) {
       payload: fields([["mass", "kg", "payload"], ...COORDINATES.map((name) => [name, units.length, "payload at"])],
         (values) => store.change({ payload: values[0] > 0 ? values : null })),
     };
-    given = el("input", { type: "checkbox", onchange: () =>
-      store.change({ load: given.checked ? [0, 0, 0, 0, 0, 0] : null }) });
-    given.disabled = !mechanism.takes_load;
+    isMine = false;
+    loadOf.querySelector("[data-value=springs]").hidden = !mechanism.may_be_loaded;
     const six = [["mx", moment], ["my", moment], ["mz", moment], ["fx", units.force], ["fy", units.force], ["fz", units.force]];
-    // What the springs exert is about M, along its axes.
-    load = fields(six, (values) => store.change({ load: values.map((x) => x ?? 0),
-      ...(store.state.load === null && store.numbers?.result.wrench?.some((x) => x) ? { load_axes: "body", load_at: [0, 0, 0] } : {}) }), six.map(() => ({ called: "0", value: null })));
+    load = fields(six, (values) => store.change({ ...shownLoad(), load: values.map((x) => x ?? 0) }), six.map(() => ({ called: "0", value: null })));
     loadPoint = fields(COORDINATES.map((name) => [name, units.length, "load at"]), (values) => store.change({ load_at: values }));
     loadPoint.node.title = `Where the load acts: from the origin of M along its axes, in ${units.length}`;
     loadPanel.replaceChildren(
-      el("label", { class: "check", title: "Unticked: what the springs of the file exert at this posture, until it is moved" }, given, "Apply this load"),
-      hint(`Moment in ${moment}, force in ${units.force}`), load.node, loadAxes, loadPlace, loadPoint.node, loadKind);
+      loadOf, along, load.node, loadAxes, loadPlace, loadPoint.node, loadKind);
     // A file weighs what it weighed when it was made.
     if (store.source.live) loadPanel.append(hint("Gravity along the room's axes in m/s²; a mass on the body in kg, and its centre in M"), weight.gravity.node, weight.payload.node);
 
@@ -81,8 +91,15 @@ export function controls(store) {
 
   function update() {
     const { state, hello } = store;
-    given.checked = state.load !== null;
-    load.set(state.load ?? exerted().map((x) => Number(x.toPrecision(5))));
+    const { units, takes_load: takesLoad, may_be_loaded: mayBeLoaded } = hello.mechanism;
+    const ofSprings = state.load === null && mayBeLoaded;
+    if (state.load === null) isMine = false;
+    chooseLoad(ofSprings ? "springs" : isMine || state.load?.some((x) => x) ? "mine" : "none");
+    const shown = shownLoad();
+    load.set(state.load ?? shown.load.map((x) => Number(x.toPrecision(5))));
+    along.textContent = `Moment in ${units.force} ${units.length}, force in ${units.force}, along the ${shown.load_axes === "world" ? "room's" : "tool's"} axes`;
+    for (const { control } of [...loadOf.children]) control.disabled = !takesLoad || !store.source.moves;
+    for (const { control } of [...loadAxes.children]) control.disabled = ofSprings || !store.source.moves;
     choosePlace(state.load_at !== null || state.load === null ? "origin" : "point");
     loadPoint.set(state.load_at ?? state.point);
     loadPoint.disable(state.load === null || !store.source.moves);
@@ -94,6 +111,14 @@ export function controls(store) {
     notes.springs = state.stiffness ? "springs changed" : "";
     notes.point = [state.point.some((x) => x) && "point moved", state.axes === "world" && "room axes"].filter(Boolean).join(", ");
     note.textContent = note.title = [notes.load, notes.drives(), notes.springs, notes.point].filter(Boolean).join(", ");
+  }
+
+  /** The load that is shown, as one of mine would be: what the springs exert, if none was given. */
+  function shownLoad() {
+    const { state, numbers, hello: { mechanism } } = store;
+    const { load_axes: axes, load_at: at } = state;
+    if (state.load !== null) return { load: state.load, load_axes: axes, load_at: at };
+    return { load: NO_LOAD, load_axes: axes, load_at: at, ...givenLoad(state, numbers, mechanism) };
   }
 
   /** The wrench that acts, with zeros for what is only rounding beside its other half, or beside the stiffness. */

@@ -2,6 +2,7 @@
 
 import { button, byId, el, engineering, heading, hint, short, together, tuple, typeset } from "./dom.js";
 import { symbol } from "./matrix.js";
+import { doubts } from "./plotfiles.js";
 import { NEGLIGIBLE_DIFFERENCE, ROUNDOFF } from "./numerics.js";
 import { sway } from "./sway.js";
 
@@ -73,12 +74,12 @@ export function deflectionPanel(store) {
     apart.hidden = !Number.isFinite(most) || !soft;
     const both = `${symbol(store.shown, "A")} and ${symbol(store.shown, "K")}`;
     apart.textContent = most < NEGLIGIBLE_DIFFERENCE ? `${both} are the same here` : `${both} differ by up to ${short(100 * most, 2)} %`;
-    const { source, is_illustrative: isIllustrative } = store.hello.mechanism;
+    const found = doubts(store, store.shown);
     const [assumed, onLines] = ["stiffness-assumed", "held-by-lines"].map((name) => result.notes.find(({ code }) => code === name)?.message);
-    const doubted = assumed ? `Springs assumed: ${assumed}` : onLines;
-    doubt.hidden = !doubted && (Boolean(store.shown.stiffness) || !isIllustrative);
-    doubt.textContent = doubted ?? "Springs illustrative, not measured";
-    doubt.title = doubted ? "" : source;
+    const words = [onLines, ...found.map(({ kind, words: own }) => (kind === "assumed" && assumed ? `${own}: ${assumed}` : own))].filter(Boolean);
+    doubt.hidden = !words.length;
+    doubt.textContent = words.join("; ");
+    doubt.title = found.some(({ kind }) => kind === "illustrative") ? store.hello.mechanism.source : "";
   }
 
   store.on("numbers", () => {

@@ -76,11 +76,11 @@ function ownArithmetic(store, source) {
 function banners(store, source) {
   const banner = byId("banner");
   let lost = false;
-  const show = (text, level) => {
+  const show = (text, level, ...more) => {
     banner.hidden = !text;
     banner.dataset.level = level;
     banner.replaceChildren(text ?? "");
-    if (text && level === "bad") banner.append(" ", button("Dismiss", () => show(null), { class: "quiet" }));
+    if (text && (level === "bad" || more.length)) banner.append(" ", ...more, button("Dismiss", () => show(null), { class: "quiet" }));
   };
   source.onstatus = (status) => {
     if (status === "lost" && !lost) show(source.alone ? "The server does not answer: what is shown is computed in the browser. The page tries again by itself …"
@@ -94,6 +94,11 @@ function banners(store, source) {
     document.body.classList.toggle("lost", lost && !source.alone);
     document.body.classList.toggle("alone", lost && Boolean(source.alone));
   };
+  store.on("foreign", ({ text, act: [words, act] = [] }) => show(text, "warning", words ? button(words, () => {
+    show(null);
+    store.remember("address");
+    act();
+  }) : "", " "));
   store.on("error", (text) => text === store.refused || show(text, "bad")); // a refused state is said by the verdict
   store.on("numbers", () => {
     if (!lost && !store.sticky && !banner.hidden && banner.dataset.level === "bad") show(null);

@@ -8,6 +8,8 @@ import { NOT_CLOSED, Program } from "./program.js";
 import { NEGLIGIBLE_DIFFERENCE, NEAR_SINGULARITY, ROUNDOFF } from "./numerics.js";
 
 const STEPS = 121;
+// Shares of the way from a posture to the file's at which one is tried that the formulas cover.
+const ON_THE_WAY = [0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1];
 // Steps of the way to a pose, and halvings of a way that legs do not go to its end.
 const MOST_STEPS = 30;
 const HALVINGS = 14;
@@ -98,6 +100,20 @@ export class ComputingSource extends FileSource {
     const commands = this.themed(state.theme);
     const drawn = this.drawing.draw(m, state);
     return [{ id, do: "draw", numbers, followed, legend: { ...drawn.legend, cloud: this.data.legend.cloud } }, [...commands, ...drawn.commands]];
+  }
+
+  /** The posture that the formulas cover nearest to q on the way to another; q itself if none does. */
+  covered(q, home, state) {
+    for (const share of ON_THE_WAY) {
+      const near = share ? q.map((x, i) => x + share * (home[i] - x)) : q;
+      try {
+        this.program.solve({ ...state, q: near });
+        return near;
+      } catch {
+        // further on
+      }
+    }
+    return q;
   }
 
   row(q, state) {

@@ -9,8 +9,24 @@ const ROW = 14;
 // Width of a letter below a drawing, and of one in it, about.
 export const [LETTER, WIDE_LETTER] = [6, 7];
 
+/** Springs of a state that nobody measured, by kind, in words: those that were replaced are no longer among them. */
+export function doubts({ hello: { mechanism } }, { stiffness }) {
+  const { springs, is_illustrative: isIllustrative } = mechanism;
+  const own = springs.filter(({ stiffness: k }, i) => !stiffness || stiffness[i] === k);
+  const sprung = springs.filter(({ stiffness: k }) => k !== 0).length;
+  const words = { assumed: "assumed", illustrative: "illustrative, not measured" };
+  const found = Object.keys(words).flatMap((kind) => {
+    const count = own.filter(({ doubt }) => doubt === kind).length;
+    return count ? [{ kind, words: count < sprung ? `${count} of ${sprung} springs ${words[kind]}` : `Springs ${words[kind]}` }] : [];
+  });
+  // Springs besides those that can be replaced here.
+  const others = isIllustrative && !springs.some(({ doubt }) => doubt === "illustrative");
+  return others ? [...found, { kind: "illustrative", words: `Springs ${words.illustrative}` }] : found;
+}
+
 /** What a plot is of: mechanism, state and program, in lines. */
-export function provenance({ hello }, state, title) {
+export function provenance(store, state, title) {
+  const { hello } = store;
   const { mechanism } = hello;
   const q = mechanism.coordinates.map(({ name }, i) => `${name}=${state.q[i].toPrecision(6)}`).join(" ");
   const { load, load_at: at, stiffness, gravity, payload, command } = state;
@@ -23,6 +39,7 @@ export function provenance({ hello }, state, title) {
       gravity && `gravity ${list(gravity)}`, payload && `payload ${payload[0]} kg at ${list(payload.slice(1))}`,
       stiffness && `springs ${list(stiffness)}`, command && `drives commanded by ${list(command)}`].filter(Boolean).join(", "),
     `posture ${q}`,
+    ...doubts(store, state).map(({ words }) => words),
     `cartstiff ${hello.version}`,
   ];
 }

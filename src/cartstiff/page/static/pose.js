@@ -1,7 +1,7 @@
 // Sliders and numbers of the coordinates, a platform's legs, the pose of the tool.
 
 import { angles } from "./algebra.js";
-import { button, byId, chop, clamp, el, hint, short, tabs } from "./dom.js";
+import { button, byId, chop, clamp, el, hint, short, tabs, toast } from "./dom.js";
 import { fields, sliderRow } from "./inputs.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 
@@ -138,8 +138,16 @@ export function toHome(store) {
   store.goTo(store.hello.state.q);
 }
 
+/** Zero, or the nearest to it within the limits and, in a file, within what its formulas cover. */
 export function toZero(store) {
-  store.goTo(store.hello.mechanism.coordinates.map(({ lower, upper }) => clamp(0, lower, upper)));
+  const { coordinates } = store.hello.mechanism;
+  const zero = coordinates.map(({ lower, upper }) => clamp(0, lower, upper));
+  const q = store.source.covered?.(zero, store.hello.state.q, store.state) ?? zero;
+  const away = coordinates.filter((_, i) => zero[i] !== 0).map(({ name }) => name);
+  const why = [away.length && `zero is beyond the limits of ${away.join(", ")}`, q !== zero && "this file does not compute the singular posture at zero"];
+  const words = why.filter(Boolean).join("; ");
+  if (words) toast(`The nearest posture: ${words}`);
+  store.goTo(q);
 }
 
 export function toRandom(store) {

@@ -396,7 +396,7 @@ export class Program {
 
   notes(m, state) {
     const { data } = this;
-    const notes = data.notes.filter(({ code }) => !(state.stiffness && code === "stiffness-assumed"));
+    const notes = data.notes.flatMap((note) => (note.code === "stiffness-assumed" ? this.stillAssumed(note, state) : [note]));
     notes.push(...this.adjustedNotes(m));
     const { serial, "type-2": held } = m.singular;
     const size = { characteristic_length: m.length };
@@ -417,6 +417,15 @@ export class Program {
     }
     notes.push(...this.beyond(m), ...this.stretched(m), ...(m.given ? data.loaded_rest_notes : data.rest_notes), ...data.last_notes);
     return notes;
+  }
+
+  /** The note on assumed stiffnesses without the springs that were replaced, as `cartstiff.notes.still_assumed`. */
+  stillAssumed(note, { stiffness }) {
+    const { names, shared, some_assumed: words } = this.data;
+    const replaced = (name) => stiffness && stiffness[names.indexOf(name)] !== shared.stiffness[names.indexOf(name)];
+    const joints = note.values.joints.filter((name) => !replaced(name));
+    if (joints.length === note.values.joints.length) return [note];
+    return joints.length ? [{ ...note, message: words.replace("{}", joints.join(", ")), values: { ...note.values, joints } }] : [];
   }
 
   /** Legs that the load stretches implausibly; where rest lengths were given and no load was, the stretch is meant. */

@@ -15,13 +15,16 @@ const numbers = (count, isRigid = false) => (text, first) => {
   return fits && found.every((x) => x === null || Number.isFinite(x)) ? found : undefined;
 };
 const three = numbers(() => 3);
+// What is null in a state: springs as in the file, a load that they exert.
+const NOT_GIVEN = "none";
+const orNone = (form) => (text, first) => (text === NOT_GIVEN ? null : form(text, first));
 // Of the state, what an address holds, and how it is read; undefined for what cannot be.
 const FORMS = {
   q: numbers(({ q }) => q.length), connection: oneOf("connection"), quantity: oneOf("quantity"),
   others: oneOf("others"), axes: oneOf("axes"), point: three,
-  stiffness: numbers(null, true), load: numbers(() => 6),
-  load_axes: oneOf("load_axes"), load_kind: oneOf("load_kind"), load_at: three,
-  gravity: three, payload: numbers(() => 4), command: numbers(null), scale: oneOf("scale"),
+  stiffness: orNone(numbers(null, true)), load: orNone(numbers(() => 6)),
+  load_axes: oneOf("load_axes"), load_kind: oneOf("load_kind"), load_at: orNone(three),
+  gravity: orNone(three), payload: orNone(numbers(() => 4)), command: orNone(numbers(null)), scale: oneOf("scale"),
   translation: flag, rotation: flag, labels: flag, wrench: flag, deflection: flag, screws: flag, centres: flag,
   quantity_of_map: (text, first) => (first.quantity_of_map === null ? undefined : text),
   mode: (text) => (/^[1-9]\d?$/.test(text) ? Number(text) : undefined),
@@ -35,8 +38,9 @@ function differing(state, first) {
   const parts = new URLSearchParams();
   for (const key of Object.keys(FORMS)) {
     const value = state[key];
-    if (value === null || value === undefined || JSON.stringify(value) === JSON.stringify(first[key])) continue;
-    parts.set(key, Array.isArray(value) ? value.map((x) => x ?? RIGID).join(",") : String(value));
+    if (value === undefined || JSON.stringify(value) === JSON.stringify(first[key])) continue;
+    if (value !== null) parts.set(key, Array.isArray(value) ? value.map((x) => x ?? RIGID).join(",") : String(value));
+    else if (FORMS[key](NOT_GIVEN, first) === null) parts.set(key, NOT_GIVEN);
   }
   return parts;
 }
@@ -51,7 +55,11 @@ export function toHash(store) {
   if (store.angle !== "deg") parts.set("angles", store.angle);
   if (String(store.pane.view) !== store.pane.first) parts.set("camera", String(store.pane.view));
   for (const [key, name] of PLOT) if (store.plot && String(store.plot[name]) !== String(store.usualPlot[name])) parts.set(key, String(store.plot[name]));
-  return parts.toString().replaceAll("%2C", ",");
+  if (parts.toString()) {
+    if (!parts.has("q")) parts.set("q", store.state.q.join(",")); // a page may begin at another posture
+    parts.set("of", `${store.hello.mechanism.name}@${store.hello.mechanism.fingerprint}`);
+  }
+  return parts.toString().replaceAll("%2C", ",").replaceAll("%40", "@");
 }
 
 /** The wishes that an address holds; what cannot be read is left out. */
@@ -62,6 +70,13 @@ export function fromHash(hash, first) {
     if (value !== undefined) found[key] = value;
   }
   return found;
+}
+
+/** Name and fingerprint of the mechanism that an address is of; null if it names none. */
+function origin(hash) {
+  const of = new URLSearchParams(hash.slice(1)).get("of");
+  const at = of?.lastIndexOf("@");
+  return of === null ? null : at < 0 ? [of, ""] : [of.slice(0, at), of.slice(at + 1)];
 }
 
 /** What an address asks for, in the form of a step of `store.undo`. */
@@ -117,7 +132,22 @@ export function sharing(store) {
     html);
   store.on("hello", () => { html.hidden = !store.source.live; });
 
-  function follow(hash) {
+  /** Go where an address leads, unless it is of another mechanism: that is for the user to say. */
+  function follow(hash, isFirst = false) {
+    const { name, fingerprint } = store.hello.mechanism;
+    const [theirs, print] = origin(hash) ?? [name, fingerprint];
+    if (theirs !== name) {
+      if (isFirst) apply("");
+      store.tell("foreign", { text: `This link is of ${theirs}, and this page shows ${name}: it was not applied.`, act: ["Apply it here", () => apply(hash)] });
+      return;
+    }
+    apply(hash);
+    if (print !== fingerprint) {
+      store.tell("foreign", { text: `This link was made of another ${name}: its model, springs, masses or load at first were not those of this page, and its numbers may have been others.` });
+    }
+  }
+
+  function apply(hash) {
     const view = (new URLSearchParams(hash.slice(1)).get("camera") ?? "").split(",").map(Number);
     if (view.length === 6 && view.every(Number.isFinite)) store.pane.view = view;
     store.restore(stepTo(store, hash)).catch((error) => store.tell("error", error.message));
@@ -129,7 +159,8 @@ export function sharing(store) {
     if (followed) return;
     followed = true;
     store.firstFrame = hello.mechanism.frame;
-    follow(location.hash || `#${hello.address ?? ""}`); // a file has the address that it was made at
+    if (location.hash) follow(location.hash, true);
+    else apply(`#${hello.address ?? ""}`); // a file has the address that it was made at
   });
   const settle = () => {
     clearTimeout(timer);

@@ -3,7 +3,7 @@
 // One question is in flight; while it is, only the newest state is kept.
 
 import { cross, rotation, times } from "./algebra.js";
-import { LOST, SUPERSEDED, short } from "./dom.js";
+import { LOST, SUPERSEDED, chop, short } from "./dom.js";
 import { legendOf } from "./legend.js";
 import { FIELDS, MESSAGES, NEEDED } from "./messages.js";
 
@@ -418,7 +418,7 @@ export function givenLoad(state, numbers, { may_be_loaded: mayBe }) {
   const force = W.slice(3);
   const moment = W.slice(0, 3).map((x, i) => x - cross(at, force)[i]);
   const turns = state.load_kind === "follower";
-  const along = (v) => (turns ? v : times(rotation(numbers.result.pose), v));
+  const along = (v) => chop(turns ? v : times(rotation(numbers.result.pose), v), Math.hypot(...v));
   const load = numbers.moved ? [...along(moment), ...along(force)] : [0, 0, 0, 0, 0, 0];
   return { load, load_at: at, load_axes: turns ? "body" : "world" };
 }
