@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -382,6 +383,27 @@ def test_two_processes_do_not_compute_one_map(elastic, tmp_path):
         run_map(job, MapFile.at(file.address))
     assert run_map(job, file) == 1
     assert os.path.isdir(file.address)  # noqa: PTH112
+
+
+def test_threads_that_begin_one_map_at_once(elastic, tmp_path):
+    """Each computes it, or is told that another one does; nothing else is left in the folder."""
+    for name in range(6):
+        file = tmp_path / str(name) / "m.zarr"
+        file.parent.mkdir()
+
+        def begin(_, file=file):
+            try:
+                compute_map(elastic, _grid(elastic), [QUANTITY], file, length=0.3)
+            except InputError as error:
+                return str(error)
+            return ""
+
+        with ThreadPoolExecutor(4) as pool:
+            said = list(pool.map(begin, range(4)))
+        assert "" in said
+        assert all(not words or "or thread is computing this map" in words for words in said)
+        assert [path.name for path in file.parent.iterdir()] == ["m.zarr"]
+        assert open_map(file).attrs["chunks_done"] == open_map(file).attrs["chunks"]
 
 
 def test_chunks_are_near_cubes_and_keep_branches_whole(elastic):

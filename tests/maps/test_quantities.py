@@ -340,3 +340,20 @@ def test_a_quantity_is_one_number_for_each_posture(monkeypatch):
     monkeypatch.setitem(QUANTITIES, "all", _own(lambda s: s.spectrum(), "all"))
     with pytest.raises(InputError, match=r"all is not one number .*\(N,\), got \(6, 5\)"):
         cartstiff.map_of(elastic, grid, ["all"]).compute()
+
+
+@pytest.mark.parametrize("size", [1e-200, 1.0, 1e200])
+def test_a_direction_may_be_of_any_length(size):
+    elastic = cartstiff.load("ur5")
+    grid = cartstiff.Grid({"elbow_joint": (0.5, 1.0, 2)}, elastic.names, elastic.q)
+    found = cartstiff.map_of(elastic, grid, ["along_free"], direction=[size, 0, size]).compute()
+    C = np.linalg.inv(cartstiff.analyse(elastic, [*elastic.q[:2], 0.5, *elastic.q[3:]]).tangent)
+    u = np.array([1, 0, 1]) / np.sqrt(2)
+    assert float(found["along_free"][0]) == pytest.approx(1 / (u @ C[3:, 3:] @ u), rel=1e-9)
+
+
+def test_a_wrench_beyond_all_bounds_is_refused():
+    elastic = cartstiff.load("ur5")
+    grid = cartstiff.Grid({"elbow_joint": (0.5, 1.0, 2)}, elastic.names, elastic.q)
+    with pytest.raises(InputError, match="wrench of the deflection is too large"):
+        cartstiff.map_of(elastic, grid, ["deflection"], deflect=[0, 0, 0, 0, 0, 1e308])

@@ -141,7 +141,10 @@ def test_a_real_map_with_places_out_of_reach(tmp_path):
     assert known.q is not None
     for q, place in zip(known.q, known.positions, strict=True):
         assert np.allclose(arm.mechanism.at(q).pose[:3, 3], place, atol=1e-9)
-    assert read_cloud(tmp_path / "m.zarr", cartstiff.load("ur5")).q is None, "of another mechanism"
+    with pytest.raises(InputError, match="--map: is the map of another mechanism; expected ur5"):
+        read_cloud(tmp_path / "m.zarr", cartstiff.load("ur5"))
+    heavier = read_cloud(tmp_path / "m.zarr", arm.with_springs(3.0))
+    assert list(heavier.values) == ["force, map of other springs"]
 
 
 def test_points_of_a_map_bring_their_postures(tmp_path, monkeypatch):

@@ -20,6 +20,7 @@ from cartstiff.arrays import Array as Array
 from cartstiff.arrays import is_pose as is_pose
 from cartstiff.arrays import read_only as read_only
 from cartstiff.arrays import real_array
+from cartstiff.errors import InputError
 
 ANGULAR_LINEAR: Final = "angular-linear"
 LINEAR_ANGULAR: Final = "linear-angular"
@@ -32,6 +33,15 @@ SWAP: Final = np.array([3, 4, 5, 0, 1, 2])
 _SMALL_ANGLE: Final = 1e-2
 
 
+def _of_shape(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
+    """Doubles whose last axes have a shape; InputError for others."""
+    array = real_array(values, what)
+    if array.shape[-len(shape) :] != shape:
+        expected = f"(..., {', '.join(map(str, shape))})"
+        raise InputError(f"{what} has another shape", expected=expected, got=array.shape)
+    return array
+
+
 def cross(a: Sequence[float] | Array, b: Sequence[float] | Array) -> Array:
     """Cross product of vectors (3, ...): `numpy.cross` takes ten times as long for one pair."""
     (x, y, z), (u, v, w) = a, b
@@ -40,7 +50,7 @@ def cross(a: Sequence[float] | Array, b: Sequence[float] | Array) -> Array:
 
 def skew(v: ArrayLike) -> Array:
     """Cross-product matrix ``[v]x``: ``skew(a) @ b == np.cross(a, b)``; (..., 3) to (..., 3, 3)."""
-    return skew_of(real_array(v))
+    return skew_of(_of_shape(v, (3,), "vector"))
 
 
 def skew_of(v: Array) -> Array:
@@ -57,7 +67,7 @@ def skew_of(v: Array) -> Array:
 
 def unskew(m: ArrayLike) -> Array:
     """Vector of the antisymmetric part of a 3x3 matrix; inverse of `skew`."""
-    m = real_array(m)
+    m = _of_shape(m, (3, 3), "matrix")
     return 0.5 * np.stack(
         [
             m[..., 2, 1] - m[..., 1, 2],
@@ -70,7 +80,7 @@ def unskew(m: ArrayLike) -> Array:
 
 def hat(twist: ArrayLike) -> Array:
     """Matrix of a twist in se(3), [ZK]_ eq. 3; (..., 6) to (..., 4, 4)."""
-    twist = real_array(twist)
+    twist = _of_shape(twist, (6,), "twist")
     m = np.zeros((*twist.shape[:-1], 4, 4))
     m[..., :3, :3] = skew(twist[..., :3])
     m[..., :3, 3] = twist[..., 3:]
@@ -79,7 +89,7 @@ def hat(twist: ArrayLike) -> Array:
 
 def vee(m: ArrayLike) -> Array:
     """Twist (omega, v) of a 4x4 matrix of se(3); inverse of `hat`."""
-    m = real_array(m)
+    m = _of_shape(m, (4, 4), "matrix")
     return np.concatenate([unskew(m[..., :3, :3]), m[..., :3, 3]], axis=-1)
 
 
@@ -92,8 +102,8 @@ def basis_twist(i: int) -> Array:
 
 def pose(rotation: ArrayLike | None = None, translation: ArrayLike | None = None) -> Array:
     """Pose from a rotation matrix (default identity) and a translation (default zero)."""
-    r = np.eye(3) if rotation is None else real_array(rotation)
-    p = np.zeros(3) if translation is None else real_array(translation)
+    r = np.eye(3) if rotation is None else _of_shape(rotation, (3, 3), "rotation")
+    p = np.zeros(3) if translation is None else _of_shape(translation, (3,), "translation")
     m = np.zeros((*np.broadcast_shapes(r.shape[:-2], p.shape[:-1]), 4, 4))
     m[..., 3, 3] = 1.0
     m[..., :3, :3] = r
@@ -103,7 +113,7 @@ def pose(rotation: ArrayLike | None = None, translation: ArrayLike | None = None
 
 def inverse(T_a_b: ArrayLike) -> Array:
     """Pose ``T_b_a``, exactly orthogonal where the argument is."""
-    T = real_array(T_a_b)
+    T = _of_shape(T_a_b, (4, 4), "pose")
     rt = T[..., :3, :3].swapaxes(-1, -2)
     m = np.zeros(T.shape)
     m[..., 3, 3] = 1.0
@@ -114,13 +124,13 @@ def inverse(T_a_b: ArrayLike) -> Array:
 
 def bracket(x: ArrayLike, y: ArrayLike) -> Array:
     """Lie bracket [x, y] = (w1 x w2, w1 x v2 - w2 x v1), [ZK]_ eq. 5."""
-    x, y = real_array(x), real_array(y)
+    x, y = _of_shape(x, (6,), "twist"), _of_shape(y, (6,), "twist")
     return (ad(x) @ y[..., None])[..., 0]
 
 
 def ad(x: ArrayLike) -> Array:
     """Matrix of y -> [x, y]; (..., 6) to (..., 6, 6)."""
-    x = real_array(x)
+    x = _of_shape(x, (6,), "twist")
     m = np.zeros((*x.shape[:-1], 6, 6))
     w = skew(x[..., :3])
     m[..., :3, :3] = w
@@ -131,7 +141,7 @@ def ad(x: ArrayLike) -> Array:
 
 def adjoint(T_a_b: ArrayLike) -> Array:
     """Matrix ``Ad`` that takes twists in components of frame b to components of frame a."""
-    T = real_array(T_a_b)
+    T = _of_shape(T_a_b, (4, 4), "pose")
     r, p = T[..., :3, :3], T[..., :3, 3]
     m = np.zeros((*T.shape[:-2], 6, 6))
     m[..., :3, :3] = r
@@ -142,7 +152,7 @@ def adjoint(T_a_b: ArrayLike) -> Array:
 
 def adjoint_of_inverse(T_a_b: ArrayLike) -> Array:
     """``adjoint(inverse(T_a_b))``: twists in components of frame a to frame b."""
-    T = real_array(T_a_b)
+    T = _of_shape(T_a_b, (4, 4), "pose")
     rt = T[..., :3, :3].swapaxes(-1, -2)
     m = np.zeros((*T.shape[:-2], 6, 6))
     m[..., :3, :3] = m[..., 3:, 3:] = rt
@@ -162,7 +172,7 @@ def bracket_form(wrench: ArrayLike) -> Array:
 
     ``M = -[[ [tau]x, [f]x ], [ [f]x, 0 ]]``, hence K^A - (K^A)^T = -M, [ZK]_ eq. 50.
     """
-    w = real_array(wrench)
+    w = _of_shape(wrench, (6,), "wrench")
     return w.dot(_BRACKETS).reshape(*w.shape[:-1], 6, 6)
 
 
@@ -180,7 +190,7 @@ def _coefficients(angle: Array) -> tuple[Array, Array, Array]:
 
 def exp(twist: ArrayLike) -> Array:
     """Exponential se(3) -> SE(3): the screw motion by a constant body twist for unit time."""
-    x = real_array(twist)
+    x = _of_shape(twist, (6,), "twist")
     w = x[..., :3]
     a, b, c = (k[..., None, None] for k in _coefficients(np.linalg.norm(w, axis=-1)))
     W = skew(w)
@@ -226,7 +236,7 @@ def _cot_coefficient(angle: Array) -> Array:
 
 def log(T: ArrayLike) -> Array:
     """Logarithm SE(3) -> se(3), inverse of `exp`; rotation angle in [0, pi]."""
-    T = real_array(T)
+    T = _of_shape(T, (4, 4), "pose")
     w = _rotation_vector(T[..., :3, :3])
     d = _cot_coefficient(np.linalg.norm(w, axis=-1))[..., None, None]
     W = skew(w)
@@ -236,7 +246,7 @@ def log(T: ArrayLike) -> Array:
 
 def right_jacobian(twist: ArrayLike) -> Array:
     """Matrix ``D`` with ``exp(x)^-1 d(exp x) = hat(D dx)``: the sum of (-ad x)^k / (k+1)!."""
-    x = real_array(twist)
+    x = _of_shape(twist, (6,), "twist")
     a = -ad(x)
     t2 = np.sum(x[..., :3] ** 2, axis=-1)[..., None, None]
     # ad x is a root of a (a^2 + t^2)^2, so the series closes after the fourth power.
@@ -269,14 +279,19 @@ def right_jacobian_inverse(twist: ArrayLike) -> Array:
 
 def to_linear_angular(x: ArrayLike, axis: int = -1) -> Array:
     """Reorder components from (omega, v) to (v, omega), as in Pinocchio."""
-    return np.take(real_array(x), SWAP, axis=axis)
+    array = real_array(x)
+    if not -array.ndim <= axis < array.ndim or array.shape[axis] != 6:
+        raise InputError(
+            "components have another shape", expected="6 along the axis", got=array.shape
+        )
+    return np.take(array, SWAP, axis=axis)
 
 
 def from_roll_pitch_yaw(
     translation: ArrayLike = (0.0, 0.0, 0.0), angles: ArrayLike = (0.0, 0.0, 0.0)
 ) -> Array:
     """Pose from a translation and angles about fixed axes: R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    return pose(rotation_by_angles(real_array(angles)), translation)
+    return pose(rotation_by_angles(_of_shape(angles, (3,), "angles")), translation)
 
 
 def rotation_by_angles(angles: Array) -> Array:
@@ -296,7 +311,7 @@ def roll_pitch_yaw(T: ArrayLike) -> Array:
     Roll follows after yaw has been removed: near pitch = +-pi/2, where only one combination of the
     two is determined, the three together still reproduce the rotation to round-off.
     """
-    R = real_array(T)[..., :3, :3]
+    R = _of_shape(T, (4, 4), "pose")[..., :3, :3]
     pitch = np.arctan2(-R[..., 2, 0], np.hypot(R[..., 0, 0], R[..., 1, 0]))
     yaw = np.arctan2(R[..., 1, 0], R[..., 0, 0])
     c, s = np.cos(yaw), np.sin(yaw)
@@ -312,6 +327,8 @@ def chain_curvature(jacobian: ArrayLike, wrench: ArrayLike) -> Array:
     S is the second derivative of w . log(pose) at the posture.
     """
     J = real_array(jacobian)
+    if J.ndim < 2 or J.shape[-2] != 6:
+        raise InputError("jacobian has another shape", expected="(..., 6, n)", got=J.shape)
     upper = np.triu(0.5 * J.swapaxes(-1, -2) @ bracket_form(wrench) @ J, 1)
     S: Array = upper + upper.swapaxes(-1, -2)
     return S

@@ -53,8 +53,11 @@ def _unreadable(error: Exception, where: str) -> InputError:
     return InputError("file cannot be read", where=where, got=problem)
 
 
-def read_bytes(path: Path, largest: int = LARGEST) -> bytes:
-    """Read a file; refuse one that is too large, is empty or cannot be read."""
+def read_bytes(path: Path, largest: int = LARGEST, *, recorded: bool = True) -> bytes:
+    """Read a file; refuse one that is too large, is empty or cannot be read.
+
+    With `recorded` its content belongs to the identity of what is made from it.
+    """
     where = one_line(str(path))
     checked_status(path, largest, where)
     try:
@@ -66,14 +69,15 @@ def read_bytes(path: Path, largest: int = LARGEST) -> bytes:
         raise InputError("file is too large", where=where, expected=f"at most {largest} bytes")
     if not data.strip():
         raise InputError("file is empty", where=where)
-    was_read(path.name, data)
+    if recorded:
+        was_read(path.name, data)
     return data
 
 
-def read_text(path: Path, largest: int = LARGEST) -> str:
+def read_text(path: Path, largest: int = LARGEST, *, recorded: bool = True) -> str:
     """Read a UTF-8 text file."""
     try:
-        text = read_bytes(path, largest).decode("utf-8-sig")
+        text = read_bytes(path, largest, recorded=recorded).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(
             "file is not UTF-8 text", where=one_line(str(path)), got=f"byte {error.start}"
@@ -96,8 +100,17 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
     InputError
         With file and line.
     """
-    data, lines = _parsed(read_text(path), one_line(str(path)))
+    data, lines = _parsed(read_text(path, recorded=False), one_line(str(path)))
+    # Comments and the order of keys say nothing.
+    was_read(path.name, repr(_in_order(data)).encode())
     return deepcopy(data), lines.copy()
+
+
+def _in_order(value: Any) -> Any:
+    """The values of a file, mappings as sorted pairs."""
+    if isinstance(value, dict):
+        return "mapping", sorted((repr(key), _in_order(entry)) for key, entry in value.items())
+    return [_in_order(entry) for entry in value] if isinstance(value, list) else value
 
 
 @lru_cache(maxsize=32)  # a design study reads the same file for each of its machines

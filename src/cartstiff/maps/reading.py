@@ -17,8 +17,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cartstiff.arrays import Array, plain
-from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.maps.store import NOT_COMPUTED, PLACES, MapFile, fact
+from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.maps.store import NOT_COMPUTED, PLACES, MapFile, fact, open_map
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.identity import differing_parts, identity_of
+from cartstiff.mechanisms.other_units import in_units
 
 if TYPE_CHECKING:
     import xarray
@@ -30,6 +33,48 @@ OTHERS = ("state", "position", "q", "time", "branches")
 def state_names(dataset: xarray.Dataset) -> dict[int, str]:
     """Return the names of the numbers in ``state``."""
     return named_states(dataset["state"].attrs)
+
+
+def map_of_mechanism(
+    path: Any, elastic: ElasticMechanism, where: str
+) -> tuple[xarray.Dataset, list[str]]:
+    """Open a map as one of a mechanism: the check of all that shows a map beside a mechanism.
+
+    Parameters
+    ----------
+    path : path, address or store
+        The map.
+    elastic : ElasticMechanism
+        The mechanism that it has to be of.
+    where : str
+        The option that names the map, for messages.
+
+    Returns
+    -------
+    xarray.Dataset
+        From `open_map`.
+    list of str
+        What differs between the map's mechanism and this one: "other springs", ...
+
+    Raises
+    ------
+    InputError
+        For the map of another mechanism, or one that cannot be read.
+    """
+    dataset = open_map(path)
+    about = dataset.attrs
+    length = about["length_unit"]
+    same = elastic if length == elastic.units.length else in_units(elastic, length)
+    differs = differing_parts(json.loads(about["description"]), identity_of(same, {}))
+    names = json.loads(about["description"])["joints"]
+    if about["mechanism"] != elastic.name or names != list(elastic.names):
+        raise InputError(
+            "is the map of another mechanism",
+            where=where,
+            expected=elastic.name,
+            got=one_line(about["mechanism"]),
+        )
+    return dataset, differs
 
 
 def named_states(attributes: Mapping[str, Any]) -> dict[int, str]:

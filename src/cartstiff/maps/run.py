@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.analysis.metrics import characteristic_length
-from cartstiff.arrays import Array, checked_input, checked_unit, checked_vector
+from cartstiff.arrays import Array, checked_input, checked_unit
 from cartstiff.batch.kernels import WORTH_READING, lasting_path
 from cartstiff.batch.quantities import QUANTITIES, Quantity, Settings, is_own
 from cartstiff.checked_call import checked
@@ -171,9 +171,8 @@ def map_job(
     _check_postures(sampling, elastic)
     load = None if wrench is None else checked_input(wrench, (6,), "wrench")
     kind = checked_load(load_kind, load_at, load_axes, load is not None, elastic.may_be_loaded)
-    asked = None if deflect is None else checked_vector(deflect, 6, "wrench of the deflection")
-    if direction is not None:
-        checked_unit(direction)
+    asked = None if deflect is None else checked_input(deflect, (6,), "wrench of the deflection")
+    along = None if direction is None else tuple(checked_unit(direction).tolist())
     if connection is None:
         connection = default_connection(elastic, load)
     if connection not in OF_MANY:
@@ -189,11 +188,11 @@ def map_job(
         default_length(elastic, connection, **acting)
         if length is None
         else characteristic_length(given=length).value,
-        None if direction is None else tuple(np.asarray(direction, float).tolist()),
+        along,
         None if asked is None else tuple(asked.tolist()),
         world,
         kind,
-        tuple(checked_vector(deflect_at, 3, "point of the deflection").tolist()),
+        tuple(checked_input(deflect_at, (3,), "point of the deflection").tolist()),
         load is not None,
         damping if isinstance(damping, Damping) else Damping(damping),
         milling,

@@ -21,6 +21,7 @@ from functools import cached_property
 from math import ceil, prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+from uuid import uuid4
 
 import numpy as np
 
@@ -391,8 +392,8 @@ class MapFile:
             if place is None:
                 _put(_stored(address), objects)
                 return
-            new = place.with_name(f".{place.name}.{os.getpid()}.new")
-            shutil.rmtree(new, ignore_errors=True)
+            # Process numbers are equal in containers, and in the threads of a process.
+            new = place.with_name(f".{place.name}.{uuid4().hex}.new")
             try:
                 _put(_stored(new), objects)
                 new.rename(place)

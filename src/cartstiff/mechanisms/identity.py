@@ -6,16 +6,21 @@ beside their results, and `require_same` compares it before they resume.
 
 from __future__ import annotations
 
+import inspect
 import json
 import platform
+import re
+import sys
+import sysconfig
 import types
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import cached_property
+from functools import cache, cached_property
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree.ElementTree import ParseError, canonicalize
 
 import numpy as np
 import pinocchio as pin
@@ -67,7 +72,18 @@ def recorded() -> Iterator[dict[tuple[str, str], None]]:
 def was_read(name: str, content: bytes) -> None:
     """Record a file, or another program's output from it."""
     if (files := _READ.get()) is not None:
-        files[name, sha256(content).hexdigest()] = None
+        files[name, sha256(_meaning(content)).hexdigest()] = None
+
+
+def _meaning(content: bytes) -> bytes:
+    """Content of a file without line ends, and of XML without comments and order of attributes."""
+    is_plain_xml = content.lstrip().startswith(b"<") and not re.search(rb"<!(?!--)", content)
+    if is_plain_xml:  # nothing is declared, so that no entity can expand
+        try:
+            return canonicalize(content.decode("utf-8-sig"), strip_text=True).encode()
+        except (ParseError, ValueError):
+            pass
+    return content if b"\0" in content else content.replace(b"\r\n", b"\n")
 
 
 def identity_of(elastic: ElasticMechanism, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -239,6 +255,13 @@ class _Fingerprints:
         kind = type(value)
         if isinstance(value, Description):
             return
+        own = value if isinstance(value, (type, types.FunctionType)) else kind
+        version = getattr(value, "version", None)
+        if isinstance(version, (str, int)) and not _is_installed(own.__module__):
+            yield f"{own.__module__}.{own.__qualname__} {version!r}"  # in place of its code
+            if not isinstance(value, (type, types.FunctionType)):
+                yield self.of(_state(value))
+            return
         if isinstance(value, Units):
             yield f"{value.length} {value.force}"  # not the unit of angles in tables for people
             return
@@ -258,25 +281,85 @@ class _Fingerprints:
         elif isinstance(value, pin.Model):
             yield from map(_token, value.saveToString().split())
         elif isinstance(value, types.FunctionType):
-            inside = [cell.cell_contents for cell in value.__closure__ or ()]
+            inside = [_content(cell) for cell in value.__closure__ or ()]
             yield value.__qualname__
-            code = [value.__code__, value.__defaults__, value.__kwdefaults__, inside]
+            code = [value.__code__, value.__defaults__, value.__kwdefaults__, inside, vars(value)]
             yield from map(self.of, code)
+            if not _is_installed(value.__module__):
+                yield from map(self.of, _named_by(value))
         elif isinstance(value, types.CodeType):
             yield from (value.co_code.hex(), repr(value.co_names), self.of(value.co_consts))
         elif isinstance(value, (type, types.BuiltinFunctionType, np.ufunc, types.ModuleType)):
             yield f"{getattr(value, '__module__', '')} {value.__name__}"
+            if isinstance(value, type) and not _is_installed(value.__module__):
+                yield self.of(value.__bases__)
+                yield self.of({n: entry for n, entry in vars(value).items() if n not in _OF_CLASS})
+        elif isinstance(value, (property, classmethod, staticmethod, cached_property)):
+            functions = [getattr(value, n, None) for n in ("fget", "fset", "__func__", "func")]
+            yield from (kind.__name__, self.of(functions))
         else:
-            yield from (f"{kind.__module__}.{kind.__qualname__}", self.of(_state(value)))
+            yield f"{kind.__module__}.{kind.__qualname__}"
+            if not _is_installed(kind.__module__):
+                yield self.of(kind)
+            yield self.of(_state(value))
+
+
+# Attributes of a class that do not say what it does.
+_OF_CLASS = {
+    *("__dict__", "__weakref__", "__module__", "__qualname__", "__doc__", "__annotations__"),
+    *("__firstlineno__", "__static_attributes__", "__abstractmethods__", "_abc_impl"),
+    *("__slots__", "__parameters__", "__orig_bases__"),
+}
+
+
+@cache
+def _is_installed(module: str | None) -> bool:
+    """Whether a module is of an installed package or of Python, whose versions are compared."""
+    if module in (None, "__main__"):
+        return False
+    file = getattr(sys.modules.get(module), "__file__", None)
+    if file is None or module.partition(".")[0] == "cartstiff":
+        return True
+    paths = sysconfig.get_paths()
+    folders = [Path(paths[key]).resolve() for key in ("stdlib", "platstdlib", "purelib", "platlib")]
+    return any(Path(file).resolve().is_relative_to(folder) for folder in folders)
+
+
+def _content(cell: Any) -> Any:
+    """Content of a closure's cell; None of one that is still empty."""
+    try:
+        return cell.cell_contents
+    except ValueError:
+        return None
+
+
+def _named_by(function: types.FunctionType) -> list[tuple[str, Any]]:
+    """Names and values of what the code of a function names in its module, and in modules there."""
+    names, codes = set[str](), [function.__code__]
+    for code in codes:
+        names.update(code.co_names)
+        codes += [const for const in code.co_consts if isinstance(const, types.CodeType)]
+    found, known = list[tuple[str, Any]](), function.__globals__
+    for name in sorted(names & known.keys()):
+        found.append((name, known[name]))
+        if inspect.ismodule(known[name]) and not _is_installed(known[name].__name__):
+            inside = vars(known[name])
+            found += [(f"{name}.{own}", inside[own]) for own in sorted(names & inside.keys())]
+    return found
 
 
 def _state(value: Any) -> Any:
     """State of an object without its cached properties."""
     try:
         is_plain = getattr(type(value), "__reduce__", None) is object.__reduce__
-        state = value.__getstate__() if is_plain else value.__reduce_ex__(4)[1:3]
+        reduced: Any = value.__reduce_ex__(4)
+        state = reduced if isinstance(reduced, str) else reduced[2] if is_plain else reduced[1:3]
     except Exception:  # an object that cannot be pickled
-        return repr(value)
+        raise InputError(
+            "own code names an object whose contents cannot be compared with those of a file",
+            where=one_line(f"{type(value).__module__}.{type(value).__qualname__}"),
+            expected='an attribute version="1" of the function or class that names it',
+        ) from None
     if not isinstance(state, dict):
         return state
     cached = {

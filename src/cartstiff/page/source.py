@@ -216,9 +216,15 @@ def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Clo
     """
     if str(path).lower().endswith(".csv"):
         return _read_boundary(Path(path), elastic)
-    from cartstiff.maps.store import open_map
+    differs = list[str]()
+    if elastic is None:
+        from cartstiff.maps.store import open_map
 
-    data = open_map(path)
+        data = open_map(path)
+    else:
+        from cartstiff.maps.reading import map_of_mechanism
+
+        data, differs = map_of_mechanism(path, elastic, "--map")
     where = one_line(str(path))
     if "position" not in data:
         raise InputError("map holds no positions", where=where, expected="a variable `position`")
@@ -232,8 +238,9 @@ def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Clo
     units: dict[str, str] = {}
     for name, variable in data.data_vars.items():
         if variable.shape == shape and variable.dtype.kind in "fiub" and name != "state":
-            values[str(name)] = np.asarray(variable.values, float).reshape(-1)
-            units[str(name)] = str(variable.attrs.get("units", ""))
+            shown = f"{name}, map of {', '.join(differs)}" if differs else str(name)
+            values[shown] = np.asarray(variable.values, float).reshape(-1)
+            units[shown] = str(variable.attrs.get("units", ""))
     if position.shape[-1] != 3 or not values:
         raise InputError(
             "map cannot be shown",

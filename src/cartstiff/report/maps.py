@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from html import escape
 from math import degrees
 from pathlib import Path
 from typing import Any
 
-from cartstiff.errors import InputError, joined, one_line
+from cartstiff.errors import joined, one_line
 from cartstiff.figures import figure_content
 from cartstiff.maps.pictures import draw_map
-from cartstiff.maps.reading import quantities_of, quantity_of, summary
-from cartstiff.maps.store import open_map
+from cartstiff.maps.reading import map_of_mechanism, quantities_of, quantity_of, summary
 from cartstiff.mechanisms.contract import engineering
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.identity import differing_parts, identity_of
 from cartstiff.report.analysis import BALANCING
 from cartstiff.report.layout import body_frame, number, table
 
@@ -152,15 +149,8 @@ def map_section(
     UnknownNameError
         If it has no such quantity.
     """
-    dataset = open_map(path)
+    dataset, differs = map_of_mechanism(path, elastic, "--map")
     about = dataset.attrs
-    if about["mechanism"] != elastic.name:
-        raise InputError(
-            "is the map of another mechanism",
-            where="--map",
-            expected=elastic.name,
-            got=one_line(about["mechanism"]),
-        )
     name = quantity or quantities_of(dataset)[0]
     words = quantity_of(dataset, name).attrs
     figure = draw_map(dataset, name, angle=elastic.units.shown_angle)
@@ -171,9 +161,7 @@ def map_section(
     )
     states = ", ".join(f"{count} {state}" for state, count in facts["states"].items())
     text = f"{words['long_name']}: {ends}; postures: {states}."
-    if about["length_unit"] == elastic.units.length:
-        differs = differing_parts(json.loads(about["description"]), identity_of(elastic, {}))
-        text += f" The map is of {', '.join(differs)} than this report." if differs else ""
+    text += f" The map is of {', '.join(differs)} than this report." if differs else ""
     if about.get("command"):
         text += f" Made by {one_line(about['command'], 400)}"
     return "Map", f"<figure>{drawn[drawn.index('<svg') :]}</figure><p>{escape(text)}</p>"
