@@ -138,7 +138,7 @@ def test_the_limits_are_those_of_the_reference():
     )
     from cartstiff.loading.mjcf import reading as mjcf_data
     from cartstiff.loading.mjcf import worker as mjcf_worker
-    from cartstiff.maps import sampling, store
+    from cartstiff.maps import described, sampling
     from cartstiff.mechanisms import chain, tree
     from cartstiff.page import messages
     from cartstiff.statics import problem as effort
@@ -165,7 +165,7 @@ def test_the_limits_are_those_of_the_reference():
         "at least 300 |": effort._MIN_POSTURES,
         "2 000 000": mesh_worker.MOST_CORNERS / 3,
         "10 000 000": sampling._MAX_AXIS_VALUES,
-        "1 000 000": store._MAX_PARTS,
+        "100 000": described.MAX_PARTS,
         "| 10 000 |": path._MOST_PLACES,
         "64 KiB": messages.LARGEST_MESSAGE / 1024,
     }

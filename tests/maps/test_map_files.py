@@ -258,7 +258,7 @@ def test_file_says_what_it_is(elastic, tmp_path):
     assert a["cartstiff_version"] == cartstiff.__version__
     assert a["command"] == "cartstiff map ..."
     described = json.loads(a["description"])
-    assert described["direction"] == [0, 0, 2]
+    assert described["direction"] == [0, 0, 1]
     assert described["sampling"]["kind"] == "grid"
     assert data["along_free"].attrs["long_name"].startswith("stiffness along")
 

@@ -246,8 +246,8 @@ def planned(
     Layout
         Arrays and attributes of the map; the attribute "description" holds its identity.
     """
-    if chunk is not None and (chunk < 1 or chunk % 1):
-        raise InputError("size of chunks cannot be used", expected="1 or more", got=chunk)
+    if chunk is not None and (not 1 <= chunk <= MAX_CHUNK or chunk % 1):
+        raise InputError("size of chunks cannot be used", expected=f"1 to {MAX_CHUNK}", got=chunk)
     job = map_job(elastic, sampling, quantities, **asked)
     settings, kind, chosen = job.settings, job.settings.load, job.quantities
     row = job.wrench

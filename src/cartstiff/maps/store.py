@@ -27,6 +27,7 @@ import numpy as np
 
 from cartstiff.arrays import Array
 from cartstiff.errors import CartstiffError, InputError, checked_kind, imported, one_line
+from cartstiff.maps.described import MAX_DESCRIPTION, MAX_PARTS, check_described
 from cartstiff.maps.sampling import Sampling, dimension_name
 
 if TYPE_CHECKING:
@@ -39,8 +40,6 @@ CHECKSUM = "description_checksum"
 NOT_COMPUTED = 255
 #: Arrays of a map without statistics.
 PLACES = ("position", "q", "time")
-# Largest number of parts of a map: each has several objects, which are all listed.
-_MAX_PARTS = 10**5
 #: Largest number of postures compressed together: a few are read without the rest of a part.
 INNER = 2**16
 # Largest number of bytes of a file: the limit of Blosc.
@@ -117,10 +116,10 @@ class Layout:
         for name in self.sampling.dims:
             if name in (*_RESERVED, *self.arrays, *self.sizes):
                 raise InputError("a dimension has the name of something else in the map", got=name)
-        if (count := len(self.parts)) > _MAX_PARTS:
+        if (count := len(self.parts)) > MAX_PARTS:
             raise InputError(
                 f"map of {self.sampling.size} postures has too many parts",
-                expected=f"at most {_MAX_PARTS}: fewer postures, or more in each",
+                expected=f"at most {MAX_PARTS}: fewer postures, or more in each",
                 got=count,
             )
 
@@ -264,6 +263,14 @@ def _checked_attributes(address: Any, store: Any) -> dict[str, Any]:
         if folder is None or (folder / "zarr.json").is_file():
             if folder is not None:
                 _require_plain_files(folder)
+                size = (folder / "zarr.json").stat().st_size
+                if size > MAX_DESCRIPTION:
+                    raise InputError(
+                        "description of the map is too large",
+                        where=where,
+                        expected=f"at most {MAX_DESCRIPTION} bytes",
+                        got=size,
+                    )
             text = _read(store, "zarr.json")
     if text is None:
         raise InputError("is not a map", where=where, expected="a folder made by 'cartstiff map'")
@@ -288,6 +295,15 @@ def _checked_attributes(address: Any, store: Any) -> dict[str, Any]:
             where=where,
             expected=_RESTORE,
         )
+    try:
+        check_described(root)
+    except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
+        raise InputError(
+            "description of the map cannot be used",
+            where=where,
+            expected=_RESTORE,
+            got=one_line(f"{type(error).__name__}: {error}", 100),
+        ) from None
     return attributes
 
 
@@ -421,12 +437,14 @@ class MapFile:
     @cached_property
     def _group(self) -> Any:
         mode = "r" if self.inner.read_only else "r+"
-        return zarr_library().open_group(self.inner, mode=mode, use_consolidated=True)
+        with reached(self.address, "description of the map cannot be used", _RESTORE):
+            return zarr_library().open_group(self.inner, mode=mode, use_consolidated=True)
 
     @cached_property
     def described(self) -> dict[str, Any]:
         """Zarr arrays by name, without checking their contents."""
-        return dict(self._group.arrays()) | {_MARKS: self._group[_MARKS]}
+        with reached(self.address, "description of the map cannot be used", _RESTORE):
+            return dict(self._group.arrays()) | {_MARKS: self._group[_MARKS]}
 
     @cached_property
     def parts(self) -> Parts:
@@ -600,7 +618,9 @@ def open_map(path: Any) -> xarray.Dataset:
     file = MapFile.at(path)
     marks = file.marks()
     dims = file.described["state"].metadata.dimension_names
-    dataset = _opened(file.store(marks), file.names, dict(zip(dims, file.parts.chunk, strict=True)))
+    dataset = _opened(
+        file.store(marks), file.names, dict(zip(dims, file.parts.chunk, strict=True)), path
+    )
     dataset.attrs["chunks_done"] = len(marks)
     dataset.attrs["chunks"] = len(file.parts)
     return with_postures(dataset)
@@ -614,12 +634,32 @@ def empty_dataset(layout: Layout) -> xarray.Dataset:
     return _opened(store, layout.arrays, dict(zip(dims, layout.chunk, strict=True)))
 
 
-def _opened(store: Any, names: Iterable[str], chunks: dict[str, int]) -> xarray.Dataset:
+class _Readable:
+    """An array of a file, whose errors are one line: codecs raise any kind."""
+
+    def __init__(self, variable: Any, address: Any) -> None:
+        self.variable, self.address = variable, address
+        self.shape, self.dtype, self.ndim = variable.shape, variable.dtype, variable.ndim
+
+    def __getitem__(self, key: Any) -> Array:
+        with reached(self.address, "map cannot be read", _RESTORE):
+            return np.asarray(self.variable[key].values)
+
+
+def _opened(
+    store: Any, names: Iterable[str], chunks: dict[str, int], address: Any = "map"
+) -> xarray.Dataset:
     needed = {"purpose": "reading a map", "extra": "maps"}
     open_zarr = imported("xarray", package="xarray", **needed).open_zarr
-    imported("dask.array", package="dask", **needed)
-    dataset: xarray.Dataset = open_zarr(store, chunks=chunks, consolidated=True)
-    del dataset.attrs[CHECKSUM]
+    from_array = imported("dask.array", package="dask", **needed).from_array
+    with reached(address, "map cannot be read", _RESTORE):
+        dataset: xarray.Dataset = open_zarr(store, chunks=None, consolidated=True)
+        del dataset.attrs[CHECKSUM]
+        for name in names:
+            whole = dataset.variables[name]
+            split = [chunks.get(str(dim), n) for dim, n in whole.sizes.items()]
+            data = from_array(_Readable(whole, address), split, name=False, asarray=False)
+            dataset[name] = whole.dims, data, whole.attrs, whole.encoding
     # Zarr lists arrays by name.
     return dataset[[name for name in names if name in dataset.data_vars]]
 

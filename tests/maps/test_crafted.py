@@ -1,0 +1,45 @@
+"""Crafted maps with right checksums: every reader answers or refuses, in one line."""
+
+from __future__ import annotations
+
+import json
+import random
+import shutil
+
+import pytest
+from tools.fuzz_maps import crafted_map, resealed, whole_map
+
+from cartstiff.errors import InputError
+from cartstiff.maps import open_map
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_mutants(seed, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert crafted_map(random.Random(seed)) in ("answered", "refused")
+
+
+@pytest.mark.parametrize(
+    ("shape", "chunk", "words"),
+    [
+        (10**9, 4, "too many parts"),
+        (10**9, 10**9, "too many postures in a part"),
+        (0, 0, "shape of state"),
+        (12.0, 4, "shape of state"),
+        (12, 13, "shape of a part"),
+    ],
+)
+def test_shapes_that_no_map_has(tmp_path, monkeypatch, shape, chunk, words):
+    """A folder of 21 kB that claimed a thousand million postures filled 4 GB."""
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "m.zarr"
+    shutil.copytree(whole_map()[0], file)
+    root = json.loads((file / "zarr.json").read_text())
+    for node in root["consolidated_metadata"]["metadata"].values():
+        if node.get("dimension_names", [""])[0] == "posture":
+            node["shape"][0] = shape
+            node["chunk_grid"]["configuration"]["chunk_shape"][0] = chunk
+    (file / "zarr.json").write_text(json.dumps(root))
+    resealed(file)
+    with pytest.raises(InputError, match=f"description of the map cannot be used; .*{words}"):
+        open_map(file)
