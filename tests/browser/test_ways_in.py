@@ -9,7 +9,7 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff.cli.options import BalancedLoad, Robot
+from cartstiff.cli.options import Setup
 from cartstiff.cli.view import Shown
 from cartstiff.maps import Axis, Grid, compute_map
 from cartstiff.page.export import export_page
@@ -105,7 +105,7 @@ def test_a_way_in_shows_no_banner_and_no_error(way, kind, files, pages, tmp_path
     monkeypatch.chdir(files)
     if isinstance(path := shown.get("trajectory"), str):
         shown = {"trajectory": Path(path)}
-    source = short(Shown(**shown).source(Robot(name), BalancedLoad()))
+    source = short(Shown(**shown).source(Setup(name)))
     server = None
     if kind == "live":
         server = Background(source)

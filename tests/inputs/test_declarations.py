@@ -90,6 +90,32 @@ def test_what_holds_of_an_object_holds_on_every_command_that_takes_it() -> None:
         assert ("world" in found._needs) is (name != "path")
 
 
+def test_each_command_takes_the_whole_set_up_or_says_why_not() -> None:
+    """One object, with the same options; an option that has no meaning is refused with a reason."""
+    of_setup = {f.name for f in fields(options.Setup)} - {"mechanism", "units"}
+    taking = []
+    for name in group.list_commands(click.Context(group)):
+        found = group.get_command(click.Context(group), name)
+        if not isinstance(found, Command) or not any(
+            issubclass(kind, options.Setup) for kind, _ in found._objects.values()
+        ):
+            continue
+        taking.append(name)
+        there = {str(p.name) for p in found.params}
+        spelled = {word[2:].replace("-", "_") for word in found._meaningless}
+        spelled |= {"parameters" for word in spelled if word == "set"}
+        spelled |= {"xacro_args" for word in spelled if word == "xacro_arg"}
+        assert of_setup <= there | spelled, (name, of_setup - there - spelled)
+        needed = [p for p in found.params if isinstance(p, click.Argument) and p.required]
+        for option in sorted({o for o in found._meaningless if o[2:].replace("-", "_") in spelled}):
+            if any(option in p.opts for p in found.params):
+                continue
+            words = [name, *["x"] * len(needed), option, "1"]
+            with pytest.raises(InputError, match=f"{option}: has no meaning for"):
+                group.main(words, standalone_mode=False)
+    assert len(taking) >= 10
+
+
 def test_a_value_is_given_once(command: Command) -> None:
     """A second value is never dropped silently."""
     for option in command.params:
@@ -216,7 +242,7 @@ OF_API = {
     options.Vibration: "rayleigh milling",
     options.Parameters: "sensitivities",
     analyse.Analysis: "level report_at inertia target target_order",
-    maps.Where: "grid random cartesian actuate trajectory seed",
+    maps.Where: "grid random cartesian trajectory seed",
     maps.Held: "quantities",
     modes.Controller: "impedance order output",
     modes.Response: "response kind direction lobes measured",

@@ -469,11 +469,11 @@ def test_a_changed_spring_leaves_the_laws_of_the_others(no_picture):
 
 
 def test_another_frame_keeps_the_springs_of_the_command_line(no_picture):
-    from cartstiff.cli.options import Load, Robot, Values
+    from cartstiff.cli.options import Setup, Values
     from cartstiff.cli.view import Shown
 
     given = Values("--stiffness", {"elbow_joint": np.inf, "wrist_1_joint": 5e3})
-    one = Session(Shown().source(Robot("ur5", stiffness=given), Load()), no_picture)
+    one = Session(Shown().source(Setup("ur5", stiffness=given)), no_picture)
     one.answer(Frame(id=1, do="frame", name="ee_link", state=one.start))
     result = one.result(one.start)
     assert result.elastic.mechanism.rigid == {2}

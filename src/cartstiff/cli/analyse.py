@@ -14,14 +14,13 @@ import click
 from cartstiff.choices import AXES_WORDS, ORDERS, Axes, Level, Order
 from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
-    BalancedLoad,
+    BalancedSetup,
     Numbers,
     OutputFile,
     Parameters,
     Point,
     Printed,
     Reading,
-    Robot,
     Tolerance,
     declared,
 )
@@ -163,8 +162,7 @@ _ENDINGS = (".json", ".npz", ".nas", ".bdf", ".xml", ".dat", ".csv", ".urdf")
     rare="lengths actuate sensitivities relax order axes strict",
 )
 def command(
-    robot: Robot,
-    load: BalancedLoad,
+    setup: BalancedSetup,
     reading: Analysis,
     parameters: Annotated[Parameters, Overrides("tolerance")],
     out: Printed,
@@ -183,10 +181,8 @@ def command(
 
     Parameters
     ----------
-    robot
-        The mechanism at its posture.
-    load
-        The load there.
+    setup
+        The mechanism at its posture, with tool, weight and load.
     reading
         Reading of the matrix.
     parameters
@@ -223,21 +219,21 @@ def command(
     cartstiff analyse cubic --sensitivities --json
     cartstiff analyse ur5 --target wanted.csv --inertia 2,0.01,0.01,0.005
     """
-    elastic, q = robot.load()
+    elastic, q = setup.read()
 
     import numpy as np
 
     from cartstiff.stiffness.compute import analyse
 
     with np.errstate(all="ignore"):  # what is not finite is refused as a whole
-        manner = load.keywords
-        if robot.actuate is None:
+        manner = setup.keywords
+        if setup.actuate is None:
             result = analyse(elastic, q, **manner)
         else:
             from cartstiff.statics.command import analyse_commanded
 
-            result = analyse_commanded(elastic, robot.command(elastic), q, **manner)
-            elastic, manner = result.elastic, load.manner
+            result = analyse_commanded(elastic, setup.command(elastic), q, **manner)
+            elastic, manner = result.elastic, setup.manner
         if relax and any(note.code == "unbalanced" for note in result.notes):
             from cartstiff.statics.equilibrium import relaxed
 
@@ -245,11 +241,11 @@ def command(
         data = result.to_dict()
         if order is not None or axes is not None:
             data["as_controller"] = _as_controller(result, order or ORDERS[0], axes or "body")
-        by_parameters = parameters.add(result, robot, data)
-    json_text(data, robot.mechanism)  # or a refusal, before anything is written
+        by_parameters = parameters.add(result, setup, data)
+    json_text(data, setup.mechanism)  # or a refusal, before anything is written
     if reading.level != "none":
         shows_springs = out.json or output is not None or reading.level == "full"
-        data["analysis"] = reading.run(result, shows_springs, load.world)
+        data["analysis"] = reading.run(result, shows_springs, setup.world)
     if output is not None:
         from cartstiff.report.output import write_result
 
@@ -267,11 +263,11 @@ def command(
         lines = [describe(result, shown, answer=answer), *by_parameters]
         if not relax and any(note.code == "unbalanced" for note in result.notes):
             lines.append("  --relax lets the self-motion settle, with the body held where it is")
-            if load.load is None:
+            if setup.load is None:
                 lines.append(f"  {BALANCING}")
         return "\n".join(lines)
 
-    out.show(data, robot.mechanism, text)
+    out.show(data, setup.mechanism, text)
     missing = [name for name, K in data["stiffness"].items() if K is None]
     if strict and missing:
         reasons = ", ".join(note.code for note in result.notes) or "undefined"

@@ -81,10 +81,13 @@ class OptionType(click.ParamType):  # type: ignore[type-arg]
 
 
 class Overrides:
-    """Fields of a dataclass that a command does not take, and its own help of others."""
+    """Fields of a dataclass that a command does not take, and its own help of others.
 
-    def __init__(self, without: str = "", **words: str) -> None:
-        self.without, self.words = without.split(), words
+    `because` says why the former have no meaning for the command: they are refused with it.
+    """
+
+    def __init__(self, without: str = "", *, because: str = "", **words: str) -> None:
+        self.without, self.because, self.words = without.split(), because, words
 
 
 def add_once(values: dict[str, Any], name: str, value: object, where: str) -> None:
@@ -200,6 +203,20 @@ def _split(hint: Any) -> tuple[Any, list[Any]]:
     return hint, marks
 
 
+def _spelling(name: str, marks: Iterable[Any]) -> str:
+    """Return the option of a field: its own, or that of its name."""
+    own = (mark for mark in marks if isinstance(mark, str))
+    return next(own, f"--{name.replace('_', '-')}")
+
+
+def _meaningless(kind: type, taken: Overrides) -> dict[str, str]:
+    """Options of a class that have no meaning for a command, and why; none without a reason."""
+    if not taken.because:
+        return {}
+    hints = get_type_hints(kind, include_extras=True)
+    return {_spelling(name, _split(hints[name])[1]): taken.because for name in taken.without}
+
+
 def _parameter(
     name: str, hint: Any, default: Any, words: tuple[str, str], section: str | None
 ) -> click.Parameter:
@@ -222,7 +239,7 @@ def _parameter(
         return click.Argument(
             [name], type=kind or hint, nargs=count, required=is_needed, metavar=shape or None
         )
-    spelling = next((m for m in marks if isinstance(m, str)), f"--{name.replace('_', '-')}")
+    spelling = _spelling(name, marks)
     is_flag = hint is bool and kind is None
     if is_flag and default is None:
         spelling = f"{spelling}/--no-{spelling[2:]}"
@@ -361,12 +378,14 @@ class Command(click.Command):
         documented = Documented.of(function, api)
         self._function, self._objects = function, dict[str, tuple[type, list[Field[Any]]]]()
         self._exclusive, self._rare, self.json_of_file = [*exclusive], rare.split(), json_of_file
+        self._meaningless = dict[str, str]()
         params, required = list[click.Parameter](), dict[str, str]()
         for key, hint in get_type_hints(function, include_extras=True).items():
             kind, marks = _split(hint)
             if is_dataclass(kind):
                 taken = next((m for m in marks if isinstance(m, Overrides)), Overrides())
                 taken_fields = [f for f in fields(kind) if f.name not in taken.without]
+                self._meaningless |= _meaningless(cast(type, kind), taken)
                 self._objects[key] = cast(type, kind), taken_fields
                 params += _parameters(cast(type, kind), taken_fields, taken.words)
                 for part in inspect.getmro(cast(type, kind))[::-1]:
@@ -416,6 +435,10 @@ class Command(click.Command):
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
             option = error.option_name
+            if option in self._meaningless:
+                reason = self._meaningless[option]
+                what = f"has no meaning for 'cartstiff {self.name}': {reason}"
+                raise InputError(what, where=option) from None
             if option in RENAMED:
                 raise InputError(f"{option} is called {RENAMED[option]} now") from None
             if f"{self.name} {option}" in GONE:

@@ -9,7 +9,12 @@ from typing import Annotated
 import click
 
 from cartstiff.cli.declare import Overrides
-from cartstiff.cli.options import Load, Output, OutputFile, Robot, declared
+from cartstiff.cli.options import (
+    Output,
+    OutputFile,
+    Setup,
+    declared,
+)
 from cartstiff.cli.output import Progress, say
 
 _NOT_OF_STUDIES = (
@@ -21,12 +26,13 @@ _NOT_OF_STUDIES = (
 @declared("design", api=("designs/run.py design",), needs={"load_at load_kind world": "load"})
 def command(
     study: Path,
-    robot: Annotated[Robot, Overrides(_NOT_OF_STUDIES)],
-    load: Annotated[
-        Load,
+    setup: Annotated[
+        Setup,
         Overrides(
+            _NOT_OF_STUDIES,
+            because="the study says it",
             load="Wrench on the body in its own frame. Every design carries it, instead of the "
-            "loads that the study names."
+            "loads that the study names.",
         ),
     ],
     out: Annotated[Output, Overrides(plot="Draw the designs and their Pareto front.")],
@@ -47,10 +53,8 @@ def command(
     ----------
     study : STUDY.yaml
         The study.
-    robot
-        Tool, weight and units instead of the study's.
-    load
-        The load instead of the study's.
+    setup
+        Tool, weight, units and load instead of the study's.
     out
         Output.
     best : N
@@ -75,8 +79,8 @@ def command(
     constraints: {width: {value: =2*a, at_most: 0.7}}
     """
     given = {
-        **{name: getattr(robot, name) for name in ("tcp", "gravity", "payload", "units")},
-        "load": None if load.load is None else load.keywords,
+        **{name: getattr(setup, name) for name in ("tcp", "gravity", "payload", "units")},
+        "load": None if setup.load is None else setup.keywords,
     }
 
     from cartstiff.designs.run import design

@@ -8,12 +8,11 @@ from typing import Annotated, Any, Literal
 
 from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
-    Load,
     Number,
     Output,
     Pairs,
     Parameters,
-    Robot,
+    Setup,
     Vector,
     column_factors,
     declared,
@@ -52,9 +51,8 @@ _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
     rare="lengths rest follower sensitivities tolerance",
 )
 def command(
-    robot: Robot,
-    load: Annotated[
-        Load,
+    setup: Annotated[
+        Setup,
         Overrides(
             load="Wrench on the body: moment about and force at the point --load-at, in the axes "
             "of the unloaded body frame; see --load-kind."
@@ -85,10 +83,8 @@ def command(
 
     Parameters
     ----------
-    robot
-        The mechanism at its posture.
-    load
-        The load there.
+    setup
+        The mechanism at its posture, with tool, weight and load.
     parameters
         Derivatives by the parameters, and their deviations.
     out
@@ -121,8 +117,8 @@ def command(
     cartstiff equilibrium ur5 --load 0,0,0,0,0,-80 --path postures.csv --csv commands.csv
     """
     if follower:
-        load = replace(load, load_kind="follower")
-    elastic, q = robot.load()
+        setup = replace(setup, load_kind="follower")
+    elastic, q = setup.read()
 
     from cartstiff.statics.command import commanded
 
@@ -132,23 +128,23 @@ def command(
     def moved(elastic: Any) -> tuple[Any, Any]:
         """Return the mechanism and its posture after the drives have moved."""
         return (
-            (elastic, q) if robot.actuate is None else commanded(elastic, robot.command(elastic), q)
+            (elastic, q) if setup.actuate is None else commanded(elastic, setup.command(elastic), q)
         )
 
     elastic, start = moved(elastic)
     if path is not None:
-        _compensate(elastic, path, load, against, out)
+        _compensate(elastic, path, setup, against, out)
         return
-    acting: dict[str, Any] = {} if load.load is None else load.keywords
+    acting: dict[str, Any] = {} if setup.load is None else setup.keywords
     if hold is not None:
         from cartstiff.statics.held import Held
 
-        acting["held"] = Held(hold, axes=load.axes)
+        acting["held"] = Held(hold, axes=setup.axes)
     if curve is None:
         from cartstiff.report.statics import describe_equilibrium
         from cartstiff.statics.equilibrium import equilibrium
 
-        if against_gravity is not None and elastic.gravity is None and robot.gravity is None:
+        if against_gravity is not None and elastic.gravity is None and setup.gravity is None:
             raise InputError(
                 "there is no other gravity to compare with",
                 where="--against-gravity",
@@ -158,13 +154,13 @@ def command(
             elastic, start, against_gravity=against_gravity, limits=not no_limits, **acting
         )
         if not acting and against_gravity is None:
-            state = _with_payload_noted(state, robot.payload)
+            state = _with_payload_noted(state, setup.payload)
         data = state.to_dict()
-        more = parameters.add(state, robot, data, lambda e: moved(e)[0])
+        more = parameters.add(state, setup, data, lambda e: moved(e)[0])
         out.show(data, elastic.name, lambda: "\n".join([describe_equilibrium(state), *more]))
         return
-    if load.load is None:
-        options = _as_load(elastic, robot.payload)
+    if setup.load is None:
+        options = _as_load(elastic, setup.payload)
         expected = f"--load; the payload's own weight is {options}" if options else "--load"
         raise InputError("a curve needs a load", expected=expected)
 
@@ -204,14 +200,14 @@ def _with_payload_noted(state: Any, payload: list[float] | None) -> Any:
 
 
 def _compensate(
-    elastic: Any, path: Path, load: Load, against: Literal["load", "all"] | None, out: Output
+    elastic: Any, path: Path, setup: Setup, against: Literal["load", "all"] | None, out: Output
 ) -> None:
     from cartstiff.cli.tables import one_of_axes, wrench_columns
     from cartstiff.loading.tables import FORCE, MOMENT, WRENCH, along_axes, read_rows
     from cartstiff.report.statics import describe_path
     from cartstiff.statics.toolpath import compensate
 
-    mechanism, wrench, axes = elastic.mechanism, load.load, None
+    mechanism, wrench, axes = elastic.mechanism, setup.load, None
     rows = read_rows(
         path, "postures", units=elastic.units, factors=column_factors(elastic), joints=elastic.names
     )
@@ -232,8 +228,8 @@ def _compensate(
     wrenches = wrench if wrenches is None else wrenches
     if wrenches is None:
         for name, is_given in (
-            ("--load-at", load.load_at),
-            ("--load-kind", load.load_kind != "dead"),
+            ("--load-at", setup.load_at),
+            ("--load-kind", setup.load_kind != "dead"),
         ):
             if is_given:
                 raise InputError("is for --load", where=name)
@@ -245,13 +241,13 @@ def _compensate(
             )
         result = compensate(elastic, mechanism.undeflected(table), against=against)
     else:
-        named = one_of_axes("world" if load.world else None, axes, rows.place) or "body"
+        named = one_of_axes("world" if setup.world else None, axes, rows.place) or "body"
         if named == "base":
             R = mechanism.base_pose[:3, :3]
             wrenches, named = (wrenches.reshape(-1, 3) @ R.T).reshape(-1, 6), "world"
         postures = mechanism.undeflected(table[:, : len(own)])
         result = compensate(
-            elastic, postures, wrenches, load_axes=named, against=against, **load.manner
+            elastic, postures, wrenches, load_axes=named, against=against, **setup.manner
         )
     out.show(
         result.to_dict(),

@@ -8,14 +8,26 @@ from typing import Annotated, Literal
 import click
 
 from cartstiff.cli.declare import Overrides
-from cartstiff.cli.options import Csv, Printed, Robot, declared
+from cartstiff.cli.options import (
+    Csv,
+    Printed,
+    Setup,
+    declared,
+)
 from cartstiff.cli.output import say, say_unused
 from cartstiff.errors import InputError
 
 
 @declared("frames")
 def frames_command(
-    robot: Annotated[Robot, Overrides("pose pose_of lengths rest actuate")], out: Printed
+    setup: Annotated[
+        Setup,
+        Overrides(
+            "pose pose_of lengths rest actuate load load_at world load_kind",
+            because="frames are listed, and nothing moves or loads them",
+        ),
+    ],
+    out: Printed,
 ) -> None:
     """Frames of MECHANISM as a tree, with joints, limits, springs and masses.
 
@@ -23,7 +35,7 @@ def frames_command(
 
     Parameters
     ----------
-    robot
+    setup
         The mechanism.
     out
         Output.
@@ -35,10 +47,10 @@ def frames_command(
     """
     from cartstiff.report.frames import describe_frames, frames_of
 
-    elastic = robot.at_posture()
+    elastic = setup.at_posture()
     answer, angle = frames_of(elastic), elastic.units.shown_angle
     length = elastic.mechanism.at(elastic.q).length
-    out.show(answer, robot.mechanism, lambda: describe_frames(answer, angle, length))
+    out.show(answer, setup.mechanism, lambda: describe_frames(answer, angle, length))
 
 
 @declared("models")
@@ -97,8 +109,13 @@ def models_command(out: Printed) -> None:
 
 @declared("poses", api=("report/robot_table.py robot_table",))
 def poses_command(
-    robot: Annotated[
-        Robot, Overrides("q pose pose_of lengths gravity payload springs stiffness rest actuate")
+    setup: Annotated[
+        Setup,
+        Overrides(
+            "q pose pose_of lengths gravity payload springs stiffness rest actuate load load_at "
+            "world load_kind",
+            because="the table has the postures, and they are shown without deflection",
+        ),
     ],
     table: Path,
     *,
@@ -114,7 +131,7 @@ def poses_command(
 
     Parameters
     ----------
-    robot
+    setup
         The mechanism.
     table : TABLE.csv
         The postures.
@@ -128,7 +145,7 @@ def poses_command(
     cartstiff poses ur5 commands.csv --for kuka
     cartstiff poses kr210.urdf commands.csv --tcp 0,0,0.2 --for kuka -o program.csv
     """
-    elastic = robot.at_posture()
+    elastic = setup.at_posture()
 
     from cartstiff.loading.tables import read_rows
     from cartstiff.mechanisms.other_units import shown_factors

@@ -23,7 +23,7 @@ from cartstiff.cli.options import (
     OutputFile,
     Pairs,
     Point,
-    Robot,
+    Setup,
     Springs,
     Stiffnesses,
     TableUnits,
@@ -350,8 +350,13 @@ class Plan:
     needs={"csv": "plan simulate"},
 )
 def command(
-    robot: Annotated[
-        Robot, Overrides("q pose pose_of lengths units springs stiffness rest actuate")
+    setup: Annotated[
+        Setup,
+        Overrides(
+            "q pose pose_of lengths units springs stiffness rest actuate load load_at world "
+            "load_kind",
+            because="the data have postures and loads, and the springs are what is sought",
+        ),
     ],
     table: Table,
     fit: Fit,
@@ -377,7 +382,7 @@ def command(
 
     Parameters
     ----------
-    robot
+    setup
         The mechanism.
     table
         How the table is read.
@@ -415,14 +420,14 @@ def command(
             raise InputError("-o and --plot need measurements", expected="DATA.csv, measured")
         fit.check_unused("planned" if data is None else "simulated")
     if output is not None:
-        _check_written(robot)
-    robot = replace(robot, units=table.shown)
-    elastic = robot.in_frame(robot.frame)
+        _check_written(setup)
+    setup = replace(setup, units=table.shown)
+    elastic = setup.in_frame(setup.frame)
     if data is None:
-        plan.run(elastic, table, fit, out, robot.mechanism)
+        plan.run(elastic, table, fit, out, setup.mechanism)
         return
     if plan.simulate is not None:
-        plan.run_simulation(elastic, data, table, fit, out, robot.mechanism)
+        plan.run_simulation(elastic, data, table, fit, out, setup.mechanism)
         return
 
     import numpy as np
@@ -437,7 +442,7 @@ def command(
     keys: dict[str, Any] = {}
     if output is not None:  # what cannot be written is refused before the fit
         unknowns = unknowns_of(elastic, **fit.unknowns)
-        keys = keys_to_write(unknowns, robot.mechanism, robot.frame, output)
+        keys = keys_to_write(unknowns, setup.mechanism, setup.frame, output)
     with np.errstate(all="ignore"):
         result = identify(elastic, measured, **fit.unknowns, **fit.keywords, progress=_progress)
 
@@ -446,19 +451,19 @@ def command(
         write_whole(output, mechanism_file(result, keys, output, name))
     out.show(
         result.to_dict(),
-        robot.mechanism,
+        setup.mechanism,
         lambda: describe_identification(result),
         plot=result.plot,
     )
 
 
-def _check_written(robot: Robot) -> None:
-    """Refuse to write a mechanism file that would not contain options of the robot."""
+def _check_written(setup: Setup) -> None:
+    """Refuse to write a mechanism file that would not contain options of the setup."""
     options = {
-        "--tcp": robot.tcp,
-        "--payload": robot.payload,
-        "--xacro-arg": robot.xacro_args,
-        "--package-path": robot.package_path,
+        "--tcp": setup.tcp,
+        "--payload": setup.payload,
+        "--xacro-arg": setup.xacro_args,
+        "--package-path": setup.package_path,
     }
     if names := [name for name, value in options.items() if value]:
         raise InputError(

@@ -16,8 +16,9 @@ from cartstiff.cli.declare import Factors, Overrides, ending
 from cartstiff.cli.options import (
     ANGLE,
     MAX_COUNT,
+    ONE_POSTURE,
     Axis,
-    BalancedLoad,
+    BalancedSetup,
     Count,
     Grid,
     Numbers,
@@ -25,7 +26,6 @@ from cartstiff.cli.options import (
     Picture,
     Printed,
     Reading,
-    Robot,
     Seed,
     Several,
     Vibration,
@@ -274,13 +274,14 @@ class Shown:
     ),
 )
 def command(
-    robot: Annotated[Robot, Overrides("actuate")],
-    load: Annotated[
-        BalancedLoad,
+    setup: Annotated[
+        BalancedSetup,
         Overrides(
+            "actuate",
+            because=ONE_POSTURE,
             load="Wrench on the body at every posture: moment about and force at the point "
             "--load-at, in the body's axes; rest positions are chosen so that the springs balance "
-            "it."
+            "it.",
         ),
     ],
     where: Where,
@@ -301,10 +302,8 @@ def command(
 
     Parameters
     ----------
-    robot
-        The mechanism.
-    load
-        The load at every posture.
+    setup
+        The mechanism, with tool, weight, and the load at every posture.
     where
         The postures.
     reading
@@ -342,7 +341,7 @@ def command(
     quantities = reading.quantities
     if not quantities:
         raise InputError("no --quantity was given", expected="a name of --list-quantities")
-    elastic, q = robot.load()
+    elastic, q = setup.read()
     sampling = where.sampling(elastic, q)
     cuts = shown.check(sampling, quantities)
 
@@ -357,9 +356,9 @@ def command(
         output,
         chunk=chunk,
         command=shlex.join(click.get_current_context().meta["words"]),
-        **load.keywords,
+        **setup.keywords,
         **reading.keywords,
-        world=load.world and (reading.direction or reading.added_load) is not None,
+        world=setup.world and (reading.direction or reading.added_load) is not None,
         damping=vibration.damped,
         milling=vibration.cutter,
     )
@@ -393,9 +392,9 @@ def command(
 
     def text() -> str:
         names, weighed = elastic.names_with_units, gravity_loads(elastic).text
-        return describe_map(answer, names, weighed, load.load is not None)
+        return describe_map(answer, names, weighed, setup.load is not None)
 
-    out.show(answer, robot.mechanism, text)
+    out.show(answer, setup.mechanism, text)
 
 
 def _check_ranked(quantities: tuple[str, ...]) -> None:

@@ -12,14 +12,14 @@ import click
 from cartstiff.choices import RESPONSES, Axes, Order
 from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
-    BalancedLoad,
+    ONE_POSTURE,
+    BalancedSetup,
     Direction,
     Numbers,
     Output,
     OutputFile,
     Parameters,
     Point,
-    Robot,
     Sweep,
     Vibration,
     declared,
@@ -231,13 +231,14 @@ class Response:
     rare="lengths rest load_at sensitivities tolerance",
 )
 def command(
-    robot: Annotated[Robot, Overrides("actuate")],
-    load: Annotated[
-        BalancedLoad,
+    setup: Annotated[
+        BalancedSetup,
         Overrides(
+            "actuate",
+            because=ONE_POSTURE,
             load="Wrench on the body: moment about and force at the point --load-at, in the body's "
             "axes; rest positions are chosen so that the springs balance it. The modes without "
-            "the load are printed beside them."
+            "the load are printed beside them.",
         ),
     ],
     response: Response,
@@ -271,10 +272,8 @@ def command(
 
     Parameters
     ----------
-    robot
-        The mechanism at its posture.
-    load
-        The load there.
+    setup
+        The mechanism at its posture, with tool, weight and load.
     response
         The response to a force, and lobes of milling.
     vibration
@@ -308,7 +307,7 @@ def command(
         )
     if response.lobes is not None and vibration.milling is None:
         raise InputError("needs a force law", where="--lobes", expected="--milling")
-    elastic, q = robot.load()
+    elastic, q = setup.read()
 
     import numpy as np
 
@@ -318,8 +317,8 @@ def command(
 
     try:
         with np.errstate(all="ignore"):
-            swinging = modes(elastic, q, **load.keywords)
-            is_loaded = load.load is not None and any(load.load)
+            swinging = modes(elastic, q, **setup.keywords)
+            is_loaded = setup.load is not None and any(setup.load)
             bare = _without_load(elastic, q) if is_loaded else None
     except UndefinedError as error:
         if strict or out.csv or out.plot or controller.output:
@@ -329,7 +328,7 @@ def command(
         words = f"{elastic.name}: no modes\n  [{error.code}] {error}"
         if error.code == "unbalanced":
             words += f"\n  {BALANCING}"
-        out.show(data, robot.mechanism, lambda: words)
+        out.show(data, setup.mechanism, lambda: words)
         return
     data = swinging.to_dict()
     if bare is not None:
@@ -345,7 +344,7 @@ def command(
             raise error.at("--compare") from None
         data["compare"] = [shortcut.to_dict() for shortcut in shortcuts]
         lines += describe_comparison(shortcuts)
-    lines += parameters.add(swinging, robot, data)
+    lines += parameters.add(swinging, setup, data)
     more, made = response.run(swinging, vibration, data)
     lines += [*more, *controller.run(swinging, data)]
-    out.show(data, robot.mechanism, lambda: describe_modes(swinging, bare, lines), **made)
+    out.show(data, setup.mechanism, lambda: describe_modes(swinging, bare, lines), **made)

@@ -1,7 +1,9 @@
 """Options of several commands: types of their values, and the objects made of them.
 
-The groups of options are the same on every command: the robot and its posture (`Robot`), the load
-(`Load`), damping and milling (`Vibration`), output files (`Output`).
+The options that prepare a question are one object, `Setup`: the mechanism, its posture, springs,
+tool, weight and load. A command gets them by one parameter of this type, with one meaning. Other
+groups are the same on every command as well: damping and milling (`Vibration`), output files
+(`Output`).
 
 Text that cannot be used raises an `InputError` that names the option.
 """
@@ -489,7 +491,10 @@ class Load:
 
     @property
     def keywords(self) -> dict[str, Any]:
-        """Arguments of `cartstiff.analyse`; without --load, --world refers to other options."""
+        """The load as arguments of any question: `cartstiff.analyse`, `equilibrium`, `modes`, ...
+
+        Without --load, --world refers to other options.
+        """
         axes = "body" if self.load is None else self.axes
         return {"wrench": self.load, **self.manner, "load_axes": axes}
 
@@ -502,13 +507,6 @@ class Load:
     def axes(self) -> Any:
         """Axes of the load's components: "body" or "world"."""
         return "world" if self.world else "body"
-
-
-@dataclass(frozen=True)
-class BalancedLoad(Load):
-    """A load that the springs balance at the posture, by their rest positions."""
-
-    EXCLUSIVE: ClassVar = ("load rest",)
 
 
 @dataclass(frozen=True)
@@ -608,10 +606,14 @@ class Shown:
 
 
 @dataclass(frozen=True)
-class Robot(Shown, File, Tool, Posture):
-    """A mechanism at a posture, with its tool, in the units of --units."""
+class Setup(Load, Shown, File, Tool, Posture):
+    """What a question is about: a mechanism at a posture, its tool and weight, and its load.
 
-    def load(self) -> tuple[Any, Any]:
+    Before the load the mechanism carries its weight and the payload, of the file or typed
+    (`ElasticMechanism.before_load`); the load comes then, `keywords`.
+    """
+
+    def read(self) -> tuple[Any, Any]:
         """Return the elastic mechanism, and its coordinates or None for the default posture."""
         elastic = self.in_frame(self.frame)
         q, notes = self._coordinates(elastic)
@@ -640,7 +642,7 @@ class Robot(Shown, File, Tool, Posture):
 
     def at_posture(self) -> Any:
         """Return the elastic mechanism with the given posture as its default."""
-        elastic, q = self.load()
+        elastic, q = self.read()
         if q is None:
             return elastic
         noted, posture = elastic.placed(q, "--q")
@@ -728,6 +730,17 @@ class Robot(Shown, File, Tool, Posture):
                 raise error.moved_to("--pose") from None
         joints = mechanism.joint_names
         return None if self.q is None else self.q.of(elastic.names, joints=joints), ()
+
+
+#: Why a command of many postures takes no --actuate.
+ONE_POSTURE = "drives are commanded from one posture: analyse, equilibrium, view, export"
+
+
+@dataclass(frozen=True)
+class BalancedSetup(Setup):
+    """A set-up whose load the springs balance at the posture, by their rest positions."""
+
+    EXCLUSIVE: ClassVar = ("load rest",)
 
 
 def _check_range(values: Values, expected: str, finite: bool = False) -> None:
@@ -818,8 +831,8 @@ class UnitsCommand(Command):
 
         read = ["mechanism", "frame", "gravity", "springs"]
         read += ["xacro_args", "package_path", "parameters"]
-        robot = Robot(**{k: v for k, v in ctx.params.items() if k in read})
-        elastic, by = robot.bare(robot.frame), Factors(angle=math.pi / 180.0)
+        setup = Setup(**{k: v for k, v in ctx.params.items() if k in read})
+        elastic, by = setup.bare(setup.frame), Factors(angle=math.pi / 180.0)
         if units.get("angle") != "deg":
             by = Factors()
         if self.json_of_file and ctx.params.get("json") and "length" in units:
@@ -901,7 +914,7 @@ class Parameters:
     def add(
         self,
         subject: Any,
-        robot: Robot,
+        setup: Setup,
         data: dict[str, Any],
         finish: Callable[[Any], Any] = lambda elastic: elastic,
     ) -> list[str]:
@@ -920,8 +933,8 @@ class Parameters:
         from cartstiff.vibration.sensitivities import accuracy, sensitivities
 
         def reread(values: Any) -> Any:
-            told = {**(robot.parameters or {}), **values}
-            return finish(replace(robot, parameters=told).load()[0])
+            told = {**(setup.parameters or {}), **values}
+            return finish(replace(setup, parameters=told).read()[0])
 
         lines: list[str] = []
         known, t = None, Tolerances(*(tolerance or ()))

@@ -16,12 +16,11 @@ from cartstiff.cli.options import (
     Axis,
     Direction,
     JointValues,
-    Load,
     Output,
     Picture,
     Region,
-    Robot,
     Seed,
+    Setup,
     Values,
     Vibration,
     column_factors,
@@ -70,15 +69,16 @@ class Search:
     rare="damping milling max_step ranges near collisions plot_places progress",
 )
 def command(
-    robot: Annotated[Robot, Overrides("pose pose_of lengths rest actuate")],
-    path_file: Path,
-    load: Annotated[
-        Load,
+    setup: Annotated[
+        Setup,
         Overrides(
+            "pose pose_of lengths rest actuate",
+            because="the path has the poses, and its commands follow from them",
             load="Wrench on the body, the same at all points: moment about and force at the point "
-            "--load-at."
+            "--load-at.",
         ),
     ],
+    path_file: Path,
     search: Search,
     vibration: Vibration,
     out: Annotated[
@@ -109,12 +109,10 @@ def command(
 
     Parameters
     ----------
-    robot
-        The mechanism.
+    setup
+        The mechanism, with tool, weight, and the load at every point.
     path_file : PATH.csv
         The path.
-    load
-        The load at every point.
     search
         Optimisation.
     vibration
@@ -159,12 +157,12 @@ def command(
         --near 0,-1.2,1.5,0,1,0 --collisions
     cartstiff path ur5 part.csv --free-axis x --load 0,0,0,-120,0,0 --place x=0.4:0.6:3,y=-0.2:0.2:5
     """
-    if load.world:
+    if setup.world:
         if axes not in (None, "world"):
             raise InputError("give --world or --axes, not both")
         axes = "world"
     region = _region(place or {})
-    elastic = robot.at_posture()
+    elastic = setup.at_posture()
 
     from cartstiff.cli.tables import read_path_file
     from cartstiff.report.statics import (
@@ -178,7 +176,7 @@ def command(
     path = read_path_file(
         path_file,
         free=free,
-        wrench=load.load,
+        wrench=setup.load,
         direction=direction,
         axes=axes,
         base=elastic.mechanism.base_pose,
@@ -191,7 +189,7 @@ def command(
             raise _must_rise(f"--range {name}", "LOW at most HIGH", low, high)
     options: dict[str, Any] = {
         **asdict(search),
-        **load.manner,
+        **setup.manner,
         "free": free,
         "max_step": None if max_step is None else max_step.of(elastic.names, broadcast=True),
         "ranges": ranges,

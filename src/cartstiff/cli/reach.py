@@ -9,7 +9,12 @@ import click
 
 from cartstiff.choices import Distribution
 from cartstiff.cli.declare import Overrides
-from cartstiff.cli.options import Load, Number, Output, Robot, declared
+from cartstiff.cli.options import (
+    Number,
+    Output,
+    Setup,
+    declared,
+)
 from cartstiff.cli.output import Progress
 from cartstiff.errors import InputError, UndefinedError
 
@@ -27,20 +32,16 @@ class Modes:
 
 @declared("assemble", needs={"load_at load_kind world": "load"})
 def assemble_command(
-    robot: Annotated[
-        Robot,
+    setup: Annotated[
+        Setup,
         Overrides(
             "rest actuate",
+            because="actuators are held where the posture has them",
             pose="Pose of a platform: its leg lengths are taken, and the modes nearest to it come "
             "first. Position and roll, pitch, yaw about fixed axes; default the file's.",
             lengths="Leg lengths of a platform; default those at its pose.",
-        ),
-    ],
-    load: Annotated[
-        Load,
-        Overrides(
             load="Wrench on the body in its own frame. The held legs or actuators carry it in "
-            "every mode, and the stiffness is the one under this load."
+            "every mode, and the stiffness is the one under this load.",
         ),
     ],
     search: Modes,
@@ -56,10 +57,8 @@ def assemble_command(
 
     Parameters
     ----------
-    robot
-        The mechanism.
-    load
-        The load in every mode.
+    setup
+        The mechanism, with tool, weight and load.
     search
         How modes are looked for.
     out
@@ -74,20 +73,20 @@ def assemble_command(
     cartstiff assemble hexapod --all --load 0,0,0,0,0,-500 --world
     cartstiff assemble five-bar --all --csv modes.csv
     """
-    elastic, q = replace(robot, lengths=None).load()
+    elastic, q = replace(setup, lengths=None).read()
     from cartstiff.mechanisms.platform import Platform
     from cartstiff.reach.assembly import assemble
     from cartstiff.report.reach import assembly_csv, describe_assembly
 
-    if robot.lengths is not None and not isinstance(elastic.mechanism, Platform):
+    if setup.lengths is not None and not isinstance(elastic.mechanism, Platform):
         raise InputError("is for platforms", where="--lengths", expected="--q")
     with Progress("starts") as bar:
         modes = assemble(
-            elastic, robot.lengths, q=q, **asdict(search), progress=bar, **load.keywords
+            elastic, setup.lengths, q=q, **asdict(search), progress=bar, **setup.keywords
         )
     out.show(
         modes.to_dict(),
-        robot.mechanism,
+        setup.mechanism,
         lambda: describe_assembly(modes),
         csv=lambda: assembly_csv(modes),
     )
@@ -114,19 +113,15 @@ class Search:
 
 @declared("workspace", needs={"load_at load_kind world": "load"})
 def workspace_command(
-    robot: Annotated[
-        Robot,
+    setup: Annotated[
+        Setup,
         Overrides(
             "lengths rest actuate springs stiffness",
+            because="limits decide what is reached, not springs and drives",
             pose="Orientation that is kept, and position around which rotations are tried: "
             "position and roll, pitch, yaw about fixed axes; default the file's.",
-        ),
-    ],
-    load: Annotated[
-        Load,
-        Overrides(
             load="Wrench on the body, in its own frame at the pose from which the rays start; "
-            "only for limited forces or tensions."
+            "only for limited forces or tensions.",
         ),
     ],
     search: Search,
@@ -150,10 +145,8 @@ def workspace_command(
 
     Parameters
     ----------
-    robot
-        The mechanism.
-    load
-        The load.
+    setup
+        The mechanism, with tool, weight and load.
     search
         How the boundary is looked for.
     out
@@ -169,16 +162,16 @@ def workspace_command(
     cartstiff workspace hexapod --pose 0,0,0.7,0.1,0,0 --plot workspace.png --csv boundary.csv
     cartstiff workspace cable-robot --radius 2 --load 0,0,0,0,0,-50 --world --json
     """
-    elastic, q = robot.load()
+    elastic, q = setup.read()
 
     from cartstiff.reach.workspace import workspace
     from cartstiff.report.reach import boundary_csv, describe_workspace
 
     with Progress("poses", progress) as bar:
-        reached = workspace(elastic, q, **load.keywords, **asdict(search), progress=bar)
+        reached = workspace(elastic, q, **setup.keywords, **asdict(search), progress=bar)
     out.show(
         reached.to_dict(),
-        robot.mechanism,
+        setup.mechanism,
         lambda: describe_workspace(reached),
         csv=lambda: boundary_csv(reached),
         plot=reached.plot,

@@ -11,7 +11,13 @@ from typing import Annotated, Any
 import click
 
 from cartstiff.cli.declare import Overrides
-from cartstiff.cli.options import BalancedLoad, Load, OutputFile, Robot, declared
+from cartstiff.cli.options import (
+    ONE_POSTURE,
+    BalancedSetup,
+    OutputFile,
+    Setup,
+    declared,
+)
 from cartstiff.cli.output import Progress, say, say_unused
 from cartstiff.errors import InputError, MissingDependencyError, joined, one_line
 
@@ -37,7 +43,7 @@ class Shown:
     workspace: bool = False
     trajectory: Path | None = None
 
-    def source(self, robot: Robot, load: Load) -> Any:
+    def source(self, setup: Setup) -> Any:
         """Return the page's `Source` after checking everything that the page shows.
 
         Raises
@@ -51,7 +57,7 @@ class Shown:
             raise InputError(
                 "one cloud of points at a time", where="--workspace", expected="no --map"
             )
-        elastic, q = robot.load()
+        elastic, q = setup.read()
         import numpy as np
 
         from cartstiff.mechanisms.other_units import shown_factors
@@ -60,13 +66,13 @@ class Shown:
         from cartstiff.stiffness.compute import analyse
 
         with np.errstate(all="ignore"):
-            first = analyse(elastic, q, **load.keywords)
+            first = analyse(elastic, q, **setup.keywords)
         cloud = None if self.map_path is None else read_cloud(self.map_path, elastic)
         if self.workspace:
-            cloud = _workspace_cloud(elastic, first.q, load)
+            cloud = _workspace_cloud(elastic, first.q, setup)
         command = None
-        if robot.actuate is not None:
-            steps = robot.command(elastic)
+        if setup.actuate is not None:
+            steps = setup.command(elastic)
             checked_command(elastic, steps)
             command = [steps.get(name, 0.0) for name in elastic.spring_names]
 
@@ -81,24 +87,26 @@ class Shown:
         return Source(
             elastic=elastic,
             q=first.q,
-            load=None if load.load is None else np.array(load.load),
-            load_kind=load.load_kind,
-            load_at=None if load.load_at is None else tuple(load.load_at),  # type: ignore[arg-type]
-            load_axes=load.axes,
+            load=None if setup.load is None else np.array(setup.load),
+            load_kind=setup.load_kind,
+            load_at=None if setup.load_at is None else tuple(setup.load_at),  # type: ignore[arg-type]
+            load_axes=setup.axes,
             command=command,
             trajectory=trajectory,
             cloud=cloud,
         )
 
 
-def _workspace_cloud(elastic: Any, q: Any, load: Load) -> Any:
+def _workspace_cloud(elastic: Any, q: Any, setup: Setup) -> Any:
     """Return the boundary around a posture; the load is used if forces are limited."""
     from cartstiff.page.source import cloud_of_workspace
     from cartstiff.reach.workspace import limits_forces, workspace
 
-    counts = load.load is not None and limits_forces(elastic)
+    counts = setup.load is not None and limits_forces(elastic)
     with Progress("poses") as bar:
-        reached = workspace(elastic, q, **load.keywords if counts else {}, fits=False, progress=bar)
+        reached = workspace(
+            elastic, q, **setup.keywords if counts else {}, fits=False, progress=bar
+        )
     return cloud_of_workspace(reached)
 
 
@@ -125,8 +133,7 @@ _MAX_OTHERS = 3
 
 @declared("view", api=("page/server.py serve",))
 def command(
-    robot: Robot,
-    load: BalancedLoad,
+    setup: BalancedSetup,
     shown: Shown,
     others: tuple[str, ...] = (),
     *,
@@ -146,10 +153,8 @@ def command(
 
     Parameters
     ----------
-    robot
-        The mechanism at its posture.
-    load
-        The load there.
+    setup
+        The mechanism at its posture, with tool, weight and load.
     shown
         Further contents of the page.
     others : [OTHER]...
@@ -174,7 +179,7 @@ def command(
             expected=f"at most {1 + _MAX_OTHERS}",
         )
     source, *beside = (
-        shown.source(replace(robot, mechanism=name), load) for name in (robot.mechanism, *others)
+        shown.source(replace(setup, mechanism=name)) for name in (setup.mechanism, *others)
     )
     api, server = (_needing(name, "a page in the browser") for name in ("api", "server"))
 
@@ -189,8 +194,7 @@ def command(
 
 @declared("export")
 def export_command(
-    robot: Robot,
-    load: BalancedLoad,
+    setup: BalancedSetup,
     shown: Shown,
     *,
     output: Annotated[Path, OutputFile("PAGE.html", ".html", ".htm")],
@@ -203,10 +207,8 @@ def export_command(
 
     Parameters
     ----------
-    robot
-        The mechanism at its posture.
-    load
-        The load there.
+    setup
+        The mechanism at its posture, with tool, weight and load.
     shown
         Further contents of the page.
     output
@@ -218,7 +220,7 @@ def export_command(
     cartstiff export hexapod --load 0,0,0,0,0,-50 -o hexapod.html
     cartstiff export ur5 --trajectory postures.csv -o path.html
     """
-    source = shown.source(robot, load)
+    source = shown.source(setup)
     _write(output, _needing("export", "a page as a file").export_page(source))
 
 
@@ -228,12 +230,13 @@ def export_command(
     needs={"load_at load_kind": "load", "quantity": "map_path"},
 )
 def report_command(
-    robot: Annotated[Robot, Overrides("actuate")],
-    load: Annotated[
-        BalancedLoad,
+    setup: Annotated[
+        BalancedSetup,
         Overrides(
+            "actuate",
+            because=ONE_POSTURE,
             load="Wrench on the body: moment about and force at the point --load-at, in the axes "
-            "of the unloaded body frame; the report says what it does to the tip."
+            "of the unloaded body frame; the report says what it does to the tip.",
         ),
     ],
     *,
@@ -248,10 +251,8 @@ def report_command(
 
     Parameters
     ----------
-    robot
-        The mechanism at its posture.
-    load
-        The load there.
+    setup
+        The mechanism at its posture, with tool, weight and load.
     output
         File to write.
     map_path : FILE
@@ -265,7 +266,7 @@ def report_command(
     cartstiff report ur5 --load 0,0,0,0,0,-100 --map m.zarr -o ur5.html
     cartstiff report kr210.urdf --tcp 0,0,0.2 --payload 12 --load 0,0,0,0,0,-300 -o spindle.html
     """
-    elastic, q = robot.load()
+    elastic, q = setup.read()
     sections = []
     if map_path is not None:
         from cartstiff.report.maps import map_section
@@ -275,4 +276,4 @@ def report_command(
     from cartstiff.page.html_report import report_page
 
     typed = shlex.join(click.get_current_context().meta["words"])
-    _write(output, report_page(elastic, q, command=typed, sections=sections, **load.keywords))
+    _write(output, report_page(elastic, q, command=typed, sections=sections, **setup.keywords))
