@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import ast
+import inspect
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import click
 import pytest
 from click.testing import CliRunner
 
+import cartstiff
 from cartstiff.cli import analyse, declare, identify, modes, options, path, reach
 from cartstiff.cli import map as maps
 from cartstiff.cli.declare import Command, Overrides
 from cartstiff.cli.main import _COMMANDS
 from cartstiff.cli.main import command as group
 from cartstiff.cli.options import Number, Pairs, Point, declared
+from cartstiff.designs.study import Case
 from cartstiff.errors import InputError
+from cartstiff.maps.run import map_job
+from cartstiff.page.messages import ViewState
 
 
 @pytest.fixture(params=list(_COMMANDS))
@@ -114,6 +119,34 @@ def test_each_command_takes_the_whole_set_up_or_says_why_not() -> None:
             with pytest.raises(InputError, match=f"{option}: has no meaning for"):
                 group.main(words, standalone_mode=False)
     assert len(taking) >= 10
+
+
+def test_a_load_is_stated_in_the_same_words_with_the_same_defaults() -> None:
+    """On commands, in Python, in a study and in the page's messages."""
+    defaults: list[dict[str, Any]] = []
+    for function in (
+        cartstiff.analyse,
+        cartstiff.equilibrium,
+        cartstiff.load_curve,
+        cartstiff.compensate,
+        cartstiff.modes,
+        cartstiff.workspace,
+        cartstiff.assemble,
+        map_job,
+        cartstiff.analyse_many,
+    ):
+        parameters = inspect.signature(inspect.unwrap(function)).parameters
+        names = ("load_kind", "load_at", "load_axes")
+        defaults.append({name: parameters[name].default for name in names})
+    for model in (Case, ViewState):
+        names = ("load_kind", "load_at", "load_axes")
+        defaults.append({name: model.model_fields[name].default for name in names})
+    keywords = options.Setup("ur5").keywords
+    defaults.append({name: keywords[name] for name in ("load_kind", "load_at", "load_axes")})
+    for one in defaults:
+        assert one["load_kind"] == "dead"
+        assert one["load_axes"] == "body"
+        assert one["load_at"] is None or not any(one["load_at"])
 
 
 def test_a_value_is_given_once(command: Command) -> None:

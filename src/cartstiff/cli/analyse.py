@@ -100,7 +100,8 @@ class Analysis(Reading):
                 return components
             return (np.reshape(components, (-1, 3)) @ result.pose[:3, :3]).ravel()
 
-        connection, own = self.connection, self.wanted and self.wanted.connection
+        connection = self.connection
+        own = None if self.wanted is None else self.wanted.connection
         if own and connection not in (None, own):
             raise InputError(
                 "the target's file names another matrix",

@@ -202,6 +202,8 @@ def _with_payload_noted(state: Any, payload: list[float] | None) -> Any:
 def _compensate(
     elastic: Any, path: Path, setup: Setup, against: Literal["load", "all"] | None, out: Output
 ) -> None:
+    import numpy as np
+
     from cartstiff.cli.tables import one_of_axes, wrench_columns
     from cartstiff.loading.tables import FORCE, MOMENT, WRENCH, along_axes, read_rows
     from cartstiff.report.statics import describe_path
@@ -212,7 +214,7 @@ def _compensate(
         path, "postures", units=elastic.units, factors=column_factors(elastic), joints=elastic.names
     )
     joints = dict.fromkeys((elastic.names, mechanism.joint_names))
-    parts = [WRENCH]
+    parts: list[tuple[str, ...]] = [WRENCH]
     if rows.names is not None:
         names, axes = along_axes(rows.names, rows.place)
         rows, parts = rows._replace(names=names), [WRENCH, FORCE, MOMENT]
@@ -244,7 +246,7 @@ def _compensate(
         named = one_of_axes("world" if setup.world else None, axes, rows.place) or "body"
         if named == "base":
             R = mechanism.base_pose[:3, :3]
-            wrenches, named = (wrenches.reshape(-1, 3) @ R.T).reshape(-1, 6), "world"
+            wrenches, named = (np.reshape(wrenches, (-1, 3)) @ R.T).reshape(-1, 6), "world"
         postures = mechanism.undeflected(table[:, : len(own)])
         result = compensate(
             elastic, postures, wrenches, load_axes=named, against=against, **setup.manner

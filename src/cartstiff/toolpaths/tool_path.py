@@ -96,7 +96,7 @@ class ToolPath:
         for direction in u:
             R = _least_turn(R @ own, direction) @ R
             rotations.append(R)
-        path = cls(se3.pose(np.array(rotations), p), wrenches, directions, axes or "path")
+        path = cls(se3.pose(np.array(rotations), p), wrenches, directions, axes or "path")  # type: ignore[arg-type]
         if path.axes == "path":
             across = ~own.astype(bool)
             for name, rows in (("wrenches", path.wrenches), ("directions", path.directions)):
