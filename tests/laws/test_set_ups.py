@@ -18,7 +18,8 @@ import numpy as np
 import pytest
 import yaml
 from tests.support.commands import answer
-from tests.support.generated import EARTH, Arm, close, numbers
+from tests.support.generated import EARTH, Arm, close, frame, numbers
+from tests.support.oracles import exp_reference
 
 import cartstiff
 from cartstiff.page.messages import read_message
@@ -255,3 +256,58 @@ def test_commands_along_a_path(seed, door, axes, tmp_path):
         close(found["commands"][i], q - one.arm.outer(q) / one.arm.k, 1e-9)
         moved = one.arm.pose(one.under_load(q))[:3, 3] - one.arm.pose(q)[:3, 3]
         close(found["error_before"][i][3:], moved, 1e-6)
+
+
+@pytest.mark.parametrize("door", ["analyse", "on the page", "many postures"])
+@pytest.mark.parametrize("away", [False, True])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_platform_s_preload(seed, away, door, tmp_path):
+    """At every pose the driven legs have the tension of the file: wrench and K^A by differences."""
+    rng = np.random.default_rng(seed)
+    base, top = rng.uniform(-0.6, 0.6, (6, 3)), rng.uniform(-0.3, 0.3, (6, 3))
+    base[:, 2] *= 0.2
+    top[:, 2] *= 0.2
+    k, preload = rng.uniform(1e5, 1e6, 6), rng.uniform(50.0, 400.0, 6)
+    pose = np.array([*rng.uniform(-0.1, 0.1, 2), 0.8, *rng.uniform(-0.2, 0.2, 3)])
+    file = tmp_path / "platform.yaml"
+    data = {
+        "kind": "stewart-gough",
+        "base": base.tolist(),
+        "platform": top.tolist(),
+        "pose": {"xyz": pose[:3].tolist(), "rpy": pose[3:].tolist()},
+        "legs": {"stiffness": k.tolist(), "preload": preload.tolist()},
+    }
+    file.write_text(yaml.safe_dump(data))
+    q = pose + away * np.array([0.05, -0.04, 0.03, 0.05, 0.1, -0.08])
+    T = frame(q[:3], q[3:])
+
+    def legs(T: np.ndarray) -> np.ndarray:
+        return top @ T[:3, :3].T + T[:3, 3] - base
+
+    rest = np.linalg.norm(legs(T), axis=1) - preload / k
+
+    def wrench(T: np.ndarray) -> np.ndarray:
+        """About M's origin along its axes: what holds the body."""
+        along = legs(T)
+        lengths = np.linalg.norm(along, axis=1)
+        forces = (k * (lengths - rest) / lengths)[:, None] * (along @ T[:3, :3])
+        return np.concatenate([np.cross(top, forces).sum(axis=0), forces.sum(axis=0)])
+
+    h = 1e-5
+    slopes = [
+        (wrench(T @ exp_reference(h * e)) - wrench(T @ exp_reference(-h * e))) / (2 * h)
+        for e in np.eye(6)
+    ]
+    elastic = cartstiff.load(file)
+    if door == "many postures":
+        found = cartstiff.analyse_many(elastic, q[None], outputs=("wrench", "stiffness_A"))
+        W, K = np.asarray(found["wrench"])[0], np.asarray(found["stiffness_A"])[0]
+    elif door == "analyse":
+        answered = answer("analyse", file, ["--pose", numbers(q)])
+        W, K = answered["wrench"], answered["stiffness"]["A"]
+    else:
+        message = {"id": 1, "do": "result", "state": {"q": q.tolist()}}
+        data = Session(Source(elastic)).answer(read_message(json.dumps(message))).data["result"]
+        W, K = data["wrench"], data["stiffness"]["A"]
+    close(W, wrench(T), 1e-9)
+    close(K, np.array(slopes).T, 1e-6)
