@@ -387,9 +387,9 @@ def checked_flag(value: object, what: str) -> bool:
 
 
 def checked_length(value: object, what: str = "length", *, where: str | None = None) -> float:
-    """A positive finite number."""
+    """A positive number whose powers are numbers, too: 1e-30 to 1e30."""
     number = checked_number(value, what, where=where)
-    if not 0 < number <= LARGEST_INPUT:
+    if not 1.0 / LARGEST_INPUT <= number <= LARGEST_INPUT:
         raise InputError(
             f"{what} cannot be used", where=where, expected="a positive length", got=number
         )

@@ -3,7 +3,11 @@
 import subprocess
 import sys
 
+import numpy as np
 import pytest
+
+import cartstiff
+from cartstiff.errors import InputError
 
 CALLS = {
     "inverse kinematics": "cartstiff.inverse_kinematics(arm, np.eye(4), seed=VALUE)",
@@ -39,3 +43,20 @@ def test_a_list_that_contains_itself_ends_no_process(name):
     code = CODE.replace("CALL", CALLS[name].replace("VALUE", "value"))
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stdout == "alive\n", done.stderr
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda e, r: cartstiff.analyse_posture(r, length=5e-324),
+        lambda e, r: cartstiff.analyse_posture(r, length=1e-300),
+        lambda e, r: cartstiff.analyse_posture(r, mass=10**400, inertia=np.eye(3)),
+        lambda e, r: cartstiff.inverse_kinematics(e, r.pose, starts=10**400),
+        lambda e, r: cartstiff.inverse_kinematics(e, r.pose, starts=10**9),
+    ],
+)
+def test_numbers_without_measure_are_refused(call):
+    elastic = cartstiff.load("ur5")
+    result = cartstiff.analyse(elastic)
+    with pytest.raises(InputError):
+        call(elastic, result)

@@ -26,7 +26,15 @@ from cartstiff.analysis.matrices import (
     lost_digits,
     symmetric_pair,
 )
-from cartstiff.arrays import Array, Result, checked_length, checked_matrix, checked_vector
+from cartstiff.arrays import (
+    Array,
+    Result,
+    checked_length,
+    checked_matrix,
+    checked_number,
+    checked_vector,
+)
+from cartstiff.choices import LARGEST_INPUT
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 
@@ -105,8 +113,8 @@ def _natural_length(K: Array, C: Array | None) -> float:
 
 def _body(mass: float, inertia: ArrayLike) -> tuple[float, Array]:
     """Mass and inertia about the mass centre; InputError unless both are positive definite."""
-    m = float(mass)
-    if not (np.isfinite(m) and m > 0):
+    m = checked_number(mass, "mass")
+    if not 0 < m <= LARGEST_INPUT:
         raise InputError("mass cannot be used", expected="a positive number", got=m)
     I_c = checked_matrix(inertia, "inertia", 3)
     if numerics.asymmetry(I_c):

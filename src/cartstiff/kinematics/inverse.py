@@ -150,11 +150,17 @@ def inverse_kinematics(
     return branches[0] if single else branches
 
 
+# Largest number of random starts: each is a posture in memory, with its search.
+_MOST_STARTS = 10**6
+
+
 def _starts(solver: JointPoses, starts: int | ArrayLike, seed: int) -> Array:
     n = solver.kinematics.n
     if isinstance(starts, (int, np.integer)) and not isinstance(starts, bool):
         if starts < 0:
             raise InputError("number of starts must not be negative", got=int(starts))
+        if starts > _MOST_STARTS:
+            raise InputError("too many starts", expected=f"at most {_MOST_STARTS}")
         begin = solver.random_starts(int(starts), np.random.default_rng(checked_seed(seed)))
     else:
         begin = checked_array(starts, ("N", n), "array of starts")
