@@ -9,8 +9,11 @@ import shutil
 import pytest
 from tools.fuzz_maps import crafted_map, resealed, whole_map
 
+import cartstiff
 from cartstiff.errors import InputError
-from cartstiff.maps import open_map
+from cartstiff.maps import open_map, summary
+from cartstiff.maps.store import MapFile
+from cartstiff.page.source import read_cloud
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -43,3 +46,23 @@ def test_shapes_that_no_map_has(tmp_path, monkeypatch, shape, chunk, words):
     resealed(file)
     with pytest.raises(InputError, match=f"description of the map cannot be used; .*{words}"):
         open_map(file)
+
+
+def test_a_map_that_claims_many_postures_is_not_read_whole(tmp_path, monkeypatch):
+    """5e10 postures in 1e5 parts are within the limits of a file; no reader holds them at once."""
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "m.zarr"
+    shutil.copytree(whole_map()[0], file)
+    root = json.loads((file / "zarr.json").read_text())
+    nodes = root["consolidated_metadata"]["metadata"]
+    for node in nodes.values():
+        if node.get("dimension_names", [""])[0] == "posture":
+            node["shape"][0] = 5 * 10**10
+            node["chunk_grid"]["configuration"]["chunk_shape"][0] = 5 * 10**5
+    nodes["parts/marks"]["shape"][0] = 10**5
+    (file / "zarr.json").write_text(json.dumps(root))
+    resealed(file)
+    assert open_map(file).attrs["chunks"] == 10**5
+    with pytest.raises(InputError, match="too large to be shown"):
+        read_cloud(file, cartstiff.load("ur5"))
+    assert summary(MapFile.at(file))["states"]["not-computed"] > 4 * 10**10

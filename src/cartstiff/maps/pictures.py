@@ -7,6 +7,7 @@ hatched, and the legend names their state.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from math import prod
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from cartstiff.arrays import Array
 from cartstiff.checked_call import checked
+from cartstiff.errors import InputError
 from cartstiff.figures import new_axes, new_figure
 from cartstiff.maps.reading import (
     best_branch,
@@ -32,6 +34,8 @@ COLOURS = "cividis"
 DECADES = 100.0
 # Largest number of slices, and number of bins of a histogram.
 _SLICES, _BINS = 6, 60
+# Largest number of cells that are drawn, all of which are in memory.
+_MOST_CELLS = 10**7
 # Largest number of random postures that are drawn as a line.
 _MOST_OF_LINE = 2000
 _HATCHES = ("////", "....", "xxxx", "\\\\\\\\", "oooo", "----")
@@ -64,6 +68,13 @@ def draw_map(dataset: xarray.Dataset, quantity: str, *, angle: str = "rad") -> A
     if angle == "deg":
         dataset = _rescaled(dataset, "rad", "deg", np.degrees(1.0))
     draw = _suited(quantity_of(dataset, quantity).sizes)
+    cells = prod(quantity_of(dataset, quantity).shape)
+    if draw is not histogram and cells > _MOST_CELLS:
+        raise InputError(
+            "map is too large for a picture of all its cells",
+            expected=f"at most {_MOST_CELLS}, such as those of a slice",
+            got=cells,
+        )
     if draw is not histogram:  # one branch, and no dimensions of one value
         dataset = best_branch(dataset, quantity)
         dataset = dataset.isel({d: 0 for d, n in dataset[quantity].sizes.items() if n == 1})

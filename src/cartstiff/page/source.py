@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 _MOST_POINTS = 20_000
 # Each carries its posture: 1.6 MB of these at most.
 _MOST_COORDINATES = 200_000
+# Largest number of postures of a map whose points are shown: all are read.
+_MOST_READ = 10**7
 # Postures of a map that are read at a time.
 _AT_ONCE = 1_000_000
 _MOST_POSTURES = 5_000
@@ -228,6 +230,13 @@ def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Clo
     where = one_line(str(path))
     if "position" not in data:
         raise InputError("map holds no positions", where=where, expected="a variable `position`")
+    if prod(data["position"].shape) > 3 * _MOST_READ:
+        raise InputError(
+            "map is too large to be shown",
+            where=where,
+            expected=f"at most {_MOST_READ} postures",
+            got=prod(data["position"].shape) // 3,
+        )
     size = 1.0
     if elastic is not None:
         size = LENGTHS[data["position"].attrs["units"]] / LENGTHS[elastic.units.length]

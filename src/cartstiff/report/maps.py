@@ -12,6 +12,7 @@ from cartstiff.errors import joined, one_line
 from cartstiff.figures import figure_content
 from cartstiff.maps.pictures import draw_map
 from cartstiff.maps.reading import map_of_mechanism, quantities_of, quantity_of, summary
+from cartstiff.maps.store import MapFile
 from cartstiff.mechanisms.contract import engineering
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.report.analysis import BALANCING
@@ -154,7 +155,7 @@ def map_section(
     name = quantity or quantities_of(dataset)[0]
     words = quantity_of(dataset, name).attrs
     figure = draw_map(dataset, name, angle=elastic.units.shown_angle)
-    drawn, facts = figure_content(figure, ".svg").decode(), summary(dataset)
+    drawn, facts = figure_content(figure, ".svg").decode(), summary(MapFile.at(path))
     ends = ", ".join(
         f"{end} {engineering(facts['quantities'][name][end], words['units'])}"
         for end in ("smallest", "largest")
