@@ -40,7 +40,7 @@ WORDS = {
     "stiffness": "the one reduction; the tensor",
     "analysis": "what the matrices say",
     "statics": "equilibrium, stability, load curves",
-    "vibration": "modes, response, chatter",
+    "vibration": "modes, response",
     "loading": "files and models to mechanisms",
     "kinematics": "inverse kinematics",
     "batch": "many postures at once",

@@ -32,7 +32,6 @@ ALLOWED = {
     "scene/appearance.py": "the largest exaggeration that is drawn",
     "scene/environment.py": "units",
     "statics/newton.py": "the longest step: no bound",
-    "vibration/chatter.py": "the spacing of a picture's points",
 }
 FILES = sorted(p.relative_to(PACKAGE).as_posix() for p in PACKAGE.rglob("*.py"))
 

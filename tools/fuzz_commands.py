@@ -31,7 +31,6 @@ _WEIGHTS = {
     "path": 4,
     "identify": 5,
     "modes": 5,
-    "poses": 3,
     "frames": 2,
     "export": 1,
     "report": 1,
@@ -125,7 +124,6 @@ def _fitting(rng: random.Random, option: str, command_name: str, mechanism: str)
         "--criterion": ["deflection", "translation_free_min", "worst", "condition"],
         "--max-step": ["0.5", "1"],
         "--singular": ["0.01", "1e-3"],
-        "--place": ["x=0:0.1:2,y=0:0.1:2"],
         "--axes": [],
         "--units": ["mm,deg", "m,rad", "mm"],
         "--sd": ["d=0.005mm", "dx=0.02mm", "d=1e-5,r=1e-4"],
@@ -143,7 +141,6 @@ def _fitting(rng: random.Random, option: str, command_name: str, mechanism: str)
         "--have": ["d.csv"],
         "--simulate": ["1"],
         "--outliers": ["1"],
-        "--compare": ["A,B", "A,B,K,F,energy", "energy"],
         "--response": ["5:100:5", "1:50", "0:10:3"],
         "--damping": ["0.02", "0.01,0.02"],
         "--rayleigh": ["0.1,1e-4"],
@@ -151,7 +148,6 @@ def _fitting(rng: random.Random, option: str, command_name: str, mechanism: str)
         "--ratio": ["0.7"],
         "--csv": ["out.csv"],
         "--plot": ["out.svg"],
-        "--plot-places": ["places.svg"],
         "--picture": ["map.svg"],
         "-o": [],
     }
@@ -164,7 +160,6 @@ _ENDINGS = {
     "export": "out.html",
     "report": "out.html",
     "identify": "o.yaml",
-    "poses": "o.csv",
     "modes": "o.yaml",
     "analyse": "o.json",
 }
@@ -214,8 +209,6 @@ def option(rng: random.Random) -> str:
         words += ["-o", _ENDINGS[name]]
     if name == "map" and rng.random() < 0.97:
         words += ["--quantity", rng.choice(["condition", "translation_free_min", "deflection"])]
-    if name == "poses":
-        words += ["--for", rng.choice(["kuka", "fanuc", "abb", "ur"])]
     if name == "identify" and words[-1] != "d.csv":
         words += ["--plan", "3", "--force", "50", "--sd", "d=0.005mm", "--candidates", "20"]
     options = [
@@ -315,7 +308,6 @@ def table(rng: random.Random) -> str:
             ["path", "ur5", "t.csv", "--free-axis", "x", "--load", "0,0,0,0,0,-20", "--json"],
             ["equilibrium", mechanism, "--path", "t.csv", "--load", "0,0,0,0,0,-2", "--json"],
             ["equilibrium", mechanism, "--path", "t.csv", "--json"],
-            ["poses", "ur5", "t.csv", "--for", rng.choice(["kuka", "fanuc", "abb", "ur"])],
         ]
     )
     if words[0] == "path":

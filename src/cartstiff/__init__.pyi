@@ -63,7 +63,6 @@ from .stiffness.compute import PostureStiffness as PostureStiffness
 from .stiffness.tensor import Compliance as Compliance
 from .stiffness.tensor import StiffnessTensor as StiffnessTensor
 from .toolpaths.optimise import optimise_path as optimise_path
-from .toolpaths.placement import best_placement as best_placement
 from .toolpaths.tool_path import ToolPath as ToolPath
 from .version import __version__ as __version__
 from .vibration.modes import Modes as Modes

@@ -16,14 +16,17 @@ RELATIVE = 1e-4
 NOISE = 1e-6
 
 ROBOTS = {
+    "controller_poses",
     "deflection_compensation",
     "deflection_ellipsoids",
     "draw_in_meshcat",
     "four_connections",
+    "frequencies_of_a_matrix",
     "load_and_asymmetry",
     "machining_posture",
     "own_potential",
     "panda_nullspace",
+    "path_without_collisions",
     "ur5_drilling",
     "what_the_matrix_says",
     "workspace_map",

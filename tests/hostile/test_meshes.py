@@ -5,13 +5,11 @@ import struct
 import zipfile
 import zlib
 
-import numpy as np
 import pytest
 from tests.support.memory import megabytes_of_children
 
 import cartstiff
 from cartstiff.errors import InputError
-from cartstiff.loading.collisions import Collisions
 from cartstiff.loading.meshes import read_mesh, read_meshes
 from cartstiff.scene import theme
 from cartstiff.scene.mechanism import ChainPicture
@@ -192,36 +190,6 @@ def test_a_bad_shape_is_a_note_and_a_placeholder(shapes, shape):
     assert picture.notes[0].startswith(("link b: ", "no picture of"))
     assert "sticks between the joints" in picture.notes[-1]
     assert cartstiff.analyse(arm).wrench.tolist() == [0.0] * 6
-
-
-def test_collisions_use_the_same_reader(tmp_path):
-    """A tetrahedron that meets a box, and one that does not; a bad mesh is refused by name."""
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) * 0.4
-    faces = "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
-    text = "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + faces
-    (tmp_path / "tip.obj").write_text(text)
-    (tmp_path / "nan.obj").write_text(text.replace("0.4", "nan", 1))
-    body = (
-        "<robot name='r'><link name='a'><collision><origin xyz='1.2 0 0'/><geometry>"
-        "<box size='.4 .4 .4'/></geometry></collision></link><link name='b'/><link name='c'>"
-        "<collision><geometry><mesh filename='MESH'/></geometry></collision></link>"
-        "<joint name='j' type='prismatic'><parent link='a'/><child link='b'/><axis xyz='0 1 0'/>"
-        "<limit lower='-5' upper='5' effort='1' velocity='1'/></joint><joint name='k' "
-        "type='prismatic'><parent link='b'/><child link='c'/><axis xyz='1 0 0'/>"
-        "<limit lower='-5' upper='5' effort='1' velocity='1'/></joint></robot>"
-    )
-    file = tmp_path / "slide.urdf"
-    file.write_text(body.replace("MESH", "tip.obj"))
-    test = Collisions(cartstiff.load(file, frame="c"))
-    assert test(np.array([[0.0, 0.0], [0.0, 0.7], [0.0, 1.0], [1.0, 1.0]])).tolist() == [
-        False,
-        True,
-        True,
-        False,
-    ]
-    file.write_text(body.replace("MESH", "nan.obj"))
-    with pytest.raises(InputError, match=r"nan\.obj: not a usable mesh"):
-        Collisions(cartstiff.load(file, frame="c"))
 
 
 MJCF = (

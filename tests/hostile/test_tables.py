@@ -88,7 +88,6 @@ URDF = (
 @pytest.mark.parametrize(
     "command",
     [
-        "poses r.urdf q.csv --for kuka -o out.csv",
         "equilibrium r.urdf --load 0,0,0,1,0,0 --curve 1 --csv out.csv",
         "equilibrium r.urdf --load 0,0,0,1,0,0 --path q.csv --csv out.csv",
         "modes r.urdf --response 1:50 --csv out.csv",

@@ -202,13 +202,8 @@ def test_joints_that_are_still_assumed_are_named(accepted):
 
 
 @pytest.mark.parametrize(
-    ("command", "old", "new"),
-    [
-        ("analyse", "--command", "--actuate"),
-        ("analyse", "--at", "--report-at"),
-        ("map", "--deflect", "--added-load"),
-        ("map", "--deflect-at", "--added-load-at"),
-    ],
+    ("command", "option", "near"),
+    [("analyse", "--reportat", "--report-at"), ("modes", "--responses", "--response")],
 )
-def test_an_option_that_was_renamed_says_its_name(refused, command, old, new):
-    refused(command, "ur5", old, "1", words=(f"{old} is called {new} now",))
+def test_an_unknown_option_is_refused_with_the_nearest(refused, command, option, near):
+    refused(command, "ur5", option, "1", words=("No such option", option, near))

@@ -120,11 +120,10 @@ CASES = {
         "modes ur5",
         (
             f"--q {Q} {TOOL[0]} {LOADED[0]} --response 10:20:5 --point 0,0.1,0 --damping 0.02 "
-            "--lobes 9000:9500:2 --milling 6e8,0.3,3,0,3.1416 --tip 0,0,0.02 --impedance K.csv"
+            "--impedance K.csv"
         ),
         (
             f"--q {DEG} {TOOL[1]} {LOADED[1]} --response 10:20:5 --point 0,100,0 --damping 0.02 "
-            f"--lobes 9000:9500:2 --milling 600,0.3,3,0,{math.degrees(3.1416)!r} --tip 0,0,20 "
             "--impedance K_mm.csv"
         ),
     ),
@@ -136,11 +135,6 @@ CASES = {
             f"--range elbow_joint={math.degrees(-2)!r}:{math.degrees(2)!r} "
             "--samples 8 --free-axis z"
         ),
-    ),
-    "path places": (
-        "path ur5",
-        "path.csv --place x=-0.01:0.01:2 --samples 4 --free-axis z",
-        "path_mm.csv --place x=-10:10:2 --samples 4 --free-axis z",
     ),
     "compensate": (
         "equilibrium 6-pus",

@@ -24,7 +24,6 @@ LACKS = {
     "models": TOOL | LOAD,
     "compare": TOOL | LOAD,
     "frames": LOAD,
-    "poses": LOAD | {"--gravity", "--payload"},
     "identify": {"--world", "--load-kind"},
 }
 

@@ -10,7 +10,6 @@ from cartstiff.errors import InputError
 from cartstiff.maps.run import prepare_map
 from cartstiff.maps.sampling import Grid
 from cartstiff.statics.command import commanded
-from cartstiff.vibration.chatter import Milling
 
 TOO_LARGE = {
     "q of a platform": lambda: cartstiff.analyse(cartstiff.load("stewart-gough"), [1e300] * 6),
@@ -54,7 +53,6 @@ def test_a_port_that_does_not_exist_is_refused():
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        ({"milling": Milling(6e8, 0.3, 3, 0.0, np.pi)}, "milling.*limiting_depth"),
         ({"damping": 0.02}, "damping.*damping_1"),
         ({"direction": [0, 0, 1]}, "direction.*along_free"),
         ({"deflect": [0, 0, 0, 0, 0, 1]}, "deflection.*deflection"),

@@ -111,7 +111,6 @@ def test_assumed_springs_are_the_first_sentence(tmp_path):
         ("equilibrium", [load, "--path", postures]),
         ("modes", []),
         ("path", [path, load]),
-        ("path", [path, load, "--place x=0:0.1:2"]),
         ("map", [grid, tmp_path / "map.zarr"]),
         ("frames", []),
         ("identify", ["--plan 3 --mass 5 --sd dx=0.01mm --candidates 50"]),

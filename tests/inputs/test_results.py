@@ -9,7 +9,6 @@ import pytest
 
 import cartstiff
 from cartstiff.results import LabelledResult
-from cartstiff.vibration.comparison import compare
 from cartstiff.vibration.controllers import impedance
 from cartstiff.vibration.sensitivities import intervals
 
@@ -147,5 +146,3 @@ def test_every_class_of_results_has_a_picture():
     spread = intervals(modes, cartstiff.Tolerances(stiffness=0.05))
     (lines,) = spread.plot().axes[0].collections
     assert [end[0] for end in lines.get_segments()[0]] == [spread.low[0], spread.high[0]]
-    (shortcut,) = compare(modes, ["B"])
-    assert list(shortcut.plot().axes[0].lines[0].get_xdata()) == list(shortcut.all_masses)

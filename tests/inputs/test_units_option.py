@@ -69,13 +69,6 @@ def test_path_and_what_reads_it(tmp_path):
             shown = np.array([row[:6] for row in rows[1:]], float)
             np.testing.assert_allclose(np.radians(shown), postures[name], rtol=1e-12)
     np.testing.assert_allclose(postures["a"], postures["b"], rtol=1e-6, atol=1e-8)
-    tables = [
-        run("poses ur5", tmp_path / "b.csv", "--for kuka", *units)
-        for units in ((), ("--units", "mm,deg"), ("--units", "in"))
-    ]
-    numbers = [np.array([r.split(",") for r in t.split("\n")[1:] if r], float) for t in tables]
-    np.testing.assert_allclose(numbers[1], numbers[0], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(numbers[2], numbers[0], rtol=1e-9, atol=1e-9)
     text = run("path ur5", mm, load, "--units mm,deg")
     assert "coordinates in deg" in text
     assert "[mm]" in text
@@ -94,20 +87,6 @@ def test_path_and_what_reads_it(tmp_path):
     run("equilibrium ur5", load, f"--curve 1 --csv {curve} --units mm,deg")
     names = curve.read_text().split("\n")[0].split(",")
     assert {"elbow_joint [deg]", "rx [deg]", "z [mm]", "linear_z [mm]"} <= set(names)
-    assert "kuka" not in run(f"poses ur5 {moved} --for kuka")
-
-
-def test_columns_without_units_are_in_those_of_the_option(tmp_path):
-    table = tmp_path / "q.csv"
-    table.write_text("10,-60,70,20,60,5\n")
-    named = tmp_path / "named.csv"
-    named.write_text(
-        "shoulder_pan_joint [deg],shoulder_lift_joint [deg],elbow_joint [deg],"
-        "wrist_1_joint [deg],wrist_2_joint [deg],wrist_3_joint [deg]\n10,-60,70,20,60,5\n"
-    )
-    a = run(f"poses ur5 {table} --for ur --units deg")
-    assert a == run(f"poses ur5 {named} --for ur")
-    assert a == run(f"poses ur5 {named} --for ur --units deg")
 
 
 def test_measurements_are_planned_found_and_written_in_other_units(tmp_path):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.support.commands import answer, outcome, run
+from tests.support.commands import answer, run
 
 #: M in that of the file below, whose offset is (0.1, 0, 0) in the flange: together the tool.
 TCP = "--tcp 0.0,0.02,0.3"
@@ -60,13 +60,8 @@ def test_arms(words, folder, monkeypatch):
     assert np.allclose(found["frame_offset"], TOOL_POSE, atol=1e-12)
 
 
-def test_poses_and_reports(folder, monkeypatch):
+def test_reports(folder, monkeypatch):
     monkeypatch.chdir(folder)
-    given = f"poses arm.yaml commands.csv {TCP} --for ur"
-    _, table, said = outcome(given)
-    assert TOOL in said
-    assert "tool0" not in table
-    assert TOOL in run(given, "-o program.csv")
     run("report arm.yaml", TCP, DOWN, "-o report.html")
     page = (folder / "report.html").read_text()
     assert "M is at (0.1, 0.02, 0.3) m in tool0" in page

@@ -30,7 +30,6 @@ WRONG = (None, 3, "x", [], {"a": 1}, object())
         lambda w: cartstiff.accuracy(w),
         lambda w: cartstiff.modes(w),
         lambda w: cartstiff.optimise_path(PLATFORM, w),
-        lambda w: cartstiff.best_placement(PLATFORM, w, AXES),
         lambda w: cartstiff.draw_map(w, "condition"),
         lambda w: cartstiff.open_map(w),
         lambda w: cartstiff.compute_map(PLATFORM, GRID, ["condition"], w),

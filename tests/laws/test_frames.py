@@ -33,19 +33,6 @@ def robots(tmp_path_factory):
     return files
 
 
-def test_poses_are_those_of_the_base(robots, tmp_path):
-    table = tmp_path / "postures.csv"
-    table.write_text(f"{JOINTS}\n{Q}\n")
-    for controller in ("ur", "kuka", "abb", "fanuc"):
-        first, *others = [run(f"poses {r} {table} --for {controller}") for r in robots]
-        for other in others:
-            a, b = (
-                np.array([float(x) for x in text.split("\n")[1].split(",")])
-                for text in (first, other)
-            )
-            assert b == pytest.approx(a, abs=2e-6)
-
-
 def test_matrices_along_base_axes(robots):
     for order in ("angular-linear", "linear-angular"):
         found = [answer(f"analyse {r} --q {Q} --axes base --order {order}") for r in robots]

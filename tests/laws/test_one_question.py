@@ -100,20 +100,6 @@ def test_map(arm, tmp_path):
 
 
 @SEEDS
-def test_poses_as_a_controller_shows_them(arm, tmp_path):
-    """In the robot's base; how the base is mounted changes nothing."""
-    one, file = arm
-    table = tmp_path / "q.csv"
-    names = ",".join(f"j{i}" for i in range(one.n))
-    table.write_text(f"{names}\n{numbers(one.q)}\n")
-    lines = run(f"poses {file} {table} --for ur").splitlines()
-    row = [float(v) for v in lines[-1].split(",")]
-    T_B_M = np.linalg.inv(frame(*one.base)) @ one.pose(one.q)
-    close(row[-6:-3], 1e3 * T_B_M[:3, 3], 1e-4)
-    close(row[-3:], Rotation.from_matrix(T_B_M[:3, :3]).as_rotvec(), 1e-4)
-
-
-@SEEDS
 @pytest.mark.parametrize("columns", ["displacement", "position"])
 def test_identify(arm, tmp_path, columns):
     """Springs from made measurements, all along the robot's own base axes."""

@@ -83,14 +83,6 @@ def test_the_programs_before_and_after_subtract(tmp_path, arm, postures, winds):
     data = answer(*words, "--path", table, "--against", "all")
     np.testing.assert_allclose(np.array(data["taught"]), postures, atol=1e-12)
     np.testing.assert_allclose(data["weight"], weight, atol=1e-9)
-    programs = [
-        run("poses", "ur5", found, "--for", "ur", *more).splitlines()
-        for more in ((), ("--before",))
-    ]
-    assert len(programs[0]) == len(programs[1])
-    assert programs[0][0] == programs[1][0]
-    assert programs[0][1:] != programs[1][1:]
-    run("poses", "ur5", table, "--for", "ur", "--before", code=2, said="")
 
 
 def test_weight_alone(tmp_path, arm, postures, winds):

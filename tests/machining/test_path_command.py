@@ -99,27 +99,11 @@ def test_stiffness_along_a_direction(seam):
     assert data["values"][1] == pytest.approx(1 / C[5, 5], rel=1e-6)
 
 
-def test_place_of_the_workpiece(tmp_path):
-    arm = cartstiff.load("hexapod")
-    z = arm.mechanism.at(arm.q).pose[2, 3]
-    part = tmp_path / "part.csv"
-    part.write_text("0,0,0,0,0,0\n0.01,0,0,0,0,0\n", encoding="utf-8")
-    place = ("--place", f"x=-0.02:0.02:2,z={z}:{z + 3}:2")
-    text = run("path hexapod", part, *LOAD, *place)
-    assert "Best place of the workpiece: x = " in text
-    assert "2 of 4 places cannot be used: 2 path-beyond-limits" in text
-    data = answer("path hexapod", part, *LOAD, *place)
-    assert data["unusable"] == {"path-beyond-limits": 2}
-    assert data["path"]["summary"]["worst"] <= min(v for v in data["worst"] if v is not None)
-
-
 @needs_plots
 def test_pictures(seam, tmp_path):
-    picture, places = tmp_path / "k.png", tmp_path / "places.svg"
+    picture = tmp_path / "k.png"
     run("path hexapod", seam, *LOAD, "--free-axis z", *QUICK, f"--plot {picture}")
     assert picture.read_bytes().startswith(b"\x89PNG")
-    run("path hexapod", seam, *LOAD, f"--place x=-0.01:0.01:2 --plot-places {places}")
-    assert b"<svg" in places.read_bytes()
 
 
 def test_path_that_cannot_be_followed(tmp_path):

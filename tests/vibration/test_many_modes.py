@@ -22,7 +22,6 @@ from cartstiff.batch.vibrations import ManyModes
 from cartstiff.errors import ConvergenceError, InputError
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.toolpaths.optimise import criteria
-from cartstiff.vibration.chatter import Milling, limiting_depth, limiting_depths
 from cartstiff.vibration.response import Damping, poles
 
 
@@ -122,31 +121,25 @@ def test_springs_alone_need_no_stiffness_at_the_body(name, kind):
             )
 
 
-def test_maps_and_paths_of_damping_and_limiting_depth(tmp_path):
+def test_maps_and_paths_of_damping(tmp_path):
     elastic = load("ur5")
-    cut = Milling(6e8, 0.3, 3, 0.0, np.pi / 2, at=(0.0, 0.0, 0.05))
     how = Damping(0.02, stiffness=1e-4)
     columns = {"elbow_joint": [1.0, 1.6]}
     sampling = Trajectory.from_table(columns, elastic, elastic.q)
-    names = ["damping_1", "damping_6", "limiting_depth"]
+    names = ["damping_1", "damping_6"]
     file = tmp_path / "d.zarr"
-    data = compute_map(elastic, sampling, names, file, damping=how, milling=cut)
+    data = compute_map(elastic, sampling, names, file, damping=how)
     for i, angle in enumerate(columns["elbow_joint"]):
         found = modes(elastic, {"elbow_joint": angle})
         ratios = 0.02 + 0.5e-4 * 2 * np.pi * found.frequencies
         assert float(data["damping_1"].values[i]) == pytest.approx(ratios[0], rel=1e-6)
         assert float(data["damping_6"].values[i]) == pytest.approx(ratios[5], rel=1e-6)
-        depth = limiting_depth(found, cut, how)
-        assert float(data["limiting_depth"].values[i]) == pytest.approx(depth, rel=1e-6)
-    with pytest.raises(InputError, match="milling"):
-        compute_map(elastic, sampling, names, file, damping=how)
     with pytest.raises(InputError, match="needs damping"):
-        compute_map(elastic, sampling, names, tmp_path / "e.zarr", milling=cut)
+        compute_map(elastic, sampling, names, tmp_path / "e.zarr")
     poses = np.stack([elastic.mechanism.at(elastic.q + 0.02 * i).pose for i in range(2)])
-    options = {"criterion": "limiting_depth", "damping": how, "milling": cut}
-    best = optimise_path(elastic, ToolPath(poses), **options)
-    depths = limiting_depths(elastic, list(best.q), cut, how)
-    assert best.values == pytest.approx(depths, rel=1e-6)
+    best = optimise_path(elastic, ToolPath(poses), criterion="damping_1", damping=how)
+    ratios = [how.of_modes(modes(elastic, q))[0] for q in best.q]
+    assert best.values == pytest.approx(ratios, rel=1e-6)
 
 
 def test_dampers_make_the_ratios_of_the_poles():

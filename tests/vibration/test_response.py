@@ -9,7 +9,6 @@ from tests.support.commands import refuses
 from tests.vibration.test_modes import LENGTH, M_1, K, column
 
 from cartstiff import analyse, load, modes
-from cartstiff.loading.tables import read_response
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.vibration.response import (
     Damping,
@@ -106,20 +105,6 @@ def test_reciprocity_and_notes():
     at_pole = frequency_response(column_at_pole := modes(column(stiffness=(0.0, K))), [0.0])
     assert np.isnan(at_pole.matrix).all()
     assert column_at_pole.frequencies[0] == 0.0
-
-
-@pytest.mark.parametrize("kind", ["receptance", "mobility", "accelerance"])
-def test_a_response_that_was_written_is_read_as_a_measured_one(kind, tmp_path):
-    """Its heads state units: in another unit of length the numbers differ."""
-    found, along = modes(column()), [0.0, 1.0, 0.0]
-    written = tmp_path / "response.csv"
-    written.write_text(
-        frequency_response(found, [3.0, 7.0], 0.02, kind=kind).to_csv(along), "utf-8"
-    )
-    hertz, receptance = read_response(written)
-    assert hertz.tolist() == [3.0, 7.0]
-    expected = frequency_response(found, [3.0, 7.0], 0.02).along(along)
-    assert receptance == pytest.approx(expected, rel=1e-12)
 
 
 def test_what_is_refused_and_written():

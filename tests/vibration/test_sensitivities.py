@@ -14,7 +14,6 @@ from tests.vibration.test_modes import LENGTH, M_1, K, column
 from cartstiff import analyse, load, modes
 from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
-from cartstiff.vibration.comparison import compare
 from cartstiff.vibration.sensitivities import accuracy, intervals, sensitivities
 
 #: Two rounds of central differences.
@@ -196,24 +195,6 @@ def test_measured_springs_give_intervals_by_themselves(tmp_path):
     assert accuracy(modes(arm, wrench=W), level=0.99).factor == pytest.approx(2.845340, rel=1e-6)
     told = answer("modes", file)["intervals"]
     assert told["level"] == 0.9
-
-
-def test_shortcuts():
-    """Unloaded, all matrices with all masses are right; under a load only its tangent is."""
-    bare = {s.name: s for s in compare(modes(load("ur5")))}
-    for name in "ABKF":
-        assert np.abs(bare[name].errors).max() < 1e-9
-        assert bare[name].body_errors.max() > 0.5  # the arm's own masses are missing
-    loaded = modes(load("ur5"), wrench=[0, 0, 0, 0, 400.0, -3000.0])
-    found = {s.name: s for s in compare(loaded)}
-    assert np.abs(found["load"].errors).max() < 1e-9
-    assert np.abs(found["K"].errors).max() < 1e-9  # a dead force at the origin
-    assert np.abs(found["F"].errors).max() > 1e-3
-    assert np.abs(found["energy"].errors).max() == 0.0
-    five = {s.name: s for s in compare(modes(load("five-bar")), ("A", "F"))}
-    assert five["F"].missing is not None
-    with pytest.raises(InputError, match="comparison"):
-        compare(loaded, ("X",))
 
 
 def test_flutter_has_no_sensitivities():

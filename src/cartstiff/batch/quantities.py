@@ -25,7 +25,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.contract import Units
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
-from cartstiff.vibration.chatter import Milling
 from cartstiff.vibration.response import Damping
 
 #: Connections whose matrix may be asymmetric.
@@ -57,8 +56,6 @@ class Settings:
         Whether a load is given.
     damping : Damping
         Damping of the vibrations, besides the mechanism's own dampers.
-    milling : Milling, optional
-        The cutter for the limiting depth.
     """
 
     connection: str = "B"
@@ -70,7 +67,6 @@ class Settings:
     deflect_at: tuple[float, ...] = (0.0, 0.0, 0.0)
     is_loaded: bool = False
     damping: Damping = field(default_factory=Damping)
-    milling: Milling | None = None
 
     @property
     def matrix(self) -> str:
@@ -236,7 +232,7 @@ class Quantity:
         Outputs of `cartstiff.batch.postures.analyse_many`; {connection} is replaced by the
         connection, {matrix} by `Settings.matrix`, "inverse" by `Settings.inverted`, "free" by
         `Settings.free`.
-    asks : {"direction", "deflect", "length", "damping", "milling"}, optional
+    asks : {"direction", "deflect", "length", "damping"}, optional
         The setting that it depends on.
     better : {"larger", "smaller"}, optional
         Which end belongs to the better posture.
@@ -251,7 +247,7 @@ class Quantity:
     unit: str
     function: Callable[[Any], Numbers] = field(repr=False)
     needs: tuple[str, ...]
-    asks: Literal["direction", "deflect", "length", "damping", "milling"] | None = None
+    asks: Literal["direction", "deflect", "length", "damping"] | None = None
     better: Literal["larger", "smaller"] | None = "larger"
     root: int = 1
     is_recorded: bool = True
@@ -337,15 +333,6 @@ def _vibration_quantities() -> Iterator[Quantity]:
             "damping",
             is_recorded=False,
         )
-    yield Quantity(
-        "limiting_depth",
-        "depth of a milling cut that is stable at every speed",
-        "{length}",
-        lambda s: s.limiting_depths(),
-        ("pose",),
-        "milling",
-        is_recorded=False,
-    )
 
 
 def _condition_of(s: Any, freedom: Freedom) -> Numbers:

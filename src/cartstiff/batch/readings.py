@@ -330,7 +330,7 @@ class Readings:
 
     def __post_init__(self) -> None:
         """Remove settings that no recorded quantity uses, and that are not hashable."""
-        settings = replace(self.settings, damping=Damping(), milling=None)
+        settings = replace(self.settings, damping=Damping())
         object.__setattr__(self, "settings", settings)
 
     @property

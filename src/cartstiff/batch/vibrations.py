@@ -26,7 +26,6 @@ from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.applied_load import LoadKind
-from cartstiff.vibration.chatter import Milling, limiting_depth
 from cartstiff.vibration.modes import Modes, modes
 from cartstiff.vibration.response import Damping, poles
 
@@ -79,10 +78,6 @@ class ManyModes:
         if not (damping.dampers and self.elastic.damping is not None):
             return self._each(lambda modes: damping.of_modes(modes), count)
         return self._each(lambda modes: poles(modes, damping)[1], count)
-
-    def limiting_depths(self, milling: Milling, damping: Damping) -> Array:
-        """Depths of cut (N,) that are stable at every speed, by the zeroth-order theory."""
-        return self._each(lambda modes: [limiting_depth(modes, milling, damping)], 1)[:, 0]
 
     @property
     def _loads(self) -> Array | None:

@@ -277,22 +277,6 @@ def _parameters(
         yield _parameter(f.name, hints[f.name], f.default, words, section)
 
 
-#: Renamed options, with their new names.
-RENAMED = {
-    "--command": "--actuate",
-    "--at": "--report-at",
-    "--deflect": "--added-load",
-    "--deflect-at": "--added-load-at",
-}
-#: Removed options of commands: message and replacement.
-GONE = {
-    "map --workers": (
-        "is no option any more",
-        "--dask ADDRESS of 'dask scheduler' and 'dask worker'",
-    ),
-    "map --scheduler": ("has another name now", "--dask ADDRESS"),
-    "design --scheduler": ("designs have no scheduler any more", "--workers N"),
-}
 #: Key in a context's meta if the whole help is shown.
 HELP_ALL = "cartstiff.help_all"
 # Number of lines of examples in the short help.
@@ -439,11 +423,6 @@ class Command(click.Command):
                 reason = self._meaningless[option]
                 what = f"has no meaning for 'cartstiff {self.name}': {reason}"
                 raise InputError(what, where=option) from None
-            if option in RENAMED:
-                raise InputError(f"{option} is called {RENAMED[option]} now") from None
-            if f"{self.name} {option}" in GONE:
-                what, instead = GONE[f"{self.name} {option}"]
-                raise InputError(what, where=option, expected=instead) from None
             if option[1:2].isdigit():
                 raise InputError(
                     "numbers of an option are joined by commas, without spaces",

@@ -44,12 +44,11 @@ _COMMANDS = {
     ),
     "path": (
         "cartstiff.cli.path",
-        "The stiffest postures along a path, and where to put the workpiece.",
+        "The stiffest postures along a path.",
     ),
-    "poses": ("cartstiff.cli.frames", "Postures of a table as a robot controller shows them."),
     "modes": (
         "cartstiff.cli.modes",
-        "Natural frequencies under load, chatter, damping for an impedance controller.",
+        "Natural frequencies under load, response, damping for an impedance controller.",
     ),
     "identify": (
         "cartstiff.cli.identify",

@@ -264,7 +264,7 @@ class Shown:
     "map",
     json_of_file=False,
     rare="lengths pose rest load_at load_kind ranges direction added_load connection damping "
-    "milling chunk progress dask",
+    "chunk progress dask",
     more=(
         ending(
             "--list-quantities",
@@ -309,7 +309,7 @@ def command(
     reading
         Quantities of the map.
     vibration
-        Damping and milling.
+        Damping.
     shown
         Results of the map.
     out
@@ -360,7 +360,6 @@ def command(
         **reading.keywords,
         world=setup.world and (reading.direction or reading.added_load) is not None,
         damping=vibration.damped,
-        milling=vibration.cutter,
     )
     start = time.perf_counter()
     try:

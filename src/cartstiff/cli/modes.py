@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -25,7 +25,7 @@ from cartstiff.cli.options import (
     declared,
 )
 from cartstiff.cli.tables import read_target
-from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.errors import UndefinedError
 
 if TYPE_CHECKING:
     from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -122,7 +122,7 @@ def _text(gains: dict[str, Any], ending: str) -> str:
 
 @dataclass(frozen=True)
 class Response:
-    """Response and lobes.
+    """Response.
 
     Parameters
     ----------
@@ -135,98 +135,49 @@ class Response:
     direction
         Direction for --response, along the body's axes (the room's for a transmissibility); default
         x, y and z.
-    lobes
-        Stability lobes of --milling, between two spindle speeds [rev/min]: limiting depth by the
-        zeroth-order theory.
-    measured : FILE
-        Response measured at the tool, in place of the modes for --lobes: .csv or .mat of three
-        columns, frequency [Hz], real and imaginary part [um/N]; given twice: along feed and normal.
     """
 
     API: ClassVar = ("vibration/response.py frequency_response point=at",)
-    NEEDS: ClassVar = {
-        "kind point direction": "response",
-        "milling feed normal tip measured": "lobes",
-    }
-    RARE: ClassVar = "kind point measured"
+    NEEDS: ClassVar = {"kind point direction": "response"}
+    RARE: ClassVar = "kind point"
 
     response: Annotated[_Range, Sweep(400, 1_000_000, "Hz")] = None
     kind: Annotated[Any, click.Choice([*RESPONSES, "transmissibility"])] = "receptance"
     point: Point = None
     direction: Direction = None
-    lobes: Annotated[_Range, Sweep(12, 2000, "rev/min", above_zero=True)] = None
-    measured: tuple[Path, ...] = ()
 
     def run(
         self, modes: Modes, vibration: Vibration, data: dict[str, Any]
     ) -> tuple[list[str], dict[str, Any]]:
         """Compute, add to the JSON object; return text, and functions that make the files."""
+        if self.response is None:
+            return [], {}
         import numpy as np
 
-        lines: list[str] = []
-        made: dict[str, Any] = {}
-        if self.response is not None:
-            from cartstiff.report.modes import describe_response
-            from cartstiff.vibration.response import frequency_response, transmissibility
+        from cartstiff.report.modes import describe_response
+        from cartstiff.vibration.response import frequency_response, transmissibility
 
-            low, high, count = self.response
-            hertz = np.geomspace(low, high, count) if low > 0.0 else np.linspace(low, high, count)
-            asked = modes, hertz, vibration.damped
-            at = self.point or (0.0, 0.0, 0.0)
-            answer: Any = (
-                transmissibility(*asked, at=at)
-                if self.kind == "transmissibility"
-                else frequency_response(*asked, kind=self.kind, at=at)
-            )
-            data["response"] = answer.to_dict(self.direction)
-            lines += describe_response(answer, self.direction)
-            made = {
-                "csv": lambda: answer.to_csv(self.direction),
-                "plot": lambda: answer.plot(self.direction, modes),
-            }
-        if self.lobes is not None and vibration.cutter is not None:
-            from cartstiff.report.modes import describe_lobes, lobes_csv
-            from cartstiff.vibration.chatter import MeasuredReceptance, lobes
-
-            damping, units = vibration.damped, modes.elastic.units
-            speeds = np.linspace(*self.lobes)
-            if self.measured:
-                if len(self.measured) > 2:
-                    raise InputError("is for feed and normal", where="--measured", got="more files")
-                own = "feed normal tip" + " damping rayleigh" * (self.response is None)
-                if idle := [f"--{n}" for n in own.split() if getattr(vibration, n) is not None]:
-                    raise InputError(
-                        "has its own directions, point and damping",
-                        where="--measured",
-                        got=" and ".join(idle),
-                    )
-                normal = self.measured[1] if len(self.measured) > 1 else None
-                held = MeasuredReceptance.read(self.measured[0], normal, units=units)
-                curve = lobes(held, vibration.cutter, speeds)
-            elif not damping.acts_on(modes.elastic):
-                raise InputError(
-                    "needs damping",
-                    where="--lobes",
-                    expected="--damping, --rayleigh, or --measured FILE",
-                )
-            else:
-                curve = lobes(modes, vibration.cutter, speeds, damping)
-            milling = asdict(vibration.cutter)
-            data["lobes"] = {**curve.to_dict(), "milling": milling, "unit": units.length}
-            lines += describe_lobes(curve, units)
-            made = {
-                "csv": lambda: lobes_csv(curve, units.length),
-                "plot": lambda: curve.plot(units.length),
-            }
-        return lines, made
+        low, high, count = self.response
+        hertz = np.geomspace(low, high, count) if low > 0.0 else np.linspace(low, high, count)
+        asked = modes, hertz, vibration.damped
+        at = self.point or (0.0, 0.0, 0.0)
+        answer: Any = (
+            transmissibility(*asked, at=at)
+            if self.kind == "transmissibility"
+            else frequency_response(*asked, kind=self.kind, at=at)
+        )
+        data["response"] = answer.to_dict(self.direction)
+        return describe_response(answer, self.direction), {
+            "csv": lambda: answer.to_csv(self.direction),
+            "plot": lambda: answer.plot(self.direction, modes),
+        }
 
 
 @declared(
     "modes",
     needs={
         "world": "load",
-        "damping rayleigh csv plot": "response lobes",
-        "feed normal tip": "lobes",
+        "damping rayleigh csv plot": "response",
     },
     rare="lengths rest load_at sensitivities tolerance",
 )
@@ -256,12 +207,11 @@ def command(
     out: Annotated[
         Output,
         Overrides(
-            csv="Write the response, or the lobes.",
-            plot="Draw the response as a Bode diagram, or the lobes.",
+            csv="Write the response.",
+            plot="Draw the response as a Bode diagram.",
         ),
     ],
     *,
-    compare: str | None = None,
     strict: bool = False,
 ) -> None:
     r"""Natural frequencies and modes of MECHANISM at a posture, under its load.
@@ -275,17 +225,15 @@ def command(
     setup
         The mechanism at its posture, with tool, weight and load.
     response
-        The response to a force, and lobes of milling.
+        The response to a force.
     vibration
-        Damping and milling.
+        Damping.
     controller
         An impedance controller.
     parameters
         Derivatives by the parameters, and their deviations.
     out
         Output.
-    compare : NAMES
-        Compare frequencies of 6x6 stiffnesses: with a mass at the tip; some of A,B,K,F,load,energy.
     strict
         Exit with code 3 if there are no modes.
 
@@ -294,25 +242,16 @@ def command(
     cartstiff modes stewart-simscape
     cartstiff modes ur5 --load 0,0,0,0,0,-500 --world
     cartstiff modes panda --payload 2,0,0,0.1 --json
-    cartstiff modes ur5 --load 0,0,0,0,0,-500 --compare A,B,K,F,energy
     cartstiff modes ur5 --response 5:100 --damping 0.02 --direction 0,0,1 --plot bode.png
-    cartstiff modes stewart-simscape --damping 0.02 --milling 6e8,0.3,3,0,1.5708 \
-      --lobes 9000:20000 --plot lobes.png
     cartstiff modes panda --impedance wanted.json --ratio 0.7 -o controller.yaml
     cartstiff modes stewart-simscape --sensitivities --tolerance 0.05,0.0001
     """
-    if response.response is not None and response.lobes is not None and (out.csv or out.plot):
-        raise InputError(
-            "serve one at a time", where="--csv and --plot", expected="--response or --lobes"
-        )
-    if response.lobes is not None and vibration.milling is None:
-        raise InputError("needs a force law", where="--lobes", expected="--milling")
     elastic, q = setup.read()
 
     import numpy as np
 
     from cartstiff.report.analysis import BALANCING
-    from cartstiff.report.modes import describe_comparison, describe_modes
+    from cartstiff.report.modes import describe_modes
     from cartstiff.vibration.modes import modes
 
     try:
@@ -334,17 +273,7 @@ def command(
     if bare is not None:
         unloaded = bare.to_dict()
         data["unloaded"] = {key: unloaded[key] for key in ("frequencies", "eigenvalues", "load")}
-    lines: list[str] = []
-    if compare is not None:
-        from cartstiff.vibration.comparison import compare as compared
-
-        try:
-            shortcuts = compared(swinging, [name.strip() for name in compare.split(",")])
-        except UnknownNameError as error:
-            raise error.at("--compare") from None
-        data["compare"] = [shortcut.to_dict() for shortcut in shortcuts]
-        lines += describe_comparison(shortcuts)
-    lines += parameters.add(swinging, setup, data)
+    lines = parameters.add(swinging, setup, data)
     more, made = response.run(swinging, vibration, data)
     lines += [*more, *controller.run(swinging, data)]
     out.show(data, setup.mechanism, lambda: describe_modes(swinging, bare, lines), **made)

@@ -2,8 +2,7 @@
 
 The options that prepare a question are one object, `Setup`: the mechanism, its posture, springs,
 tool, weight and load. A command gets them by one parameter of this type, with one meaning. Other
-groups are the same on every command as well: damping and milling (`Vibration`), output files
-(`Output`).
+groups are the same on every command as well: damping (`Vibration`), output files (`Output`).
 
 Text that cannot be used raises an `InputError` that names the option.
 """
@@ -28,7 +27,6 @@ from cartstiff.notes import DOUBTS
 from cartstiff.parsing import parse_numbers
 
 if TYPE_CHECKING:
-    from cartstiff.vibration.chatter import Milling
     from cartstiff.vibration.response import Damping
 
 
@@ -395,20 +393,19 @@ class Pairs(OptionType):
 
 
 class Sweep(OptionType):
-    """``LOW:HIGH[:COUNT]`` as two increasing numbers, the first one `above_zero`, and a count."""
+    """``LOW:HIGH[:COUNT]`` as two increasing numbers and a count."""
 
-    def __init__(self, count: int, most: int, unit: str, *, above_zero: bool = False) -> None:
+    def __init__(self, count: int, most: int, unit: str) -> None:
         super().__init__("LOW:HIGH[:COUNT]")
-        self.count, self.most, self.unit, self.above_zero = count, most, unit, above_zero
+        self.count, self.most, self.unit = count, most, unit
 
     def parsed(self, text: str, where: str) -> tuple[float, float, int]:
         """Low, high and count."""
         parts = text.split(":")
-        sign = "<" if self.above_zero else "<="
-        expected = f"{self.name}, 0 {sign} LOW < HIGH in {self.unit}"
+        expected = f"{self.name}, 0 <= LOW < HIGH in {self.unit}"
         numbers = [parse_numbers(part, where, 1)[0] for part in parts if len(parts) in (2, 3)]
         low, high, count = [*numbers, self.count][:3] if numbers else (1.0, 0.0, 0)
-        if not (0.0 <= low < high) or (self.above_zero and low == 0.0):
+        if not (0.0 <= low < high):
             raise InputError("cannot be used", where=where, expected=expected, got=text)
         if not (count == int(count) and 2 <= count <= self.most):
             raise InputError(
@@ -461,7 +458,6 @@ Tolerance = Annotated[
 Ratios = Annotated[_Numbers, Numbers("RATIO[,RATIO...]", low=0)]
 Axis = Annotated[_Ranges, Pairs("NAME=LOW:HIGH", axes=True)]
 Grid = Annotated[_Ranges, Pairs("NAME=LOW:HIGH:COUNT", axes=True)]
-Region = Annotated[_Ranges, Pairs("NAME=LOW:HIGH:COUNT", frame=True)]
 Picture = Annotated[Path | None, OutputFile("FILE.png", ".png", ".svg", ".pdf")]
 Csv = Annotated[Path | None, OutputFile("FILE.csv", ".csv")]
 Count = Annotated[int | None, click.IntRange(1)]
@@ -959,32 +955,19 @@ class Parameters:
 
 @dataclass(frozen=True)
 class Vibration:
-    """Damping and milling.
+    """Damping.
 
     Parameters
     ----------
     rayleigh
         Damping alpha M + beta K [1/s, s]. Dampers of the mechanism always act.
-    milling
-        Force law of a mill: tangential force per area, radial over tangential, teeth, and angles
-        (rad) at which a tooth enters and leaves (slot 0,3.1416; half up 0,1.5708).
     """
 
-    API: ClassVar = (
-        "vibration/response.py Damping damping=ratios",
-        "vibration/chatter.py Milling tip=at",
-    )
-    NEEDS: ClassVar = {"feed normal tip": "milling"}
-    RARE: ClassVar = "rayleigh feed normal tip"
+    API: ClassVar = ("vibration/response.py Damping damping=ratios",)
+    RARE: ClassVar = "rayleigh"
 
     damping: Ratios = None
     rayleigh: Annotated[_Numbers, Numbers("ALPHA,BETA", 2, low=0)] = None
-    milling: Annotated[_Numbers, Numbers("KT,KR,TEETH,ENTRY,EXIT", 5, powers=(-2, 0, 0, ANGLE))] = (
-        None
-    )
-    feed: Vector = None
-    normal: Vector = None
-    tip: Point = None
 
     @property
     def damped(self) -> Damping:
@@ -994,16 +977,3 @@ class Vibration:
         alpha, beta = self.rayleigh or (0.0, 0.0)
         ratios = tuple(self.damping or (0.0,))
         return Damping(ratios[0] if len(ratios) == 1 else ratios, alpha, beta)
-
-    @property
-    def cutter(self) -> Milling | None:
-        """The cutter of --milling; None without it."""
-        if self.milling is None:
-            return None
-        from cartstiff.vibration.chatter import Milling
-
-        kt, kr, teeth, entry, exit_ = self.milling
-        more: dict[str, Any] = {"feed": self.feed, "normal": self.normal, "at": self.tip}
-        more = {key: tuple(value) for key, value in more.items() if value is not None}
-        count = int(teeth) if teeth == int(teeth) else teeth
-        return Milling(kt, kr, count, entry, exit_, **more)  # type: ignore[arg-type]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -17,8 +15,6 @@ from cartstiff.cli.options import (
     Direction,
     JointValues,
     Output,
-    Picture,
-    Region,
     Seed,
     Setup,
     Values,
@@ -29,9 +25,6 @@ from cartstiff.cli.options import (
 from cartstiff.cli.output import Progress
 from cartstiff.errors import InputError, check_name
 from cartstiff.matrix_names import OF_MANY
-
-# Largest number of places; a finer grid would take days.
-_MOST_PLACES = 10_000
 
 
 @dataclass(frozen=True)
@@ -64,9 +57,9 @@ class Search:
 
 @declared(
     "path",
-    needs={"plot_places": "place", "load_kind": "loaded", "world": ""},
+    needs={"load_kind": "loaded", "world": ""},
     exclusive=("free_axis free_rotation",),
-    rare="damping milling max_step ranges near collisions plot_places progress",
+    rare="damping max_step ranges near progress",
 )
 def command(
     setup: Annotated[
@@ -96,12 +89,9 @@ def command(
     max_step: Annotated[Values | None, JointValues(broadcast=True)] = None,
     ranges: Annotated[Axis, "--range"] = None,
     near: Annotated[Values | None, JointValues()] = None,
-    collisions: bool = False,
-    place: Region = None,
-    plot_places: Picture = None,
     progress: bool | None = None,
 ) -> None:
-    r"""The postures in which MECHANISM is stiffest along a path, and where to put the workpiece.
+    r"""The postures in which MECHANISM is stiffest along a path.
 
     PATH.csv has one pose of the body frame a line: x, y, z, roll, pitch, yaw and, if wanted, a
     wrench mx, my, mz, fx, fy, fz; a first line may name the columns, also ax, ay, az for the tool's
@@ -116,7 +106,7 @@ def command(
     search
         Optimisation.
     vibration
-        Damping and milling.
+        Damping.
     out
         Output.
     free_axis
@@ -136,14 +126,6 @@ def command(
     near
         Stay in the configuration of this posture: every joint that turns stays within 90 degrees of
         it (numbers or name=value pairs; the others as in --q or the file).
-    collisions
-        Leave out postures in which links collide with each other, by the <collision> shapes of the
-        URDF; without it collisions are not checked.
-    place
-        Find the best place of the workpiece: on this grid of x, y, z, yaw, then around the grid's
-        best point. The file's poses are then those in the workpiece's frame.
-    plot_places
-        Draw the criterion over the places of --place.
     progress
         Bar on standard error; default on a terminal.
 
@@ -154,23 +136,17 @@ def command(
     cartstiff path ur5 seam.csv --free-axis x --criterion along_free --direction 1,0,0 --plot k.png
     cartstiff path ur5 seam.csv --free-axis x --load 0,0,0,-120,0,30 --loaded --load-kind follower
     cartstiff path ur5 seam.csv --free-axis x --load 0,0,0,-120,0,0 --range elbow_joint=0:2.6 \
-        --near 0,-1.2,1.5,0,1,0 --collisions
-    cartstiff path ur5 part.csv --free-axis x --load 0,0,0,-120,0,0 --place x=0.4:0.6:3,y=-0.2:0.2:5
+        --near 0,-1.2,1.5,0,1,0
     """
     if setup.world:
         if axes not in (None, "world"):
             raise InputError("give --world or --axes, not both")
         axes = "world"
-    region = _region(place or {})
     elastic = setup.at_posture()
 
     from cartstiff.cli.tables import read_path_file
-    from cartstiff.report.statics import (
-        describe_optimised_path,
-        describe_placement,
-    )
+    from cartstiff.report.statics import describe_optimised_path
     from cartstiff.toolpaths.optimise import optimise_path
-    from cartstiff.toolpaths.placement import best_placement
 
     free = "rotation" if free_rotation else free_axis or "none"
     path = read_path_file(
@@ -186,7 +162,12 @@ def command(
     for name, (low, high) in (ranges or {}).items():
         check_name("joint", name, elastic.names, "--range")
         if not low <= high:
-            raise _must_rise(f"--range {name}", "LOW at most HIGH", low, high)
+            raise InputError(
+                "values must rise",
+                where=f"--range {name}",
+                expected="LOW at most HIGH",
+                got=f"{low:g}:{high:g}",
+            )
     options: dict[str, Any] = {
         **asdict(search),
         **setup.manner,
@@ -195,59 +176,16 @@ def command(
         "ranges": ranges,
         "near": None if near is None else near.of(elastic.names),
         "damping": vibration.damped,
-        "milling": vibration.cutter,
     }
     if search.singular is None:
         del options["singular"]
-    if collisions:
-        from cartstiff.loading.collisions import Collisions
-
-        options["collisions"] = Collisions(elastic)
     is_written = out.csv is not None
-    if not region:
-        with Progress("path", progress) as advance:
-            result = optimise_path(elastic, path, progress=advance, **options)
-        out.show(
-            result.to_dict(),
-            elastic.name,
-            lambda: describe_optimised_path(result, is_written=is_written),
-            csv=result.to_csv,
-            plot=result.plot,
-        )
-        return
-    from cartstiff.report.output import write_files
-
-    with Progress("places", progress) as advance:
-        placement = best_placement(elastic, path, region, progress=advance, **options)
-    write_files((plot_places, placement.plot))
+    with Progress("path", progress) as advance:
+        result = optimise_path(elastic, path, progress=advance, **options)
     out.show(
-        placement.to_dict(),
+        result.to_dict(),
         elastic.name,
-        lambda: describe_placement(placement, is_written=is_written),
-        csv=placement.path.to_csv,
-        plot=placement.path.plot,
+        lambda: describe_optimised_path(result, is_written=is_written),
+        csv=result.to_csv,
+        plot=result.plot,
     )
-
-
-def _must_rise(where: str, expected: str, low: float, high: float) -> InputError:
-    return InputError("values must rise", where=where, expected=expected, got=f"{low:g}:{high:g}")
-
-
-def _region(axes: Mapping[str, tuple[float, ...]]) -> dict[str, Any]:
-    """Return the values of the workpiece's coordinates from --place."""
-    if not axes:
-        return {}
-    import numpy as np
-
-    from cartstiff.toolpaths.placement import COORDINATES
-
-    for name, (low, high, steps) in axes.items():
-        check_name("coordinate", name, COORDINATES, "--place")
-        if not (high > low or (high == low and steps == 1)):
-            raise _must_rise(f"--place {name}", "LOW below HIGH", low, high)
-    total = math.prod(int(count) for _, _, count in axes.values())
-    if total > _MOST_PLACES:
-        raise InputError(
-            "too many places", where="--place", expected=f"at most {_MOST_PLACES}", got=total
-        )
-    return {name: np.linspace(low, high, int(n)) for name, (low, high, n) in axes.items()}

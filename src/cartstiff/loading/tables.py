@@ -20,7 +20,7 @@ import numpy as np
 from cartstiff.arrays import Array, unsafe_cell
 from cartstiff.choices import AXES, Axes
 from cartstiff.errors import InputError, one_line
-from cartstiff.loading.yaml_file import LARGEST, read_bytes, read_text
+from cartstiff.loading.yaml_file import LARGEST, read_text
 from cartstiff.mechanisms.contract import (
     ANGLES,
     FORCES,
@@ -455,91 +455,6 @@ def named_unit(cell: str, units: Units, place: str) -> tuple[str, float | None]:
         return name, None
     length, force = convert_length(SI, units)
     return name, size * {"length": length, "force": force, "moment": force * length}.get(kind, 1.0)
-
-
-_HERTZ = {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / np.pi}
-# Number of time derivatives of the displacement, by the unit of the response.
-_DERIVATIVES = {"": 0, "s": 1, "s^2": 2}
-
-
-def read_response(path: Path) -> tuple[Array, Array]:
-    """Read a measured frequency response: frequencies [Hz] (N,), displacement per force [m/N] (N,).
-
-    Parameters
-    ----------
-    path : Path
-        Three columns: frequency [Hz], real and imaginary part [um/N], [m/s/N] or [m/s^2/N]; the
-        latter two are converted to displacements. CSV with units in the heads; or MAT with one
-        array (N, 3) and a text "units" such as "Hz, um/N, um/N". A row at 0 Hz is ignored.
-
-    Raises
-    ------
-    InputError
-        With file and line or row: other units, fewer than two frequencies, or not ascending ones.
-    """
-    place, is_mat = one_line(str(path)), path.suffix.lower() == ".mat"
-    if is_mat:
-        units, table = _of_mat(path, place)
-        rows = [f"{place}, row {i}" for i in range(1, len(table) + 1)]
-    else:
-        cells = read_cells(path, "frequencies")
-        heads = [h if "[" in h else h.translate(_SQUARE) for h in cells.names]
-        units, place = [(_HEAD.fullmatch(h) or "  ")[2] or "" for h in heads], cells.place
-        table, rows = cells.numbers(), cells.places
-    first, *others = [plain_unit(unit) for unit in units]
-    length, _, rest = re.sub(r"[() ]", "", others[0] if others else "").partition("/")
-    rate, _, force = rest.rpartition("/")
-    known = length in LENGTHS and force in FORCES and rate in _DERIVATIVES and first in _HERTZ
-    if len(units) != 3 or others[0] != others[1] or not known:
-        one = "a text 'units' such as 'Hz, um/N, um/N'"
-        wanted = "columns such as 'frequency [Hz]', 'real [um/N]', 'imaginary [um/N]'"
-        raise InputError(
-            "no frequency response with units",
-            where=place,
-            expected=one if is_mat else wanted,
-            got=", ".join(units),
-        )
-    used = np.flatnonzero(table[:, 0] != 0.0)
-    table, hertz = table[used], table[used, 0] * _HERTZ[first]
-    wrong = np.diff(hertz, prepend=0.0) <= 0.0
-    if wrong.any() or len(hertz) < 2:
-        raise InputError(
-            "measured frequencies cannot be used",
-            where=rows[used[np.argmax(wrong)]] if wrong.any() else place,
-            expected="two or more above zero, ascending",
-            got=f"{hertz[np.argmax(wrong)]:g} Hz" if wrong.any() else f"{len(hertz)}",
-        )
-    size = LENGTHS[length] / FORCES[force] / (2j * np.pi * hertz) ** _DERIVATIVES[rate]
-    return hertz, (table[:, 1] + 1j * table[:, 2]) * size
-
-
-def _of_mat(path: Path, place: str) -> tuple[list[str], Array]:
-    """Units and the only array (N, 3) of numbers in a MAT file."""
-    from io import BytesIO
-
-    from scipy.io import loadmat, whosmat
-
-    data = BytesIO(read_bytes(path, LARGEST))
-    try:
-        sizes = {name: shape for name, shape, _ in whosmat(data)}
-        arrays = [n for n, s in sizes.items() if len(s) == 2 and s[1] == 3 and s[0] <= _MAX_ROWS]
-        if len(arrays) != 1 or "units" not in sizes or max(sizes["units"]) > _MAX_ROWS:
-            raise InputError(
-                "no frequency response with units",
-                where=place,
-                expected="one array (N, 3) and a text 'units' such as 'Hz, um/N, um/N'",
-                got=", ".join(sizes),
-            )
-        found = loadmat(data, variable_names=[*arrays, "units"], chars_as_strings=True)
-        table = np.asarray(found[arrays[0]], float)
-        text = "".join(map(str, np.ravel(found["units"])))
-    except InputError:
-        raise
-    except Exception as error:  # a malformed file may raise any exception
-        raise InputError("MAT file cannot be read", where=place, got=one_line(str(error))) from None
-    if not np.isfinite(table).all():
-        raise InputError("not a finite number", where=place)
-    return text.split(","), table
 
 
 def _refuse_twice(names: tuple[str, ...], place: str) -> None:

@@ -1,4 +1,4 @@
-"""Shapes of the links of a robot, for pictures and for collisions, from its URDF or MJCF file.
+"""Shapes of the links of a robot, for pictures, from its URDF or MJCF file.
 
 Each shape is attached to a frame of the tree by name, so that it moves with the joints of the tree.
 A missing mesh file is named and left out, and so is a shape of a URDF that cannot be read.
@@ -10,7 +10,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,7 +26,6 @@ from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.potentials.contract import rescaled
 from cartstiff.ros_packages import package_folders, search_path, where_packages_are
 
-Kind = Literal["visual", "collision"]
 # Largest coordinate in metres, and largest scale of a mesh.
 _MAX_SIZE = 1e6
 # Colour of a shape for which a URDF has none.
@@ -55,15 +54,13 @@ class Visual:
     colour: tuple[float, float, float, float] | None
 
 
-def visuals_of(chain: Chain, kind: Kind = "visual") -> tuple[list[Visual], list[str]]:
+def visuals_of(chain: Chain) -> tuple[list[Visual], list[str]]:
     """Return the shapes of a chain's links, and sentences on missing ones.
 
     Parameters
     ----------
     chain : Chain
         With `descriptions`; without any it has no shapes.
-    kind : {"visual", "collision"}
-        Shapes for pictures, or for collisions.
 
     Returns
     -------
@@ -77,7 +74,7 @@ def visuals_of(chain: Chain, kind: Kind = "visual") -> tuple[list[Visual], list[
     metre, _ = convert_length(SI, chain.units)
     for description in chain.descriptions:
         try:
-            pieces, words = _pieces(description, kind)
+            pieces, words = _pieces(description)
         except (CartstiffError, OSError) as error:
             missing.append(f"no picture of {description.name}: {error}")
             continue
@@ -102,10 +99,8 @@ def _is_usable(piece: Piece) -> bool:
     return bool((np.abs(numbers) < _MAX_SIZE).all())
 
 
-def _pieces(description: Description, kind: Kind) -> tuple[Sequence[Piece], list[str]]:
+def _pieces(description: Description) -> tuple[Sequence[Piece], list[str]]:
     path, text = description.path, description.text
-    if description.pieces is not None and kind == "collision":
-        return [], [f"{description.name}: shapes for collisions are read from URDF only"]
     if description.pieces is not None or (path is None and text is None):
         return _present(description.pieces or ())
     root = parse_xml(path) if path and text is None else parse_text(str(text), description.name)
@@ -116,7 +111,7 @@ def _pieces(description: Description, kind: Kind) -> tuple[Sequence[Piece], list
     pieces, missing = [], []
     for link in root.findall("link"):
         name = link.get("name", "")
-        for element in link.findall(kind):
+        for element in link.findall("visual"):
             try:
                 shape = _urdf_shape(element, path or Path("/-"), description.packages)
                 origin = element.find("origin")
@@ -179,7 +174,7 @@ def _numbers(element: ET.Element | None, key: str, count: int, otherwise: str = 
 
 
 def _urdf_shape(element: ET.Element, path: Path, packages: Sequence[Path]) -> Shape:
-    """Shape in a `visual` or `collision`; InputError where it cannot be shown."""
+    """Shape in a `visual`; InputError where it cannot be shown."""
     geometry = element.find("geometry")
     shape = next(iter(() if geometry is None else geometry), element)
     if shape.tag == "mesh":

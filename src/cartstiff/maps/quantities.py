@@ -272,12 +272,6 @@ class Stacks(Source):
         values: Array = self.once("damping", lambda: self.vibrations.damping_ratios(damping))
         return values[:, i]
 
-    def limiting_depths(self) -> Numbers:
-        """Depth of cut (N,) that is stable at every speed."""
-        if self.settings.milling is None:
-            raise InputError("a limiting depth needs a cutter")
-        return self.vibrations.limiting_depths(self.settings.milling, self.settings.damping)
-
 
 def needed_outputs(quantities: Sequence[Quantity], settings: Settings) -> tuple[str, ...]:
     """Outputs of `analyse_many` that the quantities need, and the pose."""
@@ -336,7 +330,6 @@ def choose_quantities(
         "deflect": None
         if is_pushed
         else "a wrench to deflect the body (--load, or --added-load, deflect=)",
-        "milling": None if settings.milling else "a cutter (--milling, milling=)",
     }
     chosen = []
     for name in names:
@@ -345,7 +338,7 @@ def choose_quantities(
         quantity = quantity_named(name, own)
         if (what := missing.get(quantity.asks or "")) is not None:
             raise InputError(f"the quantity {name} needs {what}")
-        if quantity.asks in ("damping", "milling") and not settings.damping.acts_on(elastic):
+        if quantity.asks == "damping" and not settings.damping.acts_on(elastic):
             raise InputError(f"the quantity {name} needs damping", got="no ratio, no dampers")
         mechanism = elastic.mechanism
         lines = len(mechanism.points) if isinstance(mechanism, Platform) else 6

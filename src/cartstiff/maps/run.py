@@ -15,7 +15,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager, nullcontext
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cache, lru_cache, partial
 from hashlib import sha256
 from math import prod
@@ -71,7 +71,6 @@ from cartstiff.mechanisms.identity import (
 )
 from cartstiff.stiffness.applied_load import checked_load
 from cartstiff.stiffness.compute import analyse
-from cartstiff.vibration.chatter import Milling
 from cartstiff.vibration.response import Damping
 
 if TYPE_CHECKING:
@@ -120,7 +119,6 @@ def map_job(
     load_at: ArrayLike = (0.0, 0.0, 0.0),
     load_axes: Literal["body", "world"] = "body",
     damping: Damping | float = 0.0,
-    milling: Milling | None = None,
 ) -> MapJob:
     """Check the arguments of a map and return its computation, without any file.
 
@@ -151,9 +149,7 @@ def map_job(
         Load at every posture: wrench, behaviour while the body moves, point and axes, as in
         `cartstiff.analyse`.
     damping : Damping or float
-        Damping besides the mechanism's dampers, for ``damping_1`` ... and ``limiting_depth``.
-    milling : Milling, optional
-        The cutter and its force law, for ``limiting_depth``.
+        Damping besides the mechanism's dampers, for ``damping_1`` ...
 
     Raises
     ------
@@ -195,7 +191,6 @@ def map_job(
         tuple(checked_input(deflect_at, (3,), "point of the deflection").tolist()),
         load is not None,
         damping if isinstance(damping, Damping) else Damping(damping),
-        milling,
     )
     names = [quantities] if isinstance(quantities, str) else list(quantities)
     chosen = choose_quantities(names, settings, elastic)
@@ -362,8 +357,7 @@ def _check_used(settings: Settings, chosen: Sequence[Quantity]) -> None:
     for what, is_given, of in (
         ("direction", settings.direction is not None, ("direction",)),
         ("wrench of the deflection", settings.deflect is not None, ("deflect",)),
-        ("milling", settings.milling is not None, ("milling",)),
-        ("damping", settings.damping != Damping(), ("damping", "milling")),
+        ("damping", settings.damping != Damping(), ("damping",)),
     ):
         if is_given and asked.isdisjoint(of):
             names = [q.name for q in QUANTITIES.values() if q.asks in of]
@@ -426,13 +420,12 @@ def map_of(
 
 
 def _vibration(settings: Settings) -> dict[str, Any]:
-    """Damping and milling as plain data; None if not given."""
-    own, milling = settings.damping, settings.milling
-    damping = None
-    if own != Damping():
-        ratios = np.ravel(np.asarray(own.ratios, float)).tolist()
-        damping = [*ratios, own.mass, own.stiffness, float(own.dampers)]
-    return {"damping": damping, "milling": None if milling is None else asdict(milling)}
+    """Damping as plain data; None if not given."""
+    own = settings.damping
+    if own == Damping():
+        return {"damping": None}
+    ratios = np.ravel(np.asarray(own.ratios, float)).tolist()
+    return {"damping": [*ratios, own.mass, own.stiffness, float(own.dampers)]}
 
 
 def prepare_map(

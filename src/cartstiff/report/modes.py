@@ -1,4 +1,4 @@
-"""Modes, responses and lobes as text for people, and as figures."""
+"""Modes and responses as text for people, and as figures."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import csv_text
 from cartstiff.choices import AXES_WORDS, ORDERS
 from cartstiff.errors import joined, one_line
 from cartstiff.mechanisms.contract import Units, convert_length
@@ -17,8 +16,6 @@ from cartstiff.report.layout import COSINES, body_frame, note_lines, number, per
 from cartstiff.stiffness.tensor import format_matrix
 
 if TYPE_CHECKING:
-    from cartstiff.vibration.chatter import Lobes
-    from cartstiff.vibration.comparison import Shortcut
     from cartstiff.vibration.controllers import Impedance
     from cartstiff.vibration.modes import Modes
     from cartstiff.vibration.response import FrequencyResponse
@@ -135,36 +132,8 @@ def _axes(modes: Modes) -> list[str]:
     return lines
 
 
-def describe_comparison(shortcuts: Sequence[Shortcut]) -> list[str]:
-    """Compare the frequencies of matrices at the tip with the exact ones."""
-    lines = ["", "What 6x6 matrices at the tip make of them, in Hz; largest error"]
-    for shortcut in shortcuts:
-        if shortcut.all_masses is None:
-            lines.append(f"  {shortcut.name:<7} {shortcut.missing}")
-            continue
-        if shortcut.name == "energy":
-            lines.append(f"  energy  {_list(shortcut.all_masses)}  the full problem")
-            continue
-        lines.append(
-            f"  K^{shortcut.name:<5} {_list(shortcut.all_masses)}  {_worst(shortcut.errors)} with "
-            "all masses as the tip feels them"
-        )
-        if shortcut.body_alone is not None:
-            lines.append(
-                f"          {_list(shortcut.body_alone)}  {_worst(shortcut.body_errors)} with the "
-                "rigid body at the tip alone"
-            )
-    return lines
-
-
 def _list(values: np.ndarray) -> str:
     return " ".join(f"{_hertz(f):>9}" for f in values)
-
-
-def _worst(errors: np.ndarray | None) -> str:
-    if errors is None or not np.isfinite(errors).any():
-        return "-"
-    return percent(float(errors[np.nanargmax(np.abs(errors))]))
 
 
 #: Entries of the diagonal of a stiffness matrix.
@@ -277,33 +246,6 @@ def describe_response(response: FrequencyResponse, direction: ArrayLike | None) 
             f"{response.frequencies[top]:.6g} Hz, {size[-1]:.4g} at the end"
         )
     return lines + [f"  {note}" for note in response.notes]
-
-
-def lobes_csv(curve: Lobes, unit: str) -> str:
-    """Limiting depths by speed as a table."""
-    names = ("speed [rev/min]", f"depth [{unit}]")
-    return csv_text(np.column_stack([curve.speeds, curve.depths]), names)
-
-
-def describe_lobes(curve: Lobes, units: Units) -> list[str]:
-    """Limiting depths of cut, a row for each speed."""
-    rows = [
-        [
-            f"{n:.6g}",
-            number(a, 4) if np.isfinite(a) else "no limit",
-            "" if np.isnan(f) else f"{f:.5g}",
-        ]
-        for n, a, f in zip(curve.speeds, curve.depths, curve.chatter, strict=True)
-    ]
-    unit = units.length
-    return [
-        "",
-        f"Limiting depth of cut by the zeroth-order theory; {number(curve.least, 4)} {unit} is "
-        "stable at every speed",
-        *table(["rev/min", f"depth [{unit}]", "chatter [Hz]"], rows),
-        "  linear chip, no process damping, no edge forces, no helix, no period doubling",
-        f"  {curve.assumed}",
-    ]
 
 
 def describe_impedance(answer: Impedance, shown: Mapping[str, Any], units: Units) -> list[str]:

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from cartstiff.statics.rest import Equilibrium
     from cartstiff.statics.toolpath import CompensatedPath
     from cartstiff.toolpaths.optimise import OptimisedPath
-    from cartstiff.toolpaths.placement import Placement
 
 _STABLE = {
     True: "stable",
@@ -314,7 +313,7 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
         f"worst at point {facts['worst_point']}; smallest over largest singular value at least "
         f"{facts['smallest_ratio']:.3g}",
         result.configuration,
-        result.collisions if isinstance(result.collisions, str) else result.collisions["message"],
+        result.collisions,
         "",
         "Postures",
     ]
@@ -357,28 +356,3 @@ def _free(result: OptimisedPath) -> str:
     if result.joint is not None:
         words.append(f"a self-motion of the joints, sampled by {result.joint}")
     return " and ".join(words) or "only the branch of the inverse kinematics"
-
-
-def describe_placement(placement: Placement, *, is_written: bool = False) -> str:
-    """Describe the best place, the places compared, and the path at the best place."""
-    units = placement.path.elastic.units
-    unit = {name: "rad" if name == "yaw" else units.length for name in placement.axes}
-    shown = ", ".join(f"{n} = {v:.6g} {unit[n]}" for n, v in placement.place.items())
-    lines = [f"Best place of the workpiece: {shown}", ""]
-    heads = [*(f"{n} [{unit[n]}]" for n in placement.axes), f"worst [{placement.path.unit}]", ""]
-    values = list(placement.axes.values())
-    body = []
-    for index in np.ndindex(placement.worst.shape):
-        code, point = str(placement.codes[index]), int(placement.points[index])
-        worst = "" if code else number(float(placement.worst[index]))
-        row = [*(number(float(v[i])) for v, i in zip(values, index, strict=True)), worst]
-        body.append((*row, f"{code} at point {point}" if code else ""))
-    lines += table(heads, body[:_MAX_LISTED_POINTS])
-    if len(body) > _MAX_LISTED_POINTS:
-        lines.append(f"  ... and {len(body) - _MAX_LISTED_POINTS} more places (--json has all)")
-    unusable = placement.counts()
-    if unusable:
-        counts = ", ".join(f"{n} {code}" for code, n in unusable.items())
-        lines.append(f"  {sum(unusable.values())} of {len(body)} places cannot be used: {counts}")
-    path = describe_optimised_path(placement.path, is_written=is_written).split("\n")
-    return joined([*lines, "", "The path there", "", *path])

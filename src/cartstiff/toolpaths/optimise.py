@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count, product
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,7 +38,6 @@ from cartstiff.errors import InputError, UndefinedError, UnknownNameError, check
 from cartstiff.figures import new_figure
 from cartstiff.geometry import se3
 from cartstiff.kinematics.joint_poses import SAME, Free, JointPoses, PlatformPoses
-from cartstiff.loading.collisions import NOT_CHECKED, Collisions
 from cartstiff.maps.quantities import choose_quantities, evaluate
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
@@ -53,7 +52,6 @@ from cartstiff.stiffness.applied_load import LoadKind, checked_load
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.stiffness.tensor import COMPONENTS
 from cartstiff.toolpaths.tool_path import ToolPath
-from cartstiff.vibration.chatter import Milling
 from cartstiff.vibration.response import Damping
 
 #: What is minimised: the worst cost (and after it the sum), or the sum alone.
@@ -632,8 +630,6 @@ class PathCost:
         Solver of postures.
     damping : Damping
         Damping of the vibrations.
-    milling : Milling, optional
-        The cutter of a limiting depth.
     """
 
     elastic: ElasticMechanism
@@ -644,7 +640,6 @@ class PathCost:
     load: LoadKind
     solver: PathSolver
     damping: Damping
-    milling: Milling | None
 
     def __post_init__(self) -> None:
         if self.quantity.better is None:
@@ -667,7 +662,6 @@ class PathCost:
             load=self.load,
             deflect_at=self.load.at,
             damping=self.damping,
-            milling=self.milling,
         )
 
     def __call__(self, q: Array, points: Array) -> Judged:
@@ -781,8 +775,6 @@ class OptimisedPath(LabelledResult):
         Number of postures compared before the refinement.
     notes : tuple of Note
         Notes of the mechanism.
-    collisions : dict or str
-        Result of the test (`cartstiff.loading.collisions.Collisions`), or that none was made.
     off_singular : bool or None
         Whether steps through singularities were forbidden; None for redundant mechanisms, whose
         configurations are connected without a singularity.
@@ -791,6 +783,11 @@ class OptimisedPath(LabelledResult):
     length : float
         Characteristic length by which the criterion and `ratios` count angles.
     """
+
+    #: Links are not tested for collisions.
+    collisions: ClassVar = (
+        "collisions are not checked: neither of links with each other nor with anything else"
+    )
 
     elastic: ElasticMechanism
     path: ToolPath
@@ -808,7 +805,6 @@ class OptimisedPath(LabelledResult):
     constant: ConstantChoice | None
     candidates: int
     notes: tuple[Note, ...] = field(default=())
-    collisions: dict[str, Any] | str = NOT_CHECKED
     off_singular: bool | None = True
     nearby: float | None = None
     length: float = np.nan
@@ -910,9 +906,7 @@ class OptimisedPath(LabelledResult):
                 "near": self.nearby,
                 "message": self.configuration,
             },
-            "collisions": {"checked": False, "message": self.collisions}
-            if isinstance(self.collisions, str)
-            else self.collisions,
+            "collisions": {"checked": False, "message": self.collisions},
             "notes": self.notes,
         }
         return plain_dict(data)
@@ -1077,10 +1071,8 @@ def optimise_path(
     seed: int = 0,
     refine: bool = True,
     damping: Damping | float = 0.0,
-    milling: Milling | None = None,
     ranges: Mapping[str, tuple[float, float]] | None = None,
     near: Mapping[str, float] | ArrayLike | None = None,
-    collisions: Collisions | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> OptimisedPath:
     r"""Postures of best stiffness along a path.
@@ -1132,14 +1124,12 @@ def optimise_path(
         Seed of the random starts.
     refine : bool
         Refine the free choices continuously from the best samples.
-    damping, milling
-        For the criteria ``damping_1`` ... and ``limiting_depth``, as in `compute_map`.
+    damping
+        For the criteria ``damping_1`` ..., as in `compute_map`.
     ranges : mapping of str to (low, high), optional
         Ranges of joints besides their limits.
     near : mapping or array_like (n,), optional
         A posture near which the path stays: all revolute joints within `NEARBY` of it.
-    collisions : Collisions, optional
-        Test that excludes postures in which links collide; without it collisions are not checked.
     progress : callable, optional
         Called with (done, total) steps of the search.
 
@@ -1187,7 +1177,6 @@ def optimise_path(
         load,
         solver,
         damping if isinstance(damping, Damping) else Damping(damping),
-        milling,
     )
     levels = _REFINEMENTS if refine and grid.dimension else 0
     done, total = count(1), 2 * len(path) + levels
@@ -1203,7 +1192,6 @@ def optimise_path(
         _bounds(elastic, solver, max_step),
         singular,
         smoothness,
-        collisions,
         advance,
     )
     candidates = layers(solver, path.poses, grid, starts, seed, advance=advance)
@@ -1228,7 +1216,6 @@ def optimise_path(
         constant,
         sum(len(layer.q) for layer in candidates),
         elastic.notes,
-        NOT_CHECKED if collisions is None else collisions.to_dict(),
         singular > 0.0 if solver.rank("none") == solver.movable.sum() else None,
         None if near is None else NEARBY,
         solver.length,
@@ -1269,7 +1256,6 @@ class _Search:
     bounds: Array
     singular: float
     smoothness: float
-    collisions: Collisions | None
     advance: Callable[[], None]
     price: float = 0.0
 
@@ -1286,29 +1272,13 @@ class _Search:
         ends = np.cumsum(counts)[:-1]
         return [Judged(*parts) for parts in zip(*(np.split(a, ends) for a in whole), strict=True)]
 
-    def _exclude_collisions(self, layer: Judged) -> None:
-        """Make the costs of colliding postures infinite."""
-        usable = np.flatnonzero(np.isfinite(layer.cost))
-        if self.collisions is not None:
-            layer.cost[usable[self.collisions(layer.q[usable])]] = np.inf
-
     def among(self, candidates: list[Layer]) -> tuple[Array, ConstantChoice | None]:
         """Return the best postures (m, n) among candidates, and the best constant choice."""
         layers = self._layers([c.q for c in candidates])
         for point, layer in enumerate(layers):
             if not np.isfinite(layer.cost).any():
                 raise self._impossible(point, layer.ratio)
-        for point, layer in enumerate(layers):
             self.advance()
-            count = int(np.isfinite(layer.cost).sum())
-            self._exclude_collisions(layer)
-            if not np.isfinite(layer.cost).any():
-                raise UndefinedError(
-                    f"point {point + 1} of the path is reached only in postures in which links "
-                    f"collide ({count} were compared)",
-                    code="path-colliding",
-                    values={"point": point + 1, "candidates": count},
-                )
         self.price = self.smoothness * float(np.mean([layer.cost.min() for layer in layers]))
         way = self._way(layers)
         if isinstance(way, UndefinedError):
@@ -1444,8 +1414,6 @@ class _Search:
             solved, good = self.solver.solve(self.cost.path.poses[points], begin, self.grid.free)
             around = [np.vstack([q[i], solved[good & (points == i)]]) for i in range(m)]
             layers = self._layers(around)
-            for layer in layers:
-                self._exclude_collisions(layer)
             costs = [layer.cost for layer in layers]
             way, _ = best_way(costs, self.steps(layers, never), self.objective)
             if way is not None:  # the present postures are among the candidates

@@ -27,7 +27,6 @@ from cartstiff.geometry.connections import NAMED
 from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.results import LabelledResult
 from cartstiff.stiffness.tensor import StiffnessTensor
-from cartstiff.vibration.comparison import mass_at_tip
 from cartstiff.vibration.modes import Modes
 
 
@@ -257,6 +256,20 @@ class Impedance(Result, LabelledResult):
             for name in ("stiffness", "damping")
         }
         return {"order": order, "axes": axes, "about": mechanism.frame, **matrices}
+
+
+def mass_at_tip(modes: Modes) -> Array | None:
+    """Operational-space mass (6, 6) at M; None if M cannot move in every direction."""
+    J, sizes = modes.posture.motion.jacobian @ modes.basis, np.diag(modes.mass)
+    if not (sizes > 0.0).all():
+        return None
+    lengths = np.repeat([1.0, 1.0 / modes.posture.length], 3)[:, None]
+    values = np.linalg.svd(lengths * J, compute_uv=False)
+    inverse = numerics.invert(modes.mass)
+    if J.shape[1] < 6 or not numerics.is_regular(values) or inverse is None:
+        return None
+    mobility = numerics.invert(J @ inverse.matrix @ J.T)
+    return None if mobility is None else mobility.matrix
 
 
 def impedance(
