@@ -26,7 +26,6 @@ ALLOWED = {
     "identify/measurements.py": "metres that no robot moves under a newton",
     "identify/identification.py": "how rarely chance may speak for other axes",
     "choices.py": "the largest number that is taken",
-    "report/exchange.py": "limits that stand for none",
     "scene/arrows.py": "the smallest loads and motions that are drawn",
     "scene/ellipsoids.py": "the thinnest body that is drawn",
     "scene/appearance.py": "the largest exaggeration that is drawn",

@@ -92,7 +92,6 @@ URDF = (
         "equilibrium r.urdf --load 0,0,0,1,0,0 --path q.csv --csv out.csv",
         "modes r.urdf --response 1:50 --csv out.csv",
         "identify r.urdf --plan 2 --mass 5 --sd d=1mm --csv out.csv",
-        "analyse r.urdf -o out.csv",
     ],
 )
 def test_files_of_commands(tmp_path, monkeypatch, command):

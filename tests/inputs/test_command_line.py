@@ -6,7 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -71,15 +70,10 @@ def test_one_stiffness_serves_all_joints(accepted):
     assert "stiffness-assumed" not in [note["code"] for note in one["notes"]]
 
 
-@pytest.mark.parametrize("ending", ["json", "npz"])
-def test_output_holds_the_result(ending, accepted, workplace):
-    data = accepted("cubic", "-o", f"a b.{ending}")
-    assert [p.name for p in workplace.iterdir()] == [f"a b.{ending}"]
-    if ending == "json":
-        assert json.loads(Path("a b.json").read_text(encoding="utf-8")) == data
-    else:
-        with np.load("a b.npz") as arrays:
-            assert arrays["K_A"].tolist() == data["stiffness"]["A"]
+def test_output_holds_the_result(accepted, workplace):
+    data = accepted("cubic", "-o", "a b.json")
+    assert [p.name for p in workplace.iterdir()] == ["a b.json"]
+    assert json.loads(Path("a b.json").read_text(encoding="utf-8")) == data
 
 
 # -- the real process -----------------------------------------------------------------------------

@@ -13,7 +13,6 @@ import cartstiff
 from cartstiff.errors import printable
 from cartstiff.page.messages import Answer
 from cartstiff.potentials.loads import DeadForce
-from cartstiff.report.output import write_result
 
 TITLE, TURN, CSI = "\x1b]0;owned\x07", "\u202e", "\x9b31m"
 NAME = f"arm{TITLE}{TURN}{CSI}$\\frac$\u2028"
@@ -197,19 +196,3 @@ def test_a_name_ends_no_line_of_a_short_form(arm):
     for shown in (elastic, result, cartstiff.equilibrium(elastic, DeadForce([0, 0, -1.0]))):
         assert r"a\nNotes\n  [forged] x\ty\x1b" in repr(shown)
         assert repr(shown).count("\n") < 6
-
-
-@pytest.mark.parametrize("ending", ["nas", "bdf"])
-def test_a_name_stays_within_the_comment_of_another_programs_file(arm, ending):
-    """What follows the end of a comment's line is a command to the program that reads it."""
-    shown = {}
-    for name in ("plain", f"plain{TITLE}{TURN}\nGRID,7\r*INCLUDE\n\\input{{x}}"):
-        elastic = cartstiff.load("platform.yaml")
-        object.__setattr__(elastic, "name", name)
-        write_result(cartstiff.analyse(elastic), Path(f"k.{ending}"))
-        shown[name] = Path(f"k.{ending}").read_text(encoding="utf-8")
-    plain, told = (text.split("\n") for text in shown.values())
-    assert plain[1:] == told[1:]
-    assert harmless(told[0])
-    assert "\r" not in told[0]
-    assert told[0].startswith(("$ plain\\x1b", "** plain\\x1b", "% plain\\x1b"))

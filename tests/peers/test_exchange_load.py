@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.support.mujoco_files import mujoco_file
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.report.output import write_result
 
 W = [2.0, -1.0, 3.0, 30.0, -20.0, -100.0]
 AT = [0.05, -0.02, 0.1]
@@ -31,7 +30,7 @@ def mechanism(name):
 
 def model_of(result, tmp_path):
     mujoco = pytest.importorskip("mujoco")
-    write_result(result, tmp_path / "machine.xml")
+    (tmp_path / "machine.xml").write_bytes(mujoco_file(result))
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "machine.xml"))
     return mujoco, model, mujoco.MjData(model)
 
@@ -68,12 +67,3 @@ def test_the_load_is_in_the_file(tmp_path, name, kind):
     assert after[3:] == pytest.approx((turn @ before)[3:], rel=1e-7, abs=1e-9)
     if kind == "follower":
         assert after == pytest.approx(turn @ before, rel=1e-7, abs=1e-9)
-
-
-def test_what_mujoco_does_not_have_is_refused(tmp_path):
-    elastic = cartstiff.load("ur5")
-    result = cartstiff.analyse(elastic, wrench=W, load_kind="conservative")
-    with pytest.raises(InputError, match="no moment that turns by half"):
-        write_result(result, tmp_path / "machine.xml")
-    force = [0.0, 0.0, 0.0, *W[3:]]
-    model_of(cartstiff.analyse(elastic, wrench=force, load_kind="conservative"), tmp_path)

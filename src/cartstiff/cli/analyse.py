@@ -155,9 +155,6 @@ class Analysis(Reading):
         return answer
 
 
-_ENDINGS = (".json", ".npz", ".nas", ".bdf", ".xml", ".dat", ".csv", ".urdf")
-
-
 @declared(
     "analyse",
     rare="lengths actuate sensitivities relax order axes strict",
@@ -168,7 +165,7 @@ def command(
     parameters: Annotated[Parameters, Overrides("tolerance")],
     out: Printed,
     *,
-    output: Annotated[Path | None, OutputFile("FILE", *_ENDINGS)] = None,
+    output: Annotated[Path | None, OutputFile("FILE.json", ".json")] = None,
     relax: bool = False,
     order: Order | None = None,
     axes: Axes | None = None,
@@ -191,10 +188,7 @@ def command(
     out
         Output.
     output
-        Also write the result to a file. Its ending says what: .json and .npz the result; .nas and
-        .bdf the stiffness, and a platform's mass, for Nastran; .dat a platform on lines as springs
-        for Nastran; .xml the machine for MuJoCo; .csv the geometry as a table; .urdf the geometry
-        as a tree, with a mechanism file beside it that closes its loops.
+        Also write the result to a file, as the JSON object.
     relax
         If no wrench can balance the posture, move the joints until one can; the body stays.
     order
@@ -215,7 +209,7 @@ def command(
     cartstiff analyse 6-pus --load 0,0,0,0,0,-500 --actuate leg1/slide=0.001
     cartstiff analyse ur5 --analysis full --report-at 0,0,0.1 --length 0.2
     cartstiff analyse ur5 --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 --added-load 0,0,0,10,0,0
-    cartstiff analyse flexure-hexapod -o stiffness.nas
+    cartstiff analyse flexure-hexapod -o stiffness.json
     cartstiff analyse cubic --tolerance 0.05,0.0001 --samples 500
     cartstiff analyse cubic --sensitivities --json
     cartstiff analyse ur5 --target wanted.csv --inertia 2,0.01,0.01,0.005
@@ -248,9 +242,9 @@ def command(
         shows_springs = out.json or output is not None or reading.level == "full"
         data["analysis"] = reading.run(result, shows_springs, setup.world)
     if output is not None:
-        from cartstiff.report.output import write_result
+        from cartstiff.report.output import write_json
 
-        write_result(result, output, data)
+        write_json(data, output)
 
     def text() -> str:
         from cartstiff.report.analysis import BALANCING, answer_lines, describe, summary_text
