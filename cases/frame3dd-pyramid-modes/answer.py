@@ -1,4 +1,4 @@
-"""Frequencies of the pyramid whose bars are superelements."""
+"""Frequencies of the pyramid whose bars are springs with masses, six by six."""
 
 import cartstiff
 

@@ -32,7 +32,7 @@ def _written(result, source, tmp_path):
     out = tmp_path / "sub" / "known.yaml"
     out.parent.mkdir(exist_ok=True)
     keys = keys_to_write(result.unknowns, str(source), None, out)
-    out.write_bytes(mechanism_file(result, keys, out, "test"))
+    out.write_bytes(mechanism_file(result, keys, "test"))
     return cartstiff.load(str(out))
 
 

@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 import yaml
 from tests.mechanisms.machines import joint, masses, write_file, write_urdf
-from tests.mechanisms.test_superelement import beam_matrix
-from tests.mechanisms.test_superelement_mass import beam_mass
 
 import cartstiff
 from cartstiff.errors import InputError
@@ -20,7 +18,6 @@ from cartstiff.loading import leg_schema, platform_schema, schema
 
 #: Keys for people who read the file; their descriptions say so.
 FOR_READERS = {"description", "source", "date", "rows"}
-SUPER = {"K": "K.txt", "nodes": [[0, 0, 0], [0.2, 0, 0], [0.4, 0, 0]]}
 K6 = np.diag([3e3, 4e3, 5e3, 2e5, 3e5, 4e5])
 BEAM = {"E": 7e10, "G": 2.6e10, "length": 0.2, "area": 6e-4, "Iy": 4.5e-8, "Iz": 2e-8, "J": 5e-8}
 HEX = [[np.cos(a), np.sin(a), 0] for a in np.deg2rad([0, 10, 120, 130, 240, 250])]
@@ -177,9 +174,6 @@ def write_robots(folder):
         joint("right_elbow", "right_bar", "right_rod", at=(0.25, 0, 0)),
         joint("right_end", "right_rod", "right_tip", at=(0.3, 0, 0), kind="fixed"),
     ]
-    for name, factor in (("K", 1.0), ("other", 2.0)):
-        np.savetxt(folder / f"{name}.txt", factor * beam_matrix([0, 0.2, 0.4]))
-    np.savetxt(folder / "mass.txt", beam_mass([0, 0.2, 0.4]))
     path = write_urdf(folder, *bars, name="bars")
     path.write_text(masses(path.read_text(encoding="utf-8"), left_rod=1, right_rod=1.5))
 

@@ -448,7 +448,7 @@ def command(
 
     if output is not None:
         name = one_line(data.name)
-        write_whole(output, mechanism_file(result, keys, output, name))
+        write_whole(output, mechanism_file(result, keys, name))
     out.show(
         result.to_dict(),
         setup.mechanism,

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
@@ -17,7 +16,7 @@ from cartstiff.identify.identification import Identification, with_result
 from cartstiff.identify.unknowns import ZERO, Unknowns, placement_of
 from cartstiff.loading.catalogue import bundled
 from cartstiff.loading.mechanism_file import with_parameters
-from cartstiff.loading.schema import FlexibleModel, PoseModel, place_of, pose_of
+from cartstiff.loading.schema import PoseModel, place_of, pose_of
 from cartstiff.loading.yaml_file import read_yaml
 from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -29,7 +28,7 @@ from cartstiff.potentials.springs import CoupledSprings, JointSprings, Polynomia
 _ROBOTS = (".urdf", ".xml", ".mjcf")
 
 
-def mechanism_file(result: Identification, data: dict[str, Any], to: Path, source: str) -> bytes:
+def mechanism_file(result: Identification, data: dict[str, Any], source: str) -> bytes:
     """Text of a mechanism file with the springs found, their covariance, source, date and count.
 
     Parameters
@@ -38,8 +37,6 @@ def mechanism_file(result: Identification, data: dict[str, Any], to: Path, sourc
         The springs found.
     data : dict
         From `keys_to_write`; changed.
-    to : Path
-        Path of the new file.
     source : str
         Origin of the numbers, for readers.
 
@@ -52,7 +49,7 @@ def mechanism_file(result: Identification, data: dict[str, Any], to: Path, sourc
     length = data.get("units", {}).get("length", SI.length)
     if elastic.units.length != length:  # --units are those of input and output
         elastic = in_units(elastic, length)
-    _put_springs(data, elastic, to.parent)
+    _put_springs(data, elastic)
     _put_geometry(data, result)
     identified = elastic.identified
     if identified is None:
@@ -143,10 +140,6 @@ def keys_to_write(
             data["frame"] = frame
             data.pop("offset", None)
         for holder in (data, *_legs(data)):
-            for entry in holder.get("flexible", {}).values():
-                files = entry.get("superelement", {})
-                for key in {"K", "M"} & files.keys():
-                    files[key] = _relative(path.parent / files[key], to)
             model = holder.get("model")
             if isinstance(model, str) and not Path(model).expanduser().is_absolute():
                 beside = path.parent / model
@@ -177,7 +170,7 @@ def _relative(path: Path, to: Path) -> str:
         return str(path.resolve())
 
 
-def _put_springs(data: dict[str, Any], elastic: ElasticMechanism, folder: Path) -> None:
+def _put_springs(data: dict[str, Any], elastic: ElasticMechanism) -> None:
     """Write a mechanism's numbers into the file's springs, legs, lines and flexible links."""
     springs, kind = elastic.springs, data["kind"]
     if springs is None:
@@ -189,10 +182,10 @@ def _put_springs(data: dict[str, Any], elastic: ElasticMechanism, folder: Path) 
     elif kind == "parallel":
         for i, leg in enumerate(data["legs"]):
             _put_joints(leg, elastic, f"leg{i + 1}/")
-            _put_links(leg, elastic, f"leg{i + 1}/", folder)
+            _put_links(leg, elastic, f"leg{i + 1}/")
     else:
         _put_joints(data, elastic, "")
-        _put_links(data, elastic, "", folder)
+        _put_links(data, elastic, "")
     names = Elements(elastic)
     for i, line in enumerate(data.get("lines", ())):
         at = names.index(f"line{i + 1}")
@@ -328,9 +321,7 @@ def _put_contact(holder: dict[str, Any], joint: str, stiffness: float) -> bool:
     return True
 
 
-def _put_links(
-    holder: dict[str, Any], elastic: ElasticMechanism, prefix: str, folder: Path
-) -> None:
+def _put_links(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) -> None:
     for potential in elastic.potentials:
         if not isinstance(potential, (CoupledSprings, Beam)):
             continue
@@ -340,19 +331,6 @@ def _put_links(
             continue
         if isinstance(potential, CoupledSprings):
             K: Array = potential.matrix[se3.SWAP][:, se3.SWAP]
-            if "superelement" in entry:
-                spring = FlexibleModel.model_validate(entry, context={"folder": folder})
-                if np.allclose(K, spring.stiffness or K, rtol=numerics.REPORTED_ERROR):
-                    continue  # the files still hold
-                if spring.mass is not None:
-                    raise InputError(
-                        "the stiffness found for a superelement with a mass matrix has no place in "
-                        "a mechanism file",
-                        where=link,
-                        expected="the link given without M",
-                    )
-                del entry["superelement"]
-                entry["offset"] = spring.offset.model_dump()
             entry["stiffness"] = K.tolist()
         else:
             beam = entry["beam"]

@@ -535,7 +535,7 @@ def link_joints(entry: FlexibleModel) -> Give:
     """Virtual joints of a compliant link."""
     start = pose_of(entry.offset)
     if entry.beam is None:
-        return Give(start, mass=entry.mass)
+        return Give(start, mass=None if entry.mass is None else np.array(entry.mass))
     beam = entry.beam
     own = None
     if beam.density > 0.0:
@@ -1180,11 +1180,11 @@ def _mount(entry: FlexibleModel | None, T: Array, where: str) -> Mount | None:
     if entry is None:
         return None
     if entry.stiffness is None or entry.mass is not None:
-        got = "a beam" if entry.stiffness is None else "a superelement with M"
+        got = "a beam" if entry.stiffness is None else "a mass"
         raise InputError(
             "base and platform are mounted on springs without mass",
             where=where,
-            expected="stiffness, or superelement without M",
+            expected="stiffness alone",
             got=got,
         )
     K = np.array(entry.stiffness, float)

@@ -15,16 +15,7 @@ from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from types import UnionType
-from typing import (
-    TYPE_CHECKING,
-    Annotated,
-    Any,
-    Literal,
-    Self,
-    Union,
-    get_args,
-    get_origin,
-)
+from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
 
 import numpy as np
 from pydantic import (
@@ -42,18 +33,16 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.choices import LARGEST_INPUT
 from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.geometry import se3
-from cartstiff.loading.yaml_file import Lines, read_text
+from cartstiff.loading.yaml_file import Lines
 from cartstiff.mechanisms.contract import GivenStiffness
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identified import CompliancePattern, Identified
 from cartstiff.notes import Note
-
-if TYPE_CHECKING:
-    from cartstiff.mechanisms.superelement import SuperelementMass
 
 #: Module and model of each kind of file: a file imports the classes of its own kind only.
 FILE_KINDS = {
@@ -333,10 +322,6 @@ class PayloadModel(FileModel):
         return payload
 
 
-#: Largest size in bytes of a superelement's text: two hundred nodes with all digits.
-_MAX_MATRIX_BYTES = 64 * 1024 * 1024
-
-
 TablePoints = Annotated[list[Pair], Field(min_length=2)]
 
 
@@ -470,93 +455,45 @@ class BeamModel(FileModel):
     )
 
 
-class SuperelementModel(FileModel):
-    """A link's stiffness matrix from a finite-element program, reduced to a few nodes."""
-
-    K: FileName = keyed(
-        "text file, relative to this one: 6 N rows of 6 N numbers, forces per "
-        "displacement of the free body"
-    )
-    M: FileName | None = keyed(
-        "text file: mass matrix in the same rows, kg; Guyan's reduction to base and "
-        "tip makes it one body that follows a share of the deflection. The link's inertia in the "
-        "robot's file stays at the near end besides",
-        None,
-    )
-    nodes: Vectors = keyed("the N nodes, in the link's frame (moved by `offset`)")
-    base: int = keyed(
-        "index, from 0, of the node that is fixed to the link's near side", 0, strict=True
-    )
-    tip: int = keyed(
-        "index of the node that carries what is beyond; -1 is the last", -1, strict=True
-    )
-    order: Literal["linear-angular", "angular-linear"] = keyed(
-        "of each node's six rows", "linear-angular"
-    )
-
-    def in_place(self, folder: Path) -> tuple[Array, SuperelementMass | None, list[float]]:
-        """Return the 6x6 spring at the tip with the other nodes free, its mass, and its place."""
-        from cartstiff.mechanisms.superelement import superelement_mass, superelement_spring
-
-        ends: Any = {"nodes": self.nodes, "base": self.base, "tip": self.tip, "order": self.order}
-        K = _matrix(folder / Path(self.K).expanduser())
-        mass = None
-        if self.M is not None:
-            mass = superelement_mass(_matrix(folder / Path(self.M).expanduser()), K, **ends)
-        return superelement_spring(K, **ends), mass, self.nodes[self.tip]
-
-
-def _matrix(path: Path) -> Array:
-    """Read the rows of numbers of a text file."""
-    text = read_text(path, _MAX_MATRIX_BYTES)
-    try:
-        return np.loadtxt(text.replace(",", " ").replace(";", " ").splitlines(), ndmin=2)
-    except ValueError:
-        raise InputError(
-            "is no matrix of numbers",
-            where=one_line(str(path)),
-            expected="rows of numbers between blanks or commas",
-        ) from None
+_Six = list[Annotated[list[Number], Field(min_length=6, max_length=6)]]
 
 
 class FlexibleModel(FileModel):
-    """A compliant link: a 6x6 spring (order angular-linear), a beam, or a superelement."""
+    """A compliant link: a 6x6 spring (order angular-linear) with a 6x6 mass, or a beam."""
 
-    stiffness: list[Annotated[list[Number], Field(min_length=6, max_length=6)]] | None = keyed(
+    stiffness: _Six | None = keyed(
         "6x6, in the file's units; of what turns or slides a text with its unit as well",
         None,
         min_length=6,
         max_length=6,
     )
+    mass: _Six | None = keyed(
+        "6x6, of the spring's deflection: kg, in the file's unit of length, as a finite-element "
+        "model has it at the spring with the link's near side clamped (Guyan). The link's inertia "
+        "in the robot's file stays at the near side besides; what the two exchange is left out",
+        None,
+        min_length=6,
+        max_length=6,
+    )
     beam: BeamModel | None = None
-    superelement: SuperelementModel | None = None
     offset: PoseModel = keyed(
         "place of the spring in the link's frame", PoseModel.model_construct()
     )
-    _mass: SuperelementMass | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
-    def _one(self, info: ValidationInfo) -> FlexibleModel:
-        only_one(self, "stiffness", "beam", "superelement")
-        return self.as_spring((info.context or {}).get("folder", Path()))
-
-    def as_spring(self, folder: Path) -> FlexibleModel:
-        """Replace a superelement by its 6x6 spring."""
-        if self.superelement is None:
+    def _one(self) -> FlexibleModel:
+        only_one(self, "stiffness", "beam")
+        if self.mass is None:
             return self
-        K, mass, tip = self.superelement.in_place(folder)
-        at = pose_of(self.offset) @ se3.pose(translation=tip)
-        offset = PoseModel(xyz=at[:3, 3].tolist(), rpy=self.offset.rpy)
-        spring = self.model_copy(
-            update={"stiffness": K.tolist(), "superelement": None, "offset": offset}
-        )
-        spring._mass = mass
-        return spring
-
-    @property
-    def mass(self) -> SuperelementMass | None:
-        """Mass of a superelement with a mass matrix."""
-        return self._mass
+        if self.beam is not None:
+            raise ValueError("mass is that of a stiffness; a beam has density")
+        M = np.array(self.mass)
+        sizes = numerics.equilibration(M)
+        if np.any(np.abs(M - M.T) > numerics.SYMMETRY * np.outer(sizes, sizes)):
+            raise ValueError("mass must be symmetric")
+        if np.linalg.eigvalsh(M / np.outer(sizes, sizes))[0] < -numerics.ZERO_SHARE:
+            raise ValueError("mass must have no negative eigenvalue")
+        return self
 
 
 class LineModel(FileModel):

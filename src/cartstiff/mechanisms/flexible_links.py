@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from cartstiff import numerics
 from cartstiff.errors import check_name
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.tree import primitive
-
-if TYPE_CHECKING:
-    from cartstiff.mechanisms.superelement import SuperelementMass
 
 #: Virtual joints of a link with a 6x6 spring, in order: name suffix and kind.
 VIRTUAL = (("px", "PX"), ("py", "PY"), ("pz", "PZ"), ("rx", "RX"), ("ry", "RY"), ("rz", "RZ"))
@@ -51,15 +49,15 @@ class Give:
     own : tuple of float, optional
         The beam's own mass per length, and its moments of inertia per length about the y and z axes
         of the section.
-    mass : SuperelementMass, optional
-        Mass of a spring: a body that follows a share of its deflection.
+    mass : ndarray, shape (6, 6), optional
+        Mass of a spring's deflection, order angular-linear.
     """
 
     start: Array
     length: float = 0.0
     segments: int = 0
     own: tuple[float, float, float] | None = None
-    mass: SuperelementMass | None = None
+    mass: Array | None = None
 
     def half(self, sign: float) -> Any:
         """Inertia of half a segment as a rigid bar along x that begins or ends in the origin.
@@ -111,28 +109,26 @@ class LinkSpring:
 
 
 @dataclass(frozen=True, eq=False)
-class Follower:
-    """Mass of a compliant link: the near end of its spring, and its first coordinate."""
+class DeflectionMass:
+    """Mass of a compliant link's deflection: the near end of its spring, and its first coordinate.
+
+    With the spring's rates u the kinetic energy is ``1/2 |R u|^2``, ``R^T R`` the mass: six rotors
+    of unit inertia turn by R u.
+    """
 
     link: str
     joint: int
     T_j_spring: Array
     first: int
-    mass: SuperelementMass
+    mass: Array
 
     def added(self, plain: pin.Model, n: int) -> Array:
-        """Add the following body, and rotors for the rest; return their rows (12, n) of mimics."""
-        rows = np.zeros((12, n))
-        kinds = [kind for _, kind in VIRTUAL]
-        rows[:6, self.first : self.first + 6] = self.mass.share[np.ix_(se3.SWAP, se3.SWAP)]
-        rows[6:, self.first : self.first + 6] = self.mass.rest[:, se3.SWAP]
-        joint, T = self.joint, self.T_j_spring
-        for i, kind in enumerate(kinds, start=1):
-            name = f"{self.link}.mass" if i == len(kinds) else f"{self.link}.mass.{i}"
-            joint = plain.addJoint(joint, primitive(kind), pin.SE3(T), name)
-            T = np.eye(4)
-        body = pin.Inertia(self.mass.mass, self.mass.centre, self.mass.inertia)
-        plain.appendBodyToJoint(joint, body, pin.SE3.Identity())
+        """Add the rotors; return their rows (6, n) of mimics."""
+        sizes = numerics.equilibration(self.mass)
+        values, vectors = np.linalg.eigh(self.mass / np.outer(sizes, sizes))
+        root = np.sqrt(np.maximum(values, 0.0))[:, None] * (vectors.T * sizes)
+        rows = np.zeros((6, n))
+        rows[:, self.first : self.first + 6] = root[:, se3.SWAP]
         for i in range(6):
             rotor = plain.addJoint(
                 self.joint, primitive("RX"), pin.SE3(self.T_j_spring), f"{self.link}.rotor.{i}"

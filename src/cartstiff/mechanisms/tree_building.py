@@ -22,7 +22,7 @@ from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.mechanisms.flexible_links import (
     SEGMENT,
     UNFRAMED,
-    Follower,
+    DeflectionMass,
     Give,
     Place,
     masses_by_side,
@@ -129,7 +129,7 @@ def plain_tree(
     near: dict[int, Place] = {0: (0, np.eye(4))}
     beyond: dict[int, list[tuple[frozenset[int], Place]]] = {}
     springs = springs_by_joint(model, flexible or {})
-    followers: list[Follower] = []
+    rotors: list[DeflectionMass] = []
 
     def side(frame: int, joint: int) -> Place:
         """Place that carries a frame on a joint: the joint, or the last spring that carries it."""
@@ -157,7 +157,7 @@ def plain_tree(
             carry(joint, T_j, give.half(1.0))
             if give.mass is not None:
                 first = len(coordinates)
-                followers.append(Follower(spring.link, joint, T_j, first, give.mass))
+                rotors.append(DeflectionMass(spring.link, joint, T_j, first, give.mass))
             count = len(give.joints)
             for k, (suffix, kind, along) in enumerate(give.joints, start=1):
                 full = f"{spring.link}.{suffix}"
@@ -219,7 +219,7 @@ def plain_tree(
         return places_of
 
     n = len(coordinates)
-    rows = [follower.added(plain, n) for follower in followers]
+    rows = [rotor.added(plain, n) for rotor in rotors]
     mimic = np.concatenate([np.eye(n), *rows]) if rows else None
     return KinematicTree(plain, tuple(coordinates), frames, mimic)
 
