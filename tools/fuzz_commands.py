@@ -91,7 +91,7 @@ def _fitting(rng: random.Random, option: str, command_name: str, mechanism: str)
         "--length": ["0.2", "1"],
         "--inertia": ["2,0.01,0.01,0.005"],
         "--tolerance": ["0.05", "0.05,0.0001", "0.1,0,0.01"],
-        "--samples": ["2", "20", "3"],
+        "--samples": ["20", "3"],
         "--target": ["target"],
         "--hold": ["z=-0.002", "x=0.001,rx=0.01"],
         "--curve": ["1.5", "0.1", "-1"],

@@ -56,7 +56,7 @@ _ASKED = [
     ["equilibrium", "--load", "0,0,0,0,0,-20", "--world"],
     ["equilibrium"],
     ["map", "--random", "3"],
-    ["analyse", "--tolerance", "0.05", "--samples", "3"],
+    ["analyse", "--tolerance", "0.05"],
 ]
 
 

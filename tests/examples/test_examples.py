@@ -27,6 +27,7 @@ ROBOTS = {
     "own_potential",
     "panda_nullspace",
     "path_without_collisions",
+    "springs_in_parallel",
     "ur5_drilling",
     "what_the_matrix_says",
     "workspace_map",

@@ -169,7 +169,6 @@ ODD = {
     "steps in words": lambda arm: cartstiff.equilibrium(arm, iterations="3"),
     "half a step": lambda arm: cartstiff.equilibrium(arm, iterations=2.5),
     "a threshold": lambda arm: cartstiff.analyse_posture(cartstiff.analyse(arm), threshold="x"),
-    "samples of nothing": lambda arm: cartstiff.analyse_posture(cartstiff.analyse(arm), samples=9),
     "a tolerance": lambda arm: cartstiff.Tolerances(True),
     "a truth in words": lambda arm: cartstiff.analyse(arm, strict="no"),
     "limits in words": lambda arm: cartstiff.inverse_kinematics(arm, np.eye(4), limits="no"),

@@ -16,8 +16,8 @@ from cartstiff.report.analysis import summary_text
 HELD = "ellipsoids.stiffness.translation.held.eigenvalues"
 
 
-def uncertain(result: PostureStiffness, tolerances: Tolerances, samples: int = 0) -> dict:
-    return analyse_posture(result, tolerances=tolerances, samples=samples)["uncertainty"]
+def uncertain(result: PostureStiffness, tolerances: Tolerances) -> dict:
+    return analyse_posture(result, tolerances=tolerances)["uncertainty"]
 
 
 def test_entries_of_the_matrix_follow_each_spring() -> None:
@@ -31,31 +31,7 @@ def test_entries_of_the_matrix_follow_each_spring() -> None:
         for j in range(6):
             entry = found["numbers"][f"stiffness[{i}, {j}]"]
             assert entry["deviation"] == pytest.approx(expected[i, j], rel=1e-9, abs=1e-4)
-    assert found["method"] == "first order"
     assert list(found["parameters"]) == [f"stiffness.leg{i}" for i in range(1, 7)]
-
-
-def test_first_order_agrees_with_draws_on_the_cubic_platform() -> None:
-    """On a posture without symmetry; principal values that meet have no derivative."""
-    result = cartstiff.analyse(cartstiff.load("cubic"), [0.05, 0.03, -0.04, 0.2, -0.1, 0.3])
-    tolerances = Tolerances(0.02, 2e-4)
-    first, drawn = uncertain(result, tolerances), uncertain(result, tolerances, 120)
-    assert drawn["samples"] == 120
-    assert drawn["failures"] == {}
-    for name in (
-        "stiffness[0, 0]",
-        "stiffness[3, 3]",
-        "stiffness[0, 4]",
-        "centres.stiffness[0]",
-        "centres.compliance[2]",
-        "indices.determinant",
-        f"{HELD}[0]",
-        f"{HELD}[2]",
-    ):
-        a, b = first["numbers"][name], drawn["numbers"][name]
-        assert b["deviation"] == pytest.approx(a["deviation"], rel=0.15), name
-        assert a["mean"] is None  # to first order there is none
-        assert abs(b["mean"] - a["nominal"]) < 0.2 * a["deviation"], name
 
 
 def test_one_common_factor_scales_everything() -> None:
@@ -69,7 +45,7 @@ def test_one_common_factor_scales_everything() -> None:
 
     found = propagate_first_order(function, {"factor": Tolerance(1.0, 0.03)})
     # Entries that are zero by symmetry keep the rounding of the others.
-    assert np.allclose(found.deviation, 0.03 * np.abs(found.centre), rtol=1e-9, atol=1e-6)
+    assert np.allclose(found.deviation, 0.03 * np.abs(found.nominal), rtol=1e-9, atol=1e-6)
 
 
 def planar(lengths: tuple[float, float]) -> ElasticMechanism:
@@ -116,27 +92,16 @@ def test_stiffness_of_an_arm_under_load() -> None:
     assert np.allclose(got, expected, rtol=1e-7)
 
 
-def test_draws_that_fail_are_counted() -> None:
-    """A draw with a negative spring is refused."""
-    result = cartstiff.analyse(cartstiff.load("cubic"))
-    found = uncertain(result, Tolerances(1.0), 40)
-    assert 0 < found["samples"] < 40
-    assert sum(found["failures"].values()) == 40 - found["samples"]
-
-
 def test_progress_is_told() -> None:
     seen: list[tuple[int, int]] = []
     result = cartstiff.analyse(cartstiff.load("cubic"))
-    for samples in (0, 7):
-        seen.clear()
-        analyse_posture(
-            result,
-            tolerances=Tolerances(0.01),
-            samples=samples,
-            progress=lambda done, total: seen.append((done, total)),
-        )
-        assert [done for done, _ in seen] == list(range(1, len(seen) + 1))
-        assert seen[-1][0] == seen[-1][1] == (samples or 25)
+    analyse_posture(
+        result,
+        tolerances=Tolerances(0.01),
+        progress=lambda done, total: seen.append((done, total)),
+    )
+    assert [done for done, _ in seen] == list(range(1, len(seen) + 1))
+    assert seen[-1][0] == seen[-1][1] == 25
 
 
 def test_text_of_the_uncertainty() -> None:

@@ -444,7 +444,6 @@ def test_screws_axes_centres_and_springs_near_a_singularity(distance, loaded):
             ),
             "least_coupling": _centre([x * x for x in held], e, [G * x for x in e]),
         }
-        spread = float(held[2] / held[0])
     # J itself is known to sixteen digits, and with it what is stiff to these over the distance.
     known = 1e-14 / distance + 1e-10
     found = answer["eigenscrews"]
@@ -462,18 +461,6 @@ def test_screws_axes_centres_and_springs_near_a_singularity(distance, loaded):
     for name, true in centres.items():
         wanted = [float(x) for x in true]
         assert answer["centres"][name] == pytest.approx(wanted, rel=100 * known, abs=known), name
-    assert answer["synthesis"]["rank"] == 6
-    springs = answer["synthesis"]["springs"]
-    if springs is None:
-        assert spread > 1e11
-        return
-    total = mp.zeros(6, 6)
-    for spring in springs:
-        u, p = np.array(spring["direction"]), np.array(spring["point"])
-        w = np.array([*(np.cross(p, u) + (spring["pitch"] or 0.0) * u), *u])
-        total += mp.mpf(spring["stiffness"]) * matrix(w) * matrix(w).T
-    sums = [float(x) for x in mp.eigsy(total[3:, 3:], eigvals_only=True)]
-    assert sums == pytest.approx([float(x) for x in held], rel=1e-3)
 
 
 def test_eigenscrews_of_the_arm_that_is_nearly_singular():

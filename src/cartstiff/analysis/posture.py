@@ -51,7 +51,6 @@ from cartstiff.analysis.screws import (
     wrench_compliant_axes,
 )
 from cartstiff.analysis.sections import Notes, numbers, section
-from cartstiff.analysis.synthesis import realisability, realise
 from cartstiff.arrays import (
     Array,
     checked_input,
@@ -334,7 +333,6 @@ def summarise(
     direction: ArrayLike | None = None,
     T_m_n: ArrayLike | None = None,
     threshold: float = asymmetries.THRESHOLD,
-    springs: bool = True,
 ) -> dict[str, Any]:
     r"""Analyse one posture: ellipsoids, centres, screws, indices, and what the connection changes.
 
@@ -368,8 +366,6 @@ def summarise(
         kinematic connection does not move as a tensor.
     threshold : float
         Relative change above which the choice of connection matters.
-    springs : bool
-        Whether to construct the springs that realise the matrix.
 
     Returns
     -------
@@ -377,7 +373,7 @@ def summarise(
         Keys "connection", "symmetrised", "definiteness", "frame", "length", "stiffness",
         "compliance", "ellipsoids", "directions", "centres", "normal_form", "decoupling_frame",
         "eigenscrews", "wrench_compliant_axes", "twist_compliant_axes", "indices", "modes",
-        "synthesis", "asymmetry", "connections", "notes".
+        "asymmetry", "connections", "notes".
 
     Raises
     ------
@@ -433,7 +429,7 @@ def summarise(
         "ellipsoids": _ellipsoids(pairs, notes),
         "directions": _directions(pairs, axes),
     }
-    of_stiffness = {} if K is None else _of_stiffness(K, C, scale.value, metric, springs, notes)
+    of_stiffness = {} if K is None else _of_stiffness(K, C, scale.value, metric, notes)
     result |= dict.fromkeys(_OF_STIFFNESS) | of_stiffness
     minus = stiffness.get("A")
     predicted = None if minus is None else asymmetries.asymmetry_of(minus, W)
@@ -520,7 +516,6 @@ _OF_STIFFNESS = (
     "twist_compliant_axes",
     "indices",
     "modes",
-    "synthesis",
 )
 
 
@@ -529,7 +524,6 @@ def _of_stiffness(
     C: Array | None,
     length: float,
     metric: tuple[str, Array],
-    springs: bool,
     notes: Notes,
 ) -> dict[str, Any]:
     """Sections that need the stiffness matrix."""
@@ -542,10 +536,6 @@ def _of_stiffness(
     twists = notes.attempt("twist-compliant axes", twist_compliant_axes, K, C)
     indices = notes.attempt("indices", indices_of, K, length, C)
     best = notes.attempt("indices", best_conditioned_length, K, C)
-    judgement = notes.attempt("springs in parallel", realisability, K, C)
-    realised = None
-    if springs and judgement is not None and judgement.passive:
-        realised = notes.attempt("springs in parallel", realise, K, length, C)
     return {
         "definiteness": None if indices is None else indices.definiteness,
         "centres": section("centres", points),
@@ -561,7 +551,6 @@ def _of_stiffness(
         "twist_compliant_axes": _axes(twists),
         "indices": section("indices", indices, best),
         "modes": notes.attempt("modes", modes, K, metric[1], metric[0], C),
-        "synthesis": section("synthesis", judgement, realised),
     }
 
 
@@ -586,9 +575,7 @@ def analyse_posture(
     load_at: ArrayLike | None = None,
     target: ArrayLike | None = None,
     tolerances: Tolerances | None = None,
-    samples: int = 0,
     threshold: float = asymmetries.THRESHOLD,
-    springs: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
     r"""Analyse a mechanism at a posture, in any state.
@@ -625,19 +612,15 @@ def analyse_posture(
         Standard deviations: relative of every spring stiffness, absolute of every length and
         rotation [rad] of the geometry. Without them those of measured springs count, where the
         mechanism has any.
-    samples : int
-        Draws for a Monte Carlo propagation of the tolerances; 0 propagates to first order.
     threshold : float
         Relative change above which the choice of connection matters.
-    springs : bool
-        Whether springs that realise the matrix are constructed.
     progress : callable, optional
         Called with (done, total) while tolerances are propagated.
 
     Returns
     -------
     dict
-        The keys of `summarise`, and "deflection", "uncertainty"; "synthesis" has "target".
+        The keys of `summarise`, and "deflection", "uncertainty", "synthesis" with "target".
         Optional results are None by default; one that does not exist is None with a reason in
         "notes".
 
@@ -651,14 +634,12 @@ def analyse_posture(
     checked_kind(result, PostureStiffness, "posture", "what cartstiff.analyse answers")
     if connection is not None and connection not in LETTERS:
         raise UnknownNameError("connection", connection, LETTERS)
-    if samples < 0 or samples == 1:
-        raise InputError("samples cannot be used", expected="0, or 2 and more", got=samples)
     added = None if wrench is None else checked_input(wrench, (6,), "wrench")
     acts_at = None if load_at is None else checked_vector(load_at, 3, "point of the wrench")
     if acts_at is not None and added is None:
         raise InputError("the point of an added wrench needs the wrench", expected="both, or none")
 
-    def sections(r: PostureStiffness, springs: bool) -> tuple[dict[str, Any], Notes]:
+    def sections(r: PostureStiffness) -> tuple[dict[str, Any], Notes]:
         here = r.at(at)
         name, stiffness = _matrices(r, here, connection)
         W = np.zeros(6) if here.wrench is None else here.wrench
@@ -675,7 +656,6 @@ def analyse_posture(
             mass_centre=mass_centre,
             direction=direction,
             threshold=threshold,
-            springs=springs,
         )
         notes = Notes()
         notes.entries = answer.pop("notes")
@@ -686,18 +666,13 @@ def analyse_posture(
         answer["deflection"] = plain(deflection_section(r, name, added, force_at, point, notes))
         return answer, notes
 
-    if samples and tolerances is None and result.elastic.identified is None:
-        raise InputError(
-            "samples need tolerances to draw from",
-            expected="both, or none",
-            got=f"samples={samples}",
-        )
-    answer, notes = sections(result, springs)
+    answer, notes = sections(result)
+    answer["synthesis"] = None
     if target is not None:
         found = notes.attempt(
             "joint stiffness for the target", target_section, result, target, connection
         )
-        answer["synthesis"] = {**(answer["synthesis"] or {}), "target": plain(found)}
+        answer["synthesis"] = {"target": plain(found)}
     answer["uncertainty"] = None
     if tolerances is not None or result.elastic.identified is not None:
         from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
@@ -710,8 +685,7 @@ def analyse_posture(
                 _uncertainty,
                 parameters,
                 numbers(answer),
-                lambda r: numbers(sections(r, springs=False)[0], answer),
-                samples,
+                lambda r: numbers(sections(r)[0], answer),
                 progress,
             )
         )
@@ -753,14 +727,13 @@ def _uncertainty(
     parameters: UncertainParameters,
     nominal: Mapping[str, Array],
     evaluate: Callable[[PostureStiffness], dict[str, Array]],
-    samples: int,
     progress: Callable[[int, int], None] | None,
 ) -> dict[str, Any]:
     """Standard deviation and interval of every number of the analysis."""
-    from cartstiff.analysis.tolerances import propagate_first_order, propagate_monte_carlo
+    from cartstiff.analysis.tolerances import propagate_first_order
 
     named = parameters.named
-    total, done = samples or 1 + 4 * len(named), 0
+    total, done = 1 + 4 * len(named), 0
 
     def function(values: dict[str, float]) -> dict[str, Array]:
         nonlocal done
@@ -772,40 +745,31 @@ def _uncertainty(
         return {name: x * np.nan for name, x in nominal.items()} | kept
 
     try:
-        if samples:
-            p = propagate_monte_carlo(
-                function, named, samples=samples, correlation=parameters.correlation
-            )
-        else:
-            p = propagate_first_order(
-                function, named, correlation=parameters.correlation, degrees=parameters.degrees
-            )
+        p = propagate_first_order(
+            function, named, correlation=parameters.correlation, degrees=parameters.degrees
+        )
     except UndefinedError:
         raise
     except CartstiffError as error:
         raise UndefinedError(f"within the tolerances {error}", code="no-samples") from None
     entries: dict[str, Any] = {}
-    shares = None if p.contributions is None else np.array(list(p.contributions.values()))
+    shares = np.array(list(p.contributions.values()))
     at_nominal = [x for values in nominal.values() for x in values.flat]
     for i, (name, x) in enumerate(zip(p.names, at_nominal, strict=True)):
-        if not np.isfinite(p.centre[i]):
+        if not np.isfinite(p.nominal[i]):
             continue
         entry = {
             "nominal": x,
-            "mean": None if p.mean is None else p.mean[i],
             "deviation": p.deviation[i],
             "lower": p.lower[i],
             "upper": p.upper[i],
         }
-        if shares is not None and p.deviation[i] > 0:
+        if p.deviation[i] > 0:
             worst = int(np.argmax(shares[:, i]))
             entry |= {"main_parameter": list(named)[worst], "main_share": shares[worst, i]}
         entries[name] = entry
     return {
-        "method": p.method,
         "level": p.level,
-        "samples": p.samples,
-        "failures": p.failures,
         "tolerances": parameters.tolerances,
         "left_out": parameters.left_out,
         "parameters": named,

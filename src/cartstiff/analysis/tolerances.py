@@ -23,14 +23,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import Array, checked_array, checked_number, checked_seed, read_only
-from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
+from cartstiff.arrays import Array, checked_array, checked_number, read_only
+from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.kinematics.placements import Placements
 from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.contract import MechanismPosture
@@ -60,15 +59,12 @@ class Tolerance:
         Expected value.
     deviation : float
         Standard deviation, not negative, in the parameter's unit.
-    distribution : {"normal", "uniform"}
-        Used by Monte Carlo.
     lower : float
         Values from here down do not exist, as for a compliance: differences stay above.
     """
 
     nominal: float
     deviation: float
-    distribution: Literal["normal", "uniform"] = "normal"
     lower: float = -np.inf
 
     def __post_init__(self) -> None:
@@ -79,21 +75,12 @@ class Tolerance:
             raise InputError(
                 "standard deviation cannot be used", expected="zero or more", got=self.deviation
             )
-        if self.distribution not in ("normal", "uniform"):
-            raise UnknownNameError("distribution", self.distribution, ("normal", "uniform"))
 
     @property
     def step(self) -> float:
         """Step of differences, in standard deviations: twice it stays above `lower`."""
         room = self.nominal - self.lower
         return min(_STEP, 0.25 * room / self.deviation) if self.deviation > 0.0 else _STEP
-
-    def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Independent values, shape (count,)."""
-        if self.distribution == "uniform":
-            half = np.sqrt(3.0) * self.deviation
-            return rng.uniform(self.nominal - half, self.nominal + half, count)
-        return rng.normal(self.nominal, self.deviation, count)
 
 
 @dataclass(frozen=True)
@@ -132,60 +119,40 @@ class Tolerances:
 
 @dataclass(frozen=True, eq=False)
 class Propagation:
-    """Uncertainty of every number that a function returns.
+    """Uncertainty to first order of every number that a function returns.
 
     Attributes
     ----------
-    method : {"first order", "Monte Carlo"}
-        How it was found.
     names : tuple of str
         One per number: "key", or "key[i, j]" for entries of arrays.
-    nominal : ndarray, shape (m,), or None
-        Values at the nominal parameters: first order only.
-    mean : ndarray, shape (m,), or None
-        Mean of the draws: Monte Carlo only. To first order there is none.
+    nominal : ndarray, shape (m,)
+        Values at the nominal parameters.
     deviation : ndarray, shape (m,)
         Standard deviation.
     lower, upper : ndarray, shape (m,)
-        Interval of the given level: nominal value -+ z deviation, or quantiles of the draws.
+        Interval of the given level: nominal value -+ z deviation.
     level : float
         Probability of the interval.
-    contributions : dict of str to ndarray (m,), or None
-        First order only: each parameter's share of the variance; NaN where that is zero.
-    samples : int
-        Draws with a result; 0 for first order.
-    failures : dict of str to int
-        Number of draws without a result, by code or error name: they are not in the mean, and many
-        of them mean that the tolerance reaches a singularity.
+    contributions : dict of str to ndarray (m,)
+        Each parameter's share of the variance; NaN where that is zero.
     """
 
-    method: Literal["first order", "Monte Carlo"]
     names: tuple[str, ...]
-    nominal: Array | None
-    mean: Array | None
+    nominal: Array
     deviation: Array
     lower: Array
     upper: Array
     level: float
-    contributions: dict[str, Array] | None
-    samples: int
-    failures: dict[str, int]
-
-    @property
-    def centre(self) -> Array:
-        """Centre of the deviations (m,): the nominal values, or the mean of the draws."""
-        if self.mean is not None:
-            return self.mean
-        return np.full(len(self.names), np.nan) if self.nominal is None else self.nominal
+    contributions: dict[str, Array]
 
     def of(self, name: str) -> tuple[float, float, float, float]:
-        """Centre, standard deviation, lower and upper end of one number; UnknownNameError."""
+        """Nominal value, standard deviation, lower and upper end of one number."""
         if name not in self.names:
             raise UnknownNameError("result", name, self.names)
         i = self.names.index(name)
-        columns = (self.centre, self.deviation, self.lower, self.upper)
-        centre, deviation, lower, upper = (float(c[i]) for c in columns)
-        return centre, deviation, lower, upper
+        columns = (self.nominal, self.deviation, self.lower, self.upper)
+        nominal, deviation, lower, upper = (float(c[i]) for c in columns)
+        return nominal, deviation, lower, upper
 
 
 def _flatten(results: Results) -> tuple[tuple[str, ...], Array]:
@@ -207,26 +174,6 @@ def check_level(level: float) -> None:
         raise InputError("level cannot be used", expected="between 0 and 1", got=level)
 
 
-def _draws(
-    tolerances: Mapping[str, Tolerance],
-    rng: np.random.Generator,
-    samples: int,
-    correlation: ArrayLike | None,
-) -> dict[str, Array]:
-    """Values of each parameter (samples,); those that are correlated are normal."""
-    draws = {name: t.draw(rng, samples) for name, t in tolerances.items()}
-    if correlation is None:
-        return draws
-    R = checked_array(correlation, (len(tolerances),) * 2, "correlation")
-    values, vectors = np.linalg.eigh(R)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    together = rng.standard_normal((samples, len(R))) @ root.T
-    for i, (name, t) in enumerate(tolerances.items()):
-        if np.count_nonzero(R[i]) > 1:
-            draws[name] = t.nominal + t.deviation * together[:, i]
-    return draws
-
-
 def _check(tolerances: Mapping[str, Tolerance], level: float) -> None:
     if not tolerances:
         raise InputError("no tolerances given", expected="at least one parameter")
@@ -245,7 +192,7 @@ def propagate_first_order(
 
     Derivatives are fourth-order differences: the function is evaluated four times per parameter,
     within 0.4 standard deviations of the nominal values, and must be smooth there. Sorted
-    eigenvalues are not where two of them meet (symmetric mechanisms): prefer Monte Carlo there.
+    eigenvalues are not where two of them meet (symmetric mechanisms).
 
     Parameters
     ----------
@@ -302,92 +249,13 @@ def propagate_first_order(
     contributions = {name: read_only(np.where(variance > 0, 0.0, np.nan)) for name in tolerances}
     contributions |= {name: read_only(s) for name, s in zip(moving, shares, strict=True)}
     return Propagation(
-        "first order",
         names,
         read_only(values_there),
-        None,
         read_only(total),
         read_only(values_there - z * total),
         read_only(values_there + z * total),
         level,
         contributions,
-        0,
-        {},
-    )
-
-
-def propagate_monte_carlo(
-    function: Callable[[dict[str, float]], Results],
-    tolerances: Mapping[str, Tolerance],
-    *,
-    samples: int = 1000,
-    seed: int = 0,
-    level: float = 0.95,
-    correlation: ArrayLike | None = None,
-) -> Propagation:
-    r"""Mean, standard deviation and quantiles over draws of the parameters.
-
-    Nothing is clipped: a draw below a parameter's `lower`, or for which the function raises a
-    `CartstiffError`, is counted under `failures` and left out.
-
-    Parameters
-    ----------
-    function, tolerances, level, correlation
-        As in `propagate_first_order`.
-    samples : int
-        Number of draws, at least 2. Quantiles at 95 % need some hundred.
-    seed : int
-        Seed of the generator that belongs to this call.
-
-    Raises
-    ------
-    InputError
-        If there are no tolerances, too few samples, or the level is not between 0 and 1.
-    UndefinedError
-        Code ``"no-samples"`` if fewer than two draws have a result.
-    """
-    _check(tolerances, level)
-    if samples < 2:
-        raise InputError("too few samples", expected="at least 2", got=samples)
-    rng = np.random.default_rng(checked_seed(seed))
-    draws = _draws(tolerances, rng, samples, correlation)
-    names: tuple[str, ...] | None = None
-    rows: list[Array] = []
-    failures: dict[str, int] = {}
-    for s in range(samples):
-        if any(draws[name][s] <= t.lower for name, t in tolerances.items()):
-            failures["below-zero"] = failures.get("below-zero", 0) + 1
-            continue
-        try:
-            labels, values = _flatten(function({name: float(d[s]) for name, d in draws.items()}))
-        except CartstiffError as error:
-            code = error.code if isinstance(error, UndefinedError) else type(error).__name__
-            failures[code] = failures.get(code, 0) + 1
-            continue
-        if names is not None and labels != names:
-            raise InputError("the function returns other numbers from one call to the next")
-        names = labels
-        rows.append(values)
-    if names is None or len(rows) < 2:
-        raise UndefinedError(
-            f"only {len(rows)} of {samples} draws gave numbers",
-            code="no-samples",
-            values={"failures": dict(failures)},
-        )
-    table = np.array(rows)
-    tail = 0.5 * (1.0 - level)
-    return Propagation(
-        "Monte Carlo",
-        names,
-        None,
-        read_only(table.mean(axis=0)),
-        read_only(table.std(axis=0, ddof=1)),
-        read_only(np.quantile(table, tail, axis=0)),
-        read_only(np.quantile(table, 1.0 - tail, axis=0)),
-        level,
-        None,
-        len(rows),
-        failures,
     )
 
 

@@ -45,7 +45,6 @@ class Analysis(Reading):
     inertia
         Rigid body with its mass centre at the point, in kg and kg m^2; adds natural frequencies and
         takes its radius of gyration as the characteristic length.
-    samples : N
     target : FILE
         Desired stiffness (6x6, symmetric, body frame; .json, .csv or .npy): the joint stiffness
         that produces it under the load, as the matrix of --connection. A .json may name its order,
@@ -56,23 +55,15 @@ class Analysis(Reading):
     """
 
     API: ClassVar = ("analysis/posture.py analyse_posture tolerance=tolerances",)
-    NEEDS: ClassVar = {"samples": "tolerance", "target_order": "target"}
-    RARE: ClassVar = "inertia tolerance samples target target_order"
+    NEEDS: ClassVar = {"target_order": "target"}
+    RARE: ClassVar = "inertia tolerance target target_order"
 
     level: Annotated[Level, "--analysis"] = "short"
     report_at: Point = None
     inertia: Annotated[list[float] | None, Numbers("MASS,IXX,IYY,IZZ", 4, above_zero=True)] = None
     tolerance: Tolerance = None
-    samples: Annotated[int | None, click.IntRange(0)] = None
     target: Path | None = None
     target_order: Order | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse one draw."""
-        if self.samples == 1:
-            raise InputError(
-                "cannot be used", where="--samples", expected="0, or 2 and more", got="1"
-            )
 
     @cached_property
     def wanted(self) -> Target | None:
@@ -83,11 +74,8 @@ class Analysis(Reading):
 
         return read_target(self.target, self.target_order)
 
-    def run(self, result: PostureStiffness, springs: bool, world: bool) -> dict[str, Any]:
-        """Analyse a result, with the synthesis by `springs` if they are shown.
-
-        A terminal shows a progress bar while tolerances are propagated.
-        """
+    def run(self, result: PostureStiffness, world: bool) -> dict[str, Any]:
+        """Analyse a result; a terminal shows a progress bar while tolerances are propagated."""
         import numpy as np
 
         from cartstiff.analysis.posture import analyse_posture
@@ -138,8 +126,6 @@ class Analysis(Reading):
                     load_at=self.added_load_at,
                     target=None if self.wanted is None else self.wanted.in_body_frame(result),
                     tolerances=tolerances,
-                    samples=self.samples or 0,
-                    springs=springs,
                     progress=progress,
                 )
                 json.dumps(answer, allow_nan=False)
@@ -210,7 +196,7 @@ def command(
     cartstiff analyse ur5 --analysis full --report-at 0,0,0.1 --length 0.2
     cartstiff analyse ur5 --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 --added-load 0,0,0,10,0,0
     cartstiff analyse flexure-hexapod -o stiffness.json
-    cartstiff analyse cubic --tolerance 0.05,0.0001 --samples 500
+    cartstiff analyse cubic --tolerance 0.05,0.0001
     cartstiff analyse cubic --sensitivities --json
     cartstiff analyse ur5 --target wanted.csv --inertia 2,0.01,0.01,0.005
     """
@@ -239,8 +225,7 @@ def command(
         by_parameters = parameters.add(result, setup, data)
     json_text(data, setup.mechanism)  # or a refusal, before anything is written
     if reading.level != "none":
-        shows_springs = out.json or output is not None or reading.level == "full"
-        data["analysis"] = reading.run(result, shows_springs, setup.world)
+        data["analysis"] = reading.run(result, setup.world)
     if output is not None:
         from cartstiff.report.output import write_json
 

@@ -248,9 +248,8 @@ def summary_text(
     if full:
         lines += screw_lines(summary, u)
         lines += mode_lines(summary["modes"], u, summary["length"]["value"])
-    lines += synthesis_lines(summary["synthesis"], u, full, summary["length"]["value"])
     lines += _connections(summary, u, full)
-    lines += target_lines((summary["synthesis"] or {}).get("target"), u, full)
+    lines += target_lines((summary.get("synthesis") or {}).get("target"), u, full)
     lines += deflection_lines(summary.get("deflection"), u, full)
     lines += uncertainty_lines(summary.get("uncertainty"), u, full)
     if summary["notes"]:
@@ -721,7 +720,7 @@ def _are_repeated(numbers: Mapping[str, Any], prefix: str) -> bool:
 
 
 # Columns of a spread, and their digits.
-_SPREAD = (("nominal", 5), ("mean", 5), ("deviation", 3), ("lower", 5), ("upper", 5))
+_SPREAD = (("nominal", 5), ("deviation", 3), ("lower", 5), ("upper", 5))
 
 
 def _size(name: str, spreads: Mapping[str, Any]) -> float:
@@ -745,13 +744,9 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
     parts += [f"rotations {number(t['angle'])} {u.angle}"] if t["angle"] else []
     if any(name.startswith(("compliance.", "coefficient.")) for name in s["parameters"]):
         parts.insert(0, "the measured springs")
-    how = "to first order" if not s["samples"] else f"{s['samples']} samples"
-    lines = ["", f"uncertainty from {', '.join(parts)} ({how}; standard deviations)"]
+    lines = ["", f"uncertainty from {', '.join(parts)} (to first order; standard deviations)"]
     if s["left_out"]:
         lines.append(f"  {s['left_out']}")
-    if s["failures"]:
-        failed = ", ".join(f"{n} {code}" for code, n in s["failures"].items())
-        lines.append(f"  draws without a result, left out: {failed}")
     spreads = s["numbers"]
     for prefix, label in _SHOWN.items():
         names = [n for n in spreads if n == prefix or n.startswith(prefix + "[")]
@@ -759,7 +754,7 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
             continue
         unit = _unit(prefix, u)
         label = f"  {label} [{unit}]" if unit else f"  {label}"
-        means = [spreads[n]["nominal" if spreads[n]["mean"] is None else "mean"] for n in names]
+        means = [spreads[n]["nominal"] for n in names]
         spread = [spreads[n]["deviation"] for n in names]
         if prefix.startswith(("centres", "deflection")):
             size = max((d for d in spread if d is not None), default=0.0)
@@ -770,11 +765,8 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
                 for d, m in zip(spread, means, strict=True)
             ]
             lines.append(f"{label:<42} {row(means)}  +- {', '.join(shares)}")
-    if not s["samples"] and any(_are_repeated(spreads, prefix) for prefix in _SHOWN):
-        lines.append(
-            "  principal values meet here: to first order their spread is rough; draw "
-            "samples instead"
-        )
+    if any(_are_repeated(spreads, prefix) for prefix in _SHOWN):
+        lines.append("  principal values meet here: to first order their spread is rough")
     softest = spreads.get("ellipsoids.stiffness.translation.free.eigenvalues[0]")
     if softest is not None and "main_parameter" in softest:
         lines.append(
@@ -792,7 +784,7 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
         ]
         level = percent(s["level"])
         lines.append(f"  every number, with the interval that holds {level}")
-        lines += table(["", "unit", "nominal", "mean", "deviation", "lower", "upper"], rows)
+        lines += table(["", "unit", "nominal", "deviation", "lower", "upper"], rows)
     return lines
 
 
@@ -879,39 +871,3 @@ def _frequency(frequency: float | None, eigenvalue: float) -> str:
     if frequency is None:
         return f"unstable ({number((-eigenvalue) ** 0.5)} /s)"
     return number(frequency)
-
-
-def synthesis_lines(s: Mapping[str, Any] | None, u: Units, full: bool, size: float) -> list[str]:
-    """Springs that realise the matrix."""
-    if s is None or "passive" not in s:
-        return []
-    trace = 0.0 if s["relative_trace"] < numerics.UNCOUPLED else s["trace"]
-    trace = f"trace of the coupling block {number(trace, 3)} {u.blocks['tr']}"
-    if not s["passive"]:
-        text = "no unloaded springs in parallel give this matrix: it has a negative eigenvalue"
-    elif s["by_line_springs"]:
-        text = f"{s['rank']} line or torsional springs in parallel give this matrix ({trace})"
-    else:
-        text = (
-            f"{s['rank']} springs in parallel give this matrix, "
-            f"{s['screw_springs']} of them with a pitch ({trace})"
-        )
-    if not full or not s["springs"]:
-        return ["", "synthesis", f"  {text}"]
-    rows = [
-        [
-            x["kind"],
-            number(x["stiffness"]),
-            u.stiffness["rotation" if x["kind"] == "torsional" else "translation"],
-            *_axis_cells(x, size),
-        ]
-        for x in s["springs"]
-    ]
-    titles = ["kind", "stiffness", "", f"pitch [{u.pitch}]", "direction", f"point [{u.length}]"]
-    return [
-        "",
-        "synthesis",
-        f"  {text}",
-        *table(titles, rows),
-        f"  largest difference from the matrix {number(s['residual'], 2)} of its block",
-    ]
