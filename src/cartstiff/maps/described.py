@@ -75,6 +75,7 @@ def check_described(root: Mapping[str, Any]) -> None:
     names, objects = about["arrays"], about["objects"]
     require(_list_of(names, _is_text) and len(names) <= _MAX_ARRAYS >= len(nodes), "its arrays")
     require(len(set(names)) == len(names), "an array twice")
+    require(set(names) <= nodes.keys(), "an array that is not described")
     require({"state", "position"} <= set(names), "no state or position")
     require(
         all(type(seal) is int and 0 <= seal < 2**32 for seal in objects.values()), "its checksums"
