@@ -109,7 +109,7 @@ _ASKED = [
     ["analyse", "m.yaml", "--set", "r=0.3"],
     ["equilibrium", "m.yaml", "--load", "0,0,0,0,0,-50"],
     ["assemble", "m.yaml", "--starts", "3"],
-    ["assemble", "m.yaml", "--all", "--units", "mm,deg"],
+    ["assemble", "m.yaml", "--all"],
     ["workspace", "m.yaml", "--directions", "20", "--scan", "6"],
     ["workspace", "m.yaml", "--directions", "20", "--scan", "4", "--load", "0,0,0,0,0,-5"],
     ["frames", "m.yaml"],

@@ -88,10 +88,10 @@ URDF = (
 @pytest.mark.parametrize(
     "command",
     [
-        "equilibrium r.urdf --load 0,0,0,1,0,0 --curve 1 --csv out.csv",
-        "equilibrium r.urdf --load 0,0,0,1,0,0 --path q.csv --csv out.csv",
-        "modes r.urdf --response 1:50 --csv out.csv",
-        "identify r.urdf --plan 2 --mass 5 --sd d=1mm --csv out.csv",
+        "equilibrium r.urdf --load 0,0,0,1,0,0 --curve 1 -o out.csv",
+        "equilibrium r.urdf --load 0,0,0,1,0,0 --path q.csv -o out.csv",
+        "modes r.urdf --response 1:50 -o out.csv",
+        "identify r.urdf --plan 2 --mass 5 --sd d=1mm -o out.csv",
     ],
 )
 def test_files_of_commands(tmp_path, monkeypatch, command):

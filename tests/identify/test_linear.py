@@ -147,13 +147,6 @@ def test_json_has_the_form_and_units_are_read(tmp_path):
     again = answer("identify", path, tmp_path / "mm.csv")
     stiffness = [p["stiffness"] for p in shown["parameters"]]
     assert [p["stiffness"] for p in again["parameters"]] == pytest.approx(stiffness, rel=1e-9)
-    # The same units by option instead of in the head.
-    plain = [line.replace(" [deg]", "").replace(" [mm]", "") for line in scaled]
-    (tmp_path / "o.csv").write_text("\n".join(plain), "utf-8")
-    by_option = answer("identify", path, tmp_path / "o.csv", "--units mm,deg")
-    assert by_option["units"]["length"] == "m"
-    assert {p["unit"] for p in by_option["parameters"]} == {"N m/rad"}
-    assert [p["stiffness"] for p in by_option["parameters"]] == pytest.approx(stiffness)
     text = run("identify", path, tmp_path / "mm.csv")
     assert "Stiffness, 95 % intervals" in text
     result = identify(elastic, measured)  # deviations given: the normal distribution

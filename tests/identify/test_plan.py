@@ -243,7 +243,7 @@ def test_from_a_plan_to_a_file_by_the_command_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     arm("elbow", tmp_path)
     command, sd = "identify elbow.yaml", "--sd dx=0.02mm --sd dy=0.02mm --sd dz=0.02mm"
-    shown = answer(command, "--plan 9 --force 90 --csv to_do.csv --candidates 200", sd)
+    shown = answer(command, "--plan 9 --force 90 -o to_do.csv --candidates 200", sd)
     assert shown["rows"] == 9
     assert [entry["rows"] for entry in shown["by_rows"]] == list(range(1, 10))
     text = run(command, "--plan 2 --mass 5 --candidates 50", sd)
@@ -251,8 +251,8 @@ def test_from_a_plan_to_a_file_by_the_command_line(tmp_path, monkeypatch):
     head = (tmp_path / "to_do.csv").read_text().splitlines()[0]
     assert head.endswith("dx [m],dy [m],dz [m]")
     assert "nothing was measured" in run(command, "to_do.csv", code=2)
-    bad = answer(command, "to_do.csv --simulate 3 --csv done.csv --outliers 1", sd)["outliers"]
-    found = answer(command, "done.csv --reject suspects -o known.yaml --plot r.png", sd)
+    bad = answer(command, "to_do.csv --simulate 3 -o done.csv --outliers 1", sd)["outliers"]
+    found = answer(command, "done.csv --reject suspects -o known.yaml -o r.png", sd)
     assert [r["row"] for r in found["rejected"]] == bad
     for entry, k in zip(found["parameters"], SPRINGS["elbow"], strict=True):
         assert entry["stiffness"] == pytest.approx(k, rel=0.3)

@@ -433,8 +433,7 @@ def _written(path, source, *more):
     return cartstiff.load(str(out))
 
 
-@pytest.mark.parametrize("lengths", ["m", "mm"])
-def test_the_file_written_stands_where_the_rows_were_measured(tmp_path, lengths):
+def test_the_file_written_stands_where_the_rows_were_measured(tmp_path):
     """Zeros, tool and base of the file: by its equilibria the rows are predicted to their noise.
 
     Among them are those that the rows do not separate: the first zero and the base about its axis.
@@ -448,11 +447,8 @@ def test_the_file_written_stands_where_the_rows_were_measured(tmp_path, lengths)
         "mass,x [m],y [m],z [m]," + ",".join(f"sd_{n} [m]" for n in "xyz"),
     )
     source.write_text(text, "utf-8")
-    size = {"m": 1.0, "mm": 1e3}[lengths]
-    place = f"--point={','.join(str(size * x) for x in inside)}"
-    arm = _written(
-        _urdf(tmp_path / "ten.yaml"), source, place, "--load-at=0,0,0", f"--units={lengths},rad"
-    )
+    place = f"--point={','.join(map(str, inside))}"
+    arm = _written(_urdf(tmp_path / "ten.yaml"), source, place, "--load-at=0,0,0")
     rows = read_measurements(source, arm, point=inside)
     missed, turned = [], []
     for n in range(0, len(rows), 4):
@@ -526,7 +522,7 @@ def test_simulated_rows_keep_their_sessions_and_times(tmp_path):
     """A table that is filled in is the user's own: the fit needs its sessions."""
     file, source = _urdf(tmp_path / "ten.yaml"), tmp_path / "a.csv"
     campaign(source, rows=6, session=["=a", "b", "=a", "b", "=a", "b"], time=np.arange(6.0))
-    run("identify", file, source, "--simulate", 1, "--sd", "x=1um", "--csv", tmp_path / "b.csv")
+    run("identify", file, source, "--simulate", 1, "--sd", "x=1um", "-o", tmp_path / "b.csv")
     arm = cartstiff.load(str(file))
     rows = [read_measurements(tmp_path / name, arm) for name in ("a.csv", "b.csv")]
     assert rows[0].session == rows[1].session

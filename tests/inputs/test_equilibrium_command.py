@@ -219,7 +219,7 @@ def _table(path):
 @needs_plots
 def test_a_curve_with_its_files(workplace):
     push = "five-bar --load 0,0,0,0,-1000,0 --world --curve 1"
-    text = run("equilibrium", push, "--csv curve.csv --plot curve.png")
+    text = run("equilibrium", push, "-o curve.csv -o curve.png")
     assert "x m" in text
     assert "Critical load: limit at factor 0.4521544917" in text
     data = answer("equilibrium", push)
@@ -271,11 +271,11 @@ def _write(name, rows, head=""):
 def test_a_path_of_postures():
     _write("path.csv", POSES, "# a comment, and an empty line\n\n")
     push = "hexapod --load 0,0,0,10,0,-300 --path path.csv"
-    text = run("equilibrium", push, "--csv commands.csv")
+    text = run("equilibrium", push, "-o commands.csv")
     assert "along 2 postures" in text
     legs = [line for line in text.splitlines() if line.startswith("  leg")]
     assert len(legs) == 6
-    assert all(line.endswith(" m") for line in legs)
+    assert all(line.endswith(" mm") for line in legs)
     data = answer("equilibrium", push)
     assert data["springs"] == [f"leg{i}" for i in range(1, 7)]
     header, table = _table("commands.csv")
@@ -295,7 +295,7 @@ def test_a_path_of_postures():
 def test_a_path_with_wrenches():
     rows = [pose + wrench for pose, wrench in zip(POSES, WRENCHES, strict=True)]
     _write("path.csv", rows)
-    data = answer("equilibrium hexapod --path path.csv --world --plot error.png")
+    data = answer("equilibrium hexapod --path path.csv --world -o error.png")
     assert Path("error.png").read_bytes().startswith(b"\x89PNG")
     for pose, wrench, before in zip(POSES, WRENCHES, data["error_before"], strict=True):
         _write("one.csv", [pose])

@@ -42,8 +42,8 @@ def test_a_serial_arm(tmp_path):
     assert not turn["carries_body"]
     assert found["payload"] == 2.0
     words = describe_frames(found)
-    assert "└─ turn: revolute, [-inf, inf] rad, q 0.5, 300 N m/rad at rest at 0.4" in words
-    assert "   └─ push: prismatic, [-100, 100] m, q 0, 50000 N/m, 2 kg" in words
+    assert "└─ turn: revolute, [-inf, inf] deg, q 28.6479, 300 N m/rad at rest at 22.9183" in words
+    assert "   └─ push: prismatic, [-100000, 100000] mm, q 0, 50 N/mm, 2 kg" in words
     assert "M on slide" in words
     assert "Payload: 2 kg" in words
 
@@ -82,15 +82,15 @@ def test_json_from_the_command():
 
 
 def test_postures_in_degrees():
-    words, arm = run("frames five-bar --units mm,deg"), cartstiff.load("five-bar")
+    words, arm = run("frames five-bar"), cartstiff.load("five-bar")
     q = float(arm.q[list(arm.names).index("left_motor")])
     assert f"deg, q {math.degrees(q):.6g}" in words
 
 
 def test_tool_and_gravity_are_told():
-    words = run("frames five-bar --tcp 0.1,0,0.2 --gravity 0,0,-5 --units mm")
+    words = run("frames five-bar --tcp 0.1,0,0.2 --gravity 0,0,-5")
     arm = cartstiff.load("five-bar")
     pose = arm.mechanism.at(arm.q).pose
-    x, y, z = 1e3 * pose[:3, 3] + pose[:3, :3] @ [0.1, 0.0, 0.2]
+    x, y, z = 1e3 * pose[:3, 3] + pose[:3, :3] @ [100.0, 0.0, 200.0]
     assert f"M at ({x:.6g}, {y:.6g}, {z:.6g}) mm in F" in words
     assert "Gravity: (0, 0, -5) m/s^2" in words

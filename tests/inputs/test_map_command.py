@@ -19,7 +19,7 @@ GRID = "--grid x=-0.02:0.02:3 --grid yaw=0:0.2:4"
 
 
 def test_grid_to_file_table_and_picture():
-    out = run(CUBIC, GRID, "-o m.zarr --picture m.png --best 2")
+    out = run(CUBIC, GRID, "-o m.zarr -o m.png --best 2")
     assert "12 postures" in out
     assert "translation_held_min   N/m" in out
     assert "Best of translation_held_min [N/m]" in out
@@ -83,7 +83,7 @@ def test_trajectory_from_csv():
     Path("p.csv").write_text("# a path\ntime, x, yaw\n0, 0.0, 0.0\n0.5, 0.01, 0.1\n")
     told = answer(
         CUBIC,
-        "--trajectory p.csv -o t.zarr --best 5 --picture p.svg",
+        "--trajectory p.csv -o t.zarr --best 5 -o p.svg",
     )
     assert told["postures"] == 2
     yaws = sorted(row["q"]["yaw"] for row in told["best"]["translation_held_min"])
@@ -107,14 +107,13 @@ def test_cartesian_grid_in_one_option():
 def test_quantities_are_listed():
     from cartstiff.maps.quantities import QUANTITIES
 
-    out = run("map --list-quantities")
+    out = run("models --quantities")
     for name in QUANTITIES:
         assert f"\n{name} " in f"\n{out}"
-    for words in (("cubic", "--json", "--list-quantities"), ("--list-quantities", "--json")):
-        data = json.loads(run("map", *words))
-        assert data["schema"] == "cartstiff-quantities/1"
-        assert [quantity["name"] for quantity in data["quantities"]] == list(QUANTITIES)
-        assert set(data["quantities"][0]) == {"name", "unit", "description", "asks", "better"}
+    data = json.loads(run("models --quantities --json"))
+    assert data["schema"] == "cartstiff-quantities/1"
+    assert [quantity["name"] for quantity in data["quantities"]] == list(QUANTITIES)
+    assert set(data["quantities"][0]) == {"name", "unit", "description", "asks", "better"}
 
 
 def test_another_map_s_file_is_left_alone(refused):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from tests.support.commands import answer, run
+from tests.support.commands import answer
 
 import cartstiff
 from cartstiff.errors import InputError
@@ -51,16 +51,6 @@ def test_turning_springs_everywhere(text, tmp_path):
     np.testing.assert_allclose(K, same["stiffness"]["B"], rtol=1e-9, atol=1e-3)
 
 
-def test_other_units_of_the_answer():
-    """--units converts numbers without a unit, and no others."""
-    wanted = answer("analyse ur5 --analysis none", ["--stiffness=elbow_joint=22460 N m/rad"])
-    for text in ("elbow_joint=22.46 kN m/rad", "elbow_joint=22460000"):
-        found = answer("analyse ur5 --analysis none --units mm", [f"--stiffness={text}"])
-        np.testing.assert_allclose(
-            found["stiffness"]["B"], wanted["stiffness"]["B"], rtol=1e-9, atol=1e-6
-        )
-
-
 def test_legs_and_flexures_in_a_file_of_millimetres(tmp_path):
     """20 N/um are 20 kN/mm; bending stays in N m/rad whatever the file's units."""
     path = tmp_path / "hexapod.yaml"
@@ -82,23 +72,6 @@ def test_heads_of_tables():
         for head in (f"k [{unit}]", f"k ({unit})"):
             assert head_of(head, "here") == ("k", "torsional stiffness", pytest.approx(factor))
     assert head_of("k [N/um]", "here") == ("k", "stiffness", pytest.approx(1e6))
-
-
-def test_known_springs_of_identify(tmp_path):
-    """--known and --prior take units, too."""
-    table, made = tmp_path / "rows.csv", tmp_path / "made.csv"
-    loads = ("100,0,0", "0,100,0", "0,0,100", "0,90,40")
-    rows = [f"0.3,-1.1,1.4,-0.7,0.9,0.2,{load}" for load in loads]
-    table.write_text("\n".join(["q1,q2,q3,q4,q5,q6,fx,fy,fz", *rows]))
-    deviations = "--sd dx=0.01mm --sd dy=0.01mm --sd dz=0.01mm"
-    run("identify ur5", table, "--simulate 1", deviations, "--csv", made)
-    found = []
-    for k, sd in (("3600", "360"), ("62.83185307179586N m/deg", "0.36 kN m/rad")):
-        wrists = [f"--known=wrist_{i}_joint={k}" for i in (1, 2, 3)]
-        found.append(answer("identify ur5", made, wrists, [f"--prior=elbow_joint={k},{sd}"]))
-    assert len(found[0]["parameters"]) == 3
-    for a, b in zip(*(one["parameters"] for one in found), strict=True):
-        assert a["compliance"] == pytest.approx(b["compliance"], rel=1e-9)
 
 
 def test_units_of_parameters_in_the_files_own(tmp_path):

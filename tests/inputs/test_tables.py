@@ -124,8 +124,8 @@ def test_a_seam_in_three_commands(big_arm):
     tool = [big_arm, "--tcp", "0,0,0.2"]
     robot = [*tool, "--stiffness", "2e6,2e6,1.5e6,3e5,3e5,2e5"]
     p, c = (folder / name for name in ("p.csv", "c.csv"))
-    run("path", *robot, folder / "seam.csv", f"--load 0,0,0,0,0,-300 --world --csv {p}")
-    more = f"--path {p} --csv {c}"
+    run("path", *robot, folder / "seam.csv", f"--load 0,0,0,0,0,-300 --world -o {p}")
+    more = f"--path {p} -o {c}"
     errors = answer("equilibrium", *robot, more, said="not needed here")["summary"]
     assert errors["before"]["translation_max"] > 1e-4
     assert errors["after"]["translation_max"] < 1e-9
@@ -138,7 +138,7 @@ def test_a_seam_in_three_commands(big_arm):
     seen = [word for axis in "xyz" for word in ("--sd", f"d{axis}=1e-6mm")]
     seen += [word for axis in "xyz" for word in ("--sd", f"dr{axis}=1e-6mrad")]
     unneeded = "not needed here"
-    run("identify", *robot[:3], "--simulate", 1, p, *seen, f"--csv {m}", said=unneeded)
+    run("identify", *robot[:3], "--simulate", 1, p, *seen, f"-o {m}", said=unneeded)
     found = answer("identify", *tool, m, *seen)["parameters"]
     for entry in found:
         assert not entry["identifiable"] or abs(entry["stiffness"] / 1e4 - 1) < 1e-2, entry

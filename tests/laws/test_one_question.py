@@ -51,19 +51,6 @@ def test_analyse(arm):
 
 
 @SEEDS
-def test_analyse_in_millimetres(arm):
-    """Given in mm, the same: JSON comes in the units of the file."""
-    one, file = arm
-    plain = answer("analyse", file, *one.load_words)
-    load = one.W * np.repeat([1e3, 1.0], 3)
-    given = ["--load", numbers(load), "--world", "--load-at", numbers(1e3 * one.at)]
-    found = answer("analyse", file, *given, "--units mm,deg")
-    for key in ("pose", "wrench"):
-        close(found[key], plain[key], 1e-12)
-    close(found["load"]["compliance"], plain["load"]["compliance"], 1e-10)
-
-
-@SEEDS
 def test_equilibrium(arm):
     """From rest positions that balance weight and load at q, it comes to rest at q, and nearby."""
     one, file = arm
@@ -270,16 +257,12 @@ def loop(seed, slides, is_heavy, tmp_path):
 @LOOPS
 @SEEDS
 def test_a_loop_with_weight_or_a_slider(loop):
-    """In the file's units and in millimetres and degrees; analyse and equilibrium."""
+    """analyse and equilibrium."""
     one, file = loop
     load = ["--load", numbers(one.W), "--world", "--load-at", numbers(one.at)]
     found = answer("analyse", file, *load)
     close(found["pose"], one.pose(one.turn), 1e-9)
     close(found["load"]["compliance"], one.compliance(True), 1e-6)
-    millimetres = ["--load", numbers(one.W), "--world", "--load-at", numbers(1e3 * one.at)]
-    degrees = f"--q motor={float(np.degrees(one.turn))!r} --units mm,deg --json"
-    again = json.loads(run("analyse", file, *millimetres, degrees))
-    close(again["load"]["compliance"], one.compliance(True), 1e-6)
     lying = answer("equilibrium", file, *load)
     close(lying["pose"], one.pose(one.at_rest()), 1e-7)
 

@@ -71,7 +71,7 @@ def test_the_programs_before_and_after_subtract(tmp_path, arm, postures, winds):
     force = ",".join(map(str, [0, 0, 0, *FORCE]))
     words = ("equilibrium", "ur5", "--gravity", "0,0,-9.81", "--load", force, "--world")
     found = tmp_path / "commands.csv"
-    run(*words, "--path", table, "--csv", found)
+    run(*words, "--path", table, "-o", found)
     rows = list(csv.DictReader(found.read_text("utf-8").splitlines()))
     names = [f"{name} [rad]" for name in arm.names]
     after, before = (

@@ -35,14 +35,14 @@ def test_report(seam):
     assert "rotation about the body's z axis" in text
     assert "best constant" in text
     assert "K^B unloaded" in text
-    assert "angles count by the characteristic length 0.34998 m" in text
+    assert "angles count by the characteristic length 349.98 mm" in text
     assert "-0.00000" not in text
 
 
 def test_json_and_csv_agree(seam, tmp_path):
     file = tmp_path / "postures.csv"
     data = json.loads(
-        run("path hexapod", seam, *LOAD, "--free-axis z", *QUICK, f"--json --csv {file}")
+        run("path hexapod", seam, *LOAD, "--free-axis z", *QUICK, f"--json -o {file}")
     )
     assert data["schema"] == "cartstiff/1"
     with file.open(encoding="utf-8") as handle:
@@ -102,7 +102,7 @@ def test_stiffness_along_a_direction(seam):
 @needs_plots
 def test_pictures(seam, tmp_path):
     picture = tmp_path / "k.png"
-    run("path hexapod", seam, *LOAD, "--free-axis z", *QUICK, f"--plot {picture}")
+    run("path hexapod", seam, *LOAD, "--free-axis z", *QUICK, f"-o {picture}")
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 

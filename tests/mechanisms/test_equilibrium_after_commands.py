@@ -106,8 +106,8 @@ def test_what_cannot_be_told_is_refused(told, words):
 
 def test_on_the_command_line():
     machine = cartstiff.load("6-pus")
-    load = ",".join(map(str, LOAD * [1e3, 1e3, 1e3, 1, 1, 1]))
-    words = f"6-pus --load {load} --units mm --actuate leg1/slide=4,leg4/slide=-3"
+    load = ",".join(map(str, LOAD))
+    words = f"6-pus --load {load} --actuate leg1/slide=0.004,leg4/slide=-0.003"
     state = after_command(machine, TOLD, wrench=LOAD)
     for command in ("analyse", "equilibrium"):
         found = answer(command, words)

@@ -127,9 +127,9 @@ def test_on_the_command_line():
     assert answer["pose"][2][3] == pytest.approx(0.65, abs=EXACT)
     assert "pose-follows" in [note["code"] for note in answer["notes"]]
     _, out, _ = outcome(
-        "analyse 6-pus --pose 10,0,550,5,0,0 --units mm,deg --tcp 0,0,100 --json",
+        f"analyse 6-pus --pose 0.01,0,0.55,{np.pi / 36!r},0,0 --tcp 0,0,0.1 --json",
     )
-    # The pose is the body's; the tool stands 100 mm above it, tilted by 5 degrees. JSON is in m.
+    # The pose is the body's; the tool stands 100 mm above it, tilted by 5 degrees.
     tool = [0.01, -0.1 * np.sin(np.pi / 36), 0.55 + 0.1 * np.cos(np.pi / 36)]
     assert np.array(json.loads(out)["pose"])[:3, 3] == pytest.approx(tool, abs=1e-11)
     code, _, err = outcome("analyse 6-pus --pose 0.6,0,0.5,0,0,0")

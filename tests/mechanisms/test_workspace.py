@@ -464,8 +464,8 @@ def test_what_has_no_workspace_is_refused(machine):
 
 def test_the_command(tmp_path):
     table, picture = tmp_path / "b.csv", tmp_path / "w.png"
-    command = f"workspace hexapod --directions 8 --scan 8 --csv {table}"
-    data = answer(command, "--plot", picture)
+    command = f"workspace hexapod --directions 8 --scan 8 -o {table}"
+    data = answer(command, "-o", picture)
     jsonschema.validate(data, json_schema("workspace"))
     rows = list(csv.DictReader(table.read_text("utf-8").splitlines()))
     assert [row["limit"] for row in rows] == data["limits"]

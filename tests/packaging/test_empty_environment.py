@@ -62,7 +62,7 @@ def test_the_command_knows_its_version(scripts, tmp_path):
     ("command", "extra"),
     [
         ("analyse ur5", "robots"),
-        ("equilibrium five-bar --load 0,0,0,0,-100,0 --curve 0.1 --plot curve.png", "plots"),
+        ("equilibrium five-bar --load 0,0,0,0,-100,0 --curve 0.1 -o curve.png", "plots"),
         ("map five-bar --random 3 --quantity condition -o five-bar.zarr", "maps"),
     ],
     ids=["robots", "plots", "maps"],

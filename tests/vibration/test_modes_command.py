@@ -16,7 +16,7 @@ def test_everything_at_once(tmp_path):
     csv, plot = tmp_path / "h.csv", tmp_path / "h.png"
     arguments = (
         "modes five-bar --sensitivities --tolerance 0.1 --response 0:50:20 "
-        f"--damping 0.02 --direction 1,0,0 --csv {csv} --plot {plot}"
+        f"--damping 0.02 --direction 1,0,0 -o {csv} -o {plot}"
     )
     data = answer(arguments)
     assert {"sensitivities", "intervals", "response"} <= set(data)
@@ -45,5 +45,5 @@ def test_weight_that_only_a_load_balances():
 
 def test_files_without_modes_are_refused(tmp_path):
     file = tmp_path / "h.csv"
-    assert "has a mass" in run(f"modes cubic --response 1:2:3 --csv {file}", code=3)
+    assert "has a mass" in run(f"modes cubic --response 1:2:3 -o {file}", code=3)
     assert not file.exists()

@@ -171,7 +171,7 @@ def test_points_of_a_map_bring_their_postures(tmp_path, monkeypatch):
 
 
 def test_a_boundary_of_a_workspace(tmp_path):
-    """What `workspace --csv` writes, in the units of the file or in others."""
+    """What `workspace -o` writes, in the units of the file or in others."""
     import cartstiff
     from cartstiff.reach.workspace import workspace
     from cartstiff.report.reach import boundary_csv

@@ -15,6 +15,7 @@ from cartstiff.choices import AXES_WORDS, ORDERS, Axes, Level, Order
 from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
     BalancedSetup,
+    Metres,
     Numbers,
     OutputFile,
     Parameters,
@@ -88,8 +89,8 @@ class Analysis(Reading):
                 return components
             return (np.reshape(components, (-1, 3)) @ result.pose[:3, :3]).ravel()
 
-        connection = self.connection
         own = None if self.wanted is None else self.wanted.connection
+        connection = self.connection
         if own and connection not in (None, own):
             raise InputError(
                 "the target's file names another matrix",
@@ -117,7 +118,7 @@ class Analysis(Reading):
                 answer = analyse_posture(
                     result,
                     connection=connection or own,
-                    length=self.length,
+                    length=Metres.in_units(self.length, result.elastic.units),
                     mass=mass,
                     inertia=inertia,
                     at=None if self.report_at is None else pose(translation=self.report_at),

@@ -46,13 +46,6 @@ from cartstiff.cli.output import say
 from cartstiff.errors import InputError
 
 
-class Factors(NamedTuple):
-    """Factors that convert lengths and angles to the units of the computation."""
-
-    length: float = 1.0
-    angle: float = 1.0
-
-
 class OptionType(click.ParamType):  # type: ignore[type-arg]
     """Type of an option's value; `name` is its metavar."""
 
@@ -74,10 +67,6 @@ class OptionType(click.ParamType):  # type: ignore[type-arg]
     def parsed(self, text: str, where: str) -> Any:
         """The value of a text given to the option `where`."""
         raise NotImplementedError
-
-    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:  # noqa: ARG002
-        """The value in other units."""
-        return value
 
 
 class Overrides:
@@ -341,8 +330,6 @@ class Command(click.Command):
         Options of which at most one may be given, besides those of the classes.
     rare : str
         Options that only ``--help-all`` shows, besides those of the classes.
-    json_of_file : bool
-        Whether lengths of the JSON are in the unit of the mechanism's file.
     more : iterable of click.Parameter
         Further options.
     """
@@ -356,12 +343,11 @@ class Command(click.Command):
         needs: Mapping[str, str] = MappingProxyType({}),
         exclusive: tuple[str, ...] = (),
         rare: str = "",
-        json_of_file: bool = True,
         more: Iterable[click.Parameter] = (),
     ) -> None:
         documented = Documented.of(function, api)
         self._function, self._objects = function, dict[str, tuple[type, list[Field[Any]]]]()
-        self._exclusive, self._rare, self.json_of_file = [*exclusive], rare.split(), json_of_file
+        self._exclusive, self._rare = [*exclusive], rare.split()
         self._meaningless = dict[str, str]()
         params, required = list[click.Parameter](), dict[str, str]()
         for key, hint in get_type_hints(function, include_extras=True).items():
@@ -432,7 +418,7 @@ class Command(click.Command):
             raise
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Check the rules of the options, convert units, and run."""
+        """Check the rules of the options, and run."""
         spelled = {p.name: p.opts[-1] for p in self.params if isinstance(p, click.Option)}
 
         def given(*names: str) -> list[str]:
@@ -447,11 +433,7 @@ class Command(click.Command):
             if len(both := given(*names.split())) > 1:
                 one, other, *_ = (spelled[name] for name in both)
                 raise InputError(f"give {one} or {other}, not both")
-        self.convert(ctx)
         return super().invoke(ctx)
-
-    def convert(self, ctx: click.Context) -> None:
-        """Convert the values to the units of the computation."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options of each class as a section; without --help-all one line each."""

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import click
 
 from cartstiff.cli.declare import Overrides
-from cartstiff.cli.options import (
-    Output,
-    OutputFile,
-    Setup,
-    declared,
-)
-from cartstiff.cli.output import Progress, say
+from cartstiff.cli.options import PICTURES, Files, OutputFiles, Printed, Setup, declared
+from cartstiff.cli.output import Progress
 
 _NOT_OF_STUDIES = (
     "mechanism q pose pose_of lengths frame parameters xacro_args package_path springs stiffness "
@@ -35,39 +29,40 @@ def command(
             "loads that the study names.",
         ),
     ],
-    out: Annotated[Output, Overrides(plot="Draw the designs and their Pareto front.")],
+    out: Printed,
     *,
-    output: Annotated[Path | None, OutputFile("FILE.jsonl", ".jsonl")] = None,
+    output: Annotated[Files, OutputFiles(".csv", *PICTURES)] = None,
     best: Annotated[int, click.IntRange(1, 1000)] = 10,
-    workers: Annotated[int, click.IntRange(1, 1024)] = 1,
     progress: bool | None = None,
 ) -> None:
     """Sweep the parameters of a mechanism file, as STUDY.yaml says.
 
-    Every design is evaluated at all its poses and judged by quantities of maps (see `cartstiff map
-    --list-quantities`). A design that is singular at one of them, or cannot be assembled, counts
-    as failed; the answer gives the reason. Tool, weight, load and units may be given instead of the
-    study's. After an interruption, the same command with the same -o goes on where it stopped.
+    Every design is evaluated at all its poses and judged by quantities of maps (see `cartstiff
+    models --quantities`). A design that is singular at one of them, or cannot be assembled, counts
+    as failed; the answer gives the reason. Tool, weight and load may be given instead of the
+    study's.
 
     Parameters
     ----------
     study : STUDY.yaml
         The study.
     setup
-        Tool, weight, units and load instead of the study's.
+        Tool, weight and load instead of the study's.
     out
         Output.
+    output
+        Write the answer (.json), all designs as a table (.csv), or a picture of the designs and
+        their Pareto front.
     best : N
         Number of designs of the front that are printed.
-    workers : N
     progress
         Bar on standard error; default on a terminal.
 
     Examples
     --------
     cartstiff design study.yaml
-    cartstiff design study.yaml --tcp 0,0,50 --load 0,0,0,0,0,-100 --units mm,deg
-    cartstiff design study.yaml -o designs.jsonl --csv designs.csv --plot front.png --workers 2
+    cartstiff design study.yaml --tcp 0,0,0.05 --load 0,0,0,0,0,-100
+    cartstiff design study.yaml -o designs.csv -o front.png
 
     Here study.yaml holds
     mechanism: inclined-hexapod
@@ -79,20 +74,14 @@ def command(
     constraints: {width: {value: =2*a, at_most: 0.7}}
     """
     given = {
-        **{name: getattr(setup, name) for name in ("tcp", "gravity", "payload", "units")},
+        **{name: getattr(setup, name) for name in ("tcp", "gravity", "payload")},
         "load": None if setup.load is None else setup.keywords,
     }
 
     from cartstiff.designs.run import design
 
-    try:
-        with Progress("designs", progress) as bar:
-            designs = design(study, given=given, output=output, workers=workers, progress=bar)
-    except KeyboardInterrupt:
-        kept = "" if output is None else f"; what is done is in {output}"
-        say(f"cartstiff: interrupted{kept}", error=True)
-        sys.stdout.flush()
-        raise click.exceptions.Exit(130) from None
+    with Progress("designs", progress) as bar:
+        designs = design(study, given=given, progress=bar)
 
     from cartstiff.report.designs import describe_designs
 
@@ -100,6 +89,7 @@ def command(
         designs.to_dict(),
         str(study),
         lambda: describe_designs(designs, best),
+        output,
         csv=designs.to_csv,
-        plot=designs.plot,
+        picture=designs.plot,
     )

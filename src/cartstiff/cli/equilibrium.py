@@ -8,14 +8,17 @@ from typing import Annotated, Any, Literal
 
 from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
+    PICTURES,
+    Files,
     Number,
-    Output,
+    OutputFiles,
     Pairs,
     Parameters,
+    Printed,
     Setup,
     Vector,
-    column_factors,
     declared,
+    only_endings,
 )
 from cartstiff.cli.output import say_unused
 from cartstiff.errors import InputError
@@ -34,7 +37,6 @@ _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
     needs={
         "world": "load hold path",
         "load_at load_kind follower": "load path",
-        "csv plot": "curve path",
         "against": "path",
     },
     exclusive=(
@@ -59,14 +61,11 @@ def command(
         ),
     ],
     parameters: Parameters,
-    out: Annotated[
-        Output, Overrides(csv="Write the curve or path.", plot="Draw the curve or path.")
-    ],
+    out: Printed,
     *,
+    output: Annotated[Files, OutputFiles(".csv", *PICTURES)] = None,
     follower: bool = False,
-    hold: Annotated[
-        dict[str, float] | None, Pairs("NAME=VALUE,...", _COMPONENTS, frame=True)
-    ] = None,
+    hold: Annotated[dict[str, float] | None, Pairs("NAME=VALUE,...", _COMPONENTS)] = None,
     no_limits: bool = False,
     curve: Annotated[float | None, Number("FACTOR", some=True)] = None,
     path: Path | None = None,
@@ -89,6 +88,8 @@ def command(
         Derivatives by the parameters, and their deviations.
     out
         Output.
+    output
+        Write the answer (.json), or the curve or path as a table or a picture.
     follower
         The same as --load-kind follower.
     hold
@@ -113,9 +114,11 @@ def command(
     cartstiff equilibrium cubic --payload 20 --gravity 0,-9.81,0 --against-gravity 0,0,-9.81
     cartstiff equilibrium ur5 --hold z=-0.002
     cartstiff equilibrium 6-pus --load 0,0,0,0,0,-500 --actuate leg1/slide=0.001
-    cartstiff equilibrium five-bar --load 0,0,0,0,-2000,0 --curve 3 --plot curve.png
-    cartstiff equilibrium ur5 --load 0,0,0,0,0,-80 --path postures.csv --csv commands.csv
+    cartstiff equilibrium five-bar --load 0,0,0,0,-2000,0 --curve 3 -o curve.png
+    cartstiff equilibrium ur5 --load 0,0,0,0,0,-80 --path postures.csv -o commands.csv
     """
+    if curve is None and path is None:
+        only_endings(output, ".json", others="--curve or --path")
     if follower:
         setup = replace(setup, load_kind="follower")
     elastic, q = setup.read()
@@ -133,7 +136,7 @@ def command(
 
     elastic, start = moved(elastic)
     if path is not None:
-        _compensate(elastic, path, setup, against, out)
+        _compensate(elastic, path, setup, against, out, output)
         return
     acting: dict[str, Any] = {} if setup.load is None else setup.keywords
     if hold is not None:
@@ -157,7 +160,9 @@ def command(
             state = _with_payload_noted(state, setup.payload)
         data = state.to_dict()
         more = parameters.add(state, setup, data, lambda e: moved(e)[0])
-        out.show(data, elastic.name, lambda: "\n".join([describe_equilibrium(state), *more]))
+        out.show(
+            data, elastic.name, lambda: "\n".join([describe_equilibrium(state), *more]), output
+        )
         return
     if setup.load is None:
         options = _as_load(elastic, setup.payload)
@@ -172,8 +177,9 @@ def command(
         result.to_dict(),
         elastic.name,
         lambda: describe_curve(result),
+        output,
         csv=result.to_csv,
-        plot=result.plot,
+        picture=result.plot,
     )
 
 
@@ -200,7 +206,12 @@ def _with_payload_noted(state: Any, payload: list[float] | None) -> Any:
 
 
 def _compensate(
-    elastic: Any, path: Path, setup: Setup, against: Literal["load", "all"] | None, out: Output
+    elastic: Any,
+    path: Path,
+    setup: Setup,
+    against: Literal["load", "all"] | None,
+    out: Printed,
+    output: Files,
 ) -> None:
     import numpy as np
 
@@ -210,9 +221,7 @@ def _compensate(
     from cartstiff.statics.toolpath import compensate
 
     mechanism, wrench, axes = elastic.mechanism, setup.load, None
-    rows = read_rows(
-        path, "postures", units=elastic.units, factors=column_factors(elastic), joints=elastic.names
-    )
+    rows = read_rows(path, "postures", units=elastic.units, joints=elastic.names)
     joints = dict.fromkeys((elastic.names, mechanism.joint_names))
     parts: list[tuple[str, ...]] = [WRENCH]
     if rows.names is not None:
@@ -254,7 +263,8 @@ def _compensate(
     out.show(
         result.to_dict(),
         elastic.name,
-        lambda: describe_path(result, is_written=out.csv is not None),
+        lambda: describe_path(result, is_written=".csv" in (output or {})),
+        output,
         csv=result.to_csv,
-        plot=result.plot,
+        picture=result.plot,
     )

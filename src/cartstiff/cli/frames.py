@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import click
 
@@ -40,25 +40,32 @@ def frames_command(
     from cartstiff.report.frames import describe_frames, frames_of
 
     elastic = setup.at_posture()
-    answer, angle = frames_of(elastic), elastic.units.shown_angle
+    answer = frames_of(elastic)
     length = elastic.mechanism.at(elastic.q).length
-    out.show(answer, setup.mechanism, lambda: describe_frames(answer, angle, length))
+    out.show(answer, setup.mechanism, lambda: describe_frames(answer, length))
 
 
 @declared("models")
-def models_command(out: Printed) -> None:
+def models_command(out: Printed, *, quantities: bool = False) -> None:
     """List what can be named: mechanisms, example robots, and published joint springs.
 
     Parameters
     ----------
     out
         Output.
+    quantities
+        List the quantities of maps, paths and designs instead, with their units.
 
     Examples
     --------
     cartstiff models
+    cartstiff models --quantities
     cartstiff models --json
     """
+    if quantities:
+        data, lines = _quantities()
+        out.show(data, "quantities", lambda: "\n".join(lines))
+        return
     from cartstiff.loading.catalogue import bundled_files, example_robots
     from cartstiff.loading.published import GRADES, published_springs
     from cartstiff.loading.yaml_file import read_yaml
@@ -97,3 +104,26 @@ def models_command(out: Printed) -> None:
         *(f"  {grade}: {words}" for grade, words in GRADES.items()),
     ]
     out.show(data, "models", lambda: "\n".join(text))
+
+
+def _quantities() -> tuple[dict[str, Any], list[str]]:
+    """Return the table of quantities as plain data and as lines."""
+    from cartstiff.batch.quantities import QUANTITIES
+    from cartstiff.mechanisms.contract import SI
+
+    known = [
+        {
+            "name": q.name,
+            "unit": q.unit_in(SI),
+            "description": q.description,
+            "asks": q.asks,
+            "better": q.better,
+        }
+        for q in QUANTITIES.values()
+    ]
+    width = max(map(len, QUANTITIES))
+    lines = []
+    for q in known:
+        more = f"; --{q['asks']}".replace("deflect", "added-load or --load") if q["asks"] else ""
+        lines.append(f"{q['name']:<{width}}  {q['unit']:<12} {q['description']}{more}")
+    return {"schema": "cartstiff-quantities/1", "quantities": known}, lines

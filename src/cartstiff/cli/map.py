@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shlex
 import time
@@ -12,18 +11,19 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import click
 
-from cartstiff.cli.declare import Factors, Overrides, ending
+from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
-    ANGLE,
     MAX_COUNT,
     ONE_POSTURE,
+    PICTURES,
     Axis,
     BalancedSetup,
     Count,
     Grid,
+    MapFiles,
+    Metres,
     Numbers,
     Pairs,
-    Picture,
     Printed,
     Reading,
     Seed,
@@ -48,10 +48,6 @@ class _Orientation(Numbers):
     def parsed(self, text: str, where: str) -> Any:
         """The numbers, or the word."""
         return text if text == "keep" else super().parsed(text, where)
-
-    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:
-        """The angles in their other unit."""
-        return value if value == "keep" else super().converted(value, by, elastic)
 
 
 @dataclass(frozen=True)
@@ -87,10 +83,10 @@ class Where:
     grid: Grid = None
     random: Annotated[int | None, click.IntRange(1, MAX_COUNT)] = None
     ranges: Annotated[Axis, "--range"] = None
-    cartesian: Annotated[Grid, Pairs("x=LOW:HIGH:COUNT", frame=True)] = None
+    cartesian: Annotated[Grid, Pairs("x=LOW:HIGH:COUNT")] = None
     trajectory: Path | None = None
     seed: Seed = 0
-    orientation: Annotated[Any, _Orientation("R,P,Y|keep", 3, powers=(ANGLE,))] = "keep"
+    orientation: Annotated[Any, _Orientation("R,P,Y|keep", 3)] = "keep"
     free: Literal["none", "x", "y", "z", "rotation"] = "none"
     redundancy: Literal["nearest", "best"] = "nearest"
     branches: Annotated[int, click.IntRange(1, 1000)] = 8
@@ -144,11 +140,8 @@ class Where:
 def _table(path: Path, elastic: Any) -> dict[str, Any]:
     """Read the columns of a CSV file by the names in its first line."""
     from cartstiff.loading.tables import read_rows
-    from cartstiff.mechanisms.other_units import shown_factors
 
-    rows = read_rows(
-        path, "postures", _LARGEST_FILE, elastic.units, shown_factors(elastic), elastic.names
-    )
+    rows = read_rows(path, "postures", _LARGEST_FILE, elastic.units, joints=elastic.names)
     if rows.names is None:
         raise InputError(
             "columns have no names",
@@ -177,30 +170,6 @@ def check_cuts(cuts: dict[str, float], sampling: Any) -> None:
             )
 
 
-def _list_quantities(context: click.Context) -> None:
-    """Print the table of quantities."""
-    from cartstiff.batch.quantities import QUANTITIES
-    from cartstiff.mechanisms.contract import SI
-
-    known = [
-        {
-            "name": q.name,
-            "unit": q.unit_in(SI),
-            "description": q.description,
-            "asks": q.asks,
-            "better": q.better,
-        }
-        for q in QUANTITIES.values()
-    ]
-    if "--json" in context.meta["words"]:
-        say(json.dumps({"schema": "cartstiff-quantities/1", "quantities": known}))
-        return
-    width = max(map(len, QUANTITIES))
-    for q in known:
-        more = f"; --{q['asks']}".replace("deflect", "added-load or --load") if q["asks"] else ""
-        say(f"{q['name']:<{width}}  {q['unit']:<12} {q['description']}{more}")
-
-
 @dataclass(frozen=True)
 class Held(Reading):
     """Quantities of the map.
@@ -225,7 +194,6 @@ class Held(Reading):
             "connection": self.connection,
             "direction": self.direction,
             "deflect": self.added_load,
-            "length": self.length,
             **at,
         }
 
@@ -236,8 +204,6 @@ class Shown:
 
     Parameters
     ----------
-    picture
-        Draw the first quantity to a .png, .svg or .pdf file.
     cuts
         Draw and list only the part of the map at this value of an axis.
     best : N
@@ -246,8 +212,7 @@ class Shown:
 
     RARE: ClassVar = "cuts"
 
-    picture: Picture = None
-    cuts: Annotated[dict[str, float] | None, Pairs("NAME=VALUE", axes=True), "--slice"] = None
+    cuts: Annotated[dict[str, float] | None, Pairs("NAME=VALUE"), "--slice"] = None
     best: Several = None
 
     def check(self, sampling: Any, quantities: tuple[str, ...]) -> dict[str, float]:
@@ -262,16 +227,8 @@ class Shown:
 
 @declared(
     "map",
-    json_of_file=False,
     rare="lengths pose rest load_at load_kind ranges direction added_load connection damping "
     "chunk progress dask",
-    more=(
-        ending(
-            "--list-quantities",
-            _list_quantities,
-            "Print the names and end; with --json as one object.",
-        ),
-    ),
 )
 def command(
     setup: Annotated[
@@ -290,7 +247,7 @@ def command(
     shown: Shown,
     out: Printed,
     *,
-    output: str,
+    output: Annotated[dict[str, Any], MapFiles()],
     chunk: Count = None,
     progress: bool | None = None,
     dask: str | None = None,
@@ -315,8 +272,9 @@ def command(
     out
         Output.
     output : MAP.zarr
-        File of the map, or an address such as s3://bucket/map.zarr; if it exists, its missing parts
-        are computed.
+        The map, at a path or an address such as s3://bucket/map.zarr; if it exists, its missing
+        parts are computed. Beside it, a picture of the first quantity (.png, .svg, .pdf) or the
+        answer (.json).
     chunk : N
         Largest number of postures in one part of the file.
     progress
@@ -327,20 +285,25 @@ def command(
     Examples
     --------
     cartstiff map ur5 --grid shoulder_lift_joint=-2:0:41 --grid elbow_joint=-2.5:2.5:41 \
-        --quantity translation_free_min -o ur5.zarr --picture ur5.png --best 3
-    cartstiff map ur5 --random 1000000 --quantity condition -o random.zarr --picture hist.svg
+        --quantity translation_free_min -o ur5.zarr -o ur5.png --best 3
+    cartstiff map ur5 --random 1000000 --quantity condition -o random.zarr -o hist.svg
     cartstiff map ur5 --cartesian x=0.2:0.8:13,y=-0.4:0.4:17 --quantity along_free \
-        --direction 0,0,1 --world -o plane.zarr --picture plane.png
+        --direction 0,0,1 --world -o plane.zarr -o plane.png
     cartstiff map ur5 --cartesian x=0.2:0.8:13,y=-0.4:0.4:17 --quantity translation_free_min \
         --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 -o loaded.zarr
     cartstiff map ur5 --cartesian x=0.2:0.8:13,z=0:0.8:17 --quantity deflection \
-        --load 0,0,0,0,0,-100 --world -o sag.zarr --picture sag.png
+        --load 0,0,0,0,0,-100 --world -o sag.zarr -o sag.png
     cartstiff map panda --trajectory path.csv --quantity deflection \
         --added-load 0,0,0,0,0,-50 --world -o path.zarr --json
     """
     quantities = reading.quantities
     if not quantities:
-        raise InputError("no --quantity was given", expected="a name of --list-quantities")
+        raise InputError(
+            "no --quantity was given", expected="a name of cartstiff models --quantities"
+        )
+    if ".zarr" not in output:
+        raise InputError("the map needs a place", where="-o", expected="-o MAP.zarr as well")
+    place, drawn = str(output[".zarr"]), bool(output.keys() & {*PICTURES})
     elastic, q = setup.read()
     sampling = where.sampling(elastic, q)
     cuts = shown.check(sampling, quantities)
@@ -353,11 +316,12 @@ def command(
         elastic,
         sampling,
         quantities,
-        output,
+        place,
         chunk=chunk,
         command=shlex.join(click.get_current_context().meta["words"]),
         **setup.keywords,
         **reading.keywords,
+        length=Metres.in_units(reading.length, elastic.units),
         world=setup.world and (reading.direction or reading.added_load) is not None,
         damping=vibration.damped,
     )
@@ -367,33 +331,34 @@ def command(
     except KeyboardInterrupt:
         say(
             f"cartstiff: interrupted: {len(file.done())} of {len(file.parts)} parts are in "
-            f"{one_line(output)}; the same command goes on from there",
+            f"{one_line(place)}; the same command goes on from there",
             error=True,
         )
         raise click.exceptions.Exit(130) from None
     seconds = time.perf_counter() - start
     from cartstiff.mechanisms.elastic import gravity_loads
+    from cartstiff.mechanisms.other_units import shown_heads
     from cartstiff.report.maps import describe_map, ranked
 
     dataset: Any = None  # opened only if the statistics of the parts do not suffice
-    if cuts or shown.best is not None or shown.picture is not None:
-        dataset = slice_map(open_map(output), **cuts)
-    answer = _answer(file, output, computed, seconds, summary(dataset if cuts else file))
+    if cuts or shown.best is not None or drawn:
+        dataset = slice_map(open_map(place), **cuts)
+    answer = _answer(file, place, computed, seconds, summary(dataset if cuts else file))
     answer |= {"slice": places_of(dataset, cuts), "notes": [n.to_dict() for n in elastic.notes]}
     if shown.best is not None:
         answer["best"] = {name: ranked(dataset, name, shown.best) for name in quantities}
-    if shown.picture is not None:
-        from cartstiff.maps.pictures import draw_map
-        from cartstiff.report.output import save_figure
-
-        angle = elastic.units.shown_angle
-        save_figure(draw_map(dataset, quantities[0], angle=angle), shown.picture)
 
     def text() -> str:
-        names, weighed = elastic.names_with_units, gravity_loads(elastic).text
+        names, weighed = shown_heads(elastic), gravity_loads(elastic).text
         return describe_map(answer, names, weighed, setup.load is not None)
 
-    out.show(answer, setup.mechanism, text)
+    def picture() -> Any:
+        from cartstiff.maps.pictures import draw_map
+
+        return draw_map(dataset, quantities[0], angle=elastic.units.shown_angle)
+
+    files = {ending: path for ending, path in output.items() if ending != ".zarr"}
+    out.show(answer, setup.mechanism, text, files, picture=picture)
 
 
 def _check_ranked(quantities: tuple[str, ...]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -13,16 +12,19 @@ from cartstiff.choices import RESPONSES, Axes, Order
 from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
     ONE_POSTURE,
+    PICTURES,
     BalancedSetup,
     Direction,
+    Files,
     Numbers,
-    Output,
-    OutputFile,
+    OutputFiles,
     Parameters,
     Point,
+    Printed,
     Sweep,
     Vibration,
     declared,
+    only_endings,
 )
 from cartstiff.cli.tables import read_target
 from cartstiff.errors import UndefinedError
@@ -47,25 +49,22 @@ class Controller:
         order and along the axes of the file, and joint-space gains.
     order
         Order of the rows of --impedance; default what its file says, else angular-linear.
-    output
-        Write the controller of --impedance.
     """
 
     API: ClassVar = (
         "stiffness/tensor.py StiffnessTensor.from_controller",
         "vibration/controllers.py impedance ratio=ratios",
     )
-    NEEDS: ClassVar = {"order axes ratio output": "impedance"}
-    RARE: ClassVar = "order axes ratio output"
+    NEEDS: ClassVar = {"order axes ratio": "impedance"}
+    RARE: ClassVar = "order axes ratio"
 
     impedance: Path | None = None
     order: Order | None = None
     axes: Axes = "body"
     ratio: Annotated[list[float] | None, Numbers("RATIO[,RATIO...]", 1, 6, low=0)] = None
-    output: Annotated[Path | None, OutputFile("FILE", ".json", ".yaml")] = None
 
     def run(self, modes: Modes, data: dict[str, Any]) -> list[str]:
-        """Compute the controller, add it to the JSON object, write its file; return its text."""
+        """Compute the controller, add it to the JSON object; return its text."""
         if self.impedance is None:
             return []
         from cartstiff.report.modes import describe_impedance
@@ -86,17 +85,13 @@ class Controller:
         ratios = self.ratio or [0.7]
         answer = impedance(modes, wanted, self.ratio or 0.7)
         shown = answer.for_controller(target.order, self.axes)  # type: ignore[arg-type]
-        data["impedance"] = gains = {
+        data["impedance"] = {
             "given": {"order": target.order, "axes": self.axes, "ratios": ratios},
             "q": dict(zip(elastic.names, modes.q.tolist(), strict=True)),
             "units": elastic.units.to_dict(),
             "for_controller": shown,
             **answer.to_dict(),
         }
-        if self.output is not None:
-            from cartstiff.writing import write_whole
-
-            write_whole(self.output, _text(gains, self.output.suffix).encode())
         return describe_impedance(answer, shown, elastic.units)
 
 
@@ -110,10 +105,8 @@ def _without_load(elastic: ElasticMechanism, q: Any) -> Modes:
         return modes(elastic, q, wrench=[0.0] * 6)
 
 
-def _text(gains: dict[str, Any], ending: str) -> str:
-    """Format as JSON, or as YAML with one key per line and rows of matrices in brackets."""
-    if ending == ".json":
-        return json.dumps(gains, allow_nan=False, indent=1) + "\n"
+def _as_yaml(gains: dict[str, Any]) -> str:
+    """Format as YAML with one key per line and rows of matrices in brackets."""
     import yaml
 
     endless: Any = float("inf")
@@ -169,7 +162,7 @@ class Response:
         data["response"] = answer.to_dict(self.direction)
         return describe_response(answer, self.direction), {
             "csv": lambda: answer.to_csv(self.direction),
-            "plot": lambda: answer.plot(self.direction, modes),
+            "picture": lambda: answer.plot(self.direction, modes),
         }
 
 
@@ -177,7 +170,7 @@ class Response:
     "modes",
     needs={
         "world": "load",
-        "damping rayleigh csv plot": "response",
+        "damping rayleigh": "response",
     },
     rare="lengths rest load_at sensitivities tolerance",
 )
@@ -204,14 +197,9 @@ def command(
             "to it."
         ),
     ],
-    out: Annotated[
-        Output,
-        Overrides(
-            csv="Write the response.",
-            plot="Draw the response as a Bode diagram.",
-        ),
-    ],
+    out: Printed,
     *,
+    output: Annotated[Files, OutputFiles(".csv", ".yaml", *PICTURES)] = None,
     strict: bool = False,
 ) -> None:
     r"""Natural frequencies and modes of MECHANISM at a posture, under its load.
@@ -234,6 +222,9 @@ def command(
         Derivatives by the parameters, and their deviations.
     out
         Output.
+    output
+        Write the answer (.json); the response as a table (.csv) or a picture (.png, .svg, .pdf);
+        the controller of --impedance (.yaml).
     strict
         Exit with code 3 if there are no modes.
 
@@ -242,10 +233,13 @@ def command(
     cartstiff modes stewart-simscape
     cartstiff modes ur5 --load 0,0,0,0,0,-500 --world
     cartstiff modes panda --payload 2,0,0,0.1 --json
-    cartstiff modes ur5 --response 5:100 --damping 0.02 --direction 0,0,1 --plot bode.png
+    cartstiff modes ur5 --response 5:100 --damping 0.02 --direction 0,0,1 -o bode.png
     cartstiff modes panda --impedance wanted.json --ratio 0.7 -o controller.yaml
     cartstiff modes stewart-simscape --sensitivities --tolerance 0.05,0.0001
     """
+    endings = [".csv", *PICTURES] * (response.response is not None)
+    endings += [".yaml"] * (controller.impedance is not None)
+    only_endings(output, ".json", *endings, others="--response or --impedance")
     elastic, q = setup.read()
 
     import numpy as np
@@ -260,14 +254,14 @@ def command(
             is_loaded = setup.load is not None and any(setup.load)
             bare = _without_load(elastic, q) if is_loaded else None
     except UndefinedError as error:
-        if strict or out.csv or out.plot or controller.output:
+        if strict or {*(output or {})} - {".json"}:
             raise
         note = {"code": error.code, "message": str(error), "values": dict(error.values)}
         data: dict[str, Any] = {"schema": "cartstiff-modes/1", "frequencies": [], "notes": [note]}
         words = f"{elastic.name}: no modes\n  [{error.code}] {error}"
         if error.code == "unbalanced":
             words += f"\n  {BALANCING}"
-        out.show(data, setup.mechanism, lambda: words)
+        out.show(data, setup.mechanism, lambda: words, output)
         return
     data = swinging.to_dict()
     if bare is not None:
@@ -276,4 +270,6 @@ def command(
     lines = parameters.add(swinging, setup, data)
     more, made = response.run(swinging, vibration, data)
     lines += [*more, *controller.run(swinging, data)]
-    out.show(data, setup.mechanism, lambda: describe_modes(swinging, bare, lines), **made)
+    if controller.impedance is not None:
+        made["yaml"] = lambda: _as_yaml(data["impedance"])
+    out.show(data, setup.mechanism, lambda: describe_modes(swinging, bare, lines), output, **made)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import click
 
 from cartstiff.choices import LARGEST_INPUT
-from cartstiff.cli.declare import Command, Factors, OptionType, add_once
+from cartstiff.cli.declare import Command, OptionType, add_once
 from cartstiff.cli.output import Progress, json_text, say
 from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.matrix_names import Letter
@@ -34,47 +34,43 @@ if TYPE_CHECKING:
 MAX_COUNT = 10**12
 
 
-#: Marks an angle in place of a power of length.
-ANGLE = None
-_Powers = tuple[int | None, ...]
-
-
 class Numbers(OptionType):
     """Comma-separated numbers, whose count is one of `counts` (default any count).
 
-    `powers` are those of length in their units, or `ANGLE`; the last one holds for all further
-    numbers. With `some` not all of them may be zero.
+    With `some` not all of them may be zero. A number that stands alone may carry its unit if it is
+    of the `kind` "mass" (result in kg), "force" (N) or "length" (a `Metres`).
     """
 
     def __init__(
         self,
         shape: str,
         *counts: int,
-        powers: _Powers = (0,),
         above_zero: bool = False,
         low: float = -math.inf,
         some: bool = False,
+        kind: str = "",
     ) -> None:
         super().__init__(shape)
-        self.counts, self.powers, self.above_zero = counts, powers, above_zero
-        self.low, self.some = low, some
+        self.counts, self.above_zero, self.low, self.some = counts, above_zero, low, some
+        self.kind = kind
 
-    def word(self, text: str, where: str) -> float | None:  # noqa: ARG002
-        """Return the value of a text that is no number, or None."""
-        return None
+    def word(self, text: str, where: str) -> float | None:
+        """Return the value of a number with its unit, or None."""
+        match = _AMOUNT.fullmatch(text)
+        if not self.kind or match is None or match[2] is None:
+            return None
+        from cartstiff.loading.tables import UNITS
 
-    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:  # noqa: ARG002
-        """Return the numbers in the other units."""
-        powers = (*self.powers, *[self.powers[-1]] * len(value))
-        return [
-            x * (by.angle if power is ANGLE else by.length**power)
-            for x, power in zip(value, powers, strict=False)
-        ]
+        unit = match[2].strip()
+        check_name("unit", unit, UNITS[self.kind], where)
+        value = float(match[1]) * UNITS[self.kind][unit]
+        return Metres(value) if self.kind == "length" else value
 
     def parsed(self, text: str, where: str) -> Any:
         """List of floats."""
         count = self.counts[0] if len(self.counts) == 1 else None
-        numbers = parse_numbers(text, where, count, word=self.word)
+        words: dict[str, Any] = {} if self.kind and "," in text else {"word": self.word}
+        numbers = parse_numbers(text, where, count, **words)
         if self.counts and len(numbers) not in self.counts:
             raise InputError("wrong count", where=where, expected=self.name, got=len(numbers))
         if min(numbers) < self.low or (self.above_zero and min(numbers) <= 0):
@@ -107,19 +103,26 @@ class Stiffnesses(Numbers):
         return None if number == math.inf else number
 
 
+class Metres(float):
+    """A length that was given with its unit."""
+
+    @classmethod
+    def in_units(cls, value: float | None, units: Any) -> float | None:
+        """Return a length in a mechanism's units; one without a unit of its own is unchanged."""
+        from cartstiff.mechanisms.contract import SI, convert_length
+
+        return value * convert_length(SI, units)[0] if isinstance(value, cls) else value
+
+
 class Number(Numbers):
     """One number."""
 
-    def __init__(self, shape: str, *, power: int = 0, **settings: bool) -> None:
-        super().__init__(shape, 1, powers=(power,), **settings)
+    def __init__(self, shape: str, **settings: Any) -> None:
+        super().__init__(shape, 1, **settings)
 
     def parsed(self, text: str, where: str) -> Any:
         """The number."""
         return super().parsed(text, where)[0]
-
-    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:
-        """The number in its other unit."""
-        return super().converted([value], by, elastic)[0]
 
 
 class Amount(OptionType):
@@ -152,27 +155,6 @@ class ByName(OptionType):
         return {name: self.kind.parsed(value, f"{where} {name}")}
 
 
-class Springs(ByName):
-    """Stiffnesses of springs by their names, with standard deviations if any."""
-
-    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:
-        """Return the stiffnesses of prismatic and revolute springs in the other units."""
-        from cartstiff.mechanisms.elements import Elements
-
-        elements, a = Elements(elastic), by.length
-        slides = dict(zip(elements.names, elements.is_length, strict=True))
-        slides |= {c.name: c.is_length for c in elastic.mechanism.coordinates}
-        return {
-            name: [_scaled(k, 1.0 / a if slides.get(name) else a) for k in numbers]
-            for name, numbers in value.items()
-        }
-
-
-def _scaled(number: float, factor: float) -> float:
-    """Convert a number to another unit; a number with its own unit is unchanged."""
-    return number if type(number) is not float else number * factor
-
-
 class Arguments(OptionType):
     """One ``NAME:=VALUE`` pair of texts, in the notation of ROS, as a mapping."""
 
@@ -184,62 +166,6 @@ class Arguments(OptionType):
         if not equals or not name.strip():
             raise InputError("cannot be used", where=where, expected=self.name, got=repr(text))
         return {name.strip(): value}
-
-
-class UnitList(OptionType):
-    """Units by their kind, such as ``mm,deg``: of lengths and angles."""
-
-    powers = (0,)  # no length itself
-
-    @property
-    def known(self) -> dict[str, str]:
-        """Kind of each unit."""
-        from cartstiff.mechanisms.contract import LENGTHS
-
-        return {**dict.fromkeys(LENGTHS, "length"), "rad": "angle", "deg": "angle"}
-
-    def parsed(self, text: str, where: str) -> dict[str, str]:
-        """Units by kind, as far as they are given."""
-        kinds, chosen = self.known, dict[str, str]()
-        for unit in (part.strip() for part in text.split(",")):
-            check_name("unit", unit, kinds, where)
-            if kinds[unit] in chosen:
-                raise InputError(f"two units of {kinds[unit]}", where=where, got=text)
-            chosen[kinds[unit]] = unit
-        return chosen
-
-    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:
-        """Return the mechanism's unit of length if lengths were converted to it."""
-        is_there = by.length == 1.0 or "length" not in value
-        return value if is_there else {**value, "length": elastic.units.length}
-
-
-class TableUnits(UnitList):
-    """Units by kind, including those of table columns, which keep them."""
-
-    @property
-    def known(self) -> dict[str, str]:
-        """Kind of each unit."""
-        from cartstiff.loading.tables import UNITS
-
-        return {unit: kind for kind, units in UNITS.items() for unit in units if unit}
-
-    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:  # noqa: ARG002
-        """The same."""
-        return value
-
-
-def _sizes(elastic: Any, by: Factors, *, frame: bool = False) -> dict[str, float]:
-    """Factors by name: of positions of a frame, or also of joints and lengths of legs."""
-    turns = dict.fromkeys(("yaw", "rx", "ry", "rz"), by.angle)
-    sizes = {**dict.fromkeys(("x", "y", "z"), by.length), **turns}
-    if not frame:
-        sizes |= dict.fromkeys(elastic.spring_names, by.length)
-        sizes |= {
-            c.name: by.length if c.is_length else by.angle for c in elastic.mechanism.coordinates
-        }
-        sizes |= {f"command_{name}": size for name, size in sizes.items()}
-    return sizes
 
 
 @dataclass(frozen=True)
@@ -289,28 +215,6 @@ class JointValues(OptionType):
         super().__init__("VALUES")
         self.stiffness, self.springs, self.broadcast = stiffness, springs, broadcast
 
-    def converted(self, value: Values, by: Factors, elastic: Any) -> Values:
-        """Convert lengths and angles; a stiffness by the type of its joint."""
-        sizes = _sizes(elastic, by)
-        if self.stiffness:
-            a = by.length
-            sizes = {
-                n: a if size == 1.0 else 1.0 / a for n, size in _sizes(elastic, Factors(a)).items()
-            }
-        numbers = value.numbers
-        if isinstance(numbers, dict):
-            by_name = {n: _scaled(x, sizes.get(n, 1.0)) for n, x in numbers.items()}
-            return replace(value, numbers=by_name)
-        names = elastic.spring_names if self.springs else elastic.names
-        if names == elastic.names and len(numbers) not in (1, len(names)):
-            names = elastic.mechanism.joint_names
-        if self.broadcast and len(numbers) == 1:
-            numbers = numbers * len(names)
-        if len(numbers) != len(names):  # refused later, in `Values.of`
-            return value
-        pairs = zip(numbers, names, strict=True)
-        return replace(value, numbers=[_scaled(x, sizes[n]) for x, n in pairs])
-
     def parsed(self, text: str, where: str) -> Values:
         """Values as given, not yet compared with the mechanism."""
         words: dict[str, Any] = {"word": stiffness_of} if self.stiffness else {}
@@ -349,31 +253,14 @@ class Pairs(OptionType):
     """``NAME=VALUE`` pairs as a mapping to numbers; only for `names`, if given.
 
     A shape such as ``NAME=LOW:HIGH:COUNT`` maps to as many numbers. The numbers are in the units of
-    the mechanism's file, or positions of a `frame`, or of `axes`: coordinates and legs.
+    the mechanism's file.
     """
 
     merges = True
 
-    def __init__(
-        self,
-        shape: str,
-        names: tuple[str, ...] = (),
-        *,
-        frame: bool = False,
-        axes: bool = False,
-    ) -> None:
+    def __init__(self, shape: str, names: tuple[str, ...] = ()) -> None:
         super().__init__(shape)
-        self.names, self.frame, self.axes = names, frame, axes
-
-    def converted(self, value: Any, by: Factors, elastic: Any) -> Any:
-        """Convert lengths and angles; a count is unchanged."""
-        sizes = _sizes(elastic, by, frame=self.frame) if self.frame or self.axes else {}
-        return {
-            name: (*(sizes.get(name, 1.0) * x for x in numbers[:2]), *numbers[2:])
-            if isinstance(numbers, tuple)
-            else sizes.get(name, 1.0) * numbers
-            for name, numbers in value.items()
-        }
+        self.names = names
 
     def parsed(self, text: str, where: str) -> dict[str, Any]:
         """Numbers by name."""
@@ -417,6 +304,9 @@ class Sweep(OptionType):
         return low, high, int(count)
 
 
+PICTURES = (".png", ".svg", ".pdf")
+
+
 class OutputFile(OptionType):
     """A file to be written, with a known ending and an existing folder."""
 
@@ -424,7 +314,7 @@ class OutputFile(OptionType):
         super().__init__(shape)
         self.endings = endings
 
-    def parsed(self, text: str, where: str) -> Path:
+    def parsed(self, text: str, where: str) -> Any:
         """Path of the file."""
         path = Path(text)
         if path.suffix.lower() not in self.endings:
@@ -441,25 +331,53 @@ class OutputFile(OptionType):
         return path
 
 
+class OutputFiles(OutputFile):
+    """Files to be written, at most one of each of the `endings`, beside the .json of the answer."""
+
+    merges = True
+
+    def __init__(self, *endings: str) -> None:
+        super().__init__("FILE", ".json", *endings)
+
+    def parsed(self, text: str, where: str) -> dict[str, Path]:
+        """Path of the file by its ending."""
+        path: Path = super().parsed(text, where)
+        return {path.suffix.lower(): path}
+
+
+class MapFiles(OutputFiles):
+    """A map, at a path or an address, and files of its answer."""
+
+    def __init__(self) -> None:
+        super().__init__(*PICTURES)
+        self.name = "MAP.zarr"
+
+    def parsed(self, text: str, where: str) -> dict[str, Any]:
+        """Path of a file by its ending, or the map's place under ".zarr"."""
+        if "://" in text or Path(text).suffix.lower() not in self.endings:
+            return {".zarr": text}
+        return super().parsed(text, where)
+
+
 #: Values of options by their kind; None without the option.
 _Numbers = list[float] | None
 _Ranges = Mapping[str, tuple[float, ...]] | None
-Payload = Annotated[_Numbers, Numbers("MASS[,X,Y,Z]", 1, 4, powers=(0, 1))]
-Wrench = Annotated[_Numbers, Numbers("MX,MY,MZ,FX,FY,FZ", 6, powers=(1, 1, 1, 0))]
-Point = Annotated[_Numbers, Numbers("X,Y,Z", 3, powers=(1,))]
+Files = Mapping[str, Path] | None
+Payload = Annotated[_Numbers, Numbers("MASS[,X,Y,Z]", 1, 4, kind="mass")]
+Wrench = Annotated[_Numbers, Numbers("MX,MY,MZ,FX,FY,FZ", 6)]
+Point = Annotated[_Numbers, Numbers("X,Y,Z", 3)]
 Vector = Annotated[_Numbers, Numbers("X,Y,Z", 3)]
 Direction = Annotated[_Numbers, Numbers("X,Y,Z", 3, some=True)]
-Pose = Annotated[_Numbers, Numbers("X,Y,Z,R,P,Y", 6, powers=(1, 1, 1, ANGLE))]
-Tcp = Annotated[_Numbers, Numbers("X,Y,Z[,R,P,Y]", 3, 6, powers=(1, 1, 1, ANGLE))]
+Pose = Annotated[_Numbers, Numbers("X,Y,Z,R,P,Y", 6)]
+Tcp = Annotated[_Numbers, Numbers("X,Y,Z[,R,P,Y]", 3, 6)]
 Tolerance = Annotated[
     _Numbers,
-    Numbers("REL[,LENGTH[,ANGLE]]", 1, 2, 3, powers=(0, 1, ANGLE), low=0, some=True),
+    Numbers("REL[,LENGTH[,ANGLE]]", 1, 2, 3, low=0, some=True),
 ]
 Ratios = Annotated[_Numbers, Numbers("RATIO[,RATIO...]", low=0)]
-Axis = Annotated[_Ranges, Pairs("NAME=LOW:HIGH", axes=True)]
-Grid = Annotated[_Ranges, Pairs("NAME=LOW:HIGH:COUNT", axes=True)]
+Axis = Annotated[_Ranges, Pairs("NAME=LOW:HIGH")]
+Grid = Annotated[_Ranges, Pairs("NAME=LOW:HIGH:COUNT")]
 Picture = Annotated[Path | None, OutputFile("FILE.png", ".png", ".svg", ".pdf")]
-Csv = Annotated[Path | None, OutputFile("FILE.csv", ".csv")]
 Count = Annotated[int | None, click.IntRange(1)]
 Several = Annotated[int | None, click.IntRange(1, 1000)]
 Seed = Annotated[int, click.IntRange(0)]
@@ -541,7 +459,7 @@ class Posture:
     q: Annotated[Values | None, JointValues()] = None
     pose: Pose = None
     pose_of: Literal["body", "M"] = "body"
-    lengths: Annotated[_Numbers, Numbers("L1,...,L6", powers=(1,), above_zero=True)] = None
+    lengths: Annotated[_Numbers, Numbers("L1,...,L6", above_zero=True)] = None
     springs: str | None = None
     stiffness: Annotated[
         Values | None, JointValues(stiffness=True, springs=True, broadcast=True)
@@ -584,25 +502,7 @@ class File:
 
 
 @dataclass(frozen=True)
-class Shown:
-    """Output.
-
-    Parameters
-    ----------
-    units
-        Units given and shown, such as mm,deg. Lengths in m, cm, mm, um or in: with mm,
-        moments are in N mm, stiffnesses in N mm/rad and N/mm. The head of a CSV file may name
-        others. deg is for every angle that is given, and for joints, roll, pitch, yaw and tables of
-        postures that are shown; stiffnesses stay per radian. With --json, numbers come out in the
-        units of MECHANISM's file and in radians; the JSON of `map` and `design` keeps the unit of
-        length given here, and names it.
-    """
-
-    units: Annotated[dict[str, str] | None, UnitList("UNITS")] = None
-
-
-@dataclass(frozen=True)
-class Setup(Load, Shown, File, Tool, Posture):
+class Setup(Load, File, Tool, Posture):
     """What a question is about: a mechanism at a posture, its tool and weight, and its load.
 
     Before the load the mechanism carries its weight and the payload, of the file or typed
@@ -646,31 +546,7 @@ class Setup(Load, Shown, File, Tool, Posture):
 
     def in_frame(self, frame: str | None) -> Any:
         """Return the mechanism of the file with tool and weight, and another body frame."""
-        tool: dict[str, Any] = {"tcp": self.tcp, "payload": self.payload}
-        if self.units is None:
-            return self._loaded(frame, **tool)
-        from cartstiff.mechanisms.contract import Units, convert_length
-        from cartstiff.mechanisms.other_units import in_units
-
-        bare = self.bare(frame)
-        length = self.units.get("length", bare.units.length)
-        factor, _ = convert_length(Units(length), bare.units)
-        for name, count in (("tcp", slice(3)), ("payload", slice(1, None))):  # in the file's units
-            if (numbers := tool[name]) is not None:
-                numbers = tool[name] = list(numbers)
-                numbers[count] = [x * factor for x in numbers[count]]
-        if any(numbers is not None for numbers in tool.values()):
-            bare = self._loaded(frame, **tool)
-        return in_units(bare, length, self.units.get("angle", "rad"))
-
-    def bare(self, frame: str | None) -> Any:
-        """Return the mechanism in its file's units, without the tool; read once per command."""
-        context = click.get_current_context(silent=True)
-        kept = {} if context is None else context.meta
-        key = f"cartstiff.bare {frame!r}"
-        if key not in kept:
-            kept[key] = self._loaded(frame)
-        return kept[key]
+        return self._loaded(frame, tcp=self.tcp, payload=self.payload)
 
     def _loaded(self, frame: str | None, **tool: Any) -> Any:
         from cartstiff.loading import load
@@ -776,99 +652,49 @@ class Printed:
         data: Mapping[str, Any],
         mechanism: str,
         text: Callable[[], str],
-        **files: Callable[[], Any],
+        output: Files = None,
+        **others: Callable[[], Any],
     ) -> None:
-        """Write the files, and print the result as JSON or as text."""
+        """Write the files, and print the result as JSON or as text.
+
+        `others` make the contents of files, by the ending without its dot; `picture` makes the
+        figure of every picture.
+        """
         from cartstiff.report.output import write_files
 
-        write_files(*((getattr(self, name), make) for name, make in files.items()))
         notes = data.get("notes", ())
         doubted = [n for n in notes if n["code"] in DOUBTS]
+        first = {"notes": [*doubted, *(n for n in notes if n not in doubted)]} if doubted else {}
+
+        def as_json() -> str:
+            return json_text({**data, **first}, mechanism)
+
+        made = {".json": lambda: as_json() + "\n"}
+        made |= {f".{name}": make for name, make in others.items()}
+        made |= dict.fromkeys(PICTURES, others["picture"]) if "picture" in others else {}
+        write_files(*((path, made[ending]) for ending, path in (output or {}).items()))
         if self.json:
-            first = (
-                {"notes": [*doubted, *(n for n in notes if n not in doubted)]} if doubted else {}
-            )
-            say(json_text({**data, **first}, mechanism))
+            say(as_json())
             return
         for note in doubted:
             say(f"{note['message'][0].upper()}{note['message'][1:]}.\n")
         say(text())
 
 
-@dataclass(frozen=True)
-class Output(Printed):
-    """Output.
-
-    Parameters
-    ----------
-    csv
-        Write a table.
-    plot
-        Draw it to a .png, .svg or .pdf file.
-    """
-
-    csv: Csv = None
-    plot: Picture = None
+def only_endings(output: Files, *endings: str, others: str) -> None:
+    """Refuse files of other endings, which need the options `others`."""
+    for ending, path in (output or {}).items():
+        if ending not in endings:
+            raise InputError(
+                "there is nothing to write",
+                where=f"-o {one_line(path.name)}",
+                expected=f"{' or '.join(endings)}; other files need {others}",
+            )
 
 
-class UnitsCommand(Command):
-    """A command that may have --units."""
-
-    def convert(self, ctx: click.Context) -> None:
-        """Convert the numbers of a command with --units.
-
-        Angles become radians. With --json, lengths are converted to the unit of the mechanism's
-        file, which the output has as well; without it, the mechanism is converted to --units.
-        """
-        units = ctx.params.get("units") if "mechanism" in ctx.params else None
-        if not units:
-            return
-        from cartstiff.mechanisms.contract import Units, convert_length
-
-        read = ["mechanism", "frame", "gravity", "springs"]
-        read += ["xacro_args", "package_path", "parameters"]
-        setup = Setup(**{k: v for k, v in ctx.params.items() if k in read})
-        elastic, by = setup.bare(setup.frame), Factors(angle=math.pi / 180.0)
-        if units.get("angle") != "deg":
-            by = Factors()
-        if self.json_of_file and ctx.params.get("json") and "length" in units:
-            by = by._replace(length=convert_length(Units(units["length"]), elastic.units)[0])
-        for one in self.params:
-            value = ctx.params.get(one.name or "")
-            if value is not None and isinstance(one.type, OptionType):
-                ctx.params[str(one.name)] = one.type.converted(value, by, elastic)
-        ctx.meta[_FACTOR] = by.length
-
-
-def declared(name: str, **rules: Any) -> Callable[[Callable[..., None]], UnitsCommand]:
-    """Return a decorator that makes a `UnitsCommand` of a function, with the rules of `Command`."""
-    return lambda function: UnitsCommand(name, function, **rules)
-
-
-_FACTOR = "cartstiff.given_length"
-
-
-def given_length() -> float:
-    """Return the unit of length of given numbers, in the one of the computation."""
-    context = click.get_current_context(silent=True)
-    return 1.0 if context is None else float(context.meta.get(_FACTOR, 1.0))
-
-
-def column_factors(elastic: Any) -> dict[str, float]:
-    """Factors of columns whose head names no unit: angles, lengths and moments."""
-    from cartstiff.mechanisms.other_units import shown_factors
-
-    a = given_length()
-    lengths = [
-        *(c.name for c in elastic.mechanism.coordinates if c.is_length),
-        "x",
-        "y",
-        "z",
-        "mx",
-        "my",
-        "mz",
-    ]
-    return {**({} if a == 1.0 else dict.fromkeys(lengths, a)), **shown_factors(elastic)}
+def declared(name: str, **rules: Any) -> Callable[[Callable[..., None]], Command]:
+    """Return a decorator that makes a `Command` of a function, with its rules."""
+    return lambda function: Command(name, function, **rules)
 
 
 @dataclass(frozen=True)
@@ -888,7 +714,7 @@ class Reading:
     direction: Direction = None
     added_load: Wrench = None
     added_load_at: Point = None
-    length: Annotated[float | None, Number("L", power=1, above_zero=True)] = None
+    length: Annotated[float | None, Number("L", above_zero=True, kind="length")] = None
 
 
 @dataclass(frozen=True)

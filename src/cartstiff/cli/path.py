@@ -11,15 +11,17 @@ import click
 from cartstiff import choices
 from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
+    PICTURES,
     Axis,
     Direction,
+    Files,
     JointValues,
-    Output,
+    OutputFiles,
+    Printed,
     Seed,
     Setup,
     Values,
     Vibration,
-    column_factors,
     declared,
 )
 from cartstiff.cli.output import Progress
@@ -74,14 +76,9 @@ def command(
     path_file: Path,
     search: Search,
     vibration: Vibration,
-    out: Annotated[
-        Output,
-        Overrides(
-            csv="Write the postures, one line a point.",
-            plot="Draw the criterion along the path, optimised and with the best constant choice.",
-        ),
-    ],
+    out: Printed,
     *,
+    output: Annotated[Files, OutputFiles(".csv", *PICTURES)] = None,
     free_axis: Literal["x", "y", "z"] | None = None,
     free_rotation: bool = False,
     direction: Direction = None,
@@ -109,6 +106,9 @@ def command(
         Damping.
     out
         Output.
+    output
+        Write the answer (.json), the postures, one line a point (.csv), or a picture of the
+        criterion along the path, optimised and with the best constant choice.
     free_axis
         Axis of the body about which it may turn, the tool's axis.
     free_rotation
@@ -132,8 +132,8 @@ def command(
     Examples
     --------
     cartstiff path ur5 seam.csv --free-axis x --load 0,0,0,-120,0,30
-    cartstiff path panda seam.csv --criterion translation_free_min --csv commands.csv
-    cartstiff path ur5 seam.csv --free-axis x --criterion along_free --direction 1,0,0 --plot k.png
+    cartstiff path panda seam.csv --criterion translation_free_min -o commands.csv
+    cartstiff path ur5 seam.csv --free-axis x --criterion along_free --direction 1,0,0 -o k.png
     cartstiff path ur5 seam.csv --free-axis x --load 0,0,0,-120,0,30 --loaded --load-kind follower
     cartstiff path ur5 seam.csv --free-axis x --load 0,0,0,-120,0,0 --range elbow_joint=0:2.6 \
         --near 0,-1.2,1.5,0,1,0
@@ -157,7 +157,6 @@ def command(
         axes=axes,
         base=elastic.mechanism.base_pose,
         units=elastic.units,
-        factors=column_factors(elastic),
     )
     for name, (low, high) in (ranges or {}).items():
         check_name("joint", name, elastic.names, "--range")
@@ -179,13 +178,14 @@ def command(
     }
     if search.singular is None:
         del options["singular"]
-    is_written = out.csv is not None
+    is_written = ".csv" in (output or {})
     with Progress("path", progress) as advance:
         result = optimise_path(elastic, path, progress=advance, **options)
     out.show(
         result.to_dict(),
         elastic.name,
         lambda: describe_optimised_path(result, is_written=is_written),
+        output,
         csv=result.to_csv,
-        plot=result.plot,
+        picture=result.plot,
     )

@@ -10,8 +10,12 @@ import click
 from cartstiff.choices import Distribution
 from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
+    PICTURES,
+    Files,
+    Metres,
     Number,
-    Output,
+    OutputFiles,
+    Printed,
     Setup,
     declared,
 )
@@ -45,8 +49,9 @@ def assemble_command(
         ),
     ],
     search: Modes,
-    out: Annotated[Output, Overrides("plot", csv="Write a table of the modes.")],
+    out: Printed,
     *,
+    output: Annotated[Files, OutputFiles(".csv")] = None,
     strict: bool = False,
 ) -> None:
     """Assembly modes of MECHANISM: all poses with the same leg lengths, or actuator positions.
@@ -63,6 +68,8 @@ def assemble_command(
         How modes are looked for.
     out
         Output.
+    output
+        Write the answer (.json) or a table of the modes (.csv).
     strict
         Exit with code 3 if modes may be missing, or none exists.
 
@@ -71,7 +78,7 @@ def assemble_command(
     cartstiff assemble hexapod --all
     cartstiff assemble stewart-simscape --all --lengths 0.085,0.085,0.085,0.085,0.085,0.086 --json
     cartstiff assemble hexapod --all --load 0,0,0,0,0,-500 --world
-    cartstiff assemble five-bar --all --csv modes.csv
+    cartstiff assemble five-bar --all -o modes.csv
     """
     elastic, q = replace(setup, lengths=None).read()
     from cartstiff.mechanisms.platform import Platform
@@ -88,6 +95,7 @@ def assemble_command(
         modes.to_dict(),
         setup.mechanism,
         lambda: describe_assembly(modes),
+        output,
         csv=lambda: assembly_csv(modes),
     )
     if strict and (not modes.modes or any(note.code == "paths-lost" for note in modes.notes)):
@@ -106,7 +114,7 @@ class Search:
 
     directions: Annotated[int | None, click.IntRange(8, 1_000_000)] = None
     scan: Annotated[int, click.IntRange(2, 100_000)] = 48
-    radius: Annotated[float | None, Number("LENGTH", power=1, above_zero=True)] = None
+    radius: Annotated[float | None, Number("LENGTH", above_zero=True, kind="length")] = None
     tensions: Distribution = "any"
     through_singularities: bool = False
 
@@ -125,15 +133,9 @@ def workspace_command(
         ),
     ],
     search: Search,
-    out: Annotated[
-        Output,
-        Overrides(
-            csv="Write the boundary: positions, each with its limit. `cartstiff view MECHANISM "
-            "--workspace` draws it on the page.",
-            plot="Draw the boundary in space, from above and from two sides.",
-        ),
-    ],
+    out: Printed,
     *,
+    output: Annotated[Files, OutputFiles(".csv", *PICTURES)] = None,
     progress: bool | None = None,
     strict: bool = False,
 ) -> None:
@@ -151,6 +153,10 @@ def workspace_command(
         How the boundary is looked for.
     out
         Output.
+    output
+        Write the answer (.json), the boundary as positions, each with its limit (.csv), or a
+        picture of it in space, from above and from two sides. `cartstiff view MECHANISM
+        --workspace` draws the table on the page.
     progress
         Bar on standard error; default on a terminal.
     strict
@@ -159,7 +165,7 @@ def workspace_command(
     Examples
     --------
     cartstiff workspace hexapod
-    cartstiff workspace hexapod --pose 0,0,0.7,0.1,0,0 --plot workspace.png --csv boundary.csv
+    cartstiff workspace hexapod --pose 0,0,0.7,0.1,0,0 -o workspace.png -o boundary.csv
     cartstiff workspace cable-robot --radius 2 --load 0,0,0,0,0,-50 --world --json
     """
     elastic, q = setup.read()
@@ -168,13 +174,15 @@ def workspace_command(
     from cartstiff.report.reach import boundary_csv, describe_workspace
 
     with Progress("poses", progress) as bar:
-        reached = workspace(elastic, q, **setup.keywords, **asdict(search), progress=bar)
+        asked = asdict(search) | {"radius": Metres.in_units(search.radius, elastic.units)}
+        reached = workspace(elastic, q, **setup.keywords, **asked, progress=bar)
     out.show(
         reached.to_dict(),
         setup.mechanism,
         lambda: describe_workspace(reached),
+        output,
         csv=lambda: boundary_csv(reached),
-        plot=reached.plot,
+        picture=reached.plot,
     )
     if strict and reached.positions is None:
         note = reached.notes[-1]

@@ -8,11 +8,9 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from cartstiff.choices import LARGEST_INPUT, ORDERS, Axes
-from cartstiff.cli.options import given_length
 from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.matrix_names import LETTERS
 
@@ -82,7 +80,7 @@ class Target:
                 expected=f"{mechanism.frame} or body",
                 got=self.frame,
             )
-        a, f = given_length(), 1.0
+        a, f = 1.0, 1.0
         if self.units is not None:
             try:
                 a, f = convert_length(Units(*self.units), mechanism.units)
@@ -278,7 +276,6 @@ def read_path_file(
     axes: Axes | None = None,
     base: Any = None,
     units: Units | None = None,
-    factors: Mapping[str, float] = MappingProxyType({}),
 ) -> ToolPath:
     """Read a path of the tool from a file.
 
@@ -302,8 +299,6 @@ def read_path_file(
         Pose of the robot's own base B in F; default F itself.
     units : Units, optional
         Units of lengths and forces; default SI.
-    factors : mapping of str to float
-        Factors of columns whose head names no unit.
 
     Raises
     ------
@@ -314,13 +309,12 @@ def read_path_file(
 
     from cartstiff.geometry import se3
     from cartstiff.loading.tables import DIRECTION, WRENCH, along_axes, read_rows
-    from cartstiff.mechanisms.contract import ANGLES, SI
+    from cartstiff.mechanisms.contract import SI
     from cartstiff.toolpaths.tool_path import ToolPath
 
     where = one_line(str(file))
     units = units or SI
-    factors = {**factors, **dict.fromkeys(_ANGLES, ANGLES[units.shown_angle])}
-    rows = read_rows(file, "points", units=units, factors=factors)
+    rows = read_rows(file, "points", units=units)
     if rows.names is None:
         names, values, _ = rows.arranged((*_POSITION, *_ANGLES), (*_POSITION, *_ANGLES, *WRENCH))
     else:

@@ -30,7 +30,7 @@ class Shown:
     ----------
     map_path : FILE
         Also draw a stiffness map: its points, or those of the table that `cartstiff workspace
-        --csv` writes, coloured by a quantity or by the limit that cuts.
+        -o` writes, coloured by a quantity or by the limit that cuts.
     workspace
         Also draw the workspace's boundary, around the posture, coloured by the limit that cuts,
         and the singular surface, as `cartstiff workspace` finds them.
@@ -60,7 +60,6 @@ class Shown:
         elastic, q = setup.read()
         import numpy as np
 
-        from cartstiff.mechanisms.other_units import shown_factors
         from cartstiff.page.source import Source, read_cloud, read_trajectory
         from cartstiff.statics.command import checked_command
         from cartstiff.stiffness.compute import analyse
@@ -78,9 +77,9 @@ class Shown:
 
         trajectory = None
         if self.trajectory is not None:
-            mechanism, factors = elastic.mechanism, shown_factors(elastic)
+            mechanism = elastic.mechanism
             trajectory = read_trajectory(
-                self.trajectory, elastic.names, elastic.units, factors, mechanism.joint_names
+                self.trajectory, elastic.names, elastic.units, joints=mechanism.joint_names
             )
             trajectory = replace(trajectory, q=mechanism.undeflected(trajectory.q))
             say_unused(self.trajectory, trajectory.unused)

@@ -1,4 +1,4 @@
-"""Run of a study: designs are chosen, evaluated, and kept in a file of JSON lines.
+"""Run of a study: designs are chosen and evaluated.
 
 A design is the mechanism with other parameters, evaluated at all poses of the study. The result has
 the feasible designs, the best ones and the Pareto front, as tables.
@@ -7,27 +7,17 @@ the feasible designs, the best ones and the Pareto front, as tables.
 from __future__ import annotations
 
 import itertools
-import json
-import multiprocessing
-import pickle
-import signal
 import warnings
-import zlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from cartstiff.arrays import Array, checked_number, csv_rows
+from cartstiff.arrays import Array, csv_rows
 from cartstiff.batch.kernels import lasting_path
-from cartstiff.batch.quantities import QUANTITIES, is_own
 from cartstiff.checked_call import checked
 from cartstiff.described import described
 from cartstiff.designs.study import Case, Measure, Study, StudyUnits, check_names, read_study
@@ -56,8 +46,8 @@ from cartstiff.mechanisms.elastic import (
     gravity_loads,
     with_default_gravity,
 )
-from cartstiff.mechanisms.identity import Files, fingerprint, identity_of, require_same
-from cartstiff.mechanisms.other_units import in_units, shown_factors
+from cartstiff.mechanisms.identity import Files
+from cartstiff.mechanisms.other_units import in_units
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 from cartstiff.results import LabelledResult
@@ -152,15 +142,13 @@ class StudyEvaluator:
         self.home = self._made({})
         self._files = self.home.files
         check_names(study, self.home.parameters)
-        if both := study.quantities.keys() & QUANTITIES.keys():
-            raise InputError("is a quantity already", where="quantities", got=min(both))
         self._asked: dict[str, list[str]] = {}
         for measure in study.measures.values():
             if measure.quantity is not None:
                 if (measure.of or "worst") in ("worst", "best"):
                     self._better(measure)
                 names = self._asked.setdefault(study.case_of(measure), [])
-                names += [name for name in study.of_maps(measure) if name not in names]
+                names += [measure.quantity] * (measure.quantity not in names)
         for name, quantities in self._asked.items():
             # Faults of the study itself are reported before any design is made.
             try:
@@ -178,11 +166,11 @@ class StudyEvaluator:
             raise ChangedFileError(
                 "a file of the mechanism was changed while the study ran",
                 where=one_line(self.study.mechanism),
-                expected="the same files until its end; what is done is kept in the output",
+                expected="the same files until its end",
             )
         if self.study.payload is not None and self.study.gravity is None:
             elastic = with_default_gravity(elastic, self.study.payload[0])
-        return elastic if units is None else in_units(elastic, self._length, units.angle)
+        return elastic if units is None else in_units(elastic, self._length)
 
     def _in_file_units(self, own: Units) -> tuple[dict[str, Any], str]:
         """Return tool and weight in units of the mechanism's file, and the study's length unit."""
@@ -219,7 +207,7 @@ class StudyEvaluator:
         """Return the unit of a measure; "" for arithmetic, whose unit is unknown."""
         if measure.of in ("share", "reached"):
             return "1"
-        if measure.quantity is None or measure.quantity in self.study.quantities:
+        if measure.quantity is None:
             return ""
         return quantity_named(measure.quantity).unit_in(self.home.units)
 
@@ -239,8 +227,7 @@ class StudyEvaluator:
         return "largest" if self._better(measure) == "larger" else "smallest"
 
     def _better(self, measure: Measure) -> str:
-        own = measure.quantity in self.study.quantities
-        better = None if own else quantity_named(measure.quantity or "").better
+        better = quantity_named(measure.quantity or "").better
         if better is None:
             raise InputError(
                 f"neither end of {measure.quantity} is better",
@@ -257,9 +244,9 @@ class StudyEvaluator:
             T = elastic.mechanism.at(home).pose
             home = np.concatenate([T[:3, 3], se3.roll_pitch_yaw(T)])
         shift = dict(zip(names, home.tolist(), strict=True)) if poses.about_home else {}
-        angles = shown_factors(elastic)
-        if of_body:
-            angles = dict.fromkeys(COORDINATES[3:], ANGLES[elastic.units.shown_angle])
+        turns = [c.name for c in elastic.mechanism.coordinates if not c.is_length]
+        angle = ANGLES[(self.study.units or StudyUnits()).angle]
+        angles = dict.fromkeys(COORDINATES[3:] if of_body else turns, angle)
         ranges = {}
         for name, (low, high, *_) in given.items():
             check_name("coordinate", name, names)
@@ -308,12 +295,7 @@ class StudyEvaluator:
                 value = measure.arithmetic(name).value(elastic.parameters)
             else:
                 values, state = maps[self.study.case_of(measure)]
-                formula = self.study.formula(measure)
-                row = (
-                    values[measure.quantity]
-                    if formula is None
-                    else np.array(formula.of_rows(values))
-                )
+                row = values[measure.quantity]
                 if self.study.poses.outside == "refuse" and not np.isfinite(row).all():
                     raise _NoValueError(f"{name} is not finite")
                 value = self._of_poses(measure, row, state)
@@ -404,8 +386,6 @@ class Designs(LabelledResult):
         "largest" or "smallest" for each objective.
     units : mapping of str to str
         Units of objectives and constraints.
-    damaged : int
-        Number of lines of the output that could not be read again.
     """
 
     command: ClassVar = "design"
@@ -415,7 +395,6 @@ class Designs(LabelledResult):
     designs: tuple[Design, ...]
     better: Mapping[str, str]
     units: Mapping[str, str]
-    damaged: int = 0
 
     def _lines(self) -> list[str]:
         counts = ", ".join(f"{n} {state}" for state, n in self.counts().items())
@@ -548,12 +527,12 @@ class Designs(LabelledResult):
 
     @property
     def notes(self) -> list[Note]:
-        """Notes on assumptions, and on damaged lines of the output."""
+        """Notes on assumptions."""
         notes = []
         lengths = [
             name
             for name, m in self.study.measures.items()
-            if {"condition", "isotropy", "minimum"} & {*self.study.of_maps(m)}
+            if m.quantity in ("condition", "isotropy", "minimum")
             and self.study.case(self.study.case_of(m)).length is None
         ]
         if lengths:
@@ -564,9 +543,6 @@ class Designs(LabelledResult):
             notes.append(Note("own-length", words, {"measures": lengths}))
         if not self.feasible:
             notes.append(Note("no-feasible-design", "no design is feasible", {**self.counts()}))
-        if self.damaged:
-            words = f"{self.damaged} damaged line(s) of the output: those designs were made again"
-            notes.append(Note("damaged-lines", words, {"lines": self.damaged}))
         return notes
 
     def plot(self) -> Any:
@@ -632,18 +608,11 @@ class Designs(LabelledResult):
         return f"{name}: {words}" + (f" [{unit}]" if unit else "")
 
 
-SCHEMA = "cartstiff-designs/2"
-#: Bytes of the file: ten million designs.
-LARGEST = 1 << 32
-
-
 @checked
 def design(
     study: str | Path | Mapping[str, Any],
     *,
     given: Mapping[str, Any] | None = None,
-    output: str | Path | None = None,
-    workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Designs:
     """Vary the parameters of a mechanism and evaluate every design over its poses.
@@ -655,10 +624,6 @@ def design(
     given : mapping, optional
         Tool, weight, load and units instead of the study's: "tcp", "gravity", "payload", "units",
         and under "load" keys that replace those of every case.
-    output : path, optional
-        File of JSON lines that keeps every finished design; an existing file is resumed.
-    workers : int
-        Number of processes, each with whole designs; the result does not depend on it.
     progress : callable, optional
         Called with (done, total) designs.
 
@@ -683,34 +648,20 @@ def design(
     {'sz': 0.577}
     """
     asked, folder = read_study(study, given)
-    count = int(checked_number(workers, "number of workers"))
-    if count < 1:
-        raise InputError("number of workers cannot be used", expected="1 or more", got=count)
     evaluation = StudyEvaluator(asked, folder)
     better = {name: evaluation.better(name) for name in asked.objectives}
-    identity = identity_of_study(asked, evaluation.home)
-    record = Record(None if output is None else Path(output), identity)
-    every = {tuple(point.values()): point for point in _chosen(asked)}
-    points = list(every.values())
-    missing = [point for point in points if point not in record]
-    with ExitStack() as stack:
-        pool = stack.enter_context(_pool(min(count, len(points)))) if count > 1 else None
-        one: Callable[[Mapping[str, float]], Design] = evaluation
-        if pool is not None:
-            own = asked, folder.resolve(), evaluation.home.files
-            one = partial(_one, pickle.dumps(own))
-        for done, finished in enumerate(_evaluated(missing, one, pool), 1):
-            record.add(finished)
-            if progress is not None:
-                progress(len(points) - len(missing) + done, len(points))
-    designs = tuple(record[point] for point in points)
+    points = [*{tuple(point.values()): point for point in _chosen(asked)}.values()]
+    designs = []
+    for done, point in enumerate(points, 1):
+        designs.append(evaluation(point))
+        if progress is not None:
+            progress(done, len(points))
     return Designs(
         asked,
         evaluation.home,
-        designs,
+        tuple(designs),
         better,
         {name: evaluation.unit(measure) for name, measure in asked.measures.items()},
-        record.damaged,
     )
 
 
@@ -758,152 +709,6 @@ def _chosen(study: Study) -> list[dict[str, float]]:
         {name: v.at(share) for (name, v), share in zip(variables.items(), row, strict=True)}
         for row in shares.tolist()
     ]
-
-
-def _evaluated(
-    points: Sequence[Mapping[str, float]], one: Callable[[Mapping[str, float]], Design], pool: Any
-) -> Iterator[Design]:
-    try:
-        yield from (map if pool is None else pool.map)(one, points)
-    except BrokenProcessPool:
-        raise CartstiffError(
-            "the processes that looked at the designs died; what is done is kept in the output, "
-            "and the same call goes on. (A script that asks for workers needs its calls under: "
-            "if __name__ == '__main__')"
-        ) from None
-
-
-def _pool(workers: int) -> ProcessPoolExecutor:
-    context = multiprocessing.get_context("spawn")
-    # The parent process handles Ctrl-C.
-    return ProcessPoolExecutor(workers, context, signal.signal, (signal.SIGINT, signal.SIG_IGN))
-
-
-@lru_cache(maxsize=2)
-def _evaluation(job: bytes) -> StudyEvaluator:
-    """Make the evaluator of a study once in each process."""
-    from threadpoolctl import threadpool_limits
-
-    threadpool_limits(1)
-    return StudyEvaluator(*pickle.loads(job))
-
-
-def _one(job: bytes, parameters: Mapping[str, float]) -> Design:
-    """Evaluate one design in another process."""
-    return _evaluation(job)(parameters)
-
-
-def identity_of_study(study: Study, elastic: ElasticMechanism) -> dict[str, Any]:
-    """Return what a study's numbers depend on: all but the choice and the names of designs."""
-    data = study.model_dump(mode="json", exclude={"method", "description", "mechanism"})
-    if not study.quantities:  # as in files of earlier versions, which can be resumed
-        del data["quantities"]
-    data = {key: value for key, value in data.items() if value is not None}
-    # Ends of a range do not change the numbers of a design within it.
-    data["variables"] = sorted(data["variables"])
-    measures = [measure for measure in study.measures.values() if measure.quantity is not None]
-    names = {name for measure in measures for name in study.of_maps(measure)}
-    own = {name: QUANTITIES[name] for name in names if is_own(name)}
-    data["own quantities"] = fingerprint(own) if own else None
-    return identity_of(elastic, data)
-
-
-def key_of(parameters: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
-    """Return parameters as a hashable key."""
-    return tuple(sorted(parameters.items()))
-
-
-class Record:
-    """Designs by their parameters, in memory and, with a path, in a file.
-
-    Parameters
-    ----------
-    path : Path, optional
-        File of the designs; an existing file is resumed.
-    identity : mapping
-        Identity of the study, from `identity_of_study`.
-
-    Attributes
-    ----------
-    damaged : int
-        Lines of the file that could not be read; their designs are computed again.
-
-    Raises
-    ------
-    InputError
-        If the file belongs to another study or cannot be used.
-    """
-
-    def __init__(self, path: Path | None, identity: Mapping[str, Any]) -> None:
-        self.path, self.damaged = path, 0
-        self._known: dict[tuple[tuple[str, float], ...], Design] = {}
-        head = {"schema": SCHEMA, "study": identity}
-        if path is None:
-            return
-        if path.exists():
-            self._read(path, head)
-        else:
-            self._append(head)
-
-    def _read(self, path: Path, head: Mapping[str, Any]) -> None:
-        where = one_line(str(path))
-        try:
-            first, *lines = path.read_bytes().split(b"\n")
-        except OSError as error:
-            raise InputError("file cannot be read", where=where, got=error.strerror) from None
-        try:
-            there = json.loads(first)
-        except ValueError:
-            there = None
-        if not isinstance(there, dict) or there.get("schema") != SCHEMA:
-            raise InputError("file holds no designs", where=where, expected=f"schema {SCHEMA}")
-        if not isinstance(there.get("study"), dict):
-            raise InputError("file does not say whose designs it holds", where=where)
-        require_same(there["study"], head["study"], path, "study")
-        for line in lines:
-            if not line:
-                continue
-            try:
-                entry = json.loads(line)
-                if entry.pop("sum") != _sum(entry):
-                    raise ValueError("damaged")
-                design = Design(**entry)
-            except (ValueError, TypeError, KeyError, AttributeError):
-                self.damaged += 1
-                continue
-            self._known[key_of(design.parameters)] = design
-        if lines and lines[-1]:  # an unfinished line
-            self._write(b"\n")
-
-    def __contains__(self, parameters: Mapping[str, float]) -> bool:
-        return key_of(parameters) in self._known
-
-    def __getitem__(self, parameters: Mapping[str, float]) -> Design:
-        return self._known[key_of(parameters)]
-
-    def add(self, design: Design) -> None:
-        """Store a design."""
-        self._known[key_of(design.parameters)] = design
-        entry = design.to_dict()
-        self._append({**entry, "sum": _sum(entry)})
-
-    def _append(self, entry: Mapping[str, Any]) -> None:
-        self._write(json.dumps(entry, allow_nan=False).encode() + b"\n")
-
-    def _write(self, data: bytes) -> None:
-        if self.path is None:
-            return
-        try:
-            with self.path.open("ab") as file:
-                file.write(data)
-        except OSError as error:
-            raise InputError(
-                "file cannot be written", where=one_line(str(self.path)), got=error.strerror
-            ) from None
-
-
-def _sum(entry: Mapping[str, Any]) -> int:
-    return zlib.crc32(json.dumps(entry, sort_keys=True).encode())
 
 
 def _decades(values: Array) -> bool:

@@ -178,7 +178,7 @@ class Case(StudyModel):
 class Measure(StudyModel):
     """A number of a design: of a quantity over the poses, or arithmetic over the parameters."""
 
-    quantity: Text | None = keyed("of a map, or of the study's own; or", None)
+    quantity: Text | None = keyed("of a map; or", None)
     value: Text | None = keyed("arithmetic over parameters, such as '=2*r + h'", None)
     of: Literal["worst", "best", "min", "max", "mean", "median", "share", "reached"] | None = keyed(
         "poses; share: of all poses, within `above` and `below`; reached: share of "
@@ -313,12 +313,6 @@ class Study(StudyModel):
     variables: dict[Text, Variable] = Field(min_length=1, max_length=50)
     poses: Poses = Poses()
     cases: dict[Text, Case] = keyed("default one without a load", {})
-    quantities: dict[Text, Text] = keyed(
-        "your own, as arithmetic over those of maps at each pose, such as "
-        "'=translation_free_max / translation_free_min'",
-        {},
-        max_length=50,
-    )
     objectives: dict[Text, Objective] = Field(min_length=1, max_length=20)
     constraints: dict[Text, Constraint] = Field(default={}, max_length=50)
     method: Method = Method()
@@ -341,11 +335,6 @@ class Study(StudyModel):
                 raise ValueError(f"{name}: unknown case {measure.case!r}")
             if measure.of == "reached" and self.poses.outside == "refuse":
                 raise ValueError(f"{name}: reached needs `outside: leave-out` under poses")
-        for name in self.quantities:
-            if not is_name(name):
-                raise ValueError(f"{name!r} cannot be the name of a quantity")
-            if name not in {m.quantity for m in self.measures.values()}:
-                raise ValueError(f"quantity {name!r} is not used")
         for name in self.cases:
             if name not in {self.case_of(m) for m in self.measures.values()}:
                 raise ValueError(f"case {name!r} is not used")
@@ -355,18 +344,6 @@ class Study(StudyModel):
     def measures(self) -> dict[str, Objective | Constraint]:
         """Objectives and constraints by name."""
         return {**self.objectives, **self.constraints}
-
-    def formula(self, measure: Measure) -> Expression | None:
-        """Return the arithmetic of a quantity that the study defines; None for one of maps."""
-        text = self.quantities.get(measure.quantity or "")
-        return None if text is None else Expression(text[1:], f"{measure.quantity}")
-
-    def of_maps(self, measure: Measure) -> tuple[str, ...]:
-        """Return the quantities of maps that a measure needs."""
-        formula = self.formula(measure)
-        if formula is not None:
-            return tuple(sorted(formula.names))
-        return () if measure.quantity is None else (measure.quantity,)
 
     def case_of(self, measure: Measure) -> str:
         """Return the name of a measure's case; "" for the default case."""
@@ -421,15 +398,6 @@ def read_study(
         if measure.value is not None:
             kind = "objectives" if name in study.objectives else "constraints"
             measure.arithmetic(place_of(path, lines, (kind, name, "value")))
-    for name, text in study.quantities.items():
-        place = place_of(path, lines, ("quantities", name))
-        if not text.startswith("=") or not Expression(text[1:], place).names:
-            raise InputError(
-                "is no arithmetic over quantities",
-                where=place,
-                expected="such as '=translation_free_max / translation_free_min'",
-                got=repr(one_line(text)),
-            )
     if study.size > MOST_POSES:
         raise InputError(
             "too many designs", where=one_line(str(path)), expected=f"{MOST_POSES}", got=study.size

@@ -33,7 +33,7 @@ from cartstiff.matrix_names import MATRICES
 _LAW_TOLERANCE = numerics.ROUNDOFF
 # Linearity is judged at twists of these sizes; maps that were found by differences of numbers keep
 # half of their digits.
-_TESTED_SIZES, _BILINEARITY = (1.0, 1e-3, 1e3, 7.0), 1e-6
+_TESTED_SIZES, _BILINEARITY = (1.0, 1e-3, 1e3, 7.0), numerics.NEGLIGIBLE_SHARE
 
 
 @dataclass(frozen=True, eq=False)

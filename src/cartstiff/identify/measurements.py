@@ -884,13 +884,12 @@ def table_text(
     """
     own = elastic.units
     in_length = own.length if own.length in UNITS["length"] else SI.length
-    in_angle, turn = own.shown_angle, np.pi / 180.0 if own.shown_angle == "deg" else 1.0
     length, force = convert_length(Units(in_length), own)
     mechanism = elastic.mechanism
     table: dict[str, Array] = {}
     for j, c in enumerate(mechanism.coordinates):
         if j not in mechanism.virtual:
-            unit, size = (in_length, length) if c.is_length else (in_angle, turn)
+            unit, size = (in_length, length) if c.is_length else (own.angle, 1.0)
             name = f"q_{c.name}" if c.name in MEASURED else c.name
             table[f"{name} [{unit}]"] = measured.q[:, j] / size
     moment = "N mm" if in_length == "mm" else "N m"
@@ -910,7 +909,7 @@ def table_text(
         if values is None:
             continue
         is_length = MEASURED[name] == "length"
-        unit, factor = (in_length, length) if is_length else (in_angle, turn)
+        unit, factor = (in_length, length) if is_length else (own.angle, 1.0)
         table[f"{name} [{unit}]"] = values / factor
         if name == "d":
             table |= dict(zip(("nx", "ny", "nz"), measured.direction.T, strict=True))

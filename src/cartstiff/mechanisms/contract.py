@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from math import inf
 from typing import Any, ClassVar, Literal, Self
@@ -191,8 +191,10 @@ class Units:
 
     length: str = "m"
     force: str = "N"
-    #: Unit of angles in tables for people ("rad" or "deg"); no number is stored in it.
-    shown_angle: str = field(default="rad", compare=False)
+
+    #: Units of angles and lengths in texts and pictures; no number is stored in them.
+    shown_angle: ClassVar[str] = "deg"
+    shown_length: ClassVar[str] = "mm"
 
     @classmethod
     def from_dict(cls, units: Mapping[str, str]) -> Units:
@@ -214,6 +216,11 @@ class Units:
     def shown_per_radian(self) -> float:
         """One radian in the unit of shown angles."""
         return 1.0 / ANGLES[self.shown_angle]
+
+    @property
+    def shown_per_length(self) -> float:
+        """One unit of length in that of shown lengths."""
+        return LENGTHS[self.length] / LENGTHS[self.shown_length]
 
     @property
     def moment(self) -> str:

@@ -454,12 +454,9 @@ class ElasticMechanism(ShownInLines):
 
     @property
     def names_with_units(self) -> list[str]:
-        """Names of the coordinates as heads of a table: "elbow [rad]", or as shown to people."""
+        """Names of the coordinates as heads of a table in their own units: "elbow [rad]"."""
         units = self.units
-        return [
-            f"{c.name} [{units.length if c.is_length else units.shown_angle}]"
-            for c in self.mechanism.coordinates
-        ]
+        return [f"{c.name} [{units.coordinate(c.is_length)}]" for c in self.mechanism.coordinates]
 
     def placed(
         self, q: ArrayLike | Mapping[str, float] | None = None, what: str = "q"

@@ -24,7 +24,7 @@ from cartstiff.potentials.contract import rescaled
 from cartstiff.potentials.line_springs import LineSprings
 
 
-def in_units(elastic: ElasticMechanism, length: str, shown_angle: str = "rad") -> ElasticMechanism:
+def in_units(elastic: ElasticMechanism, length: str) -> ElasticMechanism:
     """Return the mechanism with its numbers in another unit of length.
 
     Parameters
@@ -33,8 +33,6 @@ def in_units(elastic: ElasticMechanism, length: str, shown_angle: str = "rad") -
         An arm, a closed chain, or a platform.
     length : str
         A name of `cartstiff.mechanisms.contract.LENGTHS`.
-    shown_angle : {"rad", "deg"}
-        Unit of angles in tables for people; numbers stay in radians.
 
     Raises
     ------
@@ -42,7 +40,7 @@ def in_units(elastic: ElasticMechanism, length: str, shown_angle: str = "rad") -
         For an unknown unit, another kind of mechanism, or energies that cannot be converted:
         functions of the user's, and loads.
     """
-    units = Units(length, elastic.units.force, shown_angle)
+    units = Units(length, elastic.units.force)
     a, _ = convert_length(elastic.units, units)
     known = elastic.identified
     mechanism = _mechanism(elastic.mechanism, a, units)
@@ -64,17 +62,17 @@ def in_units(elastic: ElasticMechanism, length: str, shown_angle: str = "rad") -
     )
 
 
-def shown_factors(elastic: ElasticMechanism) -> dict[str, float]:
-    """Return the radians per unit of tables for people, by coordinate; empty for radians."""
-    if elastic.units.shown_angle != "deg":
-        return {}
-    return {c.name: np.pi / 180.0 for c in elastic.mechanism.coordinates if not c.is_length}
-
-
 def shown(elastic: ElasticMechanism, q: Array) -> Array:
-    """Return coordinates (..., n) in the units of tables for people, as `names_with_units`."""
-    factors = shown_factors(elastic)
-    return q / np.array([factors.get(name, 1.0) for name in elastic.names]) if factors else q
+    """Return coordinates (..., n) in the units of texts and pictures, as `shown_heads`."""
+    units = elastic.units
+    sizes = (units.shown_per_radian, units.shown_per_length)
+    return q * np.array([sizes[c.is_length] for c in elastic.mechanism.coordinates])
+
+
+def shown_heads(elastic: ElasticMechanism) -> list[str]:
+    """Return heads of a table of coordinates for people: "elbow [deg]", "slide [mm]"."""
+    names = (elastic.units.shown_angle, elastic.units.shown_length)
+    return [f"{c.name} [{names[c.is_length]}]" for c in elastic.mechanism.coordinates]
 
 
 def _mechanism(mechanism: Mechanism, a: float, units: Units) -> Mechanism:

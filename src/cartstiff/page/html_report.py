@@ -103,7 +103,7 @@ def report_page(
         legs_shown = _legs(result)
     title = f"{elastic.name}: stiffness at {elastic.mechanism.frame}"
     before = "" if load.held is None or load.added is None else ", before the load"
-    where = placed(elastic.mechanism.frame_offset, elastic.units.length)
+    where = placed(elastic.mechanism.frame_offset, elastic.units)
     sits = f" M is {where} in {elastic.mechanism.frame}." if where else ""
     parts = [
         f"<h1>{_text(title)}</h1>",

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -165,7 +164,6 @@ def read_trajectory(
     path: Path,
     names: tuple[str, ...],
     units: Units = SI,
-    factors: Mapping[str, float] = MappingProxyType({}),
     joints: tuple[str, ...] = (),
 ) -> Playback:
     """A trajectory from CSV: one posture a line, in joint order or under a line of names.
@@ -180,7 +178,7 @@ def read_trajectory(
     InputError
         With file and line.
     """
-    rows = read_rows(path, "postures", units=units, factors=factors, joints=names)
+    rows = read_rows(path, "postures", units=units, joints=names)
     if rows.names is not None:
         named = tuple("time" if x.lower() in ("t", "time") else x for x in rows.names)
         rows = rows._replace(names=named)
@@ -199,7 +197,7 @@ def read_trajectory(
 
 
 def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Cloud:
-    """Points of a map file, or of a table that `cartstiff workspace --csv` wrote.
+    """Points of a map file, or of a table that `cartstiff workspace -o` wrote.
 
     They are thinned to what a page can show.
 
@@ -302,7 +300,7 @@ def _read_boundary(path: Path, elastic: ElasticMechanism | None) -> Cloud:
             "boundary cannot be shown",
             where=cells.place,
             got=", ".join(cells.names),
-            expected="columns x, y, z and limit, as `workspace --csv` writes them of "
+            expected="columns x, y, z and limit, as `workspace -o` writes them of "
             "a body that takes all positions",
         )
     numbers = [

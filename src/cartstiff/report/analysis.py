@@ -25,6 +25,8 @@ from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.report.layout import (
     COSINES,
     body_frame,
+    length_of,
+    lengths,
     number,
     numbers,
     percent,
@@ -58,7 +60,7 @@ def describe(
     mechanism, units = elastic.mechanism, elastic.units
     lines = [
         f"{elastic.name}: {mechanism.kind}, {body_frame(mechanism)}, "
-        f"lengths in {units.length}, forces in {units.force}",
+        f"matrices in {units.length} and {units.force}",
         *([] if at_rest else beyond_limits(result.notes)),
         *answer,
         "",
@@ -72,7 +74,8 @@ def describe(
     q = np.where(np.abs(result.q) <= noise * np.array(sizes), 0.0, result.q)
     for coordinate, value in zip(mechanism.coordinates, q, strict=True):
         if coordinate.is_length:
-            lines.append(f"  {coordinate.name:<28} {value:>12.6g} {units.length}")
+            own, unit = float(lengths(value, units)), units.shown_length
+            lines.append(f"  {coordinate.name:<28} {own:>12.6g} {unit}")
         else:
             lines.append(
                 f"  {coordinate.name:<28} {value:>12.6g} rad {np.degrees(value):>10.4g} deg"
@@ -81,7 +84,7 @@ def describe(
     lines += [
         "",
         "Pose of the body frame",
-        f"  position          {wide_row(position, result.posture.length)} {units.length}",
+        f"  position          {_place(position, result.posture.length, units)}",
         f"  roll, pitch, yaw  {wide_row(np.degrees(angles), np.degrees(1.0))} deg",
         "",
     ]
@@ -124,6 +127,16 @@ def describe(
     return joined(lines).rstrip()
 
 
+def _place(position: Any, size: float, u: Units) -> str:
+    """A point in wide columns, with the unit of texts; 0 for round-off of a size."""
+    return f"{wide_row(lengths(position, u), size * u.shown_per_length)} {u.shown_length}"
+
+
+def _point(position: Sequence[float], u: Units) -> str:
+    """A point in brackets, with the unit of texts."""
+    return f"{vector(lengths(position, u))} {u.shown_length}"
+
+
 def _potential_of_loads(result: PostureStiffness) -> float:
     """Return the potential of gravity and loads; 0 if it is round-off of their work.
 
@@ -157,8 +170,10 @@ def load_lines(result: PostureStiffness, at_rest: bool = False) -> list[str]:
     if not result.wrench_is_known:
         lines.append("  what the structure carries is not known, and taken as zero")
     if result.is_loaded and not at_rest:
-        x, y, z = result.load.at
-        at = f"({x:g}, {y:g}, {z:g}) {units.length}" if any(result.load.at) else "the origin"
+        x, y, z = lengths(result.load.at, units)
+        at = "the origin"
+        if any(result.load.at):
+            at = f"({x:g}, {y:g}, {z:g}) {units.shown_length}"
         lines.append(f"  taken as a {result.load.kind} load at {at}: {result.load.words}")
     return lines
 
@@ -222,7 +237,7 @@ def summary_text(
     summary : mapping
         Analysis from `cartstiff.analysis.posture.summarise` or `cartstiff.analysis.posture`.
     units : Units, or mapping of str to str
-        Keys "length", "force", "angle"; default SI. `Units` also hold the unit of shown angles.
+        Keys "length", "force", "angle"; default SI.
     level : {"full", "short", "none"}
         short: principal stiffnesses, softest direction, centres, condition, verdict on
         connections, and optional results. full: everything.
@@ -353,13 +368,13 @@ def _heading(s: Mapping[str, Any], u: Units) -> list[str]:
     origin = [r[3] for r in s["frame"][:3]]
     at = "the body frame"
     if any(origin) or _is_turned(s):
-        at = f"the point {vector(origin)} {u.length} of the body frame"
+        at = f"the point {_point(origin, u)} of the body frame"
         at += ", in other axes" if _is_turned(s) else ", along its axes"
     return [
         f"analysis of {what}, at {at}",
         *_load(s, u),
         *([_FREE_OF_ASYMMETRIC] if s["symmetrised"] else []),
-        f"  characteristic length {number(length['value'])} {u.length} ({length['reason']})",
+        f"  characteristic length {length_of(length['value'], u)} ({length['reason']})",
     ]
 
 
@@ -369,7 +384,7 @@ def _load(s: Mapping[str, Any], u: Units) -> list[str]:
     if load is None:
         return []
     what = "the tangent" if load["is_tangent"] else "NOT the tangent (that is K^load)"
-    at = f"{vector(load['at'])} {u.length}"
+    at = _point(load["at"], u)
     if not any(load["at"]):
         at = "the origin of the body frame"
     return [f"  {what} under a {load['kind']} load at {at}: {load['meaning']}"]
@@ -385,7 +400,7 @@ def _principal(ellipsoids: Mapping[str, Any], u: Units, full: bool, length: floa
         title = f"principal {quantity} (held: the other three freedoms locked; free: unloaded)"
         lines += ["", title]
         for freedom, other in _FREEDOMS.items():
-            unit = getattr(u, quantity)[freedom]
+            unit, per = _shown_unit(getattr(u, quantity)[freedom], u)
             for others in ("held", "free"):
                 e = ellipsoids[quantity][freedom][others]
                 label = f"  {freedom}, {other} {others} [{unit}]"
@@ -400,9 +415,9 @@ def _principal(ellipsoids: Mapping[str, Any], u: Units, full: bool, length: floa
                     if beside is None
                     else _SQUARED_ROUNDOFF * max(map(abs, beside["eigenvalues"]))
                 )
-                lines.append(
-                    f"{label:<42} {row(e['eigenvalues'], size=size * length**power)}{sign}"
-                )
+                values = per * np.array(e["eigenvalues"])
+                size *= per * length**power
+                lines.append(f"{label:<42} {row(values, size=size)}{sign}")
                 if full:
                     for column in range(3):
                         axis = [r[column] for r in e["axes"]]
@@ -410,6 +425,18 @@ def _principal(ellipsoids: Mapping[str, Any], u: Units, full: bool, length: floa
                             f"{'    axis ' + str(column + 1):<42} {row(axis, size=COSINES)}"
                         )
     return lines
+
+
+def _shown_unit(unit: str, u: Units) -> tuple[str, float]:
+    """Unit of a number in texts, with the factor: N/mm for a translation, else its own."""
+    blocks, compliances, mm = u.blocks, u.blocks_of_compliance, u.shown_length
+    if unit == blocks["tt"]:
+        return f"{u.force}/{mm}", 1.0 / u.shown_per_length
+    if unit == compliances["tt"]:
+        return f"{mm}/{u.force}", u.shown_per_length
+    if unit == u.length:
+        return mm, u.shown_per_length
+    return unit, 1.0
 
 
 def softest_words(
@@ -452,17 +479,19 @@ def _directions(rows: list[Mapping[str, Any]], u: Units, full: bool) -> list[str
     values = [r[k][o] for r in shown for k in ("along", "about") for o in ("held", "free")]
     if not any(v is not None for v in values):
         return []
-    titles = ["", "direction"]
-    for kind, unit in (
-        ("along", u.stiffness["translation"]),
-        ("about", u.stiffness["rotation"]),
-    ):
+    titles, per = ["", "direction"], {}
+    for kind, freedom in (("along", "translation"), ("about", "rotation")):
+        unit, per[kind] = _shown_unit(u.stiffness[freedom], u)
         titles += [f"{kind}, held [{unit}]", "free"]
     cells = [
         [
             r["name"],
             vector(r["direction"]),
-            *(number(r[k][o]) for k in ("along", "about") for o in ("held", "free")),
+            *(
+                number(None if r[k][o] is None else per[k] * r[k][o])
+                for k in ("along", "about")
+                for o in ("held", "free")
+            ),
         ]
         for r in shown
     ]
@@ -474,11 +503,12 @@ def _centres(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
         return []
     moved = any(r[3] for r in s["frame"][:3])
     place = "this point" if moved else "the origin of the body frame"
-    lines = ["", f"centres [{u.length}], from {place} along the axes of the analysis"]
-    size = s["length"]["value"]
+    lines = ["", f"centres [{u.shown_length}], from {place} along the axes of the analysis"]
+    size = s["length"]["value"] * u.shown_per_length
     for name, point in s["centres"].items():
         label = {"least_coupling": "point of least coupling"}.get(name, f"centre of {name}")
-        lines.append(f"  {label:<40} {row(point, size=size)}")
+        where = None if point is None else lengths(point, u)
+        lines.append(f"  {label:<40} {row(where, size=size)}")
     frame, form = s["decoupling_frame"], s["normal_form"]
     if frame is not None:
         positive = s["definiteness"] in ("positive", "positive semidefinite")
@@ -504,15 +534,15 @@ def _indices(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
     n = s["indices"]
     if n is None:
         return []
-    stiff = u.stiffness["translation"]
-    length = f"{number(n['length'])} {u.length}"
+    stiff, per = _shown_unit(u.stiffness["translation"], u)
+    length = length_of(n["length"], u)
     lines = ["", f"indices, angles multiplied by the characteristic length {length}"]
     if n["condition_number"] is None:
         lines.append("  condition number infinite: the matrix is singular")
     else:
         change = f"changes as length^{number(round(n['condition_exponent'], 2))} here"
         lines.append(f"  condition number {number(n['condition_number'])} ({change})")
-    lines.append(f"  minimum stiffness {number(n['minimum_stiffness'])} {stiff}")
+    lines.append(f"  minimum stiffness {number(per * n['minimum_stiffness'])} {stiff}")
     if full:
         shown = "-, not positive" if n["isotropy"] is None else number(n["isotropy"])
         lines.append(f"  isotropy {shown} (1: equally stiff in all directions)")
@@ -524,7 +554,7 @@ def _indices(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
         )
         if n["best_length"] is not None:
             lines.append(
-                f"  best conditioned at length {number(n['best_length'])} {u.length}: "
+                f"  best conditioned at length {length_of(n['best_length'], u)}: "
                 f"{number(n['condition_at_best_length'])}"
             )
     return lines
@@ -577,14 +607,15 @@ def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
     """Deflection of the point, and each joint's or leg's share."""
     if d is None:
         return []
-    size = sum(x * x for x in d["displacement"]) ** 0.5
+    mm, per = u.shown_length, u.shown_per_length
+    moves = lengths(d["displacement"], u)
+    size = float(np.linalg.norm(moves))
     angle, turn = u.shown_angle, u.shown_per_radian
     lines = [
         "",
         f"linear deflection (K^{d['connection']}) under {_wrench(d['wrench'], u)} at the point "
-        f"{vector(d['acts_at'])} {u.length}",
-        f"  the point {vector(d['point'])} {u.length} moves {number(size)} {u.length}: "
-        f"{vector(d['displacement'], 4)}",
+        f"{_point(d['acts_at'], u)}",
+        f"  the point {_point(d['point'], u)} moves {number(size)} {mm}: {vector(moves, 4)}",
         f"  the body turns {vector([turn * x for x in d['twist'][:3]], 4)} {angle} (all in the "
         f"body's axes), "
         f"energy {number(d['energy'])} {u.moment}",
@@ -594,7 +625,7 @@ def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
         return lines
     if d["kind"] == "joints":
         first, meaning = "motion", "of the displacement"
-        titles = ["joint", "turns or slides", "", "share", f"displacement [{u.length}]"]
+        titles = ["joint", "turns or slides", "", "share", f"displacement [{mm}]"]
     else:
         first, meaning = "elongation", "of the energy"
         titles = ["spring", "elongation", "", "share", "change of force"]
@@ -612,16 +643,16 @@ def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
     ]
     for s in shares:
         # A compliant link turns and moves: its elongation has no single unit.
-        unit = "" if s["is_length"] is None else u.length if s["is_length"] else angle
+        unit = "" if s["is_length"] is None else mm if s["is_length"] else angle
         own = s[first]
         if (
             s["is_length"] is not None
             and abs(own) < numerics.PRINTED_AS_ZERO * sizes[s["is_length"]]
         ):
             own = 0.0
-        moved = own * (turn if unit == angle else 1.0)
+        moved = own * {angle: turn, mm: per}.get(unit, 1.0)
         if first == "motion":
-            last = row(s["displacement"], 4, size)
+            last = row(lengths(s["displacement"], u), 4, size)
         else:
             effort = "" if s["is_length"] is None else u.effort(s["is_length"])
             last = effort and f"{number(0.0 if own == 0.0 else s['force'])} {effort}"
@@ -672,7 +703,7 @@ def target_lines(t: Section, u: Units, full: bool) -> list[str]:
         if fit is not None:
             lines.append(
                 f"  independent springs miss it by {percent(fit['residual'])} at best "
-                f"(angles times {number(fit['length'])} {u.length}):"
+                f"(angles times {length_of(fit['length'], u)}):"
             )
     if not t["stable"]:
         lines.append("  the posture is not stable with it: the target is not positive definite")
@@ -740,8 +771,9 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
         return []
     t = s["tolerances"]
     parts = [f"stiffness {percent(t['stiffness'])}"] if t["stiffness"] else []
-    parts += [f"lengths {number(t['length'])} {u.length}"] if t["length"] else []
-    parts += [f"rotations {number(t['angle'])} {u.angle}"] if t["angle"] else []
+    parts += [f"lengths {length_of(t['length'], u)}"] if t["length"] else []
+    turned = u.shown_per_radian * t["angle"]
+    parts += [f"rotations {number(turned)} {u.shown_angle}"] if t["angle"] else []
     if any(name.startswith(("compliance.", "coefficient.")) for name in s["parameters"]):
         parts.insert(0, "the measured springs")
     lines = ["", f"uncertainty from {', '.join(parts)} (to first order; standard deviations)"]
@@ -752,10 +784,10 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
         names = [n for n in spreads if n == prefix or n.startswith(prefix + "[")]
         if not names:
             continue
-        unit = _unit(prefix, u)
+        unit, per = _shown_unit(_unit(prefix, u), u)
         label = f"  {label} [{unit}]" if unit else f"  {label}"
-        means = [spreads[n]["nominal"] for n in names]
-        spread = [spreads[n]["deviation"] for n in names]
+        means = [None if (x := spreads[n]["nominal"]) is None else per * x for n in names]
+        spread = [None if (x := spreads[n]["deviation"]) is None else per * x for n in names]
         if prefix.startswith(("centres", "deflection")):
             size = max((d for d in spread if d is not None), default=0.0)
             lines.append(f"{label:<42} {row(means, size=size)}  +- {numbers(spread, 2)}")

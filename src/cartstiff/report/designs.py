@@ -53,7 +53,9 @@ def describe_designs(designs: Designs, best: int = 10) -> str:
         )
         lines += ["", title, *table(("design", *names), [_row(designs, i) for i in shown])]
         if len(designs.front) > len(shown):
-            lines.append(f"  ... {len(designs.front) - len(shown)} more; --csv and --json have all")
+            lines.append(
+                f"  ... {len(designs.front) - len(shown)} more; -o FILE.csv and --json have all"
+            )
     for state in ("failed", "infeasible"):
         if counts[state]:
             lines += [

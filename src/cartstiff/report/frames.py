@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import degrees
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
-from cartstiff.report.layout import body_frame, placed, vector
+from cartstiff.report.layout import body_frame, length_of, lengths, placed, vector
 
 
 def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:
@@ -159,13 +158,13 @@ def _legs(mechanism: Any, springs: LineSprings) -> list[dict[str, Any]]:
     ]
 
 
-def describe_frames(answer: Mapping[str, Any], angle: str = "rad", length: float = 0.0) -> str:
-    """Describe the answer of ``cartstiff frames``, with postures in "rad" or "deg"."""
+def describe_frames(answer: Mapping[str, Any], length: float = 0.0) -> str:
+    """Describe the answer of ``cartstiff frames``; round-off of a length is shown as 0."""
     units, joints = Units.from_dict(answer["units"]), answer["joints"]
     mechanism = answer["mechanism"]
     lines = [
-        f"{mechanism['name']}: {mechanism['kind']}, {body_frame(answer, units.length)}, "
-        f"lengths in {units.length}, forces in {units.force}, masses in kg",
+        f"{mechanism['name']}: {mechanism['kind']}, {body_frame(answer, units)}, "
+        f"its file in {units.length} and {units.force}, masses in kg",
         "",
         f"F: {', '.join(answer['frames'])}",
     ]
@@ -174,7 +173,7 @@ def describe_frames(answer: Mapping[str, Any], angle: str = "rad", length: float
         children = [j for j in joints if j["parent"] == parent]
         for i, joint in enumerate(children):
             last = i == len(children) - 1
-            lines.append(f"{indent}{'└─' if last else '├─'} {_joint_words(joint, units, angle)}")
+            lines.append(f"{indent}{'└─' if last else '├─'} {_joint_words(joint, units)}")
             deeper = indent + ("   " if last else "│  ")
             if joint["frames"]:
                 own = "M on " if joint["carries_body"] else ""
@@ -191,11 +190,12 @@ def describe_frames(answer: Mapping[str, Any], angle: str = "rad", length: float
         lines += [f"  {c['type']}: {c['frames'][0]} = {c['frames'][1]}" for c in answer["closures"]]
     pose = np.array(answer["pose"])
     turned = np.degrees(se3.roll_pitch_yaw(pose))
-    base = placed(np.array(answer["base_pose"]), units.length)
+    base = placed(np.array(answer["base_pose"]), units)
     lines += [
         "",
         *([f"The robot's base B {base} in F"] if base else []),
-        f"M at {vector(pose[:3, 3], 6, length)} {units.length} in F, roll, pitch, yaw "
+        f"M at {vector(lengths(pose[:3, 3], units), 6, length * units.shown_per_length)} "
+        f"{units.shown_length} in F, roll, pitch, yaw "
         f"{vector(turned, 6, 1.0)} deg",
         "Gravity: none"
         if answer["gravity"] is None
@@ -214,10 +214,12 @@ def _range(low: float | None, high: float | None, size: float = 1.0) -> str:
     return f"[{ends[0]}, {ends[1]}]"
 
 
-def _joint_words(joint: Mapping[str, Any], units: Units, angle: str) -> str:
+def _joint_words(joint: Mapping[str, Any], units: Units) -> str:
     words = [f"{joint['name']}: {joint['type']}"]
     turns = joint["type"] != "prismatic"
-    shown, size = (angle, degrees(1.0) if angle == "deg" else 1.0) if turns else (units.length, 1)
+    shown, size = units.shown_length, units.shown_per_length
+    if turns:
+        shown, size = units.shown_angle, units.shown_per_radian
     if joint["follows"] is not None:
         words.append(f"follows {joint['follows']}")
     elif joint["q"] is not None:
@@ -241,18 +243,21 @@ def _spring_words(spring: Mapping[str, Any] | None, units: Units, turns: bool, s
         return "rigid"
     if spring["law"]:
         return "nonlinear spring"
-    unit = units.stiffness["rotation" if turns else "translation"]
+    unit, per = units.stiffness["rotation"], 1.0
+    if not turns:
+        unit, per = f"{units.force}/{units.shown_length}", 1.0 / units.shown_per_length
     rest = "" if spring["rest"] is None else f" at rest at {spring['rest'] * size:.6g}"
-    return f"{spring['stiffness']:.6g} {unit}{rest}"
+    return f"{per * spring['stiffness']:.6g} {unit}{rest}"
 
 
 def _leg_words(leg: Mapping[str, Any], units: Units) -> str:
-    ends = [", ".join(f"{x:.4g}" for x in leg[key]) for key in ("from", "to")]
-    words = [f"{leg['stiffness']:.6g} {units.stiffness['translation']}"]
+    unit, per = units.shown_length, units.shown_per_length
+    ends = [", ".join(f"{per * x:.4g}" for x in leg[key]) for key in ("from", "to")]
+    words = [f"{leg['stiffness'] / per:.6g} {units.force}/{unit}"]
     if leg["rest"] is not None:
-        words.append(f"rest length {leg['rest']:.6g}")
+        words.append(f"rest length {length_of(leg['rest'], units, 6)}")
     if leg["preload"] is not None:
         words.append(f"preload {leg['preload']:.6g} {units.force}")
     if leg["longest"] is not None:
-        words.append(f"{_range(leg['shortest'], leg['longest'])} {units.length}")
-    return f"  {leg['name']}: ({ends[0]}) to ({ends[1]}), {', '.join(words)}"
+        words.append(f"{_range(leg['shortest'], leg['longest'], per)} {unit}")
+    return f"  {leg['name']}: ({ends[0]}) to ({ends[1]}) {unit}, {', '.join(words)}"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from cartstiff.errors import joined, listed
 from cartstiff.identify.identification import Identification, is_doubt
-from cartstiff.mechanisms.other_units import shown
+from cartstiff.mechanisms.other_units import shown, shown_heads
 from cartstiff.report.layout import body_frame, note_lines, number, table
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ def describe_plan(plan: Plan) -> str:
         "posture": "the deflection at the test posture",
     }[plan.criterion]
     lines = [f"{elastic.name}: {len(rows)} rows chosen for {what}", "", "Rows"]
-    heads = ["row", *elastic.names_with_units, "mass [kg]", f"force in F [{elastic.units.force}]"]
+    heads = ["row", *shown_heads(elastic), "mass [kg]", f"force in F [{elastic.units.force}]"]
     body = []
     for i, (q, mass, W) in enumerate(
         zip(shown(elastic, rows.q), rows.mass, rows.wrench, strict=True)

@@ -11,7 +11,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.contract import Mechanism
+from cartstiff.mechanisms.contract import Mechanism, Units
 from cartstiff.notes import Note
 
 #: Size for the round-off of components of unit vectors, so that those below 1e-9 are shown as 0.
@@ -73,6 +73,16 @@ def vector(values: Iterable[float | None], digits: int = 3, size: float = 0.0) -
     return f"({', '.join(_each(values, digits, size))})"
 
 
+def lengths(values: Any, units: Units) -> Any:
+    """Lengths in the unit of texts, `Units.shown_length`."""
+    return np.asarray(values, float) * units.shown_per_length
+
+
+def length_of(value: float, units: Units, digits: int = 5) -> str:
+    """One length in the unit of texts: "172.4 mm"."""
+    return f"{number(float(lengths(value, units)), digits)} {units.shown_length}"
+
+
 def table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     """Right-aligned cells under their titles."""
     cells = [titles, *rows]
@@ -83,29 +93,30 @@ def table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     ]
 
 
-def placed(T: Array, unit: str) -> str:
+def placed(T: Array, units: Units) -> str:
     """Describe the pose of a frame in another by point and angles; "" for the identity."""
-    size = float(np.abs(T[:3, 3]).max())
+    place = lengths(T[:3, 3], units)
+    size = float(np.abs(place).max())
     turned = np.degrees(se3.roll_pitch_yaw(T))
     parts = []
     if size > 0.0:
-        parts.append(f"at {vector(T[:3, 3], 6, size)} {unit}")
+        parts.append(f"at {vector(place, 6, size)} {units.shown_length}")
     if np.abs(turned).max() > numerics.PRINTED_AS_ZERO:
         parts.append(f"turned by roll, pitch, yaw {vector(turned, 6, 1.0)} deg")
     return ", ".join(parts)
 
 
-def body_frame(frames: Mechanism | Mapping[str, Any], unit: str = "") -> str:
+def body_frame(frames: Mechanism | Mapping[str, Any], units: Units | None = None) -> str:
     """Describe the body frame M and its pose in its link's frame.
 
     Parameters
     ----------
     frames : Mechanism or mapping
         The mechanism, or its `frames_as_dict`.
-    unit : str
-        Unit of lengths of a mapping.
+    units : Units, optional
+        Units of a mapping; default SI.
     """
     if not isinstance(frames, Mapping):
-        return body_frame(frames.frames_as_dict(), frames.units.length)
-    where = placed(np.array(frames["frame_offset"]), unit)
+        return body_frame(frames.frames_as_dict(), frames.units)
+    where = placed(np.array(frames["frame_offset"]), units or Units())
     return f"body frame {f'M {where} in ' if where else ''}{frames['frame']!r}"

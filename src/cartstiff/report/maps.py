@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from html import escape
-from math import degrees
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,10 @@ from cartstiff.figures import figure_content
 from cartstiff.maps.pictures import draw_map
 from cartstiff.maps.reading import map_of_mechanism, quantities_of, quantity_of, summary
 from cartstiff.maps.store import MapFile
-from cartstiff.mechanisms.contract import engineering
+from cartstiff.mechanisms.contract import Units, engineering
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.report.analysis import BALANCING
-from cartstiff.report.layout import body_frame, number, table
+from cartstiff.report.layout import body_frame, length_of, number, table
 
 
 def describe_map(
@@ -26,11 +25,11 @@ def describe_map(
 
     With `is_loaded` a load was given, so that rest positions were chosen.
     """
-    parts, units = answer["parts"], answer["units"]
+    parts, own = answer["parts"], Units.from_dict(answer["units"])
     lines = [
         f"{answer['mechanism']}: {answer['postures']} postures, "
-        f"{body_frame(answer, units['length'])}, K^{answer['connection']}, characteristic length "
-        f"{answer['characteristic_length']:.6g} {units['length']}",
+        f"{body_frame(answer, own)}, K^{answer['connection']}, characteristic length "
+        f"{length_of(answer['characteristic_length'], own, 6)}",
         f"{answer['file']}: {parts['total']} part(s), {parts['found']} found there, "
         f"{parts['computed']} computed",
         *_slice(answer),
@@ -59,7 +58,7 @@ def describe_map(
     for name, rows in answer.get("best", {}).items():
         unit = answer["quantities"][name]["unit"]
         lines += ["", f"Best of {name} [{unit}]"]
-        lines += _postures(rows, units, coordinates)
+        lines += _postures(rows, own, coordinates)
     return joined(lines)
 
 
@@ -103,21 +102,20 @@ def _load(answer: Mapping[str, Any]) -> list[str]:
     return [f"K^load: the tangent under the load, {load['kind']} at ({at}): {load['meaning']}"]
 
 
-def _postures(
-    rows: list[dict[str, Any]], units: Mapping[str, str], coordinates: Sequence[str]
-) -> list[str]:
+def _postures(rows: list[dict[str, Any]], units: Units, coordinates: Sequence[str]) -> list[str]:
     if not rows:
         return ["  none"]
-    sizes = [degrees(1.0) if head.endswith("[deg]") else 1.0 for head in coordinates]
+    mm = units.shown_per_length
+    sizes = [units.shown_per_radian if head.endswith("[deg]") else mm for head in coordinates]
     titles = ["value", *coordinates]
-    titles += [f"{c} [{units['length']}]" for c in "xyz"]
+    titles += [f"{c} [{units.shown_length}]" for c in "xyz"]
     return table(
         titles,
         [
             [
                 number(row["value"]),
                 *(number(q * s) for q, s in zip(row["q"].values(), sizes, strict=True)),
-                *(number(x) for x in row["position"]),
+                *(number(mm * x) for x in row["position"]),
             ]
             for row in rows
         ],

@@ -18,7 +18,7 @@ def write_json(data: Mapping[str, Any], path: Path) -> None:
 
 
 def write_files(*files: tuple[Path | None, Callable[[], Any]]) -> None:
-    """Write texts and figures to their files; all are made before the first is written.
+    """Write texts, bytes and figures to their files; all are made before the first is written.
 
     A path that is None was not asked for.
     """
@@ -26,12 +26,11 @@ def write_files(*files: tuple[Path | None, Callable[[], Any]]) -> None:
     for path, make in files:
         if path is not None:
             content = make()
-            data = (
-                content.encode()
-                if isinstance(content, str)
-                else figure_content(content, path.suffix)
-            )
-            made.append((path, data))
+            if isinstance(content, str):
+                content = content.encode()
+            elif not isinstance(content, bytes):
+                content = figure_content(content, path.suffix)
+            made.append((path, content))
     for path, data in made:
         write_whole(path, data)
 

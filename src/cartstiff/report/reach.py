@@ -12,13 +12,23 @@ from cartstiff.arrays import csv_rows, plain
 from cartstiff.errors import joined
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
-from cartstiff.mechanisms.other_units import shown, shown_factors
+from cartstiff.mechanisms.other_units import shown, shown_heads
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 from cartstiff.reach.assembly import AssemblyMode, AssemblyModes
 from cartstiff.reach.workspace import Workspace
 from cartstiff.report.analysis import load_lines
-from cartstiff.report.layout import body_frame, note_lines, number, numbers, percent, table, vector
+from cartstiff.report.layout import (
+    body_frame,
+    length_of,
+    lengths,
+    note_lines,
+    number,
+    numbers,
+    percent,
+    table,
+    vector,
+)
 
 _STABLE = {True: "yes", False: "NO", None: "-"}
 
@@ -71,7 +81,7 @@ def _with(modes: AssemblyModes, code: str) -> str:
 def _table(modes: AssemblyModes) -> list[str]:
     of_legs = isinstance(modes.elastic.mechanism, Platform)
     swing = any(mode.frequencies is not None for mode in modes)
-    names = modes.elastic.names_with_units if of_legs else _pose_names(modes.elastic)
+    names = shown_heads(modes.elastic) if of_legs else _pose_names(modes.elastic)
     titles = ["", *names, "residual", "min K", "stable"]
     titles += ["det"] * of_legs + ["first frequencies [Hz]"] * swing
     rows = []
@@ -94,13 +104,13 @@ def _held(elastic: ElasticMechanism, name: str, value: float) -> str:
     """Format a leg's length or an actuator's coordinate with its unit."""
     coordinates = {c.name: c for c in elastic.mechanism.coordinates}
     if name not in coordinates or coordinates[name].is_length:
-        return f"{name} {number(value, 6)} {elastic.units.length}"
-    value /= shown_factors(elastic).get(name, 1.0)
+        return f"{name} {length_of(value, elastic.units, 6)}"
+    value *= elastic.units.shown_per_radian
     return f"{name} {number(value, 6)} {elastic.units.shown_angle}"
 
 
 def _pose_names(elastic: ElasticMechanism) -> list[str]:
-    length, angle = elastic.units.length, elastic.units.shown_angle
+    length, angle = elastic.units.shown_length, elastic.units.shown_angle
     turns = [f"{name} [{angle}]" for name in ("roll", "pitch", "yaw")]
     return [f"{name} [{length}]" for name in "xyz"] + turns
 
@@ -115,6 +125,7 @@ def _place(mode: AssemblyMode, elastic: ElasticMechanism) -> list[float]:
     q = np.where(np.abs(q) < numerics.PRINTED_AS_ZERO * sizes, 0.0, q)
     if isinstance(elastic.mechanism, Platform):
         return shown(elastic, q).tolist()
+    q[:3] *= elastic.units.shown_per_length
     q[3:] *= elastic.units.shown_per_radian
     return q.tolist()
 
@@ -137,7 +148,7 @@ def assembly_csv(modes: AssemblyModes) -> str:
         own = [] if mode.frequencies is None else plain(mode.frequencies)
         rows.append(
             [
-                *shown(modes.elastic, mode.q).tolist(),
+                *mode.q.tolist(),
                 mode.residual,
                 mode.multiplicity,
                 mode.eigenvalue,
@@ -156,12 +167,15 @@ _MAX_LISTED_LIMITS = 12
 
 def describe_workspace(reached: Workspace) -> str:
     """Describe volume, slices, limits, rotations, inscribed bodies, singularities and notes."""
-    elastic, unit = reached.elastic, reached.elastic.units.length
-    units = [unit if name in "xyz" else "rad" for name in reached.axes]
+    elastic, own = reached.elastic, reached.elastic.units
+    unit, turn = own.shown_length, own.shown_angle
+    powers = [own.coordinate(name in ("x", "y", "z")) for name in reached.axes]
+    units = [unit if name in ("x", "y", "z") else turn for name in reached.axes]
+    per = [own.shown_per_length if u == unit else own.shown_per_radian for u in units]
     is_place = reached.axes == ("x", "y", "z")
     lines = [
         f"{elastic.name}: {elastic.mechanism.kind}, {body_frame(elastic.mechanism)}",
-        f"Orientation of M kept; position {vector(reached.pose[:3, 3], 5)} {unit}"
+        f"Orientation of M kept; position {vector(lengths(reached.pose[:3, 3], own), 5)} {unit}"
         if is_place
         else f"The body takes {', '.join(reached.axes)}; the rest of its pose follows",
         *([f"Load: {_load(reached.load)}"] if reached.load else []),
@@ -173,10 +187,10 @@ def describe_workspace(reached: Workspace) -> str:
     lines += [
         "",
         f"Volume{' with this orientation' * is_place}: {number(reached.volume, 5)} "
-        f"{_product(units)}, +- {number(reached.volume_error, 2)} ({poses} poses tried)",
+        f"{_product(powers)}, +- {number(reached.volume_error, 2)} ({poses} poses tried)",
         *table(
-            [f"{reached.axes[2]} [{units[2]}]", f"area [{_product(units[:2])}]"],
-            [(number(z), number(area, 4)) for z, area in reached.slices[::2]],
+            [f"{reached.axes[2]} [{units[2]}]", f"area [{_product(powers[:2])}]"],
+            [(number(per[2] * z), number(area, 4)) for z, area in reached.slices[::2]],
         ),
         "",
         "Limits that end the workspace (share of directions)",
@@ -194,8 +208,8 @@ def describe_workspace(reached: Workspace) -> str:
     for words, fits, size in (("sphere", reached.sphere, "radius"), ("cube", reached.cube, "edge")):
         if fits is not None:
             lines.append(
-                f"Largest {words} found inside: {size} {number(fits[1], 4)} {unit} at "
-                f"{vector(fits[0], 4)}"
+                f"Largest {words} found inside: {size} {length_of(fits[1], own, 4)} at "
+                f"{vector(lengths(fits[0], own), 4)}"
             )
     if reached.distribution:
         t, how = reached.distribution["at_centre"], reached.distribution["distribution"]
@@ -216,15 +230,15 @@ def describe_workspace(reached: Workspace) -> str:
             of, over = "passive joints' twists that meet in the body", "lengths"
         lines += [
             f"Nearest to singular that was found: smallest over largest singular value of the {of} "
-            f"{number(ratio, 3)} at {vector(place, 4)}",
-            f"  ({over} over the body's length {number(elastic.mechanism.at(elastic.q).length)} "
-            f"{unit}; 0 is singular)",
+            f"{number(ratio, 3)} at {vector(np.array(per) * place, 4)}",
+            f"  ({over} over the body's length "
+            f"{length_of(elastic.mechanism.at(elastic.q).length, own)}; 0 is singular)",
         ]
     if (near := reached.singular) is not None and near.distance is not None:
         lines += [
-            f"Nearest singular pose found: {number(near.distance, 4)} {unit} away, by "
-            f"sqrt(distance^2 + ({number(near.length)} {unit} x angle)^2)"
-            + (f"; {number(near.shift, 4)} {unit} without turning" if near.shift else "")
+            f"Nearest singular pose found: {length_of(near.distance, own, 4)} away, by "
+            f"sqrt(distance^2 + ({length_of(near.length, own)} x angle)^2)"
+            + (f"; {length_of(near.shift, own, 4)} without turning" if near.shift else "")
         ]
     return joined([*lines, *note_lines(reached.notes)])
 

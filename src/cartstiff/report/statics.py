@@ -17,7 +17,7 @@ from cartstiff.mechanisms.limits import beyond_limits
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.notes import Note
 from cartstiff.report.analysis import describe
-from cartstiff.report.layout import body_frame, number, row, table, wide_row
+from cartstiff.report.layout import body_frame, length_of, number, row, table, wide_row
 
 if TYPE_CHECKING:
     from cartstiff.geometry.se3 import Array
@@ -44,7 +44,7 @@ def _sizes(posture: MechanismPosture) -> tuple[float, float]:
 
 def describe_equilibrium(state: Equilibrium) -> str:
     """Describe an equilibrium, and its stiffness with the loads included."""
-    units = state.elastic.units
+    units, mm = state.elastic.units, state.elastic.units.shown_per_length
     lines = [
         f"Equilibrium: {_STABLE[state.stable]}, residual {state.residual:.2g} (relative) after "
         f"{state.iterations} step(s)",
@@ -60,7 +60,7 @@ def describe_equilibrium(state: Equilibrium) -> str:
         lines += [
             f"  {percent} from the measured springs:",
             f"  rotation  +- {wide_row(np.degrees(half[:3]))} deg",
-            f"  transl.   +- {wide_row(half[3:])} {units.length}",
+            f"  transl.   +- {wide_row(mm * half[3:])} {units.shown_length}",
         ]
     elastic = state.elastic_stiffness
     if elastic.wrench is not None:
@@ -79,11 +79,12 @@ def describe_equilibrium(state: Equilibrium) -> str:
 def _displacements(state: Equilibrium) -> list[str]:
     """Describe the displacement; where it begins with a relaxation, its two parts by name."""
     turn, length = _sizes(state.posture)
+    units, mm = state.elastic.units, state.elastic.units.shown_per_length
 
     def rows(displacement: Array) -> list[str]:
         return [
             f"  rotation     {wide_row(np.degrees(displacement[:3]), np.degrees(turn))} deg",
-            f"  translation  {wide_row(displacement[3:], length)} {state.elastic.units.length}",
+            f"  translation  {wide_row(mm * displacement[3:], mm * length)} {units.shown_length}",
         ]
 
     whole = "Displacement of the body frame from the start to the equilibrium, axes of F"
@@ -141,7 +142,8 @@ def _softest(state: Equilibrium) -> str:
 def describe_curve(curve: LoadCurve) -> str:
     """Describe a load-deflection curve in at most twenty lines, with its critical points."""
     units = curve.elastic.units
-    length, (turn, size) = units.length, _sizes(curve.elastic.mechanism.at(curve.q[0]))
+    length, mm = units.shown_length, units.shown_per_length
+    turn, size = _sizes(curve.elastic.mechanism.at(curve.q[0]))
     lines = [
         f"Load-deflection curve of {curve.elastic.name}: {len(curve.factors)} equilibria, "
         f"ended: {curve.reason}",
@@ -154,7 +156,7 @@ def describe_curve(curve: LoadCurve) -> str:
     ]
     shown = np.unique(np.linspace(0, len(curve.factors) - 1, 16).astype(int))
     for i in shown:
-        place = wide_row(curve.displacement[i, 3:], size)
+        place = wide_row(mm * curve.displacement[i, 3:], mm * size)
         turned = np.degrees(np.linalg.norm(curve.displacement[i, :3]))
         off = ["-" if np.isnan(x) else f"{100 * x:.2f} %" for x in curve.deviation[i]]
         word = {True: "stable", False: "unstable", None: "-"}[curve.stable[i]]
@@ -201,6 +203,7 @@ def _carried(path: CompensatedPath) -> str:
 def describe_path(path: CompensatedPath, *, is_written: bool = False) -> str:
     """Describe errors before and after compensation, and the largest changes of commands."""
     units = path.elastic.units
+    mm = units.shown_per_length
     summary = path.summary()
     turn, length = _sizes(path.elastic.mechanism.at(path.q[0]))
     lines = [
@@ -211,7 +214,7 @@ def describe_path(path: CompensatedPath, *, is_written: bool = False) -> str:
         f"  {'':<22} {'before':>12} {'after':>12}",
     ]
     for what, unit, factor, size in (
-        ("translation", units.length, 1.0, length),
+        ("translation", units.shown_length, mm, mm * length),
         ("rotation", "deg", 180 / np.pi, np.degrees(turn)),
     ):
         for label, key in (("largest", "max"), ("rms", "rms")):
@@ -222,7 +225,8 @@ def describe_path(path: CompensatedPath, *, is_written: bool = False) -> str:
         half = known.factor * np.nanmax(path.deviation, axis=0)
         lines.append(
             f"  {100 * known.level:g} % from the measured springs, at most, along an axis: "
-            f"{half[3:].max():.3g} {units.length}, {np.degrees(half[:3].max()):.3g} deg"
+            f"{mm * half[3:].max():.3g} {units.shown_length}, "
+            f"{np.degrees(half[:3].max()):.3g} deg"
         )
     weighs = bool(path.weight.any())
     lines += ["", "Largest change of a command"]
@@ -234,14 +238,14 @@ def describe_path(path: CompensatedPath, *, is_written: bool = False) -> str:
     for name, *values in zip(path.springs, *largest, strict=True):
         is_length = name not in turning
         size, unit, per = (
-            (length, units.length, 1.0)
+            (length, units.shown_length, mm)
             if is_length
             else (turn, units.shown_angle, units.shown_per_radian)
         )
         shown = [wide_row([per * value], per * size) for value in values[: 1 + weighs]]
         lines.append(f"  {name:<28} {'      '.join(shown)} {unit}")
     if not is_written:
-        lines.append("(--csv FILE.csv writes the commands.)")
+        lines.append("(-o FILE.csv writes the commands.)")
     return joined([*lines, *_notes_by_point(path.notes)])
 
 
@@ -289,7 +293,7 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
         f"{result.candidates} postures compared",
         f"{result.criterion.description} [{result.unit}], {result.criterion.better} is better; "
         f"K^{result.connection} {under}",
-        f"angles count by the characteristic length {number(result.length)} {units.length}",
+        f"angles count by the characteristic length {length_of(result.length, units)}",
         f"free: {_free(result)}",
         gravity_loads(result.elastic).text,
         *_axes_of_loads(result),
@@ -323,19 +327,19 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
     heads.append(result.criterion.name + of_criterion)
     body = []
     for i, q in enumerate(shown(result.elastic, result.q[:_MAX_LISTED_POINTS])):
-        row = [str(i + 1), *(f"{round(v, 5) + 0.0:.5f}" for v in q)]  # never -0.00000
+        row = [str(i + 1), *(f"{round(v, 3) + 0.0:.3f}" for v in q)]  # never -0.000
         if result.angles is not None:
             row.append(f"{np.degrees(result.angles[i]):.2f}")
         row.append(number(float(result.values[i])))
         body.append(tuple(row))
     lines += table(heads, body)
     if len(result.q) > _MAX_LISTED_POINTS:
-        hint = "" if is_written else " (--csv writes all)"
+        hint = "" if is_written else " (-o FILE.csv has all)"
         lines.append(f"  ... and {len(result.q) - _MAX_LISTED_POINTS} more points{hint}")
-    lengths = [c.name for c in result.elastic.mechanism.coordinates if c.is_length]
+    slides = [c.name for c in result.elastic.mechanism.coordinates if c.is_length]
     angle = units.shown_angle
-    of_ranges = f"{angle}; {units.length} for {', '.join(lengths)}" if lengths else angle
-    return joined([*lines, f"  coordinates in {of_ranges}"])
+    of_slides = f"; {units.shown_length} for {', '.join(slides)}" if slides else ""
+    return joined([*lines, f"  coordinates in {angle}{of_slides}"])
 
 
 def _axes_of_loads(result: OptimisedPath) -> list[str]:

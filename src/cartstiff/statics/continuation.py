@@ -36,12 +36,11 @@ from cartstiff.mechanisms.elastic import (
     gravity_loads,
 )
 from cartstiff.mechanisms.limits import Limits
-from cartstiff.mechanisms.other_units import shown
 from cartstiff.notes import Note
 from cartstiff.numerics import FREE_MOTION_STIFFNESS
 from cartstiff.potentials.contract import Evaluation, Potential
 from cartstiff.results import LabelledResult
-from cartstiff.statics.held import Held, displacement_between, shown_displacements
+from cartstiff.statics.held import Held, displacement_between, displacement_heads
 from cartstiff.statics.newton import solve
 from cartstiff.statics.problem import (
     Balance,
@@ -553,11 +552,10 @@ class LoadCurve(Result, LabelledResult):
 
     def to_csv(self) -> str:
         """Factor, coordinates, displacement, linear prediction, eigenvalue: one line a point."""
-        heads, moved = shown_displacements(self.elastic.units, self.displacement, "")
-        linear_heads, linear = shown_displacements(self.elastic.units, self.linear, "linear_")
-        names = ["factor", *self.elastic.names_with_units, *heads, *linear_heads, "eigenvalue"]
-        q = shown(self.elastic, self.q)
-        return csv_text(np.column_stack([self.factors, q, moved, linear, self.eigenvalue]), names)
+        heads = [h for b in ("", "linear_") for h in displacement_heads(self.elastic.units, b)]
+        names = ["factor", *self.elastic.names_with_units, *heads, "eigenvalue"]
+        columns = [self.factors, self.q, self.displacement, self.linear, self.eigenvalue]
+        return csv_text(np.column_stack(columns), names)
 
     def plot(self, *, rotation: bool = False) -> Any:
         """Draw load factor over displacement with stability, critical loads and linear prediction.
@@ -580,7 +578,9 @@ class LoadCurve(Result, LabelledResult):
         figure, axes = new_axes()
         part = slice(0, 3) if rotation else slice(3, 6)
         units = self.elastic.units
-        unit, per = (units.shown_angle, units.shown_per_radian) if rotation else (units.length, 1.0)
+        unit, per = units.shown_length, units.shown_per_length
+        if rotation:
+            unit, per = units.shown_angle, units.shown_per_radian
         size = per * np.linalg.norm(self.displacement[:, part], axis=1)
         kinds = ((True, "-", "stable"), (False, "--", "unstable"), (None, "-.", "not decided"))
         for verdict, style, label in kinds:

@@ -31,11 +31,10 @@ _BERNOULLI = (1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 5
 _SERIES = [b / factorial(2 * k) for k, b in enumerate((*_BERNOULLI, 174611 / 330), start=1)]
 
 
-def shown_displacements(units: Units, D: Array, before: str) -> tuple[list[str], Array]:
-    """Heads and columns (N, 6) of displacements of the body, rotations first, for people."""
-    of_each = np.repeat([units.shown_angle, units.length], 3)
-    heads = [f"{before}{c} [{u}]" for c, u in zip(COMPONENTS, of_each, strict=True)]
-    return heads, np.hstack([np.degrees(D[:, :3]), D[:, 3:]]) if units.shown_angle == "deg" else D
+def displacement_heads(units: Units, before: str) -> list[str]:
+    """Heads of the columns (6) of displacements of the body, rotations first."""
+    of_each = np.repeat([units.angle, units.length], 3)
+    return [f"{before}{c} [{u}]" for c, u in zip(COMPONENTS, of_each, strict=True)]
 
 
 @dataclass(frozen=True)

@@ -38,14 +38,13 @@ from cartstiff.mechanisms.elastic import (
     gravity_loads,
 )
 from cartstiff.mechanisms.limits import finite, limit_notes, limits_of
-from cartstiff.mechanisms.other_units import shown, shown_factors
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.results import LabelledResult
 from cartstiff.statics.equilibrium import Equilibrium, equilibrium
-from cartstiff.statics.held import Held, displacement_between, shown_displacements
+from cartstiff.statics.held import Held, displacement_between, displacement_heads
 from cartstiff.statics.problem import System
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, checked_load
 from cartstiff.stiffness.closures import decomposed
@@ -156,19 +155,17 @@ class CompensatedPath(LabelledResult):
     def to_csv(self) -> str:
         """Commands after and before (taught), errors, postures wanted, one line a point."""
         elastic, names, columns = self.elastic, list[str](), list[Array]()
-        factors = shown_factors(elastic)
         units = dict(zip(elastic.names, elastic.names_with_units, strict=True))
         heads = [units.get(name, f"{name} [{elastic.units.length}]") for name in self.springs]
-        per = np.array([factors.get(name, 1.0) for name in self.springs])
         for word, values in (("command", self.commands), ("taught", self.naive)):
-            names, columns = [*names, *(f"{word}_{h}" for h in heads)], [*columns, values / per]
+            names, columns = [*names, *(f"{word}_{h}" for h in heads)], [*columns, values]
         for when, values in (("before_", self.before), ("after_", self.after)):
-            heads, values = shown_displacements(elastic.units, values, when)
-            names, columns = [*names, *heads], [*columns, values]
-        names, columns = [*names, *elastic.names_with_units], [*columns, shown(elastic, self.q)]
+            names += displacement_heads(elastic.units, when)
+            columns.append(values)
+        names, columns = [*names, *elastic.names_with_units], [*columns, self.q]
         if self.deviation is not None:
-            heads, values = shown_displacements(elastic.units, self.deviation, "after_sd_")
-            names, columns = [*names, *heads], [*columns, values]
+            names += displacement_heads(elastic.units, "after_sd_")
+            columns.append(self.deviation)
         return csv_text(np.column_stack(columns), names)
 
     def plot(self) -> Any:
@@ -184,13 +181,13 @@ class CompensatedPath(LabelledResult):
         points = np.arange(1, len(self.q) + 1)
         units, size = self.elastic.units, self.elastic.mechanism.at(self.q[0]).length
         parts = (
-            (slice(3, 6), units.length, "translation", 1.0),
+            (slice(3, 6), units.shown_length, "translation", units.shown_per_length),
             (slice(0, 3), units.shown_angle, "rotation", units.shown_per_radian),
         )
         for axis, (part, unit, name, per) in zip(axes, parts, strict=True):
             for errors, label in ((self.before, "before"), (self.after, "after")):
                 # A logarithmic axis has no zero: the round-off of poses takes its place.
-                least = numerics.ROUNDOFF * (size if unit == units.length else 1.0)
+                least = numerics.ROUNDOFF * (size if name == "translation" else 1.0)
                 error = np.maximum(np.linalg.norm(errors[:, part], axis=1), least)
                 axis.semilogy(points, per * error, "o-", markersize=3, label=label)
             axis.set_ylabel(f"{name} error [{unit}]")

@@ -42,7 +42,7 @@ from cartstiff.maps.quantities import choose_quantities, evaluate
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.mechanisms.other_units import shown, shown_factors
+from cartstiff.mechanisms.other_units import shown
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 from cartstiff.numerics import NEAR_SINGULARITY
@@ -852,9 +852,8 @@ class OptimisedPath(LabelledResult):
         largest = np.abs(self.steps).max(axis=0, initial=0.0)
         j = int(np.argmax(largest))
         step, units = shown(self.elastic, largest)[j], self.elastic.units
-        unit = (
-            units.length if self.elastic.mechanism.coordinates[j].is_length else units.shown_angle
-        )
+        slides = self.elastic.mechanism.coordinates[j].is_length
+        unit = units.shown_length if slides else units.shown_angle
         words = f"largest step from point to point {step:.3g} {unit} ({self.elastic.names[j]})"
         if self.off_singular:
             words += "; the configuration is kept: no step passes through a singularity"
@@ -929,14 +928,14 @@ class OptimisedPath(LabelledResult):
 
         `cartstiff equilibrium --path`, `view --trajectory`, `map --trajectory` and `poses` read it.
         """
-        units, columns = self.elastic.units, [shown(self.elastic, self.q)]
+        units, columns = self.elastic.units, [self.q]
         names = self.elastic.names_with_units
         if (W := self.wrenches) is not None:
             columns.append(W)
             names += [f"{c} [{u}]" for c, u in zip(COMPONENTS["wrench"], units.wrench, strict=True)]
         if self.angles is not None:
-            columns.append(self.angles[:, None] * units.shown_per_radian)
-            names.append(f"free_angle [{units.shown_angle}]")
+            columns.append(self.angles[:, None])
+            names.append(f"free_angle [{units.angle}]")
         columns.append(np.column_stack([self.values, self.ratios]))
         unit = f" [{self.unit}]" if self.unit not in ("", "1") else ""
         names += [f"{self.criterion.name}{unit}", "singular_ratio"]
@@ -1294,17 +1293,16 @@ class _Search:
             excess = self.solver.beyond_limits(self.grid.targets(pose), self.grid.task)
             if excess is None:
                 away = float(np.linalg.norm(pose[:3, 3]))
-                far = f": it is {away:.4g} away. Millimetres? Say --units mm, or x [mm] in the head"
+                far = f": it is {away:.4g} away. Millimetres? Say x [mm] in the head"
                 words = far if away > _FAR_LENGTHS * self.solver.length else ""
                 return UndefinedError(
                     f"{here} is out of reach{words}", code="path-unreachable", values=values
                 )
             name, amount = excess
-            size = shown_factors(elastic).get(name, 1.0)
             units = dict(zip(elastic.names, elastic.names_with_units, strict=True))
             label = units.get(name, f"{name} [{elastic.units.length}]")
             return UndefinedError(
-                f"{here} is reached only beyond the limits: {label} by {amount / size:.3g}",
+                f"{here} is reached only beyond the limits: {label} by {amount:.3g}",
                 code="path-beyond-limits",
                 values={**values, "limit_of": name, "beyond": amount},
             )
