@@ -339,7 +339,7 @@ def command(
         setup.mechanism,
         lambda: describe_identification(result),
         output,
-        yaml=lambda: mechanism_file(result, keys, Path(written or ""), one_line(data.name)),
+        yaml=lambda: mechanism_file(result, keys, one_line(data.name)),
         picture=result.plot,
     )
 

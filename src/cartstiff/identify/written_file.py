@@ -47,7 +47,7 @@ def mechanism_file(result: Identification, data: dict[str, Any], source: str) ->
     """
     elastic = with_result(result, source=source)
     length = data.get("units", {}).get("length", SI.length)
-    if elastic.units.length != length:  # --units are those of input and output
+    if elastic.units.length != length:
         elastic = in_units(elastic, length)
     _put_springs(data, elastic)
     _put_geometry(data, result)

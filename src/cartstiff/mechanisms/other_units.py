@@ -77,7 +77,7 @@ def shown_heads(elastic: ElasticMechanism) -> list[str]:
 
 def _mechanism(mechanism: Mechanism, a: float, units: Units) -> Mechanism:
     if not isinstance(mechanism, Chain | Platform):
-        raise InputError("is not converted to other units", where="--units", got=mechanism.kind)
+        raise InputError("is not converted to other units", where="units", got=mechanism.kind)
     other: Chain | Platform = rescaled(mechanism, a)
     other.units = units
     if isinstance(other, Platform):

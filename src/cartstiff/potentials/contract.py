@@ -148,9 +148,7 @@ class Potential(ABC):
             return scaled
         if a == 1.0:
             return self
-        raise InputError(
-            "is not converted to other units", where="--units", got=type(self).__name__
-        )
+        raise InputError("is not converted to other units", where="units", got=type(self).__name__)
 
     def member_forces(self, posture: Posture, gradient: Array) -> Array:  # noqa: ARG002
         """Sum (n,) of the absolute generalised forces of all members, by default of one.

@@ -53,7 +53,7 @@ class SpringLaw(ABC):
             For a law that has no such conversion.
         """
         what = "a spring's law is not converted to other units"
-        raise InputError(what, where="--units", got=type(self).__name__)
+        raise InputError(what, where="units", got=type(self).__name__)
 
 
 @dataclass(frozen=True)
