@@ -26,7 +26,14 @@ from cartstiff.page.messages import read_message
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
 
-SEEDS = [0, 3, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in range(4, 24))]
+
+def later(*seeds: int) -> list[Any]:
+    """Seeds of `make thorough` and of this file when it is named."""
+    return [pytest.param(seed, marks=pytest.mark.thorough) for seed in seeds]
+
+
+#: Six joints of which one slides; seven that turn.
+SEEDS = [3, *later(0, *range(4, 24))]
 DOORS = ("typed", "in the file", "in Python", "on the page")
 
 
