@@ -84,7 +84,7 @@ equilibrium ur5 --load 0,0,0,0,0,-100
 equilibrium stewart-gough --load 0,0,0,0,0,-50 --world --json
 equilibrium {_UR5} --load 0,0,0,0,0,-100 --world --load-at 0,0,0.1 --json
 equilibrium {_UR5} --load 0,0,5,0,0,-100 --load-kind follower
-equilibrium {_UR5} --load 0,0,5,0,0,-100 --follower --json
+equilibrium {_UR5} --load 0,0,5,0,0,-100 --load-kind follower --json
 equilibrium 6-pus --load 0,0,0,0,0,-500 --actuate leg1/slide=0.001
 equilibrium panda --payload 3,0,0,0.1 --frame panda_hand --json
 equilibrium ur5 --hold z=-0.002 --json
@@ -148,7 +148,7 @@ map stewart-simscape --lengths 0.085,0.085,0.085,0.085,0.085,0.086 --grid z=0.06
 map fanuc-r2000ic --springs kuka-kr270/klimchik-2013 --random 20 --quantity condition -o m.zarr
 map {_XACRO} --stiffness 1000 --rest 0,0.1 --grid turn=-1:1:3 --quantity translation_free_min \
     -o m.zarr
-map ur5 --grid elbow_joint=0.3:2.5:4 --quantity damping_1 --damping 0.02 --rayleigh 1,1e-5 \
+map ur5 --grid elbow_joint=0.3:2.5:4 --quantity damping_1 --damping 0.02 \
     --payload 2 -o m.zarr
 map ur5 --grid elbow_joint=0.3:2.5:4 --quantity condtion -o m.zarr
 path ur5 edge.csv --free-axis x --load 0,0,0,-80,30,40

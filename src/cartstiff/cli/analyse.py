@@ -16,7 +16,6 @@ from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
     BalancedSetup,
     Metres,
-    Numbers,
     OutputFile,
     Parameters,
     Point,
@@ -43,28 +42,19 @@ class Analysis(Reading):
         How much of the analysis is printed. With --json: none leaves it out.
     report_at
         Point of the body that is analysed. In its frame; default its origin.
-    inertia
-        Rigid body with its mass centre at the point, in kg and kg m^2; adds natural frequencies and
-        takes its radius of gyration as the characteristic length.
     target : FILE
         Desired stiffness (6x6, symmetric, body frame; .json, .csv or .npy): the joint stiffness
         that produces it under the load, as the matrix of --connection. A .json may name its order,
-        units and frame.
-    target_order
-        Order of the target's rows and columns; default what its file says, else angular-linear
-        (rotation before translation).
+        units and frame; else it is angular-linear (rotation before translation).
     """
 
     API: ClassVar = ("analysis/posture.py analyse_posture tolerance=tolerances",)
-    NEEDS: ClassVar = {"target_order": "target"}
-    RARE: ClassVar = "inertia tolerance target target_order"
+    RARE: ClassVar = "tolerance target"
 
     level: Annotated[Level, "--analysis"] = "short"
     report_at: Point = None
-    inertia: Annotated[list[float] | None, Numbers("MASS,IXX,IYY,IZZ", 4, above_zero=True)] = None
     tolerance: Tolerance = None
     target: Path | None = None
-    target_order: Order | None = None
 
     @cached_property
     def wanted(self) -> Target | None:
@@ -73,7 +63,7 @@ class Analysis(Reading):
             return None
         from cartstiff.cli.tables import read_target
 
-        return read_target(self.target, self.target_order)
+        return read_target(self.target)
 
     def run(self, result: PostureStiffness, world: bool) -> dict[str, Any]:
         """Analyse a result; a terminal shows a progress bar while tolerances are propagated."""
@@ -81,7 +71,6 @@ class Analysis(Reading):
 
         from cartstiff.analysis.posture import analyse_posture
         from cartstiff.geometry.se3 import pose
-        from cartstiff.mechanisms.contract import SI, convert_length
 
         def in_body(components: list[float] | None) -> Any:
             """Three components, or twice three, in the body's axes."""
@@ -98,7 +87,7 @@ class Analysis(Reading):
                 expected=own,
                 got=connection,
             )
-        mass = inertia = tolerances = None
+        tolerances = None
         if self.tolerance is not None:
             from cartstiff.analysis.tolerances import Tolerances
 
@@ -110,21 +99,15 @@ class Analysis(Reading):
                     expected="a share below 1, such as 0.05 for 5 per cent",
                     got=tolerances.stiffness,
                 )
-        if self.inertia is not None:
-            a, f = convert_length(SI, result.elastic.units)
-            mass, inertia = self.inertia[0] * f / a, np.diag(self.inertia[1:]) * f * a
         with np.errstate(all="ignore"), Progress("tolerances") as progress:
             try:
                 answer = analyse_posture(
                     result,
                     connection=connection or own,
                     length=Metres.in_units(self.length, result.elastic.units),
-                    mass=mass,
-                    inertia=inertia,
                     at=None if self.report_at is None else pose(translation=self.report_at),
                     direction=in_body(self.direction),
                     wrench=in_body(self.added_load),
-                    load_at=self.added_load_at,
                     target=None if self.wanted is None else self.wanted.in_body_frame(result),
                     tolerances=tolerances,
                     progress=progress,
@@ -199,7 +182,7 @@ def command(
     cartstiff analyse flexure-hexapod -o stiffness.json
     cartstiff analyse cubic --tolerance 0.05,0.0001
     cartstiff analyse cubic --sensitivities --json
-    cartstiff analyse ur5 --target wanted.csv --inertia 2,0.01,0.01,0.005
+    cartstiff analyse ur5 --target wanted.csv
     """
     elastic, q = setup.read()
 

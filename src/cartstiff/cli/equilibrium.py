@@ -36,7 +36,7 @@ _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
     ),
     needs={
         "world": "load hold path",
-        "load_at load_kind follower": "load path",
+        "load_at load_kind": "load path",
         "against": "path",
     },
     exclusive=(
@@ -48,9 +48,8 @@ _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
             for name in ("curve", "path", "hold", "actuate", "sensitivities", "tolerance")
         ),
         *(f"{name} path" for name in ("hold", "q", "pose", "lengths", "rest", "actuate")),
-        "follower load_kind",
     ),
-    rare="lengths rest follower sensitivities tolerance",
+    rare="lengths rest sensitivities tolerance",
 )
 def command(
     setup: Annotated[
@@ -64,7 +63,6 @@ def command(
     out: Printed,
     *,
     output: Annotated[Files, OutputFiles(".csv", *PICTURES)] = None,
-    follower: bool = False,
     hold: Annotated[dict[str, float] | None, Pairs("NAME=VALUE,...", _COMPONENTS)] = None,
     no_limits: bool = False,
     curve: Annotated[float | None, Number("FACTOR", some=True)] = None,
@@ -90,8 +88,6 @@ def command(
         Output.
     output
         Write the answer (.json), or the curve or path as a table or a picture.
-    follower
-        The same as --load-kind follower.
     hold
         Prescribed displacement of the body: rx, ry, rz, x, y, z (rad, length), along the axes of
         the unloaded body, or with --world those of the room.
@@ -119,8 +115,6 @@ def command(
     """
     if curve is None and path is None:
         only_endings(output, ".json", others="--curve or --path")
-    if follower:
-        setup = replace(setup, load_kind="follower")
     elastic, q = setup.read()
 
     from cartstiff.statics.command import commanded

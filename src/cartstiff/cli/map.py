@@ -26,7 +26,6 @@ from cartstiff.cli.options import (
     Pairs,
     Printed,
     Reading,
-    Seed,
     Several,
     Vibration,
     declared,
@@ -65,32 +64,27 @@ class Where:
         Positions x, y, z of the body frame in F, by inverse kinematics.
     trajectory : FILE.csv
         Postures of a file: a line of coordinate names, then one posture a line.
-    seed
-        Seed of random postures and starts.
     """
 
     API: ClassVar = (
         "maps/sampling.py RandomPostures.within_limits",
-        "maps/cartesian.py CartesianGrid",
+        "maps/cartesian.py CartesianGrid redundant=redundancy",
     )
     NEEDS: ClassVar = {
         "ranges": "random",
-        "orientation free redundancy branches starts": "cartesian",
-        "seed": "random cartesian",
+        "orientation free redundant branches": "cartesian",
     }
-    RARE: ClassVar = "seed orientation free redundancy branches starts"
+    RARE: ClassVar = "orientation free redundant branches"
 
     grid: Grid = None
     random: Annotated[int | None, click.IntRange(1, MAX_COUNT)] = None
     ranges: Annotated[Axis, "--range"] = None
     cartesian: Annotated[Grid, Pairs("x=LOW:HIGH:COUNT")] = None
     trajectory: Path | None = None
-    seed: Seed = 0
     orientation: Annotated[Any, _Orientation("R,P,Y|keep", 3)] = "keep"
     free: Literal["none", "x", "y", "z", "rotation"] = "none"
-    redundancy: Literal["nearest", "best"] = "nearest"
+    redundant: Literal["nearest", "best"] = "nearest"
     branches: Annotated[int, click.IntRange(1, 1000)] = 8
-    starts: Annotated[int, click.IntRange(0, 10000)] = 24
 
     def sampling(self, elastic: Any, q: Any) -> Sampling:
         """Return the sampling; q is the base posture or None."""
@@ -125,14 +119,21 @@ class Where:
             if self.random is not None:
                 option = "--range"
                 limits = {name: (low, high) for name, (low, high) in (self.ranges or {}).items()}
-                return RandomPostures.within_limits(elastic, self.random, self.seed, limits)
+                return RandomPostures.within_limits(elastic, self.random, 0, limits)
             turn = None
             if self.orientation != "keep":
                 from cartstiff.geometry import se3
 
                 turn = se3.from_roll_pitch_yaw(angles=self.orientation)[:3, :3]
-            search = {n: getattr(self, n) for n in ("free", "redundancy", "branches", "starts")}
-            return CartesianGrid(axes, elastic, base, turn, seed=self.seed, **search)
+            return CartesianGrid(
+                axes,
+                elastic,
+                base,
+                turn,
+                redundancy=self.redundant,
+                free=self.free,
+                branches=self.branches,
+            )
         except InputError as error:
             raise error if error.where and option != "--range" else error.at(option) from None
 
@@ -181,7 +182,7 @@ class Held(Reading):
     connection : LETTER
     """
 
-    API: ClassVar = ("maps/run.py map_job added_load=deflect added_load_at=deflect_at",)
+    API: ClassVar = ("maps/run.py map_job added_load=deflect",)
 
     connection: Annotated[Literal["load", "A", "B", "K", "F"] | None, "--connection"] = None
     quantities: Annotated[tuple[str, ...], "--quantity"] = ()
@@ -189,12 +190,10 @@ class Held(Reading):
     @property
     def keywords(self) -> dict[str, Any]:
         """Arguments of a map."""
-        at = {} if self.added_load_at is None else {"deflect_at": self.added_load_at}
         return {
             "connection": self.connection,
             "direction": self.direction,
             "deflect": self.added_load,
-            **at,
         }
 
 

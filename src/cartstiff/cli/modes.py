@@ -21,8 +21,8 @@ from cartstiff.cli.options import (
     Parameters,
     Point,
     Printed,
+    Rayleigh,
     Sweep,
-    Vibration,
     declared,
     only_endings,
 )
@@ -140,7 +140,7 @@ class Response:
     direction: Direction = None
 
     def run(
-        self, modes: Modes, vibration: Vibration, data: dict[str, Any]
+        self, modes: Modes, vibration: Rayleigh, data: dict[str, Any]
     ) -> tuple[list[str], dict[str, Any]]:
         """Compute, add to the JSON object; return text, and functions that make the files."""
         if self.response is None:
@@ -186,7 +186,7 @@ def command(
         ),
     ],
     response: Response,
-    vibration: Vibration,
+    vibration: Rayleigh,
     controller: Controller,
     parameters: Annotated[
         Parameters,

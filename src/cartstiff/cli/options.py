@@ -706,14 +706,12 @@ class Reading:
     connection : LETTER
     """
 
-    API: ClassVar = ("analysis/posture.py analyse_posture added_load=wrench added_load_at=load_at",)
-    NEEDS: ClassVar = {"added_load_at": "added_load"}
-    RARE: ClassVar = "added_load_at length"
+    API: ClassVar = ("analysis/posture.py analyse_posture added_load=wrench",)
+    RARE: ClassVar = "length"
 
     connection: Letter | None = None
     direction: Direction = None
     added_load: Wrench = None
-    added_load_at: Point = None
     length: Annotated[float | None, Number("L", above_zero=True, kind="length")] = None
 
 
@@ -781,6 +779,23 @@ class Parameters:
 
 @dataclass(frozen=True)
 class Vibration:
+    """Damping."""
+
+    API: ClassVar = ("vibration/response.py Damping damping=ratios",)
+
+    damping: Ratios = None
+
+    @property
+    def damped(self) -> Damping:
+        """The damping of the options."""
+        from cartstiff.vibration.response import Damping
+
+        ratios = tuple(self.damping or (0.0,))
+        return Damping(ratios[0] if len(ratios) == 1 else ratios)
+
+
+@dataclass(frozen=True)
+class Rayleigh(Vibration):
     """Damping.
 
     Parameters
@@ -789,17 +804,12 @@ class Vibration:
         Damping alpha M + beta K [1/s, s]. Dampers of the mechanism always act.
     """
 
-    API: ClassVar = ("vibration/response.py Damping damping=ratios",)
     RARE: ClassVar = "rayleigh"
 
-    damping: Ratios = None
     rayleigh: Annotated[_Numbers, Numbers("ALPHA,BETA", 2, low=0)] = None
 
     @property
     def damped(self) -> Damping:
-        """The damping of --damping and --rayleigh."""
-        from cartstiff.vibration.response import Damping
-
+        """The damping of the options."""
         alpha, beta = self.rayleigh or (0.0, 0.0)
-        ratios = tuple(self.damping or (0.0,))
-        return Damping(ratios[0] if len(ratios) == 1 else ratios, alpha, beta)
+        return replace(super().damped, alpha=alpha, beta=beta)

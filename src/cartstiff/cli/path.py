@@ -18,7 +18,6 @@ from cartstiff.cli.options import (
     JointValues,
     OutputFiles,
     Printed,
-    Seed,
     Setup,
     Values,
     Vibration,
@@ -39,29 +38,24 @@ class Search:
     criterion : NAME
         Quantity to optimise: deflection, along_free, translation_free_min, isotropy, ...: those of
         `cartstiff map`.
-    singular : RATIO
-        Leave out postures whose smallest singular value is below this share of the largest; default
-        0.05.
     """
 
     API: ClassVar = ("toolpaths/optimise.py optimise_path",)
-    RARE: ClassVar = "redundant connection objective singular samples seed"
+    RARE: ClassVar = "redundant connection objective samples"
 
     redundant: str | None = None
     criterion: str = "deflection"
     connection: Annotated[str | None, click.Choice(OF_MANY)] = None
     loaded: bool = False
     objective: Literal["worst", "mean"] = "worst"
-    singular: float | None = None
     samples: Annotated[int, click.IntRange(3, 720)] = 36
-    seed: Seed = 0
 
 
 @declared(
     "path",
     needs={"load_kind": "loaded", "world": ""},
     exclusive=("free_axis free_rotation",),
-    rare="damping max_step ranges near progress",
+    rare="damping ranges near progress",
 )
 def command(
     setup: Annotated[
@@ -83,7 +77,6 @@ def command(
     free_rotation: bool = False,
     direction: Direction = None,
     axes: choices.Axes | None = None,
-    max_step: Annotated[Values | None, JointValues(broadcast=True)] = None,
     ranges: Annotated[Axis, "--range"] = None,
     near: Annotated[Values | None, JointValues()] = None,
     progress: bool | None = None,
@@ -118,9 +111,6 @@ def command(
     axes
         Axes of loads and directions. Those of the robot's own base, of the body, which turns by the
         free rotation as well, or of the room (as --world); default those of the file's poses.
-    max_step
-        Largest step of the joints from point to point: one number for all, one each, or name=value
-        pairs; default 0.5 rad or half the characteristic length.
     ranges
         Keep a joint within this range, besides its limits.
     near
@@ -171,13 +161,10 @@ def command(
         **asdict(search),
         **setup.manner,
         "free": free,
-        "max_step": None if max_step is None else max_step.of(elastic.names, broadcast=True),
         "ranges": ranges,
         "near": None if near is None else near.of(elastic.names),
         "damping": vibration.damped,
     }
-    if search.singular is None:
-        del options["singular"]
     is_written = ".csv" in (output or {})
     with Progress("path", progress) as advance:
         result = optimise_path(elastic, path, progress=advance, **options)

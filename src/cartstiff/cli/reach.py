@@ -30,8 +30,6 @@ class Modes:
     API: ClassVar = ("reach/assembly.py assemble",)
 
     every: Annotated[bool, "--all"] = False
-    starts: Annotated[int | None, click.IntRange(0, 100_000)] = None
-    seed: Annotated[int | None, click.IntRange(0)] = None
 
 
 @declared("assemble", needs={"load_at load_kind world": "load"})
@@ -116,7 +114,6 @@ class Search:
     scan: Annotated[int, click.IntRange(2, 100_000)] = 48
     radius: Annotated[float | None, Number("LENGTH", above_zero=True, kind="length")] = None
     tensions: Distribution = "any"
-    through_singularities: bool = False
 
 
 @declared("workspace", needs={"load_at load_kind world": "load"})

@@ -114,8 +114,9 @@ class Target:
                 raise InputError(
                     "the matrix looks as if translation came before rotation",
                     where=self.where,
-                    expected=f"--target-order {ORDERS[1]}, or {ORDERS[0]} if it is meant so; other "
-                    f"units than {units} are named in a .json",
+                    expected=f'a .json with "order": "{ORDERS[1]}", or a .csv that begins with the '
+                    f"line # order {ORDERS[1]} (or {ORDERS[0]} if it is meant so); a .json names "
+                    f"other units than {units}",
                 )
         return K
 
@@ -134,7 +135,7 @@ def _of_numpy(data: bytes) -> Any:
         raise ValueError(str(error)) from None
 
 
-def read_target(path: Path, order: str | None, option: str = "--target") -> Target:
+def read_target(path: Path, order: str | None = None, option: str = "--target") -> Target:
     """Read a 6x6 matrix from a file: .json (rows, or an object with "matrix"), .csv or .npy.
 
     Messages name the option that names the file.
@@ -198,9 +199,7 @@ def read_target(path: Path, order: str | None, option: str = "--target") -> Targ
     if own is not None and own not in ORDERS:
         raise InputError("unknown order", where=where, expected=" or ".join(ORDERS), got=repr(own))
     if own is not None and order is not None and own != order:
-        raise InputError(
-            "the file names another order", where="--target-order", expected=own, got=order
-        )
+        raise InputError("the file names another order", where="--order", expected=own, got=order)
     source = "option" if order is not None else "file" if own is not None else "default"
     return Target(
         0.5 * (matrix + matrix.T),
