@@ -101,7 +101,6 @@ def _fitting(rng: random.Random, option: str, command_name: str, mechanism: str)
         "--random": ["3", "9"],
         "--branches": ["1", "2"],
         "--orientation": ["keep", "0,0,0", "0,1.57,0"],
-        "--redundant": ["nearest", "best"],
         "--quantity": [
             "condition",
             "translation_free_min",

@@ -35,8 +35,8 @@ def test_levels():
     assert "centre" not in none
     assert len(short.partition(posture)[2].splitlines()) <= 30
     for words in (
-        "translation, rotation held [N/m]",
-        "translation, rotation free [N/m]",
+        "translation, rotation held [N/mm]",
+        "translation, rotation free [N/mm]",
         "rotation, translation held [N m/rad]",
         "softest (free to turn): ",
         "Centres [m]",
@@ -167,7 +167,7 @@ def test_target_files(analysis, tmp_path, suffix):
 
 def test_a_posture_without_stiffness():
     out = run("analyse five-bar --added-load 0,0,0,1,0,0")
-    for words in ("Analysis of the compliance", "[m/N]", "Linear deflection", "does not exist"):
+    for words in ("Analysis of the compliance", "[mm/N]", "Linear deflection", "does not exist"):
         assert words in out
 
 

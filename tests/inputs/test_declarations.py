@@ -271,10 +271,11 @@ OF_API = {
     options.Tool: "",
     options.File: "",
     options.Reading: "",
-    options.Vibration: "rayleigh",
+    options.Vibration: "",
+    options.Rayleigh: "rayleigh",
     options.Parameters: "sensitivities",
-    analyse.Analysis: "level report_at inertia target target_order",
-    maps.Where: "grid random cartesian trajectory seed",
+    analyse.Analysis: "level report_at target",
+    maps.Where: "grid random cartesian trajectory",
     maps.Held: "quantities",
     modes.Controller: "impedance order",
     modes.Response: "response kind direction",
@@ -283,7 +284,7 @@ OF_API = {
     identify.Plan: "plan q load",
     reach.Modes: "",
     reach.Search: "",
-    path.Search: "criterion singular",
+    path.Search: "criterion",
 }
 
 

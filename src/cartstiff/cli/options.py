@@ -812,4 +812,4 @@ class Rayleigh(Vibration):
     def damped(self) -> Damping:
         """The damping of the options."""
         alpha, beta = self.rayleigh or (0.0, 0.0)
-        return replace(super().damped, alpha=alpha, beta=beta)
+        return replace(super().damped, mass=alpha, stiffness=beta)

@@ -86,8 +86,8 @@ class Rod(NamedTuple):
 
 
 # Two elbows nearer than this (rad, or shares of the rod) are at a singular posture of the leg,
-# where iterations know the joint to the root of their tolerance only.
-_ALIKE = 1e-4
+# where iterations know the joint to the root of their tolerance only: its digits are lost.
+_ALIKE = numerics.LOST_ERROR
 
 
 def rod_of(leg: Leg, home: Array, actuated: frozenset[int]) -> Rod | None:
