@@ -39,7 +39,7 @@ def test_levels():
         "translation, rotation free [N/mm]",
         "rotation, translation held [N m/rad]",
         "softest (free to turn): ",
-        "Centres [m]",
+        "Centres [mm]",
         "condition number 4",
         "Does the choice of connection matter here?",
     ):
