@@ -449,11 +449,12 @@ def test_only_the_first_critical_load_is_passed():
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_a_negative_determinant_diverges_whatever_the_masses(n):
-    """A column past its first critical load, and a moment without potential; drawn masses."""
+    """A column past its first critical load, and a force without potential; drawn masses."""
     first = {1: 1.0, 2: CRITICAL, 3: 0.198062}[n]
-    load = DeadWrench([0.0, 0.0, 1e-3, -1.2 * first, 0.0, 0.0])
-    state = equilibrium(column(n), load)
-    K = state.elastic.with_potential(load).evaluate(state.posture).hessian
+    turned = FollowerWrench([0.0, 0.0, 1e-3, 1e-9, 0.0, 0.0])
+    load = DeadForce([-1.2 * first, 0.0, 0.0])
+    state = equilibrium(column(n), load, turned)
+    K = state.elastic.with_potential(load, turned).evaluate(state.posture).hessian
     assert np.linalg.det(K) < 0.0
     rng = np.random.default_rng(n)
     for _ in range(50):
@@ -464,7 +465,7 @@ def test_a_negative_determinant_diverges_whatever_the_masses(n):
     assert "masses-missing" not in notes
     mode = np.array(notes["divergence"].values["mode"])
     assert mode @ K @ mode < 0.0
-    held = equilibrium(column(n), DeadWrench([0.0, 0.0, 1e-3, -0.8 * first, 0.0, 0.0]))
+    held = equilibrium(column(n), DeadForce([-0.8 * first, 0.0, 0.0]), turned)
     assert held.stable is None
     assert "masses-missing" in {note.code for note in held.notes}
 

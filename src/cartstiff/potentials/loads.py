@@ -8,6 +8,11 @@ maps of the coordinates whose curvature is S,
 
 because d J_a / d q_b is the symmetric curvature plus half a bracket on every map to SE(3). Where
 alpha is exact, T is K^A and the last term makes it K^B: the Hessian is symmetric.
+
+A moment m that is constant in the world, or in the body, has no potential in space, but it has
+-m . n times the angle where all joints on the way to the body turn about one direction n: they
+leave n as it is, at all coordinates. With the rotational rows J_w of the map the angle's part is
+the constant m^T J_w, and the potential -m^T J_w q.
 """
 
 from __future__ import annotations
@@ -20,6 +25,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff import numerics
 from cartstiff.arrays import (
     checked_array,
     checked_number,
@@ -62,15 +68,31 @@ class Load(Potential):
     def on_pose(self, T_F_b: Array) -> tuple[float, Array, Array]:
         """Energy (NaN if there is none), alpha (6,) and T (6, 6), in components of frame b."""
 
+    def parted(self, T_F_b: Array) -> tuple[float, Array] | None:  # noqa: ARG002
+        """Energy of all but the moment, and the moment (3,) in b; None if that is not all."""
+        return None
+
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and (for loads without a potential unsymmetric) derivative."""
         T_F_b, to_pose = posture.relative("world", self.frame_b)
         energy, alpha, rate = self.on_pose(T_F_b)
         J = to_pose.jacobian
+        if np.isnan(energy) and (parts := self.parted(T_F_b)) is not None:
+            energy = parts[0] + _energy_about_one_axis(parts[1], J[:3], posture.q)
         rate = rate + 0.5 * se3.bracket_form(alpha)
         # On matrices this small `dot` takes half the time of `@`.
         hessian = J.T.dot(rate).dot(J) + to_pose.curvature(alpha)
         return Evaluation(energy, alpha.dot(J), hessian)
+
+
+def _energy_about_one_axis(moment: Array, turns: Array, q: Array) -> float:
+    """``-m^T J_w q`` of a moment (3,), see the module; NaN if the turns (3, n) have several axes."""
+    sizes = np.linalg.norm(turns, axis=0)
+    n = turns[:, int(np.argmax(sizes))]
+    across = np.abs(se3.skew(n) @ turns).max(initial=0.0)
+    if across > numerics.ROUNDOFF * sizes.max(initial=0.0) ** 2:
+        return np.nan
+    return -float(moment @ turns @ q)
 
 
 def _forms_of_force() -> Array:
@@ -157,7 +179,8 @@ class DeadWrench(Load):
     """A moment and a force constant in the world, at the origin of a frame.
 
     The force has a potential. A moment constant in the world has none, as its work depends on the
-    path: with it the energy is NaN and the derivative asymmetric.
+    path: with it the energy is NaN and the derivative asymmetric, unless all joints on the way to
+    the frame turn about one direction, as those of a planar machine.
 
     Attributes
     ----------
@@ -190,6 +213,11 @@ class DeadWrench(Load):
             rate[:3, :3] -= se3.skew(moment)
             energy = np.nan
         return energy, alpha, rate
+
+    def parted(self, T_F_b: Array) -> tuple[float, Array]:
+        """Energy of the force, and the moment."""
+        force, moment = self.wrench[3:], self.wrench[:3]
+        return _dead_force(T_F_b, force, np.asarray(self.point))[0], T_F_b[:3, :3].T @ moment
 
 
 @dataclass(frozen=True)
@@ -246,7 +274,8 @@ class SemitangentialWrench(Load):
 class FollowerWrench(Load):
     """A wrench constant in the moving frame: pressure, thrust, a tool that turns with the body.
 
-    It has no potential. Its part of K^A vanishes, as its body components are constant.
+    It has no potential, but for a moment alone on a planar machine, as `DeadWrench`. Its part of
+    K^A vanishes, as its body components are constant.
 
     Attributes
     ----------
@@ -270,6 +299,10 @@ class FollowerWrench(Load):
     def on_pose(self, T_F_b: Array) -> tuple[float, Array, Array]:  # noqa: ARG002
         """No energy, alpha = -w, constant: T = 0."""
         return np.nan, -self.wrench, np.zeros((6, 6))
+
+    def parted(self, T_F_b: Array) -> tuple[float, Array] | None:  # noqa: ARG002
+        """A moment alone."""
+        return None if self.wrench[3:].any() else (0.0, self.wrench[:3])
 
 
 @dataclass(frozen=True)
