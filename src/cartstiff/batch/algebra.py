@@ -535,6 +535,6 @@ def changed_compliance(
 
 def shared_inputs(wrench: str) -> list[str]:
     """Names of inputs with one row for all postures; `wrench` is "none", "shared" or "each"."""
-    own = ["stiffness", "rest", "preload", "least", "forces", "weight", "lines"]
+    own = ["stiffness", "rest", "preload", "least", "most", "forces", "weight", "lines"]
     own += ["anchors", "points", "length"]
     return own + (["wrench"] if wrench == "shared" else [])

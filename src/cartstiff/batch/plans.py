@@ -11,6 +11,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.batch.algebra import shared_inputs
 from cartstiff.batch.chains import ChainCase, Line, chain_arrays, is_recorded
 from cartstiff.batch.closed_chains import (
@@ -326,16 +327,15 @@ def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -
         tuple(points),
         bool(loose),
     )
-    least = np.zeros(m)
-    if springs.unilateral:
-        none = np.zeros(np.count_nonzero(springs.cables))
-        least[springs.cables] = springs.least_tensions(none, springs.cables)
+    bounds = springs.bounds(np.zeros(m), np.ones(m, bool))
     given = np.zeros(m) if preload is None else preload
     shared = {
         "stiffness": springs.stiffness[None],
         "rest": np.nan_to_num(springs.rest_length)[None],
         "preload": np.nan_to_num(given)[None],
-        "least": least[None],
+        # Infinite numbers have no place in a page.
+        "least": np.clip(bounds.least, -1.0 / numerics.TINY, None)[None],
+        "most": np.clip(bounds.most, None, 1.0 / numerics.TINY)[None],
     }
     if forces:
         shared["forces"] = np.concatenate(forces)[None]

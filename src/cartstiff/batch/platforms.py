@@ -179,14 +179,19 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         added = zeros(m)
         added[:6] = inverse_R.T @ missing
         t = given + decomposition.apply(added)
-        if case.unilateral:
-            # `cartstiff.analyse` takes others where more than six cables would not keep these.
-            least: list[Scalar] = [-numerics.TINY] * m
-            if m > 6:
-                mean = sum(absolute(x) for x in t[cables]) * (numerics.TAUT_SHARE / cables.sum())
-                least = [pick(0.0, x, x, mean) for x in tape.vector("least", m)]
-            for i in np.flatnonzero(cables):
-                verdict = larger(verdict, pick(least[i], t[i], PLAIN, FALLBACK))
+        # `cartstiff.analyse` takes others where more than six lines would not keep their bounds.
+        least: list[Scalar] = [-numerics.TINY] * m
+        if m > 6:
+            least = [*tape.vector("least", m)]
+            share = numerics.NEGLIGIBLE_FORCE if case.rest == "given" else numerics.TAUT_SHARE
+            if case.unilateral:
+                mean = sum(absolute(x) for x in t[cables]) * (share / cables.sum())
+            for i, most in enumerate(tape.vector("most", m)):
+                if cables[i]:
+                    least[i] = pick(0.0, least[i], least[i], mean)
+                verdict = larger(verdict, pick(t[i], most, PLAIN, FALLBACK))
+        for i in range(m) if m > 6 else np.flatnonzero(cables):
+            verdict = larger(verdict, pick(least[i], t[i], PLAIN, FALLBACK))
         energy = energy + ((t * t / k).sum()) * 0.5
         if W is None:
             W = zeros(6)

@@ -1581,8 +1581,8 @@ def _legs(
     if file.flexible:
         springs = mounted_on_springs(springs, file, T_F_M)
     limits = None if platform.leg_limits is None else platform.leg_limits.forces
-    least = None if limits is None else np.where(cables, limits[:, 0], 0.0)
-    springs = replace(springs, driven=tuple(drives), least=least)
+    least, most = (None, None) if limits is None else limits.T
+    springs = replace(springs, driven=tuple(drives), least=least, most=most)
     if preload is None:
         return springs
     # A passive spring was made with its rest length; a drive winds its leg to the tension.

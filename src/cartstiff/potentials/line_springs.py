@@ -30,7 +30,7 @@ from cartstiff.potentials.contract import (
 from cartstiff.potentials.contract import (
     LineGeometry as LineGeometry,
 )
-from cartstiff.potentials.tensions import kept_taut, nearest_balance
+from cartstiff.potentials.tensions import Bounds, nearest_balance, within_bounds
 
 
 def _placed(turning: Array, coupling: Array, weight: Array) -> Array:
@@ -119,11 +119,12 @@ class LineSprings(PosePotential):
     driven : bool or tuple of bool (m,)
         Lines whose rest length a drive changes, so that a given load replaces it; the others keep
         it, where the driven ones can balance the load.
-    least : ndarray (m,), optional
-        Tensions that cables keep if that is possible; 0 where there is no such limit.
-    balanced_at : tuple of ndarray (m,), (m,), or None
-        Lengths, and the tensions chosen there, which the rest length of a stiff line would round.
-        None if the rest lengths were given.
+    least, most : ndarray (m,), optional
+        Limits of the forces, which tensions that are chosen keep if that is possible; infinite
+        where there is none. Not for lines with a given rest length.
+    balanced_at : tuple of ndarray (m,), (m,), (m,), or None
+        Lengths, the tensions chosen there, which the rest length of a stiff line would round, and
+        those to which they are the nearest. None if the rest lengths were given.
     """
 
     anchors: Array
@@ -134,7 +135,8 @@ class LineSprings(PosePotential):
     preload: Array | None = None
     driven: bool | tuple[bool, ...] = False
     least: Array | None = None
-    balanced_at: tuple[Array, Array] | None = None
+    most: Array | None = None
+    balanced_at: tuple[Array, Array, Array] | None = None
 
     length_powers: ClassVar = {
         "anchors": 1,
@@ -143,7 +145,8 @@ class LineSprings(PosePotential):
         "rest_length": 1,
         "preload": 0,
         "least": 0,
-        "balanced_at": (1, 0),
+        "most": 0,
+        "balanced_at": (1, 0, 0),
     }
 
     def __post_init__(self) -> None:
@@ -167,7 +170,7 @@ class LineSprings(PosePotential):
         if np.any(self.stiffness <= 0):
             least = float(self.stiffness.min())
             raise InputError("line spring stiffness must be above zero", got=least)
-        for name in ("preload", "least"):
+        for name in ("preload", "least", "most"):
             if (given := getattr(self, name)) is not None:
                 tensions = real_array(given) + np.zeros(len(self.stiffness))
                 object.__setattr__(self, name, read_only(tensions))
@@ -193,7 +196,8 @@ class LineSprings(PosePotential):
         """Tension of each line, below zero where a cable is slack."""
         if self.balanced_at is None:
             return np.asarray(self.stiffness * (lengths - self.rest_length))
-        return np.asarray(self.balanced_at[1] + self.stiffness * (lengths - self.balanced_at[0]))
+        at, tensions, _ = self.balanced_at
+        return np.asarray(tensions + self.stiffness * (lengths - at))
 
     def lengths_at(self, T_a_b: Array) -> Array:
         """Length of each line at a pose."""
@@ -232,18 +236,25 @@ class LineSprings(PosePotential):
                 notes.append(Note("direction-dependent", message, {"cables": at_edge}))
         if self.balanced_at is None or len(lines) < 2:
             return notes
-        tensions = self.balanced_at[1]
-        given = np.zeros(len(tensions)) if self.preload is None else np.nan_to_num(self.preload)
+        _, tensions, given = self.balanced_at
+        tensions = np.where(self.cables, np.maximum(tensions, 0.0), tensions)
         values = numerics.singular_values(lines / np.repeat([np.abs(lines).max(), 1.0], 3))
         largest = numerics.NEGLIGIBLE_FORCE * np.abs(tensions).max()
-        is_preload = given.any() and (np.abs(tensions - given) <= largest).all()
-        if len(lines) > numerics.rank(values) and not is_preload:
+        is_given = given.any() and (np.abs(tensions - given) <= largest).all()
+        if len(lines) > numerics.rank(values) and not is_given:
             message = (
                 "several sets of tensions balance the load; this is the set nearest to the given "
                 "tensions (least squares), or to zero"
             )
-            if self.unilateral:
+            if given.any() and not tensions.any():
+                message = (
+                    "no tensions of these cables balance one another at this pose: they cannot "
+                    "hold the given tensions, and have none"
+                )
+            elif self.unilateral:
                 message += ", with every cable taut where that is possible"
+            if self.most is not None and np.isfinite(self.most).any():
+                message += ", within the limits of the forces"
             values_of = {"tensions": tensions.tolist(), "given": given.tolist()}
             notes.append(Note("tensions-chosen", message, values_of))
         return notes
@@ -311,8 +322,11 @@ class LineSprings(PosePotential):
         rest[held] = geometry.lengths[held] - given[held] / self.stiffness[held]
         if free.any():
             exerted[free] = self._balanced(lines, gradient * scale, free, given, fixed)
+            # A slack cable that is to stay slack keeps its rest length.
+            pull = self._pull(geometry.lengths)
+            exerted = np.where(free & self.cables & (exerted == 0.0) & (pull < 0.0), pull, exerted)
             rest[free] = geometry.lengths[free] - exerted[free] / self.stiffness[free]
-        return self._at_rest(rest, exerted, geometry.lengths)
+        return self._at_rest(rest, exerted, given, geometry.lengths)
 
     def _balanced(
         self, lines: Array, gradient: Array, free: Array, given: Array, fixed: Array
@@ -337,11 +351,10 @@ class LineSprings(PosePotential):
                 got=f"an unbalanced moment of {_length(missed[:3]):.3g} and force of "
                 f"{_length(missed[3:] / size):.3g}, in the file's units",
             )
-        cables = self.cables[free]
         taut: Array | None = tensions
-        if cables.any():
-            least = self.least_tensions(tensions[cables], free & self.cables)
-            taut = kept_taut(matrix, tensions, cables, least, float(np.abs(start).max()))
+        if several or self.cables[free].any():
+            bounds = self.bounds(tensions, free)
+            taut = within_bounds(matrix, tensions, bounds, float(np.abs(start).max()))
         if taut is None:
             raise InputError(
                 "the cables cannot balance this load at this pose: one would have to push",
@@ -368,31 +381,40 @@ class LineSprings(PosePotential):
 
     def given_tensions(self, lengths: Array) -> Array:
         """Given tensions (m,): those of the rest length, or the preload, or zero."""
-        given = self.stiffness * (lengths - self.rest_length)
+        given = self._pull(lengths)
         given = np.where(self.cables, np.maximum(given, 0.0), given)
         if self.preload is not None:
             given = np.where(np.isnan(given), self.preload, given)
         return np.nan_to_num(given)
 
-    def least_tensions(self, tensions: Array, which: Array) -> Array:
-        """Tensions that cables `which` (m,) keep if possible, for tensions without that bound.
+    def bounds(self, tensions: Array, which: Array) -> Bounds:
+        """Bounds of lines `which` (m,), for their tensions without a bound.
 
-        Those of their limits, else a share of the mean preload, or without one of `tensions`.
-        Limits of drives are not for cables with a rest length.
+        Cables keep their least force, else a share of the mean preload, or without one of those
+        tensions, if that is possible. Neither that nor limits of drives are for lines with a rest
+        length.
         """
-        own = None if self.preload is None else self.preload[which & self.rest_is_free()]
-        preload = float(np.nan_to_num(own).mean()) if own is not None and own.size else 0.0
-        mean = preload if preload > 0.0 else float(np.abs(tensions).mean())
-        least = np.full(len(tensions), numerics.TAUT_SHARE * mean)
-        if self.least is None:
-            return least
-        is_limited = self.rest_is_free()[which] & (self.least[which] > 0.0)
-        return np.where(is_limited, self.least[which], least)
+        is_open, cables = self.rest_is_free()[which], self.cables[which]
+        own = np.zeros(0) if self.preload is None else self.preload[which & self.rest_is_free()]
+        preload = float(np.nan_to_num(own).mean()) if own.size else 0.0
+        mean = (
+            preload
+            if preload > 0.0
+            else float(np.abs(tensions[cables]).mean() if cables.any() else 0.0)
+        )
+        kept = np.where(is_open, numerics.TAUT_SHARE * mean, 0.0)
+        least = np.full(len(cables), -np.inf) if self.least is None else self.least[which]
+        most = np.full(len(cables), np.inf) if self.most is None else self.most[which]
+        least = np.where(is_open & (least > 0.0) | ~cables, least, kept)
+        return Bounds(
+            np.where(is_open | cables, least, -np.inf), np.where(is_open, most, np.inf), cables
+        )
 
-    def _at_rest(self, rest: Array, tensions: Array, lengths: Array) -> LineSprings:
-        """The same lines with rest lengths at which they exert tensions."""
-        tensions.flags.writeable = False
-        return replace(self, rest_length=rest, balanced_at=(lengths, tensions))
+    def _at_rest(self, rest: Array, tensions: Array, given: Array, lengths: Array) -> LineSprings:
+        """The same lines with rest lengths at which they exert tensions, nearest to given ones."""
+        for numbers in (tensions, given):
+            numbers.flags.writeable = False
+        return replace(self, rest_length=rest, balanced_at=(lengths, tensions, given))
 
     def geometry(self, posture: Posture) -> LineGeometry:
         """The lines at a posture, which caches those of a platform's own legs."""

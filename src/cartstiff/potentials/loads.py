@@ -86,7 +86,7 @@ class Load(Potential):
 
 
 def _energy_about_one_axis(moment: Array, turns: Array, q: Array) -> float:
-    """``-m^T J_w q`` of a moment (3,), see the module; NaN if the turns (3, n) have several axes."""
+    """``-m^T J_w q`` of a moment (3,), see the module; NaN if turns (3, n) have several axes."""
     sizes = np.linalg.norm(turns, axis=0)
     n = turns[:, int(np.argmax(sizes))]
     across = np.abs(se3.skew(n) @ turns).max(initial=0.0)

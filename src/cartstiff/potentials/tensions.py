@@ -3,20 +3,25 @@ r"""Tensions of lines that balance a load: nearest to given ones, with every cab
 The tensions t of m lines balance a load w where ``A t = w``, with a column of A for each line. Of
 more lines than motions many t do. The set that is chosen is
 
-    min |t - t_0|^2    with    A t = w,    t_c >= kept(s) d_c for every cable c,
+    min |t - t_0|^2   with   A t = w,   t_c >= kept(s) d_c for every cable c,   t <= (1 + 2 v) h
 
-where t_0 are the given tensions and d_c > 0 the tension that a cable should keep. s is the largest
-share, at most 1, of d that all cables can have at once without any tension above twice the largest
-one of t_0 and of the set with kept = 0 (a linear program), and
+where t_0 are the given tensions, d_c > 0 the tension that a cable should keep, and h the largest
+forces of those lines that have such a limit (so for the forces of struts, with both signs). v is
+the least share by which limits must be exceeded to balance the load without a cable that pushes;
+0 mostly. s is the largest share, at most 1, of d that all cables can have at once within these
+limits, and, for lines without one, without tensions above twice the largest one of t_0 and of the
+set with kept = 0. v and s are found by linear programs, and
 
     kept(s) = s (1 + s) / 2
 
 is 1 if that is possible, and else below s. The set then has inner points, so that t is continuous
-in the pose wherever tensions balance the load. Without the limit on tensions, d would be kept by
+in the pose wherever taut cables balance the load. Without a limit on tensions, d would be kept by
 ever larger ones towards the poses where the cables no longer hold the body.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,8 +45,46 @@ def nearest_balance(matrix: Array, wanted: Array, given: Array) -> Array:
     return tensions
 
 
-def kept_taut(
-    matrix: Array, tensions: Array, cables: Array, least: Array, largest: float = 0.0
+class Bounds(NamedTuple):
+    """Bounds of the tensions of m lines.
+
+    Attributes
+    ----------
+    least : ndarray (m,)
+        For cables the tension that each should keep, above zero or zero; for other lines the
+        lower limit of the force, or -inf.
+    most : ndarray (m,)
+        Largest forces, or inf.
+    cables : ndarray of bool (m,)
+        The lines that cannot push.
+    """
+
+    least: Array
+    most: Array
+    cables: Array
+
+    def contain(self, tensions: Array) -> bool:
+        """Whether all tensions (m,) are within the bounds."""
+        return bool((tensions >= self.least).all() and (tensions <= self.most).all())
+
+    def over(self, size: float) -> Bounds:
+        """The same as shares of a tension."""
+        return Bounds(self.least / size, self.most / size, self.cables)
+
+    def limits(self) -> tuple[Array, Array, Array]:
+        """Limits that may be exceeded: ``R t <= b + v c`` with rows R (r, m), b and c (r,)."""
+        rows = np.eye(len(self.most))
+        upper = np.isfinite(self.most)
+        lower = np.isfinite(self.least) & ~self.cables
+        R = np.vstack([rows[upper], -rows[lower]])
+        b = np.concatenate([self.most[upper], -self.least[lower]])
+        finite = (np.where(np.isfinite(x), np.abs(x), 0.0) for x in (self.least, self.most))
+        sizes = np.maximum(*finite)
+        return R, b, np.concatenate([sizes[upper], sizes[lower]])
+
+
+def within_bounds(
+    matrix: Array, tensions: Array, bounds: Bounds, largest: float = 0.0
 ) -> Array | None:
     """Balanced tensions (m,) nearest to balanced ones in which all cables are taut.
 
@@ -51,10 +94,8 @@ def kept_taut(
         Wrenches of unit tensions.
     tensions : ndarray (m,)
         Those nearest to the given ones, without a bound.
-    cables : ndarray of bool (m,)
-        The lines that cannot push.
-    least : ndarray
-        Tension that each cable should keep.
+    bounds : Bounds
+        Of their tensions.
     largest : float
         Largest given tension.
 
@@ -63,40 +104,74 @@ def kept_taut(
     ndarray (m,) or None
         None if a cable would have to push.
     """
-    own = tensions[cables]
-    if (own >= least).all():
+    if bounds.contain(tensions):
         return tensions
-    size = max(float(np.abs(tensions).max()), float(least.max()))
+    cables = bounds.cables
+    size = max(float(np.abs(tensions).max()), float(bounds.least[cables].max(initial=0.0)))
     _, values, Vt = np.linalg.svd(matrix)
     N = Vt[numerics.rank(values) :].T  # changes that need no wrench
-    own, found = tensions / size, tensions
+    found = tensions
     if N.shape[1]:
-        found = size * (own + N @ _kept(N, own, cables, least / size, largest / size))
-    if found[cables].min() < -numerics.BALANCE_TOLERANCE * size:
+        own = tensions / size
+        found = size * (own + N @ _nearest(N, own, bounds.over(size), largest / size))
+    if found[cables].min(initial=0.0) < -numerics.BALANCE_TOLERANCE * size:
         return None
-    if found.max() <= numerics.NEGLIGIBLE_FORCE * size:
+    if np.abs(found).max() <= numerics.NEGLIGIBLE_FORCE * size:
         return np.zeros(len(found))  # no load, and no set of tensions balances itself
     return np.where(cables, np.maximum(found, 0.0), found)
 
 
-def _kept(N: Array, own: Array, cables: Array, least: Array, largest: float) -> Array:
-    """Shortest y (d,) with which ``own + N y`` keeps the cables taut, see the module."""
-    edge = _edge(N[cables], own[cables])
-    most = _LARGEST_INCREASE * max(largest, float((own + N @ edge).max()))
-    y = _shortest(N[cables], least - own[cables])
-    if y is not None and (own + N @ y).max() <= most:
+def _nearest(N: Array, own: Array, bounds: Bounds, largest: float) -> Array:
+    """Shortest y (d,) with which ``own + N y`` keeps the bounds, see the module."""
+    cables, least = bounds.cables, bounds.least[bounds.cables]
+    pull = N[cables]
+    edge = _edge(pull, own[cables])
+    R, b, c = bounds.limits()
+    above = np.isinf(bounds.most)
+    largest = _LARGEST_INCREASE * max(largest, float((own + N @ edge).max()))
+    if len(R):
+        b = b + 2.0 * _excess(N, own, cables, (R, b, c)) * c
+    G, g = np.vstack([pull, -R @ N]), R @ own - b
+
+    def shortest(share: float) -> Array | None:
+        return _shortest(G, np.concatenate([share * least - own[cables], g]))
+
+    y = shortest(1.0)
+    if y is not None and (own + N @ y)[above].max(initial=0.0) <= largest:
         return y
-    share, inner = _largest_share(N, own, cables, least, most)
+    rows = np.vstack([R, np.eye(len(own))[above]])
+    most = np.concatenate([b, np.full(np.count_nonzero(above), largest)])
+    share, inner = _largest_share(N, own, bounds, rows, most)
     if not share > 0.0:
-        return edge
-    y = _shortest(N[cables], 0.5 * share * (1.0 + share) * least - own[cables])
+        y = shortest(0.0) if len(R) else edge
+        return edge if y is None else y
+    y = shortest(0.5 * share * (1.0 + share))
     return inner if y is None else y
+
+
+def _excess(N: Array, own: Array, cables: Array, limits: tuple[Array, Array, Array]) -> float:
+    """Least v from 0 with which some ``own + N y`` without a pushing cable keeps the limits."""
+    from scipy.optimize import linprog
+
+    R, b, c = limits
+    d, pull = N.shape[1], N[cables]
+    found = linprog(
+        np.append(np.zeros(d), 1.0),
+        A_ub=np.vstack(
+            [np.column_stack([-pull, np.zeros(len(pull))]), np.column_stack([R @ N, -c])]
+        ),
+        b_ub=np.concatenate([own[cables] + numerics.BALANCE_TOLERANCE, b - R @ own]),
+        bounds=[(None, None)] * d + [(0.0, None)],
+    )
+    return 0.0 if found.x is None else float(found.x[-1])
 
 
 def _edge(N: Array, own: Array) -> Array:
     """Shortest y (d,) with which no cable pushes, or the one with which they push least."""
     from scipy.optimize import linprog
 
+    if not len(N):
+        return np.zeros(N.shape[1])
     # Where not all cables can pull, the set has no inner points.
     y = _shortest(N, -own - 0.5 * numerics.BALANCE_TOLERANCE)
     if y is not None:
@@ -129,17 +204,18 @@ def _shortest(N: Array, short: Array) -> Array | None:
 
 
 def _largest_share(
-    N: Array, own: Array, cables: Array, least: Array, most: float
+    N: Array, own: Array, bounds: Bounds, rows: Array, most: Array
 ) -> tuple[float, Array]:
-    """Largest s up to 1 for which y (d,) has ``s least <= own + N y <= most``, and this y."""
+    """Largest s up to 1, and y (d,): cables keep s of their least, and ``rows @ t <= most``."""
     from scipy.optimize import linprog
 
-    above = np.column_stack([-N[cables], least])
-    below = np.column_stack([N, np.zeros(len(N))])
+    cables = bounds.cables
+    above = np.column_stack([-N[cables], bounds.least[cables]])
+    below = np.column_stack([rows @ N, np.zeros(len(rows))])
     found = linprog(
         np.append(np.zeros(N.shape[1]), -1.0),
         A_ub=np.vstack([above, below]),
-        b_ub=np.concatenate([own[cables], most - own]),
+        b_ub=np.concatenate([own[cables], most - rows @ own]),
         bounds=[(None, None)] * N.shape[1] + [(None, 1.0)],
     )
     if found.x is None:

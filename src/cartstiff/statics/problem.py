@@ -567,7 +567,8 @@ class System:
         unbalanced = legs.motions.T @ (point.evaluation.gradient * posture.coordinate_lengths)
         tensions = springs.tensions(lengths)
         tensions[legs.leading] -= unbalanced / posture.length
-        return replace(elastic, springs=replace(springs, balanced_at=(lengths, tensions)))
+        given = tensions if springs.balanced_at is None else springs.balanced_at[2]
+        return replace(elastic, springs=replace(springs, balanced_at=(lengths, tensions, given)))
 
     @cached_property
     def _farthest_anchor(self) -> float:
