@@ -233,3 +233,73 @@ def test_a_rope_of_fixed_length_is_a_passive_cable(tmp_path):
     expected = 200.0 + 5e4 * (p.leg_lengths(q) - p.leg_lengths(robot.q))
     assert tensions_of(analyse(ropes, q)) == pytest.approx(np.maximum(expected, 0.0), rel=1e-9)
     assert cartstiff.analyse(ropes, q).wrench[3] > 1.0
+
+
+@pytest.mark.parametrize("load_is_given", [False, True])
+@pytest.mark.parametrize("limits", [None, [30.0, 260.0]])
+def test_tensions_are_continuous_along_drawn_lines(tmp_path, limits, load_is_given):
+    """Around the largest step of a grid, finer ones have steps as much smaller."""
+    rng, robot = np.random.default_rng(11), load("cable-robot")
+    p = robot.mechanism
+    keys = {"base": p.anchors + 0.05 * rng.normal(size=(8, 3)), "platform": p.points}
+    legs = {"stiffness": 5e4, "preload": rng.uniform(100.0, 250.0, 8)}
+    legs |= {} if limits is None else {"force": limits}
+    pose = {"xyz": [0.0, 0.0, 0.6]}
+    drawn = load(
+        write_file(tmp_path, kind="springs", unilateral=True, pose=pose, legs=legs, **keys)
+    )
+    W = [1.0, 2.0, -1.0, 60.0, -40.0, -80.0] if load_is_given else None
+    seen = 0
+    for _ in range(4):
+        ends = drawn.q + rng.uniform(-1, 1, (2, 6)) * [0.3, 0.2, 0.15, 0.1, 0.1, 0.1]
+        low, high, steps = 0.0, 1.0, []
+        for _ in range(4):
+            x = np.linspace(low, high, 25)
+            Q = ends[0] + x[:, None] * (ends[1] - ends[0])
+            t = analyse_many(drawn, Q, wrench=W, outputs=("tensions",)).arrays["tensions"]
+            if not t.min() > 0.0:  # no taut set balances the load, or without one itself
+                break
+            sizes = np.abs(np.diff(t, axis=0)).max(axis=1)
+            k = int(np.argmax(sizes))
+            low, high = x[max(k - 1, 0)], x[min(k + 2, 24)]
+            steps.append(sizes[k])
+        else:
+            seen += 1
+            assert steps[3] < 0.02 * steps[0]
+    assert seen >= 1
+
+
+def test_largest_forces_bound_the_tensions(tmp_path):
+    """The nearest set within [least, largest], by a general solver; beyond them by one share."""
+    robot = load("cable-robot")
+    p = robot.mechanism
+    keys = {"base": p.anchors.tolist(), "platform": p.points.tolist(), "unilateral": True}
+    legs = {"stiffness": 5e4, "preload": 60.0, "force": [20.0, 70.0]}
+    pose = {"xyz": [0.0, 0.0, 0.6]}
+    limited = load(write_file(tmp_path, kind="springs", pose=pose, legs=legs, **keys))
+    W, bound = np.array([0.0, 1.0, 0.0, 10.0, 0.0, -60.0]), 0
+    rng = np.random.default_rng(2)
+    for _ in range(12):
+        q = limited.q + rng.uniform(-1, 1, 6) * [0.01, 0.01, 0.01, 0.02, 0.02, 0.02]
+        G = limited.mechanism.at(q).lines.lines.T
+        given = np.full(8, 60.0)
+        inside = linprog(np.zeros(8), A_eq=G, b_eq=W, bounds=[(20.0, 70.0)] * 8)
+        result = analyse(limited, q, wrench=W)
+        t = tensions_of(result)
+        assert G @ t == pytest.approx(W, abs=1e-6)
+        if inside.status:
+            assert "force-limits" in codes(result)
+            continue
+        p0, N = nearest(G, W, given), np.linalg.svd(G)[2][6:].T
+        found = minimize(
+            lambda y: float(y @ y),
+            np.linalg.lstsq(N, inside.x - p0, rcond=None)[0],
+            jac=lambda y: 2.0 * y,
+            constraints=[LinearConstraint(N, 20.0 - p0, 70.0 - p0)],
+            method="SLSQP",
+            options={"maxiter": 500, "ftol": 1e-14},
+        )
+        assert "force-limits" not in codes(result)
+        assert t == pytest.approx(p0 + N @ found.x, abs=1e-3)
+        bound += bool(t.max() > 70.0 - 1e-6)
+    assert bound > 2

@@ -281,7 +281,9 @@ class StudyEvaluator:
         # Only the code of platforms serves all designs; else it must pay for itself in one design.
         if path == "compiled" and not isinstance(mechanism, Platform):
             path = "portable" if sampling.size < 5000 else path
-        return replace(job, path=path, one_by_one=MAX_SINGLE_POSES)
+        # Stacks leave the choice of cables' tensions to one analysis after the other.
+        is_chosen = isinstance(mechanism, Platform) and len(mechanism.anchors) > 6
+        return replace(job, path=path, one_by_one=None if is_chosen else MAX_SINGLE_POSES)
 
     def _measured(self, elastic: ElasticMechanism) -> dict[str, float]:
         """Return the objectives and constraints of a mechanism."""

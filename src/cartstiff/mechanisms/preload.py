@@ -47,7 +47,8 @@ def _notes_on_lines(elastic: ElasticMechanism, springs: LineSprings, is_loaded: 
         for what, own in (("preload", held), ("rest lengths", is_fixed)):
             if own.any():
                 names = [n for n, x in zip(elastic.spring_names, own, strict=True) if x]
-                return [_replaced(what, names, "these legs")]
+                is_spread = len(springs.stiffness) > 6
+                return [_shifted(names) if is_spread else _replaced(what, names, "these legs")]
         return []
     if not held.any() or springs.preload is None:
         return []
@@ -71,6 +72,15 @@ def _replaced(what: str, names: list[str], whose: str) -> Note:
         f"{_listed(names)}; `equilibrium` keeps them and moves the body"
     )
     return Note("load-replaces-rest", words, {"replaced": what, "springs": names})
+
+
+def _shifted(names: list[str]) -> Note:
+    words = (
+        f"the drives change the rest lengths of {_listed(names)} as little as balances the load: "
+        "of all sets of forces these are the nearest to those of the given lengths; `equilibrium` "
+        "keeps the lengths and moves the body"
+    )
+    return Note("load-replaces-rest", words, {"replaced": "rest lengths", "springs": names})
 
 
 def _listed(names: list[str]) -> str:

@@ -10,7 +10,7 @@ forces of those lines that have such a limit (so for the forces of struts, with 
 the least share by which limits must be exceeded to balance the load without a cable that pushes;
 0 mostly. s is the largest share, at most 1, of d that all cables can have at once within these
 limits, and, for lines without one, without tensions above twice the largest one of t_0 and of the
-set with kept = 0. v and s are found by linear programs, and
+set with kept = 0. v and s are the values of linear programs, and
 
     kept(s) = s (1 + s) / 2
 
@@ -30,6 +30,8 @@ from cartstiff.geometry.se3 import Array
 
 #: Largest tension that keeps other cables taut, over the largest tension without that bound.
 _LARGEST_INCREASE = 2.0
+#: Weight of the changes of tensions in linear programs, see `_smallest`.
+_EASE = 1e-3
 
 
 def nearest_balance(matrix: Array, wanted: Array, given: Array) -> Array:
@@ -129,19 +131,25 @@ def _nearest(N: Array, own: Array, bounds: Bounds, largest: float) -> Array:
     R, b, c = bounds.limits()
     above = np.isinf(bounds.most)
     largest = _LARGEST_INCREASE * max(largest, float((own + N @ edge).max()))
-    if len(R):
-        b = b + 2.0 * _excess(N, own, cables, (R, b, c)) * c
-    G, g = np.vstack([pull, -R @ N]), R @ own - b
+    G, g = np.vstack([pull, -R @ N]), np.concatenate([-own[cables], R @ own - b])
+    if len(R) and _shortest(G, g) is None:
+        excess, _ = _smallest(G, np.append(np.zeros(len(pull)), c), g)
+        b = b + 2.0 * excess * c
 
     def shortest(share: float) -> Array | None:
-        return _shortest(G, np.concatenate([share * least - own[cables], g]))
+        return _shortest(G, np.concatenate([share * least - own[cables], R @ own - b]))
 
     y = shortest(1.0)
     if y is not None and (own + N @ y)[above].max(initial=0.0) <= largest:
         return y
     rows = np.vstack([R, np.eye(len(own))[above]])
     most = np.concatenate([b, np.full(np.count_nonzero(above), largest)])
-    share, inner = _largest_share(N, own, bounds, rows, most)
+    lost, inner = _smallest(
+        np.vstack([pull, -rows @ N]),
+        np.append(least, np.zeros(len(rows))),
+        np.concatenate([least - own[cables], rows @ own - most]),
+    )
+    share = 1.0 - lost
     if not share > 0.0:
         y = shortest(0.0) if len(R) else edge
         return edge if y is None else y
@@ -149,38 +157,29 @@ def _nearest(N: Array, own: Array, bounds: Bounds, largest: float) -> Array:
     return inner if y is None else y
 
 
-def _excess(N: Array, own: Array, cables: Array, limits: tuple[Array, Array, Array]) -> float:
-    """Least v from 0 with which some ``own + N y`` without a pushing cable keeps the limits."""
-    from scipy.optimize import linprog
-
-    R, b, c = limits
-    d, pull = N.shape[1], N[cables]
-    found = linprog(
-        np.append(np.zeros(d), 1.0),
-        A_ub=np.vstack(
-            [np.column_stack([-pull, np.zeros(len(pull))]), np.column_stack([R @ N, -c])]
-        ),
-        b_ub=np.concatenate([own[cables] + numerics.BALANCE_TOLERANCE, b - R @ own]),
-        bounds=[(None, None)] * d + [(0.0, None)],
-    )
-    return 0.0 if found.x is None else float(found.x[-1])
-
-
 def _edge(N: Array, own: Array) -> Array:
     """Shortest y (d,) with which no cable pushes, or the one with which they push least."""
-    from scipy.optimize import linprog
-
     if not len(N):
         return np.zeros(N.shape[1])
     # Where not all cables can pull, the set has no inner points.
     y = _shortest(N, -own - 0.5 * numerics.BALANCE_TOLERANCE)
-    if y is not None:
-        return y
-    d = N.shape[1]
-    goal, ones = np.append(np.zeros(d), -1.0), np.ones(len(N))
-    bounds = [(None, None)] * d + [(None, 1.0)]
-    found = linprog(goal, A_ub=np.column_stack([-N, ones]), b_ub=own, bounds=bounds)
-    return np.zeros(d) if found.x is None else np.asarray(found.x[:-1])
+    if y is None:
+        _, y = _smallest(N, np.ones(len(N)), -own)
+    return y
+
+
+def _smallest(G: Array, eased: Array, g: Array) -> tuple[float, Array]:
+    """Smallest u from 0, and y (d,), with ``G y + u eased >= g``.
+
+    This linear program is the limit of ``min u^2 + e^2 |y|^2`` for small e. Its vertices are
+    exact for finite e already, unless u is about e^2.
+    """
+    d = G.shape[1]
+    rows = np.vstack([np.column_stack([G / _EASE, eased]), np.append(np.zeros(d), 1.0)])
+    found = _shortest(rows, np.append(g, 0.0))
+    if found is None:
+        return 0.0, np.zeros(d)
+    return max(float(found[-1]), 0.0), found[:-1] / _EASE
 
 
 def _shortest(N: Array, short: Array) -> Array | None:
@@ -201,23 +200,3 @@ def _shortest(N: Array, short: Array) -> Array | None:
     is_nearer = (N @ exact - short).min() >= min((N @ y - short).min(), 0.0)
     y = exact if is_nearer else y
     return y if (N @ y - short).min() >= -numerics.BALANCE_TOLERANCE else None
-
-
-def _largest_share(
-    N: Array, own: Array, bounds: Bounds, rows: Array, most: Array
-) -> tuple[float, Array]:
-    """Largest s up to 1, and y (d,): cables keep s of their least, and ``rows @ t <= most``."""
-    from scipy.optimize import linprog
-
-    cables = bounds.cables
-    above = np.column_stack([-N[cables], bounds.least[cables]])
-    below = np.column_stack([rows @ N, np.zeros(len(rows))])
-    found = linprog(
-        np.append(np.zeros(N.shape[1]), -1.0),
-        A_ub=np.vstack([above, below]),
-        b_ub=np.concatenate([own[cables], most - rows @ own]),
-        bounds=[(None, None)] * N.shape[1] + [(None, 1.0)],
-    )
-    if found.x is None:
-        return 0.0, np.zeros(N.shape[1])
-    return float(found.x[-1]), found.x[:-1]
