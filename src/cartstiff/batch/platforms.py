@@ -190,7 +190,7 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
                 if cables[i]:
                     least[i] = pick(0.0, least[i], least[i], mean)
                 verdict = larger(verdict, pick(t[i], most, PLAIN, FALLBACK))
-        for i in range(m) if m > 6 else np.flatnonzero(cables):
+        for i in range(m) if m > 6 else np.flatnonzero(cables).tolist():
             verdict = larger(verdict, pick(least[i], t[i], PLAIN, FALLBACK))
         energy = energy + ((t * t / k).sum()) * 0.5
         if W is None:
