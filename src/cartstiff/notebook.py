@@ -4,22 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from cartstiff.errors import joined, printable
+from cartstiff.errors import CartstiffError, joined, printable
 
 
 class ShownInLines:
-    """Base of classes displayed as the lines of `_lines`; dataclasses need `repr=False`."""
+    """Base of classes displayed as the lines of `_lines`; dataclasses need `repr=False`.
+
+    Results compute what is shown when it is asked for. What does not exist there is a line of the
+    display: a console, a debugger and a notebook show every object.
+    """
 
     def _lines(self) -> Iterable[str]:
         raise NotImplementedError
 
+    def _tables(self) -> str:
+        """HTML below the lines in a notebook."""
+        return ""
+
     def __repr__(self) -> str:
-        return joined(self._lines())
+        lines = list[str]()
+        try:
+            lines.extend(self._lines())
+        except CartstiffError as error:
+            lines.append(f"{type(self).__name__}: {error}")
+        return joined(lines)
 
     def _repr_html_(self) -> str:
         from html import escape
 
-        return f"<pre>{escape(repr(self))}</pre>"
+        lines = f"<pre>{escape(repr(self))}</pre>"
+        try:
+            return lines + self._tables()
+        except CartstiffError as error:
+            return f"{lines}<p>{escape(printable(str(error)))}</p>"
 
 
 def html_table(

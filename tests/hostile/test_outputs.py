@@ -16,7 +16,7 @@ import pytest
 from cartstiff.errors import InputError
 from cartstiff.geometry.connections import CARTAN_MINUS
 from cartstiff.stiffness.tensor import StiffnessTensor
-from cartstiff.writing import write_whole
+from cartstiff.writing import create_folder, write_whole
 
 
 def listed(folder: Path) -> list[str]:
@@ -70,13 +70,19 @@ def test_a_pipe_and_a_device_stay_what_they_are(tmp_path: Path) -> None:
         write_whole(Path("/dev/full"), b"x" * 100_000)
 
 
-def test_what_a_killed_process_left_is_removed_by_the_next_one(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "begun",
+    [
+        "os.write(w._new_part(pathlib.Path('.'), w._new_file)[1], b'half'); held()",
+        "w.create_folder(pathlib.Path('m'), lambda n: [(n / 'half').write_text('x'), held()])",
+    ],
+)
+def test_what_a_killed_process_left_is_removed_by_the_next_one(tmp_path: Path, begun: str) -> None:
     code = (
         "import cartstiff.writing as w, os, signal, pathlib\n"
-        "part, handle = w._new_part(pathlib.Path('.'))\n"
-        "os.write(handle, b'half')\n"
-        "print('there', flush=True)\n"
-        "signal.pause()\n"
+        "def held():\n"
+        "    print('there', flush=True)\n"
+        "    signal.pause()\n" + begun
     )
     with subprocess.Popen(
         [sys.executable, "-c", code], cwd=tmp_path, stdout=subprocess.PIPE, text=True
@@ -86,10 +92,24 @@ def test_what_a_killed_process_left_is_removed_by_the_next_one(tmp_path: Path) -
         write_whole(tmp_path / "a.json", b"1")
         assert len(listed(tmp_path)) == 2  # the other one is still writing
         writer.kill()
-    stranger = tmp_path / ".cartstiff-notes.txt"
-    stranger.touch()
+    strangers = [".cartstiff-notes.txt", ".cartstiff-notes"]
+    (tmp_path / strangers[0]).touch()
+    (tmp_path / strangers[1]).mkdir()
     write_whole(tmp_path / "a.json", b"2")
-    assert listed(tmp_path) == [".cartstiff-notes.txt", "a.json"]
+    assert listed(tmp_path) == [*sorted(strangers), "a.json"]
+
+
+def test_a_folder_of_somebody_else_stays(tmp_path: Path) -> None:
+    place = tmp_path / "m.zarr"
+
+    def fill(new: Path) -> None:
+        (new / "mine").touch()
+        place.mkdir()
+        (place / "theirs").touch()
+
+    create_folder(place, fill)
+    assert listed(tmp_path) == ["m.zarr"]
+    assert listed(place) == ["theirs"]
 
 
 def test_many_writers_of_one_file(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import cartstiff
 from cartstiff import DeadForce, analyse_posture, equilibrium
 from cartstiff.analysis.asymmetry import compare_connections
 from cartstiff.cli.main import command as cartstiff_command
+from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.potentials.loads import Scaled
 from cartstiff.potentials.springs import JointSprings, PolynomialLaw
@@ -25,6 +26,7 @@ from cartstiff.report.analysis import (
 )
 from cartstiff.report.layout import percent
 from cartstiff.report.statics import describe_equilibrium
+from cartstiff.stiffness import posture_notes
 
 
 def test_stored_energy_is_that_of_the_springs_alone():
@@ -300,3 +302,32 @@ def test_legs_with_equal_shares_are_named_together(force: list[float], words: st
     (said,) = largest_share(deflection, cubic)
     assert said.endswith(f" comes from each of {', '.join(alike)}" if len(alike) > 1 else alike[0])
     assert said.endswith(words)
+
+
+def test_a_display_says_what_does_not_exist_and_never_raises(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Results compute what is shown when it is shown, in a debugger as in a notebook."""
+    said = "line 1 has zero length: its direction does not exist"
+
+    def fails(*_: object) -> None:
+        raise UndefinedError(said, code="zero-length-line")
+
+    mechanism = cartstiff.load("cubic")
+    posture = cartstiff.analyse(mechanism)
+    modes = cartstiff.assemble(cartstiff.load("five-bar")).modes
+    monkeypatch.setattr(posture_notes, "notes_on_posture", fails)
+    monkeypatch.setattr(type(posture), "tangent", property(fails))
+    monkeypatch.setattr(type(mechanism), "spring_names", property(fails))
+    monkeypatch.setattr(type(modes[0]), "eigenvalue", property(fails))
+    for shown in (posture, modes[0]):
+        assert repr(shown) == f"{type(shown).__name__}: {said}"
+    for shown in (posture, modes[0], mechanism):
+        assert said in shown._repr_html_()
+
+
+def test_line_springs_without_a_line_are_refused() -> None:
+    with pytest.raises(InputError, match="no lines; expected at least one"):
+        cartstiff.LineSprings(
+            anchors=np.zeros((0, 3)), points=np.zeros((0, 3)), stiffness=[], rest_length=[]
+        )

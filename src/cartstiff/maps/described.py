@@ -59,6 +59,22 @@ def require(is_so: bool, what: str) -> None:
         raise ValueError(what)
 
 
+def loaded(text: str | bytes) -> Any:
+    """Read JSON of a map.
+
+    Raises
+    ------
+    ValueError
+        If it is none, or a whole number in it is no floating-point number.
+    """
+    return json.loads(text, parse_int=_whole)
+
+
+def _whole(digits: str) -> int:
+    require(isfinite(float(digits)), "a number")
+    return int(digits)
+
+
 def check_described(root: Mapping[str, Any]) -> None:
     """Refuse the content of a ``zarr.json`` that no map has.
 
@@ -70,7 +86,7 @@ def check_described(root: Mapping[str, Any]) -> None:
     attributes, nodes = root["attributes"], root["consolidated_metadata"]["metadata"]
     for key, fits in _ATTRIBUTES.items():
         require(fits(attributes[key]), f"attribute {key}")
-    joints = _check_identity(json.loads(attributes["description"]))
+    joints = _check_identity(loaded(attributes["description"]))
     about = nodes["parts"]["attributes"]
     names, objects = about["arrays"], about["objects"]
     require(_list_of(names, _is_text) and len(names) <= _MAX_ARRAYS >= len(nodes), "its arrays")

@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
 import stat
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
@@ -21,14 +20,14 @@ from functools import cached_property
 from math import ceil, prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
-from uuid import uuid4
 
 import numpy as np
 
 from cartstiff.arrays import Array
 from cartstiff.errors import CartstiffError, InputError, checked_kind, imported, one_line
-from cartstiff.maps.described import MAX_DESCRIPTION, MAX_PARTS, check_described
+from cartstiff.maps.described import MAX_DESCRIPTION, MAX_PARTS, check_described, loaded
 from cartstiff.maps.sampling import Sampling, dimension_name
+from cartstiff.writing import create_folder, remove_abandoned
 
 if TYPE_CHECKING:
     import xarray
@@ -275,7 +274,7 @@ def _checked_attributes(address: Any, store: Any) -> dict[str, Any]:
     if text is None:
         raise InputError("is not a map", where=where, expected="a folder made by 'cartstiff map'")
     try:
-        root = json.loads(text)
+        root = loaded(text)
         attributes = dict(root["attributes"])
         there, is_whole = attributes["schema"], _description_checksum(root) == attributes[CHECKSUM]
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
@@ -408,16 +407,7 @@ class MapFile:
             if place is None:
                 _put(_stored(address), objects)
                 return
-            # Process numbers are equal in containers, and in the threads of a process.
-            new = place.with_name(f".{place.name}.{uuid4().hex}.new")
-            try:
-                _put(_stored(new), objects)
-                new.rename(place)
-            except OSError:
-                if not place.exists():  # another process may have created it in the meantime
-                    raise
-            finally:
-                shutil.rmtree(new, ignore_errors=True)
+            create_folder(place, lambda new: _put(_stored(new), objects))
 
     @property
     def where(self) -> str:
@@ -583,6 +573,7 @@ class MapFile:
                 ) from None
             except OSError:  # file systems without locks
                 pass
+            remove_abandoned(folder.absolute().parent)
             for path in folder.rglob("*.partial"):  # left by a killed process
                 path.unlink(missing_ok=True)
             yield

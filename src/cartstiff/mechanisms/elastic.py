@@ -351,7 +351,7 @@ class ElasticMechanism(ShownInLines):
             lines.append(f"  gravity     {self.gravity.tolist()}")
         return lines
 
-    def _repr_html_(self) -> str:
+    def _tables(self) -> str:
         rows = [(n, f"{x:.6g}") for n, x in zip(self.names_with_units, self.q, strict=True)]
         tables = html_table([("posture", 2)], rows)
         if self.springs is not None:
@@ -365,7 +365,7 @@ class ElasticMechanism(ShownInLines):
                 for i, (n, k, s) in enumerate(shown)
             ]
             tables += html_table([("stiffness of the springs", 2)], springs)
-        return super()._repr_html_() + tables
+        return tables
 
     def _acting(self) -> list[object]:
         return [p for p in (self.springs, *self.potentials) if p is not None]

@@ -167,6 +167,8 @@ class LineSprings(PosePotential):
                 )
             value.flags.writeable = False
             object.__setattr__(self, name, value)
+        if not len(self.anchors):
+            raise InputError("line springs: no lines", expected="at least one")
         if np.any(self.stiffness <= 0):
             least = float(self.stiffness.min())
             raise InputError("line spring stiffness must be above zero", got=least)

@@ -287,14 +287,13 @@ class PostureStiffness(LabelledResult):
         figure.suptitle(title)
         return figure
 
-    def _repr_html_(self) -> str:
-        lines = super()._repr_html_()
+    def _tables(self) -> str:
         if self.tangent is None:
-            return lines
+            return ""
         if not self.is_loaded:
-            return lines + self.B._repr_html_()
+            return self.B._repr_html_()
         title = "K under the load"
-        return lines + matrix_html(self.tangent, self._tangent_units, title, se3.ANGULAR_LINEAR)
+        return matrix_html(self.tangent, self._tangent_units, title, se3.ANGULAR_LINEAR)
 
     @property
     def frame(self) -> str:
