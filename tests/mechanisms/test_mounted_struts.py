@@ -130,3 +130,18 @@ def test_mass_in_a_strut_is_mass_in_its_leg(tmp_path):
     assert one[0] < 0.95 * cartstiff.modes(_machine(tmp_path, body=body)).frequencies[0]
     with pytest.raises(InputError, match="not both"):
         _machine(tmp_path, {"strut": LEGS["strut"] | {"mass": bars}, "mass": bars})
+
+
+@pytest.mark.parametrize("driven", [True, False])
+def test_a_preload_is_the_force_of_struts_on_compliant_bodies(tmp_path, driven):
+    """At every commanded pose of driven struts; of passive ones at the file's pose."""
+    legs = LEGS | {"preload": 150.0, "driven": driven}
+    elastic = _machine(tmp_path, legs, flexible=FLEXIBLE)
+    for step in (0.0, 1.0) if driven else (0.0,):
+        q = elastic.q + step * np.array([2e-4, -1e-4, 3e-4, 1e-3, -1e-3, 5e-4])
+        result = analyse(elastic, q)
+        springs = result.elastic.springs
+        forces = springs.tensions(springs.lengths_at(result.pose))
+        assert forces == pytest.approx(np.full(6, 150.0), rel=1e-6)
+        # A rest length is that of the energy's gradient, too.
+        assert result.wrench == pytest.approx(springs.on_pose(result.pose)[1], rel=1e-6, abs=1e-6)

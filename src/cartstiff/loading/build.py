@@ -1586,7 +1586,10 @@ def _legs(
     if preload is None:
         return springs
     # A passive spring was made with its rest length; a drive winds its leg to the tension.
-    rests = np.where(drives, np.nan, lengths - preload / springs.stiffness)
+    own = lengths - preload / springs.stiffness
+    if isinstance(springs, FlexureStruts):
+        own = springs.wound(T_F_M[None], preload)[0]
+    rests = np.where(drives, np.nan, own)
     wound = np.where(drives, preload, np.nan) if any(drives) else None
     return replace(springs, rest_length=rests, preload=wound)
 

@@ -334,9 +334,9 @@ class FlexureStruts(LineSprings):
             return rest, free
         wound = held if self.preload is None or np.count_nonzero(free) <= 6 else held | free
         tensions = np.where(wound, np.nan_to_num(self.given_tensions(self.rest_length)), 0.0)
-        return np.where(np.isnan(rest), self._wound(T_a_b, tensions), rest), free
+        return np.where(np.isnan(rest), self.wound(T_a_b, tensions), rest), free
 
-    def _wound(self, T_a_b: Array, tensions: Array) -> Array:
+    def wound(self, T_a_b: Array, tensions: Array) -> Array:
         """Rest lengths (N, m) of straight struts with tensions (m,) at poses."""
         lengths = lines_of_many(T_a_b, self.anchors, self.points).lengths
         return np.asarray(lengths - tensions / self.stiffness)

@@ -34,6 +34,8 @@ from cartstiff.potentials.flexure_struts import (
 from cartstiff.potentials.line_springs import lines_of_many
 
 _MAX_STEPS = 40
+#: Newton steps for rest lengths, which start close to them.
+_WINDING_STEPS = 6
 
 
 class Mount(NamedTuple):
@@ -92,7 +94,7 @@ class MountedStruts(FlexureStruts):
             return super().lengths_at(T_a_b)
         return super().lengths_at(self._at_rest_in(T_a_b[None], self.rest_length[None]).T[0])
 
-    def _wound(self, T_a_b: Array, tensions: Array) -> Array:
+    def wound(self, T_a_b: Array, tensions: Array) -> Array:
         """Rest lengths (N, m) of struts with tensions (m,), with base and platform deflected."""
         lines = lines_of_many(T_a_b, self.anchors, self.points)
         W, before = tensions @ lines.lines, lines.lengths
@@ -106,7 +108,26 @@ class MountedStruts(FlexureStruts):
             if not moved > numerics.ROUNDOFF * self.made.max():
                 break
             before = lines.lengths
-        return np.asarray(lines.lengths - tensions / self.stiffness)
+        return self._exactly_wound(T_a_b, tensions, lines.lengths - tensions / self.stiffness)
+
+    def _exactly_wound(self, T: Array, tensions: Array, rest: Array) -> Array:
+        """Rest lengths (N, m) near given ones, by Newton's method: bent struts turn the mounts."""
+        for _ in range(_WINDING_STEPS if tensions.any() else 0):
+            missed = self._tensions_of(T, rest) - tensions
+            if not np.abs(missed).max() > numerics.NEGLIGIBLE_DIFFERENCE * np.abs(tensions).max():
+                break
+            step = numerics.NEGLIGIBLE_DISTANCE * float(self.made.max())
+            changed = [self._tensions_of(T, rest + step * e) for e in np.eye(len(self.made))]
+            rates = (np.stack(changed, axis=-1) - (missed + tensions)[..., None]) / step
+            better = rest - solved(rates, missed[..., None])[..., 0]
+            rest = np.where(np.isfinite(better).all(axis=-1, keepdims=True), better, rest)
+        return np.asarray(rest)
+
+    def _tensions_of(self, T: Array, rest: Array) -> Array:
+        """Tensions (N, m) of rest lengths (N, m) at M's poses."""
+        ends = self._at_rest_in(T, rest).T
+        lengths = lines_of_many(ends, self.anchors, self.points).lengths
+        return np.asarray(self.stiffness * (lengths - rest))
 
     @np.errstate(over="ignore", invalid="ignore")
     def solve(
