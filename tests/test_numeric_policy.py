@@ -24,7 +24,7 @@ ALLOWED = {
     "mechanisms/tree.py": "limits that stand for none",
     "page/api.py": "bytes to megabytes",
     "identify/measurements.py": "metres that no robot moves under a newton",
-    "identify/identification.py": "how rarely chance may speak for other axes",
+    "identify/identification.py": "the error of a zero whose effect is reported",
     "choices.py": "the largest number that is taken",
     "scene/arrows.py": "the smallest loads and motions that are drawn",
     "scene/ellipsoids.py": "the thinnest body that is drawn",

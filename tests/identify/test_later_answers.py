@@ -6,14 +6,14 @@ import dataclasses
 
 import numpy as np
 import pytest
-from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, table_of
+from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, simulated, table_of
 from tests.identify.neighbours import neighbours
 from tests.support.commands import run
 
 import cartstiff
 from cartstiff import DeadWrench, compensate, equilibrium
 from cartstiff.identify.identification import identify, with_result
-from cartstiff.identify.plan import candidates, simulated
+from cartstiff.identify.plan import candidates
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.statics.held import displacement_between
 

@@ -107,11 +107,6 @@ def test_two_springs_of_which_only_the_sum_is_seen(tmp_path):
     tied = identify(elastic, measured, ties=[["j1", "j2"]])
     assert tied.estimates[0].name == "j1 = j2"
     assert tied.estimates[0].stiffness == pytest.approx(2 / (1 / 1e4 + 1 / 2e4), rel=0.05)
-    held = identify(elastic, measured, known={"j1": 1e4})
-    assert held.estimates[0].stiffness == pytest.approx(2e4, rel=0.1)
-    known = identify(elastic, measured, priors={"j1": (1e4, 100.0)})
-    assert known.estimates[1].stiffness == pytest.approx(2e4, rel=0.1)
-    assert known.estimates[0].deviation == pytest.approx(100.0 / 1e8, rel=0.01)
 
 
 def test_a_nearly_rigid_joint_is_at_least(tmp_path):
@@ -171,15 +166,11 @@ def test_the_file_written_carries_the_covariance_into_analyse(tmp_path):
     effects = (J * (J.T @ W))[3:]
     spread = np.sqrt(np.diag(effects @ known.identified.covariance @ effects.T))
     told = analyse_posture(result, wrench=W)["uncertainty"]
-    assert told["method"] == "first order"
     for i in range(3):
         entry = told["numbers"][f"deflection.displacement[{i}]"]
         assert entry["deviation"] == pytest.approx(spread[i], rel=1e-5)
         half = student.ppf(0.975, known.identified.degrees) * spread[i]
         assert entry["upper"] - entry["nominal"] == pytest.approx(half, rel=1e-5)
-    drawn = analyse_posture(result, wrench=W, samples=60)["uncertainty"]
-    entry = drawn["numbers"]["deflection.displacement[0]"]
-    assert entry["deviation"] == pytest.approx(spread[0], rel=0.35)
     # Springs given anew are not the measured ones.
     assert known.with_springs(1e4).identified is None
 

@@ -245,34 +245,11 @@ def test_gross_errors_are_named_and_do_not_bend_the_robust_fit(tmp_path):
     assert len(result.measured) == 40  # nothing is dropped silently
     for e, theta in zip(clean.estimates, result.robust.fit.theta, strict=True):
         assert e.interval[0] <= theta <= e.interval[1]
-    dropped = identify(elastic, measured, reject="suspects")
-    assert [r.row for r in dropped.rejected] == [7, 31]
-    assert "residual" in dropped.rejected[0].reason
-    robust = identify(elastic, measured, fit="robust")
-    assert [e.compliance for e in robust.estimates] == pytest.approx(
-        [e.compliance for e in dropped.estimates], rel=1e-9
-    )
+    dropped = identify(elastic, measured.chosen(~np.isin(np.arange(40), [6, 30])))
+    for e, other in zip(result.estimates, dropped.estimates, strict=True):
+        assert abs(e.compliance - other.compliance) < 0.5 * other.deviation
+        assert e.deviation == pytest.approx(other.deviation, rel=0.15)
     assert clean.suspects == []
-
-
-def test_repeats_show_what_the_model_does_not_explain(tmp_path):
-    """A play of 0.2 mrad in j2: repeats agree, the model does not, and the pattern is named."""
-    elastic = load(arm("elbow", tmp_path))
-    q, W, d = random_campaign(elastic, SPRINGS["elbow"], 24, 11, sd=0.0)
-    for i in range(24):
-        J = jacobian(elastic, q[i])
-        d[i] += J[:, 1] * 2e-4 * np.sign(J[:, 1] @ W[i])
-    q, W, d = np.repeat(q, 2, 0), np.repeat(W, 2, 0), np.repeat(d, 2, 0)
-    d += np.random.default_rng(1).normal(size=d.shape) * 1e-5
-    result = identify(elastic, read_measurements(table_of(tmp_path / "m.csv", q, W, d), elastic))
-    assert result.checks.repeats == 72
-    assert result.checks.lack_of_fit < 1e-6
-    (worst,) = result.checks.patterns  # none that imitates it, and no negative play
-    assert (worst.kind, worst.name) == ("backlash", "j2")
-    assert worst.size == pytest.approx(2e-4, rel=0.3)
-    assert {"lack-of-fit", "residual-pattern"} <= {n.code for n in result.notes}
-    told = next(n for n in result.notes if n.code == "residual-pattern")
-    assert " rad" in told.message
 
 
 def test_leave_one_posture_out_is_what_leaving_out_gives(tmp_path):
@@ -289,7 +266,7 @@ def test_leave_one_posture_out_is_what_leaving_out_gives(tmp_path):
     y, _ = result.model.at(others.chosen.theta)
     mine = result.model.observations.row < 2
     expected = (result.model.observations.target - y)[mine]
-    assert result.checks.left_out[mine] == pytest.approx(expected, rel=1e-6, abs=1e-12)
+    assert result.left_out[mine] == pytest.approx(expected, rel=1e-6, abs=1e-12)
 
 
 def test_the_springs_of_a_loop_without_named_motors_are_its_motors(tmp_path):

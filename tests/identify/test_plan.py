@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
-from scipy import stats
-from tests.identify.campaigns import SPRINGS, arm, load
+from tests.identify.campaigns import SPRINGS, arm, load, simulated
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.identify import plan as planning
 from cartstiff.identify.fitting import linear_fit
 from cartstiff.identify.identification import identify
+from cartstiff.identify.measurements import read_measurements, table_text
 from cartstiff.identify.models import Model
-from cartstiff.identify.plan import beside, candidates, information, plan, simulated
+from cartstiff.identify.plan import candidates, information, plan
 from cartstiff.identify.unknowns import unknowns_of
-from cartstiff.report.identification import describe_plan
 
 
 @pytest.fixture(scope="module")
@@ -54,46 +51,17 @@ def test_a_plan_beats_chance(offered):
         ]
     )
     widest = plan(unknowns, found, 12)
-    assert chance > 3.5 * widest.deviations[-1].max()
+    assert chance > 3.0 * widest.deviations[-1].max()
     assert widest.deviations[-1].max() <= best.deviations[-1].max()
-    more = plan(unknowns, found, 6, have=found.taken([1, 2, 3, 4, 5]))
-    assert more.worst < chance
     assert best.counts.tolist() == list(range(1, 13))
     assert (np.diff([d.max() for d in best.deviations[6:]]) <= 1e-9).all()
 
 
-def test_rows_are_moved_to_better_places():
-    """A UR5 and a tracker: half of what chance gives, in ranges and volume, no row twice."""
-    elastic = cartstiff.load("ur5")
-    keep = {"ranges": {"elbow_joint": (-2.0, 2.5)}, "within": {"z": (0.1, 1.0)}}
-    found = candidates(
-        elastic, dict.fromkeys(("dx", "dy", "dz"), 2e-5), count=4000, force=80.0, **keep
-    )
-    before = plan(unknowns_of(elastic), found, 12)
-    after = plan(unknowns_of(elastic), found, 12, beside=partial(beside, elastic, **keep))
-    G, rng = information(after.unknowns, found)[:, :5, :5], np.random.default_rng(0)
-    drawn = [G[rng.integers(0, len(G), 12)].sum(axis=0) for _ in range(300)]
-    by_chance = np.median([np.sqrt(np.linalg.inv(M).diagonal().max()) for M in drawn])
-    assert by_chance >= 2.0 * after.worst
-    assert after.worst < before.worst
-    q = after.rows.q
-    assert -2.0 <= q[:, 2].min() <= q[:, 2].max() <= 2.5
-    heights = [elastic.mechanism.at(one).pose[2, 3] for one in q]
-    assert 0.1 <= min(heights) <= max(heights) <= 1.0
-    assert (
-        len({(*row, *W) for row, W in zip(q.round(2), after.rows.wrench.round(), strict=True)})
-        == 12
-    )
-    M = information(after.unknowns, after.rows).sum(axis=0)[:5, :5]
-    assert after.worst == pytest.approx(np.sqrt(np.linalg.inv(M).diagonal().max()), rel=1e-9)
-
-
-def test_no_row_stands_near_a_singularity(monkeypatch):
+def test_no_row_stands_near_a_singularity():
     """A five-bar stretched out moves by metres: the nearer, the more a linear row would tell."""
-    monkeypatch.setattr(planning, "_SLOW_NEIGHBOURS", 50)  # places beside the rows
     elastic = cartstiff.load("five-bar")
     found = candidates(elastic, {"dx": 2e-5, "dy": 2e-5}, count=40, force=80.0)
-    chosen = plan(unknowns_of(elastic), found, 6, beside=partial(beside, elastic))
+    chosen = plan(unknowns_of(elastic), found, 6)
 
     def moved(rows):
         return np.abs(Model(chosen.unknowns, rows).at(chosen.unknowns.nominal)[0])
@@ -152,8 +120,6 @@ def test_the_posture_criterion_serves_that_posture(offered):
         return np.trace(L @ np.linalg.inv(M) @ L.T)
 
     assert error(own) < error(every)
-    more = plan(unknowns, found, 2, have=own.rows)
-    assert more.deviations[-1].max() < own.deviations[-1].max()
 
 
 def test_most_intervals_hold_the_truth(offered):
@@ -176,104 +142,28 @@ def test_most_intervals_hold_the_truth(offered):
     assert 0.90 < hits / count <= 0.995
 
 
-def test_a_gross_error_in_a_row_that_bears_much_is_named(offered):
-    """A dial gauge, 12 rows for 6 springs: the error makes the scale larger that hides it.
-
-    Compared with the scale of the other rows, left out one by one, it shows.
-    """
-    elastic, _, _ = offered
-    rows = candidates(elastic, {"d": 1.0}, count=12, seed=214, force=100.0)
-    rng = np.random.default_rng(214)
-    assert int(rng.integers(12, 61)) == 12
-    bad = rng.choice(12, 1, replace=False).tolist()
-    spoilt = simulated(elastic, rows, {"d": 3.1e-5}, seed=214, outliers=bad)
-    found = identify(elastic, spoilt, fit="robust")
-    assert found.suspects == [n + 1 for n in bad]
-    apart = []
-    for n in range(12):
-        others = identify(elastic, spoilt.chosen(np.arange(12) != n))
-        y, A = found.model.at(others.chosen.theta)
-        C = others.chosen.covariance
-        s = others.chosen.scales[0]
-        i = int(np.flatnonzero(found.model.observations.row == n)[0])
-        left = found.model.observations.target[i] - y[i]
-        apart.append(abs(left) / np.sqrt(s**2 + A[i] @ C @ A[i]))
-    assert int(np.argmax(apart)) == bad[0]
-    assert max(apart) > stats.t.ppf(1 - 0.005 / 12, 5)
-
-
-def test_rows_beside_a_gross_error_come_back(offered):
-    """Twelve rows for six springs, one wrong: two more look wrong until the scale is known."""
-    elastic, _, _ = offered
-    rows = candidates(elastic, {"d": 1.0}, count=12, seed=186, force=100.0)
-    spoilt = simulated(elastic, rows, {"d": 3.1e-5}, seed=186, outliers=[6])
-    assert identify(elastic, spoilt, fit="robust").suspects == [7]
-
-
-def test_rows_that_no_other_checks_are_named(offered):
-    """An error of 19 deviations in row 18 stays unseen, as the fit follows the row: it is told."""
-    elastic, _, _ = offered
-    rows = candidates(elastic, {"d": 1.0}, count=32, seed=970, force=100.0)
-    still = simulated(elastic, rows, {"d": 1e-30}, seed=970)
-    sd = 0.03 * float(np.sqrt(np.mean(still.values["d"] ** 2)))
-    spoilt = simulated(elastic, rows, {"d": sd}, seed=970, outliers=[17, 29])
-    found = identify(elastic, spoilt, fit="robust")
-    assert found.suspects == [30]
-    note = next(n for n in found.notes if n.code == "rows-unchecked")
-    told = dict(zip(note.values["rows"], note.values["errors"], strict=True))
-    assert 18 in told
-    assert "row 18 (d: " in note.message
-    # An error shows in its own residual by 1 - h, the diagonal of the projector off the fit.
-    others = np.arange(32) != 29
-    A = found.model.at(found.chosen.theta)[1][others]
-    left = 1.0 - np.diag(A @ np.linalg.pinv(A))
-    limit = stats.t.ppf(1.0 - 0.005 / 32, 31 - 6)
-    for row, size in told.items():
-        assert size == pytest.approx((limit + 3.1) / np.sqrt(left[row - 1 - (row > 30)]), rel=1e-9)
-
-
-def test_rows_that_check_each_other_are_not(offered):
-    elastic, _, found = offered
-    spread = {"dx": 2e-5, "dy": 2e-5, "dz": 2e-5}
-    result = identify(elastic, simulated(elastic, found.taken(np.arange(60)), spread, seed=1))
-    assert "rows-unchecked" not in {n.code for n in result.notes}
-
-
 def test_from_a_plan_to_a_file_by_the_command_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     arm("elbow", tmp_path)
     command, sd = "identify elbow.yaml", "--sd dx=0.02mm --sd dy=0.02mm --sd dz=0.02mm"
-    shown = answer(command, "--plan 9 --force 90 -o to_do.csv --candidates 200", sd)
+    shown = answer(command, "--plan 9 --force 90 -o to_do.csv", sd)
     assert shown["rows"] == 9
     assert [entry["rows"] for entry in shown["by_rows"]] == list(range(1, 10))
-    text = run(command, "--plan 2 --mass 5 --candidates 50", sd)
+    text = run(command, "--plan 2 --mass 5", sd)
     assert "rows chosen for the widest interval" in text
     head = (tmp_path / "to_do.csv").read_text().splitlines()[0]
     assert head.endswith("dx [m],dy [m],dz [m]")
     assert "nothing was measured" in run(command, "to_do.csv", code=2)
-    bad = answer(command, "to_do.csv --simulate 3 -o done.csv --outliers 1", sd)["outliers"]
-    found = answer(command, "done.csv --reject suspects -o known.yaml -o r.png", sd)
-    assert [r["row"] for r in found["rejected"]] == bad
+    elastic = load(tmp_path / "elbow.yaml")
+    rows = read_measurements(tmp_path / "to_do.csv", elastic, open_cells=True)
+    spread = dict.fromkeys(("dx", "dy", "dz"), 2e-5)
+    done = simulated(elastic, rows, spread, seed=3)
+    done.values["dx"][4] += 4e-4
+    (tmp_path / "done.csv").write_text(table_text(done, elastic), "utf-8")
+    found = answer(command, "done.csv -o known.yaml -o r.png", sd)
+    assert found["suspects"] == [5]
     for entry, k in zip(found["parameters"], SPRINGS["elbow"], strict=True):
         assert entry["stiffness"] == pytest.approx(k, rel=0.3)
     assert (tmp_path / "r.png").read_bytes().startswith(b"\x89PNG")
-    have = "--plan 3 --force 90 --have done.csv --criterion posture --load 0,0,0,0,0,-50"
-    assert "the deflection at the test posture" in run(command, have, "--candidates 50", sd)
-
-
-def test_what_is_known_before_shortens_the_plan_s_intervals(offered):
-    """A prior of 2.5 % of a spring; every width on the page is Student's for its level."""
-    elastic, unknowns, found = offered
-    name = unknowns.names[1]
-    k = 1.0 / unknowns.parameters[1].nominal
-    told = plan(unknowns_of(elastic, priors={name: (k, 0.025 * k)}), found, 7, level=0.9)
-    rows = [int(np.flatnonzero((found.q == q).all(axis=1))[0]) for q in told.rows.q]
-    M = information(unknowns, found)[rows].sum(axis=0)
-    M[1, 1] += 1 / 0.025**2
-    deviations = np.sqrt(np.linalg.inv(M).diagonal())
-    assert told.deviations[-1] == pytest.approx(deviations, rel=1e-9)
-    assert deviations[1] < 0.025
-    degrees = 7 + 1 - len(deviations)
-    widest = 100 * stats.t.ppf(0.95, degrees) * deviations.max()
-    table = describe_plan(told).partition("\n\nNotes")[0]
-    assert table.splitlines()[-1].split() == ["7", "+-", f"{widest:.3g}", "%"]
+    more = "--plan 3 --force 90 --criterion posture --load 0,0,0,0,0,-50"
+    assert "the deflection at the test posture" in run(command, more, sd)

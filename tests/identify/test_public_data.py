@@ -38,7 +38,7 @@ def test_estimates_and_intervals_are_scipys(robot, left_out):
     half = scipy.stats.t.ppf(0.975, len(y) - 6) * np.sqrt(variance)
 
     rows = read_measurements(CASE / "measurements.csv", robot).chosen(kept)
-    found = identify(robot, rows).estimates
+    found = identify(robot, rows, fit="plain").estimates
     assert np.abs([e.compliance for e in found] / c - 1).max() <= ROUNDING
     assert np.abs([e.deviation for e in found] / np.sqrt(variance) - 1).max() <= ROUNDING
     ends = np.array([e.interval for e in found])
@@ -52,7 +52,7 @@ def test_the_bundled_file_holds_what_the_data_say(robot):
     inputs = read_case(CASE).inputs
     rows = read_measurements(CASE / "measurements.csv", robot)
     kept = ~np.isin(rows.rows, inputs["rejected_rows"])
-    found = identify(robot, rows.chosen(kept))
+    found = identify(robot, rows.chosen(kept), fit="plain")
     known = robot.identified
     assert np.abs(robot.springs.stiffness * known.values - 1).max() <= ROUNDING
     assert np.abs([e.compliance for e in found.estimates] / known.values - 1).max() <= ROUNDING

@@ -8,8 +8,6 @@ import pytest
 from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, table_of
 from tests.support.commands import answer, run
 
-import cartstiff
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
@@ -55,14 +53,3 @@ def test_a_tool_given_by_option_is_that_point(folder, tmp_path):
     assert not file.exists()
     run(*command, "--gravity 0,0,-3.7 -o", file)
     assert "gravity: [0.0, 0.0, -3.7]\n" in file.read_text()
-
-
-def test_radians_that_are_read_as_degrees_are_doubted(folder, tmp_path):
-    """A campaign in which no joint leaves zero by more than a few degrees; the fit goes on."""
-    head, _, rows = (folder / "good.csv").read_text("utf-8").partition("\n")
-    names = set(cartstiff.load(folder / "elbow.yaml").names)
-    heads = [f"{name} [deg]" if name in names else name for name in head.split(",")]
-    (tmp_path / "deg.csv").write_text(f"{','.join(heads)}\n{rows}", "utf-8")
-    for file, is_doubtful in ((tmp_path / "deg.csv", True), (folder / "good.csv", False)):
-        found = answer("identify", folder / "elbow.yaml", file)
-        assert ("small-angles" in [note["code"] for note in found["notes"]]) == is_doubtful

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from tests.identify.campaigns import measurements, write_table
+from tests.identify.campaigns import measurements, simulated, write_table
 from tests.support.commands import run
 
 import cartstiff
@@ -15,7 +15,7 @@ from cartstiff.errors import InputError
 from cartstiff.identify.fitting import rates_by_step
 from cartstiff.identify.identification import identify
 from cartstiff.identify.measurements import read_measurements
-from cartstiff.identify.plan import candidates, plan, simulated
+from cartstiff.identify.plan import candidates, plan
 from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.potentials.loads import DeadWrench
@@ -186,13 +186,13 @@ def test_zeros_and_springs_come_back_together(arm, tmp_path):
 def test_what_half_a_milliradian_does_is_what_the_note_says(arm, tmp_path):
     """The same rows with one zero off by 0.5 mrad: the springs move by no more than was said."""
     zeros = np.zeros(6)
-    clean = _found(arm, campaign(tmp_path / "a.csv", zeros=zeros), ())
+    clean = _found(arm, campaign(tmp_path / "a.csv", zeros=zeros), (), fit="plain")
     said = next(n for n in clean.notes if n.code == "zeros-taken-as-known").values["stiffness"]
     there, worst = clean.chosen.unbounded, np.zeros(6)
     for j in range(1, 6):
         off = zeros.copy()
         off[j] = -5e-4
-        moved = _found(arm, campaign(tmp_path / "b.csv", zeros=off), ()).chosen
+        moved = _found(arm, campaign(tmp_path / "b.csv", zeros=off), (), fit="plain").chosen
         worst = np.maximum(worst, np.abs(moved.unbounded - there))
     for e, change in zip(clean.estimates, worst, strict=True):
         if np.isfinite(said.get(e.name, np.inf)):
@@ -293,7 +293,7 @@ def test_command_line(tmp_path):
     text = run("identify", file, path, "--unknown", "zeros,tool")
     assert "elbow_joint.zero" in text
     assert "tool.y" in text
-    few = ("--plan", "9", "--mass", "5", "--candidates", "50", "--sd")
+    few = ("--plan", "9", "--mass", "5", "--sd")
     planned = run("identify", file, *few, "x=0.02mm", "--unknown", "joints,zeros")
     assert "Predicted standard deviations of zeros and offsets" in planned
     assert "shoulder_pan_joint.zero" in planned
@@ -337,22 +337,6 @@ def test_a_zero_about_an_axis_through_the_tool_does_not_take_the_tools_place():
         assert g.name == predicted.name
         assert g.sd == (None if predicted.sd is None else pytest.approx(predicted.sd, rel=0.02))
     assert result.placed["wrist_3_joint.zero"] == 0.0
-
-
-def test_a_plan_takes_the_frames_of_measured_sessions_as_unknown(arm, tmp_path):
-    """Rows in two frames add less than rows in the base frame, as much as the fit of all says."""
-    frames = np.repeat(["a", "b"], 15).tolist()
-    path = campaign(tmp_path / "a.csv", rows=30, zeros=np.zeros(6), session=frames)
-    have = read_measurements(path, arm)
-    found = candidates(arm, dict.fromkeys("xyz", 5e-5), count=100, mass=10.0, seed=1)
-    unknowns = unknowns_of(arm, ())
-    alone = plan(unknowns, found, 1, have=have).deviations[-1][1:]
-    result = identify(arm, have)
-    fitted = np.array([e.deviation for e in result.estimates])[1:] / unknowns.nominal[1:]
-    assert np.all(alone < fitted * 1.05)
-    assert np.median(alone / fitted) > 0.6
-    based = plan(unknowns, found, 1, have=replace(have, session=())).deviations[-1][1:]
-    assert np.all(based < alone)
 
 
 def test_intervals_of_session_positions_count_the_linear_models_error(arm, tmp_path):
@@ -516,17 +500,6 @@ def test_a_session_has_no_name_of_an_offset_that_is_sought(arm, tmp_path):
     source = campaign(tmp_path / "a.csv", session=np.full(40, "tool"))
     with pytest.raises(InputError, match=r"column session: has the name of an offset .* got tool"):
         _found(arm, source, ("joints", "tool"))
-
-
-def test_simulated_rows_keep_their_sessions_and_times(tmp_path):
-    """A table that is filled in is the user's own: the fit needs its sessions."""
-    file, source = _urdf(tmp_path / "ten.yaml"), tmp_path / "a.csv"
-    campaign(source, rows=6, session=["=a", "b", "=a", "b", "=a", "b"], time=np.arange(6.0))
-    run("identify", file, source, "--simulate", 1, "--sd", "x=1um", "-o", tmp_path / "b.csv")
-    arm = cartstiff.load(str(file))
-    rows = [read_measurements(tmp_path / name, arm) for name in ("a.csv", "b.csv")]
-    assert rows[0].session == rows[1].session
-    assert rows[0].time.tolist() == rows[1].time.tolist() == [0, 1, 2, 3, 4, 5]
 
 
 @pytest.mark.parametrize("word", ["tool", "base"])

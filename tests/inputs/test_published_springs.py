@@ -113,7 +113,7 @@ def test_assumed_springs_are_the_first_sentence(tmp_path):
         ("path", [path, load]),
         ("map", [grid, tmp_path / "map.zarr"]),
         ("frames", []),
-        ("identify", ["--plan 3 --mass 5 --sd dx=0.01mm --candidates 50"]),
+        ("identify", ["--plan 3 --mass 5 --sd dx=0.01mm"]),
     ):
         first = run(command, urdf, *more).split("\n")[0]
         assert first.startswith("No joint stiffness was given: 10000 N m/rad"), command

@@ -2,10 +2,18 @@
 
 import numpy as np
 import pytest
+from tests.identify.campaigns import simulated
 from tests.support.commands import answer, run
 
+import cartstiff
 from cartstiff.arrays import csv_rows, csv_text
 from cartstiff.errors import InputError
+from cartstiff.identify.measurements import (
+    DISPLACEMENT,
+    ROTATION,
+    read_measurements,
+    table_text,
+)
 from cartstiff.loading.tables import read_rows
 from cartstiff.mechanisms.contract import Units
 
@@ -134,12 +142,11 @@ def test_a_seam_in_three_commands(big_arm):
     heads = c.read_text().splitlines()[0].split(",")
     assert {"before_rx [rad]", "before_z [m]", "after_y [m]"} <= set(heads)
     # The loads of a path are along the tool's axes: measured there, they give the springs back.
-    m = folder / "m.csv"
-    seen = [word for axis in "xyz" for word in ("--sd", f"d{axis}=1e-6mm")]
-    seen += [word for axis in "xyz" for word in ("--sd", f"dr{axis}=1e-6mrad")]
-    unneeded = "not needed here"
-    run("identify", *robot[:3], "--simulate", 1, p, *seen, f"-o {m}", said=unneeded)
-    found = answer("identify", *tool, m, *seen)["parameters"]
+    elastic, m = cartstiff.load(big_arm, tcp=(0, 0, 0.2)), folder / "m.csv"
+    rows = read_measurements(p, elastic, open_cells=True)
+    columns = dict.fromkeys((*DISPLACEMENT, *ROTATION), 1e-9)
+    m.write_text(table_text(simulated(elastic, rows, columns), elastic), "utf-8")
+    found = answer("identify", *tool, m)["parameters"]
     for entry in found:
         assert not entry["identifiable"] or abs(entry["stiffness"] / 1e4 - 1) < 1e-2, entry
     assert sum(entry["identifiable"] for entry in found) >= 3

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -138,7 +137,7 @@ class Fit:
     tie: tuple[str, ...] = ()
     offsets: Literal["rigid", "translation", "none"] | None = None
     loaded: bool = False
-    fit: Literal["plain", "robust"] = "plain"
+    fit: Literal["plain", "robust"] | None = None
 
     @property
     def unknowns(self) -> dict[str, Any]:
@@ -206,19 +205,19 @@ class Plan:
         import numpy as np
 
         from cartstiff.identify.measurements import table_text
-        from cartstiff.identify.plan import beside, candidates, plan
+        from cartstiff.identify.plan import candidates, plan
         from cartstiff.identify.unknowns import unknowns_of
         from cartstiff.report.identification import describe_plan
 
         spreads = table.deviations(elastic)
         unknowns = unknowns_of(elastic, **fit.unknowns)
-        where: dict[str, Any] = {"ranges": self.ranges or {}, "within": self.within or {}}
         offered = candidates(
             elastic,
             spreads,
             mass=self.mass or 0.0,
             force=(self.force or 0.0) / elastic.units.newtons,
-            **where,
+            ranges=self.ranges,
+            within=self.within,
             point=table.keywords["point"],
             load_at=table.keywords["load_at"],
         )
@@ -236,7 +235,6 @@ class Plan:
             self.plan or 1,
             criterion=self.criterion or "worst",
             test=test,
-            beside=partial(beside, elastic, **where),
         )
         out.show(
             chosen.to_dict(),

@@ -66,12 +66,12 @@ class Fit:
         Factors on the deviations of lengths and angles: estimated where unknown.
     degrees : float
         Degrees of freedom of the t distribution; infinite where all deviations are known.
-    basis : ndarray (m + priors, r)
-        Orthonormal basis of the range of the columns over the deviations.
+    root : ndarray (m,)
+        Roots of the weights beside the deviations: 1 but in the robust fit.
+    basis : ndarray (m, r)
+        Orthonormal basis of the range of the columns over the deviations, times `root`.
     half : ndarray (P + S, r)
         The solution of least norm is ``half @ basis.T @ b``, its covariance ``half @ half.T``.
-    active : ndarray of bool (P,)
-        Parameters at their bound.
     """
 
     regressor: Array
@@ -86,25 +86,20 @@ class Fit:
     directions: Array
     residual: Array
     deviation: Array
+    root: Array
     scales: tuple[float, float]
     degrees: float
     basis: Array
     half: Array
-    active: NDArray[np.bool_]
 
     @property
     def leverage(self) -> Array:
         """Diagonal (m,) of the hat matrix."""
-        return np.asarray((self.basis[: len(self.residual)] ** 2).sum(axis=1))
+        return np.asarray((self.basis**2).sum(axis=1))
 
     def moved_by(self, errors: Array) -> Array:
         """Changes (P + S, k) of parameters and nuisances by errors (m, k) of the numbers."""
-        pushed = self.basis[: len(errors)].T @ (errors / self.deviation[:, None])
-        return np.asarray(self.half @ pushed)
-
-    def variances_of_predictions(self, columns: Array) -> Array:
-        """``a^T (A^T A)^-1 a`` (m,) for the rows a of columns (m, P + S) over the deviations."""
-        return np.asarray(((columns / self.deviation[:, None] @ self.half) ** 2).sum(axis=1))
+        return np.asarray(self.half @ (self.basis.T @ (errors.T * self.root / self.deviation).T))
 
     @property
     def freedom(self) -> float:
@@ -119,7 +114,7 @@ def linear_fit(
     unknowns: Unknowns,
     *,
     nuisance: Array | None = None,
-    weights: Array | None = None,
+    root: Array | None = None,
 ) -> Fit:
     """Fit parameters and nuisances to numbers.
 
@@ -132,41 +127,37 @@ def linear_fit(
     seen : Observations
         The numbers, with their standard deviations.
     unknowns : Unknowns
-        Natural sizes, bounds and prior knowledge of the parameters.
+        Natural sizes and bounds of the parameters.
     nuisance : ndarray (m, S), optional
         Columns of the nuisances.
-    weights : ndarray (m,), optional
-        Factors from 0 on the weights, as of a robust fit.
+    root : ndarray (m,), optional
+        Roots of further weights, of numbers with known deviations.
     """
     m, P = A.shape
     N = np.zeros((m, 0)) if nuisance is None else nuisance
-    extra, extra_target = unknowns.priors
-    extra = np.hstack([extra, np.zeros((len(extra), N.shape[1]))])
     bounded = unknowns.is_bounded
-    full = np.hstack([A * 1.0, N])
-    root = np.ones(m) if weights is None else np.sqrt(weights)
+    full = np.hstack([A, N])
+    root = np.ones(m) if root is None else root
     scales, floor = np.ones(2), np.full(2, numerics.TINY)
     group, unit = seen.group, seen.unit
     unknown = np.flatnonzero(~seen.is_known)
     for g in unknown:
-        largest = float(np.abs(target[group == g]).max(initial=0.0))
-        scales[g] = max(largest, numerics.TINY)
-        floor[g] = max(numerics.ROUNDOFF * largest, numerics.TINY)  # of an exact fit
+        floor[g] = _roundoff(target[group == g])
+        scales[g] = max(float(np.abs(target[group == g]).max(initial=0.0)), numerics.TINY)
     h = np.zeros(m)
     for _ in range(_MAX_SCALE_STEPS):
         deviation = unit * scales[group]
-        divided = np.vstack([full * (root / deviation)[:, None], extra])
-        right = np.append(target * root / deviation, extra_target)
-        basis = _Basis(divided, P, unknowns.sizes)
+        right = target * root / deviation
+        basis = _Basis(full * (root / deviation)[:, None], P, unknowns.sizes)
         x = basis.half @ (basis.U.T @ right)
         r = target - full @ x
-        h = (basis.U[:m] ** 2).sum(axis=1)
+        h = (basis.U**2).sum(axis=1)
         before = scales.copy()
         for g in unknown:
-            mine = (group == g) & (root > 0)
+            mine = group == g
             if mine.any():
                 left = float(np.sum(1.0 - h[mine]))
-                square = float(np.sum((root * r / unit)[mine] ** 2))
+                square = float(np.sum((r / unit)[mine] ** 2))
                 scales[g] = max(
                     np.sqrt(square / left) if left > _UNOBSERVABLE else np.nan, floor[g]
                 )
@@ -180,9 +171,9 @@ def linear_fit(
             expected="more rows, or standard deviations (columns sd_..., --sd)",
             got=f"{m} numbers for {P + N.shape[1]} unknowns",
         )
-    theta, active = x, np.zeros(P, bool)
+    theta = x
     if np.any(x[:P][bounded & basis.is_determined[:P]] < 0.0):
-        theta, active = basis.bounded(right, bounded)
+        theta = basis.bounded(right, bounded)
     covariance = basis.half @ basis.half.T
     covariance[~basis.is_determined], covariance[:, ~basis.is_determined] = np.nan, np.nan
     return Fit(
@@ -198,20 +189,17 @@ def linear_fit(
         basis.directions,
         target - full @ theta,
         unit * scales[group],
+        root,
         (float(scales[0]), float(scales[1])),
-        _degrees(seen, h, root),
+        _degrees(seen, h),
         basis.U,
         basis.half,
-        active,
     )
 
 
-def _degrees(seen: Observations, h: Array, root: Array) -> float:
+def _degrees(seen: Observations, h: Array) -> float:
     """Degrees of freedom of the least certain scale."""
-    degrees = [
-        float(np.sum((1.0 - h)[(seen.group == g) & (root > 0)]))
-        for g in np.flatnonzero(~seen.is_known)
-    ]
+    degrees = [float(np.sum((1.0 - h)[seen.group == g])) for g in np.flatnonzero(~seen.is_known)]
     return min(degrees, default=np.inf)
 
 
@@ -235,8 +223,8 @@ class _Basis:
         self.U = U[:, :rank]
         self.half = self.scale[:, None] * Vt[:rank].T / self.values[:rank]
 
-    def bounded(self, right: Array, bounded: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-        """Least squares with lower bounds at zero, and the parameters at their bound."""
+    def bounded(self, right: Array, bounded: NDArray[np.bool_]) -> Array:
+        """Least squares with lower bounds at zero."""
         from scipy.optimize import lsq_linear
 
         use = self.scale > 0.0
@@ -252,9 +240,7 @@ class _Basis:
         )
         x = np.zeros(len(use))
         x[use] = self.scale[use] * solution.x
-        active = np.zeros(self._P, bool)
-        active[use[: self._P]] = solution.active_mask[: int(use[: self._P].sum())] != 0
-        return x, active & self.is_determined[: self._P]
+        return x
 
 
 # Bounds on the evaluations of a search, and on the searches with new scales of the noise; and the
@@ -328,7 +314,11 @@ def _without_vague(fit: Fit, sizes: Array) -> Fit:
     Over such intervals the model is not linear, and the search has not moved them.
     """
     spread = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    lost = ~(spread <= _MAX_DEVIATION * np.maximum(sizes, np.abs(fit.theta)))
+    return _without(fit, ~(spread <= _MAX_DEVIATION * np.maximum(sizes, np.abs(fit.theta))))
+
+
+def _without(fit: Fit, lost: NDArray[np.bool_]) -> Fit:
+    """The fit, with further parameters that are not determined."""
     C = fit.covariance.copy()
     C[lost], C[:, lost] = np.nan, np.nan
     return replace(fit, covariance=C, is_determined=fit.is_determined & ~lost)
@@ -349,7 +339,7 @@ def _descended(
     weight, target, unknowns = 1.0 / deviation, model.observations.target, model.unknowns
     U, values, _ = np.linalg.svd(model.offsets.columns * weight[:, None], full_matrices=False)
     Q = U[:, : numerics.rank(values)]
-    sizes, bounded, (extra, extra_target) = unknowns.sizes, unknowns.is_bounded, unknowns.priors
+    sizes, bounded = unknowns.sizes, unknowns.is_bounded
     start = np.where(bounded, np.maximum(theta / sizes, numerics.TINY), theta / sizes)
     weak = np.eye(len(start)) / _START_DEVIATION
 
@@ -357,16 +347,14 @@ def _descended(
         try:
             y, _ = evaluate(z * sizes)
         except CartstiffError:  # no equilibrium, or no stiffness: a shorter step
-            return np.full(len(target) + len(extra) + len(z), np.nan)
+            return np.full(len(target) + len(z), np.nan)
         r = (y - target) * weight
-        return np.concatenate(
-            [r - Q @ (Q.T @ r), extra @ (z * sizes) - extra_target, weak @ (z - start)]
-        )
+        return np.append(r - Q @ (Q.T @ r), weak @ (z - start))
 
     def jacobian(z: Array) -> Array:
         report(float(np.linalg.norm(residual(z))))
         J = evaluate(z * sizes)[1] * weight[:, None]
-        return np.vstack([np.vstack([J - Q @ (Q.T @ J), extra]) * sizes, weak])
+        return np.vstack([(J - Q @ (Q.T @ J)) * sizes, weak])
 
     from scipy.optimize import least_squares
 
@@ -426,13 +414,14 @@ def rates_by_step(found: Mapping[str, float], word: str) -> Array:
     return G
 
 
-#: Tuning constants for 95 % efficiency, and sd over median absolute deviation, of the normal law.
-_CAUCHY, _MAD = 2.385, 1.4826
-#: Probability that a table without gross errors has a suspect, by each of two tests.
+# Tuning constant for 95 % efficiency; variance of a number over that of its weighted one,
+# ``E w E psi^2 / (E psi')^2``; sd over median absolute deviation: of the normal law.
+_CAUCHY, _WEIGHTED, _MAD = 2.385, 0.9236, 1.4826
+#: Probability that a table without gross errors has a suspect.
 _FALSE_ALARM = 0.01
-#: Standard deviations by which noise reduces an error in one of 1000 cases.
-_NOISE_IN_999_OF_1000 = 3.1
-_MAX_REWEIGHTINGS = 6
+# Bound on the fits with new scales of the loss; and the mean of psi' (0.7 for the normal law) below
+# which no majority of the numbers agrees, so that the fit stays the plain one.
+_MAX_SCALES, _LEAST_SLOPE = 20, 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -442,40 +431,22 @@ class Robust:
     Attributes
     ----------
     fit : Fit
-        Least squares without the suspect rows.
+        The least Cauchy loss of all numbers.
     standardised : ndarray (m,)
-        Residual of every number from it, over its own standard deviation.
-    limit : float
-        Standardised residual beyond which a number is suspect.
+        Residual of every number over its own standard deviation.
     kept : ndarray of bool (m,)
         Numbers of rows that are not suspect.
     suspects : ndarray of int
         Places of the suspect rows.
     seen : Observations
         The numbers.
-    shown : ndarray (m,)
-        Share of an error of each number that appears in its own residual: the fit absorbs the rest.
     """
 
     fit: Fit
     standardised: Array
-    limit: float
     kept: NDArray[np.bool_]
     suspects: NDArray[np.intp]
     seen: Observations
-    shown: Array
-
-    @property
-    def unseen(self) -> Array:
-        """Largest undetected error (m,) of each number, in standard deviations.
-
-        ``(limit + 3.1) / sqrt(1 - h)``: errors beyond it are found in 999 of 1000 cases [Baarda]_.
-        """
-        return (self.limit + _NOISE_IN_999_OF_1000) / np.sqrt(self.shown)
-
-    def beyond(self, limit: float) -> NDArray[np.intp]:
-        """Places of rows with a number beyond this many standard deviations."""
-        return np.unique(self.seen.row[np.abs(self.standardised) > limit])
 
     def reason(self, n: int) -> str:
         """The largest residual of the row at a place."""
@@ -488,110 +459,79 @@ class Robust:
 
 
 def robust_fit(model: Model, plain: Fit) -> Robust:
-    """Fit about a plain fit's regressor; for a nonlinear model that regressor is kept."""
-    seen, nuisance = model.observations, model.offsets.columns
-    A, target = plain.regressor, plain.target
-    columns, unit, m = np.hstack([A, nuisance]), plain.deviation, len(seen)
-    rank = int(np.count_nonzero(plain.is_determined)) + nuisance.shape[1]
-    residual, scales = _residuals(columns / unit[:, None], target / unit, seen, rank)
-    shown = np.ones(m)
-    bad = np.zeros(m, bool)
-    limit = _limit(bad, rank)
-    fit = plain
-    for round_ in range(_MAX_REWEIGHTINGS):
-        size = np.abs(residual) / scales[seen.group]
-        flagged = size > limit
-        if round_:
-            flagged |= _hidden(size, fit, seen, bad)
-        rows = np.unique(seen.row[flagged])
-        new = np.isin(seen.row, rows)
-        if int(np.sum(~new)) < rank + 1:  # too few rows would remain
-            break
-        kept = (~new).astype(float)
-        fit = linear_fit(A, target, seen, model.unknowns, nuisance=nuisance, weights=kept)
-        # Rows that were left out have no part in the fit: their residual is wider, not narrower.
-        of_prediction = 1.0 + fit.variances_of_predictions(columns)
-        spread = np.where(new, of_prediction, 1.0 - fit.leverage)
-        raw = target - columns @ np.append(fit.unbounded, fit.offsets)
-        spread = np.maximum(spread, numerics.ROUNDOFF**0.5)
-        shown = np.where(new, 1.0, spread)
-        residual = raw / (seen.unit * np.sqrt(spread))
-        scales = np.array(fit.scales)
-        same = bool(np.all(new == bad))
-        bad = new
-        limit = _limit(bad, rank)
-        if same and round_:
-            break
-    standardised = residual / scales[seen.group]
-    suspects = np.unique(seen.row[bad])
-    return Robust(fit if bad.any() else plain, standardised, limit, ~bad, suspects, seen, shown)
+    """The least Cauchy loss ``sum log(1 + (r / c s)^2)``, by SciPy, about a plain fit's regressor.
 
-
-def _limit(bad: NDArray[np.bool_], rank: int) -> float:
-    """Largest of all standardised residuals by chance, with a scale from the kept rows."""
-    left = int(np.count_nonzero(~bad)) - rank
-    return quantile(1.0 - _FALSE_ALARM / len(bad), max(left, 1))
-
-
-def _hidden(size: Array, fit: Fit, seen: Observations, bad: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Flag (m,) of the number with the largest residual, if that is improbable by chance.
-
-    ``t = z sqrt((f - 1) / (f - z^2))`` for a residual z over the scale of f degrees of freedom that
-    includes z itself: Student's t of f - 1 degrees.
+    s is the median absolute deviation of lengths, and of angles; c = 2.385. It is least squares
+    with the weights ``w = 1 / (1 + (r / c s)^2)`` at the solution. With ``psi = w r`` the variance
+    of a weighted number is ``mean(w) sum psi^2 / sum (1 - h) / mean(psi')^2`` [Huber]_; a deviation
+    that is given stays. A row is suspect if one of its residuals is improbable by Student's t with
+    that variance, or the given one if it is larger.
     """
-    flagged, kept = np.zeros(len(size), bool), ~bad
-    for g in np.flatnonzero(~seen.is_known):
-        mine = np.flatnonzero(kept & (seen.group == g))
-        f = float(np.sum(1.0 - fit.leverage[mine]))
-        if not mine.size or f < 2.0:
+    seen, N, unknowns = model.observations, model.offsets.columns, model.unknowns
+    columns, m = np.hstack([plain.regressor, N]), len(seen)
+    x, s = _least_cauchy(plain, seen)
+    r = plain.target - columns @ x
+    w = 1.0 / (1.0 + (r / (_CAUCHY * s)) ** 2)
+    scales, scatter = np.ones(2), np.ones(2)
+    for g in (0, 1):
+        if not (mine := seen.group == g).any():
             continue
-        z = size[mine]
-        t = z * np.sqrt((f - 1.0) / np.maximum(f - z**2, numerics.TINY))
-        if t.max() > quantile(1.0 - _FALSE_ALARM / mine.size, f - 1.0):
-            flagged[mine[np.argmax(t)]] = True
-    return flagged
+        slope = float(np.mean(w[mine] * (2.0 * w[mine] - 1.0)))
+        if slope < _LEAST_SLOPE:
+            return Robust(plain, np.zeros(m), np.ones(m, bool), np.zeros(0, np.intp), seen)
+        square = np.sum((w * r / seen.unit)[mine] ** 2) / np.sum(1.0 - plain.leverage[mine])
+        least = 1.0 if seen.is_known[g] else _roundoff(plain.target[mine])
+        scatter[g] = max(float(np.sqrt(w[mine].mean() / _WEIGHTED * square)) / slope, least)
+        scales[g] = 1.0 if seen.is_known[g] else scatter[g]
+    known, root = replace(seen, deviation=seen.unit * scales[seen.group]), np.sqrt(w / _WEIGHTED)
+    # Of exact numbers the unbounded solution is x itself, and the bounded one the nearest to it.
+    fit = linear_fit(plain.regressor, columns @ x, known, unknowns, nuisance=N, root=root)
+    fit = replace(
+        fit,
+        target=plain.target,
+        residual=plain.target - columns @ np.append(fit.theta, fit.offsets),
+        scales=(float(scales[0]), float(scales[1])),
+        degrees=plain.degrees,
+    )
+    left = np.maximum(1.0 - fit.leverage, numerics.ROUNDOFF**0.5)
+    standardised = r / (seen.unit * scatter[seen.group] * np.sqrt(left))
+    limit = quantile(1.0 - _FALSE_ALARM / m, max(plain.freedom, 1.0))
+    suspects = np.unique(seen.row[np.abs(standardised) > limit])
+    fit = _without(fit, ~plain.is_determined)
+    return Robust(fit, standardised, ~np.isin(seen.row, suspects), suspects, seen)
 
 
-def _residuals(divided: Array, right: Array, seen: Observations, rank: int) -> tuple[Array, Array]:
-    """Residuals over the given deviations, and the scale of each group, by robust losses."""
+def _least_cauchy(plain: Fit, seen: Observations) -> tuple[Array, Array]:
+    """Parameters and offsets (P + S,), and the scale s of every number (m,)."""
     from scipy.optimize import least_squares
 
-    norms = np.linalg.norm(divided, axis=0)
-    B = divided / np.where(norms > 0.0, norms, 1.0)
-    m = len(right)
-    # Unobservable combinations do not move.
-    U, values, Vt = np.linalg.svd(B, full_matrices=False)
-    keep = values > numerics.RANK * values.max(initial=numerics.TINY)
-    basis = (U[:, keep] * values[keep]) @ Vt[keep]
-    B = basis @ Vt[keep].T
-    x = np.linalg.lstsq(B, right, rcond=None)[0]
-    r = right - B @ x
-    correction = np.sqrt(m / max(m - rank, 1))
+    U, size = plain.basis, plain.deviation
+    right, rank = plain.target / size, plain.basis.shape[1]
+    z, s = U.T @ right, np.zeros(len(right))
+    for _ in range(_MAX_SCALES):
+        r, before = np.abs(right - U @ z) * size, s.copy()
+        for g in (0, 1):
+            if (mine := seen.group == g).any():
+                # Some residuals of a robust fit are zero whatever the scatter: one a parameter.
+                some = np.sort(r[mine] / seen.unit[mine])[rank * int(mine.sum()) // len(r) :]
+                least = 1.0 if seen.is_known[g] else _roundoff(plain.target[mine])
+                s[mine] = seen.unit[mine] * max(_MAD * float(np.median(some)), least)
+        if np.all(np.abs(s - before) <= _SAME_SCALES * s):
+            break
+        W = size / s
+        z = least_squares(
+            lambda z, W=W: (U @ z - right) * W,
+            z,
+            lambda _, W=W: U * W[:, None],
+            loss="cauchy",
+            f_scale=_CAUCHY,
+            ftol=numerics.LEAST_DECREASE_OF_SQUARES,
+            xtol=numerics.LEAST_DECREASE_OF_SQUARES,
+            gtol=numerics.LEAST_DECREASE_OF_SQUARES,
+        ).x
+    return plain.half @ z, s
 
-    def scale_of(r: Array) -> float:
-        return max(
-            _MAD * float(np.median(np.abs(r))) * correction,
-            numerics.ROUNDOFF * float(np.abs(right).max(initial=numerics.TINY)),
-        )
 
-    for loss, factor, rounds in (("soft_l1", 0.1, 2), ("cauchy", _CAUCHY, 3)):
-        for _ in range(rounds):
-            s = scale_of(r)
-            optimum = least_squares(
-                lambda x: B @ x - right,
-                x,
-                jac=lambda _: B,
-                loss=loss,
-                f_scale=factor * s,
-                x_scale="jac",
-                max_nfev=200,
-            )
-            x = optimum.x
-            r = right - B @ x
-    scales = np.ones(2)
-    for g in (0, 1):
-        mine = seen.group == g
-        if mine.any():
-            s = max(_MAD * float(np.median(np.abs(r[mine]))) * correction, numerics.TINY)
-            scales[g] = max(s, 1.0) if seen.is_known[g] else s
-    return r, scales
+def _roundoff(target: Array) -> float:
+    """Least scatter of numbers: that of an exact fit."""
+    return max(numerics.ROUNDOFF * float(np.abs(target).max(initial=0.0)), numerics.TINY)

@@ -7,10 +7,9 @@ the stiffness has no upper end: it is "at least" the lower one.
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import permutations, product
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -30,14 +29,10 @@ from cartstiff.errors import (
 from cartstiff.figures import new_figure
 from cartstiff.identify.fitting import Fit, Robust, fitted, geometry_of, robust_fit
 from cartstiff.identify.measurements import (
-    DISPLACEMENT,
     EARTH,
     POSITION,
-    ROTATION,
     TURN,
     Measurements,
-    Observations,
-    field_of,
     read_measurements,
 )
 from cartstiff.identify.models import (
@@ -47,6 +42,7 @@ from cartstiff.identify.models import (
     needs_equilibrium,
 )
 from cartstiff.identify.unknowns import (
+    LEVEL,
     ZERO,
     OffsetEstimate,
     Unknown,
@@ -60,7 +56,6 @@ from cartstiff.identify.unknowns import (
     unknowns_of,
     zeros_of,
 )
-from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identified import CompliancePattern, Identified, quantile
 from cartstiff.notes import Note
@@ -75,29 +70,6 @@ _CONTRADICTION, _LARGEST_SHARE = 100.0, 1.5
 _MIN_REPEATS = 3
 
 
-@dataclass(frozen=True)
-class Pattern:
-    """A pattern of the residuals that a further term explains.
-
-    Attributes
-    ----------
-    kind : {"backlash", "stiffening", "drift", "geometry"}
-        Kind of the term.
-    name : str
-        Name of the spring or column; of a zero or offset that is not sought ("tool.x").
-    size : float
-        Its factor: half the play (rad, length); compliance per force; displacement per second; the
-        error of the zero or offset.
-    probability : float
-        Probability of so large a t without it, by Bonferroni's rule, beside those found before.
-    """
-
-    kind: str
-    name: str
-    size: float
-    probability: float
-
-
 @dataclass(frozen=True, eq=False)
 class Checks:
     """Tests of the model.
@@ -110,14 +82,6 @@ class Checks:
         Numbers less fitted parameters.
     probability : float or None
         Probability of a larger one.
-    repeats : int
-        Numbers beyond the first at the same posture and load.
-    lack_of_fit : float or None
-        Probability of a larger F of the part that repeats do not explain, if there are repeats.
-    left_out : ndarray (m,)
-        Leave-one-posture-out residuals, in the numbers' units; NaN for indispensable postures.
-    patterns : tuple of Pattern
-        The significant ones.
     unexplained : float
         Root of the weighted sum of squares over that without the springs: 0 if these explain all
         that was measured beyond the rigid mechanism and its offsets, 1 if nothing.
@@ -126,10 +90,6 @@ class Checks:
     chi_squared: float | None
     freedom: float
     probability: float | None
-    repeats: int
-    lack_of_fit: float | None
-    left_out: Array
-    patterns: tuple[Pattern, ...]
     unexplained: float
 
 
@@ -184,100 +144,8 @@ def checked(model: Model, fit: Fit, kept: NDArray[np.bool_]) -> Checks:
         chi,
         freedom,
         probability,
-        *_lack_of_fit(model, r, freedom, kept),
-        _left_out(model, fit),
-        () if isinstance(model, LoadedModel) else _patterns(model, fit, kept),
         float(np.linalg.norm(r[kept])) / max(float(np.linalg.norm(rigid)), numerics.TINY),
     )
-
-
-def _lack_of_fit(
-    model: Model, r: Array, freedom: float, kept: NDArray[np.bool_]
-) -> tuple[int, float | None]:
-    """Repeated numbers, and the probability of the F of the part that they do not explain."""
-    seen = model.observations
-    column = np.unique(seen.column, return_inverse=True)[1]
-    keys = np.stack([model.measured.settings[seen.row], column])[:, kept]
-    group = np.unique(keys, axis=1, return_inverse=True)[1].reshape(-1)
-    inside = r[kept]
-    size = np.bincount(group)
-    pure = float(np.sum((inside - (np.bincount(group, inside) / size)[group]) ** 2))
-    repeats = len(inside) - len(size)
-    rest = freedom - repeats
-    if repeats < 2 or rest < 1.0 or not pure > 0.0:
-        return repeats, None
-    from scipy.special import fdtrc
-
-    total = float(np.sum(r[kept] ** 2))
-    return repeats, float(fdtrc(rest, repeats, max(total - pure, 0.0) / rest / (pure / repeats)))
-
-
-def _left_out(model: Model, fit: Fit) -> Array:
-    """Leave-one-posture-out residuals (m,)."""
-    r = fit.residual / fit.deviation
-    group = model.measured.postures[model.observations.row]
-    answer = np.full(len(r), np.nan)
-    order = np.argsort(group, kind="stable")
-    for mine in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
-        U = fit.basis[mine]
-        left = np.eye(len(mine)) - U @ U.T
-        if np.linalg.eigvalsh(left)[0] > numerics.ROUNDOFF**0.5:
-            answer[mine] = np.linalg.solve(left, r[mine])
-    return answer * fit.deviation
-
-
-def _patterns(model: Model, fit: Fit, kept: NDArray[np.bool_]) -> tuple[Pattern, ...]:
-    """Terms that explain more, by the t of an added column, the strongest first."""
-    from scipy.linalg import orth
-    from scipy.special import stdtr
-
-    unknowns, seen, measured = model.unknowns, model.observations, model.measured
-    forces, by_functional = model.forces_in(fit.theta)
-    names: list[tuple[str, str]] = []
-    columns: list[Array] = []
-    for e, name in enumerate(unknowns.elements.names):
-        force, carried = forces[:, e], np.abs(forces[:, e])
-        if not carried.max(initial=0.0) > numerics.RANK * np.abs(forces).max(initial=0.0):
-            continue  # it carries nothing
-        sign = np.where(carried > numerics.RANK * carried.max(), np.sign(force), 0.0)
-        names += [("backlash", name), ("stiffening", name)]
-        columns += [by_functional[:, e] * sign, by_functional[:, e] * force * carried]
-    if seen.is_absolute.any():
-        elastic = unknowns.elements.elastic
-        others = {*zeros_of(elastic), "tool", "base"}.difference(unknowns.geometry)
-        more = replace(unknowns, geometry=tuple(sorted(others)), sessions="none")
-        wrong = offsets_of(more, seen, measured)
-        names += [("geometry", name) for name in wrong.names]
-        columns += list(wrong.columns.T)
-    time = measured.time[seen.row]
-    if not np.isnan(time).any() and np.ptp(time) > 0.0:
-        for name in dict.fromkeys(seen.column):
-            names.append(("drift", name))
-            columns.append(np.where(np.array(seen.column) == name, time - time.mean(), 0.0))
-    U = orth(fit.basis[: len(kept)][kept], rcond=numerics.RANK)
-    r = (fit.residual / fit.deviation)[kept]
-    r = r - U @ (U.T @ r)
-    freedom, found = len(r) - U.shape[1] - 1, list[Pattern]()
-    if not names:
-        return ()
-    X = (np.stack(columns, axis=1) / fit.deviation[:, None])[kept]
-    least = numerics.ROUNDOFF**0.25 * np.linalg.norm(X, axis=0)  # else one of the fitted columns
-    while freedom >= 1:
-        X = X - U @ (U.T @ X)
-        left = np.linalg.norm(X, axis=0)
-        size = X.T @ r / np.maximum(left**2, numerics.TINY)
-        rest = np.linalg.norm(r[:, None] - X * size, axis=0) / np.sqrt(freedom)
-        t = np.abs(size) * left / np.maximum(rest, numerics.TINY)
-        is_play = np.array([kind == "backlash" for kind, _ in names])
-        t[~(left > least) | ~(rest > 0.0) | (is_play & (size < 0.0))] = 0.0  # no play is negative
-        i = int(np.argmax(t))
-        probability = min(1.0, float(2.0 * stdtr(freedom, -t[i])) * (len(names) - len(found)))
-        if probability >= _SIGNIFICANT:
-            break
-        found.append(Pattern(*names[i], float(size[i]), probability))
-        U = np.column_stack([U, X[:, i] / left[i]])  # what it explains is no sign of the others
-        r, freedom = r - U[:, -1] * (U[:, -1] @ r), freedom - 1
-    return tuple(found)
 
 
 Verdict = Literal["determined", "at-least", "not-identifiable", "negative"]
@@ -362,14 +230,6 @@ def estimates(fit: Fit, unknowns: Unknowns, t: float, wider: Array) -> tuple[Est
     return tuple(answer)
 
 
-@dataclass(frozen=True)
-class Rejected:
-    """A rejected row: its number from 1, and the reason."""
-
-    row: int
-    reason: str
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Identification(LabelledResult):
     """Springs found from measurements.
@@ -378,29 +238,23 @@ class Identification(LabelledResult):
     ----------
     model : Model
         Unknowns, rows used, predictions and their derivatives.
-    rows : int
-        Rows of the table.
-    rejected : tuple of Rejected
-        Rows that were left out.
     plain : Fit
-        Least squares on all rows used.
+        Least squares.
     robust : Robust
         The robust fit.
-    level : float
-        Probability of the intervals.
-    fit : str
-        Option of `identify`.
+    asked : {"plain", "robust"} or None
+        The fit of the estimates, if it is not to be the recommended one.
     """
 
     command: ClassVar = "identify"
 
+    #: Probability of the intervals.
+    level: ClassVar[float] = LEVEL
+
     model: Model
-    rows: int
-    rejected: tuple[Rejected, ...]
     plain: Fit
     robust: Robust
-    level: float
-    fit: str
+    asked: Literal["plain", "robust"] | None = None
 
     @property
     def unknowns(self) -> Unknowns:
@@ -409,7 +263,7 @@ class Identification(LabelledResult):
 
     @property
     def measured(self) -> Measurements:
-        """The rows used, corrected by the zeros and offsets found."""
+        """The rows, corrected by the zeros and offsets found."""
         return self.model.measured
 
     @property
@@ -427,6 +281,24 @@ class Identification(LabelledResult):
         """Whether the equilibrium under load was fitted."""
         return isinstance(self.model, LoadedModel)
 
+    @property
+    def recommended(self) -> Literal["plain", "robust"]:
+        """The robust fit if there are suspect rows, or it leaves an interval of the plain one."""
+        return "robust" if self.suspects or self.robust_outside else "plain"
+
+    @cached_property
+    def robust_outside(self) -> list[str]:
+        """Parameters of the robust fit outside the intervals of the plain one."""
+        plain, robust = (replace(self, asked=fit) for fit in FITS)
+        half = plain.factor * np.sqrt(np.diag(plain.covariance))
+        apart = np.abs(robust.chosen.unbounded - plain.chosen.unbounded)
+        return [n for n, far in zip(self.unknowns.names, apart > half, strict=True) if far]
+
+    @property
+    def fit(self) -> Literal["plain", "robust"]:
+        """The fit of the estimates."""
+        return self.asked or self.recommended
+
     @cached_property
     def chosen(self) -> Fit:
         """The fit of the estimates, whose covariance counts the inflation."""
@@ -443,6 +315,22 @@ class Identification(LabelledResult):
         if self.fit == "robust":
             return checked(self.model, self.robust.fit, self.robust.kept)
         return checked(self.model, self.plain, np.ones(len(self.model.observations), bool))
+
+    @cached_property
+    def left_out(self) -> Array:
+        """Leave-one-posture-out residuals (m,); NaN for indispensable postures."""
+        fit = self.chosen
+        per = fit.root / fit.deviation
+        r = fit.residual * per
+        group = self.measured.postures[self.model.observations.row]
+        answer = np.full(len(r), np.nan)
+        order = np.argsort(group, kind="stable")
+        for mine in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
+            U = fit.basis[mine]
+            left = np.eye(len(mine)) - U @ U.T
+            if np.linalg.eigvalsh(left)[0] > numerics.ROUNDOFF**0.5:
+                answer[mine] = np.linalg.solve(left, r[mine])
+        return answer / per
 
     @property
     def inflation(self) -> float:
@@ -499,7 +387,7 @@ class Identification(LabelledResult):
     @cached_property
     def notes(self) -> tuple[Note, ...]:
         """Assumptions and findings, doubts about the springs first."""
-        notes = [*other_axes(self), *_assumed(self), *_found(self), *_doubts(self), *_limits(self)]
+        notes = [*_assumed(self), *_found(self), *_doubts(self)]
         return tuple(sorted(notes, key=lambda note: not is_doubt(note)))
 
     @property
@@ -520,7 +408,7 @@ class Identification(LabelledResult):
             mine = seen.is_angle == g
             if not mine.any():
                 continue
-            left = self.checks.left_out[mine]
+            left = self.left_out[mine]
             answer[name] = {
                 "unit": unit,
                 "count": int(mine.sum()),
@@ -588,13 +476,13 @@ class Identification(LabelledResult):
             )
         own = {
             "model": "loaded equilibrium" if self.loaded else "linear in the load",
-            "used": self.measured.rows,
+            "rows": len(self.measured),
             "parameters": parameters,
             "noise": noise,
             "singular_values": self.chosen.singular_values,
             "unseen": self.weak_directions(),
             "geometry": [{**vars(g), "identifiable": g.identifiable} for g in self.geometry],
-            "checks": {k: v for k, v in vars(self.checks).items() if k != "left_out"},
+            "checks": vars(self.checks),
         }
         return described("identify", own, first, self.elastic.about(), self)
 
@@ -733,175 +621,29 @@ def with_result(
 
 #: Unknown part of the pose of a session's frame.
 OFFSETS = ("none", "translation", "rigid")
-# Other axes are tried if residuals exceed this share of the numbers; they are named if they reduce
-# the residuals by this factor, with less than this probability by chance.
-_POOR_SHARE, _REDUCTION, _CHANCE = 0.1, 3.0, 1e-4
-# Bound on the rows that are examined of a long table.
+# Bound on the rows of a table in which positions are compared with equilibria.
 _MAX_ROWS = 200
-_FRAMES = ("base", "body", "world")
-
-
-def other_axes(result: Identification) -> list[Note]:
-    """A note on the axes along which the rows fit much better, if there are such."""
-    model, target = result.model, result.model.observations.target
-    few = np.linalg.norm(result.chosen.residual) <= _POOR_SHARE**2 * np.linalg.norm(target)
-    if few or needs_equilibrium(result.elastic):
-        return []
-    measured = result.measured
-    if len(measured) > _MAX_ROWS:
-        measured = measured.chosen(
-            np.unique(np.linspace(0, len(measured) - 1, _MAX_ROWS).astype(int))
-        )
-    model = Model(result.unknowns, measured)
-    declared = _left(model)
-    if declared is None or declared[0] < _POOR_SHARE:
-        return []
-    tried, count = [], 0
-    for words, other in _others(model):
-        count += 1
-        if (misfit := _left(replace(model, measured=other), declared[0])) is not None:
-            tried.append((*misfit, words))
-    if not tried:
-        return []
-    share, rms, freedom, words = min(tried)
-    ratio = declared[0] / max(share, numerics.TINY)
-    if ratio < _REDUCTION or freedom < 1.0:
-        return []
-    from scipy.special import fdtrc
-
-    if count * fdtrc(freedom, freedom, ratio**2) > _CHANCE:
-        return []
-    passage = (
-        f"the rows fit much better with {words}: residuals of {rms:.3g} instead of "
-        f"{declared[1]:.3g} (rms); if so they were measured, the springs above are wrong"
-    )
-    return [Note("other-axes", passage, {"residual_rms": declared[1], "other_rms": rms})]
-
-
-def _left(model: Model, most: float = np.inf) -> tuple[float, float, float] | None:
-    """Residual over measured size, residual rms of lengths (else of angles), degrees of freedom.
-
-    None if the first linear step leaves more than the share `most`.
-    """
-    try:
-        fit = fitted(model, once=True)
-        if not model.is_linear and _share(model.observations, fit)[0] <= most:
-            fit = fitted(model)
-    except CartstiffError:
-        return None
-    share, rms = _share(model.observations, fit)
-    return None if share > most else (share, rms, fit.freedom)
-
-
-def _share(seen: Observations, fit: Fit) -> tuple[float, float]:
-    """Residuals as a share of the numbers, and residual rms of lengths (else of angles)."""
-    scaled, rms = np.zeros(len(seen)), 0.0
-    for angles in (True, False):
-        mine = seen.is_angle == angles
-        if mine.any():
-            r = fit.residual[mine]
-            rms = _rms(r)
-            scaled[mine] = r / max(_rms(seen.target[mine]), numerics.TINY)
-    return _rms(scaled), rms
-
-
-def _others(model: Model) -> Iterator[tuple[str, Measurements]]:
-    """The same rows along other axes, and words for these."""
-    measured = model.measured
-    base = model.unknowns.elements.elastic.mechanism.base_pose[:3, :3]
-    frames = [f for f in _FRAMES if f != "world" or not np.allclose(base, np.eye(3))]
-    R = model.poses[:, :3, :3]
-    turns = {"body": base.T @ R, "world": np.broadcast_to(base.T, R.shape)}
-    declared = measured.axes if measured.axes in frames else "base"
-    for load, seen in product(frames if measured.wrench.any() else [declared], frames):
-        moved = _turned(measured, turns[seen]) if seen != "base" else measured
-        if moved is None or (load, seen) == (declared, "base"):
-            continue
-        words = [f"loads along the {load}'s axes (--axes {load})"] * (load != declared)
-        words += [f"displacements along the {seen}'s axes, not the base's"] * (seen != "base")
-        yield " and ".join(words), replace(moved, axes=load)
-    yield from _exchanged(measured)
-
-
-def _turned(measured: Measurements, R: Array) -> Measurements | None:
-    """Displacements (and the gauge's direction) along other axes, in those of the base."""
-    values, is_turned = dict(measured.values), "d" in measured.values
-    for names in (DISPLACEMENT, ROTATION):
-        there = [name in values for name in names]
-        if any(there) and not all(there):
-            return None
-        if all(there):
-            vectors = np.stack([values[name] for name in names], axis=1)
-            values |= dict(zip(names, np.einsum("nij,nj->in", R, vectors), strict=True))
-            is_turned = True
-    direction = np.einsum("nij,nj->ni", R, measured.direction)
-    return replace(measured, values=values, direction=direction) if is_turned else None
-
-
-def _exchanged(measured: Measurements) -> Iterator[tuple[str, Measurements]]:
-    """Displacements with their axes exchanged or turned round, each way once."""
-    moving = (*DISPLACEMENT, *ROTATION)
-    known = set()
-    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        hand = float(np.linalg.det(np.eye(3)[list(order)] * np.array(signs)[:, None]))
-        values = {n: v for n, v in measured.values.items() if n not in moving}
-        spreads = {n: measured.deviations[n] for n in values}
-        words = []
-        for names, turn in ((DISPLACEMENT, 1.0), (ROTATION, hand)):
-            for i, sign in enumerate(signs):
-                if (name := names[i]) in measured.values:
-                    to = names[order[i]]
-                    values[to] = sign * turn * measured.values[name]
-                    spreads[to] = measured.deviations[name]
-                    if to != name or sign * turn < 0:
-                        words.append(f"{name} as {'-' if sign * turn < 0 else ''}{to}")
-        text = ", ".join(words)
-        if text and text not in known:
-            known.add(text)
-            yield text, replace(measured, values=values, deviations=spreads)
-
-
 # Share of what was measured, as a root of squares, above which the residuals make springs doubtful.
 _POORLY_EXPLAINED = 0.5
-# Notes that make the springs themselves doubtful, and the least factor of a scatter that does.
-_LARGE_SCATTER = 2.0
-_DOUBTS = (
-    "other-axes",
-    "hardly-explained",
-    "scatter-larger",
-    "residual-pattern",
-    "lack-of-fit",
-    "doubtful-springs",
-    "negative-compliance",
-)
-# Degrees of freedom below which the estimated noise is called uncertain.
-_FEW_DEGREES = 5.0
-# Standard deviations of a gross error, and the bound on the rows that a message lists.
-_GROSS = 20.0
+# The notes of doubt: gross errors, what springs do not explain, loads too large for the model.
+_DOUBTS = ("suspects", "hardly-explained", "linear-differs")
 # A note lists ten parts; results for programs hold all.
 _some = partial(listed, most=10, between="; ")
 # Error of a joint's zero [rad] whose effect is reported.
 _ZERO_ERROR = 5e-4
-# Deflection [rad] under its weight that no joint of an arm has; and the size [m] of a mechanism
-# from which on it must not have that under 1 N at the tool.
-_COLLAPSE, _TALL = np.radians(5.0), 0.3
-# Number of moving joints from which on small angles in all rows are doubtful.
-_SWINGING_JOINTS = 3
 # Number of rows whose equilibrium is compared: those that move most.
 _COMPARED_ROWS = 3
 
 
 def is_doubt(note: Note) -> bool:
     """Whether a note makes the springs found doubtful: such are the first lines of an answer."""
-    factor = note.values.get("factor", _LARGE_SCATTER)
-    return note.code in _DOUBTS and isinstance(factor, float) and factor >= _LARGE_SCATTER
+    return note.code in _DOUBTS
 
 
 def _assumed(result: Identification) -> Iterator[Note]:
     elastic, measured = result.elastic, result.measured
     own = ("stiffness-assumed", "default-posture")
     yield from (n for n in elastic.notes if n.code not in own)
-    yield from _angles(result)
     masses = bool(measured.mass.any() or measured.mass0.any())
     if masses and elastic.gravity is None:
         words = "hung masses pull with 9.81 m/s^2 along -z of F: the mechanism names no gravity"
@@ -1033,58 +775,6 @@ def _found(result: Identification) -> Iterator[Note]:
             "model or the signs of load and displacement are wrong"
         )
         yield Note("negative-compliance", words, {"springs": wrong})
-    active = result.chosen.active
-    if active.any():
-        names = [result.unknowns.names[p] for p in np.flatnonzero(active)]
-        words = (
-            f"least squares would make {', '.join(names)} negative: zero is taken, and the others "
-            "follow; intervals are those without the bound"
-        )
-        yield Note("bound-active", words, {"springs": names})
-    if result.suspects:
-        reasons = [result.robust.reason(n) for n in result.robust.suspects]
-        shown = _some(
-            [f"row {row} ({why})" for row, why in zip(result.suspects, reasons, strict=True)]
-        )
-        used = "left out by the robust fit" if result.fit == "robust" else "used all the same"
-        values = {"rows": result.suspects, "reasons": reasons}
-        yield Note("suspects", f"suspect, and {used}: {shown}", values)
-    yield from _unseen(result)
-    if result.rejected:
-        shown = _some([f"row {r.row} ({r.reason})" for r in result.rejected])
-        yield Note(
-            "rejected",
-            f"left out by --reject: {shown}",
-            {"rows": [r.row for r in result.rejected]},
-        )
-
-
-def _unseen(result: Identification) -> Iterator[Note]:
-    """Note on rows in which a gross error would not be detected for lack of other rows."""
-    robust, seen = result.robust, result.model.observations
-    rows: dict[int, float] = {}
-    words = []
-    for n in range(len(result.measured)):
-        mine = np.flatnonzero((seen.row == n) & robust.kept)
-        if not mine.size or robust.unseen[mine].max() < _GROSS:
-            continue
-        worst = mine[np.argmax(robust.unseen[mine])]
-        size = float(robust.unseen[worst])
-        rows[int(result.measured.rows[n])] = size
-        words.append(f"row {result.measured.rows[n]} ({seen.column[worst]}: {size:.0f})")
-    if not rows:
-        return
-    text = (
-        "no other rows check these rows, so that the fit follows them and errors of fewer "
-        f"standard deviations than listed may stay unseen: {_some(words)}"
-    )
-    yield Note("rows-unchecked", text, {"rows": list(rows), "errors": list(rows.values())})
-
-
-def _limits(result: Identification) -> Iterator[Note]:
-    """Notes on the validity of the linear model, and on matrices that are no stiffnesses."""
-    if not needs_equilibrium(result.elastic):
-        yield from _against_equilibrium(result)
     if any(not u.pattern.is_diagonal for u in result.unknowns.parameters):
         values = written_values(result.unknowns, result.estimates)
         lowest = numerics.eigenvalues(result.unknowns.compliance(values))[0]
@@ -1121,14 +811,10 @@ def _against_equilibrium(result: Identification) -> Iterator[Note]:
     mine, (bent, straight) = np.flatnonzero(np.isin(seen.row, worst)), pair
     apart = np.abs(bent - straight) / result.chosen.deviation[mine]
     i = int(np.argmax(apart))
-    if not (apart[i] > 1.0 or result.loaded):
+    if not apart[i] > 1.0:
         return
     row = int(result.measured.rows[seen.row[mine[i]]])
-    advice = (
-        "the fit without --loaded would do"
-        if not apart[i] > 1.0
-        else ("--loaded is needed" if result.loaded else "fit it with --loaded")
-    )
+    advice = "fit it with --loaded"
     if _is_widened(result):
         advice += "; intervals are wider by what that may change"
     words = (
@@ -1155,145 +841,51 @@ def _bias(result: Identification) -> Array:
     return np.abs(result.chosen.moved_by((pair[0] - pair[1])[:, None])[:, 0])
 
 
-def _angles(result: Identification) -> Iterator[Note]:
-    """Note on an arm whose joints stay near zero: radians that may have been read as degrees.
-
-    Degrees that are read as radians are refused by the reader, as they exceed a turn.
-    """
-    mechanism, q = result.elastic.mechanism, result.measured.q
-    rotary = [not c.is_length for c in mechanism.coordinates]
-    largest = float(np.abs(q[:, rotary]).max(initial=0.0))
-    moving = int(np.count_nonzero(np.ptp(q[:, rotary], axis=0)))
-    if mechanism.kind != "serial" or moving < _SWINGING_JOINTS or largest > np.radians(np.pi):
-        return
-    words = (
-        f"no joint is farther than {np.degrees(largest):.3g} degrees from zero in any row: "
-        'if these columns are radians, say so in their heads, "NAME [rad]"'
-    )
-    yield Note("small-angles", words, {"largest": largest})
-
-
 def _doubts(result: Identification) -> Iterator[Note]:
+    yield from _suspects(result)
     checks = result.checks
-    yield from _collapsed(result)
-    if checks.unexplained > _POORLY_EXPLAINED and not (checks.probability or 0.0) >= _SIGNIFICANT:
+    is_noise = checks.probability is not None and checks.probability >= _SIGNIFICANT
+    if result.inflation > 1.0 or (checks.unexplained > _POORLY_EXPLAINED and not is_noise):
         sizes = ", ".join(
             f"{entry['residual_rms']:.3g} {entry['unit']}" for entry in result.noise().values()
         )
         words = (
-            f"the springs explain {100.0 * (1.0 - checks.unexplained**2):.2g} % of what was "
-            f"measured beyond the rigid mechanism (squares), and leave {sizes} (rms): it is mostly "
-            "something else than springs, and the intervals hold only if that is mere noise"
+            f"the springs explain {100.0 * (1.0 - checks.unexplained**2):.3g} % of what was "
+            f"measured beyond the rigid mechanism (squares), and leave {sizes} (rms)"
         )
-        yield Note("hardly-explained", words, {"unexplained": checks.unexplained})
-    if result.inflation > 1.0:
-        words = (
-            f"the scatter is {result.inflation:.3g} times what the deviations given explain "
-            f"(probability {checks.probability:.2g}): all intervals are wider by that"
+        if result.inflation > 1.0:
+            words += (
+                f": {result.inflation:.3g} times what the deviations given explain (probability "
+                f"{checks.probability:.2g}), and all intervals are wider by that"
+            )
+        words += (
+            ". Other axes or units of the table, play, friction, or errors of zeros, tool and base?"
         )
-        yield Note("scatter-larger", words, {"factor": result.inflation})
-    if checks.lack_of_fit is not None and checks.lack_of_fit < 0.01:
-        words = (
-            "repeats agree with each other better than with the model (probability "
-            f"{checks.lack_of_fit:.2g}): something that it does not know bends the rows"
-        )
-        yield Note("lack-of-fit", words, {"probability": checks.lack_of_fit})
-    yield from _of_patterns(result)
-    if result.degrees < _FEW_DEGREES:
-        words = (
-            f"the noise is estimated from {result.degrees:.3g} degrees of freedom: "
-            "intervals are wide for that alone, more rows or known deviations help most"
-        )
-        yield Note("few-rows", words, {"degrees": result.degrees})
-    differing = []
-    for e, theta in zip(result.estimates, result.robust.fit.theta, strict=True):
-        if e.interval is not None and not e.interval[0] <= theta <= e.interval[1]:
-            differing.append(e.name)
-    if differing and result.fit == "plain":
-        words = f"the robust fit lies outside the intervals of {', '.join(differing)}"
-        yield Note("robust-differs", words, {"springs": differing})
+        numbers = {"unexplained": checks.unexplained, "factor": result.inflation}
+        yield Note("hardly-explained", words, numbers)
+    if not result.loaded:
+        yield from _against_equilibrium(result)
 
 
-def _of_patterns(result: Identification) -> Iterator[Note]:
-    """Notes on terms that the residuals look like; errors of geometry together in one."""
-    meaning = {
-        "backlash": "a play or friction of {}",
-        "stiffening": "a compliance that changes with its torque ({})",
-        "drift": "a drift of {} per second",
-    }
-    elements, units = result.unknowns.elements, result.elastic.units
-    wrong = [p for p in result.checks.patterns if p.kind == "geometry"]
-    if wrong:
-        shown = _some([f"{p.name} {p.size:.3g} {unit_of(result.elastic, p.name)}" for p in wrong])
-        groups = ["zeros" if p.name.endswith(ZERO) else p.name.split(".")[0] for p in wrong]
-        sought = ",".join(dict.fromkeys(("joints", *groups)))
-        text = (
-            f"the residuals look like errors of {shown} (probability of the first "
-            f"{wrong[0].probability:.2g} without; --unknown {sought} estimates them)"
-        )
-        sizes = {p.name: p.size for p in wrong}
-        yield Note("residual-pattern", text, {"kind": "geometry", "sizes": sizes})
-    for p in result.checks.patterns:
-        if p.kind == "geometry":
-            continue
-        if p.kind == "drift":
-            unit = units.angle if p.name in (*ROTATION, *TURN) else units.length
-        else:
-            is_length = bool(elements.is_length[elements.index(p.name)])
-            unit = units.coordinate(is_length)
-            if p.kind == "stiffening":
-                unit += f"/({units.effort(is_length)})^2"
-        what = meaning[p.kind].format(f"{p.size:.3g} {unit}")
-        words = (
-            f"in {p.name} the residuals look like {what} (probability {p.probability:.2g} without)"
-        )
-        yield Note("residual-pattern", words, vars(p))
+def _suspects(result: Identification) -> Iterator[Note]:
+    """Note on gross errors, and on the fit that is recommended for them."""
+    if result.recommended == "plain":
+        return
+    reasons = [result.robust.reason(n) for n in result.robust.suspects]
+    words = []
+    if reasons:
+        rows = zip(result.suspects, reasons, strict=True)
+        words.append(f"suspect rows: {_some([f'row {row} ({why})' for row, why in rows])}")
+    if outside := result.robust_outside:
+        words.append(f"the robust fit is outside the plain fit's intervals of {', '.join(outside)}")
+    advice = "the robust fit is recommended" + (
+        ", and is the answer" if result.fit == "robust" else "; the answer is the plain one"
+    )
+    numbers = {"rows": result.suspects, "reasons": reasons, "springs": outside}
+    yield Note("suspects", f"{'; '.join(words)}: {advice}", numbers)
 
 
-def _collapsed(result: Identification) -> Iterator[Note]:
-    """Note on springs too soft for the mechanism's own weight, or for 1 N at the tool."""
-    elastic, elements = result.elastic, result.unknowns.elements
-    newton = 1.0 / elastic.units.newtons
-    mechanism, length = elastic.mechanism, elastic.mechanism.at(elastic.q).length
-    tall = length * convert_length(elastic.units, SI)[0] > _TALL
-    weight = np.zeros(len(elastic.names))
-    if any(mechanism.masses().values()):
-        places = np.unique(result.measured.postures, return_index=True)[1][:_MAX_ROWS]
-        field = field_of(elastic)
-        for q in result.measured.q[places]:
-            weight = np.maximum(weight, np.abs(mechanism.at(q).gravity(field).gradient))
-    doubted, words = {}, []
-    for e in result.estimates:
-        for name in e.name.split(" = "):
-            if e.stiffness is None or name not in elements.names:
-                continue
-            slides = bool(elements.is_length[elements.index(name)])
-            own = weight[elastic.names.index(name)] if name in elastic.names else 0.0
-            size = length if slides else 1.0
-            limit = 0.1 * length if slides else _COLLAPSE
-            loads = [("the weight of the mechanism", own)]
-            loads += [("1 N at the tool", newton * (1.0 if slides else length))] * tall
-            for load, force in loads:
-                deflection = force / e.stiffness
-                if deflection > limit:
-                    shown = (
-                        f"{deflection / size:.3g} of its size"
-                        if slides
-                        else (f"{np.degrees(deflection):.3g} deg")
-                    )
-                    words.append(
-                        f"{name}: {e.stiffness:.3g} {e.unknown.unit}, {load} moves it by {shown}"
-                    )
-                    doubted[name] = float(e.stiffness)
-                    break
-    if words:
-        text = (
-            f"hardly the springs of a mechanism: {_some(words)}. Other units of loads or lengths?"
-        )
-        yield Note("doubtful-springs", text, doubted)
-
-
-FITS = ("plain", "robust")
+FITS: tuple[Literal["plain", "robust"], ...] = ("plain", "robust")
 # Compliances below this share of the mechanism's own, or above its inverse, are no start of a
 # search.
 _SMALLEST_START = 1e-2
@@ -1311,13 +903,9 @@ def identify(
     *,
     sought: Sequence[str] = (),
     ties: Sequence[Sequence[str]] = (),
-    known: Mapping[str, float] | None = None,
-    priors: Mapping[str, tuple[float, float]] | None = None,
     offsets: Literal["none", "translation", "rigid"] | None = None,
     loaded: bool = False,
-    fit: Literal["plain", "robust"] = "plain",
-    reject: float | Literal["suspects"] | None = None,
-    level: float = 0.95,
+    fit: Literal["plain", "robust"] | None = None,
     progress: Callable[[int, float], None] | None = None,
 ) -> Identification:
     r"""Springs of a mechanism from measured loads and deflections, with honest intervals.
@@ -1328,7 +916,7 @@ def identify(
         Its geometry is taken as known; its springs are the start of the search.
     measured : Measurements, Path, str, mapping of str to array_like, or data frame
         From `read_measurements`; or what that reads with its defaults.
-    sought, ties, known, priors
+    sought, ties
         Parameters to be found, see `cartstiff.identify.unknowns.unknowns_of`.
     offsets : {"rigid", "translation", "none"}, optional
         Unknown part of the pose of the measuring frame in each session, for measured positions;
@@ -1336,14 +924,9 @@ def identify(
         own base frame B.
     loaded : bool
         Fit the equilibrium under the load itself, not displacements linear in it.
-    fit : {"plain", "robust"}
-        Fit whose stiffnesses are the result: least squares, or the robust fit, which is computed
-        anyway.
-    reject : float or "suspects", optional
-        Rows left out: suspects of the robust fit, or all that are farther from it than this number
-        of standard deviations.
-    level : float
-        Probability of the intervals.
+    fit : {"plain", "robust"}, optional
+        Fit whose stiffnesses are the result: least squares, or the robust fit. Default: the one
+        that is recommended; both are computed anyway.
     progress : callable, optional
         Called with the number of a step and the norm of the residuals over their deviations.
 
@@ -1361,28 +944,16 @@ def identify(
     """
     if not isinstance(measured, Measurements):
         measured = read_measurements(measured, elastic)
-    _check(offsets, measured, fit, reject, level)
-    unknowns = unknowns_of(elastic, sought, ties=ties, known=known, priors=priors)
-    unknowns = replace(unknowns, sessions=offsets or "rigid")
+    _check(offsets, measured, fit)
+    unknowns = replace(unknowns_of(elastic, sought, ties=ties), sessions=offsets or "rigid")
     if both := set(measured.session).intersection(unknowns.geometry):
         raise InputError(
             "has the name of an offset that is sought", where="column session", got=min(both)
         )
     contradictions(measured)
-    rows = measured.rows
     measured = in_base(unknowns, measured, Model(unknowns, measured).poses)
-    rejected: tuple[Rejected, ...] = ()
-    while True:
-        model, plain, robust = _fits(unknowns, measured, loaded, progress)
-        measured = model.measured
-        if reject is None or rejected:
-            break
-        drop = robust.suspects if reject == "suspects" else robust.beyond(float(reject))
-        if not len(drop):
-            break
-        rejected = tuple(Rejected(int(measured.rows[n]), robust.reason(n)) for n in drop)
-        measured = measured.chosen(np.isin(np.arange(len(measured)), drop, invert=True))
-    result = Identification(model, len(rows), rejected, plain, robust, level, fit)
+    model, plain, robust = _fits(unknowns, measured, loaded, progress)
+    result = Identification(model, plain, robust, fit)
     _check_frame(model, result.chosen, elastic)
     result.notes  # noqa: B018 - what is wrong with the rows is an error here
     return result
@@ -1407,13 +978,7 @@ def _check_frame(model: Model, fit: Fit, elastic: ElasticMechanism) -> None:
         )
 
 
-def _check(
-    offsets: str | None,
-    measured: Measurements,
-    fit: str,
-    reject: float | str | None,
-    level: float,
-) -> None:
+def _check(offsets: str | None, measured: Measurements, fit: str | None) -> None:
     check_name("kind of offset", offsets or "none", OFFSETS, "--offsets")
     has_positions = any(name in measured.values for name in (*POSITION, *TURN))
     if offsets in ("rigid", "translation") and not (measured.session and has_positions):
@@ -1423,19 +988,8 @@ def _check(
             expected="a column session" if has_positions else "measured positions x, y, z",
             got=offsets,
         )
-    check_name("fit", fit, FITS, "--fit")
-    if not 0.0 < level < 1.0:
-        raise InputError(
-            "level cannot be used", where="--level", expected="between 0 and 1", got=level
-        )
-    is_limit = isinstance(reject, float | int) and reject >= 1.0
-    if reject not in (None, "suspects") and not is_limit:
-        raise InputError(
-            "unknown rule",
-            where="--reject",
-            got=repr(reject),
-            expected="suspects, or a number of standard deviations, at least 1",
-        )
+    if fit is not None:
+        check_name("fit", fit, FITS, "--fit")
 
 
 def _fits(
@@ -1501,7 +1055,7 @@ def _near(model: LoadedModel) -> Array:
 
 def _check_count(model: Model) -> None:
     parameters, offsets = len(model.unknowns.parameters), len(model.offsets.names)
-    if len(model.observations) + len(model.unknowns.priors[1]) < parameters + offsets:
+    if len(model.observations) < parameters + offsets:
         raise InputError(
             "fewer numbers than unknowns",
             got=f"{len(model.observations)} measured",

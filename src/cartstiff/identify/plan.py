@@ -11,15 +11,15 @@ Three criteria:
 * posture: the smallest error of the deflection at the user's own posture under the user's own load,
   ``tr(L C L^T)`` (test-pose criterion, [KlimchikTestPose]_).
 
-The rows are chosen greedily, then each is exchanged for any candidate as long as that reduces the
-cost. Most exchanges do not change the widest interval: norms of all intervals, with increasing
-weight on the wide ones, are reduced before it. At last every row is moved to better places nearby.
+The rows are chosen greedily: each is the candidate that reduces the cost most beside those before.
+The widest interval may depend on a later row alone, so that rows for the sum of all variances are
+chosen, too, and the better ones of both are taken.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from math import pi
 from typing import Any, Literal
 
@@ -29,7 +29,6 @@ from numpy.typing import NDArray
 from cartstiff import numerics
 from cartstiff.arrays import Array, checked_seed, plain_dict
 from cartstiff.errors import (
-    CartstiffError,
     ConvergenceError,
     InputError,
     UndefinedError,
@@ -43,91 +42,18 @@ from cartstiff.identify.measurements import (
     Measurements,
     assembled,
 )
-from cartstiff.identify.models import Model, model_of
+from cartstiff.identify.models import model_of
 from cartstiff.identify.unknowns import (
+    LEVEL,
     OffsetEstimate,
     Unknowns,
-    offsets_of,
     size_of,
     unit_of,
-    unknowns_of,
 )
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identified import quantile
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.results import LabelledResult
-
-
-def _check_columns(names: Iterable[str], what_for: str) -> None:
-    for name in names:
-        if name not in MEASURED or name in TURN:
-            raise InputError(
-                f"column cannot be {what_for}",
-                got=repr(name),
-                expected=", ".join(n for n in MEASURED if n not in TURN),
-            )
-
-
-def simulated(
-    elastic: ElasticMechanism,
-    settings: Measurements,
-    deviations: Mapping[str, float],
-    *,
-    seed: int = 0,
-    loaded: bool = False,
-    outliers: Sequence[int] = (),
-    outlier_size: float = 20.0,
-    tell_deviations: bool = False,
-) -> Measurements:
-    """Simulated measurements of a mechanism with these springs in given settings.
-
-    Parameters
-    ----------
-    elastic : ElasticMechanism
-        Its springs are the true ones.
-    settings : Measurements
-        Postures and loads; measured numbers are ignored.
-    deviations : mapping of str to float
-        Measured columns, each with the standard deviation of its noise, in the mechanism's units.
-    seed : int
-        Seed of the noise.
-    loaded : bool
-        Simulate the equilibrium under load, not displacements linear in it.
-    outliers : sequence of int
-        Places of rows with a gross error in all their numbers.
-    outlier_size : float
-        Size of that error, in standard deviations.
-    tell_deviations : bool
-        Whether the result carries the standard deviations.
-
-    Raises
-    ------
-    InputError
-        For a column that cannot be measured.
-    """
-    _check_columns(deviations, "simulated")
-    N, rng = len(settings), np.random.default_rng(checked_seed(seed))
-    nothing = {name: np.zeros(N) for name in deviations}
-    spread = {name: np.full(N, s) for name, s in deviations.items()}
-    blank = replace(settings, values=nothing, deviations=spread, session=())
-    unknowns = unknowns_of(elastic, ("all",))
-    model = model_of(unknowns, blank, loaded)
-    y, _ = model.at(unknowns.nominal)
-    seen = model.observations
-    gross = np.zeros(N)
-    sign = np.where(rng.random(N) < 0.5, -1.0, 1.0)
-    gross[list(outliers)] = outlier_size * sign[list(outliers)]
-    errors = (rng.normal(size=len(seen)) + gross[seen.row]) * seen.deviation
-    # The target of a zero position is minus the rigid one, which is added again.
-    numbers = y + errors - np.where(seen.is_absolute, seen.target, 0.0)
-    column = np.array(seen.column)
-    values = {name: np.full(N, np.nan) for name in deviations}
-    for name, filled in values.items():
-        filled[seen.row[column == name]] = numbers[column == name]
-    unknown = {name: np.full(N, np.nan) for name in deviations}
-    return replace(settings, values=values, deviations=spread if tell_deviations else unknown)
-
 
 _AXES = ("x", "y", "z")
 # Half ranges: of a joint without limits, and of a platform about its file's pose [rad; shares of
@@ -135,8 +61,6 @@ _AXES = ("x", "y", "z")
 _RANGE, _TILT, _SHIFT = pi, 0.3, 0.2
 # Random postures drawn per candidate wanted.
 _DRAWS_PER_CANDIDATE = 20
-# Neighbours of all rows that are tried at once; the same if postures are slow to compute.
-_NEIGHBOURS, _SLOW_NEIGHBOURS = 1000, 150
 
 
 def candidates(
@@ -181,7 +105,13 @@ def candidates(
     """
     if not (mass > 0.0 or force > 0.0):
         raise InputError("no load is planned", expected="a mass to hang, or a force to push with")
-    _check_columns(deviations, "planned")
+    for name in deviations:
+        if name not in MEASURED or name in TURN:
+            raise InputError(
+                "column cannot be planned",
+                got=repr(name),
+                expected=", ".join(n for n in MEASURED if n not in TURN),
+            )
     rng = np.random.default_rng(checked_seed(seed))
     low, high = _ranges(elastic, ranges or {})
     box = dict(within or {})
@@ -223,60 +153,6 @@ def candidates(
         point=point,
         load_at=point if load_at is None else load_at,
     )
-
-
-def beside(
-    elastic: ElasticMechanism,
-    rows: Measurements,
-    share: float,
-    rng: np.random.Generator,
-    *,
-    ranges: Mapping[str, Sequence[float]] | None = None,
-    within: Mapping[str, Sequence[float]] | None = None,
-) -> tuple[Measurements, NDArray[np.intp]]:
-    """Neighbours of rows: postures moved, forces along each axis of F.
-
-    Parameters
-    ----------
-    elastic : ElasticMechanism
-        As in `candidates`.
-    rows : Measurements
-        From `candidates`.
-    share : float
-        Share of the ranges by which postures are moved (standard deviation) and gauges turned.
-    rng : Generator
-        Random numbers.
-    ranges, within
-        As in `candidates`.
-
-    Returns
-    -------
-    near : Measurements
-        Each row, followed by its neighbours.
-    owner : ndarray of int
-        Place of the given row that each belongs to.
-    """
-    low, high = _ranges(elastic, ranges or {})
-    chain = elastic.mechanism
-    quick = isinstance(chain, Chain) and not chain.closures
-    each = max((_NEIGHBOURS if quick else _SLOW_NEIGHBOURS) // len(rows), 3)
-    owner, taken = [], []
-    for i, centre in enumerate(rows.q):
-        W, gauge = rows.wrench[i], rows.direction[i]
-        loads = [(centre, W, gauge)]
-        forces = W[None]
-        if W.any():
-            forces = np.hstack([np.zeros((3, 3)), np.eye(3) * np.linalg.norm(W[3:])])
-        for step in share * (high - low) * rng.normal(size=(each, len(low))):
-            at = _allowed(elastic, np.clip(centre + step, low, high), within or {}, rows.point)
-            if at is None:
-                continue
-            turned = gauge + 2.0 * pi * share * rng.normal(size=3)
-            loads += [(at, force, turned / np.linalg.norm(turned)) for force in forces]
-        owner += [i] * len(loads)
-        taken += loads
-    q, wrench, direction = map(np.array, zip(*taken, strict=True))
-    return replace(rows.taken(owner), q=q, wrench=wrench, direction=direction), np.array(owner)
 
 
 def _allowed(
@@ -335,24 +211,15 @@ def _ranges(
 
 
 CRITERIA = ("worst", "all", "posture")
-#: Norms of the variances on the way to the largest.
-_NORMS = (2, 8, 32)
 # Rows that move by more than this share of the mechanism, and this many times the median, are near
 # a singularity, where displacements are not small.
 _LARGE_DISPLACEMENT, _TIMES_MEDIAN = 0.05, 10.0
 
 #: Costs (k,) of informations (k, P, P).
 Cost = Callable[[Array], Array]
-#: Neighbours of rows within a share of the ranges, and the row that each belongs to.
-Beside = Callable[[Measurements, float, np.random.Generator], tuple[Measurements, NDArray[np.intp]]]
 
 # Natural size of zeros and offsets: rad, and shares of the mechanism.
 _SMALL = 1e-3
-_MAX_PASSES = 20
-# Shares of the ranges by which rows are moved, one after the other; and the least distance of two
-# rows with one load, as a repeated row reduces the noise alone, not errors of the model.
-_SHARES = tuple(0.1 * 0.6**k for k in range(8))
-_LEAST_DISTANCE = 0.02
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -375,8 +242,6 @@ class Plan(LabelledResult):
         Half width of an interval over the standard deviation, at each number of rows.
     lost : tuple of str
         Springs that no candidate determines by themselves.
-    level : float
-        Probability of the intervals.
     geometry : tuple of OffsetEstimate
         Predicted standard deviations of zeros, tool and base, if they are sought.
     """
@@ -388,7 +253,6 @@ class Plan(LabelledResult):
     deviations: Array
     factors: Array
     lost: tuple[str, ...]
-    level: float
     geometry: tuple[OffsetEstimate, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
@@ -412,7 +276,7 @@ class Plan(LabelledResult):
             "schema": "cartstiff-identify-plan/1",
             "criterion": self.criterion,
             "rows": len(self.rows),
-            "level": self.level,
+            "level": LEVEL,
             "parameters": rows,
             "geometry": [{"name": g.name, "unit": g.unit, "sd": g.sd} for g in self.geometry],
             "by_rows": [{"rows": n, "worst_relative_sd": worst} for n, worst in falls],
@@ -459,10 +323,10 @@ def information(unknowns: Unknowns, measured: Measurements, geometry: Sequence[s
     return _per_row(unknowns, measured, geometry)[0]
 
 
-def _regressor(
+def _per_row(
     unknowns: Unknowns, measured: Measurements, geometry: Sequence[str]
-) -> tuple[Model, Array, Array, Array]:
-    """Model, displacements (m,), and columns over deviations (m, T): the fit's, and of sessions."""
+) -> tuple[Array, Array]:
+    """G, and the largest motion of each row (N,): rad, or shares of the mechanism's length."""
     model = model_of(unknowns, measured)
     seen, elastic = model.observations, unknowns.elements.elastic
     y, A = model.at(unknowns.nominal)
@@ -472,26 +336,11 @@ def _regressor(
             where="--sd",
             expected="one for each column that is measured",
         )
-    sought = unknowns if seen.is_absolute.any() else replace(unknowns, geometry=())
-    offsets = offsets_of(sought, seen, measured)
-    first = len(offsets.names) - len(offsets.geometry)
-    place = {name: i for i, name in enumerate(offsets.geometry, start=first)}
-    columns = offsets.columns / seen.deviation[:, None]
-    more = np.zeros((len(seen), len(geometry)))
-    for i, name in enumerate(geometry):
-        if name in place:
-            more[:, i] = columns[:, place[name]] * _SMALL * size_of(elastic, name)
-    own = np.hstack([A * (unknowns.sizes / seen.deviation[:, None]), more])
-    others = [i for i in range(len(offsets.names)) if i < first or offsets.names[i] not in geometry]
-    return model, y, own, columns[:, others]
-
-
-def _per_row(
-    unknowns: Unknowns, measured: Measurements, geometry: Sequence[str]
-) -> tuple[Array, Array]:
-    """G, and the largest motion of each row (N,): rad, or shares of the mechanism's length."""
-    model, y, scaled, _ = _regressor(unknowns, measured, geometry)
-    seen, elastic = model.observations, unknowns.elements.elastic
+    more = [
+        _SMALL * size_of(elastic, name) * model.offsets.columns.T[model.offsets.names.index(name)]
+        for name in geometry
+    ]
+    scaled = np.column_stack([A * unknowns.sizes, *more]) / seen.deviation[:, None]
     G = np.zeros((len(measured), scaled.shape[1], scaled.shape[1]))
     np.add.at(G, seen.row, scaled[:, :, None] * scaled[:, None, :])
     size = np.where(seen.is_angle, 1.0, elastic.mechanism.at(elastic.q).length)
@@ -507,9 +356,6 @@ def plan(
     *,
     criterion: Literal["worst", "all", "posture"] = "worst",
     test: tuple[Array, Array] | None = None,
-    have: Measurements | None = None,
-    beside: Beside | None = None,
-    level: float = 0.95,
 ) -> Plan:
     """Choose rows from candidates.
 
@@ -526,13 +372,6 @@ def plan(
         (all: D-optimal), or the deflection at a posture under a load (posture).
     test : (q, wrench), optional
         The user's posture (n,) and wrench (6,) on M along F, for "posture".
-    have : Measurements, optional
-        Rows that are measured already, with standard deviations; the plan adds to them.
-    beside : callable, optional
-        Neighbours of rows, see `cartstiff.identify.plan.beside`: the chosen rows are moved to the
-        best of these.
-    level : float
-        Probability of the predicted intervals.
 
     Raises
     ------
@@ -550,16 +389,8 @@ def plan(
     whole, moved = _per_row(unknowns, offered, geometry)
     most = max(_LARGE_DISPLACEMENT, _TIMES_MEDIAN * float(np.median(moved)))
     offered, whole = offered.chosen(moved <= most), whole[moved <= most]
-    priors = unknowns.priors[0] * unknowns.sizes
-    start, others = np.zeros(whole.shape[1:]), len(priors)
-    start[:P, :P] = priors.T @ priors
-    if have is not None:
-        _, _, own, sessions = _regressor(unknowns, have, geometry)
-        own = own - sessions @ np.linalg.lstsq(sessions, own, rcond=None)[0]
-        start += own.T @ own
-        others += len(own) - sessions.shape[1]
-    known = np.isfinite(_deviations_of(whole.sum(axis=0) + start))
-    others -= int(known.sum())
+    known = np.isfinite(_deviations_of(whole.sum(axis=0)))
+    fitted = int(known.sum())
     known[P:] = False
     if not known.any():
         raise InputError(
@@ -567,12 +398,8 @@ def plan(
             expected="other loads, or columns to be measured",
         )
 
-    def of_rows(rows: Measurements) -> Array:
-        information, moved = _per_row(unknowns, rows, geometry)
-        return np.where((moved <= most)[:, None, None], information, 0.0)
-
-    one = float(np.median(np.trace(whole, axis1=1, axis2=2))) / len(start)
-    faint = numerics.PRIOR_INFORMATION_SHARE * one * np.eye(len(start))
+    one = float(np.median(np.trace(whole, axis1=1, axis2=2))) / len(known)
+    faint = numerics.PRIOR_INFORMATION_SHARE * one * np.eye(len(known))
     effects = None
     if criterion == "posture":
         if test is None:
@@ -585,33 +412,21 @@ def plan(
         if not effects.any():
             raise InputError("the load of the test posture moves nothing", where="--load")
     cost = _cost_of(criterion, known, effects)
-    ways = [cost]
-    if criterion == "worst":
-        ways = [*(_cost_of(criterion, known, None, norm) for norm in _NORMS), cost]
-    order = _greedy(whole, start + faint, count, cost)
-    chosen = order
-    for way in ways:
-        chosen, _ = _exchanged(
-            whole, start + faint, chosen, way, lambda _, others: _free(len(whole), others)
-        )
-    rows = offered.taken(chosen)
-    if beside is not None:
-        rows = _refined(rows, of_rows, beside, start + faint, ways)
-    final = start + of_rows(rows).sum(axis=0)
-    sums = [start + whole[order[:n]].sum(axis=0) for n in range(1, count)]
-    spreads = np.array([_deviations_of(M) for M in (*sums, final)])
+    ways = (cost, _cost_of("sum", known, effects)) if criterion == "worst" else (cost,)
+    orders = [_greedy(whole, faint, count, way) for way in ways]
+    order = min(orders, key=lambda rows: cost((faint + whole[rows].sum(axis=0))[None])[0])
+    spreads = np.array([_deviations_of(M) for M in np.cumsum(whole[order], axis=0)])
     counts = np.arange(1, count + 1)
-    degrees = np.maximum(counts * len(offered.values) + others, 1)
+    degrees = np.maximum(counts * len(offered.values) - fitted, 1)
     predicted = spreads[-1, P:] * [_SMALL * size_of(elastic, n) for n in geometry]
     return Plan(
         unknowns,
-        rows,
+        offered.taken(order),
         criterion,
         counts,
         np.where(known[:P], spreads[:, :P], np.inf),
-        np.array([quantile(level, d) for d in degrees]),
+        np.array([quantile(LEVEL, d) for d in degrees]),
         tuple(n for n, is_known in zip(unknowns.names, known, strict=False) if not is_known),
-        level,
         tuple(
             OffsetEstimate(n, unit_of(elastic, n), None, s if np.isfinite(s) else None, None)
             for n, s in zip(geometry, predicted.tolist(), strict=True)
@@ -642,9 +457,7 @@ def _effects(unknowns: Unknowns, q: Array, wrench: Array) -> Array:
     return model_of(unknowns, one).at(unknowns.nominal)[1] * unknowns.sizes
 
 
-def _cost_of(
-    criterion: str, known: NDArray[np.bool_], effects: Array | None, norm: float = np.inf
-) -> Cost:
+def _cost_of(criterion: str, known: NDArray[np.bool_], effects: Array | None) -> Cost:
     """Cost (k,) of informations (k, T, T), of the known parameters (T,)."""
 
     def of(M: Array) -> Array:
@@ -654,7 +467,8 @@ def _cost_of(
             return np.where(sign > 0, value, np.inf)
         if effects is not None:
             return np.einsum("ip,kpr,ir->k", effects, inverse, effects)
-        return np.asarray(np.linalg.norm(inverse.diagonal(0, 1, 2), norm, axis=1))
+        variances = inverse.diagonal(0, 1, 2)
+        return np.asarray(variances.sum(axis=1) if criterion == "sum" else variances.max(axis=1))
 
     return of
 
@@ -674,90 +488,3 @@ def _free(offered: int, chosen: list[int]) -> NDArray[np.intp]:
     every = np.arange(offered)
     free = np.setdiff1d(every, chosen)
     return free if free.size else every
-
-
-def _exchanged(
-    G: Array,
-    start: Array,
-    chosen: list[int],
-    cost: Cost,
-    allowed: Callable[[int, list[int]], NDArray[np.intp]],
-    passes: int = _MAX_PASSES,
-) -> tuple[list[int], float]:
-    """Rows, each exchanged for the one allowed beside the others that reduces the cost most."""
-    chosen = list(chosen)
-    M = start + G[chosen].sum(axis=0)
-    now = float(cost(M[None])[0])
-    for _ in range(passes):
-        before = now
-        for i, old in enumerate(chosen):
-            mine = allowed(i, [*chosen[:i], *chosen[i + 1 :]])
-            costs = cost(M - G[old] + G[mine])
-            if mine.size and costs.min() < now - numerics.REPORTED_ERROR * abs(now):
-                chosen[i], now = int(mine[np.argmin(costs)]), float(costs.min())
-                M = M - G[old] + G[chosen[i]]
-        if not now < before:
-            break
-    return chosen, now
-
-
-def _refined(
-    rows: Measurements,
-    information: Callable[[Measurements], Array],
-    beside: Beside,
-    start: Array,
-    ways: list[Cost],
-) -> Measurements:
-    """Rows moved, each to the best of many neighbours, at decreasing distances.
-
-    Parameters
-    ----------
-    rows : Measurements
-        Chosen.
-    information : callable
-        Informations (N, P, P) of rows.
-    beside : callable
-        Neighbours of rows; the first of each is the row itself.
-    start : ndarray (P, P)
-        Further information.
-    ways : list of callable
-        Costs; the last one decides.
-
-    Returns
-    -------
-    Measurements
-        No worse than those given.
-    """
-    rng, best = np.random.default_rng(0), rows
-    least = float(ways[-1]((start + information(rows).sum(axis=0))[None])[0])
-    for share in _SHARES:
-        near, owner = beside(rows, share, rng)
-        try:
-            G = information(near)
-        except CartstiffError:  # a posture without a stiffness
-            continue
-        at = np.unique(owner, return_index=True)[1].tolist()
-
-        def different(i: int, others: list[int], near: Any = near, owner: Any = owner) -> Any:
-            mine = np.flatnonzero(owner == i)
-            return mine[_are_different(near, mine, np.array(others, np.intp))]
-
-        for way in ways[-2:]:
-            at, reached = _exchanged(G, start, at, way, different, passes=1)
-        rows = near.taken(at)
-        if reached < least:
-            best, least = rows, reached
-    return best
-
-
-def _are_different(
-    near: Measurements, mine: NDArray[np.intp], others: NDArray[np.intp]
-) -> NDArray[np.bool_]:
-    """Rows `mine` unlike all others: other postures, or loads along other lines."""
-    spans = np.ptp(near.q, axis=0)
-    spans[spans == 0.0] = np.inf
-    far = np.abs(near.q[mine, None] - near.q[others]) / spans
-    loads = near.wrench / np.maximum(np.linalg.norm(near.wrench, axis=1), numerics.TINY)[:, None]
-    crossed = np.abs(loads[mine] @ loads[others].T) < 0.5
-    crossed &= loads[others].any(axis=1)
-    return np.asarray((crossed | (far.max(axis=2) > _LEAST_DISTANCE)).all(axis=1))

@@ -1,11 +1,10 @@
-"""Parameters to be found: compliances, ties between them, and prior knowledge of them."""
+"""Parameters to be found: compliances, ties between them, and geometry beside them."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -13,17 +12,18 @@ from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
-from cartstiff.errors import InputError, UnknownNameError, check_name
+from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.identify.measurements import POSITION, TURN, Measurements, Observations
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import own_stiffness
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements, law_of, with_coefficients
 from cartstiff.mechanisms.identified import BEAM, CompliancePattern
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw, SpringLaw
 
+#: Probability of intervals.
+LEVEL = 0.95
 #: Groups that can be sought, besides single springs by name.
 _GROUPS = ("joints", "links", "lines", "all")
 #: Geometry that can be sought beside springs; "JOINT.zero" is one of the zeros.
@@ -42,8 +42,6 @@ class Unknown:
         Unit of its stiffness.
     nominal : float
         Start of the search: the mechanism's own.
-    prior : tuple of (float, float)
-        Known compliances, each with its standard deviation.
     is_scale : bool
         Whether it is a factor on a beam's own compliance.
     """
@@ -51,7 +49,6 @@ class Unknown:
     pattern: CompliancePattern
     unit: str
     nominal: float
-    prior: tuple[tuple[float, float], ...] = ()
     is_scale: bool = False
 
     @property
@@ -110,15 +107,6 @@ class Unknowns:
         """Start values (P,)."""
         return np.array([u.nominal for u in self.parameters])
 
-    @cached_property
-    def priors(self) -> tuple[Array, Array]:
-        """Rows (k, P) over their deviations, and their right-hand sides (k,), of known values."""
-        known = [(p, *one) for p, u in enumerate(self.parameters) for one in u.prior]
-        rows = np.zeros((len(known), len(self.parameters)))
-        for row, (p, _, s) in zip(rows, known, strict=True):
-            row[p] = 1.0 / s
-        return rows, np.array([value / s for _, value, s in known])
-
     @property
     def is_bounded(self) -> Array:
         """Parameters that cannot be negative (P,)."""
@@ -167,8 +155,6 @@ def unknowns_of(
     sought: Sequence[str] = (),
     *,
     ties: Sequence[Sequence[str]] = (),
-    known: Mapping[str, float] | None = None,
-    priors: Mapping[str, tuple[float, float]] | None = None,
 ) -> Unknowns:
     """Parameters to be found in a mechanism.
 
@@ -185,10 +171,6 @@ def unknowns_of(
         has that name.
     ties : sequence of sequences of str
         Springs with equal stiffness.
-    known : mapping of str to float, optional
-        Stiffnesses that are known and kept.
-    priors : mapping of str to (float, float), optional
-        Stiffnesses that are known with a standard deviation.
 
     Raises
     ------
@@ -200,47 +182,14 @@ def unknowns_of(
     elements = Elements(elastic)
     geometry, springs = _geometry(elastic, elements, sought)
     names = _expanded(elastic, elements, springs or ("joints",))
-    Gamma, slides = elements.compliance.copy(), elements.deflect_by_length
-
-    def own(option: str, name: str, k: float) -> float:
-        length = slides.get(name, False)
-        value = float(own_stiffness(k, elastic.units, length, f"{option} {name}"))
-        if not (np.isfinite(value) and value > 0.0):
-            raise InputError(
-                f"stiffness of {name!r} cannot be used",
-                where=option,
-                expected="above zero" + "; --known holds a stiffness" * (option == "--prior"),
-                got=value,
-            )
-        return value
-
-    for name, k in (known or {}).items():
-        i = elements.index(name, "--known")
-        _refuse_of_beam(elastic, name, "--known")
-        Gamma[i, i] = 1.0 / own("--known", name, k)
-    parameters = [
-        u for name in names for u in _made(elastic, elements, name) if u.name not in (known or ())
-    ]
-    if not parameters:
-        raise InputError("nothing is to be found", expected="a spring that is not held")
+    parameters = [u for name in names for u in _made(elastic, elements, name)]
     name, times = Counter(u.name for u in parameters).most_common(1)[0]
     if times > 1:
         raise InputError(f"{name!r} is sought twice", where="--unknown")
     for group in ties:
         parameters = _tied(parameters, group)
-    able = {
-        name: p
-        for p, u in enumerate(parameters)
-        if u.has_stiffness and not u.is_scale
-        for name in u.name.split(" = ")
-    }
-    for name, (k, sd) in (priors or {}).items():
-        check_name("spring", name, able, "--prior")
-        stiffness, u = own("--prior", name, k), parameters[able[name]]
-        one = 1.0 / stiffness, own("--prior", name, sd) / stiffness**2
-        parameters[able[name]] = replace(u, prior=(*u.prior, one))
     patterns = elements.patterns([u.pattern for u in parameters])
-    rest = np.where(patterns.any(axis=0), 0.0, Gamma)
+    rest = np.where(patterns.any(axis=0), 0.0, elements.compliance)
     return Unknowns(elements, tuple(parameters), patterns, rest, geometry)
 
 

@@ -45,7 +45,7 @@ def mechanism_file(result: Identification, data: dict[str, Any], source: str) ->
     InputError
         If springs found have no place in the file.
     """
-    elastic = with_result(result, source=source)
+    elastic = with_result(result, source=f"{source}, {result.fit} fit")
     length = data.get("units", {}).get("length", SI.length)
     if elastic.units.length != length:
         elastic = in_units(elastic, length)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cartstiff.errors import joined, listed
+from cartstiff.errors import joined
 from cartstiff.identify.identification import Identification, is_doubt
+from cartstiff.identify.unknowns import LEVEL
 from cartstiff.mechanisms.other_units import shown, shown_heads
 from cartstiff.report.layout import body_frame, note_lines, number, table
 
@@ -17,18 +18,20 @@ if TYPE_CHECKING:
 def describe_identification(result: Identification) -> str:
     """Describe stiffnesses with their intervals, noise, checks and notes."""
     model = "the equilibrium under load" if result.loaded else "displacements linear in the load"
-    used = len(result.measured)
-    rows = f"{used} rows" if used == result.rows else f"{used} of {result.rows} rows"
+    other = "" if result.fit == result.recommended else f"the {result.recommended} one is "
     lines = [
-        f"{result.elastic.name}, {body_frame(result.elastic.mechanism)}: {rows}, "
-        f"{len(result.model.observations)} numbers; {result.fit} fit of {model}",
+        f"{result.elastic.name}, {body_frame(result.elastic.mechanism)}: {len(result.measured)} "
+        f"rows, {len(result.model.observations)} numbers; {result.fit} fit ({other}recommended) of "
+        f"{model}",
         *(f"  DOUBTFUL, {n.code}: {n.message}" for n in result.notes if is_doubt(n)),
         "",
         f"Stiffness, {100 * result.level:g} % intervals",
     ]
-    robust = dict(zip(result.unknowns.names, result.robust.fit.theta, strict=True))
-    titles = ("spring", "stiffness", "from", "to", "unit", "compliance", "sd", "robust fit", "")
-    lines += table(titles, [_row(e, float(robust[e.name])) for e in result.estimates])
+    other_fit = "plain" if result.fit == "robust" else "robust"
+    others = result.plain if result.fit == "robust" else result.robust.fit
+    titles = "spring", "stiffness", "from", "to", "unit", "compliance", "sd", f"{other_fit} fit", ""
+    pairs = zip(result.estimates, others.theta.tolist(), strict=True)
+    lines += table(titles, [_row(e, theta) for e, theta in pairs])
     if result.geometry:
         lines += ["", f"Zeros and offsets, {100 * result.level:g} % intervals"]
         body = []
@@ -64,15 +67,13 @@ def describe_identification(result: Identification) -> str:
         both = {**entry["springs"], **entry["offsets"]}
         shares = " ".join(f"{share:+.2f} {name}" for name, share in both.items())
         lines.append(f"  not seen: {shares}")
-    if suspects := result.suspects:
-        lines.append(f"Suspect rows: {listed([*map(str, suspects)], 10)}")
     if notes := [note for note in result.notes if not is_doubt(note)]:
         lines += ["", "Notes"]
         lines += [f"  {note.code}: {note.message}" for note in notes]
     return joined(lines)
 
 
-def _row(e: Estimate, robust: float) -> tuple[str, ...]:
+def _row(e: Estimate, other: float) -> tuple[str, ...]:
     low, high = e.stiffness_interval
     words = {
         "determined": "",
@@ -92,10 +93,10 @@ def _row(e: Estimate, robust: float) -> tuple[str, ...]:
             e.unknown.unit,
             "-",
             number(e.deviation, 3),
-            number(robust),
+            number(other),
             "coefficient",
         )
-    k = robust if not e.unknown.has_stiffness else 1.0 / robust if robust > 0.0 else None
+    k = other if not e.unknown.has_stiffness else 1.0 / other if other > 0.0 else None
     return (
         e.name,
         number(e.stiffness),
@@ -127,7 +128,7 @@ def describe_plan(plan: Plan) -> str:
         force = ", ".join(number(float(x), 4) for x in W[3:])
         body.append([str(i + 1), *(f"{x:.4f}" for x in q), number(float(mass), 4), f"({force})"])
     lines += table(heads, body)
-    lines += ["", f"Predicted {100 * plan.level:g} % intervals of the file's stiffnesses"]
+    lines += ["", f"Predicted {100 * LEVEL:g} % intervals of the file's stiffnesses"]
     body = []
     for entry in data["parameters"]:
         low, high = entry["interval"]
