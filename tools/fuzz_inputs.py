@@ -158,7 +158,7 @@ def message(rng: random.Random) -> str:
         state |= {"load": [rng.uniform(-9, 9) for _ in range(6)], "point": [0.0, 0.1, 0.2]}
     state["connection"] = rng.choice("ABKF+")
     state["quantity"] = rng.choice(["stiffness", "compliance"])
-    for key in rng.sample(["deflection", "screws", "centres", "labels"], 2):
+    for key in rng.sample(["deflection", "centres", "labels"], 2):
         state[key] = rng.random() < 0.5
     asked: dict[str, Any] = {
         "id": 1,

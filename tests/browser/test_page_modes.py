@@ -71,7 +71,7 @@ def test_a_mode_is_played_live_and_comes_to_rest(page):
     sizes = [np.abs(np.subtract(still[p], away[p])).max() for p in moved(still, away)]
     assert 0.005 < max(sizes) < 0.5
     # Another posture starts from its own rest, the swing gone.
-    page.evaluate("() => window.cartstiff.change({ screws: true })")
+    page.evaluate("() => window.cartstiff.change({ centres: true })")
     settled(page)
     assert moved(still, transforms(page, "mechanism")) == []
     # Live while it plays.

@@ -10,7 +10,6 @@ from tools.screenshot import settled
 
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
-from cartstiff.analysis.screws import eigenscrews
 from cartstiff.geometry import se3
 from cartstiff.loading.catalogue import bundled_files
 from cartstiff.page.messages import ViewState
@@ -348,47 +347,6 @@ def test_what_is_pointed_at_says_its_number_and_lights_its_row(ur5):
     line = page.inner_text(".moved-line")
     assert line.startswith("100 N at M: its force and moment keep their direction in the room")
     assert "Gravity: none" in line
-
-
-# Where parts of screw axes away from their middles are on the screen, from -1 to 1.
-SCREWS = """() => {
-    const { viewer } = window.cartstiff.pane;
-    viewer.scene.updateMatrixWorld(true);
-    const found = [];
-    viewer.scene_tree.find(["meshcat", "cartstiff", "screws"]).object.traverseVisible((node) => {
-        if (!node.isMesh || node.userData.isTwin) return;
-        node.geometry.computeBoundingBox();
-        const { max } = node.geometry.boundingBox;
-        for (const share of [-0.8, -0.5, 0.5, 0.8]) {
-            const at = viewer.camera.position.clone().set(0, share * max.y, 0);
-            at.applyMatrix4(node.matrixWorld).project(viewer.camera);
-            found.push([at.x, at.y]);
-        }
-    });
-    return found;
-}"""
-
-
-def test_a_screw_axis_says_its_eigenvalue_and_pitch(ur5):
-    changed(ur5, screws=True, connection="B")
-    K = cartstiff.analyse(cartstiff.load("ur5")).matrices["B"]
-    screws = eigenscrews(K).screws
-    expected = {f"eigenscrew {i + 1}: {s.eigenvalue:.5g}" for i, s in enumerate(screws)}
-    box = ur5.locator("#pane canvas").bounding_box()
-    said = set()
-    for x, y in ur5.evaluate(SCREWS):
-        if max(abs(x), abs(y)) < 0.9:
-            ur5.mouse.move(
-                box["x"] + box["width"] * (1 + x) / 2, box["y"] + box["height"] * (1 - y) / 2
-            )
-            settled(ur5)
-            words = "".join(ur5.locator(".tip:not([hidden])").all_inner_texts())
-            if "eigenscrew" in words:
-                assert " N/rad, pitch " in words
-                said.add(words.replace("\u2212", "-").split(" N/rad")[0])
-    assert len(said) >= 2
-    assert said <= expected
-    changed(ur5, screws=False)
 
 
 def test_a_hand_moves_the_tool_and_pulls_the_load(ur5):

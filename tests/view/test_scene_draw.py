@@ -174,8 +174,8 @@ def test_a_singular_matrix_is_a_disc_or_a_rod():
 
 def test_what_does_not_exist_has_its_reason():
     drawing = Drawing("five-bar")
-    legend = drawing.draw(screws=True, centres=True)
-    for facts in (legend["ellipsoids"]["translation"], legend["screws"], legend["centres"]):
+    legend = drawing.draw(centres=True)
+    for facts in (legend["ellipsoids"]["translation"], legend["centres"]):
         assert facts["shown"] is False
         assert "cannot move in 4 of 6 directions" in facts["reason"]
     assert "six" in Drawing("cable-robot").draw(connection="F")["ellipsoids"]["rotation"]["reason"]
@@ -183,12 +183,12 @@ def test_what_does_not_exist_has_its_reason():
 
 def test_switched_off_means_gone():
     drawing = platform()
-    drawing.draw(screws=True, centres=True, compliant_axes=True, deflection=True)
+    drawing.draw(centres=True, deflection=True)
     legend = drawing.draw(translation=False, rotation=False, wrench=False, frames=False, grid=False)
     shown = [p for p in drawing.viewer.below(ROOT) if not p.startswith(f"{ROOT}/mechanism")]
     assert shown == []
     assert legend["ellipsoids"] == {"translation": None, "rotation": None}
-    assert legend["wrench"] is legend["deflection"] is legend["screws"] is None
+    assert legend["wrench"] is legend["deflection"] is legend["centres"] is None
 
 
 def test_wrench_arrows_start_at_the_body_and_follow_the_wrench():
@@ -351,31 +351,6 @@ def test_springs_between_links(tmp_path):
         np.testing.assert_allclose(end, T[:3, :3] @ point + T[:3, 3], atol=ROUNDING)
 
 
-def test_eigenscrews_are_lines_of_reciprocal_action():
-    """On each line, K takes the twist of its pitch to a wrench on the same line and pitch."""
-    drawing = platform(None)
-    rows = drawing.draw(connection="B", screws=True)["screws"]
-    assert [r["shown"] for r in rows] == [True] * 6
-    T, K = drawing.result.pose, drawing.result.matrices["B"]
-    for i, row in enumerate(rows, start=1):
-        M = drawing.viewer.world(f"{ROOT}/screws/axis {i}")
-        n = T[:3, :3].T @ M[:3, 0] / np.linalg.norm(M[:3, 0])
-        p = T[:3, :3].T @ (M[:3, 3] - T[:3, 3])
-        twist = np.concatenate([n, np.cross(p, n) + row["pitch"] * n])
-        wrench = K @ twist
-        np.testing.assert_allclose(
-            wrench,
-            row["value"] * np.concatenate([twist[3:], n]),
-            atol=1e-6 * np.abs(wrench).max(),
-        )
-        # In the middle is the point nearest to the body frame.
-        middle = T[:3, :3].T @ (M[:3, 3] + 0.5 * M[:3, 0] - T[:3, 3])
-        assert abs(middle @ n) < ROUNDING
-        text = drawing.viewer.text(f"{ROOT}/screws/label {i}")
-        assert text.startswith("h = ")
-        assert text.endswith("m")
-
-
 def test_centres_of_a_decoupled_platform_share_a_label():
     drawing = Drawing("cubic")
     found = drawing.draw(centres=True)["centres"]
@@ -410,9 +385,9 @@ def test_a_step_sends_transforms_only(name):
 
 def test_the_same_posture_sends_no_objects_and_no_properties():
     drawing = platform()
-    drawing.draw(screws=True, centres=True)
+    drawing.draw(centres=True)
     drawing.viewer.kinds.clear()
-    drawing.draw(screws=True, centres=True)
+    drawing.draw(centres=True)
     assert set(drawing.viewer.kinds) == {"set_transform"}
 
 
@@ -434,11 +409,11 @@ def test_a_theme_dresses_everything_anew():
     drawing.draw()
     light = drawing.viewer.places["/Background"].properties["top_color"]
     drawing.draw(ghost=(0.0, 0.1, 0.02, 0.0, 0.1, 0.0))
-    drawing.draw(theme="dark", screws=True, ghost=(0.0, 0.1, 0.02, 0.0, 0.1, 0.0))
+    drawing.draw(theme="dark", centres=True, ghost=(0.0, 0.1, 0.02, 0.0, 0.1, 0.0))
     dark = drawing.viewer.places["/Background"].properties["top_color"]
     assert sum(dark) < 1.0 < sum(light)
     fresh = platform()
-    fresh.draw(theme="dark", screws=True, ghost=(0.0, 0.1, 0.02, 0.0, 0.1, 0.0))
+    fresh.draw(theme="dark", centres=True, ghost=(0.0, 0.1, 0.02, 0.0, 0.1, 0.0))
     assert fresh.viewer.below(f"{ROOT}/ghost")
     for path in fresh.viewer.below(ROOT):
         assert drawing.viewer.visible(path)

@@ -18,7 +18,6 @@ from tests.support import random_pose
 from tests.view.viewer import Viewer, meshcat
 
 import cartstiff
-from cartstiff.analysis.screws import screw_of_twist
 from cartstiff.errors import InputError
 from cartstiff.page.files import page_style
 from cartstiff.scene import (
@@ -29,7 +28,6 @@ from cartstiff.scene import (
     add_ellipsoid,
     add_path,
     add_points,
-    add_screw,
     add_wrench,
     theme,
 )
@@ -136,20 +134,6 @@ def test_a_wrench_in_a_meshcat_scene(vis, window):
     assert (facts["moment"], facts["force"] > 0) == (0.0, True)
     add_wrench(vis["tool"], np.zeros(6), T)
     assert not Viewer(window.snapshot()).below("/meshcat/tool")
-
-
-def test_a_screw_in_a_meshcat_scene(vis, window):
-    point, direction = np.array([0.3, -0.2, 0.5]), np.array([0, 0.6, 0.8])
-    twist = np.concatenate([direction, np.cross(point, direction) + 0.07 * direction])
-    assert add_screw(vis["s"], screw_of_twist(twist), size=2.0)
-    viewer = Viewer(window.take())
-    M = viewer.world("/meshcat/s/screw/axis", root="/meshcat/s")
-    assert np.linalg.norm(M[:3, 0]) == pytest.approx(2.0)
-    for end in (M[:3, 3], M[:3, 3] + M[:3, 0]):
-        assert np.linalg.norm(np.cross(end - point, direction)) < ROUNDING
-    assert viewer.text("/meshcat/s/screw/label") == "h = 70 mm"
-    assert not add_screw(vis["s"], screw_of_twist(np.array([0, 0, 0, 1.0, 0, 0])))
-    assert not Viewer(window.snapshot()).below("/meshcat/s")
 
 
 def _array(data):

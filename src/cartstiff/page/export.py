@@ -47,7 +47,7 @@ def numbered(*states: Mapping[Key, bytes]) -> tuple[list[bytes], list[list[int]]
 
 
 # Parts of the picture that JavaScript cannot draw.
-_NOT_COMPUTED = ("deflection", "screws", "centres")
+_NOT_COMPUTED = ("deflection", "centres")
 # Parts of a state that are in the mechanism of a file.
 _APPLIED = {"gravity": None, "payload": None, "command": None}
 

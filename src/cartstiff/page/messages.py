@@ -119,7 +119,6 @@ class ViewState(_Strict):
     labels: bool = True
     wrench: bool = True
     deflection: bool = False
-    screws: bool = False
     centres: bool = False
 
     @property

@@ -9,5 +9,4 @@ from .scales import Linear as Linear
 from .scales import Logarithmic as Logarithmic
 from .scales import Root as Root
 from .scene import Scene as Scene
-from .screws import add_screw as add_screw
 from .viewer import RecordingWindow as RecordingWindow

@@ -77,8 +77,6 @@ class Appearance:
         itself.
     added_at : tuple of 3 floats, optional
         Point in M at which `added` acts; default the reference point.
-    screws, compliant_axes : bool
-        Eigenscrews; wrench- and twist-compliant axes.
     centres : bool
         Centres of stiffness, compliance, elasticity, and of least coupling.
     ghost : tuple of floats, optional
@@ -108,8 +106,6 @@ class Appearance:
     added: tuple[float, ...] | None = None
     added_at: tuple[float, float, float] | None = None
     exaggeration: float | None = None
-    screws: bool = False
-    compliant_axes: bool = False
     centres: bool = False
     ghost: tuple[float, ...] | None = None
     nodal: tuple[int, float, Screw] | None = None

@@ -35,6 +35,7 @@ from cartstiff.scene.arrows import (
     DeflectionPicture,
     WrenchPicture,
 )
+from cartstiff.scene.centres import CentresPicture, NodalAxis
 from cartstiff.scene.ellipsoids import (
     CUT,
     FLAT,
@@ -48,13 +49,6 @@ from cartstiff.scene.environment import Environment
 from cartstiff.scene.mechanism import MechanismPicture, extent
 from cartstiff.scene.points import add_path, add_points
 from cartstiff.scene.scales import SCALES, Growing
-from cartstiff.scene.screws import (
-    AxesPicture,
-    CentresPicture,
-    Line,
-    compliant_lines,
-    eigenscrew_lines,
-)
 from cartstiff.scene.viewer import ViewerNode
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.stiffness.posture import StiffnessInFrame
@@ -114,8 +108,8 @@ class Scene:
         -------
         dict
             "length" (unit, grid, scene units), "connection", "quantity", "others", "ellipsoids" by
-            freedom, "wrench", "deflection", "screws", "compliant_axes", "centres", "nodal",
-            "tension", "notes". A part that is not shown has a "reason".
+            freedom, "wrench", "deflection", "centres", "nodal", "tension", "notes". A part that is
+            not shown has a "reason".
 
         Raises
         ------
@@ -146,8 +140,6 @@ class Scene:
             "ellipsoids": {f: self._ellipsoid(f, look, here, reason) for f in _FREEDOMS},
             "wrench": (wrench := self._wrench(result, look, here.pose)),
             "deflection": self._deflection(result, look, added, here.pose, wrench),
-            "screws": self._axes("screws", look.screws, look, here, reason),
-            "compliant_axes": self._axes("axes", look.compliant_axes, look, here, reason),
             "centres": self._centres(look, here, reason),
             "nodal": self._nodal(result, look),
             "tension": tension,
@@ -248,8 +240,6 @@ class Scene:
             for part in (
                 "mechanism",
                 "ghost",
-                "screws",
-                "axes",
                 "nodal",
                 "centres",
                 "wrench",
@@ -270,9 +260,7 @@ class Scene:
         self._ellipsoids: dict[tuple[Freedom, Quantity], EllipsoidPicture] = {}
         self._wrenches = WrenchPicture(node["wrench"], look, self._arrow_scales())
         self._deflections = DeflectionPicture(node["deflection"], size, look)
-        self._lines = {
-            name: AxesPicture(node[name], size, look) for name in ("screws", "axes", "nodal")
-        }
+        self._axis = NodalAxis(node["nodal"], size, look)
         self._balls = CentresPicture(node["centres"], size, look)
 
     def _ellipsoid(
@@ -393,27 +381,13 @@ class Scene:
         acts_at = result.load.at if look.added is None else look.added_at or look.point
         return {"shown": True, "reason": None, "acts_at": list(acts_at), **answer}
 
-    def _axes(
-        self, name: str, wanted: bool, look: Appearance, here: StiffnessInFrame, reason: str | None
-    ) -> list[dict[str, Any]] | dict[str, Any] | None:
-        picture = self._lines[name]
-        if not wanted or (K := here.matrices[look.connection]) is None:
-            picture.hide()
-            return {"shown": False, "reason": reason} if wanted else None
-        C = here.inverse_of_symmetric_part(look.connection)
-        lines = (eigenscrew_lines if name == "screws" else compliant_lines)(
-            symmetric_part(K), C, self._elastic.units
-        )
-        return picture.draw(lines, here.pose, self._elastic.units.length, look.labels)
-
     def _nodal(self, result: PostureStiffness, look: Appearance) -> dict[str, Any] | None:
         if look.nodal is None:
-            self._lines["nodal"].hide()
+            self._axis.hide()
             return None
         number, hertz, screw = look.nodal
-        line = Line(screw, f"nodal axis of mode {number}", hertz, "Hz", theme.COLOURS["screw"])
-        unit = self._elastic.units.length
-        return self._lines["nodal"].draw([line], result.pose, unit, look.labels)[0]
+        name, unit = f"nodal axis of mode {number}", self._elastic.units.length
+        return self._axis.draw(name, hertz, screw, result.pose, unit, look.labels)
 
     def _centres(
         self, look: Appearance, here: StiffnessInFrame, reason: str | None

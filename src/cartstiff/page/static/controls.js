@@ -180,7 +180,6 @@ const TOGGLES = [
   ["rotation", "Rotation ellipsoid"],
   ["labels", "Principal axes and values"],
   ["wrench", "Wrench arrows"],
-  ["screws", "Screw axes"],
   ["centres", "Centres of stiffness"],
 ];
 

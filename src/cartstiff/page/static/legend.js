@@ -49,9 +49,7 @@ export function legendOf(facts) {
     const [low, high] = tension.limits.map((x) => short(x, 3));
     say("tension", `legs: pink ${low} (compression) to green ${high} ${tension.unit} (tension)`);
   }
-  for (const [name, words] of [["screws", "eigenscrews"], ["centres", "centres"]]) {
-    if (facts[name]?.shown === false) miss(words, facts[name]);
-  }
+  if (facts.centres?.shown === false) miss("centres", facts.centres);
   if (nodal) say("nodal", `${nodal.name}, ${short(nodal.value, 3)} Hz${nodal.shown ? `, pitch ${engineering(nodal.pitch, length.unit, 3)}` : ` not drawn: ${nodal.reason}`}`);
   for (const [reason, names] of missing) say("note", `${names.join(", ")} not drawn: ${reason}`);
   for (const note of facts.notes) say("note", note);

@@ -12,7 +12,7 @@ const NEAR_POINT = 4;
 // How long (ms) a row stays lit.
 const LIT = 2600;
 // What is nearer to being meant where several parts lie behind each other.
-const MEANT = { load: 0, moment: 0, screw: 1, axis: 1, ellipsoid: 2, deflection: 2, leg: 3, joint: 3 };
+const MEANT = { load: 0, moment: 0, axis: 1, ellipsoid: 2, deflection: 2, leg: 3, joint: 3 };
 const POINT_MEANT = 1.5; // unless something stands before it
 
 /** What a part of the picture is, by the names on its way; null for what says nothing. */
@@ -24,7 +24,6 @@ export function meaning(names, mechanism) {
   }
   if (part === "wrench") return { kind: second === "moment" ? "moment" : "load" };
   if (part === "deflection") return { kind: "deflection" };
-  if (part === "screws") return { kind: "screw", index: Number(second.slice(5)) - 1 };
   if (part !== "mechanism") return null;
   if (second === "legs") return { kind: "leg", index: Number(third.slice(5)) - 1 };
   if (!second?.startsWith("joint ")) return null;
@@ -42,7 +41,7 @@ export function under(pane, [x, y], mechanism) {
   let point = null;
   pane.at().traverseVisible((node) => {
     if (node.isPoints && pathOf(node)[0] === "map") point = pointAt(node, pane, x, y);
-    else if (node.isMesh && !node.userData.isTwin && /^(mechanism|wrench|deflection|screws|.* ellipsoid)$/.test(pathOf(node)[0] ?? "")) meshes.push(node);
+    else if (node.isMesh && !node.userData.isTwin && /^(mechanism|wrench|deflection|.* ellipsoid)$/.test(pathOf(node)[0] ?? "")) meshes.push(node);
   });
   const found = ray.intersectObjects(meshes, false)
     .map(({ object, distance }) => ({ what: meaning(pathOf(object), mechanism), distance }))
@@ -170,11 +169,6 @@ export function words(store, what) {
     const name = mechanism.springs[what.index]?.name ?? `leg ${what.index + 1}`;
     return leg ? `${name}: ${engineering(leg.length, store.unit("length"))}, tension ${engineering(leg.tension, store.unit("force"))}${share(name)}` : name;
   }
-  if (what.kind === "screw") {
-    const { name, value, unit, pitch } = store.legend.screws?.[what.index] ?? {};
-    if (!name) return "eigenscrew";
-    return `${name}: ${short(value, 5)} ${unit}, pitch ${short(pitch)} ${store.unit("length")}`;
-  }
   if (what.kind === "deflection") return `moved by ${engineering(Math.hypot(...(numbers.moved?.displacement ?? [0])), store.unit("length"))} under the load`;
   const part = what.kind === "moment" ? numbers.wrench?.slice(0, 3) : numbers.wrench?.slice(3);
   return part ? `load: ${engineering(Math.hypot(...part), store.unit(what.kind === "moment" ? "moment" : "force"))} ${tuple(part)}` : "load";
@@ -187,7 +181,6 @@ function lightRow(store, what) {
     axis: () => document.querySelector(`[data-row-of="${what.freedom}"]`)?.querySelectorAll("td")[what.index],
     joint: () => byId(`slider-${what.index}`)?.closest(".slider"),
     leg: () => document.querySelectorAll(".leg")[what.index + 1],
-    screw: () => document.querySelector(".matrix")?.closest(".card"), // it is read from the whole matrix
     load: () => document.querySelector(".moved-card"),
     moment: () => document.querySelector(".moved-card"),
     deflection: () => document.querySelector(".moved-card"),

@@ -25,7 +25,7 @@ const FORMS = {
   stiffness: orNone(numbers(null, true)), load: orNone(numbers(() => 6)),
   load_axes: oneOf("load_axes"), load_kind: oneOf("load_kind"), load_at: orNone(three),
   gravity: orNone(three), payload: orNone(numbers(() => 4)), command: orNone(numbers(null)), scale: oneOf("scale"),
-  translation: flag, rotation: flag, labels: flag, wrench: flag, deflection: flag, screws: flag, centres: flag,
+  translation: flag, rotation: flag, labels: flag, wrench: flag, deflection: flag, centres: flag,
   quantity_of_map: (text, first) => (first.quantity_of_map === null ? undefined : text),
   mode: (text) => (/^[1-9]\d?$/.test(text) ? Number(text) : undefined),
 };

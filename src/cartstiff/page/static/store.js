@@ -426,7 +426,7 @@ export function givenLoad(state, numbers, { may_be_loaded: mayBe }) {
 // What of a state decides its numbers, besides the posture; what else decides curves; how it is shown.
 const MECHANICS = ["point", "stiffness", "load", "load_axes", "load_kind", "load_at", "gravity", "payload", "command"];
 const CURVED = [...MECHANICS, "connection", "quantity", "others", "axes"];
-const SEEN = ["theme", "translation", "rotation", "scale", "labels", "wrench", "deflection", "screws", "centres", "connection", "others", "mode"];
+const SEEN = ["theme", "translation", "rotation", "scale", "labels", "wrench", "deflection", "centres", "connection", "others", "mode"];
 export const mechanicsOf = (state) => MECHANICS.map((key) => state[key]);
 export const curvesOf = (state) => CURVED.map((key) => state[key]);
 
