@@ -10,9 +10,19 @@ from numpy.typing import ArrayLike
 
 from cartstiff.errors import InputError, imported, printable
 
+# Width in inches of the margin for doubts, and their colour.
+_MARGIN, _AMBER = 0.2, "#8a5a00"
 
-def new_figure(width: float = 6.4, height: float = 4.2) -> Any:
-    """Return a matplotlib figure; its size is in inches.
+
+def new_figure(width: float = 6.4, height: float = 4.2, doubt: str = "") -> Any:
+    """Return a matplotlib figure.
+
+    Parameters
+    ----------
+    width, height : float
+        In inches.
+    doubt : str
+        Which springs nobody measured, written along the right edge.
 
     Raises
     ------
@@ -20,12 +30,18 @@ def new_figure(width: float = 6.4, height: float = 4.2) -> Any:
         Without matplotlib.
     """
     Figure = imported("matplotlib.figure", "matplotlib", "drawing a figure", "plots").Figure
-    return Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), layout="constrained")
+    if doubt:
+        # Titles and legends are above and below.
+        figure.get_layout_engine().set(rect=(0.0, 0.0, 1.0 - _MARGIN / width, 1.0))
+        place = {"rotation": 270.0, "ha": "right", "va": "center", "fontsize": 7.0}
+        figure.text(1.0 - 0.3 * _MARGIN / width, 0.5, doubt, color=_AMBER, **place)
+    return figure
 
 
-def new_axes(width: float = 6.4, height: float = 4.2) -> tuple[Any, Any]:
+def new_axes(doubt: str = "") -> tuple[Any, Any]:
     """Return a figure with one diagram, and its axes; as `new_figure`."""
-    figure = new_figure(width, height)
+    figure = new_figure(doubt=doubt)
     return figure, figure.subplots()
 
 

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray
 from tests.maps.machines import arm
 
+import cartstiff
 from cartstiff.errors import UnknownNameError
-from cartstiff.maps import Axis, Grid, RandomPostures, compute_map, draw_map, slice_map
+from cartstiff.maps import (
+    Axis,
+    Grid,
+    RandomPostures,
+    compute_map,
+    draw_map,
+    map_of,
+    slice_map,
+)
 from cartstiff.maps.pictures import histogram
+from cartstiff.notes import assumed_stiffness
 from cartstiff.report.output import save_figure
 
 QUANTITY = "translation_free_min"
@@ -164,3 +176,31 @@ def test_positions_are_in_millimetres():
     axis = draw_map(data, "stiffness").axes[0]
     assert (axis.get_xlabel(), axis.get_ylabel()) == ("x [mm]", "z [mm]")
     assert axis.get_xlim() == (-500.0, 1500.0)
+
+
+def test_a_picture_says_that_its_springs_are_assumed(tmp_path):
+    """The line lies in the picture, beside its diagrams, also in the file."""
+    ur5 = cartstiff.load("ur5")
+    words, one = "Springs illustrative, not measured", "5 of 6 springs illustrative, not measured"
+    note = assumed_stiffness(1e4, ur5.names[:2], ur5.names)
+    for elastic, told in (
+        (ur5, words),
+        (ur5.with_springs(stiffness={"elbow_joint": 1e4}), one),
+        (ur5.with_springs(stiffness=np.full(6, 1e4)), ""),
+        (replace(ur5, source="", notes=(note,)), "2 of 6 springs assumed"),
+        (cartstiff.load("cubic"), words),
+    ):
+        figures = [cartstiff.analyse(elastic).plot()]
+        if elastic.name == "ur5":
+            sampling = RandomPostures(5, 1, elastic.q - 0.1, elastic.q + 0.1)
+            figures.append(draw_map(map_of(elastic, sampling, ["condition"]), "condition"))
+        for figure in figures:
+            said = [text for text in figure.texts if "spring" in text.get_text().lower()]
+            assert [text.get_text() for text in said] == [told] * bool(told)
+            figure.canvas.draw()
+            for text in said:
+                box = text.get_window_extent()
+                assert figure.bbox.x1 >= box.x1
+                assert all(box.x0 >= axes.get_tightbbox().x1 for axes in figure.axes)
+    save_figure(cartstiff.analyse(ur5).plot(), tmp_path / "a.svg")
+    assert words in (tmp_path / "a.svg").read_text()

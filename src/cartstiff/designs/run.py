@@ -572,7 +572,7 @@ class Designs(LabelledResult):
         pairs = pairs[:_MAX_PANELS]
         columns = min(len(pairs), 3)
         rows = -(-len(pairs) // columns)
-        figure = new_figure(1.0 + 3.8 * columns, 0.6 + 3.2 * rows)
+        figure = new_figure(1.0 + 3.8 * columns, 0.6 + 3.2 * rows, self.home.springs_in_doubt)
         front = list(self.front)
         feasible = np.zeros(len(self), bool)
         feasible[list(self.feasible)] = True

@@ -43,7 +43,9 @@ def _list_of(value: Any, kind: Callable[[Any], bool]) -> bool:
 # Attributes of the group that readers use.
 _ATTRIBUTES: Mapping[str, Callable[[Any], bool]] = {
     **dict.fromkeys(("mechanism", "connection", "load_kind", "load_meaning", "command"), _is_text),
-    **dict.fromkeys(("force_unit", "angle_unit", "identity", "description"), _is_text),
+    **dict.fromkeys(
+        ("force_unit", "angle_unit", "springs_in_doubt", "identity", "description"), _is_text
+    ),
     "length_unit": lambda value: _is_text(value) and value in LENGTHS,
     "frame": lambda value: value is None or _is_text(value),
     "characteristic_length": _is_number,

@@ -212,7 +212,7 @@ def _cells(axis: Any, dataset: xarray.Dataset, quantity: str, norm: Any) -> tupl
 
 def heat_map(dataset: xarray.Dataset, quantity: str) -> Any:
     """Draw a map over its two dimensions in colours."""
-    figure, axis = new_axes()
+    figure, axis = new_axes(dataset.attrs.get("springs_in_doubt", ""))
     _draw_parts(figure, [axis], [dataset], quantity)
     axis.set_title(title_of(dataset))
     return figure
@@ -226,7 +226,9 @@ def slices(dataset: xarray.Dataset, quantity: str) -> Any:
     chosen = np.unique(np.linspace(0, length - 1, min(_SLICES, length)).round().astype(int))
     columns = min(3, len(chosen))
     rows = -(-len(chosen) // columns)
-    figure = new_figure(3.0 * columns + 1.4, 2.8 * rows + 0.8)
+    figure = new_figure(
+        3.0 * columns + 1.4, 2.8 * rows + 0.8, dataset.attrs.get("springs_in_doubt", "")
+    )
     axes = list(figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).flat)
     parts = [dataset.isel({cut: int(i)}) for i in chosen]
     _draw_parts(figure, axes, parts, quantity)
@@ -258,7 +260,7 @@ def line(dataset: xarray.Dataset, quantity: str) -> Any:
     name = "time" if "time" in dataset.coords else dim
     x = np.asarray(dataset[name].values if name in dataset.coords else np.arange(array.size), float)
     values = np.asarray(array.values, float)
-    figure, axis = new_axes()
+    figure, axis = new_axes(dataset.attrs.get("springs_in_doubt", ""))
     marker = "." if np.isfinite(values).sum() < 200 else ""
     axis.plot(x, np.where(np.isfinite(values), values, np.nan), marker=marker)
     reasons = reasons_of(dataset, values)
@@ -290,7 +292,7 @@ def histogram(dataset: xarray.Dataset, quantity: str) -> Any:
     values = array.chunk().astype(float)
     finite = values.where(np.isfinite(values))
     low, high, known = map(float, computed(finite.min(), finite.max(), finite.count()))
-    figure, axis = new_axes()
+    figure, axis = new_axes(dataset.attrs.get("springs_in_doubt", ""))
     if known:
         logarithmic = low > 0 and high > DECADES * low
         wide = high if high > low else low + (abs(low) or 1.0)

@@ -285,6 +285,7 @@ def planned(
         "length_unit": units.length,
         "force_unit": units.force,
         "angle_unit": "rad",
+        "springs_in_doubt": elastic.springs_in_doubt,
         "joints": " ".join(elastic.names),
         "joint_units": " ".join(own_units),
         "order": "angular-linear",

@@ -391,6 +391,32 @@ class ElasticMechanism(ShownInLines):
         return frozenset(name for name, has_spring in sprung if has_spring) - known
 
     @property
+    def assumed_springs(self) -> frozenset[str]:
+        """Names of the springs whose stiffness was assumed, as none was given."""
+        return frozenset(
+            name
+            for note in self.notes
+            if note.code == "stiffness-assumed"
+            for name in note.values.get("joints", ())  # type: ignore[attr-defined]
+        )
+
+    @property
+    def springs_in_doubt(self) -> str:
+        """Which springs nobody measured, in words for a picture; "" if there are none."""
+        assumed = self.assumed_springs
+        others, words = self.illustrative - assumed, "illustrative, not measured"
+        found, count = list[str](), 0
+        if self.springs is not None:
+            count = int(np.count_nonzero(self.springs.rest_is_free(every=True)))
+        for names, kind in ((assumed, "assumed"), (others, words)):
+            if names:
+                some = f"{len(names)} of {count} springs" if len(names) < count else "Springs"
+                found.append(f"{some} {kind}")
+        if self.is_illustrative and not self.illustrative:
+            found.append(f"Springs {words}")
+        return "; ".join(found)
+
+    @property
     def units(self) -> Units:
         """Units of every number."""
         return self.mechanism.units

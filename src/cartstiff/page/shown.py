@@ -152,12 +152,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array) -> dict[str, Any]:
         for c in (coordinates if not lines else [{}] * len(stiffness))
     ]
     driven = () if springs is None else drives(elastic)
-    assumed = {
-        name
-        for note in elastic.notes
-        if note.code == "stiffness-assumed"
-        for name in note.values.get("joints", ())  # type: ignore[attr-defined]
-    }
+    assumed = elastic.assumed_springs
     doubts = dict.fromkeys(assumed, "assumed")
     doubts |= dict.fromkeys(elastic.illustrative - assumed, "illustrative")
     return {

@@ -334,7 +334,7 @@ class AssemblyModes(LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure = new_figure()
+        figure = new_figure(doubt=self.elastic.springs_in_doubt)
         names = [f"mode {i + 1}" for i in range(len(self.modes))]
         values = [np.nan if m.eigenvalue is None else m.eigenvalue for m in self.modes]
         units = self.elastic.units

@@ -1210,7 +1210,7 @@ class Workspace(LabelledResult):
 
     def plot(self) -> Any:
         """Draw the boundary in space and along three axes, by the limit that is reached there."""
-        figure = new_figure(11.0, 8.0)
+        figure = new_figure(11.0, 8.0, self.elastic.springs_in_doubt)
         from matplotlib import colormaps
 
         labels, places = self.axes_with_units, self.boundary

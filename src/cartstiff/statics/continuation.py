@@ -575,7 +575,7 @@ class LoadCurve(Result, LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure, axes = new_axes()
+        figure, axes = new_axes(self.elastic.springs_in_doubt)
         part = slice(0, 3) if rotation else slice(3, 6)
         units = self.elastic.units
         unit, per = units.shown_length, units.shown_per_length

@@ -176,7 +176,7 @@ class CompensatedPath(LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure = new_figure(6.4, 7.2)
+        figure = new_figure(6.4, 7.2, self.elastic.springs_in_doubt)
         axes = figure.subplots(2, 1, sharex=True)
         points = np.arange(1, len(self.q) + 1)
         units, size = self.elastic.units, self.elastic.mechanism.at(self.q[0]).length

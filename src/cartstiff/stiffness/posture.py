@@ -271,7 +271,7 @@ class PostureStiffness(LabelledResult):
         block = self.compliance.matrix[3:, 3:]
         squares = block @ block.T
         angle = np.linspace(0.0, 2.0 * np.pi, 181)
-        figure = new_figure(10.0, 3.8)
+        figure = new_figure(10.0, 3.8, self.elastic.springs_in_doubt)
         for axis, plane in zip(figure.subplots(1, 3), ([0, 1], [0, 2], [1, 2]), strict=True):
             values, vectors = np.linalg.eigh(squares[np.ix_(plane, plane)])
             outline = vectors * np.sqrt(values.clip(0.0))

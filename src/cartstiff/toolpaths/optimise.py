@@ -958,7 +958,7 @@ class OptimisedPath(LabelledResult):
             Without matplotlib.
         """
         chosen = self._choice()
-        figure = new_figure(6.4, 4.2 if chosen is None else 6.0)
+        figure = new_figure(6.4, 4.2 if chosen is None else 6.0, self.elastic.springs_in_doubt)
         axes = np.atleast_1d(figure.subplots(1 if chosen is None else 2, 1, sharex=True))
         points = np.arange(1, len(self.q) + 1)
         if self.constant is not None:

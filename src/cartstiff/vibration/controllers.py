@@ -222,8 +222,8 @@ class Impedance(Result, LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure = new_figure(8.0)
-        names = self.modes.elastic.names
+        elastic = self.modes.elastic
+        figure, names = new_figure(8.0, doubt=elastic.springs_in_doubt), elastic.names
         what = {"stiffness": self.joint_stiffness, "damping": self.joint_damping}
         for axis, (word, matrix) in zip(figure.subplots(1, 2), what.items(), strict=True):
             draw_bars(axis, names, matrix.diagonal(), f"{word} of the joint")

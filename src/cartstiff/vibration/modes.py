@@ -255,7 +255,7 @@ class Modes(Result, LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure, axes = new_axes()
+        figure, axes = new_axes(self.elastic.springs_in_doubt)
         axes.barh(range(1, len(self.frequencies) + 1), self.frequencies)
         axes.set(xlabel="natural frequency [Hz]", ylabel="mode", title=self.elastic.name)
         axes.locator_params(axis="y", integer=True)
