@@ -117,7 +117,9 @@ def run_page(page):
     printed = ""
     for block in blocks_of(page.read_text(encoding="utf-8")):
         if block.caption:
-            Path(block.caption).write_text(block.text + "\n", encoding="utf-8")
+            file = Path(block.caption)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(block.text + "\n", encoding="utf-8")
         elif block.language == "python":
             out = io.StringIO()
             # Line numbers of errors are those of the page.
