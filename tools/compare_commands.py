@@ -89,7 +89,7 @@ equilibrium 6-pus --load 0,0,0,0,0,-500 --actuate leg1/slide=0.001
 equilibrium panda --payload 3,0,0,0.1 --frame panda_hand --json
 equilibrium ur5 --hold z=-0.002 --json
 equilibrium five-bar --load 0,0,0,0,-2000,0 --world --curve 0.5 --json
-equilibrium ur5 --load 0,0,0,0,0,-80 --path postures.csv
+equilibrium ur5 --load 0,0,0,0,0,-80 --path postures.csv -o commands.csv
 equilibrium ur5 --payload 2 --gravity 0,0,-9.81 --path postures.csv --against all --json
 equilibrium cubic --payload 20 --gravity 0,-9.81,0 --against-gravity 0,0,-9.81 --json
 equilibrium stewart-gough --load 0,0,0,0,0,-50 --tolerance 0.05,0.01
@@ -140,6 +140,8 @@ map ur5 --cartesian x=0.3:0.6:3 --cartesian z=0.1:0.4:3 --quantity deflection --
     -o m.zarr --json
 map panda --trajectory panda.csv --frame panda_hand --payload 2 --gravity 0,0,-9.81 \
     --quantity deflection --added-load 0,0,0,0,0,-10 --load 0,0,0,0,0,-30 -o m.zarr --json
+map panda --frame panda_hand --cartesian x=0.4:0.5:2 --redundant best --branches 1 \
+    --quantity translation_free_min -o m.zarr --json
 map flexure-hexapod --actuate leg1=-1e-5:1e-5:3 --quantity translation_free_min -o m.zarr
 map inclined-hexapod --grid x=-0.02:0.02:3 --set sz=0.6 --tcp 0,0,0.05 --pose 0,0,0.01,0,0.1,0 \
     --pose-of M --quantity condition --chunk 2 --progress -o m.zarr
@@ -151,7 +153,7 @@ map {_XACRO} --stiffness 1000 --rest 0,0.1 --grid turn=-1:1:3 --quantity transla
 map ur5 --grid elbow_joint=0.3:2.5:4 --quantity damping_1 --damping 0.02 \
     --payload 2 -o m.zarr
 map ur5 --grid elbow_joint=0.3:2.5:4 --quantity condtion -o m.zarr
-path ur5 edge.csv --free-axis x --load 0,0,0,-80,30,40
+path ur5 edge.csv --free-axis x --load 0,0,0,-80,30,40 -o postures.csv
 path ur5 edge.csv --free-axis x --load 0,0,0,-80,30,40 --loaded --load-kind follower \
     --load-at 0,0,0.1 --json
 path ur5 edge.csv --free-rotation --samples 6 --criterion along_free --direction 1,0,0 --json
@@ -162,6 +164,7 @@ path ur5 edge.csv --q 0,-1.2,1.5,0,1,0 --free-axis x --samples 12 --range elbow_
 path ur5 edge.csv --free-axis x --near -3,-2,-1.4,-2,0.2,-0.8 --load 0,0,0,-80,0,0 --json
 path fanuc-r2000ic fanuc.csv --springs kuka-kr270/klimchik-2013 --free-axis z --samples 8 \
     --load 0,0,0,0,0,-500 --world --json
+path ur5 edge.csv --free-axis x --samples 8 --criterion damping_1 --damping 0.02 --json
 path {_XACRO} reach.csv --stiffness 1000 --load 0,0,0,0,0,-10
 path arm.yaml reach.csv --free-rotation --set k=9000 --tcp 0,0,0.01 --load 0,0,0,0,0,-10 --json
 modes stewart-simscape
@@ -193,7 +196,7 @@ identify ur5 --plan 4 --mass 5 --sd d=0.005mm --criterion all --json
 identify {_UR5} --plan 4 --force 80 {_PLAN} --criterion posture --load 0,0,0,0,0,-50 --frame tool0
 identify inclined-hexapod --set sz=0.6 --plan 3 --force 80 {_PLAN}
 identify {_XACRO} --plan 3 --force 80 {_PLAN}
-workspace hexapod --directions 60 --scan 20 --no-progress
+workspace hexapod --directions 60 --scan 20 --no-progress -o boundary.csv
 workspace hexapod --pose 0,0,0.7,0.1,0,0 --directions 60 --scan 20 --json
 workspace cables.yaml --radius 2 --load 0,0,0,0,0,-50 --world --load-at 0,0,0.1 \
     --load-kind follower --tensions closed-form --directions 60 --scan 20 --json --strict
@@ -201,7 +204,7 @@ workspace limited.yaml --set sz=0.6 --tcp 0,0,0.05 --pose 0,0,0.3,0,0.1,0 --pose
     --payload 3 --gravity 0,0,-9.81 --directions 60 --scan 20 --json
 workspace 6-pus --frame body --q leg1/slide=0 --directions 30 --scan 10 --json
 workspace {_XACRO}
-assemble hexapod --all
+assemble hexapod --all -o modes.json
 assemble stewart-simscape --all --lengths 0.085,0.085,0.085,0.085,0.085,0.086 --json
 assemble hexapod --all --load 0,0,0,0,0,-500 --world --load-at 0,0,0.1 --load-kind follower --json
 assemble five-bar --all --q left_motor=2.1,right_motor=1.0 --json --strict
@@ -221,6 +224,7 @@ frames inclined-hexapod --set sz=0.6 --json
 frames {_XACRO}
 models
 models --json
+models --quantities
 models --help
 """
 
@@ -751,12 +755,12 @@ def _unequal_text(one: Path, other: Path, gone: re.Pattern[str] | None) -> Any:
 
 
 def unused_options() -> dict[str, list[str]]:
-    """The options of each command that no line uses."""
+    """The options of each command that no line uses; a port and a scheduler are not the same twice."""
     import click
 
     from cartstiff.cli.main import _COMMANDS, command
 
-    used: dict[str, set[str]] = {name: {"--port", "--help-all"} for name in _COMMANDS}
+    used: dict[str, set[str]] = {name: {"--port", "--dask", "--help-all"} for name in _COMMANDS}
     for steps in lines():
         for words in steps:
             if words[0] in used:

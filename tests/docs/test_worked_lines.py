@@ -80,7 +80,9 @@ def test_options_are_spelled_in_worked_lines():
 
 def test_options_are_spelled_in_tests():
     missing = {
-        option for option, (spellings, _) in options().items() if not spellings & _spelled_in_tests()
+        option
+        for option, (spellings, _) in options().items()
+        if not spellings & _spelled_in_tests()
     }
     assert not missing, f"no file in tests/ spells {sorted(missing)}"
 

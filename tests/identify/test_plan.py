@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import replace
 
 import numpy as np
@@ -36,6 +37,21 @@ def test_candidates_keep_their_ranges_and_volume(offered):
     assert narrow.q[:, 1].max() <= 0.2
     with pytest.raises(cartstiff.InputError, match="no posture is left"):
         candidates(elastic, {"d": 1e-5}, count=2, mass=5.0, within={"z": (9.0, 10.0)})
+
+
+def test_rows_of_the_command_keep_their_volume(tmp_path):
+    """The places of the planned postures, by the mechanism."""
+    file, elastic = tmp_path / "to_do.csv", cartstiff.load("ur5")
+    command = "identify ur5 --plan 4 --force 80 --sd dx=0.02mm --within z=0.2:0.7,x=-0.6:0.3"
+    run(command, "-o", file)
+    rows = list(csv.DictReader(file.read_text("utf-8").splitlines()))
+    assert len(rows) == 4
+    for row in rows:
+        x, _, z = elastic.mechanism.at(
+            [float(row[f"{name} [rad]"]) for name in elastic.names]
+        ).pose[:3, 3]
+        assert -0.6 <= x <= 0.3
+        assert 0.2 <= z <= 0.7
 
 
 def test_a_plan_beats_chance(offered):

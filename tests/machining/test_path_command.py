@@ -99,6 +99,14 @@ def test_stiffness_along_a_direction(seam):
     assert data["values"][1] == pytest.approx(1 / C[5, 5], rel=1e-6)
 
 
+def test_the_worst_point_or_the_mean(seam):
+    """Each objective's path is the better one by its own measure; both keep the same candidates."""
+    asked = ["path hexapod", seam, *LOAD, "--free-axis z", *QUICK, "--objective"]
+    worst, mean = (answer(*asked, name) for name in ("worst", "mean"))
+    assert worst["summary"]["worst"] == max(worst["values"]) <= max(mean["values"]) * (1 + 1e-9)
+    assert sum(mean["values"]) <= sum(worst["values"]) * (1 + 1e-9)
+
+
 @needs_plots
 def test_pictures(seam, tmp_path):
     picture = tmp_path / "k.png"

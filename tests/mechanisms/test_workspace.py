@@ -421,6 +421,11 @@ def test_tensions_nearest_to_the_middle_of_their_limits(tmp_path):
     assert every.distribution["at_centre"] == middle.distribution["at_centre"]
     assert "nearest to the middle" in describe_workspace(middle)
     jsonschema.validate(json.loads(json.dumps(middle.to_dict())), json_schema("workspace"))
+    typed = answer(
+        f"workspace {tmp_path / 'cables.yaml'} --tensions closed-form --radius 2",
+        "--load 0,0,0,3,0,-40 --directions 18 --scan 12",
+    )
+    assert typed["volume"] == middle.volume
     with pytest.raises(InputError, match="middle of the limits"):
         cartstiff.workspace(cartstiff.load("cable-robot"), tensions="closed-form", radius=2.0)
     with pytest.raises(InputError, match="unknown distribution"):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.support import loaded_arm, relative_error
-from tests.support.commands import refuses
+from tests.support.commands import answer, refuses
 from tests.vibration.test_modes import LENGTH, M_1, K, column
 
 from cartstiff import analyse, load, modes
@@ -122,3 +122,16 @@ def test_what_is_refused_and_written():
     row = [float(x) for x in lines[2].split(",")]
     assert row[3] + 1j * row[4] == response.along([0, 1, 0])[1]
     assert response.unit == "m/N"
+
+
+def test_rayleigh_on_the_command_line_is_a_ratio_of_each_mode():
+    """alpha M + beta K damps a mode of angular frequency w by (alpha / w + beta w) / 2."""
+    command = "modes stewart-simscape --response 500:1300:5 --point 0,0,0.05"
+    w = 2.0 * np.pi * modes(load("stewart-simscape")).frequencies
+    ratios = ",".join(repr(float(x)) for x in (20.0 / w + 1e-5 * w) / 2.0)
+    one, other = (
+        answer(command, how)["response"] for how in ("--rayleigh 20,1e-5", f"--damping {ratios}")
+    )
+    assert one["damping"]["rayleigh"] == [20.0, 1e-5]
+    for axis, curve in one["curves"].items():
+        assert relative_error(np.array(curve), np.array(other["curves"][axis])) < AGREE
