@@ -755,7 +755,7 @@ def _unequal_text(one: Path, other: Path, gone: re.Pattern[str] | None) -> Any:
 
 
 def unused_options() -> dict[str, list[str]]:
-    """The options of each command that no line uses; a port and a scheduler are not the same twice."""
+    """The options of each command that no line uses; a port and a scheduler are never the same."""
     import click
 
     from cartstiff.cli.main import _COMMANDS, command

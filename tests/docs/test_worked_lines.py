@@ -1,4 +1,4 @@
-"""Every option is spelled in a worked line of the documentation, which the tests run, and in a test.
+"""Every option is spelled in a worked line of the documentation, and in a test.
 
 A worked line is a line ``$ cartstiff ...`` of a console block: `test_docs` runs it.
 """
