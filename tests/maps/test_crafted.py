@@ -11,7 +11,7 @@ from tools.fuzz_maps import crafted_map, resealed, whole_map
 
 import cartstiff
 from cartstiff.errors import InputError
-from cartstiff.maps import open_map, summary
+from cartstiff.maps import Axis, Grid, compute_map, draw_map, open_map, store, summary
 from cartstiff.maps.store import MapFile
 from cartstiff.page.source import read_cloud
 
@@ -65,4 +65,41 @@ def test_a_map_that_claims_many_postures_is_not_read_whole(tmp_path, monkeypatch
     assert open_map(file).attrs["chunks"] == 10**5
     with pytest.raises(InputError, match="too large to be shown"):
         read_cloud(file, cartstiff.load("ur5"))
+    with pytest.raises(InputError, match="too large for a picture of the distribution"):
+        draw_map(open_map(file), "condition")
     assert summary(MapFile.at(file))["states"]["not-computed"] > 4 * 10**10
+
+
+@pytest.mark.parametrize(
+    ("key", "inner"),
+    [("condition/c/0", 9), ("condition/c/1", 2), ("shoulder_pan_joint/c/0", 9)],
+)
+def test_an_object_that_expands_to_gigabytes_is_refused(tmp_path, monkeypatch, key, inner):
+    """The size stands in its header, and a reader allocates it before it looks further."""
+    monkeypatch.setattr(store, "INNER", inner)  # postures of a piece: two pieces in a part
+    elastic = cartstiff.load("ur5")
+    name = elastic.names[0]
+    grid = Grid({name: Axis(-0.2, 0.2, 12)}, elastic.names, elastic.q)
+    file = tmp_path / "m.zarr"
+    compute_map(elastic, grid, ["condition"], file, chunk=4)
+    data = bytearray((file / key).read_bytes())
+    start = len(data) - 36  # of two places, lengths and a checksum
+    at = int.from_bytes(data[start + 16 : start + 24], "little") if inner == 2 else 0
+    data[at + 4 : at + 8] = (2**31 - 1).to_bytes(4, "little")
+    (file / key).write_bytes(data)
+    resealed(file)
+    with pytest.raises(InputError, match="is larger than its array; expected at most"):
+        open_map(file).load()
+
+
+def test_a_whole_number_too_large_for_a_float_is_refused(tmp_path):
+    file = tmp_path / "m.zarr"
+    shutil.copytree(whole_map()[0], file)
+    root = json.loads((file / "zarr.json").read_text())
+    about = json.loads(root["attributes"]["description"])
+    about["sampling"]["lower"] = [10**400] * 6
+    root["attributes"]["description"] = json.dumps(about)
+    (file / "zarr.json").write_text(json.dumps(root))
+    resealed(file)
+    with pytest.raises(InputError, match=r"description of the map cannot be used; .*a number"):
+        open_map(file)

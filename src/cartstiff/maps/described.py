@@ -20,6 +20,8 @@ MAX_PARTS = 10**5
 MAX_DESCRIPTION = 2**22
 # Largest number of arrays, of dimensions, and of coordinates of a mechanism.
 _MAX_ARRAYS, _MAX_DIMENSIONS, _MAX_JOINTS = 300, 32, 1000
+# Largest number of values along an axis, which are one object; and of bytes of a part of an array.
+_MAX_AXIS, _MAX_PART_BYTES = 10**7, 2**28
 _BYTES = {"float64": 8, "uint32": 4, "uint8": 1}
 _CODECS = (["bytes", "blosc", "crc32c"], ["sharding_indexed"])
 
@@ -110,6 +112,7 @@ def check_described(root: Mapping[str, Any]) -> None:
         is_part = name in names
         require(is_part or own == [name], f"dimensions of {name}")
         along = [lengths[dim] for dim in own]
+        require(is_part or node["shape"][0] <= _MAX_AXIS, f"length of {name}")
         require(node["shape"] == [n for n, _ in along], f"shape of {name}")
         _check_array(name, node, [c if is_part else n for n, c in along])
         if is_part:
@@ -162,6 +165,7 @@ def _check_array(name: str, node: Mapping[str, Any], part: list[int]) -> None:
     require(node["node_type"] == "array" and node["data_type"] in _BYTES, f"numbers of {name}")
     require(node["chunk_grid"]["name"] == "regular", f"parts of {name}")
     require(node["chunk_grid"]["configuration"]["chunk_shape"] == part, f"parts of {name}")
+    require(prod(part) * _BYTES[node["data_type"]] <= _MAX_PART_BYTES, f"size of a part of {name}")
     require(not node.get("storage_transformers"), f"storage of {name}")
     keys = {"name": "default", "configuration": {"separator": "/"}}
     require(node["chunk_key_encoding"] == keys, f"keys of {name}")

@@ -7,6 +7,7 @@ hatched, and the legend names their state.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from math import prod
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -19,11 +20,12 @@ from cartstiff.errors import InputError
 from cartstiff.figures import new_axes, new_figure
 from cartstiff.maps.reading import (
     best_branch,
-    computed,
+    each_block,
     quantity_of,
     state_names,
     unit_label,
 )
+from cartstiff.maps.store import fact
 
 if TYPE_CHECKING:
     import xarray
@@ -36,6 +38,8 @@ DECADES = 100.0
 _SLICES, _BINS = 6, 60
 # Largest number of cells that are drawn, all of which are in memory.
 _MOST_CELLS = 10**7
+# Largest number of postures that are counted for a histogram.
+_MOST_COUNTED = 10**10
 # Largest number of random postures that are drawn as a line.
 _MOST_OF_LINE = 2000
 _HATCHES = ("////", "....", "xxxx", "\\\\\\\\", "oooo", "----")
@@ -289,9 +293,14 @@ def line(dataset: xarray.Dataset, quantity: str) -> Any:
 def histogram(dataset: xarray.Dataset, quantity: str) -> Any:
     """Draw the distribution of the values, on a logarithmic axis if they span decades."""
     array = quantity_of(dataset, quantity)
-    values = array.chunk().astype(float)
-    finite = values.where(np.isfinite(values))
-    low, high, known = map(float, computed(finite.min(), finite.max(), finite.count()))
+    if array.size > _MOST_COUNTED:
+        raise InputError(
+            "map is too large for a picture of the distribution of its values",
+            expected=f"at most {_MOST_COUNTED} postures, such as those of a slice",
+            got=array.size,
+        )
+    facts = np.array(each_block(dataset, {quantity: partial(fact, quantity)})[quantity])
+    low, high, known = facts[:, 0].min(), facts[:, 1].max(), facts[:, 3].sum()
     figure, axis = new_axes(dataset.attrs.get("springs_in_doubt", ""))
     if known:
         logarithmic = low > 0 and high > DECADES * low
@@ -299,10 +308,11 @@ def histogram(dataset: xarray.Dataset, quantity: str) -> Any:
         spaced = np.geomspace if logarithmic else np.linspace
         edges = spaced(low, wide, _BINS + 1)
         edges[0], edges[-1] = low, wide  # exact ends: rounding must not exclude a value
-        from dask.array.routines import histogram as counted
 
-        lazy = counted(finite.data, edges)[0]  # type: ignore[no-untyped-call]
-        (counts,) = computed(lazy)
+        def counted(values: Array) -> Array:
+            return np.histogram(values[np.isfinite(values)], edges)[0]
+
+        counts = np.sum(each_block(dataset, {quantity: counted})[quantity], axis=0)
         axis.stairs(counts, edges, fill=True, color="#4c6ca0")
         if logarithmic:
             axis.set_xscale("log")

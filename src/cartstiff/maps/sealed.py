@@ -41,6 +41,9 @@ class SealedStore(WrapperStore):  # type: ignore[type-arg]
         Number of parts along each dimension.
     seals : mapping of int to ndarray (arrays,)
         Checksums of the parts that have been written; the objects of the others do not exist.
+    pieces : mapping of str to (int, int)
+        Bytes of each compressed piece of an array, and number of pieces of a part; 0 where a part
+        is one piece.
     """
 
     def __init__(
@@ -51,13 +54,15 @@ class SealedStore(WrapperStore):  # type: ignore[type-arg]
         names: list[str],
         cuts: tuple[int, ...],
         seals: Mapping[int, Array],
+        pieces: Mapping[str, tuple[int, int]],
     ) -> None:
         super().__init__(store)
         self.about = salt, fixed, names, cuts, seals
+        self.pieces = pieces
         self.written: dict[str, int] = {}
 
     def _with_store(self, store: Any) -> SealedStore:
-        return SealedStore(store, *self.about)
+        return SealedStore(store, *self.about, self.pieces)
 
     async def set(self, key: str, value: Any) -> None:
         """Write an object and keep its checksum."""
@@ -78,6 +83,16 @@ class SealedStore(WrapperStore):  # type: ignore[type-arg]
                 where=one_line(str(self._store)),
                 expected=RECOMPUTED,
             )
+        name, is_chunk, _ = key.partition("/c/")
+        if is_chunk and name in self.pieces:
+            size, count = self.pieces[name]
+            if (claimed := _largest_piece(value.as_numpy_array(), count)) > size:
+                raise InputError(
+                    f"{place} cannot be used: {one_line(key)} is larger than its array",
+                    where=one_line(str(self._store)),
+                    expected=f"at most {size} bytes",
+                    got=claimed,
+                )
         if byte_range is None:
             return value
         first = getattr(byte_range, "start", getattr(byte_range, "offset", None))
@@ -95,3 +110,21 @@ class SealedStore(WrapperStore):  # type: ignore[type-arg]
         part = int(np.ravel_multi_index(index, cuts))
         own = int(seals[part][names.index(name)]) if part in seals else _NOT_WRITTEN
         return own, salt, f"part {part + 1} of {prod(cuts)}"
+
+
+# Header of compressed bytes: the size that a reader allocates for them is its second word.
+_HEADER = 16
+
+
+def _largest_piece(value: Array, count: int) -> int:
+    """Bytes to which the largest of `count` compressed pieces expands; 0: the object is one.
+
+    The places of pieces are at the end of the object, each with its length; then a checksum.
+    """
+    starts = np.zeros(1, np.uint64)
+    if count and len(value) >= 16 * count + 4:
+        starts = value[len(value) - 16 * count - 4 : -4].copy().view("<u8")[::2]
+    known = starts[starts <= max(0, len(value) - _HEADER)].astype(np.int64)
+    if len(value) < _HEADER or not len(known):
+        return 0
+    return int(value[known[:, None] + np.arange(4, 8)].copy().view("<u4").max())

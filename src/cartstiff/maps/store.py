@@ -485,7 +485,14 @@ class MapFile:
         names = self.names
         seals = {part: row[1 : 1 + len(names)].astype(np.int64) for part, row in marks.items()}
         about = self.attributes[CHECKSUM], self._fixed, names, self.parts.cuts, seals
-        return SealedStore(self.inner, *about)
+        pieces = {
+            name: (prod(a.chunks) * a.dtype.itemsize, prod(a.shards) // prod(a.chunks))
+            if a.shards
+            else (prod(a.chunks) * a.dtype.itemsize, 0)
+            for name, a in self.described.items()
+            if name != _MARKS
+        }
+        return SealedStore(self.inner, *about, pieces)
 
     @cached_property
     def _unread(self) -> Any:
