@@ -357,17 +357,6 @@ def test_the_command(tmp_path):
     assert (tmp_path / "d.csv").read_text().count("\n") == 6
 
 
-def test_a_number_of_the_analysis_has_its_unit_in_a_study():
-    """A point is a length, a stiffness per angle a moment: whatever name the number has."""
-    paths = {"centres.stiffness.2": "m", "ellipsoids.stiffness.rotation.held.radii.0": "N m/rad"}
-    objectives = {
-        f"o{i}": {"quantity": p, "of": "min", "goal": "largest"} for i, p in enumerate(paths)
-    }
-    evaluation = StudyEvaluator(*read_study(study(objectives=objectives)))
-    units = [evaluation.unit(one) for one in evaluation.study.objectives.values()]
-    assert units == list(paths.values())
-
-
 def test_one_program_serves_platforms_of_every_size():
     """Geometry given at run time: the same numbers as where it is folded into the program."""
     rng = np.random.default_rng(1)
