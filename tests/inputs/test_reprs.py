@@ -75,7 +75,7 @@ def test_a_few_lines(arm):
         (many, ["3 postures (", "): 3", "stiffness_B (3, 6, 6)"]),
     ):
         text = repr(thing)
-        assert 2 <= len(text.splitlines()) <= 8
+        assert 2 <= len(text.splitlines()) <= 12  # a loaded result shows its 6x6 tangent
         assert max(map(len, text.splitlines())) <= 130
         for word in words:
             assert word in text, text

@@ -150,7 +150,7 @@ def test_every_command_takes_them(arm, tmp_path):
     """They put M, the masses and the load at the same place on every command."""
     name = str(arm)
     tool = ["--tcp", ",".join(map(str, TCP)), "--gravity", "0,0,-9.81", "--payload", "2,0,0,0.1"]
-    q = "--q 0.1,0.7,-0.9,0.4,1.6,0.2"
+    q = "--q 0.1,0.1,1.7,-1.7,1.4,-1.7"
     load = "--load 0,0,0,0,0,-100 --world --load-at 0,0,0"
     first = json.loads(run("analyse", name, *tool, q, load, "--json --analysis none"))
     at_rest = answer("equilibrium", name, *tool, q, load)

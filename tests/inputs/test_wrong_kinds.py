@@ -60,7 +60,7 @@ CALLS = {
     "payload": (1.0, [0.0, 0.0, -9.81]),
     "taylor_check": (lambda x: float(x @ x), np.zeros(2), 2 * np.eye(2), [1.0, 0.0]),
     "analyse_posture": (ANALYSIS,),
-    "from_bilinear_map": (lambda x, y: x + y,),
+    "from_bilinear_map": (lambda x, y: x[0] * y,),
     "from_symbols": (np.zeros((6, 6, 6)),),
     "levi_civita": (np.eye(6),),
     "Grid": (AXES, PLATFORM.names, PLATFORM.q),
