@@ -135,11 +135,14 @@ def test_every_command_has_the_forces_of_statics(tmp_path, kind, acting):
         states = open_map(file).load()["state"]
         assert states.attrs["flag_meanings"].split()[int(states.values.ravel()[0])] == state
 
+    # The page states a load along the room's axes, unless it is told otherwise.
     session = Session(Source(elastic), NoPicture)
-    state = session.start.model_dump() | {"q": list(Q), "load": None if W is None else W.tolist()}
-    answer = session.answer(read_message(json.dumps({"id": 1, "do": "numbers", "state": state})))
-    shown = [leg["tension"] for leg in answer.data["numbers"]["legs"]]
-    assert shown == pytest.approx(expected, **near)
+    for named, given in (({}, in_room), ({"load_axes": "body"}, W)):
+        load = None if W is None else given.tolist()
+        state = session.start.model_dump() | {"q": list(Q), "load": load} | named
+        message = json.dumps({"id": 1, "do": "numbers", "state": state})
+        legs = session.answer(read_message(message)).data["numbers"]["legs"]
+        assert [leg["tension"] for leg in legs] == pytest.approx(expected, **near)
 
     # At rest the load has the axes of the start, and the legs their lengths there.
     chosen = elastic.with_rest_balancing(Q, wrench=W if kind == "cables" and not weighs else None)

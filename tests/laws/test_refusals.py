@@ -252,6 +252,14 @@ def test_line_springs(name, value):
         _lines(**{name: value})
 
 
+@pytest.mark.parametrize("name", ["preload", "least", "most", "unilateral", "driven"])
+def test_line_springs_one_value_or_one_per_line(name):
+    expected = rf"{name}: wrong count; expected one, or 2, one per line, got shape \(3,\)"
+    with pytest.raises(InputError, match=expected):
+        _lines(**{name: np.ones(3)})
+    np.testing.assert_array_equal(getattr(_lines(**{name: 1.0}), name), 1.0)
+
+
 def test_line_springs_that_cannot_be():
     with pytest.raises(InputError, match="line spring stiffness must be above zero"):
         _lines(stiffness=np.array([1.0, -1.0]))

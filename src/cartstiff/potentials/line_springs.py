@@ -174,15 +174,23 @@ class LineSprings(PosePotential):
             raise InputError("line spring stiffness must be above zero", got=least)
         for name in ("preload", "least", "most"):
             if (given := getattr(self, name)) is not None:
-                tensions = real_array(given) + np.zeros(len(self.stiffness))
+                tensions = real_array(given)
+                if tensions.shape not in ((), self.stiffness.shape):
+                    raise self._miscounted(name)
+                tensions = tensions + np.zeros(len(self.stiffness))
                 object.__setattr__(self, name, read_only(tensions))
         for name in ("unilateral", "driven"):
             flags = np.array(getattr(self, name), bool)
             if flags.ndim and flags.shape != self.stiffness.shape:
-                expected = f"one, or {len(self.stiffness)}, one per line"
-                raise InputError(f"line springs: {name}: wrong count", expected=expected)
+                raise self._miscounted(name)
             own = tuple(flags.tolist()) if flags.any() and not flags.all() else bool(flags.any())
             object.__setattr__(self, name, own)
+
+    def _miscounted(self, name: str) -> InputError:
+        count, got = len(self.stiffness), np.shape(getattr(self, name))
+        expected = f"one, or {count}, one per line"
+        what = f"line springs: {name}: wrong count"
+        return InputError(what, expected=expected, got=f"shape {got}")
 
     @property
     def cables(self) -> Array:
