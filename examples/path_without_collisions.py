@@ -20,7 +20,8 @@ from cartstiff.toolpaths.optimise import optimise_path
 from cartstiff.toolpaths.tool_path import ToolPath
 
 POINTS = [[0.22, y, 0.1] for y in np.linspace(-0.12, 0.12, 5)]  # m, close to the base
-PATH = ToolPath.from_axes(POINTS, [0, 0, -1], "x", wrenches=[0, 0, 0, -80, 30, 0])  # N
+LOAD = [0, 0, 0, -80, 30, 0]  # N, along the axes of the room
+PATH = ToolPath.from_axes(POINTS, [0, 0, -1], "x", wrenches=LOAD, axes="world")
 
 
 @cache

@@ -119,7 +119,6 @@ SINGLE = {
 }
 #: Those that come from the masses, and that the fewest lines of this file can say anew.
 OF_MODES = {f"{name}_{i}" for name in ("frequency", "damping") for i in range(1, 7)}
-OF_MODES |= {"limiting_depth"}
 #: Rounding of what is zero, or no number of a singular posture, in natural sizes.
 DOUBTFUL = {"determinant", "singular_value_ratio", "manipulability", "asymmetry"}
 
@@ -170,7 +169,6 @@ def test_every_quantity_has_a_way_to_it_here():
     assert set(READINGS) == {n for n, q in QUANTITIES.items() if q.is_recorded}
     assert set(QUANTITIES) - set(READINGS) == {
         "connection_change",
-        "limiting_depth",
         *(n for n in OF_MODES if n.startswith("damping")),
     }
 
@@ -242,9 +240,8 @@ def _compared(name, q):
                 direction=DIRECTION,
                 wrench=deflect,
                 load_at=None if deflect is None else (0.0, 0.0, 0.0),
-                springs=False,
             )
-            own = analyse_posture(result, connection=settings.connection, springs=False)["length"]
+            own = analyse_posture(result, connection=settings.connection)["length"]
             analysis["natural"] = own["value"] if own["origin"] == "natural" else None
             condition = found["condition"][i] if np.isfinite(found["condition"][i]) else 1e12
             for key in names:

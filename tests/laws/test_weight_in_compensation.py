@@ -60,7 +60,7 @@ def test_the_shares(arm, postures, winds, against, stated):
     assert path.summary()["after"]["translation_max"] < 1e-9 < moved
     text = describe_path(path)
     assert f"--against {against}" in text
-    assert f"{np.abs(weight).max(axis=0)[1]:.6g}" in text
+    assert f"{np.degrees(np.abs(weight).max(axis=0)[1]):.6g}" in text
 
 
 def test_the_programs_before_and_after_subtract(tmp_path, arm, postures, winds):

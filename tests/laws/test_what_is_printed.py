@@ -79,8 +79,8 @@ def test_centres_say_from_where():
         expected = np.array(point) - T[:3, 3]
         assert np.allclose(there["centres"][name], expected, atol=1e-9)
     units = {"length": "m", "force": "N", "angle": "rad"}
-    assert "Centres [m], from the origin of the body frame" in summary_text(here, units)
-    assert "Centres [m], from this point" in summary_text(there, units)
+    assert "Centres [mm], from the origin of the body frame" in summary_text(here, units)
+    assert "Centres [mm], from this point" in summary_text(there, units)
 
 
 def test_rounding_is_not_printed():

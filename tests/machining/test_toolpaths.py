@@ -404,7 +404,7 @@ def test_loads_are_along_axes_that_the_user_knows(tmp_path):
     ):
         table = np.hstack([p, *columns])
         np.savetxt(tmp_path / f"{name}.csv", table, "%.17g", ",", header=heads, comments="")
-    asked = {"free": "x", "direction": None, "factors": {}, "units": arm.units}
+    asked = {"free": "x", "direction": None, "units": arm.units}
 
     def read(name, wrench=None, axes=None):
         return read_path_file(tmp_path / f"{name}.csv", wrench=wrench, axes=axes, **asked)

@@ -135,7 +135,12 @@ def test_workers_of_another_version_write_nothing(scheduler, worker, tmp_path):
 
 def test_what_cannot_be_sent(tmp_path):
     lock = threading.Lock()
-    elastic = arm().with_potential(JointFunction(energy=lambda q: 0.0 * bool(lock)))
+
+    def energy(q):
+        return 0.0 * bool(lock)
+
+    energy.version = "1"  # what a lock holds cannot be compared
+    elastic = arm().with_potential(JointFunction(energy=energy))
     job, _ = prepare_map(elastic, _few(elastic), ["condition"], tmp_path / "m.zarr")
     with pytest.raises(
         InputError, match="cannot be sent to other processes; expected functions without"
@@ -144,10 +149,6 @@ def test_what_cannot_be_sent(tmp_path):
 
 
 def test_processes_are_those_of_a_scheduler(tmp_path):
-    process = start_map(tmp_path / "m.zarr", "--workers", "2")
-    _, error = process.communicate(timeout=600)
-    assert process.returncode == 2
-    assert error.startswith("cartstiff: --workers: is no option any more; expected --dask")
     elastic = arm()
     with pytest.raises(InputError, match="an address, or a client of Dask"):
         compute_map(elastic, _few(elastic), ["condition"], tmp_path / "n.zarr", dask=2)

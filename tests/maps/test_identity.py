@@ -18,7 +18,6 @@ from cartstiff.errors import InputError
 from cartstiff.loading.catalogue import bundled_folder
 from cartstiff.maps.run import part_elsewhere, prepare_map
 from cartstiff.mechanisms.identity import _PARTS, identity_of
-from cartstiff.mechanisms.other_units import in_units
 
 TOOL = Path(__file__).parents[2] / "tools" / "fuzz_edits.py"
 #: A twentieth of what the tool does by itself.
@@ -74,17 +73,9 @@ def test_changes_in_python_are_seen(tmp_path, change, words):
 def test_another_version_is_refused(tmp_path, monkeypatch):
     elastic = cartstiff.load("stewart-gough")
     prepared(elastic, tmp_path)
-    study = {
-        "mechanism": "inclined-hexapod",
-        "variables": {"sz": {"values": [0.5]}},
-        "objectives": {"a": {"quantity": "translation_held_min"}},
-    }
-    cartstiff.design(study, output=tmp_path / "d.jsonl")
     monkeypatch.setattr(version, "__version__", "0.0.9")
     with pytest.raises(InputError, match="map of another version of cartstiff"):
         prepared(elastic, tmp_path)
-    with pytest.raises(InputError, match="study of another version of cartstiff"):
-        cartstiff.design(study, output=tmp_path / "d.jsonl")
 
 
 def test_a_worker_with_another_pinocchio_is_named():
@@ -107,8 +98,6 @@ def test_use_does_not_change_an_identity(name):
     assert identity_of(elastic, {}) == before
     assert identity_of(pickle.loads(pickle.dumps(elastic)), {}) == before
     assert identity_of(cartstiff.load(name), {}) == before
-    in_degrees = in_units(elastic, elastic.units.length, "deg")
-    assert identity_of(in_degrees, {})["mechanism"] == before["mechanism"]
 
 
 def test_a_file_that_changes_while_a_study_runs_ends_it(tmp_path):
@@ -131,6 +120,4 @@ def test_a_file_that_changes_while_a_study_runs_ends_it(tmp_path):
             model.write_text(model.read_text().replace('<mass value="', '<mass value="9', 1))
 
     with pytest.raises(InputError, match="was changed while the study ran"):
-        cartstiff.design(study, output=tmp_path / "d.jsonl", progress=progress)
-    with pytest.raises(InputError, match=r"another mechanism: five-bar.urdf was changed"):
-        cartstiff.design(study, output=tmp_path / "d.jsonl")
+        cartstiff.design(study, progress=progress)
