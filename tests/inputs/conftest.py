@@ -21,6 +21,7 @@ KEYS = {
     "load",
     "gravity",
     "weighed",
+    "before_load",
     "base_pose",
     "energy",
     "frame_offset",
