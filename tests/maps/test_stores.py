@@ -212,7 +212,10 @@ def test_a_map_that_another_process_creates_in_the_meantime(elastic, tmp_path, m
     options = {"chunk": 6, "length": 0.2}
     _, file = prepare_map(*asked, **options)
     monkeypatch.setattr("cartstiff.maps.run.is_there", lambda address: False)
-    with file.locked(), pytest.raises(InputError, match="another process is computing this map"):
+    with (
+        file.locked(),
+        pytest.raises(InputError, match="another process or thread is computing this map"),
+    ):
         compute_map(*asked, **options)
     assert [path.name for path in tmp_path.iterdir()] == ["m.zarr"]
 

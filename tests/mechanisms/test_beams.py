@@ -316,7 +316,10 @@ def _rod(force, arm, stiffness, strains):
 
 
 def test_lateral_buckling_of_a_strip(tmp_path):
-    """A deep cantilever turns over at 4.01259934 sqrt(EI GJ) / l^2; order two."""
+    """A deep cantilever turns over at 4.01259934 sqrt(EI GJ) / l^2; better than order two.
+
+    The formula is that of a strip that does not bend in its plane; here that leaves 1e-5.
+    """
     weak, twist = 200.0, SECTION["G"] * 2.5e-9
     critical = 4.01259934 * np.sqrt(weak * twist)
     errors = []
@@ -324,9 +327,9 @@ def test_lateral_buckling_of_a_strip(tmp_path):
         strip = bar(tmp_path, segments, Iy=1e-4, Iz=1e-9, J=2.5e-9)
         curve = load_curve(strip, DeadForce([0, 0, critical]), to=1.1)
         errors.append(abs(curve.critical[0].factor - 1))
-    assert errors[0] < 0.02
-    assert errors[-1] < 2e-3
-    assert np.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.2)
+    assert errors[0] < 1e-3
+    assert errors[-1] < 2e-5
+    assert np.log2(errors[0] / errors[1]) > 2.0
 
 
 # -- the tangent ---------------------------------------------------------------------------
