@@ -125,7 +125,6 @@ def test_as_many_hinges_as_may_be_take_little(tmp_path):
 
 def test_the_limits_are_those_of_the_reference():
     from cartstiff.cli import map as map_request
-    from cartstiff.cli import path
     from cartstiff.cli import tables as target_file
     from cartstiff.loading import (
         mesh_worker,
@@ -166,7 +165,6 @@ def test_the_limits_are_those_of_the_reference():
         "2 000 000": mesh_worker.MOST_CORNERS / 3,
         "10 000 000": sampling._MAX_AXIS_VALUES,
         "100 000": described.MAX_PARTS,
-        "| 10 000 |": path._MOST_PLACES,
         "64 KiB": messages.LARGEST_MESSAGE / 1024,
     }
     for words, value in shown.items():

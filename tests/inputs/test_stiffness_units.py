@@ -98,7 +98,7 @@ def test_units_of_parameters_in_the_files_own(tmp_path):
         cartstiff.load(path)
     path.write_text(text.replace("400}", "=k}"))
     with pytest.raises(
-        InputError, match=r"key layout.height: cannot be used; expected a number, .*20 N/um"
+        InputError, match=r"key layout.height: cannot be used; expected a number.*20 N/um"
     ):
         cartstiff.load(path)
     path.write_text(

@@ -6,7 +6,7 @@ from tests.support.commands import answer, run
 
 #: M in that of the file below, whose offset is (0.1, 0, 0) in the flange: together the tool.
 TCP = "--tcp 0.0,0.02,0.3"
-TOOL = "M at (0.1, 0.02, 0.3) m in 'tool0'"
+TOOL = "M at (100, 20, 300) mm in 'tool0'"
 TOOL_POSE = [[1, 0, 0, 0.1], [0, 1, 0, 0.02], [0, 0, 1, 0.3], [0, 0, 0, 1]]
 DOWN = "--load 0,0,0,0,0,-10"
 
@@ -64,7 +64,7 @@ def test_reports(folder, monkeypatch):
     monkeypatch.chdir(folder)
     run("report arm.yaml", TCP, DOWN, "-o report.html")
     page = (folder / "report.html").read_text()
-    assert "M is at (0.1, 0.02, 0.3) m in tool0" in page
+    assert "M is at (100, 20, 300) mm in tool0" in page
 
 
 @pytest.mark.parametrize(
@@ -72,13 +72,13 @@ def test_reports(folder, monkeypatch):
     ["workspace hexapod --directions 20 --tcp 0,0,0.02", "assemble hexapod --all --tcp 0,0,0.02"],
 )
 def test_platforms(words):
-    assert "body frame M at (0, 0, 0.02) m in 'platform'" in run(words)
+    assert "body frame M at (0, 0, 20) mm in 'platform'" in run(words)
     found = answer(words)
     assert found["frame"] == "platform"
     assert np.allclose(np.array(found["frame_offset"])[:3, 3], [0, 0, 0.02])
 
 
-def test_a_map_s_file_says_it_and_so_does_the_comparison_of_two(folder, monkeypatch):
+def test_a_map_s_file_says_it(folder, monkeypatch):
     pytest.importorskip("xarray")
     from cartstiff.maps import open_map
 
@@ -89,4 +89,3 @@ def test_a_map_s_file_says_it_and_so_does_the_comparison_of_two(folder, monkeypa
     about = open_map("b.zarr").attrs
     assert np.allclose(np.reshape(about["frame_offset"], (4, 4)), TOOL_POSE)
     assert np.allclose(np.reshape(about["base_pose"], (4, 4)), np.eye(4))
-    assert "frame_offset" in run("compare a.zarr b.zarr")

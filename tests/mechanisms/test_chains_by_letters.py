@@ -123,7 +123,7 @@ def test_lengths_in_other_units_and_a_tool():
     machine = cartstiff.parallel(legs, [0, 0, 0.5, 0.1, 0, 0])
     from cartstiff.mechanisms.other_units import in_units
 
-    small = in_units(machine, "mm", "rad")
+    small = in_units(machine, "mm")
     T = small.mechanism.at(small.q).pose
     for leg in small.mechanism.legs:
         x, _ = leg.shape.inverse((T @ leg.T_M_end)[None], leg.mode(small.q, T))

@@ -140,7 +140,9 @@ def test_a_map_leaves_out_what_is_beyond(tmp_path):
     ]
     assert [state == 0 for state in states] == expected
     assert 0 < sum(expected) < 9
-    forces = _load(tmp_path, {"rest_length": None, "preload": 0.0, "force": [-2e4, 2e4]})
+    forces = _load(
+        tmp_path, {"rest_length": None, "preload": 0.0, "driven": False, "force": [-2e4, 2e4]}
+    )
     path = tmp_path / "forces.zarr"
     cartstiff.compute_map(forces, grid, ["translation_free_min"], path)
     states = cartstiff.open_map(path).load()["state"].values.ravel()

@@ -282,7 +282,7 @@ def test_text_has_units_and_levels() -> None:
     full, short = summary_text(s), summary_text(s, level="short")
     assert summary_text(s, level="none") == ""
     assert "[N m/rad]" in full
-    assert "[N/m]" in short
+    assert "[N/mm]" in short
     assert "Eigenscrews" in full
     assert "Eigenscrews" not in short
     assert "asymmetry of K^A" in full
