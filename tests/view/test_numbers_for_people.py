@@ -128,7 +128,9 @@ def test_curves_have_the_unit_of_their_values_that_are_not_zero():
 
 
 def test_a_saved_plot_says_all_that_its_numbers_depend_on():
-    hello = {"version": "1", "mechanism": {"name": "arm", "frame": "tool", "coordinates": []}}
+    arm = {"name": "arm", "frame": "tool", "coordinates": []}
+    arm |= {"springs": [], "is_illustrative": False}
+    hello = {"version": "1", "mechanism": arm}
     state = ViewState(
         load=(0, 0, 0, 0, 0, -80.0),
         load_at=(0.1, 0, 0),

@@ -67,7 +67,7 @@ def test_principal_values_are_those_of_the_blocks(loaded, name, others, quantity
 def test_in_every_unit_page_text_and_analysis_agree_on_what_is_symmetric(arm, unit, force):
     """A block of large entries, such as moments in N mm, hides no asymmetry of the others."""
     result = cartstiff.analyse(in_units(arm, unit), wrench=[0.0, 0.0, 0.0, force, 0.0, 0.0])
-    analysis = analyse_posture(result, connection="A", springs=False)
+    analysis = analyse_posture(result, connection="A")
     size = shown_numbers(result, ViewState())["symmetric"]["A"]
     assert analysis["symmetrised"] == (force > 1e-3) == (size > 0.0)
     assert ("\nK^A  " in describe(result)) == (force > 1e-3)

@@ -415,8 +415,22 @@ export class Program {
       notes.push({ code: "near-type-2-singularity", message: `the actuators hardly hold the mechanism in ${weak} direction(s): smallest over largest singular value ${general(this.least(held), 2)}`,
         values: { singular_values: values, ...size, directions: all.slice(-weak).map((v) => v.map((x, i) => x * m.sizes[i])) } });
     }
-    notes.push(...this.beyond(m), ...this.stretched(m), ...(m.given ? data.loaded_rest_notes : data.rest_notes), ...data.last_notes);
+    notes.push(...this.beyond(m), ...this.stretched(m), ...(m.given ? data.loaded_rest_notes : data.rest_notes), ...this.indefinite(m), ...data.last_notes);
     return notes;
+  }
+
+  /** The note on a posture that springs and load do not keep, as `cartstiff.stiffness.posture_notes.indefinite`. */
+  indefinite(m) {
+    const [K, C] = [m.K.load, m.C.load];
+    if ([K, C].some((M) => M && asymmetry(M))) return [];
+    const spectra = [K && scaled(K, turnsBy(1 / m.length)), C && scaled(C, turnsBy(m.length))].filter(Boolean).map((M) => eigen(M).values);
+    const below = (values) => values.filter((x) => x < -ZERO_SHARE * Math.max(...values.map(Math.abs))).length;
+    const negative = Math.max(0, ...spectra.map(below));
+    if (!negative) return [];
+    const unit = K ? m.length ** 2 : 1 / m.length ** 2; // lengths, not angles, are of size one there
+    return [{ code: "indefinite", message: `the stiffness is negative along ${negative} motion(s) of the body, under the load and the tensions here: the posture is not stable, `
+      + "and without something else that holds it the mechanism moves away",
+    values: { eigenvalues: spectra[0].map((x) => x * unit).sort((a, b) => a - b), characteristic_length: m.length } }];
   }
 
   /** The note on assumed stiffnesses without the springs that were replaced, as `cartstiff.notes.still_assumed`. */
