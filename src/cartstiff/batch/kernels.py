@@ -283,8 +283,11 @@ def run(
     verdicts: NDArray[np.uint8],
     threads: int,
     size: int | None,
+    more: Mapping[str, Array] | None = None,
 ) -> None:
     """Fill the arrays by a kernel in chunks; outputs that do not exist become NaN.
+
+    `more` are further inputs (N, ...) by name.
 
     Coordinates of closed chains are replaced by those that close them, those of compliant links by
     those at which they carry the load; if none are found, the verdict is `FALLBACK`.
@@ -316,6 +319,8 @@ def run(
         stop = min(start + length, count)
         rows = stop - start
         inputs = {**shared, "q": np.ascontiguousarray(q[start:stop])}
+        for name, array in (more or {}).items():
+            inputs[name] = np.ascontiguousarray(array[start:stop])
         if loads is not None and loads.ndim == 2:
             inputs["wrench"] = np.ascontiguousarray(loads[start:stop])
         is_found = None

@@ -83,6 +83,8 @@ class PlatformCase:
         Number of lines where anchors, points and length are inputs, so that one program serves
         platforms of every size; else 0.
     load, axes : as of `cartstiff.batch.chains.ChainCase`.
+    is_chosen : bool
+        Whether the tensions that balance a load are inputs, see `balances_among`.
     """
 
     anchors: tuple[float, ...]
@@ -100,6 +102,20 @@ class PlatformCase:
     lines: int = 0
     load: LoadKind = DEAD_AT_ORIGIN
     axes: Axes = "body"
+    is_chosen: bool = False
+
+    @property
+    def balances_among(self) -> bool:
+        """Whether more than six lines balance a load, so that bounds may choose the tensions.
+
+        The program finds the tensions nearest to the given ones. Where these are not within the
+        bounds, others are chosen outside of it (`cartstiff.potentials.tensions`). They are inputs
+        of the program with `is_chosen`: "tensions", below zero for cables that stay slack.
+        """
+        m = self.lines or len(self.points) // 3
+        carries = self.derivatives or bool(self.points_of_forces) or self.has_weight
+        is_chosen = self.wrench != "none" or self.rest == "preload"
+        return m > 6 and (is_chosen or (self.rest == "open" and carries))
 
 
 def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> dict[str, Array]:
@@ -169,29 +185,21 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
     if W is not None or balances or (case.rest == "open" and not alone):
         if decomposition is None:
             raise ValueError("fewer than six lines carry no chosen wrench")
-        if m <= 6:
-            given = zeros(m)
-        elif case.rest == "given" and case.unilateral:
-            each = zip(given, cables, strict=True)
-            given = np.array([larger(0.0, t) if pulls else t for t, pulls in each], object)
-        # The tensions nearest to the given ones that add the missing wrench.
-        missing = (-gradient if W is None else W - gradient) - lines.T @ given
-        added = zeros(m)
-        added[:6] = inverse_R.T @ missing
-        t = given + decomposition.apply(added)
-        # `cartstiff.analyse` takes others where more than six lines would not keep their bounds.
-        least: list[Scalar] = [-numerics.TINY] * m
-        if m > 6:
-            least = [*tape.vector("least", m)]
-            share = numerics.NEGLIGIBLE_FORCE if case.rest == "given" else numerics.TAUT_SHARE
-            if case.unilateral:
-                mean = sum(absolute(x) for x in t[cables]) * (share / cables.sum())
-            for i, most in enumerate(tape.vector("most", m)):
-                if cables[i]:
-                    least[i] = pick(0.0, least[i], least[i], mean)
-                verdict = larger(verdict, pick(t[i], most, PLAIN, FALLBACK))
-        for i in range(m) if m > 6 else np.flatnonzero(cables).tolist():
-            verdict = larger(verdict, pick(least[i], t[i], PLAIN, FALLBACK))
+        asked = -gradient if W is None else W - gradient
+        if case.is_chosen:
+            arrays["asked"] = asked
+            chosen = tape.vector("tensions", m)
+            t, taut = _tensions(chosen, cables), _taut(k, chosen, cables)
+        else:
+            if m <= 6:
+                given = zeros(m)
+            elif case.rest == "given":
+                given = _tensions(given, cables)
+            # The tensions nearest to the given ones that add the missing wrench.
+            missing, added = asked - lines.T @ given, zeros(m)
+            added[:6] = inverse_R.T @ missing
+            t = given + decomposition.apply(added)
+            verdict = larger(verdict, _bounds_hold(tape, case, t, cables))
         energy = energy + ((t * t / k).sum()) * 0.5
         if W is None:
             W = zeros(6)
@@ -202,14 +210,7 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         energy = energy + ((t * t / k).sum()) * 0.5
         W = t @ lines + gradient
     else:
-        if case.unilateral:
-            taut = np.array(
-                [
-                    taut_stiffness(stiff, x) if is_cable else stiff
-                    for stiff, x, is_cable in zip(k, stretch, cables, strict=True)
-                ],
-                object,
-            )
+        taut = _taut(k, stretch, cables)
         t = taut * stretch
         energy = energy + (t @ stretch) * 0.5
         W = t @ lines + gradient
@@ -241,3 +242,37 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         doubt = largest(t / k / lengths) * (1.0 / MAX_RELATIVE_DEFLECTION)
         arrays["noteworthy"] = np.array([near, lost, doubt], object)
     return arrays
+
+
+def _tensions(pull: Array, cables: Array) -> Array:
+    """Tensions (m,) of lines that pull by so much; zero for a slack cable."""
+    each = zip(pull, cables, strict=True)
+    return np.array([larger(0.0, t) if is_cable else t for t, is_cable in each], object)
+
+
+def _taut(stiffness: Array, stretch: Array, cables: Array) -> Array:
+    """Stiffnesses (m,), zero for slack cables; stretches or their tensions decide."""
+    each = zip(stiffness, stretch, cables, strict=True)
+    return np.array(
+        [taut_stiffness(k, x) if is_cable else k for k, x, is_cable in each],
+        object,
+    )
+
+
+def _bounds_hold(tape: Tape, case: PlatformCase, t: Array, cables: Array) -> Scalar:
+    """Verdict on tensions t (m,); `cartstiff.analyse` takes others beyond bounds."""
+    m = len(t)
+    verdict: Scalar = PLAIN
+    least: list[Scalar] = [-numerics.TINY] * m
+    if m > 6:
+        least = [*tape.vector("least", m)]
+        share = numerics.NEGLIGIBLE_FORCE if case.rest == "given" else numerics.TAUT_SHARE
+        if case.unilateral:
+            mean = sum(absolute(x) for x in t[cables]) * (share / cables.sum())
+        for i, most in enumerate(tape.vector("most", m)):
+            if cables[i]:
+                least[i] = pick(0.0, least[i], least[i], mean)
+            verdict = larger(verdict, pick(t[i], most, PLAIN, FALLBACK))
+    for i in range(m) if m > 6 else np.flatnonzero(cables).tolist():
+        verdict = larger(verdict, pick(least[i], t[i], PLAIN, FALLBACK))
+    return verdict

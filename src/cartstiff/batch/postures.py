@@ -52,6 +52,7 @@ from cartstiff.batch.kernels import (
     run,
 )
 from cartstiff.batch.plans import TracedModel, given_as, plan
+from cartstiff.batch.platforms import PlatformCase
 from cartstiff.batch.quantities import FREQUENCIES, frequency_name
 from cartstiff.batch.readings import READINGS, Readings, frequencies_of, with_masses
 from cartstiff.checked_call import checked
@@ -224,6 +225,66 @@ def lost_ranks(
         for name, array in arrays.items():
             array[which[these]] = rows[name][these] if name in rows else np.nan
     return state, which[is_lost], which[unbalanced]
+
+
+def by_chosen_tensions(
+    elastic: ElasticMechanism,
+    taken: TracedModel,
+    q: Array,
+    loads: Array | None,
+    arrays: Mapping[str, Array],
+    which: NDArray[np.intp],
+    compiled: bool,
+    threads: int,
+    size: int | None,
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Fill those of the postures `which` at which bounds choose the tensions of many lines.
+
+    One program has the lines and the gradient that they exert, and another one, to which the
+    tensions are inputs, the outputs.
+
+    Returns
+    -------
+    filled, unbalanced : ndarray of int
+        Some of `which`; of the latter only the pose is known.
+    """
+    case, springs = taken.case, elastic.springs
+    if not isinstance(case, PlatformCase) or not isinstance(springs, LineSprings):
+        return which[:0], which[:0]
+    if not case.balances_among:
+        return which[:0], which[:0]
+    other, m = replace(taken, case=replace(case, is_chosen=True)), len(springs.stiffness)
+    own = loads[which] if loads is not None and loads.ndim == 2 else loads
+
+    def filled(rows: Mapping[str, Array], some: NDArray[np.intp], t: Array) -> NDArray[np.bool_]:
+        verdicts = np.zeros(len(some), np.uint8)
+        kernel = kernel_for(other.case, tuple(rows), len(some), compiled)
+        load = own[some] if own is not None and own.ndim == 2 else own
+        more = {"tensions": t[some]}
+        run(other, kernel, q[which[some]], load, rows, verdicts, threads, size, more)
+        return verdicts == PLAIN
+
+    everything, t = np.arange(len(which)), np.zeros((len(which), m))
+    shapes = {"actuation": (m, 6), "leg_lengths": (m,), "asked": (6,)}
+    seen = {name: aligned_empty(len(which), *shape) for name, shape in shapes.items()}
+    is_known = filled(seen, everything, t)
+    unbalanced = np.zeros(len(which), bool)
+    with numerics.one_thread():
+        for i in np.flatnonzero(is_known).tolist():
+            lines, lengths, asked = (seen[name][i] for name in shapes)
+            try:
+                t[i] = springs.balancing_tensions(lengths, lines, asked)
+            except InputError:
+                unbalanced[i] = True
+    for name, array in arrays.items():
+        if name != "pose":
+            array[which[unbalanced]] = np.nan
+    some = np.flatnonzero(is_known & ~unbalanced)
+    rows = {name: aligned_empty(len(some), *array.shape[1:]) for name, array in arrays.items()}
+    some, plain = (some, filled(rows, some, t)) if some.size else (some, some)
+    for name, array in arrays.items():
+        array[which[some[plain]]] = rows[name][plain]
+    return which[some[plain]], which[unbalanced]
 
 
 #: State of postures that exceed the number `one_by_one`.
@@ -466,6 +527,12 @@ def analyse_many(
         state[torn] = UNBALANCED
         _clear_still_halves(elastic, arrays, lost_rank)
         doubtful = np.setdiff1d(doubtful, np.concatenate([lost_rank, torn]))
+    if len(doubtful):
+        filled, torn = by_chosen_tensions(
+            elastic, taken, coordinates, loads, arrays, doubtful, ran == "compiled", count, size
+        )
+        state[torn] = UNBALANCED
+        doubtful = np.setdiff1d(doubtful, np.concatenate([filled, torn]))
     unbalanced = np.flatnonzero(state == UNBALANCED)
     state[:] = _index(codes, taken.regular)
     if len(lost_rank):

@@ -321,9 +321,7 @@ class LineSprings(PosePotential):
     ) -> LineSprings:
         """`with_rest_balancing` by the lines `free` (m,); `holds`: or with their preload."""
         geometry = self.geometry(posture)
-        size = float(np.abs(geometry.lines).max())
-        scale = np.array([1.0] * 3 + [size] * 3)
-        lines = geometry.lines.T * scale[:, None]
+        lines, scale = _scaled(geometry.lines)
         held = self.holding(lines) if holds else np.zeros(len(free), bool)
         free = free & ~held
         given = self.given_tensions(geometry.lengths)
@@ -332,11 +330,31 @@ class LineSprings(PosePotential):
         rest[held] = geometry.lengths[held] - given[held] / self.stiffness[held]
         if free.any():
             exerted[free] = self._balanced(lines, gradient * scale, free, given, fixed)
-            # A slack cable that is to stay slack keeps its rest length.
-            pull = self._pull(geometry.lengths)
-            exerted = np.where(free & self.cables & (exerted == 0.0) & (pull < 0.0), pull, exerted)
+            exerted = np.where(free, self._staying_slack(exerted, geometry.lengths), exerted)
             rest[free] = geometry.lengths[free] - exerted[free] / self.stiffness[free]
         return self._at_rest(rest, exerted, given, geometry.lengths)
+
+    def _staying_slack(self, exerted: Array, lengths: Array) -> Array:
+        """Tensions (m,), below zero for a slack cable that stays slack with its rest length."""
+        pull = self._pull(lengths)
+        return np.where(self.cables & (exerted == 0.0) & (pull < 0.0), pull, exerted)
+
+    def balancing_tensions(self, lengths: Array, lines: Array, gradient: Array) -> Array:
+        """Tensions (m,) of `with_rest_balancing` where it chooses those of all lines.
+
+        `lengths` (m,) and `lines` (m, 6) are those at the posture. A tension below zero is that of
+        a slack cable that keeps its rest length.
+
+        Raises
+        ------
+        InputError
+            If no tensions balance the gradient (6,).
+        """
+        scaled, scale = _scaled(lines)
+        every = np.ones(len(lengths), bool)
+        given = self.given_tensions(lengths)
+        t = self._balanced(scaled, gradient * scale, every, given, np.zeros(len(lengths)))
+        return self._staying_slack(t, lengths)
 
     def _balanced(
         self, lines: Array, gradient: Array, free: Array, given: Array, fixed: Array
@@ -474,3 +492,9 @@ class LineSprings(PosePotential):
 
 def _length(vector: Array) -> float:
     return float(np.linalg.norm(vector))
+
+
+def _scaled(lines: Array) -> tuple[Array, Array]:
+    """Lines (6, m) from (m, 6), moments and forces of one size, and the factors (6,)."""
+    scale = np.repeat([1.0, float(np.abs(lines).max())], 3)
+    return lines.T * scale[:, None], scale

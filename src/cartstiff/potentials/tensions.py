@@ -120,7 +120,8 @@ def within_bounds(
         return None
     if np.abs(found).max() <= numerics.NEGLIGIBLE_FORCE * size:
         return np.zeros(len(found))  # no load, and no set of tensions balances itself
-    return np.where(cables, np.maximum(found, 0.0), found)
+    # A cable at its bound has no tension, and not its round-off.
+    return np.where(cables & (found <= numerics.ROUNDOFF * size), 0.0, found)
 
 
 def _nearest(N: Array, own: Array, bounds: Bounds, largest: float) -> Array:
