@@ -248,6 +248,28 @@ def test_slack_ropes():
     assert_same(ropes, q)
 
 
+@pytest.mark.parametrize("lengths", ["found", "preload", "given"])
+@pytest.mark.parametrize("load", ["none", "shared", "each"])
+def test_bounds_choose_tensions_without_the_engine(lengths, load):
+    """At most of these postures some cable would push in the set nearest to the given tensions."""
+    robot = cartstiff.load("cable-robot").with_payload(3.0, [0.05, 0.02, -0.1])
+    preload = robot.springs.preload if lengths == "preload" else None
+    springs = replace(robot.springs, preload=preload)
+    if lengths == "given":
+        rest = springs.lengths_at(robot.mechanism.at(robot.q).pose) - 1e-3
+        springs = replace(springs, rest_length=rest)
+    robot = replace(robot, springs=springs)
+    rng = np.random.default_rng(8)
+    q = robot.q + rng.uniform(-1, 1, (40, 6)) * np.repeat([0.6, 0.3], 3)
+    each = rng.normal(size=(40, 6)) * np.repeat([1.0, 20.0], 3)
+    wrench = {"none": None, "shared": each[0], "each": each}[load]
+    # Pulls at given lengths are a thousand times the tensions: compliances magnify their round-off.
+    outputs = [name for name in OUTPUTS if lengths != "given" or "compliance" not in name]
+    for found in assert_same(robot, q, wrench=wrench, outputs=outputs):
+        assert found.fallback == 0
+        assert found.is_regular.sum() > 3
+
+
 def test_other_potentials():
     """In the arithmetic (dead forces, coupled springs), and evaluated posture by posture."""
     elastic = arm("RRRRRR", rest=True)
