@@ -336,11 +336,11 @@ def wrench_margins(lines: Array, wrench: Array, least: Array, most: Array) -> Ar
     along[:, np.arange(len(fives))[:, None], fives] = 0.0
     along[np.abs(along) < numerics.RANK] = 0.0
     asked, margins = (n @ wrench[..., None])[..., 0], np.full(size.shape, np.inf)
-    for sign in (1.0, -1.0):
-        pulled = sign * along
-        with np.errstate(invalid="ignore"):
-            reach = np.where(pulled, np.fmax(pulled * least, pulled * most), 0.0).sum(axis=-1)
-        margins = np.minimum(margins, reach - sign * asked)
+    with np.errstate(invalid="ignore"):
+        ends = along * least, along * most
+    for sign, farthest in ((1.0, np.fmax), (-1.0, np.fmin)):
+        reach = np.where(along, farthest(*ends), 0.0).sum(axis=-1)
+        margins = np.minimum(margins, sign * (reach - asked))
     regular = size > numerics.RANK
     # Without five independent lines nothing is spanned.
     margins = np.where(regular, margins, np.inf).min(axis=1)
@@ -356,14 +356,18 @@ def _normals(lines: Array) -> Array:
 
     Minors of the first rows follow from those of one row less by Laplace's expansion.
     """
-    minors: dict[tuple[int, ...], Any] = {(): 1.0}
-    for row, line in enumerate(np.moveaxis(lines, (-2, -1), (0, 1))):
-        minors = {
-            c: sum(
-                (-1) ** (row - i) * line[k] * minors[c[:i] + c[i + 1 :]] for i, k in enumerate(c)
-            )
-            for c in combinations(range(6), row + 1)
-        }
+    # Contiguous components: these products take most of the time of a workspace of cables.
+    rows = np.ascontiguousarray(np.moveaxis(lines, (-2, -1), (0, 1)))
+    minors: dict[tuple[int, ...], Array] = {(k,): x for k, x in enumerate(rows[0])}
+    product = np.empty(rows.shape[2:])
+    for row, line in enumerate(rows[1:], 1):
+        larger = {}
+        for c in combinations(range(6), row + 1):
+            total = larger[c] = line[c[row]] * minors[c[:row]]
+            for i in range(row):
+                np.multiply(line[c[i]], minors[c[:i] + c[i + 1 :]], out=product)
+                (np.subtract if (row - i) % 2 else np.add)(total, product, out=total)
+        minors = larger
     return np.stack([(-1) ** k * n for k, n in enumerate(reversed(minors.values()))], axis=-1)
 
 
