@@ -115,6 +115,7 @@ def test_springs_that_nobody_measured_are_counted(kind, doubt, pages, tmp_path):
         page.keyboard.press("Tab")
         settled(page)
     assert page.is_hidden(".doubt")
+    page.close()  # before its server, which it would look for
     if server is not None:
         server.close()
 
@@ -145,6 +146,7 @@ def test_a_link_is_of_its_mechanism(serve, pages):
     stiffer = pages.open(server.url + link)
     assert "made of another ur5" in stiffer.inner_text("#banner")
     assert stiffer.evaluate(LOAD) == wanted
+    stiffer.close()
     server.close()
 
 
@@ -156,6 +158,8 @@ def test_a_link_says_that_the_load_of_the_command_is_gone(pages):
     page.wait_for_function("() => location.hash.includes('load=none')")
     again = pages.open(server.url + page.evaluate("() => location.hash"))
     assert again.evaluate(LOAD) is None
+    page.close()
+    again.close()
     server.close()
 
 

@@ -235,10 +235,7 @@ def test_merged_keys_are_those_of_the_mapping_that_they_name(tmp_path):
     path.write_text(text.replace("  rest_length: [11, 12, 13, 14, 15, 16]\n", ""))
     elastic = cartstiff.load(path)
     assert elastic.masses["legs"] == 6.0
-    tensions = elastic.springs.stiffness * (
-        elastic.mechanism.leg_lengths(elastic.q) - elastic.springs.rest_length
-    )
-    assert np.allclose(tensions, 1.0)
+    assert np.allclose(elastic.springs.preload, 1.0)
     data, lines = read_yaml(
         _written(tmp_path, "a: &a {x: 1, y: {z: 1}}\nb: {<<: *a, x: 2}\nc:\n  <<: [{x: 3}, *a]\n")
     )
