@@ -99,7 +99,9 @@ class NamedArrays(Mapping[str, Array | None]):
         self._also = {n: None if a is None else fixed(a) for n, a in also.items()}
 
     @classmethod
-    def of_fixed(cls, arrays: dict[str, Array | None], also: dict[str, Any]) -> NamedArrays:
+    def of_fixed(
+        cls, arrays: dict[str, Array | None], also: dict[str, Any]
+    ) -> NamedArrays:
         """From read-only arrays and mappings that do not change: neither is copied."""
         own = cls.__new__(cls)
         own._arrays, own._also = arrays, also
@@ -144,7 +146,9 @@ def of_pinocchio(value: Any) -> Any:
         if not any(type(v).__module__.startswith("pinocchio") for v in value):
             return value
         return [of_pinocchio(v) for v in value]
-    kind = next((c for c in type(value).__mro__ if c.__module__.startswith("pinocchio")), None)
+    kind = next(
+        (c for c in type(value).__mro__ if c.__module__.startswith("pinocchio")), None
+    )
     if kind is None:
         return value
     if kind.__name__ in ("Force", "Motion"):
@@ -189,13 +193,17 @@ def real_array(
     values = of_pinocchio(values)
 
     def refused(reason: str, got: object) -> InputError:
-        return InputError(f"{what} {reason}", where=where, expected=_words(expected), got=got)
+        return InputError(
+            f"{what} {reason}", where=where, expected=_words(expected), got=got
+        )
 
     # Test for plain arrays first: the name np.ma imports a module.
     is_other = isinstance(values, np.ndarray) and type(values) is not np.ndarray
     if is_other and isinstance(values, np.ma.MaskedArray):
         if np.ma.is_masked(values):
-            raise refused("holds masked numbers", f"{int(np.ma.getmaskarray(values).sum())} masked")
+            raise refused(
+                "holds masked numbers", f"{int(np.ma.getmaskarray(values).sum())} masked"
+            )
         values = values.data
     try:
         array = np.asarray(values)
@@ -234,7 +242,9 @@ def _is_finite(array: Array) -> bool:
     if array.size <= _PIECE or not array.flags.c_contiguous:
         return bool(np.isfinite(array).all())
     flat = array.reshape(-1)
-    return all(bool(np.isfinite(flat[i : i + _PIECE]).all()) for i in range(0, len(flat), _PIECE))
+    return all(
+        bool(np.isfinite(flat[i : i + _PIECE]).all()) for i in range(0, len(flat), _PIECE)
+    )
 
 
 def _words(shapes: Sequence[Shape]) -> str:
@@ -244,7 +254,9 @@ def _words(shapes: Sequence[Shape]) -> str:
         n = shape[0] if shape else 1
         many = f"{n} numbers" if isinstance(n, int) else "one or more numbers"
         return "one number" if n == 1 else many
-    each = ["(" + ", ".join(map(str, s)) + ("," if len(s) == 1 else "") + ")" for s in shapes]
+    each = [
+        "(" + ", ".join(map(str, s)) + ("," if len(s) == 1 else "") + ")" for s in shapes
+    ]
     return "shape " + " or ".join(each)
 
 
@@ -290,7 +302,11 @@ def checked_array(
     array = real_array(values, what, where=where, expected=shapes)
     if copy and (array is values or not array.flags.owndata or not array.flags.writeable):
         array = array.copy()
-    if shapes and array.shape != shapes[0] and not any(_fits(array.shape, s) for s in shapes):
+    if (
+        shapes
+        and array.shape != shapes[0]
+        and not any(_fits(array.shape, s) for s in shapes)
+    ):
         count = len(shapes) == 1 and len(shapes[0]) == 1
         raise InputError(
             f"{what} has the wrong {'count' if count else 'shape'}",
@@ -300,9 +316,15 @@ def checked_array(
         )
     if finite and not _is_finite(array):
         if array.ndim > 1 and array.shape not in shapes:
-            row = int(np.flatnonzero(~np.isfinite(array).all(axis=tuple(range(1, array.ndim))))[0])
+            row = int(
+                np.flatnonzero(~np.isfinite(array).all(axis=tuple(range(1, array.ndim))))[
+                    0
+                ]
+            )
             raise InputError(
-                f"{what} must be finite in row {row}", where=where, got=array[row].tolist()
+                f"{what} must be finite in row {row}",
+                where=where,
+                got=array[row].tolist(),
             )
         raise InputError(f"{what} must be finite", where=where, got=array.tolist())
     return array
@@ -310,11 +332,14 @@ def checked_array(
 
 def _fits(got: tuple[int, ...], shape: Shape) -> bool:
     return len(shape) == len(got) and all(
-        n == m if isinstance(m, int) else n > 0 or m == "N" for m, n in zip(shape, got, strict=True)
+        n == m if isinstance(m, int) else n > 0 or m == "N"
+        for m, n in zip(shape, got, strict=True)
     )
 
 
-def checked_vector(values: ArrayLike, n: int, what: str, *, where: str | None = None) -> Array:
+def checked_vector(
+    values: ArrayLike, n: int, what: str, *, where: str | None = None
+) -> Array:
     """Copy of a finite vector of length n; see `checked_array`."""
     return checked_array(values, (n,), what, where=where)
 
@@ -374,7 +399,11 @@ def checked_number(value: object, what: str, *, where: str | None = None) -> flo
 
 def checked_seed(value: object) -> int:
     """Seed of random numbers; NumPy would crash on a list that contains itself."""
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)) or value < 0:
+    if (
+        isinstance(value, (bool, np.bool_))
+        or not isinstance(value, (int, np.integer))
+        or value < 0
+    ):
         raise InputError("seed cannot be used", expected="0 or more", got=one_line(value))
     return int(value)
 
@@ -386,12 +415,17 @@ def checked_flag(value: object, what: str) -> bool:
     return bool(value)
 
 
-def checked_length(value: object, what: str = "length", *, where: str | None = None) -> float:
+def checked_length(
+    value: object, what: str = "length", *, where: str | None = None
+) -> float:
     """A positive number whose powers are numbers, too: 1e-30 to 1e30."""
     number = checked_number(value, what, where=where)
     if not 1.0 / LARGEST_INPUT <= number <= LARGEST_INPUT:
         raise InputError(
-            f"{what} cannot be used", where=where, expected="a positive length", got=number
+            f"{what} cannot be used",
+            where=where,
+            expected="a positive length",
+            got=number,
         )
     return number
 
@@ -407,7 +441,9 @@ def is_pose(T: ArrayLike, tolerance: float = numerics.NEGLIGIBLE_DIFFERENCE) -> 
         if not off < tolerance:
             return False
     proper = bool(np.all(np.linalg.det(R) > 0))
-    last = np.abs(T[..., 3, :] - np.array([0.0, 0.0, 0.0, 1.0])).max(initial=0.0) < tolerance
+    last = (
+        np.abs(T[..., 3, :] - np.array([0.0, 0.0, 0.0, 1.0])).max(initial=0.0) < tolerance
+    )
     return bool(proper and last)
 
 

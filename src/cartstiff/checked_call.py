@@ -26,7 +26,14 @@ from cartstiff.errors import CartstiffError, InputError, UnknownArgumentError
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
-_RAW = (TypeError, ValueError, AttributeError, LookupError, ArithmeticError, RecursionError)
+_RAW = (
+    TypeError,
+    ValueError,
+    AttributeError,
+    LookupError,
+    ArithmeticError,
+    RecursionError,
+)
 _WORDS: dict[Any, str] = {
     bool: "true or false",
     int: "a whole number",
@@ -76,14 +83,21 @@ def _wrong_kind(
         given = signature.bind(*args, **kwargs).arguments
     except TypeError:
         takes = signature.parameters
-        if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in takes.values()):
+        if not any(
+            parameter.kind is parameter.VAR_KEYWORD for parameter in takes.values()
+        ):
             for name in kwargs:
                 if name not in takes:
                     known, new, own = [*takes], _RENAMED.get(name), function.__name__
                     if new is not None and new in takes:
-                        where, by_place = known.index(new) + 1, takes[new].kind is _BY_PLACE
+                        where, by_place = (
+                            known.index(new) + 1,
+                            takes[new].kind is _BY_PLACE,
+                        )
                         place = (
-                            f"{', '.join(known[:where])}, ..." if by_place else f"..., {new}=..."
+                            f"{', '.join(known[:where])}, ..."
+                            if by_place
+                            else f"..., {new}=..."
                         )
                         known = [f"{own}({place})"]
                     return UnknownArgumentError(f"argument of {own}", name, known)
@@ -143,7 +157,9 @@ def _fits(value: Any, hint: Any) -> bool:
     if hint is bool:
         return isinstance(value, (bool, np.bool_))
     if hint in (int, float):
-        return isinstance(value, Integral if hint is int else Real) and not isinstance(value, bool)
+        return isinstance(value, Integral if hint is int else Real) and not isinstance(
+            value, bool
+        )
     return not isinstance(hint, type) or isinstance(value, hint)
 
 

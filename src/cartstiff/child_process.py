@@ -73,12 +73,16 @@ def answer_of(
         raise InputError(f"{who} does not come to an end with it", where=where) from None
     except (OSError, ValueError) as error:
         got = getattr(error, "strerror", None) or str(error)
-        raise InputError("no process could be started to read it", where=where, got=got) from None
+        raise InputError(
+            "no process could be started to read it", where=where, got=got
+        ) from None
     head, _, payload = done.stdout.partition(b"\n")
     try:
         data: dict[str, Any] = json.loads(head)
     except ValueError:
-        raise InputError(f"{who} broke down on it", where=where, got=_end_of(done)) from None
+        raise InputError(
+            f"{who} broke down on it", where=where, got=_end_of(done)
+        ) from None
     return {**data, "payload": payload} if payload else data
 
 
@@ -88,7 +92,9 @@ def _end_of(done: subprocess.CompletedProcess[bytes]) -> str:
     if done.returncode < 0:
         return f"signal {signal.Signals(-done.returncode).name}"
     lines = done.stderr.decode("utf-8", "replace").split("\n")
-    return next((line for line in reversed(lines) if line.strip()), f"exit {done.returncode}")
+    return next(
+        (line for line in reversed(lines) if line.strip()), f"exit {done.returncode}"
+    )
 
 
 def serve(answer: Callable[..., dict[str, Any]], megabytes: int, seconds: int) -> None:
@@ -110,7 +116,9 @@ def serve(answer: Callable[..., dict[str, Any]], megabytes: int, seconds: int) -
         (resource.RLIMIT_FSIZE, 0),
     ):
         resource.setrlimit(limit, (value, value))
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))  # a signal, then termination
+    resource.setrlimit(
+        resource.RLIMIT_CPU, (seconds, seconds + 1)
+    )  # a signal, then termination
     arguments = json.load(sys.stdin)
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # for output of libraries
@@ -176,8 +184,12 @@ def _confine() -> None:
     known = libc.syscall(create, None, 0, version)
     if known < 1:
         return
-    files = sum(1 << bit for since, bits in rights.items() if since <= known for bit in bits)
-    handled = (ctypes.c_uint64 * 3)(files, 0b11, 0b11)  # TCP; signals and abstract sockets
+    files = sum(
+        1 << bit for since, bits in rights.items() if since <= known for bit in bits
+    )
+    handled = (ctypes.c_uint64 * 3)(
+        files, 0b11, 0b11
+    )  # TCP; signals and abstract sockets
     size = 8 * (3 if known >= 6 else 2 if known >= 4 else 1)
     ruleset = libc.syscall(create, ctypes.byref(handled), size, 0)
     if ruleset >= 0:

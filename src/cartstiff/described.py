@@ -22,7 +22,9 @@ def read_keys(path: Path) -> dict[str, Keys]:
     """Read a table of keys."""
     import yaml
 
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the former is seven times as fast
+    loader = getattr(
+        yaml, "CSafeLoader", yaml.SafeLoader
+    )  # the former is seven times as fast
     table: dict[str, Keys] = yaml.load(path.read_text(encoding="utf-8"), Loader=loader)
     return table
 
@@ -32,14 +34,20 @@ def output_keys() -> dict[str, Keys]:
     """Keys of each command's output, with their kinds and descriptions."""
     table = read_keys(Path(__file__).with_name("output_keys.yaml"))
     for keys in table.values():
-        keys |= {key: table["analyse"][key] for key, kind in keys.items() if kind == "as analyse"}
+        keys |= {
+            key: table["analyse"][key]
+            for key, kind in keys.items()
+            if kind == "as analyse"
+        }
     return table
 
 
 def kinds_of(command: str) -> dict[str, tuple[str, str]]:
     """Kind and description of a command's keys, by dotted name; of lists by those of an entry."""
 
-    def walk(keys: Mapping[str, Any], before: str) -> Iterator[tuple[str, tuple[str, str]]]:
+    def walk(
+        keys: Mapping[str, Any], before: str
+    ) -> Iterator[tuple[str, tuple[str, str]]]:
         for entry, kind in keys.items():
             name = before + entry.removesuffix("?")
             inner = kind.get("each", kind) if isinstance(kind, Mapping) else kind
@@ -50,7 +58,9 @@ def kinds_of(command: str) -> dict[str, tuple[str, str]]:
                 yield name, (sizes.strip(), words.strip())
 
     table = output_keys()
-    return dict(walk(table[command] | (table["analyse"] if command == "equilibrium" else {}), ""))
+    return dict(
+        walk(table[command] | (table["analyse"] if command == "equilibrium" else {}), "")
+    )
 
 
 def described(command: str, *sources: object) -> dict[str, Any]:

@@ -28,12 +28,16 @@ def printable(text: str) -> str:
     """
     if text.isprintable():
         return text
-    return "".join(c if c in "\n\t" or category(c) not in _UNSEEN else _escaped(c) for c in text)
+    return "".join(
+        c if c in "\n\t" or category(c) not in _UNSEEN else _escaped(c) for c in text
+    )
 
 
 def joined(lines: Iterable[str]) -> str:
     r"""Lines as one text; line ends and tabs within a line are escaped."""
-    return "\n".join(printable(line).replace("\n", r"\n").replace("\t", r"\t") for line in lines)
+    return "\n".join(
+        printable(line).replace("\n", r"\n").replace("\t", r"\t") for line in lines
+    )
 
 
 def listed(words: Sequence[str], most: int, between: str = ", ") -> str:
@@ -107,7 +111,9 @@ class InputError(CartstiffError, ValueError):
         """Return the same error, of the same class and with the same numbers, at another place."""
         moved = type(self).__new__(type(self))
         moved.__dict__.update(self.__dict__)
-        InputError.__init__(moved, self.what, where=where, expected=self.expected, got=self.got)
+        InputError.__init__(
+            moved, self.what, where=where, expected=self.expected, got=self.got
+        )
         return moved
 
 
@@ -138,7 +144,9 @@ class UnknownNameError(InputError):
         given = str(name).lower()
         # A name that differs in upper and lower case only is the closest.
         same = [v for v in self.valid if str(v).lower() == given]
-        longer = [v for v in self.valid if len(given) > 2 and str(v).lower().startswith(given)]
+        longer = [
+            v for v in self.valid if len(given) > 2 and str(v).lower().startswith(given)
+        ]
         close = same or longer[:6] or get_close_matches(str(name), self.valid, n=3)
         shown = ", ".join(close or self.valid[:12])
         if not self.valid:
@@ -148,14 +156,18 @@ class UnknownNameError(InputError):
         else:
             more = ", ..." if len(self.valid) > 12 else ""
             expected = f"one of {shown}{more}"
-        super().__init__(f"unknown {kind}", where=where, expected=expected + also, got=repr(name))
+        super().__init__(
+            f"unknown {kind}", where=where, expected=expected + also, got=repr(name)
+        )
 
 
 class UnknownArgumentError(UnknownNameError, TypeError):
     """A keyword that a function does not take."""
 
 
-def check_name(kind: str, name: object, valid: Collection[str], where: str | None = None) -> None:
+def check_name(
+    kind: str, name: object, valid: Collection[str], where: str | None = None
+) -> None:
     """Refuse a name that is not among the valid ones.
 
     Raises
@@ -231,7 +243,9 @@ def imported(module: str, package: str, purpose: str, extra: str = "") -> Any:
         raise MissingDependencyError(package, purpose, extra) from None
 
 
-def checked_kind(value: object, kinds: type | tuple[type, ...], what: str, expected: str) -> Any:
+def checked_kind(
+    value: object, kinds: type | tuple[type, ...], what: str, expected: str
+) -> Any:
     """Return the value if it is an object of one of the kinds, else raise InputError.
 
     Parameters
@@ -245,4 +259,6 @@ def checked_kind(value: object, kinds: type | tuple[type, ...], what: str, expec
     """
     if isinstance(value, kinds):
         return value
-    raise InputError(f"{what} cannot be used", expected=expected, got=type(value).__name__)
+    raise InputError(
+        f"{what} cannot be used", expected=expected, got=type(value).__name__
+    )

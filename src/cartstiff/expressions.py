@@ -35,7 +35,9 @@ _WHAT = f"numbers, parameters, pi, + - * / ** ( ), {', '.join(_FUNCTIONS)}"
 def is_name(text: str) -> bool:
     """Whether a text can be the name of a parameter and is no constant or function."""
     plain = re.fullmatch(r"[A-Za-z_][A-Za-z_0-9]*", text) is not None
-    return plain and len(text) <= 100 and text not in _FUNCTIONS and text not in _CONSTANTS
+    return (
+        plain and len(text) <= 100 and text not in _FUNCTIONS and text not in _CONSTANTS
+    )
 
 
 class Expression:
@@ -71,7 +73,9 @@ class Expression:
             )
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of Python about "2if", which is refused below
+                warnings.simplefilter(
+                    "ignore"
+                )  # of Python about "2if", which is refused below
                 self._tree = ast.parse(text.strip(), mode="eval").body
             self.names = frozenset(self._checked(self._tree))
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
@@ -99,9 +103,15 @@ class Expression:
             return self._checked(node.left) | self._checked(node.right)
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.UAdd, ast.USub)):
             return self._checked(node.operand)
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
+        if (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Name)
+            and not node.keywords
+        ):
             if node.func.id not in _FUNCTIONS:
-                raise UnknownNameError("function", node.func.id, _FUNCTIONS, where=self.where)
+                raise UnknownNameError(
+                    "function", node.func.id, _FUNCTIONS, where=self.where
+                )
             if len(node.args) == _FUNCTIONS[node.func.id][0]:
                 return set().union(*map(self._checked, node.args))
         raise self._refused(ast.unparse(node))
@@ -155,5 +165,7 @@ class Expression:
             function = _FUNCTIONS[ast.unparse(node.func)][1]
             return function(*(self._value(argument, values) for argument in node.args))
         if isinstance(node, ast.Name):
-            return _CONSTANTS[node.id] if node.id in _CONSTANTS else float(values[node.id])
+            return (
+                _CONSTANTS[node.id] if node.id in _CONSTANTS else float(values[node.id])
+            )
         return float(ast.literal_eval(node))

@@ -29,7 +29,9 @@ def new_figure(width: float = 6.4, height: float = 4.2, doubt: str = "") -> Any:
     MissingDependencyError
         Without matplotlib.
     """
-    Figure = imported("matplotlib.figure", "matplotlib", "drawing a figure", "plots").Figure
+    Figure = imported(
+        "matplotlib.figure", "matplotlib", "drawing a figure", "plots"
+    ).Figure
     figure = Figure(figsize=(width, height), layout="constrained")
     if doubt:
         # Titles and legends are above and below.

@@ -33,7 +33,8 @@ class MatrixName:
 #: Names and meanings by letter; the formulas are in `cartstiff.geometry.connections`.
 MATRICES: Final[dict[str, MatrixName]] = {
     "load": MatrixName(
-        "under the load", "the stiffness against a small added wrench while the load acts as stated"
+        "under the load",
+        "the stiffness against a small added wrench while the load acts as stated",
     ),
     "A": MatrixName(
         "Cartan minus",
@@ -48,7 +49,10 @@ MATRICES: Final[dict[str, MatrixName]] = {
         "change of the force along the room's axes: it acts at the origin, its direction stays",
     ),
     "F": MatrixName(
-        "flat", "Hessian in the joint coordinates, transformed by the Jacobian: J^-T H J^-1"
+        "flat",
+        "Hessian in the joint coordinates, transformed by the Jacobian: J^-T H J^-1",
     ),
-    "+": MatrixName("Cartan plus", "the transpose of A: derivatives along axes fixed in the room"),
+    "+": MatrixName(
+        "Cartan plus", "the transpose of A: derivatives along axes fixed in the room"
+    ),
 }

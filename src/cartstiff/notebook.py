@@ -51,7 +51,11 @@ def html_table(
     head = "".join(f"<th colspan={span}>{shown(text)}</th>" for text, span in heads)
     lines = [f"<tr>{head}</tr>"]
     for name, *cells in rows:
-        numbers = "".join(f"<td style='text-align:right'>{shown(cell)}</td>" for cell in cells)
+        numbers = "".join(
+            f"<td style='text-align:right'>{shown(cell)}</td>" for cell in cells
+        )
         lines.append(f"<tr><th>{shown(name)}</th>{numbers}</tr>")
-    about = f"<caption style='text-align:left'>{shown(caption)}</caption>" if caption else ""
+    about = (
+        f"<caption style='text-align:left'>{shown(caption)}</caption>" if caption else ""
+    )
     return f"<table>{about}{''.join(lines)}</table>"

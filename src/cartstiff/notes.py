@@ -23,14 +23,18 @@ class Note:
     @classmethod
     def of(cls, error: UndefinedError, what: str = "") -> Note:
         """Note with the reason why a quantity does not exist."""
-        return cls(error.code, f"{what}: {error}" if what else str(error), dict(error.values))
+        return cls(
+            error.code, f"{what}: {error}" if what else str(error), dict(error.values)
+        )
 
     def __str__(self) -> str:
         return f"[{self.code}] {self.message}"
 
     def to_dict(self) -> dict[str, object]:
         """For JSON."""
-        from cartstiff.arrays import plain  # the command line reads notes' codes without NumPy
+        from cartstiff.arrays import (
+            plain,
+        )  # the command line reads notes' codes without NumPy
 
         return {"code": self.code, "message": self.message, "values": plain(self.values)}
 

@@ -52,10 +52,15 @@ def parse_numbers(
                 if count == 1
                 else f"{count} numbers separated by commas"
             )
-            raise InputError("not a finite number", where=where, expected=expected, got=repr(part))
+            raise InputError(
+                "not a finite number", where=where, expected=expected, got=repr(part)
+            )
         if abs(number) > LARGEST_INPUT:
             raise InputError(
-                "number is too large", where=where, expected=f"at most {LARGEST_INPUT:g}", got=part
+                "number is too large",
+                where=where,
+                expected=f"at most {LARGEST_INPUT:g}",
+                got=part,
             )
         numbers.append(number)
     if count is not None and len(numbers) != count:

@@ -69,7 +69,11 @@ class LabelledResult(ShownInLines):
             if not first and values.shape[:1] == (points,) and name != "joint":
                 first = ["point"]
             rest = _dimensions(name, kind, values.ndim - len(first))
-            variables[name] = ((*first, *rest), values, {"long_name": words} if words else {})
+            variables[name] = (
+                (*first, *rest),
+                values,
+                {"long_name": words} if words else {},
+            )
         texts = {name: value for name, value in _leaves(data) if isinstance(value, str)}
         return xarray.Dataset(variables, attrs=texts)
 
@@ -95,18 +99,28 @@ def _leaves(data: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, An
 def _numbers(data: Mapping[str, Any]) -> Iterator[tuple[str, str, Array]]:
     """Dotted name, name of the table that it is a column of or "", and values of each number."""
     for name, value in _leaves(data):
-        if isinstance(value, list) and value and all(isinstance(v, Mapping) for v in value):
+        if (
+            isinstance(value, list)
+            and value
+            and all(isinstance(v, Mapping) for v in value)
+        ):
             rows = [dict(_leaves(row)) for row in value]
             for key in dict.fromkeys(key for row in rows for key in row):
                 if (values := _array([row.get(key) for row in rows])) is not None:
                     yield f"{name}.{key}", name, values
-        elif not isinstance(value, str) and (values := _array(value)) is not None and values.size:
+        elif (
+            not isinstance(value, str)
+            and (values := _array(value)) is not None
+            and values.size
+        ):
             yield name, "", values
 
 
 def _array(value: object) -> Array | None:
     """Numbers or texts as an array, NaN where a number or a whole row is None; None for others."""
-    if isinstance(value, list) and (row := next((v for v in value if isinstance(v, list)), None)):
+    if isinstance(value, list) and (
+        row := next((v for v in value if isinstance(v, list)), None)
+    ):
         value = [np.full(np.shape(row), np.nan) if v is None else v for v in value]
     for kind in (None, float):
         try:
@@ -120,5 +134,9 @@ def _array(value: object) -> Array | None:
 
 def _dimensions(name: str, kind: str, count: int) -> tuple[str, ...]:
     """Names of the dimensions of an array of a described kind, such as ``matrix? 6 6``."""
-    named = ("joint",) if name in ("q", "joint") else _DIMENSIONS.get(kind.partition(" ")[2], ())
+    named = (
+        ("joint",)
+        if name in ("q", "joint")
+        else _DIMENSIONS.get(kind.partition(" ")[2], ())
+    )
     return named if len(named) == count else tuple(f"{name}_{i}" for i in range(count))

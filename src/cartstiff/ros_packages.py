@@ -21,7 +21,9 @@ def search_path(folders: Iterable[Path | str] = ()) -> list[str]:
         return [text for text in os.environ.get(variable, "").split(os.pathsep) if text]
 
     shares = [str(Path(prefix) / "share") for prefix in named("AMENT_PREFIX_PATH")]
-    return [str(Path(f).expanduser()) for f in (*folders, *named("ROS_PACKAGE_PATH"), *shares)]
+    return [
+        str(Path(f).expanduser()) for f in (*folders, *named("ROS_PACKAGE_PATH"), *shares)
+    ]
 
 
 def where_packages_are(package: str) -> str:
@@ -38,7 +40,9 @@ def own_folder(file: Path) -> Path:
     return next((p for p in parents if (p / "package.xml").is_file()), parents[0])
 
 
-def package_folders(name: str, file: Path, searched: Iterable[str] = ()) -> Iterator[Path]:
+def package_folders(
+    name: str, file: Path, searched: Iterable[str] = ()
+) -> Iterator[Path]:
     """Find folders of a ROS package, the preferred one first.
 
     First comes the package that contains the file, then one in or below `searched`, in their order;
@@ -98,6 +102,8 @@ def _is_package(folder: Path, name: str) -> bool:
             with file.open(encoding="utf-8", errors="replace") as text:
                 match = _NAME.search(text.read(20_000))
             return folder.name == name or (match is not None and match[1] == name)
-        return folder.name == name and any((folder / inner).is_dir() for inner in _OF_ROBOTS)
+        return folder.name == name and any(
+            (folder / inner).is_dir() for inner in _OF_ROBOTS
+        )
     except OSError:
         return False

@@ -45,7 +45,9 @@ def write_whole(path: str | Path, data: bytes) -> None:
                 file.write(data)
     except (OSError, RuntimeError) as error:  # RuntimeError: links in a circle
         reason = error.strerror if isinstance(error, OSError) else "links in a circle"
-        raise InputError("file cannot be written", where=one_line(str(path)), got=reason) from None
+        raise InputError(
+            "file cannot be written", where=one_line(str(path)), got=reason
+        ) from None
 
 
 def _replace(place: Path, data: bytes, found: os.stat_result | None) -> None:
@@ -126,10 +128,16 @@ def _new_part(folder: Path, create: Callable[[Path], int]) -> tuple[Path, int]:
 def remove_abandoned(folder: Path) -> None:
     """Remove the parts in a folder that no process is writing."""
     with os.scandir(folder) as entries:
-        parts = [e.path for e in entries if e.name.startswith(_BEFORE) and e.name.endswith(_AFTER)]
+        parts = [
+            e.path
+            for e in entries
+            if e.name.startswith(_BEFORE) and e.name.endswith(_AFTER)
+        ]
     for part in parts:
         try:
-            handle = os.open(part, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+            handle = os.open(
+                part, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+            )
         except OSError:  # another user's, or gone
             continue
         try:

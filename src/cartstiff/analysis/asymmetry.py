@@ -79,13 +79,20 @@ def asymmetry_of(stiffness: ArrayLike, wrench: ArrayLike) -> Asymmetry:
     K = checked_matrix(stiffness)
     measured = K - K.T
     predicted = -se3.bracket_form(checked_vector(wrench, 6, "wrench"))
-    residual, size = (float(largest_in_blocks(x, K)) for x in (measured - predicted, measured))
-    return Asymmetry(measured, predicted, residual, size, residual < numerics.UNEXPLAINED_SHARE)
+    residual, size = (
+        float(largest_in_blocks(x, K)) for x in (measured - predicted, measured)
+    )
+    return Asymmetry(
+        measured, predicted, residual, size, residual < numerics.UNEXPLAINED_SHARE
+    )
 
 
 def largest_in_blocks(entries: Array, stiffness: Array) -> Array:
     """Largest entry of matrices (..., 6, 6), each relative to the size of its block of K."""
-    scales, largest = block_scales(stiffness), np.abs(in_blocks(entries)).max(axis=(-3, -1))
+    scales, largest = (
+        block_scales(stiffness),
+        np.abs(in_blocks(entries)).max(axis=(-3, -1)),
+    )
     return np.asarray((largest / np.where(scales == 0.0, 1.0, scales)).max(axis=(-2, -1)))
 
 
@@ -191,7 +198,9 @@ def compare_connections(
     if reference not in stiffness:
         raise UnknownNameError("connection", reference, stiffness)
     if not checked_number(threshold, "threshold") > 0:
-        raise InputError("threshold cannot be used", expected="a positive number", got=threshold)
+        raise InputError(
+            "threshold cannot be used", expected="a positive number", got=threshold
+        )
     base = stiffness[reference]
     if base is None:
         raise UndefinedError(
@@ -257,7 +266,9 @@ def relative_changes(reference: Array, roots: Array, difference: Array) -> Array
     changes, R = np.empty(len(roots)), roots[positive]
     on_axes = R.swapaxes(1, 2) @ difference[positive] @ R
     changes[positive] = np.linalg.norm(on_axes, 2, axis=(1, 2))
-    change, size = (np.linalg.norm(m[~positive], 2, axis=(1, 2)) for m in (difference, reference))
+    change, size = (
+        np.linalg.norm(m[~positive], 2, axis=(1, 2)) for m in (difference, reference)
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         changes[~positive] = change / size
     return changes
@@ -266,7 +277,9 @@ def relative_changes(reference: Array, roots: Array, difference: Array) -> Array
 def _relative(difference: Array, K: Array) -> dict[str, float]:
     scales = block_scales(K)
     return {
-        b: float(np.linalg.norm(_block(difference, i, j)) / scales[i, j]) if scales[i, j] else 0.0
+        b: float(np.linalg.norm(_block(difference, i, j)) / scales[i, j])
+        if scales[i, j]
+        else 0.0
         for b, i, j in _BLOCKS
     }
 
@@ -278,8 +291,12 @@ def _verdict(rows: list[ConnectionDifference], reference: str, threshold: float)
     if not known:
         return "nothing to compare: no other connection has a matrix here"
     worst, name = max(known)
-    size = 0.0 if worst < numerics.PRINTED_AS_ZERO else 100.0 * worst  # what is only rounding is 0
-    largest = f"the largest relative change is {size:.2g} % (K^{name} against K^{reference})"
+    size = (
+        0.0 if worst < numerics.PRINTED_AS_ZERO else 100.0 * worst
+    )  # what is only rounding is 0
+    largest = (
+        f"the largest relative change is {size:.2g} % (K^{name} against K^{reference})"
+    )
     if worst > threshold:
         return f"yes, the choice of connection matters: {largest}, above {100 * threshold:g} %"
     return f"no, the choice of connection does not matter: {largest}, below {100 * threshold:g} %"

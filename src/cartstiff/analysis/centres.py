@@ -17,7 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.analysis.ellipsoids import Ellipsoid, compliance_ellipsoid, stiffness_ellipsoid
+from cartstiff.analysis.ellipsoids import (
+    Ellipsoid,
+    compliance_ellipsoid,
+    stiffness_ellipsoid,
+)
 from cartstiff.analysis.matrices import (
     ROTATION,
     TRANSLATION,
@@ -66,13 +70,18 @@ def _symmetrising_point(
 
 def _translation(K: Array, C: Array | None) -> tuple[Ellipsoid, Array]:
     """Principal axes e_i of K_tt, and ``K_rt e_i`` in columns."""
-    shape, G = stiffness_ellipsoid(K, "translation", "held", None, C), coupling_matrix(K, C)
+    shape, G = (
+        stiffness_ellipsoid(K, "translation", "held", None, C),
+        coupling_matrix(K, C),
+    )
     if G is None:
         return shape, K[ROTATION, TRANSLATION] @ shape.axes
     return shape, G @ (shape.axes * shape.eigenvalues)
 
 
-def centre_of_stiffness(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Array:
+def centre_of_stiffness(
+    stiffness: ArrayLike, compliance: ArrayLike | None = None
+) -> Array:
     r"""Point (3,) at which the coupling block K_rt is symmetric, [Loncaric]_.
 
     ``p = 2 (tr(K_tt) 1 - K_tt)^-1 unskew(K_rt)``, unskew taking a 3x3 matrix to the vector of its
@@ -95,7 +104,9 @@ def centre_of_stiffness(stiffness: ArrayLike, compliance: ArrayLike | None = Non
     return _symmetrising_point(*known, "centre of stiffness", "translational stiffness")
 
 
-def centre_of_compliance(compliance: ArrayLike, stiffness: ArrayLike | None = None) -> Array:
+def centre_of_compliance(
+    compliance: ArrayLike, stiffness: ArrayLike | None = None
+) -> Array:
     r"""Point (3,) at which the coupling block of the compliance is symmetric, [Loncaric]_.
 
     ``p = 2 (tr(C_rr) 1 - C_rr)^-1 unskew(C_tr)``; the stiffness as the compliance in
@@ -113,10 +124,14 @@ def centre_of_compliance(compliance: ArrayLike, stiffness: ArrayLike | None = No
     moved = C[TRANSLATION, ROTATION] @ shape.axes
     if G is not None:
         moved = -G.T @ (shape.axes * shape.eigenvalues)
-    return _symmetrising_point(shape, moved, "centre of compliance", "rotational compliance")
+    return _symmetrising_point(
+        shape, moved, "centre of compliance", "rotational compliance"
+    )
 
 
-def centre_of_elasticity(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Array:
+def centre_of_elasticity(
+    stiffness: ArrayLike, compliance: ArrayLike | None = None
+) -> Array:
     r"""Point (3,) at which ``G = K_rt K_tt^-1`` is symmetric: the centre of elasticity.
 
     ``p = unskew(K_rt K_tt^-1)``. Half the sum of the feet of the perpendiculars to the three
@@ -137,12 +152,18 @@ def centre_of_elasticity(stiffness: ArrayLike, compliance: ArrayLike | None = No
             "the centre of elasticity is not a single point: the translational stiffness is "
             "singular",
             code="no-centre-of-elasticity",
-            values={"principal_values": np.linalg.eigvalsh(K[TRANSLATION, TRANSLATION]).tolist()},
+            values={
+                "principal_values": np.linalg.eigvalsh(
+                    K[TRANSLATION, TRANSLATION]
+                ).tolist()
+            },
         )
     return se3.unskew(G)
 
 
-def point_of_least_coupling(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Array:
+def point_of_least_coupling(
+    stiffness: ArrayLike, compliance: ArrayLike | None = None
+) -> Array:
     r"""Point (3,) at which the Frobenius norm of K_rt is smallest.
 
     Least squares for ``K_rt - [p]x K_tt``: ``(tr(K_tt^2) 1 - K_tt^2) p = 2 unskew(K_rt K_tt)``; the
@@ -223,7 +244,10 @@ def _axes(coupling: Array, diagonal: Array) -> Array:
     size = max(float(np.abs(values).max()), numerics.TINY)
     start = 0
     for end in range(1, 4):
-        if end == 3 or values[end] - values[end - 1] > numerics.NEGLIGIBLE_DIFFERENCE * size:
+        if (
+            end == 3
+            or values[end] - values[end - 1] > numerics.NEGLIGIBLE_DIFFERENCE * size
+        ):
             group = axes[:, start:end]
             axes[:, start:end] = group @ np.linalg.eigh(group.T @ diagonal @ group)[1]
             start = end
@@ -234,11 +258,15 @@ def _axes(coupling: Array, diagonal: Array) -> Array:
 
 def _clean_coupling(coupling: Array, before: Array, lever: Array) -> Array:
     """Coupling block, zero if it is only the rounding of its subtraction."""
-    rounding = numerics.ZERO_SHARE * max(float(np.abs(before).max()), float(np.abs(lever).max()))
+    rounding = numerics.ZERO_SHARE * max(
+        float(np.abs(before).max()), float(np.abs(lever).max())
+    )
     return np.zeros((3, 3)) if np.abs(coupling).max() <= rounding else coupling
 
 
-def _checked_pair(stiffness: ArrayLike, compliance: ArrayLike | None) -> tuple[Array, Array | None]:
+def _checked_pair(
+    stiffness: ArrayLike, compliance: ArrayLike | None
+) -> tuple[Array, Array | None]:
     """Stiffness and compliance; UndefinedError if the entries of K do not resolve soft motions."""
     K, C = symmetric_pair(stiffness, compliance)
     error = 0.0 if C is None else error_of_soft_directions(K, C)
@@ -294,12 +322,21 @@ class DecouplingFrame(Result):
 
 
 def _coupling_index(K: Array) -> float:
-    rr, tt = np.linalg.norm(K[ROTATION, ROTATION]), np.linalg.norm(K[TRANSLATION, TRANSLATION])
+    rr, tt = (
+        np.linalg.norm(K[ROTATION, ROTATION]),
+        np.linalg.norm(K[TRANSLATION, TRANSLATION]),
+    )
     size = float(np.sqrt(rr * tt))
-    return float(np.linalg.norm(K[ROTATION, TRANSLATION])) / size if size > 0 else float("nan")
+    return (
+        float(np.linalg.norm(K[ROTATION, TRANSLATION])) / size
+        if size > 0
+        else float("nan")
+    )
 
 
-def decoupling_frame(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> DecouplingFrame:
+def decoupling_frame(
+    stiffness: ArrayLike, compliance: ArrayLike | None = None
+) -> DecouplingFrame:
     """Frame with the smallest coupling block in which K_tt is diagonal.
 
     The compliance as in `centre_of_stiffness`.

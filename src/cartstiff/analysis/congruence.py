@@ -102,7 +102,10 @@ def fit_diagonal(
 
 
 def _checked(
-    desired: ArrayLike, jacobian: ArrayLike, wrench: ArrayLike | None, load_term: ArrayLike | None
+    desired: ArrayLike,
+    jacobian: ArrayLike,
+    wrench: ArrayLike | None,
+    load_term: ArrayLike | None,
 ) -> tuple[Array, Array, Array, Array]:
     """K (6, 6), J (6, n) of full rank, W (6,) and S (n, n)."""
     K = as_symmetric(desired, "desired stiffness")
@@ -194,7 +197,9 @@ def _iterate(C: Array, J: Array, S: Array, x: Array, size: float) -> Array:
     return np.asarray(unit * minimum.x, float)
 
 
-def cartesian_stiffness(jacobian: ArrayLike, joint_matrix: ArrayLike, wrench: ArrayLike) -> Array:
+def cartesian_stiffness(
+    jacobian: ArrayLike, joint_matrix: ArrayLike, wrench: ArrayLike
+) -> Array:
     """Stiffness K^B (6, 6) of a serial chain: ``(J (Kq - S_W)^-1 J^T)^-1``.
 
     Raises
@@ -306,7 +311,9 @@ def joint_stiffness(
         Z = np.linalg.svd(scale_jacobian(J, reach(J)))[2][6:].T
         if null_space_stiffness is None:
             null_space_stiffness = float(np.trace(core)) / 6.0
-        Kz = checked_array(null_space_stiffness, [(n - 6, n - 6), ()], "null-space stiffness")
+        Kz = checked_array(
+            null_space_stiffness, [(n - 6, n - 6), ()], "null-space stiffness"
+        )
         Kz = Kz * np.eye(n - 6) if Kz.ndim == 0 else Kz
         H = core + Z @ (0.5 * (Kz + Kz.T)) @ Z.T
     Kq = 0.5 * (H + H.T) + S
@@ -321,7 +328,11 @@ def joint_stiffness(
     except UndefinedError:
         fit = None
     root = np.sqrt(np.abs(np.diag(H)))
-    stable = definiteness(np.linalg.eigvalsh(H / np.outer(root, root))) if root.all() else "zero"
+    stable = (
+        definiteness(np.linalg.eigvalsh(H / np.outer(root, root)))
+        if root.all()
+        else "zero"
+    )
     return JointStiffness(
         Kq,
         S,

@@ -147,7 +147,9 @@ def joint_shares(
     size = float(total @ total)
     share = total @ displacements / size if size > 0 else np.full(n, np.nan)
     deflection = Deflection(W, twist, p, total, 0.5 * float(W @ twist))
-    return JointShares(deflection, motion, twists, displacements, share, 0.5 * motion * torque)
+    return JointShares(
+        deflection, motion, twists, displacements, share, 0.5 * motion * torque
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -107,7 +107,19 @@ def shape_of(values: Array, vectors: Array, sign: Definiteness) -> Ellipsoid:
     (a, b, c), (d, e, f) = upright(first), upright(second)
     sizes = values.tolist()
     rows = read_only(
-        [a, d, b * f - c * e, b, e, c * d - a * f, c, f, a * e - b * d, *sizes, *map(abs, sizes)]
+        [
+            a,
+            d,
+            b * f - c * e,
+            b,
+            e,
+            c * d - a * f,
+            c,
+            f,
+            a * e - b * d,
+            *sizes,
+            *map(abs, sizes),
+        ]
     )
     return Ellipsoid(rows[:9].reshape(3, 3), rows[12:], rows[9:12], sign)
 
@@ -117,7 +129,9 @@ def upright(vector: list[float]) -> list[float]:
     return [-x for x in vector] if max(vector, key=abs) < 0.0 else vector
 
 
-def softest(compliances: ArrayLike, axes: ArrayLike) -> tuple[float, list[float] | None] | None:
+def softest(
+    compliances: ArrayLike, axes: ArrayLike
+) -> tuple[float, list[float] | None] | None:
     """Least stiffness, and its direction in the frame of the axes if it is one.
 
     Parameters
@@ -144,7 +158,9 @@ def _choice(freedom: str, others: str) -> tuple[slice, bool]:
     if freedom not in _BLOCKS:
         raise UnknownNameError("freedom", freedom, _BLOCKS)
     if others not in ("free", "held"):
-        raise UnknownNameError("condition of the other freedoms", others, ("free", "held"))
+        raise UnknownNameError(
+            "condition of the other freedoms", others, ("free", "held")
+        )
     return _BLOCKS[freedom], others == "held"
 
 
@@ -293,7 +309,10 @@ def _without_rounding(shape: Ellipsoid, size: float) -> Ellipsoid:
     values = numerics.without_roundoff(shape.eigenvalues, size)
     sign = definiteness(values, zero=0.0)
     return replace(
-        shape, eigenvalues=read_only(values), radii=read_only(np.abs(values)), definiteness=sign
+        shape,
+        eigenvalues=read_only(values),
+        radii=read_only(np.abs(values)),
+        definiteness=sign,
     )
 
 

@@ -119,7 +119,9 @@ def indices_of(
     low, high = int(np.argmin(np.abs(values))), int(np.argmax(np.abs(values)))
     ratio = numerics.condition_of(values)
     shares = np.sum(x[:3] ** 2, axis=0)
-    exponent = 2.0 * float(shares[low] - shares[high]) if np.isfinite(ratio) else float("nan")
+    exponent = (
+        2.0 * float(shares[low] - shares[high]) if np.isfinite(ratio) else float("nan")
+    )
     twist = x[:, 0] * np.repeat([1.0 / length, 1.0], 3)
     twist = twist * np.sign(twist[np.argmax(np.abs(x[:, 0]))])
     return Indices(
@@ -137,7 +139,9 @@ def indices_of(
     )
 
 
-def spectrum(K: Array, length: float, C: Array | None = None) -> tuple[Array, Array, Definiteness]:
+def spectrum(
+    K: Array, length: float, C: Array | None = None
+) -> tuple[Array, Array, Definiteness]:
     """Eigenvalues (6,) and eigenvectors (6, 6) of K_l, and the definiteness, as in `indices_of`.
 
     Parameters and errors are those of `indices_of`; K and C are symmetric.
@@ -166,7 +170,9 @@ def _definiteness(K: Array) -> Definiteness:
 def held_condition(K: Array, C: Array | None, freedom: Freedom) -> float:
     """Condition number of a diagonal block of K; NaN where neither K nor C resolves it."""
     try:
-        return numerics.condition_of(stiffness_ellipsoid(K, freedom, "held", None, C).eigenvalues)
+        return numerics.condition_of(
+            stiffness_ellipsoid(K, freedom, "held", None, C).eigenvalues
+        )
     except UndefinedError:
         return float("nan")
 

@@ -103,7 +103,9 @@ def symmetric_pair(
     return as_symmetric(stiffness), known
 
 
-def definiteness(eigenvalues: ArrayLike, zero: float = numerics.ZERO_SHARE) -> Definiteness:
+def definiteness(
+    eigenvalues: ArrayLike, zero: float = numerics.ZERO_SHARE
+) -> Definiteness:
     """Name the signs of eigenvalues; a share `zero` of the largest counts as zero."""
     # Called for every posture of a page: on a few floats NumPy takes ten times as long.
     values = real_array(eigenvalues).tolist()
@@ -264,7 +266,9 @@ def _on_kept(m: Array, kept: Array, others: Array) -> tuple[Array, Array, Array,
     left = np.abs(inner @ moves - edge).max(axis=(1, 2))
     block = scaled[:, kept[:, None], kept]
     free = block - scaled[:, kept[:, None], others] @ moves
-    is_all = np.abs(free).max(axis=(1, 2)) <= numerics.ZERO_SHARE * np.abs(block).max(axis=(1, 2))
+    is_all = np.abs(free).max(axis=(1, 2)) <= numerics.ZERO_SHARE * np.abs(block).max(
+        axis=(1, 2)
+    )
     free[is_all] = 0.0  # rounding of the subtraction
     # An entry that couples to a zero stiffness is itself bounded by the root of it in a positive
     # semidefinite matrix.
@@ -335,5 +339,9 @@ def require_full_rank(J: Array) -> None:
             "the joints do not move the end-effector in all six directions: no joint stiffness "
             "gives a Cartesian stiffness here",
             code="fewer-than-six-freedoms" if deficient else "singular",
-            values={"singular_values": values.tolist(), "length": length, "joints": J.shape[1]},
+            values={
+                "singular_values": values.tolist(),
+                "length": length,
+                "joints": J.shape[1],
+            },
         )

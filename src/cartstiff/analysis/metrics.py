@@ -160,7 +160,9 @@ def characteristic_length(
 def length_of_pair(K: Array | None, C: Array | None) -> CharacteristicLength:
     """The natural length of a `StiffnessInFrame.pair`, else one unit, and why."""
     if K is None:
-        return CharacteristicLength(1.0, "unit", "one unit of length: there is no stiffness matrix")
+        return CharacteristicLength(
+            1.0, "unit", "one unit of length: there is no stiffness matrix"
+        )
     try:
         value = _natural_length(K, C)
     except UndefinedError:
@@ -207,7 +209,9 @@ def length_metric(length: float) -> Array:
     return np.diag(np.repeat([checked_length(length) ** 2, 1.0], 3))
 
 
-def inertia_metric(mass: float, inertia: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+def inertia_metric(
+    mass: float, inertia: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)
+) -> Array:
     r"""Kinetic-energy metric of a rigid body, (6, 6).
 
     ``[[ I_c - m [c]x^2, m [c]x ], [ -m [c]x, m 1 ]]``, c the mass centre and I_c the inertia about
@@ -257,7 +261,9 @@ def modes(
         ) from None
     half = np.linalg.solve(L, K)
     reduced = np.linalg.solve(L, half.T)
-    inverse = None if compliance is None else L.T @ as_symmetric(compliance, "compliance") @ L
+    inverse = (
+        None if compliance is None else L.T @ as_symmetric(compliance, "compliance") @ L
+    )
     values, y = numerics.eigenpairs(reduced, inverse)
     if np.isnan(values).any():
         raise lost_digits(values, "the stiffness matrix")

@@ -43,7 +43,12 @@ from cartstiff.analysis.matrices import (
     move_stiffness,
     symmetric_part,
 )
-from cartstiff.analysis.metrics import characteristic_length, inertia_metric, length_metric, modes
+from cartstiff.analysis.metrics import (
+    characteristic_length,
+    inertia_metric,
+    length_metric,
+    modes,
+)
 from cartstiff.analysis.screws import (
     CompliantAxis,
     eigenscrews,
@@ -96,7 +101,12 @@ def change_from_symmetric(r: PostureStiffness, name: str) -> Array:
 
 
 def deflection_section(
-    r: PostureStiffness, name: str, added: Array | None, acts_at: Array, point: Array, notes: Notes
+    r: PostureStiffness,
+    name: str,
+    added: Array | None,
+    acts_at: Array,
+    point: Array,
+    notes: Notes,
 ) -> dict[str, Any] | None:
     """Linear deflection ``(K^X)^-1 dW`` at a point of the body, under a wrench at another.
 
@@ -138,7 +148,12 @@ class FoundDeflection(NamedTuple):
 
 
 def deflection_found(
-    r: PostureStiffness, name: str, added: Array | None, acts_at: Array, point: Array, notes: Notes
+    r: PostureStiffness,
+    name: str,
+    added: Array | None,
+    acts_at: Array,
+    point: Array,
+    notes: Notes,
 ) -> FoundDeflection | None:
     """The numbers of `deflection_section`, with the same parameters."""
     if added is None:
@@ -166,7 +181,9 @@ def _without_rounding(C: Array, deflection: Deflection, length: float) -> Deflec
     twist, displacement = deflection.twist.tolist(), deflection.displacement.tolist()
     sizes = [*(length * abs(x) for x in twist[:3]), *map(abs, twist[3:] + displacement)]
     units = np.array([length] * 3 + [1.0] * 3)
-    most = np.abs(C * units * units[:, None]).max() * np.abs(deflection.wrench / units).max()
+    most = (
+        np.abs(C * units * units[:, None]).max() * np.abs(deflection.wrench / units).max()
+    )
     rounding = max(numerics.ROUNDOFF * max(sizes), numerics.ZERO_SHARE * float(most))
     if min(sizes) > rounding:
         return deflection
@@ -187,7 +204,9 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
     if not isinstance(springs, LineSprings) or springs.unilateral:
         springs = r.elastic.springs  # these depend on their rest positions
     if isinstance(springs, FlexureStruts):
-        raise UndefinedError("the flexures deflect too, not only the legs", code="no-shares")
+        raise UndefinedError(
+            "the flexures deflect too, not only the legs", code="no-shares"
+        )
     if isinstance(posture, PlatformPosture) and isinstance(springs, LineSprings):
         k = np.where(springs.is_taut(posture.lines.lengths), springs.stiffness, 0.0)
         legs = spring_shares(posture.lines.lines @ whole.twist, k, whole)
@@ -214,7 +233,9 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
     motion = r.motion_under(whole.wrench, change_from_symmetric(r, name))
     found: list[tuple[str, bool | None, float, float]] = []
     if isinstance(springs, JointSprings):
-        each = zip(coordinates, np.diag(springs.evaluate(posture).hessian), motion, strict=False)
+        each = zip(
+            coordinates, np.diag(springs.evaluate(posture).hessian), motion, strict=False
+        )
         found += [(c.name, c.is_length, k, x) for c, k, x in each if k]
     for link in r.elastic.potentials:
         if isinstance(link, CoupledJointSprings):
@@ -223,7 +244,9 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
                 for row in link.factors
             ]
             sums = link.factors @ motion
-            found += zip(link.names, slides, link.stiffness.tolist(), sums.tolist(), strict=True)
+            found += zip(
+                link.names, slides, link.stiffness.tolist(), sums.tolist(), strict=True
+            )
         if not isinstance(link, (CoupledSprings, Beam)):
             continue
         # Along its own deflection a link is one spring, of that much turn and displacement.
@@ -241,14 +264,20 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
 
 def _rows(columns: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:
     """A table, row by row."""
-    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    return [
+        dict(zip(columns, row, strict=True))
+        for row in zip(*columns.values(), strict=True)
+    ]
 
 
 def _of_springs(
     names: Sequence[str], are_lengths: Sequence[bool | None], parts: SpringShares
 ) -> dict[str, Any]:
     """Each spring's part."""
-    own = {key: getattr(parts, key).tolist() for key in ("elongation", "force", "energy", "share")}
+    own = {
+        key: getattr(parts, key).tolist()
+        for key in ("elongation", "force", "energy", "share")
+    }
     rows = _rows({"name": names, **own, "is_length": are_lengths})
     return {"kind": "springs", "shares": rows, "load_share": parts.load_share}
 
@@ -290,7 +319,9 @@ def target_section(
         names, torque, lengths = r.elastic.spring_names, tension, [True] * 6
     elif posture.closure is None and not posture.coordinates_are_pose:
         J = posture.motion.jacobian
-        joint_springs = joint_stiffness(K, J, W, load_term=posture.motion.curvature(W) - hessian)
+        joint_springs = joint_stiffness(
+            K, J, W, load_term=posture.motion.curvature(W) - hessian
+        )
         torque = joint_springs.torque - gradient
         names = r.elastic.names
         lengths = [c.is_length for c in r.elastic.mechanism.coordinates]
@@ -299,7 +330,11 @@ def target_section(
             "joint stiffnesses for a target are found for serial arms and six-legged platforms",
             code="kf-undefined",
         )
-    answer: dict[str, Any] = {"joints": names, "are_lengths": lengths, **plain(joint_springs)}
+    answer: dict[str, Any] = {
+        "joints": names,
+        "are_lengths": lengths,
+        **plain(joint_springs),
+    }
     if (fit := answer["diagonal_fit"]) is not None and fit["cartesian"] is not None:
         fit["cartesian"] = np.array(fit["cartesian"]) + change
     antisymmetric = numerics.asymmetry(change) > 0.0
@@ -307,7 +342,9 @@ def target_section(
     # The tangent under the load decides stability, whichever matrix was asked for.
     tangent = K + 0.5 * (r.change_by_load + r.change_by_load.T)
     root = np.sqrt(np.abs(np.diag(tangent)))
-    definite = root.all() and definiteness(np.linalg.eigvalsh(tangent / np.outer(root, root)))
+    definite = root.all() and definiteness(
+        np.linalg.eigvalsh(tangent / np.outer(root, root))
+    )
     answer["stable"] = definite == "positive"
     return answer | {"desired": desired, "torque": torque}
 
@@ -448,7 +485,9 @@ def summarise(
     return answer
 
 
-def _chosen(stiffness: Mapping[str, ArrayLike | None], connection: str | None) -> str | None:
+def _chosen(
+    stiffness: Mapping[str, ArrayLike | None], connection: str | None
+) -> str | None:
     if connection is not None:
         if connection not in stiffness:
             raise UnknownNameError("connection", connection, stiffness)
@@ -476,8 +515,12 @@ def _ellipsoids(
     def shape(quantity: str, freedom: Any, others: Any) -> Ellipsoid | None:
         matrix, inverse = pairs[others][:: 1 if quantity == "stiffness" else -1]
         what = f"{quantity} of {freedom}, others {others}"
-        call = partial(functions[quantity], freedom=freedom, others=others, inverse=inverse)
-        found: Ellipsoid | None = None if matrix is None else notes.attempt(what, call, matrix)
+        call = partial(
+            functions[quantity], freedom=freedom, others=others, inverse=inverse
+        )
+        found: Ellipsoid | None = (
+            None if matrix is None else notes.attempt(what, call, matrix)
+        )
         return found
 
     return {
@@ -493,15 +536,22 @@ def _directions(
     pairs: Mapping[str, tuple[Array | None, Array | None]], axes: Mapping[str, Array]
 ) -> list[dict[str, Any]]:
     """Stiffness along and about lines through the origin; `pairs` by what other freedoms do."""
-    rows: list[dict[str, Any]] = [{"name": n, "direction": axis} for n, axis in axes.items()]
+    rows: list[dict[str, Any]] = [
+        {"name": n, "direction": axis} for n, axis in axes.items()
+    ]
     u, nothing = np.array(list(axes.values())), np.full((6, 6), np.nan)
-    kinds: tuple[tuple[str, Freedom], ...] = ("along", "translation"), ("about", "rotation")
+    kinds: tuple[tuple[str, Freedom], ...] = (
+        ("along", "translation"),
+        ("about", "rotation"),
+    )
     for (kind, freedom), others in product(kinds, _OTHERS):
         K, C = (
             np.broadcast_to(nothing if matrix is None else matrix, (len(u), 6, 6))
             for matrix in pairs[others]
         )
-        for row, x in zip(rows, stiffnesses_on_axes(K, C, u, freedom, others), strict=True):
+        for row, x in zip(
+            rows, stiffnesses_on_axes(K, C, u, freedom, others), strict=True
+        ):
             row.setdefault(kind, {})[others] = x
     return rows
 
@@ -635,9 +685,13 @@ def analyse_posture(
     if connection is not None and connection not in LETTERS:
         raise UnknownNameError("connection", connection, LETTERS)
     added = None if wrench is None else checked_input(wrench, (6,), "wrench")
-    acts_at = None if load_at is None else checked_vector(load_at, 3, "point of the wrench")
+    acts_at = (
+        None if load_at is None else checked_vector(load_at, 3, "point of the wrench")
+    )
     if acts_at is not None and added is None:
-        raise InputError("the point of an added wrench needs the wrench", expected="both, or none")
+        raise InputError(
+            "the point of an added wrench needs the wrench", expected="both, or none"
+        )
 
     def sections(r: PostureStiffness) -> tuple[dict[str, Any], Notes]:
         here = r.at(at)
@@ -663,7 +717,9 @@ def analyse_posture(
         answer["load"] = plain(_load(r, name))
         point = here.T_M_N[:3, 3]
         force_at = point if acts_at is None else acts_at
-        answer["deflection"] = plain(deflection_section(r, name, added, force_at, point, notes))
+        answer["deflection"] = plain(
+            deflection_section(r, name, added, force_at, point, notes)
+        )
         return answer, notes
 
     answer, notes = sections(result)
@@ -710,8 +766,12 @@ def _load(r: PostureStiffness, connection: str) -> dict[str, Any] | None:
     if r.wrench is None or not r.is_loaded:
         return None
     moment, force = r.wrench[:3] - np.cross(r.load.at, r.wrench[3:]), r.wrench[3:]
-    changes = np.array([r.change_by_load - change_from_symmetric(r, connection), r.change_by_load])
-    per = np.repeat([1.0 / r.posture.length, 1.0], 3)  # rotations in the unit of translations
+    changes = np.array(
+        [r.change_by_load - change_from_symmetric(r, connection), r.change_by_load]
+    )
+    per = np.repeat(
+        [1.0 / r.posture.length, 1.0], 3
+    )  # rotations in the unit of translations
     difference, size = (np.abs(changes) * np.outer(per, per)).max(axis=(1, 2))
     return {
         "kind": r.load.kind,
@@ -741,17 +801,24 @@ def _uncertainty(
         if progress is not None:
             progress(done, total)
         found = evaluate(parameters.at(values))
-        kept = {n: x for n, x in found.items() if n in nominal and x.shape == nominal[n].shape}
+        kept = {
+            n: x for n, x in found.items() if n in nominal and x.shape == nominal[n].shape
+        }
         return {name: x * np.nan for name, x in nominal.items()} | kept
 
     try:
         p = propagate_first_order(
-            function, named, correlation=parameters.correlation, degrees=parameters.degrees
+            function,
+            named,
+            correlation=parameters.correlation,
+            degrees=parameters.degrees,
         )
     except UndefinedError:
         raise
     except CartstiffError as error:
-        raise UndefinedError(f"within the tolerances {error}", code="no-samples") from None
+        raise UndefinedError(
+            f"within the tolerances {error}", code="no-samples"
+        ) from None
     entries: dict[str, Any] = {}
     shares = np.array(list(p.contributions.values()))
     at_nominal = [x for values in nominal.values() for x in values.flat]
@@ -766,7 +833,10 @@ def _uncertainty(
         }
         if p.deviation[i] > 0:
             worst = int(np.argmax(shares[:, i]))
-            entry |= {"main_parameter": list(named)[worst], "main_share": shares[worst, i]}
+            entry |= {
+                "main_parameter": list(named)[worst],
+                "main_share": shares[worst, i],
+            }
         entries[name] = entry
     return {
         "level": p.level,

@@ -196,7 +196,9 @@ def _roots_of_indefinite(K: Array, C: Array | None, length: float) -> tuple[Arra
         return roots, solutions
     inverses, others = np.linalg.eig(with_angles_times(C, length) @ SWAP_FORM)
     large, small = np.argsort(-np.abs(roots)), np.argsort(np.abs(inverses))
-    taken, error = numerics.number_of_large(np.abs(roots[large]), 1.0 / np.abs(inverses[small]))
+    taken, error = numerics.number_of_large(
+        np.abs(roots[large]), 1.0 / np.abs(inverses[small])
+    )
     if error > numerics.LOST_ERROR:
         raise lost_digits(np.full(6, np.nan), "the stiffness matrix")
     large, small = large[:taken], small[taken:]
@@ -333,7 +335,11 @@ def twist_compliant_axes(
         raise UndefinedError(
             "twist-compliant axes do not exist: the translational stiffness is singular",
             code="singular",
-            values={"principal_values": np.linalg.eigvalsh(K[TRANSLATION, TRANSLATION]).tolist()},
+            values={
+                "principal_values": np.linalg.eigvalsh(
+                    K[TRANSLATION, TRANSLATION]
+                ).tolist()
+            },
         )
     length = balancing_length(K)
     shape = stiffness_ellipsoid(K, "rotation", "free", None, C)

@@ -47,7 +47,9 @@ def object_schema(keys: Schema, own: Schema) -> Schema:
     """JSON Schema of an object with exactly these keys."""
     return {
         **own,
-        "properties": {key.removesuffix("?"): _entry(entry) for key, entry in keys.items()},
+        "properties": {
+            key.removesuffix("?"): _entry(entry) for key, entry in keys.items()
+        },
         "required": [key for key in keys if not key.endswith("?")],
         "additionalProperties": False,
     }
@@ -60,14 +62,18 @@ def _entry(entry: Any) -> Schema:
     own = _kind(entry.get("is", "object"))
     if "each" in entry:
         is_list = entry["is"].startswith("list")
-        return own | {"items" if is_list else "additionalProperties": _entry(entry["each"])}
+        return own | {
+            "items" if is_list else "additionalProperties": _entry(entry["each"])
+        }
     return object_schema({key: value for key, value in entry.items() if key != "is"}, own)
 
 
 def _kind(text: str) -> Schema:
     """The schema of a kind and its words, such as ``numbers? 6 | moment, force``."""
     kind, *more = (part.strip() for part in text.split("|"))
-    about = {k: v for k, v in zip(("description", "unit", "varies"), more, strict=False) if v}
+    about = {
+        k: v for k, v in zip(("description", "unit", "varies"), more, strict=False) if v
+    }
     if kind == "any":
         return about
     if kind.startswith("always "):
@@ -119,7 +125,10 @@ def section(path: str, *sources: object) -> dict[str, Any] | None:
     for key in path.split("."):
         node = node["properties"][key]
     keys = node.get("items", node)["properties"]
-    return {key: next((getattr(x, key) for x in sources if hasattr(x, key)), None) for key in keys}
+    return {
+        key: next((getattr(x, key) for x in sources if hasattr(x, key)), None)
+        for key in keys
+    }
 
 
 @cache
@@ -133,7 +142,9 @@ def schema() -> Schema:
 def varying() -> tuple[tuple[str, bool, bool], ...]:
     """Paths of values with an uncertainty; whether they are axes, and in rows."""
 
-    def walk(node: dict[str, Any], path: str, rows: bool) -> Iterator[tuple[str, bool, bool]]:
+    def walk(
+        node: dict[str, Any], path: str, rows: bool
+    ) -> Iterator[tuple[str, bool, bool]]:
         for key, value in node.get("properties", {}).items():
             here = f"{path}.{key}".lstrip(".")
             if value.get("varies"):
@@ -158,7 +169,9 @@ def unit_of(path: str) -> str:
             continue
         node = node.get("properties", rows.get("properties", {})).get(key, {})
         unit = node.get("unit") or unit
-        blocks = {BY_BLOCK: UNITS.blocks, BY_SOFT_BLOCK: UNITS.blocks_of_compliance}.get(unit)
+        blocks = {BY_BLOCK: UNITS.blocks, BY_SOFT_BLOCK: UNITS.blocks_of_compliance}.get(
+            unit
+        )
         if blocks is not None and len(keys) > i + 2:
             return blocks["".join("rt"[int(k) >= 3] for k in keys[i + 1 : i + 3])]
         if blocks is not None and key in blocks:
@@ -178,7 +191,9 @@ def look_up(tree: Any, path: str) -> Any:
     return tree
 
 
-def numbers(analysis: Mapping[str, Any], like: Mapping[str, Any] | None = None) -> dict[str, Array]:
+def numbers(
+    analysis: Mapping[str, Any], like: Mapping[str, Any] | None = None
+) -> dict[str, Array]:
     """All numbers of an analysis that depend on the parameters, by dotted name.
 
     A value that does not exist is NaN or missing. Principal values are sorted, with axes and screws
@@ -198,7 +213,9 @@ def numbers(analysis: Mapping[str, Any], like: Mapping[str, Any] | None = None) 
         value = look_up(analysis, path)
         if value is not None:
             along = 1 if in_rows else 0
-            values[path] = _signed(value, look_up(like, path), along) if are_axes else value
+            values[path] = (
+                _signed(value, look_up(like, path), along) if are_axes else value
+            )
     return {name: np.array(value, dtype=float) for name, value in values.items()}
 
 

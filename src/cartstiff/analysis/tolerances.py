@@ -34,13 +34,21 @@ from cartstiff.kinematics.placements import Placements
 from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.elements import Elements, stiffnesses_beside, with_stiffnesses_beside
+from cartstiff.mechanisms.elements import (
+    Elements,
+    stiffnesses_beside,
+    with_stiffnesses_beside,
+)
 from cartstiff.mechanisms.identified import quantile
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
 from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
-from cartstiff.potentials.strut_numbers import strut_numbers, with_strut_numbers, with_strut_points
+from cartstiff.potentials.strut_numbers import (
+    strut_numbers,
+    with_strut_numbers,
+    with_strut_points,
+)
 from cartstiff.stiffness.compute import PostureStiffness, analyse, analyse_at
 
 Results = Mapping[str, ArrayLike] | ArrayLike
@@ -73,7 +81,9 @@ class Tolerance:
             raise InputError("nominal value must be finite", got=self.nominal)
         if not (np.isfinite(self.deviation) and self.deviation >= 0):
             raise InputError(
-                "standard deviation cannot be used", expected="zero or more", got=self.deviation
+                "standard deviation cannot be used",
+                expected="zero or more",
+                got=self.deviation,
             )
 
     @property
@@ -108,7 +118,9 @@ class Tolerances:
             value = checked_number(getattr(self, name), f"tolerance of the {name}")
             if value < 0:
                 raise InputError(
-                    f"tolerance of the {name} cannot be used", expected="zero or more", got=value
+                    f"tolerance of the {name} cannot be used",
+                    expected="zero or more",
+                    got=value,
                 )
 
     @property
@@ -227,7 +239,9 @@ def propagate_first_order(
             shifted[name] += float(offset)
         labels, values = _flatten(function(shifted))
         if labels != names:
-            raise InputError("the function returns other numbers from one call to the next")
+            raise InputError(
+                "the function returns other numbers from one call to the next"
+            )
         return values
 
     effects = np.zeros((len(names), len(moving)))
@@ -239,14 +253,18 @@ def propagate_first_order(
     R = np.eye(len(moving))
     if correlation is not None:
         among = [i for i, t in enumerate(tolerances.values()) if t.deviation > 0]
-        R = checked_array(correlation, (len(tolerances),) * 2, "correlation")[np.ix_(among, among)]
+        R = checked_array(correlation, (len(tolerances),) * 2, "correlation")[
+            np.ix_(among, among)
+        ]
     parts = effects * (effects @ R)
     variance = np.maximum(np.sum(parts, axis=1), 0.0)
     total = np.sqrt(variance)
     z = quantile(level, degrees)
     with np.errstate(invalid="ignore", divide="ignore"):
         shares = parts.T / variance
-    contributions = {name: read_only(np.where(variance > 0, 0.0, np.nan)) for name in tolerances}
+    contributions = {
+        name: read_only(np.where(variance > 0, 0.0, np.nan)) for name in tolerances
+    }
     contributions |= {name: read_only(s) for name, s in zip(moving, shares, strict=True)}
     return Propagation(
         names,
@@ -300,7 +318,9 @@ class UncertainParameters:
         given |= {f"mass.{name}": m for name, m in self._masses.items()}
         given |= self._geometry | self._rests
         if self.reread is not None:
-            given |= {f"{_FILE}{name}": float(x) for name, x in elastic.parameters.items()}
+            given |= {
+                f"{_FILE}{name}": float(x) for name, x in elastic.parameters.items()
+            }
         return given
 
     def value(self, name: str) -> float:
@@ -343,7 +363,11 @@ class UncertainParameters:
             }
         laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
         each = zip(elastic.spring_names, elastic.springs.stiffness.tolist(), strict=True)
-        return {name: k for i, (name, k) in enumerate(each) if 0.0 < k < np.inf and i not in laws}
+        return {
+            name: k
+            for i, (name, k) in enumerate(each)
+            if 0.0 < k < np.inf and i not in laws
+        }
 
     @cached_property
     def _of_struts(self) -> dict[str, float]:
@@ -358,7 +382,9 @@ class UncertainParameters:
         if not self.at_rest or elastic.springs is None:
             return {}
         each = zip(elastic.spring_names, elastic.springs.rest.tolist(), strict=True)
-        return {f"rest.{name}": x for name, x in each if name in self._stiffnesses and x == x}
+        return {
+            f"rest.{name}": x for name, x in each if name in self._stiffnesses and x == x
+        }
 
     @cached_property
     def _masses(self) -> dict[str, float]:
@@ -366,7 +392,9 @@ class UncertainParameters:
         if isinstance(mechanism, Chain):
             own, _ = mechanism.tree.masses()
             links = mechanism.tree.links().items()
-            return {name: float(own[j - 1]) for j, name in sorted(links) if own[j - 1] > 0.0}
+            return {
+                name: float(own[j - 1]) for j, name in sorted(links) if own[j - 1] > 0.0
+            }
         masses = mechanism.masses() if isinstance(mechanism, Platform) else {}
         return {name: mass for name, mass in masses.items() if mass > 0.0}
 
@@ -437,16 +465,23 @@ class UncertainParameters:
         if known is None or values.keys().isdisjoint(known.labels):
             return elastic
         at = [values.get(n, c) for n, c in zip(known.labels, known.values, strict=True)]
-        return self._elements.with_parameters(known.patterns, np.array(at, float) - known.values)
+        return self._elements.with_parameters(
+            known.patterns, np.array(at, float) - known.values
+        )
 
     @cached_property
     def _geometry(self) -> dict[str, float]:
         mechanism = self.result.elastic.mechanism
         if isinstance(mechanism, Platform):
-            offsets = {n: x for n, x in self._of_struts.items() if n.startswith("offset.")}
+            offsets = {
+                n: x for n, x in self._of_struts.items() if n.startswith("offset.")
+            }
             return {
                 f"{body}.leg{i + 1}.{axis}": float(x)
-                for body, points in (("base", mechanism.anchors), ("platform", mechanism.points_P))
+                for body, points in (
+                    ("base", mechanism.anchors),
+                    ("platform", mechanism.points_P),
+                )
                 for i, point in enumerate(points)
                 for axis, x in zip(_XYZ, point, strict=True)
             } | offsets
@@ -468,7 +503,10 @@ class UncertainParameters:
         return self._placements.words if asked and self._placements is not None else None
 
     def at(
-        self, values: Mapping[str, float], start: Array | None = None, by_all: bool = False
+        self,
+        values: Mapping[str, float],
+        start: Array | None = None,
+        by_all: bool = False,
     ) -> PostureStiffness:
         """Stiffness of the mechanism with other parameters (those not named: nominal).
 
@@ -489,7 +527,9 @@ class UncertainParameters:
         with other parameters, and leaves them open.
         """
         elastic = self.result.elastic
-        parameters = {n.removeprefix(_FILE): x for n, x in values.items() if n.startswith(_FILE)}
+        parameters = {
+            n.removeprefix(_FILE): x for n, x in values.items() if n.startswith(_FILE)
+        }
         if parameters and self.reread is not None:
             elastic = self.reread(parameters)
         if isinstance(elastic.springs, FlexureStruts):
@@ -497,7 +537,9 @@ class UncertainParameters:
             rest = np.array(
                 [
                     values.get(f"rest.{name}", x)
-                    for name, x in zip(elastic.spring_names, struts.rest_length, strict=True)
+                    for name, x in zip(
+                        elastic.spring_names, struts.rest_length, strict=True
+                    )
                 ]
             )
             elastic = replace(elastic, springs=struts.replaced(struts.stiffness, rest))
@@ -508,13 +550,19 @@ class UncertainParameters:
                 rest[i] = values.get(f"rest.{name}", rest[i])
             elastic = replace(elastic, springs=elastic.springs.replaced(k, rest))
         others = {
-            n.removeprefix("stiffness."): x for n, x in values.items() if n.startswith("stiffness.")
+            n.removeprefix("stiffness."): x
+            for n, x in values.items()
+            if n.startswith("stiffness.")
         }
         elastic = with_stiffnesses_beside(elastic, others)
         elastic = self._placed_at(self._measured_springs(elastic, values), values)
         masses = {n: values[f"mass.{n}"] for n in self._masses if f"mass.{n}" in values}
         mechanism = elastic.mechanism
-        return replace(elastic, mechanism=mechanism.with_masses(masses)) if masses else elastic
+        return (
+            replace(elastic, mechanism=mechanism.with_masses(masses))
+            if masses
+            else elastic
+        )
 
     def posture_of(self, elastic: ElasticMechanism, q: Array | None = None) -> Array:
         """Coordinates q, by default the nominal ones; if these are the file's, its present ones."""
@@ -527,7 +575,11 @@ class UncertainParameters:
         there, nominal = self.result.posture, self.result.elastic.springs
         elastic = self.mechanism(values)
         q = self.posture_of(elastic)
-        q = start if start is not None and np.array_equal(elastic.q, self.result.elastic.q) else q
+        q = (
+            start
+            if start is not None and np.array_equal(elastic.q, self.result.elastic.q)
+            else q
+        )
         mechanism, springs = elastic.mechanism, elastic.springs
         if by_all and isinstance(mechanism, Chain):
             posture: MechanismPosture = mechanism.closed(q, hold=())
@@ -571,7 +623,9 @@ class UncertainParameters:
         if loaded or is_open.any():  # `analyse` distributes the load among the springs
             rest[is_open] = np.nan
             elastic = replace(elastic, springs=springs.replaced(springs.stiffness, rest))
-            return analyse(elastic, posture.q, wrench=self.result.wrench if loaded else None)
+            return analyse(
+                elastic, posture.q, wrench=self.result.wrench if loaded else None
+            )
         springs = springs.replaced(springs.stiffness, rest)
         return analyse_at(replace(elastic, springs=springs), posture)
 
@@ -589,14 +643,18 @@ class UncertainParameters:
         """
         columns, others = posture.coordinate_lengths, elastic._evaluate_others(posture)
         W = np.zeros(6) if self.result.wrench is None else self.result.wrench
-        missing = posture.motion.jacobian.T @ W - (0.0 if others is None else others.gradient)
+        missing = posture.motion.jacobian.T @ W - (
+            0.0 if others is None else others.gradient
+        )
         missing = columns * missing - rows.T @ forces
         if posture.closure is not None:
             _, sizes, N = np.linalg.svd(posture.closure.jacobian * columns)
             N = N[int((sizes > numerics.RANK * sizes[0]).sum()) :]
             missing, rows = N @ missing, rows @ N.T
         change = np.zeros_like(forces)
-        change[active] = np.linalg.lstsq(rows[active].T, missing, rcond=numerics.ROUNDOFF)[0]
+        change[active] = np.linalg.lstsq(
+            rows[active].T, missing, rcond=numerics.ROUNDOFF
+        )[0]
         return change
 
     def _placed_at(
@@ -608,7 +666,11 @@ class UncertainParameters:
             return elastic
         mechanism = elastic.mechanism
         if isinstance(mechanism, Platform):
-            moved = [values.get(n, x) for n, x in geometry.items() if not n.startswith("offset.")]
+            moved = [
+                values.get(n, x)
+                for n, x in geometry.items()
+                if not n.startswith("offset.")
+            ]
             platform = mechanism.with_points(*np.array(moved).reshape(2, -1, 3))
             elastic = replace(elastic, mechanism=platform)
             springs, ends = elastic.springs, (platform.anchors, platform.points)

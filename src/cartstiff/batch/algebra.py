@@ -19,7 +19,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.batch.tape import Number, Scalar, Tape, absolute, copysign, larger, pick, square_root
+from cartstiff.batch.tape import (
+    Number,
+    Scalar,
+    Tape,
+    absolute,
+    copysign,
+    larger,
+    pick,
+    square_root,
+)
 from cartstiff.geometry.se3 import Array
 from cartstiff.numerics import EPSILON, NEAR_SINGULARITY, REPORTED_ERROR
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, wrench_in_body
@@ -33,7 +42,11 @@ def zeros(*shape: int) -> Array:
 def cross(a: Array, b: Array) -> Array:
     """Cross product of two vectors."""
     crossed = np.empty(3, object)
-    crossed[:] = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    crossed[:] = [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
     return crossed
 
 
@@ -106,7 +119,9 @@ class Reflections(NamedTuple):
         copied = columns.astype(object)
         for k in order:
             v = self.vectors[k]
-            copied[k:] = copied[k:] - np.multiply.outer(v, (v @ copied[k:]) * self.factors[k])
+            copied[k:] = copied[k:] - np.multiply.outer(
+                v, (v @ copied[k:]) * self.factors[k]
+            )
         return copied
 
     def conjugate(self, symmetric: Array) -> Array:
@@ -167,7 +182,9 @@ def upper_inverse(R: Array) -> Array:
         inverted[j, j] = 1.0 / R[j, j]
     for j in range(n):
         for i in range(j - 1, -1, -1):
-            inverted[i, j] = -((R[i, i + 1 : j + 1] @ inverted[i + 1 : j + 1, j]) * inverted[i, i])
+            inverted[i, j] = -(
+                (R[i, i + 1 : j + 1] @ inverted[i + 1 : j + 1, j]) * inverted[i, i]
+            )
     return inverted
 
 
@@ -251,7 +268,9 @@ def _clear_column(
         row, reciprocal = filled[at], 1.0 / x[at]
         for i, entry in zip(filled, x, strict=True):
             if i != row:
-                work[i, others] = work[i, others] - work[row, others] * (entry * reciprocal)
+                work[i, others] = work[i, others] - work[row, others] * (
+                    entry * reciprocal
+                )
         return row, reciprocal
     if len(filled) == 1:
         return filled[0], 1.0 / x[0]
@@ -271,7 +290,9 @@ def _clear_column(
     v[0] = 1.0
     reciprocal = common * top
     block = np.ix_(filled, others)
-    work[block] = work[block] - np.outer(v, product((v * (top * reciprocal))[None], work[block])[0])
+    work[block] = work[block] - np.outer(
+        v, product((v * (top * reciprocal))[None], work[block])[0]
+    )
     return filled[0], -reciprocal
 
 
@@ -426,7 +447,9 @@ def scaled_inverse(K: Array, length: Scalar) -> tuple[Array, Scalar]:
     """Inverse of a stiffness, and its squared condition with lengths measured in `length`."""
     scaled = _in_length(K, length, length)
     inverted = inverse(scaled)
-    return _in_length(inverted, length, length), norm_squared(scaled) * norm_squared(inverted)
+    return _in_length(inverted, length, length), norm_squared(scaled) * norm_squared(
+        inverted
+    )
 
 
 def holds_soft_directions(K: Array, wanted: Collection[str]) -> Scalar:
@@ -446,7 +469,9 @@ def holds_soft_directions(K: Array, wanted: Collection[str]) -> Scalar:
     most: Scalar = _absolute(inverses) @ ((X * X) @ sizes)
     grown: Scalar = (1.0 / sizes) @ ((L * L) @ _absolute(pivots))
     known = squares_over(congruence(X, np.diag(inverses)), 1.0 / sizes)
-    softest = pick(grown * grown * known, (_MAX_PIVOT_LOSS / EPSILON) ** 2, known, most * most)
+    softest = pick(
+        grown * grown * known, (_MAX_PIVOT_LOSS / EPSILON) ** 2, known, most * most
+    )
     limit = (_NORM_ACCURACY * numerics.LOST_ERROR / EPSILON) ** 2
     return limited(squares_over(K, sizes) * softest, limit)
 
@@ -492,7 +517,10 @@ def connections(K_B: Array, W: Array, load: LoadKind) -> dict[str, Array]:
 
 
 def add_compliances(
-    arrays: dict[str, Array], stiffness: dict[str, Array], wanted: Collection[str], length: Scalar
+    arrays: dict[str, Array],
+    stiffness: dict[str, Array],
+    wanted: Collection[str],
+    length: Scalar,
 ) -> Scalar:
     """Add the wanted compliances to `arrays`; return their largest squared condition."""
     largest: Scalar = 0.0

@@ -37,7 +37,9 @@ def checked_q(elastic: ElasticMechanism, q: ArrayLike) -> Array:
     return checked_input(q, ("N", len(elastic.mechanism.coordinates)), "q")
 
 
-def checked_wrench(elastic: ElasticMechanism, wrench: ArrayLike | None, count: int) -> Array | None:
+def checked_wrench(
+    elastic: ElasticMechanism, wrench: ArrayLike | None, count: int
+) -> Array | None:
     """One wrench (6,), or one for each posture (N, 6)."""
     if wrench is None:
         return None
@@ -58,7 +60,9 @@ def full_name(name: str) -> str:
 def checked_names(outputs: Sequence[str]) -> tuple[str, ...]:
     """Names of outputs, each once."""
     if isinstance(outputs, str):
-        raise InputError("outputs is one word", expected="a sequence of names", got=outputs)
+        raise InputError(
+            "outputs is one word", expected="a sequence of names", got=outputs
+        )
     names = tuple(dict.fromkeys(full_name(name) for name in outputs))
     for name in names:
         if name not in EVERY_OUTPUT:
@@ -71,7 +75,9 @@ def checked_count(what: str, value: object) -> int | None:
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-        raise InputError(f"{what} cannot be used", expected="a whole number from 1", got=value)
+        raise InputError(
+            f"{what} cannot be used", expected="a whole number from 1", got=value
+        )
     return int(value)
 
 

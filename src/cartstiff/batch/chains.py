@@ -128,12 +128,16 @@ def deflection_for(law: SpringLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     c = np.array(law.coefficients, float)
     turning = np.polynomial.polynomial.Polynomial(c * np.arange(1, len(c) + 1)).roots()
     real = np.abs(
-        turning[np.abs(turning.imag) <= numerics.NEGLIGIBLE_DIFFERENCE * (1.0 + np.abs(turning))]
+        turning[
+            np.abs(turning.imag)
+            <= numerics.NEGLIGIBLE_DIFFERENCE * (1.0 + np.abs(turning))
+        ]
     )
     x, verdict = _found(law, torque, torque * (1.0 / c[0]) if c[0] else np.nan)
     if real.size:
         verdict = larger(
-            verdict, pick(absolute(x), _MAX_RISING_SHARE * float(real.min()), PLAIN, FALLBACK)
+            verdict,
+            pick(absolute(x), _MAX_RISING_SHARE * float(real.min()), PLAIN, FALLBACK),
         )
     return x, verdict
 
@@ -153,7 +157,9 @@ def _piece(law: TabulatedLaw, x: Scalar, knots: tuple[float, ...]) -> list[Scala
     rows = law._rows.tolist()
     found: list[Scalar] = list(rows[-1])
     for row, knot in reversed(list(zip(rows[:-1], knots, strict=True))):
-        found = [pick(x, knot, here, behind) for here, behind in zip(row, found, strict=True)]
+        found = [
+            pick(x, knot, here, behind) for here, behind in zip(row, found, strict=True)
+        ]
     return found
 
 
@@ -173,7 +179,9 @@ def _in_table(law: TabulatedLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     step: Scalar = 0.0
     for _ in range(_NEWTON_STEPS):
         value = d * (rest[0] + d * (rest[1] + d * rest[2]))
-        step = (torque - at_knot - value) / (rest[0] + d * (2.0 * rest[1] + 3.0 * d * rest[2]))
+        step = (torque - at_knot - value) / (
+            rest[0] + d * (2.0 * rest[1] + 3.0 * d * rest[2])
+        )
         d = d + step
     return knot + d, larger(verdict, _converged(step, absolute(d)))
 
@@ -212,7 +220,9 @@ class JointSpringNumbers:
         """Energy, torque and stiffness of a spring with a given rest position."""
         self.deflections[a] = stretch = q - self._rest[a]
         if a in self._laws:
-            self.verdict = larger(self.verdict, _away_from_corners(self._laws[a], stretch))
+            self.verdict = larger(
+                self.verdict, _away_from_corners(self._laws[a], stretch)
+            )
             return stretched(self._laws[a], stretch)
         k = self._stiffness[a]
         return k * stretch * stretch * 0.5, k * stretch, k
@@ -288,7 +298,9 @@ def line_terms(
                 entry = entry + across[a] @ D_b
             hessian[a, b] = hessian[b, a] = entry
     least = numerics.SHORTEST_LINE * kinematics.size
-    size = larger(norm_squared(ends[0]), norm_squared(ends[1])) * numerics.SHORTEST_LINE**2
+    size = (
+        larger(norm_squared(ends[0]), norm_squared(ends[1])) * numerics.SHORTEST_LINE**2
+    )
     verdict = pick(larger(size, least * least), length * length, PLAIN, FALLBACK)
     return tension * stretch * 0.5, gradient, hessian, verdict
 
@@ -315,7 +327,9 @@ class Bodies:
         """Inertias of a tree, in kg and its unit of length."""
         masses, centres = tree.masses()
         moments = np.array([body.inertia for body in list(tree.model.inertias)[1:]])
-        return Bodies(*map(numbers, (masses, centres, moments, np.array(tree.model.armature))))
+        return Bodies(
+            *map(numbers, (masses, centres, moments, np.array(tree.model.armature)))
+        )
 
 
 def kinetic(bodies: Bodies, kinematics: Kinematics) -> Array:
@@ -329,8 +343,12 @@ def kinetic(bodies: Bodies, kinematics: Kinematics) -> Array:
             R, p = kinematics.behind(j)
             c = R @ centres[j] + p
             first[j] = c * own
-            second[j] = congruence(R.T, moments[j]) + (np.eye(3) * (c @ c) - np.outer(c, c)) * own
-    mass, first, second = map(kinematics.carried, (np.array(bodies.masses), first, second))
+            second[j] = (
+                congruence(R.T, moments[j]) + (np.eye(3) * (c @ c) - np.outer(c, c)) * own
+            )
+    mass, first, second = map(
+        kinematics.carried, (np.array(bodies.masses), first, second)
+    )
     M = zeros(joints, joints)
     for b in range(joints):
         turn, shift = J[:3, b], J[3:, b]
@@ -521,7 +539,11 @@ class ChainNumbers:
         self.mimic: Array | None = None
         if constants.mimic is not None:
             self.mimic = np.reshape(constants.mimic, (-1, n))
-            offset = np.zeros(len(self.mimic)) if constants.offset is None else constants.offset
+            offset = (
+                np.zeros(len(self.mimic))
+                if constants.offset is None
+                else constants.offset
+            )
             self.position = self.mimic @ self.q + np.asarray(offset, object)
         self.kinematics = Kinematics(constants, self.position, case.fields, start)
         J_M = self.kinematics.J_M
@@ -554,7 +576,9 @@ class ChainNumbers:
         each = tape.vector("segment_hessians", 36 * len(case.segments)).reshape(-1, 6, 6)
         for indices, g, H in zip(map(list, case.segments), own, each, strict=True):
             gradient[indices] = gradient[indices] + g
-            hessian[np.ix_(indices, indices)] = hessian[np.ix_(indices, indices)] + from_lower(H)
+            hessian[np.ix_(indices, indices)] = hessian[
+                np.ix_(indices, indices)
+            ] + from_lower(H)
         for E, g, H in self._on_bodies(tape):
             if (M := self.mimic) is not None:
                 g, H = M.T @ g, congruence(M, H)
@@ -636,7 +660,9 @@ class ChainNumbers:
         self.area: Scalar = 1.0
         if not is_zero(total):
             moments = [
-                norm_squared(J[3:, a]) for a, turns in enumerate(turning) if not is_zero(turns)
+                norm_squared(J[3:, a])
+                for a, turns in enumerate(turning)
+                if not is_zero(turns)
             ]
             area = sum(moments[1:], moments[0]) / total
             if not is_zero(area):  # else `cartstiff.analyse` chooses the length
@@ -654,12 +680,19 @@ class ChainNumbers:
 
     def lagrangian(self, W: Array) -> Array:
         """H_L on the motions; the terms of load and closures are added before projection."""
-        return self.hessian if vanishes(W) else congruence(self.N, self.coordinate_lagrangian(W))
+        return (
+            self.hessian
+            if vanishes(W)
+            else congruence(self.N, self.coordinate_lagrangian(W))
+        )
 
     def coordinate_lagrangian(self, W: Array) -> Array:
         """H_L in all coordinates."""
         (gradient, hessian), J = self._of_coordinates, self.kinematics.J
-        way, S = self.case.constants.support(self.case.constants.carrier), zeros(*2 * J.shape[1:])
+        way, S = (
+            self.case.constants.support(self.case.constants.carrier),
+            zeros(*2 * J.shape[1:]),
+        )
         S[np.ix_(way, way)] = curvature_of(J[:, way], self.kinematics.wrench(W))
         if self.mimic is not None:
             S = congruence(self.mimic, S)
@@ -675,7 +708,9 @@ class ChainNumbers:
         A = solution(J * scale, kinematics.adjoint() * scale)
         # A characteristic length that is small beside that makes C less accurate than M.
         limit = self.area * (JACOBIAN_CONDITION / max(length, kinematics.reach)) ** 2
-        condition = self.condition((self.J * self.columns).T, (A / self.columns[:, None]).T)
+        condition = self.condition(
+            (self.J * self.columns).T, (A / self.columns[:, None]).T
+        )
         self.verdict = larger(self.verdict, pick(condition, limit, PLAIN, FALLBACK))
         self.squared_condition = condition
         return A
@@ -689,7 +724,9 @@ class ChainNumbers:
             size: Scalar = 2.0 * self.n  # by the definition of the length
         else:
             size = norm_squared(forward[:, :3]) + norm_squared(forward[:, 3:]) / self.area
-        return size * (norm_squared(backward[:3]) + norm_squared(backward[3:]) * self.area)
+        return size * (
+            norm_squared(backward[:3]) + norm_squared(backward[3:]) * self.area
+        )
 
     def noteworthy(self, own: tuple[Array, Array], outer: tuple[Array, Array]) -> Array:
         """`cartstiff.batch.algebra.noteworthy`, from H_L and K^B, each with its inverse."""
@@ -777,7 +814,10 @@ def _redundant(chain: ChainNumbers) -> tuple[Array, Array]:
         torque = square_root(norm_squared(turned[6:]))
         # `cartstiff.analyse` has another basis of the self-motion: this bounds its largest entry.
         balanced = pick(
-            torque, limit * 0.5, PLAIN, pick(limit * (2.0 * n), torque, UNBALANCED, FALLBACK)
+            torque,
+            limit * 0.5,
+            PLAIN,
+            pick(limit * (2.0 * n), torque, UNBALANCED, FALLBACK),
         )
     H = chain.lagrangian(W) * columns * columns[:, None]
     turned_H = Q.conjugate(H)
@@ -846,7 +886,9 @@ def _compliances(
         if name == "F":
             if not chain.has_chart:
                 continue
-            C_F, doubt = (C, PLAIN) if unloaded else _softness(chain, chain.hessian, signed)
+            C_F, doubt = (
+                (C, PLAIN) if unloaded else _softness(chain, chain.hessian, signed)
+            )
             arrays["compliance_F"], verdict = C_F, larger(verdict, doubt)
         elif name == "B" or unloaded:
             arrays[f"compliance_{name}"] = C
@@ -859,7 +901,9 @@ def _compliances(
     return verdict
 
 
-def _softness(chain: ChainNumbers, H: Array, signed: bool = False) -> tuple[Array, Scalar]:
+def _softness(
+    chain: ChainNumbers, H: Array, signed: bool = False
+) -> tuple[Array, Scalar]:
     """``J H^-1 J^T`` and the verdict on it; `signed` admits an indefinite H.
 
     For a positive H the sum over k of ``L_ak^2 d_k`` is its diagonal entry; for an indefinite one,
@@ -879,13 +923,17 @@ def _softness(chain: ChainNumbers, H: Array, signed: bool = False) -> tuple[Arra
         verdict = larger(
             verdict, pick(grown, largest(scaled[a]) * _MAX_FACTOR_GROWTH, PLAIN, FALLBACK)
         )
-        verdict = larger(verdict, pick(grown * _LEAST_PIVOT_SHARE, sizes[a], PLAIN, FALLBACK))
+        verdict = larger(
+            verdict, pick(grown * _LEAST_PIVOT_SHARE, sizes[a], PLAIN, FALLBACK)
+        )
     X = congruence(below(L, np.eye(len(H))), np.diag(inverses))
     step = symmetric_product(X, np.eye(len(H)) - H @ X, zeros(*H.shape))
     size, inverse_size = equilibrated_squares(H, X + step)
     known = limited(size * inverse_size, numerics.WELL_CONDITIONED**2)
     change = equilibrated_squares(H, step)[1]
-    known = larger(known, pick(change, inverse_size * _MAX_NEWTON_CHANGE**2, PLAIN, FALLBACK))
+    known = larger(
+        known, pick(change, inverse_size * _MAX_NEWTON_CHANGE**2, PLAIN, FALLBACK)
+    )
     return C + congruence(chain.J.T, step) * verdict, pick(verdict, 0.5, PLAIN, known)
 
 
@@ -895,7 +943,9 @@ def chain_motion(tape: Tape, constants: TreeConstants) -> tuple[Array, Array]:
     return chain.kinematics.pose(), chain.J
 
 
-def chain_arrays(tape: Tape, case: ChainCase, wanted: Collection[str]) -> dict[str, Array]:
+def chain_arrays(
+    tape: Tape, case: ChainCase, wanted: Collection[str]
+) -> dict[str, Array]:
     """Outputs that exist, among them all that are wanted, and the "verdict" on the posture."""
     at_body = len(case.constants.parents) + 1
     if case.singular:
@@ -914,7 +964,11 @@ def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, 
     scaled = chain.J * chain.columns
     scaled[3:] = scaled[3:] * (1.0 / chain.length)
     sizes = chain.columns * chain.columns[:, None]
-    looked_at = [*scaled.ravel(), *(chain.gradient * chain.columns), largest(chain.hessian * sizes)]
+    looked_at = [
+        *scaled.ravel(),
+        *(chain.gradient * chain.columns),
+        largest(chain.hessian * sizes),
+    ]
     arrays = {
         "pose": chain.kinematics.pose(),
         "jacobian": chain.J_q,
@@ -977,5 +1031,7 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
     if "noteworthy" in wanted and stiffness and "compliance_B" in arrays:
         H = chain.lagrangian(W)
         pairs = (H, positive_inverse(H)), (stiffness["B"], arrays["compliance_B"])
-        arrays["noteworthy"] = np.array([*chain.noteworthy(*pairs), chain.deflection], object)
+        arrays["noteworthy"] = np.array(
+            [*chain.noteworthy(*pairs), chain.deflection], object
+        )
     return arrays

@@ -135,11 +135,16 @@ class ClosedChainNumbers(ChainNumbers):
             last[len(Q.R) :] = np.eye(self.n)
             N = zeros(n, self.n)
             N[moving] = Q.apply(last) * sizes[moving][:, None]
-            size, limit = norm_squared(Q.R) * norm_squared(inverse_R), JACOBIAN_CONDITION**2
+            size, limit = (
+                norm_squared(Q.R) * norm_squared(inverse_R),
+                JACOBIAN_CONDITION**2,
+            )
         verdict = limited(size, limit)
         missed = (np.concatenate(left) * sizes) @ (N / sizes[:, None])
         if not vanishes(missed):
-            least = largest(N / sizes[:, None]) * (numerics.NEGLIGIBLE_DIFFERENCE * case.length)
+            least = largest(N / sizes[:, None]) * (
+                numerics.NEGLIGIBLE_DIFFERENCE * case.length
+            )
             verdict = larger(verdict, pick(largest(missed), least, PLAIN, FALLBACK))
         for j in (j for indices, _ in case.still for j in indices):
             is_still = pick(absolute(self.q[j]), numerics.TINY, PLAIN, FALLBACK)
@@ -169,7 +174,9 @@ class ClosedChainNumbers(ChainNumbers):
             if vanishes(force):
                 continue
             way = [j for j, _ in self.case.constants.way(tie)]
-            S[np.ix_(way, way)] = S[np.ix_(way, way)] + curvature_of(twists[:, way], force)
+            S[np.ix_(way, way)] = S[np.ix_(way, way)] + curvature_of(
+                twists[:, way], force
+            )
         return S
 
     def _shared(self, chosen: list[int], wanted: Array) -> Array:
@@ -182,7 +189,10 @@ class ClosedChainNumbers(ChainNumbers):
         if vanishes(wanted):
             return zeros(len(chosen))
         sizes = np.array(
-            [self.case.length if self.case.constants.is_length[a] else 1.0 for a in chosen]
+            [
+                self.case.length if self.case.constants.is_length[a] else 1.0
+                for a in chosen
+            ]
         )
         own = zeros(len(chosen)) if self.W is None else self.J_q[:, chosen].T @ self.W
         N = self.N[chosen] / sizes[:, None]
@@ -196,7 +206,9 @@ class ClosedChainNumbers(ChainNumbers):
         """J^-1 of six motions; adds the verdict on it."""
         scale = np.repeat([1.0, 1.0 / self.case.length], 3)
         A = inverse(self.J * scale[:, None]) * scale
-        condition = self.condition((self.J * self.columns).T, (A / self.columns[:, None]).T)
+        condition = self.condition(
+            (self.J * self.columns).T, (A / self.columns[:, None]).T
+        )
         self.verdict = larger(self.verdict, limited(condition, JACOBIAN_CONDITION**2))
         self.squared_condition = condition
         return A
@@ -208,7 +220,9 @@ class ClosedChainNumbers(ChainNumbers):
         coordinates, the actuators, move by ``(N^T N)^(-1/2)``; the motion per twist of the body,
         ``N H^-1 J^T K^B``, bounds the inverse Jacobian.
         """
-        sizes = np.array([self.length if d else 1.0 for d in self.case.constants.is_length], object)
+        sizes = np.array(
+            [self.length if d else 1.0 for d in self.case.constants.is_length], object
+        )
         N = self.N / sizes[:, None] * self.columns
         (H, softness), (K, _) = own, outer
         forward = (self.J * self.columns).T
@@ -216,7 +230,11 @@ class ClosedChainNumbers(ChainNumbers):
         if self.n > 6:  # (N^T N)^(-1/2) is at most 1
             if not self.case.independent:
                 return np.array([1.0, 1.0], object)
-            spread = norm_squared(N) * square_root(float(self.n)) if self.case.is_driven else 1.0
+            spread = (
+                norm_squared(N) * square_root(float(self.n))
+                if self.case.is_driven
+                else 1.0
+            )
             serial = self.condition(forward, back.T)
             return noteworthy(larger(serial, spread), own, outer, margin=100.0)
         gram = congruence(N, np.eye(len(N)))
@@ -230,17 +248,23 @@ class ClosedChainNumbers(ChainNumbers):
         near, lost = noteworthy(larger(serial, spread), outer, margin=100.0)
         both = self.columns * self.columns[:, None]
         size = norm_squared(H * both) * norm_squared(softness / both) * (spread * spread)
-        lost = larger(lost, size * (self.n * numerics.EPSILON / numerics.REPORTED_ERROR) ** 2)
+        lost = larger(
+            lost, size * (self.n * numerics.EPSILON / numerics.REPORTED_ERROR) ** 2
+        )
         return np.array([near, lost], object)
 
 
 def characteristic_length(tree: Kinematics) -> Scalar:
     """Root mean square distance of the axes of joints on the way to the body from its origin."""
-    way = [j for j in tree.constants.support(tree.constants.carrier) if tree.links.turning[j]]
+    way = [
+        j for j in tree.constants.support(tree.constants.carrier) if tree.links.turning[j]
+    ]
     return square_root(norm_squared(tree.J_M[3:, way]) / len(way)) if way else 1.0
 
 
-def closed_arrays(tape: Tape, case: ChainCase, wanted: Collection[str]) -> dict[str, Array]:
+def closed_arrays(
+    tape: Tape, case: ChainCase, wanted: Collection[str]
+) -> dict[str, Array]:
     """Outputs that exist, among them all that are wanted, and the "verdict" on the posture."""
     return arrays_of(ClosedChainNumbers(tape, case), wanted)
 
@@ -279,7 +303,10 @@ def _series(x: Any, coefficients: list[float]) -> Any:
 
 def weld_residual(tree: Kinematics, tie: Tie) -> tuple[Array, Array, Scalar]:
     """Residual (6,), its rates (6, joints), and the verdict."""
-    (R_a, p_a), (R_b, p_b) = tree.placed(tie.joint_a, tie.T_a), tree.placed(tie.joint_b, tie.T_b)
+    (R_a, p_a), (R_b, p_b) = (
+        tree.placed(tie.joint_a, tie.T_a),
+        tree.placed(tie.joint_b, tie.T_b),
+    )
     w, verdict = rotation_vector(R_b @ R_a.T)
     x, d = w @ w, p_b - p_a
     c = cotangent_series(x)
@@ -314,7 +341,10 @@ def closing_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
             xi, J, doubt = weld_residual(tree, tie)
             verdict = larger(verdict, doubt)
         else:
-            p_a, p_b = tree.placed(tie.joint_a, tie.T_a)[1], tree.placed(tie.joint_b, tie.T_b)[1]
+            p_a, p_b = (
+                tree.placed(tie.joint_a, tie.T_a)[1],
+                tree.placed(tie.joint_b, tie.T_b)[1],
+            )
             xi, J = np.concatenate([zeros(3), p_b - p_a]), tree.tied(tie, p_a)
         every.append(xi)
         residuals.append(xi[list(rows)])
@@ -356,7 +386,11 @@ def close(
     for way in ways:
         if not which.size:
             break
-        at, done, is_vain = q[which], np.zeros(len(which), bool), np.zeros(len(which), bool)
+        at, done, is_vain = (
+            q[which],
+            np.zeros(len(which), bool),
+            np.zeros(len(which), bool),
+        )
         _close(way(), at, done, is_vain)
         closed[which[done]], is_closed[which[done]] = at[done], True
         which = which[is_vain]
@@ -415,7 +449,9 @@ def settles(elastic: ElasticMechanism, wrench: str) -> tuple[int, ...]:
     return () if wrench == "none" else tuple(settled_coordinates(elastic).tolist())
 
 
-def _closing_step(chain: ClosedChainNumbers, case: ChainCase, sizes: Array) -> tuple[Array, Scalar]:
+def _closing_step(
+    chain: ClosedChainNumbers, case: ChainCase, sizes: Array
+) -> tuple[Array, Scalar]:
     """Step (n,) of the dependent coordinates that closes the chain, and the verdict on it."""
     tree, residual = chain.kinematics, list[Array]()
     verdict: Scalar = PLAIN
@@ -444,10 +480,15 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
     else:
         chain = ChainNumbers(tape, case, len(case.constants.parents) + 1)
     closing = zeros(len(chain.q))
-    W, load = chain.W, LoadKind("dead" if case.axes == "world" else "follower", case.load.at)
+    W, load = (
+        chain.W,
+        LoadKind("dead" if case.axes == "world" else "follower", case.load.at),
+    )
     if W is None:
         raise ValueError("links are deflected by a wrench")
-    sizes = np.array([chain.length if d else 1.0 for d in case.constants.is_length], object)
+    sizes = np.array(
+        [chain.length if d else 1.0 for d in case.constants.is_length], object
+    )
     left, N, names = chain.gradient - chain.J.T @ W, chain.N, case.names
     if isinstance(chain, ClosedChainNumbers):
         closing, verdict = _closing_step(chain, case, sizes)
@@ -510,7 +551,9 @@ _SAMPLES, _SAMPLE_DISTANCE = 4, 0.1
 def tree_constants(chain: Chain) -> TreeConstants:
     """Geometry of a tree with its loop closures."""
     tree = chain.tree
-    places = [(chain.placement(c.frame_a), chain.placement(c.frame_b)) for c in chain.closures]
+    places = [
+        (chain.placement(c.frame_a), chain.placement(c.frame_b)) for c in chain.closures
+    ]
 
     def tie(a: FixedFrame, b: FixedFrame, is_weld: bool) -> Tie:
         return Tie(a.joint, numbers(a.T_j_f), b.joint, numbers(b.T_j_f), is_weld)
@@ -632,7 +675,8 @@ def closed_case(
     rigid = tuple(sorted(chain.rigid))
     held = tuple(j for j in chain.held if j not in rigid)
     free, shut = (
-        _rows(constants, samples, some) if samples else None for some in (rigid, (*held, *rigid))
+        _rows(constants, samples, some) if samples else None
+        for some in (rigid, (*held, *rigid))
     )
     if free is None or shut is None:
         return "the closures have no rank that most postures share"
@@ -663,7 +707,11 @@ def closed_case(
             others.append(potential)
     springs = elastic.springs
     own = ~springs.is_passive if isinstance(springs, JointSprings) else np.zeros(n, bool)
-    springy = {*np.flatnonzero(own).tolist(), *(j for at, _ in still for j in at), *settled}
+    springy = {
+        *np.flatnonzero(own).tolist(),
+        *(j for at, _ in still for j in at),
+        *settled,
+    }
     if springy < set(held) and not others and elastic.gravity is None:
         return "coordinates that are held without a spring are judged posture by posture"
     acts = bool(others) or elastic.gravity is not None or bool((own & ~is_open).any())

@@ -168,7 +168,9 @@ def javascript(program: Program) -> tuple[str, dict[str, tuple[int, int]]]:
         Start and end of each output.
     """
     lines, outputs, places, arrays = _written(program, _JAVASCRIPT)
-    head = "".join(f"const {short}=i[{json.dumps(name)}];" for name, short in arrays.items())
+    head = "".join(
+        f"const {short}=i[{json.dumps(name)}];" for name, short in arrays.items()
+    )
     ends = "".join(f"o[{place}]={text};" for place, text in enumerate(outputs))
     return f"(i,o)=>{{{head}{''.join(lines)}{ends}}}", places
 
@@ -179,14 +181,22 @@ def _python(
     """A Python function of lists, the names of these, and the outputs' places in its result."""
     lines, outputs, places, arrays = _written(program, language)
     if language is _NUMPY:  # free the memory of arrays after their last use
-        last = {name: i for i, line in enumerate(lines) for name in re.findall(r"\bv\d+", line)}
+        last = {
+            name: i
+            for i, line in enumerate(lines)
+            for name in re.findall(r"\bv\d+", line)
+        }
         for name in last.keys() - set(re.findall(r"\bv\d+", " ".join(outputs))):
             lines[last[name]] += f";del {name}"
     body = [*lines, f"return [{','.join(outputs)}]"]
     known = dict(functions)
     source = "\n ".join([f"def record({','.join(arrays.values())}):", *body])
     exec(compile(source, "<recorded posture>", "exec"), known)
-    return known["record"], list(arrays), {name: slice(*ends) for name, ends in places.items()}
+    return (
+        known["record"],
+        list(arrays),
+        {name: slice(*ends) for name, ends in places.items()},
+    )
 
 
 class Kernel:
@@ -217,9 +227,12 @@ class Kernel:
     def __call__(self, inputs: Mapping[str, Array], threads: int = 1) -> dict[str, Array]:
         """Outputs (N, ...) by name, from inputs (N, ...), or (1, ...) for shared ones, by name."""
         rows = {name: np.ascontiguousarray(array) for name, array in inputs.items()}
-        count = len(next(a for name, a in rows.items() if name not in self.program.shared))
+        count = len(
+            next(a for name, a in rows.items() if name not in self.program.shared)
+        )
         outputs = {
-            name: aligned_empty(count, len(own)) for name, own in self.program.outputs.items()
+            name: aligned_empty(count, len(own))
+            for name, own in self.program.outputs.items()
         }
         self.run(rows, outputs, count, threads)
         return outputs
@@ -245,7 +258,9 @@ class PortableKernel(Kernel):
         for start in range(0, count, CHUNK):
             part = slice(start, min(start + CHUNK, count))
             columns = [
-                inputs[name][0] if name in shared else np.ascontiguousarray(inputs[name][part].T)
+                inputs[name][0]
+                if name in shared
+                else np.ascontiguousarray(inputs[name][part].T)
                 for name in self._arrays
             ]
             with np.errstate(all="ignore"):
@@ -295,7 +310,9 @@ if hasattr(os, "register_at_fork"):
 class CompiledKernel(Kernel):
     """A program as machine code; keeps LLVM's engines that own it, and scratch memory."""
 
-    def __init__(self, program: Program, width: int | None = None, longest: int = LONGEST) -> None:
+    def __init__(
+        self, program: Program, width: int | None = None, longest: int = LONGEST
+    ) -> None:
         self.program = program
         self.block = width or lanes()
         self.arrays = input_arrays(program)
@@ -306,7 +323,9 @@ class CompiledKernel(Kernel):
 
     def entry(self, stream: bool) -> Any:
         """The function that writes through the cache or, with `stream`, past it."""
-        if stream not in self._made:  # if two threads compile it at once, one result is kept
+        if (
+            stream not in self._made
+        ):  # if two threads compile it at once, one result is kept
             self._made.setdefault(stream, self._compile(stream))
         return self._made[stream][1]
 
@@ -317,7 +336,9 @@ class CompiledKernel(Kernel):
             features=llvm.get_host_cpu_features().flatten(),
             opt=OPTIMISATION,
         )
-        module = llvm.parse_assembly(vector_code(self.program, self.block, stream, self._longest))
+        module = llvm.parse_assembly(
+            vector_code(self.program, self.block, stream, self._longest)
+        )
         module.triple = llvm.get_process_triple()
         engine = llvm.create_mcjit_compiler(module, machine)
         engine.finalize_object()
@@ -353,9 +374,13 @@ class CompiledKernel(Kernel):
                 rows = inputs[name]
                 if name not in shared:
                     rows = rows[whole:count]
-                    rows = np.concatenate([rows, np.repeat(rows[-1:], block - len(rows), axis=0)])
+                    rows = np.concatenate(
+                        [rows, np.repeat(rows[-1:], block - len(rows), axis=0)]
+                    )
                 padded[name] = np.ascontiguousarray(rows)
-            arrays = {n: aligned_empty(block, len(s)) for n, s in self.program.outputs.items()}
+            arrays = {
+                n: aligned_empty(block, len(s)) for n, s in self.program.outputs.items()
+            }
             self._run(padded, arrays, 1, 1, stream)
             for name, rows in arrays.items():
                 outputs[name][whole:count] = rows[: count - whole]
@@ -459,7 +484,9 @@ class PrintedPosture(OnePosture):
     def record(self, **given: Array) -> Array:
         """As `OnePosture.record`; all NaN if a number is not finite or has no root."""
         known = self._shared
-        lists = [known[n] if n in known else given[n].ravel().tolist() for n in self._names]
+        lists = [
+            known[n] if n in known else given[n].ravel().tolist() for n in self._names
+        ]
         try:
             record = np.array(self._function(*lists))
         except (ZeroDivisionError, ValueError, OverflowError):
@@ -475,7 +502,9 @@ class CompiledPosture(OnePosture):
         self.program = program
         places, steps = _placed(program)
         self.at = {name: slice(*ends) for name, ends in places.items()}
-        self._kernel = CompiledKernel(replace(program, outputs={"record": tuple(steps)}), width=2)
+        self._kernel = CompiledKernel(
+            replace(program, outputs={"record": tuple(steps)}), width=2
+        )
         self._entry, self._shared = self._kernel.entry(False), shared
         self._free: list[tuple[Any, ...]] = []
 
@@ -509,5 +538,11 @@ class CompiledPosture(OnePosture):
         written = aligned_empty(kernel.block, len(program.outputs["record"]))
         read = pointers_to([address_of(inputs[name]) for name in kernel.arrays])
         progress = (ctypes.c_int64 * 2)()
-        arguments = 1, read, pointers_to([address_of(written)]), address_of(scratch), progress
+        arguments = (
+            1,
+            read,
+            pointers_to([address_of(written)]),
+            address_of(scratch),
+            progress,
+        )
         return own, written, progress, arguments, (inputs, scratch)

@@ -45,7 +45,12 @@ class Assembler:
     """
 
     def __init__(
-        self, elastic: ElasticMechanism, base: Array, own: Sequence[int], path: Backend, rows: int
+        self,
+        elastic: ElasticMechanism,
+        base: Array,
+        own: Sequence[int],
+        path: Backend,
+        rows: int,
     ) -> None:
         if not isinstance(elastic.mechanism, Chain):
             raise TypeError(elastic.mechanism)
@@ -55,7 +60,9 @@ class Assembler:
         if not set(own) <= set(held):
             self._hold = sorted(({*held} - {*(self._chain.actuated or ())}) | {*own})
         if self._hold != sorted(held):
-            path = "engine"  # the recorded steps hold the mechanism's own held coordinates
+            path = (
+                "engine"  # the recorded steps hold the mechanism's own held coordinates
+            )
         elif path in ("auto", "portable") and has_package("llvmlite"):
             # Compiling takes less time than a hundred steps over NumPy arrays.
             path = "compiled"
@@ -77,7 +84,10 @@ class Assembler:
                 closed = self._chain.closed(q[i], hold=self._hold).q
             except ConvergenceError:
                 continue
-            if not self._hold or np.abs(closed - q[i])[self._hold].max() <= _MAX_HELD_CHANGE:
+            if (
+                not self._hold
+                or np.abs(closed - q[i])[self._hold].max() <= _MAX_HELD_CHANGE
+            ):
                 at[i], is_closed[i] = closed, True
         return at, is_closed, ~is_closed
 
@@ -92,12 +102,16 @@ class Assembler:
         All coordinates of q are used if more than the held ones are given.
         """
         q = self._chain.closed_as_given(q)
-        at, is_closed, _ = self._home.continue_from(self._near, q, self._home.steps_where_asked(q))
+        at, is_closed, _ = self._home.continue_from(
+            self._near, q, self._home.steps_where_asked(q)
+        )
         for way in (self.near, self.led):
             at, is_closed = _with(way, at, is_closed)
         return at, is_closed
 
-    def grid(self, values: Sequence[Array], columns: Sequence[int], box: Sequence[slice]) -> Closed:
+    def grid(
+        self, values: Sequence[Array], columns: Sequence[int], box: Sequence[slice]
+    ) -> Closed:
         """Coordinates (N, n) of the cells of a box of a grid, in C order, and where they close.
 
         The held coordinates move straight to each cell, as in `Chain.closed`, so that a cell is the
@@ -154,7 +168,9 @@ class Assembler:
         return self.near(start)
 
 
-def _with(way: Callable[[Array], Closed], q: Array, is_closed: NDArray[np.bool_]) -> Closed:
+def _with(
+    way: Callable[[Array], Closed], q: Array, is_closed: NDArray[np.bool_]
+) -> Closed:
     """Close the postures that are not closed, by another method."""
     if (left := np.flatnonzero(~is_closed)).size:
         q[left], is_closed[left] = way(q[left])

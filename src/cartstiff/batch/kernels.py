@@ -65,7 +65,9 @@ _compiled: dict[tuple[Case, tuple[str, ...], Readings | None], Any] = {}
 _lock = process_lock()
 
 
-def _compiled_kernel(case: Case, names: tuple[str, ...], readings: Readings | None = None) -> Any:
+def _compiled_kernel(
+    case: Case, names: tuple[str, ...], readings: Readings | None = None
+) -> Any:
     """Machine code for a case; the last 64 are cached."""
     key = (case, names, readings)
     with _lock:
@@ -126,7 +128,8 @@ def chosen(
     if isinstance(answer, str):
         if path != "auto":
             raise InputError(
-                f"path {path!r} does not serve this mechanism: {answer}", expected="path 'engine'"
+                f"path {path!r} does not serve this mechanism: {answer}",
+                expected="path 'engine'",
             )
         return None, None, answer
     answer = answer.under(load, axes)
@@ -183,7 +186,9 @@ def lasting_path(
     if isinstance(answer, str):
         return "engine"
     ordered = tuple(name for name in OUTPUTS if name in names)
-    if _compiles(count) and _is_worth_making(program_for(answer.case, ordered).size, count):
+    if _compiles(count) and _is_worth_making(
+        program_for(answer.case, ordered).size, count
+    ):
         return "compiled"
     return "portable"
 
@@ -214,7 +219,9 @@ class _PostureSolver:
 
     def _assembled(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Close as `Chain.closed` does, from the reference posture if only held ones differ."""
-        steps = np.zeros(0, int) if self._home is None else self._home.steps_where_asked(q)
+        steps = (
+            np.zeros(0, int) if self._home is None else self._home.steps_where_asked(q)
+        )
         which = np.flatnonzero(steps)
         if self._home is None or not which.size:
             return self.closed(q)[:2]
@@ -227,7 +234,9 @@ class _PostureSolver:
         at[others], is_closed[others], _ = self.closed(q[others])
         return at, is_closed
 
-    def solve(self, q: Array, inputs: Mapping[str, Array]) -> tuple[Array, NDArray[np.bool_]]:
+    def solve(
+        self, q: Array, inputs: Mapping[str, Array]
+    ) -> tuple[Array, NDArray[np.bool_]]:
         """Coordinates, and where they were found; elsewhere they are as given."""
         given, is_found = q, np.ones(len(q), bool)
         if self._closing:
@@ -268,9 +277,12 @@ class Closer:
             return q, np.zeros(len(q), bool), np.zeros(len(q), bool)
         # The first way only: the next releases the held coordinates.
         parts = (
-            self._solver.closed(q[i : i + self._rows], 1) for i in range(0, len(q), self._rows)
+            self._solver.closed(q[i : i + self._rows], 1)
+            for i in range(0, len(q), self._rows)
         )
-        at, is_closed, is_vain = (np.concatenate(each) for each in zip(*parts, strict=True))
+        at, is_closed, is_vain = (
+            np.concatenate(each) for each in zip(*parts, strict=True)
+        )
         return at, is_closed, is_vain
 
 
@@ -314,7 +326,9 @@ def run(
     shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
     if loads is not None and loads.ndim == 1:
         shared["wrench"] = np.ascontiguousarray(loads)[None]
-    verdict = aligned_empty(length, 1)  # aligned, or no output could be written past the cache
+    verdict = aligned_empty(
+        length, 1
+    )  # aligned, or no output could be written past the cache
     for start in range(0, count, length):
         stop = min(start + length, count)
         rows = stop - start

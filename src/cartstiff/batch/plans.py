@@ -85,12 +85,16 @@ class TracedModel:
         if load == DEAD_AT_ORIGIN and axes == "body":
             return self
         untraced = replace(self.untraced, load=load, axes=axes)
-        return replace(self, case=replace(self.case, load=load, axes=axes), untraced=untraced)
+        return replace(
+            self, case=replace(self.case, load=load, axes=axes), untraced=untraced
+        )
 
 
 @lru_cache(maxsize=64)
 @uncollected()
-def program_for(case: Case, outputs: tuple[str, ...], readings: Readings | None = None) -> Program:
+def program_for(
+    case: Case, outputs: tuple[str, ...], readings: Readings | None = None
+) -> Program:
     """Program of the existing outputs of a case and of the verdict on the posture; cached.
 
     With `readings`, if all that they need exists, its outputs are instead "readings" and "pose",
@@ -165,7 +169,9 @@ def chain_constants(chain: Chain) -> TreeConstants | str:
         return _constants[chain]
 
 
-def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> TracedModel | str:
+def _chain_plan(
+    elastic: ElasticMechanism, chain: Chain, wrench: str
+) -> TracedModel | str:
     springs, n = elastic.springs, len(chain.is_length)
     if elastic.coupled_springs:
         return "springs that couple joints are balanced posture by posture"
@@ -177,11 +183,16 @@ def _chain_plan(elastic: ElasticMechanism, chain: Chain, wrench: str) -> TracedM
         is_open, laws = springs.rest_is_free(wrench != "none"), springs.laws
         if any(is_open[j] and not is_recorded(law) for j, law in laws.items()):
             return "the rest position of such a spring is found posture by posture"
-        shared["stiffness"][:], shared["rest"][:] = springs.stiffness, np.nan_to_num(springs.rest)
+        shared["stiffness"][:], shared["rest"][:] = (
+            springs.stiffness,
+            np.nan_to_num(springs.rest),
+        )
         shared["stiffness"][:, list(laws)] = 0.0
     elif springs is not None:
         return "line springs of a chain have no arithmetic of their own"
-    answer = (closed_case if chain.closures else _open_case)(elastic, chain, wrench, is_open)
+    answer = (closed_case if chain.closures else _open_case)(
+        elastic, chain, wrench, is_open
+    )
     if isinstance(answer, str):
         return answer
     case, others = answer
@@ -235,7 +246,10 @@ def _with_fields(
         fields.append(ForceField(numbers(masses), tuple(map(numbers, centres))))
         forces.append(elastic.gravity)
     for potential in others:
-        if type(potential) is DeadForce and 0 < chain.placement(potential.frame_b).joint <= joints:
+        if (
+            type(potential) is DeadForce
+            and 0 < chain.placement(potential.frame_b).joint <= joints
+        ):
             at = chain.placement(potential.frame_b)
             point = at.T_j_f[:3, :3] @ np.asarray(potential.point) + at.T_j_f[:3, 3]
             weights, points = np.zeros(joints), np.zeros((joints, 3))
@@ -247,7 +261,9 @@ def _with_fields(
             known.append(own[1])
         elif type(potential) is CoupledSprings:
             indices = tuple(int(i) for i in potential.indices)
-            case = replace(case, coupled=(*case.coupled, (indices, numbers(potential.matrix))))
+            case = replace(
+                case, coupled=(*case.coupled, (indices, numbers(potential.matrix)))
+            )
         elif isinstance(potential, Beam):
             beams.append(potential)
         else:
@@ -258,24 +274,34 @@ def _with_fields(
         shared["lines"] = np.concatenate(known).reshape(1, -1)
         case = replace(case, stretched=tuple(lines))
     rest = shared["rest"][0]
-    case = replace(case, laws=tuple((j, law) for j, law in laws.items() if is_recorded(law)))
+    case = replace(
+        case, laws=tuple((j, law) for j, law in laws.items() if is_recorded(law))
+    )
     laws = {j: law for j, law in laws.items() if not is_recorded(law)}
     untraced = UntracedTerms(chain, tuple(loose), laws, rest, tuple(beams))
     case = replace(
-        case, fields=tuple(fields), derivatives=untraced.is_dense, segments=untraced.segments
+        case,
+        fields=tuple(fields),
+        derivatives=untraced.is_dense,
+        segments=untraced.segments,
     )
     state = "fewer-than-six-freedoms" if case.freedoms < 6 else "regular"
     return TracedModel(case, shared, state, untraced, chain.home)
 
 
-def _lines_of(chain: Chain, potential: Potential, joints: int) -> tuple[list[Line], Array] | None:
+def _lines_of(
+    chain: Chain, potential: Potential, joints: int
+) -> tuple[list[Line], Array] | None:
     """Line springs between F and bodies on the path, their stiffnesses and rest lengths (m, 2).
 
     None for any other potential, and if a rest length is not known.
     """
     if type(potential) is not LineSprings or not potential.is_complete:
         return None
-    frames, given = (potential.frame_a, potential.frame_b), (potential.anchors, potential.points)
+    frames, given = (
+        (potential.frame_a, potential.frame_b),
+        (potential.anchors, potential.points),
+    )
     a, b = map(chain.placement, frames)
     if max(a.joint, b.joint) > joints:
         return None
@@ -288,7 +314,9 @@ def _lines_of(chain: Chain, potential: Potential, joints: int) -> tuple[list[Lin
     return lines, np.column_stack([potential.stiffness, potential.rest_length])
 
 
-def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -> TracedModel | str:
+def _platform_plan(
+    elastic: ElasticMechanism, platform: Platform, wrench: str
+) -> TracedModel | str:
     springs = elastic.springs
     if isinstance(springs, FlexureStruts):
         return _strut_plan(elastic, platform, springs, wrench)
@@ -313,7 +341,9 @@ def _platform_plan(elastic: ElasticMechanism, platform: Platform, wrench: str) -
     legs = None if elastic.gravity is None else platform.struts
     carries = forces or loose or legs is not None
     if m < 6 and (
-        wrench != "none" or is_cable_driven or (is_open.any() and carries and preload is None)
+        wrench != "none"
+        or is_cable_driven
+        or (is_open.any() and carries and preload is None)
     ):
         return "whether fewer than six lines carry a load is seen posture by posture"
     case = PlatformCase(

@@ -118,7 +118,9 @@ class PlatformCase:
         return m > 6 and (is_chosen or (self.rest == "open" and carries))
 
 
-def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> dict[str, Array]:
+def platform_arrays(
+    tape: Tape, case: PlatformCase, wanted: Collection[str]
+) -> dict[str, Array]:
     """Outputs that exist, among them all that are wanted, and the "verdict" on the posture."""
     q = tape.vector("q", 6)
     anchors = np.reshape(case.anchors, (-1, 3))
@@ -168,7 +170,9 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
         R_norm = norm_squared(decomposition.R[:, :3]) + norm_squared(
             decomposition.R[:, 3:] * natural
         )
-        inverse_norm = norm_squared(inverse_R[:3]) + norm_squared(inverse_R[3:] * (1.0 / natural))
+        inverse_norm = norm_squared(inverse_R[:3]) + norm_squared(
+            inverse_R[3:] * (1.0 / natural)
+        )
         squared_condition = R_norm * inverse_norm
         verdict = larger(verdict, limited(squared_condition, JACOBIAN_CONDITION**2))
     # Tensions and stretches of the lines, and the wrench.
@@ -234,7 +238,9 @@ def platform_arrays(tape: Tape, case: PlatformCase, wanted: Collection[str]) -> 
     condition = add_compliances(arrays, stiffness, wanted, natural)
     verdict = larger(verdict, limited(condition, STIFFNESS_CONDITION**2))
     # Near type 2 the forces of actuators, and their part of the stiffness, are less accurate.
-    verdict = larger(verdict, limited(condition * squared_condition, _MAX_CONDITION_PRODUCT**2))
+    verdict = larger(
+        verdict, limited(condition * squared_condition, _MAX_CONDITION_PRODUCT**2)
+    )
     verdict = larger(verdict, holds_soft_directions(K_B, wanted))
     arrays["verdict"] = np.array([verdict], object)
     if "noteworthy" in wanted and decomposition is not None and "compliance_B" in arrays:

@@ -125,7 +125,12 @@ def fill(
         row[...] = np.nan
     try:
         result = analyse(
-            elastic, q, wrench=wrench, load_kind=load.kind, load_at=load.at, load_axes=axes
+            elastic,
+            q,
+            wrench=wrench,
+            load_kind=load.kind,
+            load_at=load.at,
+            load_axes=axes,
         )
     except ConvergenceError:
         return NOT_ASSEMBLED, q
@@ -196,7 +201,16 @@ def lost_ranks(
     looked_at = aligned_empty(len(which), len(kernel.program.outputs["looked_at"]))
     verdicts = np.zeros(len(which), np.uint8)
     own = loads[which] if loads is not None and loads.ndim == 2 else loads
-    run(other, kernel, q[which], own, {**rows, "looked_at": looked_at}, verdicts, threads, size)
+    run(
+        other,
+        kernel,
+        q[which],
+        own,
+        {**rows, "looked_at": looked_at},
+        verdicts,
+        threads,
+        size,
+    )
 
     J = looked_at[:, : 6 * n].reshape(-1, 6, n)
     is_known = (verdicts == PLAIN) & np.isfinite(looked_at).all(axis=1)
@@ -206,7 +220,9 @@ def lost_ranks(
     is_known &= ~((values > least / _MARGIN) & (values < least * _MARGIN)).any(axis=1)
     ranks = (values > least).sum(axis=1)
     is_lost = is_known & (ranks < min(6, n))
-    if n >= 6 and is_lost.any():  # all postures of a body with fewer freedoms, such as a planar arm
+    if (
+        n >= 6 and is_lost.any()
+    ):  # all postures of a body with fewer freedoms, such as a planar arm
         one = which[np.argmax(np.where(is_lost, ranks, -1))]
         usual = analyse(elastic, q[one]).reduction.usual_rank
         if usual < 6:
@@ -256,7 +272,9 @@ def by_chosen_tensions(
     other, m = replace(taken, case=replace(case, is_chosen=True)), len(springs.stiffness)
     own = loads[which] if loads is not None and loads.ndim == 2 else loads
 
-    def filled(rows: Mapping[str, Array], some: NDArray[np.intp], t: Array) -> NDArray[np.bool_]:
+    def filled(
+        rows: Mapping[str, Array], some: NDArray[np.intp], t: Array
+    ) -> NDArray[np.bool_]:
         verdicts = np.zeros(len(some), np.uint8)
         kernel = kernel_for(other.case, tuple(rows), len(some), compiled)
         load = own[some] if own is not None and own.ndim == 2 else own
@@ -280,7 +298,9 @@ def by_chosen_tensions(
         if name != "pose":
             array[which[unbalanced]] = np.nan
     some = np.flatnonzero(is_known & ~unbalanced)
-    rows = {name: aligned_empty(len(some), *array.shape[1:]) for name, array in arrays.items()}
+    rows = {
+        name: aligned_empty(len(some), *array.shape[1:]) for name, array in arrays.items()
+    }
     some, plain = (some, filled(rows, some, t)) if some.size else (some, some)
     for name, array in arrays.items():
         array[which[some[plain]]] = rows[name][plain]
@@ -382,7 +402,11 @@ class Postures:
         for name, array in self.arrays.items():
             kind, _, letter = name.partition("_")
             # "wrench" is also the name of an axis, so that this array has another name.
-            short = {"stiffness": f"K_{letter}", "compliance": f"C_{letter}", "wrench": "W"}
+            short = {
+                "stiffness": f"K_{letter}",
+                "compliance": f"C_{letter}",
+                "wrench": "W",
+            }
             arrays[short.get(kind, name)] = ("posture", *axes[kind]), array
         labels = {**COMPONENTS, "posture": range(len(self)), "coordinate": self.names}
         return with_labels(arrays, labels, path=self.path)
@@ -400,14 +424,19 @@ class Postures:
         MissingDependencyError
             Without xarray.
         """
-        names = [name for name in self.arrays if name.startswith(("stiffness", "compliance"))]
+        names = [
+            name for name in self.arrays if name.startswith(("stiffness", "compliance"))
+        ]
         if not names:
             raise InputError(
                 "no matrices are among the outputs",
                 expected='outputs=["K"]',
                 got=", ".join(self.arrays),
             )
-        short = [f"{name[0].upper().replace('S', 'K')}_{name.partition('_')[2]}" for name in names]
+        short = [
+            f"{name[0].upper().replace('S', 'K')}_{name.partition('_')[2]}"
+            for name in names
+        ]
         return self.to_xarray()[short].to_dataframe(("posture", "wrench", "motion"))
 
     def counts(self) -> dict[str, int]:
@@ -491,16 +520,25 @@ def analyse_many(
     size = checked_count("chunk", chunk)
     if one_by_one is not None and one_by_one < 0:
         raise InputError(
-            "count cannot be used", where="one_by_one", expected="0 or more", got=one_by_one
+            "count cannot be used",
+            where="one_by_one",
+            expected="0 or more",
+            got=one_by_one,
         )
     given = q if isinstance(q, np.ndarray) else coordinates
     legs = len(getattr(elastic.mechanism, "anchors", ()))
-    arrays = arrays_for(names, out, (*coordinates.shape, legs), {"q": given, "wrench": loads})
+    arrays = arrays_for(
+        names, out, (*coordinates.shape, legs), {"q": given, "wrench": loads}
+    )
     state = np.zeros(len(coordinates), np.uint8)
 
-    kind = checked_load(load_kind, load_at, load_axes, loads is not None, elastic.may_be_loaded)
+    kind = checked_load(
+        load_kind, load_at, load_axes, loads is not None, elastic.may_be_loaded
+    )
     codes = [REGULAR]
-    taken, kernel, reason = chosen(elastic, loads, names, path, len(coordinates), kind, load_axes)
+    taken, kernel, reason = chosen(
+        elastic, loads, names, path, len(coordinates), kind, load_axes
+    )
     if _is_moved(elastic, loads):
         coordinates = coordinates.copy()
     if taken is None:
@@ -509,7 +547,14 @@ def analyse_many(
             elastic, coordinates, loads, arrays, everything, state, codes, kind, load_axes
         )
         return Postures(
-            coordinates, arrays, state, tuple(codes), "engine", reason, elastic.names, len(state)
+            coordinates,
+            arrays,
+            state,
+            tuple(codes),
+            "engine",
+            reason,
+            elastic.names,
+            len(state),
         )
     run(taken, kernel, coordinates, loads, arrays, state, count, size)
     if taken.regular != REGULAR:
@@ -517,19 +562,37 @@ def analyse_many(
     ran: str = "portable" if isinstance(kernel, PortableKernel) else "compiled"
     if not state.any():
         state[:] = _index(codes, taken.regular)
-        return Postures(coordinates, arrays, state, tuple(codes), ran, reason, elastic.names)
+        return Postures(
+            coordinates, arrays, state, tuple(codes), ran, reason, elastic.names
+        )
     doubtful = np.flatnonzero(state == FALLBACK)
     lost_state, lost_rank = "", doubtful[:0]
     if len(doubtful) >= WORTH_RECORDING:
         lost_state, lost_rank, torn = lost_ranks(
-            elastic, taken, coordinates, loads, arrays, doubtful, ran == "compiled", count, size
+            elastic,
+            taken,
+            coordinates,
+            loads,
+            arrays,
+            doubtful,
+            ran == "compiled",
+            count,
+            size,
         )
         state[torn] = UNBALANCED
         _clear_still_halves(elastic, arrays, lost_rank)
         doubtful = np.setdiff1d(doubtful, np.concatenate([lost_rank, torn]))
     if len(doubtful):
         filled, torn = by_chosen_tensions(
-            elastic, taken, coordinates, loads, arrays, doubtful, ran == "compiled", count, size
+            elastic,
+            taken,
+            coordinates,
+            loads,
+            arrays,
+            doubtful,
+            ran == "compiled",
+            count,
+            size,
         )
         state[torn] = UNBALANCED
         doubtful = np.setdiff1d(doubtful, np.concatenate([filled, torn]))
@@ -540,7 +603,9 @@ def analyse_many(
     if len(unbalanced):
         state[unbalanced] = _index(codes, "unbalanced")
         unknown: tuple[str, ...] = ("wrench", "stiffness", "compliance", TENSIONS)
-        if taken.untraced.struts is not None:  # without equilibrium there is no energy either
+        if (
+            taken.untraced.struts is not None
+        ):  # without equilibrium there is no energy either
             unknown += ("energy", "jacobian")
         for name in names:
             if name.startswith(unknown):
@@ -552,14 +617,25 @@ def analyse_many(
         for array in arrays.values():
             array[doubtful[left]] = np.nan
         doubtful = doubtful[~left]
-    _by_reference(elastic, coordinates, loads, arrays, doubtful, state, codes, kind, load_axes)
+    _by_reference(
+        elastic, coordinates, loads, arrays, doubtful, state, codes, kind, load_axes
+    )
     return Postures(
-        coordinates, arrays, state, tuple(codes), ran, reason, elastic.names, len(doubtful)
+        coordinates,
+        arrays,
+        state,
+        tuple(codes),
+        ran,
+        reason,
+        elastic.names,
+        len(doubtful),
     )
 
 
 def _clear_still_halves(
-    elastic: ElasticMechanism, arrays: Mapping[str, Array], which: NDArray[np.intp] | slice
+    elastic: ElasticMechanism,
+    arrays: Mapping[str, Array],
+    which: NDArray[np.intp] | slice,
 ) -> None:
     """Set round-off to zero in the compliances of postures with a rank below six."""
     length = elastic.mechanism.at(elastic.q).length
@@ -695,7 +771,9 @@ class Reader:
         self.elastic, self.readings = elastic, readings
         self._wrench = wrench
         self._plan = plan(elastic, given_as(wrench))
-        self._outputs = tuple(name for name in EVERY_OUTPUT if name in outputs or name == "pose")
+        self._outputs = tuple(
+            name for name in EVERY_OUTPUT if name in outputs or name == "pose"
+        )
         self._kernel: Any = None
         self.state = ""
         if isinstance(self._plan, TracedModel):
@@ -717,7 +795,9 @@ class Reader:
         count = len(q)
         q = q.copy() if self._plan.is_closed or self._plan.settles else q
         arrays = {
-            "readings": aligned_empty(count, len(self._kernel.program.outputs["readings"])),
+            "readings": aligned_empty(
+                count, len(self._kernel.program.outputs["readings"])
+            ),
             "pose": aligned_empty(count, 4, 4),
         }
         verdicts = np.zeros(count, np.uint8)

@@ -127,7 +127,9 @@ class Source:
     def direction(self) -> Array:
         """Unit vectors (..., 3) of the direction, in body axes; rotated like a force."""
         u = np.array(self.settings.direction, float)
-        return self._in_body([0.0, 0.0, 0.0, *(u / np.linalg.norm(u))], (0.0, 0.0, 0.0))[..., 3:]
+        return self._in_body([0.0, 0.0, 0.0, *(u / np.linalg.norm(u))], (0.0, 0.0, 0.0))[
+            ..., 3:
+        ]
 
     def deflection(self) -> Rows:
         """Twist (6, ...) under the given wrench, or under the load."""
@@ -147,7 +149,9 @@ class Source:
 
     # -- implemented by each kind of source -----------------------------------------------------
 
-    def principal(self, kind: str, freedom: Freedom, others: Others, of_held: bool = False) -> Rows:
+    def principal(
+        self, kind: str, freedom: Freedom, others: Others, of_held: bool = False
+    ) -> Rows:
         """Three principal values, smallest first; `of_held`: from the pair with others held."""
         raise NotImplementedError
 
@@ -167,7 +171,9 @@ class Source:
         """A root; recorded sources leave it to `Quantity.root`."""
         raise NotImplementedError
 
-    def where_positive(self, value: Numbers, least: Numbers, at_zero: float = np.nan) -> Numbers:
+    def where_positive(
+        self, value: Numbers, least: Numbers, at_zero: float = np.nan
+    ) -> Numbers:
         """A value that exists only if `least` is positive; `at_zero` if that is zero."""
         raise NotImplementedError
 
@@ -188,7 +194,9 @@ def product_of(values: Rows) -> Numbers:
 def _isotropy(s: Source) -> Numbers:
     values = s.spectrum()
     mean = sum(values[1:], values[0]) * (1.0 / 6.0)
-    return s.root(s.where_positive(product_of([x / mean for x in values]), values[0], 0.0), 6)
+    return s.root(
+        s.where_positive(product_of([x / mean for x in values]), values[0], 0.0), 6
+    )
 
 
 def _natural_length(s: Source) -> Numbers:
@@ -204,11 +212,16 @@ def _asymmetry(s: Source) -> Numbers:
     """`cartstiff.analysis.asymmetry.largest_in_blocks` of K - K^T."""
     K, three = np.moveaxis(s.arrays["stiffness_A"], (-2, -1), (0, 1)), range(3)
     rr, tt, rt = (
-        norm([K[i + r, j + c] for i in three for j in three]) for r, c in ((0, 0), (3, 3), (0, 3))
+        norm([K[i + r, j + c] for i in three for j in three])
+        for r, c in ((0, 0), (3, 3), (0, 3))
     )
     coupling = square_root(rr * tt)
     worst: Numbers = 0.0
-    for r, c, scale in ((0, 0, rr), (3, 3, tt), (0, 3, pick(0.0, coupling, coupling, rt))):
+    for r, c, scale in (
+        (0, 0, rr),
+        (3, 3, tt),
+        (0, 3, pick(0.0, coupling, coupling, rt)),
+    ):
         size: Numbers = 0.0
         for i, j in product(three, three):
             size = larger(size, absolute(K[r + i, c + j] - K[c + j, r + i]))
@@ -275,7 +288,10 @@ def _principal_quantities() -> Iterator[Quantity]:
     for kind, freedom, others, (end, which, column) in product(
         ("stiffness", "compliance"), ("translation", "rotation"), _OTHERS, ends
     ):
-        is_stiff, locked = kind == "stiffness", "rotation translation".replace(freedom, "").strip()
+        is_stiff, locked = (
+            kind == "stiffness",
+            "rotation translation".replace(freedom, "").strip(),
+        )
         yield Quantity(
             f"{'' if is_stiff else 'compliance_'}{freedom}_{others}_{end}",
             f"{which} principal {freedom}al {kind}, {locked} {others}",
@@ -291,7 +307,10 @@ def _end(s: Source, column: int, **which: Any) -> Numbers:
 
 
 def _directional_quantities() -> Iterator[Quantity]:
-    axes: tuple[tuple[str, Freedom], ...] = (("along", "translation"), ("about", "rotation"))
+    axes: tuple[tuple[str, Freedom], ...] = (
+        ("along", "translation"),
+        ("about", "rotation"),
+    )
     for (word, freedom), others in product(axes, _OTHERS):
         yield Quantity(
             f"{word}_{others}",

@@ -51,7 +51,8 @@ class QuickPoses(JointPoses):
             return super()._errors(q, T_wanted, free)
         count, n = q.shape
         kernel = self._kernel(
-            "errors", lambda: _error_program(constants, self.length, self.sizes * self.movable)
+            "errors",
+            lambda: _error_program(constants, self.length, self.sizes * self.movable),
         )
         arrays = kernel({"q": q, "wanted": T_wanted[:, :3].reshape(count, 12)})
         e, J = arrays["e"], arrays["jacobian"].reshape(count, 6, n)
@@ -65,7 +66,9 @@ class QuickPoses(JointPoses):
             return super()._step(q, e, J, mu)
         count, n = q.shape
         is_limited = bool(np.isfinite([self.lower, self.upper]).any())
-        kernel = self._kernel(f"step {is_limited}", lambda: _step_program(self.sizes, is_limited))
+        kernel = self._kernel(
+            f"step {is_limited}", lambda: _step_program(self.sizes, is_limited)
+        )
         inputs = {
             "q": q,
             "e": e,
@@ -92,7 +95,9 @@ def _error_program(constants: TreeConstants, length: float, sizes: Array) -> Pro
     e[3:] = (T[:3, :3].T @ (wanted[:, 3] - T[:3, 3])) * (1.0 / length)
     e[:3], verdict = rotation_vector(R)
     scale = np.repeat([1.0, 1.0 / length], 3)[:, None] * sizes
-    return tape.program({"e": e, "jacobian": J * scale, "verdict": np.array([verdict], object)}, [])
+    return tape.program(
+        {"e": e, "jacobian": J * scale, "verdict": np.array([verdict], object)}, []
+    )
 
 
 def _step_program(sizes: Array, is_limited: bool) -> Program:

@@ -173,7 +173,11 @@ def largest_eigenvalue(matrix: Array) -> tuple[Scalar, Scalar]:
             t = x - d
             values = [
                 (p, p1, p2),
-                (t * p - square * q, p + t * p1 - square * q1, p1 + p1 + t * p2 - square * q2),
+                (
+                    t * p - square * q,
+                    p + t * p1 - square * q1,
+                    p1 + p1 + t * p2 - square * q2,
+                ),
             ]
         p, p1, p2 = values[1]
         root = (p1 * p1) * float((n - 1) ** 2) - (p * p2) * float(n * (n - 1))
@@ -206,7 +210,10 @@ def _tridiagonal(matrix: Array) -> tuple[list[Scalar], list[Scalar]]:
 
 #: Exchanges that sort n numbers: of neighbours in turns, or a known shorter network.
 _EXCHANGES = {
-    **{n: tuple((i, i + 1) for k in range(n) for i in range(k % 2, n - 1, 2)) for n in _SWEEPS},
+    **{
+        n: tuple((i, i + 1) for k in range(n) for i in range(k % 2, n - 1, 2))
+        for n in _SWEEPS
+    },
     2: ((0, 1),),
     3: ((0, 1), (1, 2), (0, 1)),
     6: (
@@ -262,7 +269,9 @@ def principal_values(
     return ascending(merged), larger(doubt, pick(alone, FALLBACK, PLAIN, verdict))
 
 
-def periods(arrays: Mapping[str, Array], D: Array, number: int) -> tuple[list[Scalar], Scalar]:
+def periods(
+    arrays: Mapping[str, Array], D: Array, number: int
+) -> tuple[list[Scalar], Scalar]:
     """The largest 1 / omega^2, and the verdict on them.
 
     Parameters
@@ -337,7 +346,9 @@ class Readings:
     def needs(self) -> tuple[str, ...]:
         """Required outputs."""
         own = {"B", self.settings.connection} - {"load"}
-        names = [f"{kind}_{c}" for c in sorted(own) for kind in ("stiffness", "compliance")]
+        names = [
+            f"{kind}_{c}" for c in sorted(own) for kind in ("stiffness", "compliance")
+        ]
         if not FREQUENCIES.isdisjoint(self.names):
             names += ["kinetic", "lagrangian", "motion"]
         return (*names, "stiffness_A", "pose", "jacobian", "wrench", "energy")
@@ -345,7 +356,9 @@ class Readings:
     def exist_beside(self, arrays: Mapping[str, Array]) -> bool:
         """Whether all required outputs exist."""
         of_jacobian = any("jacobian" in QUANTITIES[name].needs for name in self.names)
-        return all(name in arrays for name in self.needs if name != "jacobian" or of_jacobian)
+        return all(
+            name in arrays for name in self.needs if name != "jacobian" or of_jacobian
+        )
 
 
 #: Largest condition number of a pair, with a margin for two ways to compute it.
@@ -399,7 +412,9 @@ class RecordedSource(Source):
         area = square_root(k[0] / k[2])
         size = k[0] / area / area + k[1] / area + k[2]
         self.require(
-            limited(size * (c[0] * area * area + c[1] * area + c[2]), _MAX_PAIR_CONDITION**2)
+            limited(
+                size * (c[0] * area * area + c[1] * area + c[2]), _MAX_PAIR_CONDITION**2
+            )
         )
 
     def principal(
@@ -411,7 +426,9 @@ class RecordedSource(Source):
             keep = BLOCKS[freedom]
             C = self.C if of_held else self.free_C
             if others == "held":
-                values, doubt = principal_values(self.K[keep, keep], *eliminated(self.C, keep))
+                values, doubt = principal_values(
+                    self.K[keep, keep], *eliminated(self.C, keep)
+                )
             else:
                 values, doubt = principal_values(C[keep, keep])
             self.require(doubt)
@@ -497,7 +514,9 @@ class RecordedSource(Source):
         R = self._root_of_jacobian(self.settings.length)
         product: Scalar = 1.0
         for factor in (R, upper_inverse(R).T):
-            largest, doubt = largest_eigenvalue(symmetric_product(factor.T, factor, zeros(6, 6)))
+            largest, doubt = largest_eigenvalue(
+                symmetric_product(factor.T, factor, zeros(6, 6))
+            )
             self.require(doubt)
             product = product * largest
         return 1.0 / square_root(product)
@@ -567,7 +586,8 @@ _Case = ChainCase | PlatformCase
 def with_masses(elastic: ElasticMechanism, case: _Case) -> _Case | None:
     """The case with all masses; None if some are not recorded, or if there are none."""
     if any(
-        isinstance(p, Scaled) or (isinstance(p, DeadForce) and p.mass) for p in elastic.potentials
+        isinstance(p, Scaled) or (isinstance(p, DeadForce) and p.mass)
+        for p in elastic.potentials
     ):
         return None
     mechanism = elastic.mechanism

@@ -117,7 +117,11 @@ class QuickPosture(PostureStiffness):
         """Kinematics at q."""
         posture = self._asked.mechanism.at(self.q)
         lengths, lines = self.leg_lengths, self._recorded("actuation")
-        if isinstance(posture, PlatformPosture) and lengths is not None and lines is not None:
+        if (
+            isinstance(posture, PlatformPosture)
+            and lengths is not None
+            and lines is not None
+        ):
             lines = lines.reshape(-1, 6)
             posture.lines = LineGeometry(lengths, lines[:, 3:], lines)
         return posture
@@ -234,7 +238,9 @@ class QuickPosture(PostureStiffness):
     def _diagnostics(self) -> list[Note]:
         """Notes of deflected links, of cables, and of more than six lines."""
         springs = self._asked.springs
-        if isinstance(springs, LineSprings) and (springs.unilateral or len(springs.stiffness) > 6):
+        if isinstance(springs, LineSprings) and (
+            springs.unilateral or len(springs.stiffness) > 6
+        ):
             return self.elastic.diagnostics(self.posture)
         if not self._code.bends:
             return []
@@ -255,13 +261,17 @@ class QuickPosture(PostureStiffness):
     def _forces(self) -> list[Note]:
         """Notes on forces of legs, from the engine, if these have limits."""
         legs = getattr(self._asked.mechanism, "leg_limits", None)
-        return [] if legs is None or legs.forces is None else force_notes(self.elastic, self)
+        return (
+            [] if legs is None or legs.forces is None else force_notes(self.elastic, self)
+        )
 
 
 class PostureCode:
     """Code for a mechanism with or without a wrench: machine code, or printed Python."""
 
-    def __init__(self, elastic: ElasticMechanism, taken: TracedModel, compiled: bool) -> None:
+    def __init__(
+        self, elastic: ElasticMechanism, taken: TracedModel, compiled: bool
+    ) -> None:
         from cartstiff.batch.execution import CompiledPosture, PrintedPosture
         from cartstiff.batch.plans import CLOSING, SETTLING, program_for
 
@@ -269,7 +279,9 @@ class PostureCode:
         one_posture = CompiledPosture if compiled else PrintedPosture
         shared = {name: np.ascontiguousarray(rows) for name, rows in taken.shared.items()}
         self._answer = one_posture(program_for(case, RECORDED), shared)
-        self._closing = one_posture(program_for(case, CLOSING), {}) if taken.is_closed else None
+        self._closing = (
+            one_posture(program_for(case, CLOSING), {}) if taken.is_closed else None
+        )
         self._settling = None
         if taken.settles:
             self._settling = one_posture(program_for(case, SETTLING), shared)
@@ -285,7 +297,9 @@ class PostureCode:
         self.is_closed, self._home = taken.is_closed, taken.home
         self.is_inner = not elastic.parted_terms()[1]
         chart = elastic.mechanism.at(elastic.q).chart()
-        self.notes_on_chart = (Note("kf-undefined", chart),) if isinstance(chart, str) else ()
+        self.notes_on_chart = (
+            (Note("kf-undefined", chart),) if isinstance(chart, str) else ()
+        )
         self.notes_on_weight = tuple(gravity_loads(elastic).notes)
 
     def record(self, q: Array, wrench: Array | None) -> tuple[Array, Array] | None:
@@ -307,7 +321,9 @@ class PostureCode:
             return {}
         return self._untraced.derivatives(q[None], self._is_compiled)[0]
 
-    def _bent(self, settling: OnePosture, q: Array, given: dict[str, Array]) -> Array | None:
+    def _bent(
+        self, settling: OnePosture, q: Array, given: dict[str, Array]
+    ) -> Array | None:
         """Coordinates at which links carry the load; None if a few steps do not find them."""
         from cartstiff.batch.closed_chains import settle
 
@@ -326,7 +342,10 @@ class PostureCode:
 
     def _assembled(self, closing: OnePosture, q: Array) -> Array | None:
         """Coordinates that close the chain, as `Chain.closed` finds them; None if not found."""
-        if self._home is None or not (steps := self._home.steps_where_asked(q[None])).any():
+        if (
+            self._home is None
+            or not (steps := self._home.steps_where_asked(q[None])).any()
+        ):
             return self._closed(closing, q)
 
         def near(start: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
@@ -440,7 +459,9 @@ def _with_recorded_code(engine: Ask) -> Ask:
         if (code := calls.code) is None:
             number = next(calls.number)
             if number in (COMPILED_AT, BENT_COMPILED_AT):
-                calls.code = _compiled(elastic, wrench is not None, number == BENT_COMPILED_AT)
+                calls.code = _compiled(
+                    elastic, wrench is not None, number == BENT_COMPILED_AT
+                )
             return engine(elastic, q, wrench=wrench)
         values = elastic.mechanism.checked(elastic.q if q is None else q)
         force = None if wrench is None else checked_input(wrench, (6,), "wrench")

@@ -103,7 +103,9 @@ class Tape:
 
     def record(self, name: str, *arguments: Number | float) -> Number:
         """Record an operation on numbers, at least one of which is recorded."""
-        steps = tuple([a.step if type(a) is Number else self._constant(a) for a in arguments])
+        steps = tuple(
+            [a.step if type(a) is Number else self._constant(a) for a in arguments]
+        )
         if name in _COMMUTATIVE and steps[0] > steps[1]:
             steps = steps[::-1]
         return self._step(name, steps)
@@ -131,11 +133,17 @@ class Tape:
         Inputs in `shared` have one row for all postures.
         """
         wanted = {
-            name: [x.step if isinstance(x, Number) else self._constant(x) for x in np.ravel(values)]
+            name: [
+                x.step if isinstance(x, Number) else self._constant(x)
+                for x in np.ravel(values)
+            ]
             for name, values in outputs.items()
         }
         operations = self.operations
-        needed, waiting = set[int](), [step for steps in wanted.values() for step in steps]
+        needed, waiting = (
+            set[int](),
+            [step for steps in wanted.values() for step in steps],
+        )
         read = set[int]()
         while waiting:
             step = waiting.pop()

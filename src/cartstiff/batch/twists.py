@@ -123,7 +123,8 @@ def read_chain(chain: Chain) -> TreeConstants | str:
     for screw in screws:
         turning = np.linalg.norm(screw[:3])
         if abs((turning or np.linalg.norm(screw[3:])) - 1.0) > numerics.ROUNDOFF or (
-            turning and np.abs(np.cross(screw[:3], screw[3:])).max() > numerics.ROUNDOFF_OF_SUMS
+            turning
+            and np.abs(np.cross(screw[:3], screw[3:])).max() > numerics.ROUNDOFF_OF_SUMS
         ):
             return "a joint's axis does not pass through its own frame"
     mimic = offset = None
@@ -175,7 +176,9 @@ class Links:
             self.placements.append(turned)
         self.position = position
         # Consecutively, so that the vector code computes several at a time.
-        self.sines = [sine(x) if t else 0.0 for x, t in zip(position, self.turning, strict=True)]
+        self.sines = [
+            sine(x) if t else 0.0 for x, t in zip(position, self.turning, strict=True)
+        ]
         self.cosines = [
             cosine(x) if t else 1.0 for x, t in zip(position, self.turning, strict=True)
         ]
@@ -212,7 +215,9 @@ class Walk:
         axis = self.R[:, 2]
         if not self.links.turning[joint]:
             return np.concatenate([zeros(3), axis])
-        return np.concatenate([axis, cross(self.p, axis) + axis * self.links.pitches[joint]])
+        return np.concatenate(
+            [axis, cross(self.p, axis) + axis * self.links.pitches[joint]]
+        )
 
     def move(self, joint: int, sign: float) -> None:
         """Move through the motion of a joint; with sign -1 backwards."""
@@ -293,14 +298,21 @@ class Kinematics:
                 walk.move(joint - 1, 1.0)
             self._behind[joint] = walk
         ground, body = self._behind[0], self._behind[joints + 1]
-        self.R_C_F, self.p_C_F, self.R_C_M, self.p_C_M = ground.R, ground.p, body.R, body.p
+        self.R_C_F, self.p_C_F, self.R_C_M, self.p_C_M = (
+            ground.R,
+            ground.p,
+            body.R,
+            body.p,
+        )
 
         way = constants.support(constants.carrier)
         lengths = [links.lengths[j] for j in (*way, joints)]
         self.size, self.reach = sum(lengths), sum(lengths[1:])
         supports = [constants.support(j + 1) for j in range(joints)]
         self.roots = [j for j, support in enumerate(supports) if len(support) == 1]
-        self.outward = [[b for b in range(joints) if a in supports[b]] for a in range(joints)]
+        self.outward = [
+            [b for b in range(joints) if a in supports[b]] for a in range(joints)
+        ]
         # Twists of joints between C and the body take fewer operations from there.
         walk = Walk(links)
         for j, link in zip(reversed(way), [joints, *reversed(way)], strict=False):
@@ -317,16 +329,22 @@ class Kinematics:
     def _beyond(self, field: ForceField) -> tuple[Array, Array]:
         """Mass and first moment in C of all bodies that each joint carries."""
         first = zeros(len(field.weights), 3)
-        for j, (weight, point) in enumerate(zip(field.weights, field.points, strict=True)):
+        for j, (weight, point) in enumerate(
+            zip(field.weights, field.points, strict=True)
+        ):
             if weight:
                 walk = self._behind[j + 1]
-                first[j] = (walk.R @ (self.links.turns[j].T @ np.array(point)) + walk.p) * weight
+                first[j] = (
+                    walk.R @ (self.links.turns[j].T @ np.array(point)) + walk.p
+                ) * weight
         return self.carried(np.array(field.weights)), self.carried(first)
 
     def carried(self, own: Array) -> Array:
         """Sums over the bodies that each joint carries, of numbers (joints, ...) of the bodies."""
         sums = own.astype(object)
-        for j in reversed(range(len(sums))):  # a joint comes after the one that carries it
+        for j in reversed(
+            range(len(sums))
+        ):  # a joint comes after the one that carries it
             if parent := self.links.parents[j]:
                 sums[parent - 1] = sums[parent - 1] + sums[j]
         return sums

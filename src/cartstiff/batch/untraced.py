@@ -56,7 +56,15 @@ from cartstiff.batch.execution import (
     from_triangles,
     lower_triangle,
 )
-from cartstiff.batch.tape import Program, Scalar, Tape, absolute, larger, pick, square_root
+from cartstiff.batch.tape import (
+    Program,
+    Scalar,
+    Tape,
+    absolute,
+    larger,
+    pick,
+    square_root,
+)
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Mechanism
@@ -71,7 +79,12 @@ from cartstiff.potentials.flexure_struts import (
     strut_end,
 )
 from cartstiff.potentials.springs import SpringLaw
-from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, wrench_in_body
+from cartstiff.stiffness.applied_load import (
+    DEAD_AT_ORIGIN,
+    Axes,
+    LoadKind,
+    wrench_in_body,
+)
 
 #: Largest turn [rad] for which all series of the shapes are exact to round-off.
 _LARGEST_TURN = 0.42
@@ -95,7 +108,9 @@ def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
         step = (missing / (softness - (s2 * squares).sum(axis=-1)))[0]
         N = N + step
     known = absolute(N[0]) + absolute(stretch.value[0]) * (1.0 / softness)
-    verdict = larger(verdict, pick(known * _MAX_LAST_CHANGE, absolute(step), FALLBACK, PLAIN))
+    verdict = larger(
+        verdict, pick(known * _MAX_LAST_CHANGE, absolute(step), FALLBACK, PLAIN)
+    )
     low, high = beam.bounds
     verdict = larger(verdict, pick(N[0], 0.5 * low, FALLBACK, PLAIN))
     if np.isfinite(high):
@@ -123,7 +138,9 @@ def _segment_kernel(length: float, section: Section, compiled: bool) -> Kernel:
     return compiled_or_portable(segment_program(length, section), compiled)
 
 
-def segments_of_many(beams: Sequence[Beam], q: Array, compiled: bool) -> tuple[Array, Array, Array]:
+def segments_of_many(
+    beams: Sequence[Beam], q: Array, compiled: bool
+) -> tuple[Array, Array, Array]:
     """Segments of beams at many coordinates q (N, n), in the order of the beams.
 
     Returns
@@ -135,9 +152,14 @@ def segments_of_many(beams: Sequence[Beam], q: Array, compiled: bool) -> tuple[A
     """
     starts = np.cumsum([0, *(len(beam.indices) for beam in beams)])
     energies = np.zeros(len(q))
-    gradients, hessians = np.empty((len(q), starts[-1], 6)), np.empty((len(q), starts[-1], 6, 6))
+    gradients, hessians = (
+        np.empty((len(q), starts[-1], 6)),
+        np.empty((len(q), starts[-1], 6, 6)),
+    )
     for group in alike(beams):
-        own = np.concatenate([np.arange(len(b.indices)) + starts[beams.index(b)] for b in group])
+        own = np.concatenate(
+            [np.arange(len(b.indices)) + starts[beams.index(b)] for b in group]
+        )
         x = q[:, np.concatenate([beam.indices for beam in group])]
         energy, gradient, hessian = _evaluated(group[0], x.reshape(-1, 6), compiled)
         energies += energy.reshape(len(q), -1).sum(axis=1)
@@ -153,7 +175,9 @@ def _evaluated(beam: Beam, x: Array, compiled: bool) -> tuple[Array, Array, Arra
     hessians = from_triangles(outputs["hessian"])
     doubtful = np.flatnonzero(~(outputs["verdict"][:, 0] == PLAIN))
     if doubtful.size:
-        energies[doubtful], gradients[doubtful], hessians[doubtful] = beam.segments(x[doubtful])
+        energies[doubtful], gradients[doubtful], hessians[doubtful] = beam.segments(
+            x[doubtful]
+        )
     return energies, gradients, hessians
 
 
@@ -253,7 +277,9 @@ class _Strut:
         self.now = larger(largest(self.missing * roots), largest(self.gap * turn))
         # In equilibrium a strut must be near the straight shape and H positive, so that it is
         # stable.
-        self.near = pick(largest(q[[3, 4, 5, 10, 11, 12]]), _LARGEST_HINGE_TURN, PLAIN, FALLBACK)
+        self.near = pick(
+            largest(q[[3, 4, 5, 10, 11, 12]]), _LARGEST_HINGE_TURN, PLAIN, FALLBACK
+        )
         self.near = require_pivots(self.near, pivots, self.k, _LEAST_PIVOT_SHARE)
 
     def answer(self, forces: Array, gap: Array) -> tuple[Array, Array]:
@@ -318,7 +344,9 @@ def _coupling(alike: _Alike) -> Program:
     tape = Tape()
     ends = np.reshape(alike.ends, (-1, 4, 4))
     m, sizes = len(ends), alike.whole * np.repeat([1.0, 1.0 / alike.mean], 3)
-    W, dW, more = (tape.vector(name, 6 * m).reshape(m, 6) for name in ("W", "dW", "more_W"))
+    W, dW, more = (
+        tape.vector(name, 6 * m).reshape(m, 6) for name in ("W", "dW", "more_W")
+    )
     back = np.swapaxes(se3.adjoint_of_inverse(ends), -1, -2)
     now = tape.vector("gradient", 6) - sum(b @ w for b, w in zip(back, W, strict=True))
     short = now - sum(b @ w for b, w in zip(back, dW, strict=True))
@@ -358,7 +386,11 @@ class _Search:
         rows = {name: np.zeros((N * m, size)) for name, size in _state(n).items()}
         rows["rest"][:, 0] = (rest - struts.made).reshape(-1)
         rows["q"][:, self.alike.free.index(SLIDE)] = rows["rest"][:, 0]
-        self.rows = {"numbers": numbers.reshape(N * m, -1), **rows, "shift": np.zeros((N * m, 1))}
+        self.rows = {
+            "numbers": numbers.reshape(N * m, -1),
+            **rows,
+            "shift": np.zeros((N * m, 1)),
+        }
         self.balance = {name: np.empty(self.rows[name].shape) for name in _BALANCE}
         self._missed = np.full((N, m), np.inf)
 
@@ -369,7 +401,9 @@ class _Search:
         now, verdict, near, whole = (x.reshape(count, m) for x in outputs["seen"].T)
         doubt, shift = verdict.max(axis=1), np.zeros((count * m, 1))
         if gradients is not None:
-            together = {name: outputs[name].reshape(count, -1) for name in ("W", "dW", "more_W")}
+            together = {
+                name: outputs[name].reshape(count, -1) for name in ("W", "dW", "more_W")
+            }
             together["gradient"] = np.ascontiguousarray(gradients[self.which])
             coupled = self._program(_coupling)(together)
             short, unsure = coupled["seen"].T
@@ -435,7 +469,9 @@ def strut_states(
     """
     start, free = struts.start_rest(poses, every)
     search = _Search(struts, poses, start)
-    if type(struts) is not FlexureStruts or (free.any() and not (free.all() and len(free) == 6)):
+    if type(struts) is not FlexureStruts or (
+        free.any() and not (free.all() and len(free) == 6)
+    ):
         search.which = search.which[:0]
     for _ in range(_MAX_STEPS):
         if not search.which.size:
@@ -519,11 +555,16 @@ class UntracedTerms:
         """
         count, n = q.shape
         sums = _Sums(
-            np.zeros((count, 1)), np.zeros((0, n)), np.zeros((0, n, n)), np.full(count, PLAIN)
+            np.zeros((count, 1)),
+            np.zeros((0, n)),
+            np.zeros((0, n, n)),
+            np.full(count, PLAIN),
         )
         inputs = {"energies": sums.energies}
         if self.is_dense:
-            sums = sums._replace(gradients=np.zeros((count, n)), hessians=np.zeros((count, n, n)))
+            sums = sums._replace(
+                gradients=np.zeros((count, n)), hessians=np.zeros((count, n, n))
+            )
             for j, law in self.laws.items():
                 x = q[:, j] - (0.0 if self.rest is None else self.rest[j])
                 energy, torque, stiffness = law.evaluate(x)
@@ -533,11 +574,16 @@ class UntracedTerms:
             self._add_loose(q, sums)
             if self.struts is not None:
                 self._add_struts(self.struts, q, wrench, compiled, sums)
-            inputs |= {"gradients": sums.gradients, "hessians": sums.hessians.reshape(count, n * n)}
+            inputs |= {
+                "gradients": sums.gradients,
+                "hessians": sums.hessians.reshape(count, n * n),
+            }
         if self.beams:
             energy, gradient, hessian = segments_of_many(self.beams, q, compiled)
             sums.energies[:, 0] += energy
-            inputs["segment_gradients"] = np.ascontiguousarray(gradient.reshape(count, -1))
+            inputs["segment_gradients"] = np.ascontiguousarray(
+                gradient.reshape(count, -1)
+            )
             inputs["segment_hessians"] = np.ascontiguousarray(hessian.reshape(count, -1))
         return inputs, sums.verdicts
 
@@ -559,7 +605,12 @@ class UntracedTerms:
                 verdicts[i] = FALLBACK
 
     def _add_struts(
-        self, struts: FlexureStruts, q: Array, wrench: Array | None, compiled: bool, sums: _Sums
+        self,
+        struts: FlexureStruts,
+        q: Array,
+        wrench: Array | None,
+        compiled: bool,
+        sums: _Sums,
     ) -> None:
         energies, gradients, hessians, verdicts = sums
         if not isinstance(self.mechanism, Platform):

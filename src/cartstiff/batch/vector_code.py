@@ -23,7 +23,11 @@ from cartstiff.batch.tape import Input, Program
 # Sine and cosine as in fdlibm: pi/2 in three parts of which the first two have 33 digits, so that
 # their products with a whole number below 2^20 are exact, and the minimax polynomials.
 _TWO_OVER_PI = 6.36619772367581382433e-01
-_HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
+_HALF_PI = (
+    1.57079632673412561417e00,
+    6.07710050630396597660e-11,
+    2.02226624879595063154e-21,
+)
 _SINE = (
     -1.66666666666666324348e-01,
     8.33333333332248946124e-03,
@@ -114,7 +118,9 @@ class Writer:
     def store(self, value: str, base: str, index: int, how: str = "") -> None:
         """Store a vector into memory."""
         how = how or f"align {8 * self.width}"
-        self.lines.append(f"  store {self.vector} {value}, ptr {self.address(base, index)}, {how}")
+        self.lines.append(
+            f"  store {self.vector} {value}, ptr {self.address(base, index)}, {how}"
+        )
 
     def splat(self, scalar: str) -> str:
         """Write a scalar in every lane."""
@@ -182,7 +188,9 @@ class Writer:
         if name in _UNARY:
             return self.new(f"call {v} @{_UNARY[name]}.v{self.width}f64({v} {a[0]})")
         if name == "copysign":
-            return self.new(f"call {v} @llvm.copysign.v{self.width}f64({v} {a[0]}, {v} {a[1]})")
+            return self.new(
+                f"call {v} @llvm.copysign.v{self.width}f64({v} {a[0]}, {v} {a[1]})"
+            )
         x, y, yes, no = (a[1], a[0], a[0], a[1]) if name == "max" else a
         mask = self.new(f"fcmp olt {v} {x}, {y}")
         return self.new(f"select <{self.width} x i1> {mask}, {v} {yes}, {v} {no}")
@@ -214,7 +222,9 @@ def kernel(
     return "\n".join([function, _declarations(width)])
 
 
-def _records(program: Program, width: int, stream: bool, kept: dict[int, int]) -> list[list[str]]:
+def _records(
+    program: Program, width: int, stream: bool, kept: dict[int, int]
+) -> list[list[str]]:
     """From memory to the outputs: entries side by side become records; in pieces.
 
     Two postures at a time: halves of vectors are put side by side as they are read, which leaves
@@ -230,10 +240,16 @@ def _records(program: Program, width: int, stream: bool, kept: dict[int, int]) -
             pieces.append(writer.lines)
             continue
         piece = 4 if size % 4 == 0 and width >= 4 else 2
-        how = f"align {8 * piece}, !nontemporal !0" if stream and size % 2 == 0 else "align 8"
+        how = (
+            f"align {8 * piece}, !nontemporal !0"
+            if stream and size % 2 == 0
+            else "align 8"
+        )
         for lane, first in product(range(0, width, 2), range(0, size - size % 2, piece)):
             writer = Writer(width, {}, f"r{i}.{lane}.{first}.")
-            both = _exchanged(writer, [kept[s] for s in steps[first : first + piece]], lane)
+            both = _exchanged(
+                writer, [kept[s] for s in steps[first : first + piece]], lane
+            )
             for half, start in zip(both, (lane * size, (lane + 1) * size), strict=True):
                 at = writer.address(f"%out{i}", start + first)
                 writer.lines.append(f"  store <{piece} x double> {half}, ptr {at}, {how}")
@@ -462,7 +478,11 @@ def scratch_size(program: Program, width: int, longest: int = LONGEST) -> int:
 def input_arrays(program: Program) -> list[str]:
     """Names of the inputs, in the order of the kernel's argument."""
     return sorted(
-        {program.inputs[o.arguments[0]].array for o in program.operations if o.name == "input"}
+        {
+            program.inputs[o.arguments[0]].array
+            for o in program.operations
+            if o.name == "input"
+        }
     )
 
 
@@ -481,7 +501,12 @@ class _Body:
         widths: dict[str, int],
         kept: dict[int, int],
     ) -> None:
-        self.writer, self.program, self.arrays, self.widths = writer, program, arrays, widths
+        self.writer, self.program, self.arrays, self.widths = (
+            writer,
+            program,
+            arrays,
+            widths,
+        )
         self.kept = kept
         self.values: dict[int, str] = {}
         self._read: dict[int, int] = {}
@@ -493,9 +518,15 @@ class _Body:
         name, arguments, number = self.program.operations[step]
         if name == "constant":
             return self.writer.constant(number)
-        if name == "input" and self.program.inputs[arguments[0]].array in self.program.shared:
+        if (
+            name == "input"
+            and self.program.inputs[arguments[0]].array in self.program.shared
+        ):
             return self.writer.kept(self.program.inputs[arguments[0]])
-        if step in self.kept and self._now > self._read.get(step, self._now) + _RELOAD_AFTER:
+        if (
+            step in self.kept
+            and self._now > self._read.get(step, self._now) + _RELOAD_AFTER
+        ):
             self.values.pop(step, None)
         self._read[step] = self._now
         if step not in self.values:
@@ -531,7 +562,9 @@ class _Body:
                 read = [self.value(a) for a in arguments]
                 self.values[step] = self.writer.operation(name, read)
             if step in self.kept:
-                self.writer.store(self.value(step), "%memory", self.writer.width * self.kept[step])
+                self.writer.store(
+                    self.value(step), "%memory", self.writer.width * self.kept[step]
+                )
 
     def _turn(self, step: int, stop: int) -> None:
         """Write sines and cosines of the next angles that are already computed."""
@@ -547,7 +580,9 @@ class _Body:
         self.angles.update(zip(angles, both, strict=True))
 
 
-def vector_code(program: Program, width: int, stream: bool = False, longest: int = LONGEST) -> str:
+def vector_code(
+    program: Program, width: int, stream: bool = False, longest: int = LONGEST
+) -> str:
     """LLVM text of ``kernel(blocks, inputs, outputs, scratch, progress)``.
 
     `inputs` and `outputs` are arrays of pointers in the order of `input_arrays` and of

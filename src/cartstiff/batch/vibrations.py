@@ -81,7 +81,9 @@ class ManyModes:
 
     @property
     def _loads(self) -> Array | None:
-        return self.wrenches if self.wrenches is not None and np.any(self.wrenches) else None
+        return (
+            self.wrenches if self.wrenches is not None and np.any(self.wrenches) else None
+        )
 
     def _each(
         self, answer: Callable[[Modes], ArrayLike], count: int, which: Array | None = None
@@ -107,8 +109,12 @@ class ManyModes:
         """Frequencies (N, count) by recorded arithmetic, and where they are valid (N,)."""
         nothing = np.full((len(self.q), count), np.nan), np.zeros(len(self.q), bool)
         loads, axes = self._loads, self.load.get("load_axes", "body")
-        kind = LoadKind(self.load.get("load_kind", "dead"), self.load.get("load_at", LoadKind().at))
-        taken = "" if len(self.q) < WORTH_RECORDING else plan(self.elastic, given_as(loads))
+        kind = LoadKind(
+            self.load.get("load_kind", "dead"), self.load.get("load_at", LoadKind().at)
+        )
+        taken = (
+            "" if len(self.q) < WORTH_RECORDING else plan(self.elastic, given_as(loads))
+        )
         taken = taken if isinstance(taken, str) else taken.under(kind, axes)
         case = None if isinstance(taken, str) else with_masses(self.elastic, taken.case)
         if isinstance(taken, str) or case is None:
@@ -121,7 +127,11 @@ class ManyModes:
         return self._of_matrices(arrays, kind, verdicts == PLAIN, count)
 
     def _of_matrices(
-        self, arrays: Mapping[str, Array], kind: LoadKind, known: NDArray[np.bool_], count: int
+        self,
+        arrays: Mapping[str, Array],
+        kind: LoadKind,
+        known: NDArray[np.bool_],
+        count: int,
     ) -> tuple[Array, NDArray[np.bool_]]:
         length, force = convert_length(Units(), self.elastic.units)
         n = round(arrays["kinetic"].shape[1] ** 0.5)
@@ -134,7 +144,9 @@ class ManyModes:
             D = kind.change(W)
             added = J.swapaxes(1, 2) @ D @ J
             K = H + 0.5 * (added + added.swapaxes(1, 2))
-            sizes = np.sqrt(np.maximum(K.diagonal(axis1=1, axis2=2), numerics.TINY))[:, :, None]
+            sizes = np.sqrt(np.maximum(K.diagonal(axis1=1, axis2=2), numerics.TINY))[
+                :, :, None
+            ]
             pairs = sizes * sizes.swapaxes(1, 2)
             values, axes = np.linalg.eigh(K / pairs)
             root = axes / sizes / np.sqrt(np.maximum(values, numerics.TINY))[:, None]

@@ -105,10 +105,14 @@ class Analysis(Reading):
                     result,
                     connection=connection or own,
                     length=Metres.in_units(self.length, result.elastic.units),
-                    at=None if self.report_at is None else pose(translation=self.report_at),
+                    at=None
+                    if self.report_at is None
+                    else pose(translation=self.report_at),
                     direction=in_body(self.direction),
                     wrench=in_body(self.added_load),
-                    target=None if self.wanted is None else self.wanted.in_body_frame(result),
+                    target=None
+                    if self.wanted is None
+                    else self.wanted.in_body_frame(result),
                     tolerances=tolerances,
                     progress=progress,
                 )
@@ -120,7 +124,10 @@ class Analysis(Reading):
                     "the analysis leaves the range of double precision",
                     expected="numbers of moderate size, or --analysis none",
                 ) from None
-        if self.wanted is not None and (joints := answer["synthesis"]["target"]) is not None:
+        if (
+            self.wanted is not None
+            and (joints := answer["synthesis"]["target"]) is not None
+        ):
             joints |= {"order": self.wanted.order, "order_from": self.wanted.order_from}
         return answer
 
@@ -205,7 +212,9 @@ def command(
             result = analyse(elastic, relaxed(elastic, result.q), **manner)
         data = result.to_dict()
         if order is not None or axes is not None:
-            data["as_controller"] = _as_controller(result, order or ORDERS[0], axes or "body")
+            data["as_controller"] = _as_controller(
+                result, order or ORDERS[0], axes or "body"
+            )
         by_parameters = parameters.add(result, setup, data)
     json_text(data, setup.mechanism)  # or a refusal, before anything is written
     if reading.level != "none":
@@ -216,7 +225,12 @@ def command(
         write_json(data, output)
 
     def text() -> str:
-        from cartstiff.report.analysis import BALANCING, answer_lines, describe, summary_text
+        from cartstiff.report.analysis import (
+            BALANCING,
+            answer_lines,
+            describe,
+            summary_text,
+        )
 
         shown, answer = "", list[str]()
         if reading.level != "none":
@@ -226,7 +240,9 @@ def command(
             shown = "\n".join([*_matrices_text(data["as_controller"]), shown])
         lines = [describe(result, shown, answer=answer), *by_parameters]
         if not relax and any(note.code == "unbalanced" for note in result.notes):
-            lines.append("  --relax lets the self-motion settle, with the body held where it is")
+            lines.append(
+                "  --relax lets the self-motion settle, with the body held where it is"
+            )
             if setup.load is None:
                 lines.append(f"  {BALANCING}")
         return "\n".join(lines)
@@ -244,13 +260,17 @@ def command(
 def _as_controller(result: PostureStiffness, order: Any, axes: Any) -> dict[str, Any]:
     """Return the matrices in another order or along other axes, about M's origin."""
     matrices = {
-        name: None if K is None else result.tensor(name).as_controller(order=order, axes=axes)
+        name: None
+        if K is None
+        else result.tensor(name).as_controller(order=order, axes=axes)
         for name, K in result.matrices.items()
     }
     return {
         "order": order,
         "axes": axes,
-        "stiffness": {name: None if K is None else K.tolist() for name, K in matrices.items()},
+        "stiffness": {
+            name: None if K is None else K.tolist() for name, K in matrices.items()
+        },
     }
 
 
@@ -261,7 +281,10 @@ def _matrices_text(shown: dict[str, Any]) -> list[str]:
     from cartstiff.stiffness.tensor import format_matrix
 
     axes = AXES_WORDS[shown["axes"]]
-    lines = [f"As a controller has them: order {shown['order']}, {axes}, about M's origin", ""]
+    lines = [
+        f"As a controller has them: order {shown['order']}, {axes}, about M's origin",
+        "",
+    ]
     for name, K in shown["stiffness"].items():
         if K is not None:
             lines += [*format_matrix(np.array(K), [""] * 6, f"K^{name}").split("\n"), ""]

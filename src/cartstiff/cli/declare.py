@@ -55,11 +55,20 @@ class OptionType(click.ParamType):  # type: ignore[type-arg]
     def __init__(self, shape: str) -> None:
         self.name = shape
 
-    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:  # noqa: ARG002
+    def get_metavar(
+        self,
+        param: click.Parameter,  # noqa: ARG002
+        ctx: click.Context | None = None,  # noqa: ARG002
+    ) -> str:
         """Words in --help."""
         return self.name
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ARG002
+    def convert(
+        self,
+        value: Any,
+        param: click.Parameter | None,
+        ctx: click.Context | None,  # noqa: ARG002
+    ) -> Any:
         """Parse a text; values that click passes again are unchanged."""
         where = self.name if param is None else param.opts[-1]
         return self.parsed(value, where) if isinstance(value, str) else value
@@ -107,7 +116,9 @@ class _Option(click.Option):
         return super().consume_value(ctx, opts)
 
 
-def _merged(_: click.Context, parameter: click.Parameter, values: Any) -> dict[str, Any] | None:
+def _merged(
+    _: click.Context, parameter: click.Parameter, values: Any
+) -> dict[str, Any] | None:
     merged: dict[str, Any] = {}
     for name, value in (item for mapping in values for item in mapping.items()):
         add_once(merged, name, value, parameter.opts[-1])
@@ -143,7 +154,9 @@ class Documented(NamedTuple):
             for name, words in _of_api(entry).items()
             if name in own
         }
-        known |= {name: (known.get(name, ("",))[0], words) for name, words in of_api.items()}
+        known |= {
+            name: (known.get(name, ("",))[0], words) for name, words in of_api.items()
+        }
         for head, words in _entries(sections):
             name, _, shape = head.partition(" : ")
             known[name] = shape, words or of_api.get(name, "")
@@ -170,10 +183,16 @@ def _of_api(api: str) -> dict[str, str]:
     file, path, *renamed = api.split()
     source = Path(__file__).parents[1].joinpath(file).read_text(encoding="utf-8")
     for part in path.split("."):
-        source = re.split(rf"^ *(?:def|class) {part}\b", source, maxsplit=1, flags=re.M)[1]
+        source = re.split(rf"^ *(?:def|class) {part}\b", source, maxsplit=1, flags=re.M)[
+            1
+        ]
     entries = [*_entries(_sections(inspect.cleandoc(source.split('"""', 2)[1]))[1])]
-    names = {name: name for head, _ in entries for name in head.partition(" : ")[0].split(", ")}
-    names |= {name: option for option, _, name in (pair.partition("=") for pair in renamed)}
+    names = {
+        name: name for head, _ in entries for name in head.partition(" : ")[0].split(", ")
+    }
+    names |= {
+        name: option for option, _, name in (pair.partition("=") for pair in renamed)
+    }
 
     def spelled(match: re.Match[str]) -> str:
         option = names.get(match[1])
@@ -203,7 +222,9 @@ def _meaningless(kind: type, taken: Overrides) -> dict[str, str]:
     if not taken.because:
         return {}
     hints = get_type_hints(kind, include_extras=True)
-    return {_spelling(name, _split(hints[name])[1]): taken.because for name in taken.without}
+    return {
+        _spelling(name, _split(hints[name])[1]): taken.because for name in taken.without
+    }
 
 
 def _parameter(
@@ -211,7 +232,9 @@ def _parameter(
 ) -> click.Parameter:
     """Make an argument (without a section) or an option."""
     hint, marks = _split(hint)
-    kind = next((mark for mark in reversed(marks) if isinstance(mark, click.ParamType)), None)
+    kind = next(
+        (mark for mark in reversed(marks) if isinstance(mark, click.ParamType)), None
+    )
     shape, text = words
     if get_origin(hint) in (Union, UnionType):
         hint = next(part for part in get_args(hint) if part is not NoneType)
@@ -226,7 +249,11 @@ def _parameter(
     if section is None:
         count = -1 if several else 1
         return click.Argument(
-            [name], type=kind or hint, nargs=count, required=is_needed, metavar=shape or None
+            [name],
+            type=kind or hint,
+            nargs=count,
+            required=is_needed,
+            metavar=shape or None,
         )
     spelling = _spelling(name, marks)
     is_flag = hint is bool and kind is None
@@ -256,9 +283,14 @@ def _parameters(
     kind: type, taken: Iterable[Field[Any]], own: Mapping[str, str]
 ) -> Iterator[click.Parameter]:
     """Parameters of a class's fields; `own` are words that replace those of the class."""
-    documented, hints = Documented.of(kind).parameters, get_type_hints(kind, include_extras=True)
+    documented, hints = (
+        Documented.of(kind).parameters,
+        get_type_hints(kind, include_extras=True),
+    )
     for f in taken:
-        owner = next(c for c in inspect.getmro(kind) if f.name in inspect.get_annotations(c))
+        owner = next(
+            c for c in inspect.getmro(kind) if f.name in inspect.get_annotations(c)
+        )
         about = Documented.of(owner).about.partition(".")[0]
         shape, text = documented.get(f.name, ("", ""))
         words = shape, own.get(f.name, text)
@@ -272,7 +304,9 @@ HELP_ALL = "cartstiff.help_all"
 _SHOWN_EXAMPLES = 4
 
 
-def ending(name: str, print_it: Callable[[click.Context], None], words: str) -> click.Option:
+def ending(
+    name: str, print_it: Callable[[click.Context], None], words: str
+) -> click.Option:
     """Make a flag that prints and ends, regardless of other options."""
 
     def callback(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
@@ -281,7 +315,12 @@ def ending(name: str, print_it: Callable[[click.Context], None], words: str) -> 
             ctx.exit()
 
     return click.Option(
-        [name], is_flag=True, is_eager=True, expose_value=False, callback=callback, help=words
+        [name],
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=callback,
+        help=words,
     )
 
 
@@ -346,7 +385,10 @@ class Command(click.Command):
         more: Iterable[click.Parameter] = (),
     ) -> None:
         documented = Documented.of(function, api)
-        self._function, self._objects = function, dict[str, tuple[type, list[Field[Any]]]]()
+        self._function, self._objects = (
+            function,
+            dict[str, tuple[type, list[Field[Any]]]](),
+        )
         self._exclusive, self._rare = [*exclusive], rare.split()
         self._meaningless = dict[str, str]()
         params, required = list[click.Parameter](), dict[str, str]()
@@ -368,7 +410,9 @@ class Command(click.Command):
                 words = documented.parameters.get(key, ("", ""))
                 params.append(_parameter(key, hint, parameter.default, words, section))
         there = {str(p.name) for p in params}
-        needed = {n: w for ns, w in [*required.items(), *needs.items()] for n in ns.split()}
+        needed = {
+            n: w for ns, w in [*required.items(), *needs.items()] for n in ns.split()
+        }
         self._needs = {
             name: known
             for name, words in needed.items()
@@ -387,7 +431,9 @@ class Command(click.Command):
             callback=self._run,
             params=[*params, *more],
             help=documented.about,
-            epilog="\n\n".join(f"\b\n{part}" for part in lines) if documented.examples else None,
+            epilog="\n\n".join(f"\b\n{part}" for part in lines)
+            if documented.examples
+            else None,
         )
         self.params.append(ending("--help-all", _help_all, "All options, in full."))
 
@@ -413,7 +459,9 @@ class Command(click.Command):
                 raise InputError(
                     "numbers of an option are joined by commas, without spaces",
                     expected="numbers such as 0,0,0,0,0,-100",
-                    got=next(word for word in ctx.meta["words"] if word.startswith(option)),
+                    got=next(
+                        word for word in ctx.meta["words"] if word.startswith(option)
+                    ),
                 ) from None
             raise
 
@@ -444,13 +492,17 @@ class Command(click.Command):
             if record is None or (parameter.name in self._rare and not is_whole):
                 continue
             if not isinstance(parameter, click.Argument):
-                sections.setdefault(getattr(parameter, "section", "Options"), []).append(record)
+                sections.setdefault(getattr(parameter, "section", "Options"), []).append(
+                    record
+                )
         left = max(len(name) for records in sections.values() for name, _ in records)
         room = formatter.width - left - 4
         for title in sorted(sections, key=("Output", "Options").count):
             records = sections[title]
             if not is_whole:
-                records = [(name.ljust(left), _brief(words, room)) for name, words in records]
+                records = [
+                    (name.ljust(left), _brief(words, room)) for name, words in records
+                ]
             with formatter.section(title):
                 formatter.write_dl(records, col_max=30 if is_whole else left)
 

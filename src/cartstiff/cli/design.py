@@ -17,7 +17,9 @@ _NOT_OF_STUDIES = (
 )
 
 
-@declared("design", api=("designs/run.py design",), needs={"load_at load_kind world": "load"})
+@declared(
+    "design", api=("designs/run.py design",), needs={"load_at load_kind world": "load"}
+)
 def command(
     study: Path,
     setup: Annotated[

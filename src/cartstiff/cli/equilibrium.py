@@ -125,7 +125,9 @@ def command(
     def moved(elastic: Any) -> tuple[Any, Any]:
         """Return the mechanism and its posture after the drives have moved."""
         return (
-            (elastic, q) if setup.actuate is None else commanded(elastic, setup.command(elastic), q)
+            (elastic, q)
+            if setup.actuate is None
+            else commanded(elastic, setup.command(elastic), q)
         )
 
     elastic, start = moved(elastic)
@@ -141,26 +143,39 @@ def command(
         from cartstiff.report.statics import describe_equilibrium
         from cartstiff.statics.equilibrium import equilibrium
 
-        if against_gravity is not None and elastic.gravity is None and setup.gravity is None:
+        if (
+            against_gravity is not None
+            and elastic.gravity is None
+            and setup.gravity is None
+        ):
             raise InputError(
                 "there is no other gravity to compare with",
                 where="--against-gravity",
                 expected="--gravity as well, or gravity in the file",
             )
         state = equilibrium(
-            elastic, start, against_gravity=against_gravity, limits=not no_limits, **acting
+            elastic,
+            start,
+            against_gravity=against_gravity,
+            limits=not no_limits,
+            **acting,
         )
         if not acting and against_gravity is None:
             state = _with_payload_noted(state, setup.payload)
         data = state.to_dict()
         more = parameters.add(state, setup, data, lambda e: moved(e)[0])
         out.show(
-            data, elastic.name, lambda: "\n".join([describe_equilibrium(state), *more]), output
+            data,
+            elastic.name,
+            lambda: "\n".join([describe_equilibrium(state), *more]),
+            output,
         )
         return
     if setup.load is None:
         options = _as_load(elastic, setup.payload)
-        expected = f"--load; the payload's own weight is {options}" if options else "--load"
+        expected = (
+            f"--load; the payload's own weight is {options}" if options else "--load"
+        )
         raise InputError("a curve needs a load", expected=expected)
 
     from cartstiff.report.statics import describe_curve
@@ -181,7 +196,9 @@ def _as_load(elastic: Any, payload: list[float] | None) -> str:
     """The options that make a load of a payload's weight; empty without one."""
     if payload is None or elastic.gravity is None or not elastic.gravity.any():
         return ""
-    weight = ",".join(f"{w:g}" for w in payload[0] / elastic.units.newtons * elastic.gravity)
+    weight = ",".join(
+        f"{w:g}" for w in payload[0] / elastic.units.newtons * elastic.gravity
+    )
     at = ",".join(f"{x:g}" for x in payload[1:])
     return f"--load 0,0,0,{weight} --world" + (f" --load-at {at}" if at else "")
 
@@ -226,7 +243,9 @@ def _compensate(
     )
     say_unused(path, unused)
     by_name = dict(zip(columns, table.T, strict=True))
-    own = next(own for own in joints if set(own) <= set(columns) and own == columns[: len(own)])
+    own = next(
+        own for own in joints if set(own) <= set(columns) and own == columns[: len(own)]
+    )
     wrenches = wrench_columns({n: by_name[n] for n in columns[len(own) :]})
     if wrenches is not None and wrench is not None:
         raise InputError("give wrenches by --load or in the path file, not both")
@@ -249,7 +268,10 @@ def _compensate(
         named = one_of_axes("world" if setup.world else None, axes, rows.place) or "body"
         if named == "base":
             R = mechanism.base_pose[:3, :3]
-            wrenches, named = (np.reshape(wrenches, (-1, 3)) @ R.T).reshape(-1, 6), "world"
+            wrenches, named = (
+                (np.reshape(wrenches, (-1, 3)) @ R.T).reshape(-1, 6),
+                "world",
+            )
         postures = mechanism.undeflected(table[:, : len(own)])
         result = compensate(
             elastic, postures, wrenches, load_axes=named, against=against, **setup.manner

@@ -86,7 +86,8 @@ def models_command(out: Printed, *, quantities: bool = False) -> None:
         for name, file in bundled.items()
     ]
     listed = (
-        "\n" + click.wrap_text(", ".join(names), 98, "  ", "  ", preserve_paragraphs=False)
+        "\n"
+        + click.wrap_text(", ".join(names), 98, "  ", "  ", preserve_paragraphs=False)
         if robots
         else " none; pip install 'cartstiff[robots]' adds them."
     )
@@ -124,6 +125,10 @@ def _quantities() -> tuple[dict[str, Any], list[str]]:
     width = max(map(len, QUANTITIES))
     lines = []
     for q in known:
-        more = f"; --{q['asks']}".replace("deflect", "added-load or --load") if q["asks"] else ""
+        more = (
+            f"; --{q['asks']}".replace("deflect", "added-load or --load")
+            if q["asks"]
+            else ""
+        )
         lines.append(f"{q['name']:<{width}}  {q['unit']:<12} {q['description']}{more}")
     return {"schema": "cartstiff-quantities/1", "quantities": known}, lines

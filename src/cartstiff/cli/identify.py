@@ -54,7 +54,10 @@ def deviations_of(amounts: Mapping[str, tuple[float, str]]) -> dict[str, float]:
         check_name("unit", unit, known, f"--sd {name}")
         if not number > 0.0:
             raise InputError(
-                "cannot be used", where=f"--sd {name}", expected="above zero", got=f"{number:g}"
+                "cannot be used",
+                where=f"--sd {name}",
+                expected="above zero",
+                got=f"{number:g}",
             )
         deviations[name] = number * known[unit]
     return deviations
@@ -76,7 +79,8 @@ class Table:
     load_at: Point = None
     axes: choices.Axes | None = None
     sd: Annotated[
-        dict[str, tuple[float, str]] | None, ByName("COLUMN=VALUE[UNIT]", Amount("VALUE[UNIT]"))
+        dict[str, tuple[float, str]] | None,
+        ByName("COLUMN=VALUE[UNIT]", Amount("VALUE[UNIT]")),
     ] = None
 
     @property
@@ -111,7 +115,10 @@ class Table:
                 expected="COLUMN=VALUE for each column, such as d=0.005mm",
             )
         length, _ = convert_length(SI, elastic.units)
-        return {n: s * (length if MEASURED[n] == "length" else 1.0) for n, s in spreads.items()}
+        return {
+            n: s * (length if MEASURED[n] == "length" else 1.0)
+            for n, s in spreads.items()
+        }
 
 
 @dataclass(frozen=True)
@@ -199,7 +206,13 @@ class Plan:
     within: Annotated[Axis, Pairs("AXIS=LOW:HIGH")] = None
 
     def run(
-        self, elastic: Any, table: Table, fit: Fit, out: Printed, mechanism: str, output: Files
+        self,
+        elastic: Any,
+        table: Table,
+        fit: Fit,
+        out: Printed,
+        mechanism: str,
+        output: Files,
     ) -> None:
         """Choose and print the rows to be measured."""
         import numpy as np
@@ -225,7 +238,9 @@ class Plan:
         if self.criterion == "posture":
             if self.load is None:
                 raise InputError(
-                    "the criterion needs a load", where="--criterion posture", expected="--load"
+                    "the criterion needs a load",
+                    where="--criterion posture",
+                    expected="--load",
                 )
             given = None if self.q is None else self.q.of(elastic.names)
             test = elastic.placed(given, "--q")[1].q, np.array(self.load)
@@ -330,7 +345,9 @@ def command(
         unknowns = unknowns_of(elastic, **fit.unknowns)
         keys = keys_to_write(unknowns, setup.mechanism, setup.frame, written)
     with np.errstate(all="ignore"):
-        result = identify(elastic, measured, **fit.unknowns, **fit.keywords, progress=_progress)
+        result = identify(
+            elastic, measured, **fit.unknowns, **fit.keywords, progress=_progress
+        )
 
     out.show(
         result.to_dict(),
@@ -361,4 +378,6 @@ def _check_written(setup: Setup) -> None:
 def _progress(step: int, size: float) -> None:
     """Print a line on a terminal for each step of a long fit."""
     if sys.stderr.isatty():
-        say(f"step {step}: residuals of {size:.6g} standard deviations in all", error=True)
+        say(
+            f"step {step}: residuals of {size:.6g} standard deviations in all", error=True
+        )

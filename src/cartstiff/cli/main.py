@@ -33,7 +33,10 @@ _COMMANDS = {
         "cartstiff.cli.view",
         "Open a page in the browser: move the mechanism, see its stiffness.",
     ),
-    "export": ("cartstiff.cli.view", "Write the page of `view` as one file for any browser."),
+    "export": (
+        "cartstiff.cli.view",
+        "Write the page of `view` as one file for any browser.",
+    ),
     "report": (
         "cartstiff.cli.view",
         "Write a report to send on: the answer, pictures, numbers in one HTML file.",
@@ -134,7 +137,9 @@ def main(arguments: list[str] | None = None) -> None:
     """
     # Imports create many permanent objects, whose collection would take a sixth of a short command.
     gc.set_threshold(50_000)
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # a search through all packages
+    os.environ.setdefault(
+        "PYDANTIC_DISABLE_PLUGINS", "__all__"
+    )  # a search through all packages
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):  # file names may not be valid text
         if isinstance(stream, io.TextIOWrapper):

@@ -118,7 +118,9 @@ class Where:
                 return Grid(axes, elastic.names, base)
             if self.random is not None:
                 option = "--range"
-                limits = {name: (low, high) for name, (low, high) in (self.ranges or {}).items()}
+                limits = {
+                    name: (low, high) for name, (low, high) in (self.ranges or {}).items()
+                }
                 return RandomPostures.within_limits(elastic, self.random, 0, limits)
             turn = None
             if self.orientation != "keep":
@@ -135,7 +137,9 @@ class Where:
                 branches=self.branches,
             )
         except InputError as error:
-            raise error if error.where and option != "--range" else error.at(option) from None
+            raise (
+                error if error.where and option != "--range" else error.at(option)
+            ) from None
 
 
 def _table(path: Path, elastic: Any) -> dict[str, Any]:
@@ -184,7 +188,9 @@ class Held(Reading):
 
     API: ClassVar = ("maps/run.py map_job added_load=deflect",)
 
-    connection: Annotated[Literal["load", "A", "B", "K", "F"] | None, "--connection"] = None
+    connection: Annotated[Literal["load", "A", "B", "K", "F"] | None, "--connection"] = (
+        None
+    )
     quantities: Annotated[tuple[str, ...], "--quantity"] = ()
 
     @property
@@ -301,7 +307,9 @@ def command(
             "no --quantity was given", expected="a name of cartstiff models --quantities"
         )
     if ".zarr" not in output:
-        raise InputError("the map needs a place", where="-o", expected="-o MAP.zarr as well")
+        raise InputError(
+            "the map needs a place", where="-o", expected="-o MAP.zarr as well"
+        )
     place, drawn = str(output[".zarr"]), bool(output.keys() & {*PICTURES})
     elastic, q = setup.read()
     sampling = where.sampling(elastic, q)
@@ -343,7 +351,10 @@ def command(
     if cuts or shown.best is not None or drawn:
         dataset = slice_map(open_map(place), **cuts)
     answer = _answer(file, place, computed, seconds, summary(dataset if cuts else file))
-    answer |= {"slice": places_of(dataset, cuts), "notes": [n.to_dict() for n in elastic.notes]}
+    answer |= {
+        "slice": places_of(dataset, cuts),
+        "notes": [n.to_dict() for n in elastic.notes],
+    }
     if shown.best is not None:
         answer["best"] = {name: ranked(dataset, name, shown.best) for name in quantities}
 

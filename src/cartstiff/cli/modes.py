@@ -110,7 +110,9 @@ def _as_yaml(gains: dict[str, Any]) -> str:
     import yaml
 
     endless: Any = float("inf")
-    return str(yaml.safe_dump(gains, default_flow_style=None, sort_keys=False, width=endless))
+    return str(
+        yaml.safe_dump(gains, default_flow_style=None, sort_keys=False, width=endless)
+    )
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,9 @@ class Response:
         from cartstiff.vibration.response import frequency_response, transmissibility
 
         low, high, count = self.response
-        hertz = np.geomspace(low, high, count) if low > 0.0 else np.linspace(low, high, count)
+        hertz = (
+            np.geomspace(low, high, count) if low > 0.0 else np.linspace(low, high, count)
+        )
         asked = modes, hertz, vibration.damped
         at = self.point or (0.0, 0.0, 0.0)
         answer: Any = (
@@ -257,7 +261,11 @@ def command(
         if strict or {*(output or {})} - {".json"}:
             raise
         note = {"code": error.code, "message": str(error), "values": dict(error.values)}
-        data: dict[str, Any] = {"schema": "cartstiff-modes/1", "frequencies": [], "notes": [note]}
+        data: dict[str, Any] = {
+            "schema": "cartstiff-modes/1",
+            "frequencies": [],
+            "notes": [note],
+        }
         words = f"{elastic.name}: no modes\n  [{error.code}] {error}"
         if error.code == "unbalanced":
             words += f"\n  {BALANCING}"
@@ -266,10 +274,18 @@ def command(
     data = swinging.to_dict()
     if bare is not None:
         unloaded = bare.to_dict()
-        data["unloaded"] = {key: unloaded[key] for key in ("frequencies", "eigenvalues", "load")}
+        data["unloaded"] = {
+            key: unloaded[key] for key in ("frequencies", "eigenvalues", "load")
+        }
     lines = parameters.add(swinging, setup, data)
     more, made = response.run(swinging, vibration, data)
     lines += [*more, *controller.run(swinging, data)]
     if controller.impedance is not None:
         made["yaml"] = lambda: _as_yaml(data["impedance"])
-    out.show(data, setup.mechanism, lambda: describe_modes(swinging, bare, lines), output, **made)
+    out.show(
+        data,
+        setup.mechanism,
+        lambda: describe_modes(swinging, bare, lines),
+        output,
+        **made,
+    )

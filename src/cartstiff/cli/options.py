@@ -72,7 +72,9 @@ class Numbers(OptionType):
         words: dict[str, Any] = {} if self.kind and "," in text else {"word": self.word}
         numbers = parse_numbers(text, where, count, **words)
         if self.counts and len(numbers) not in self.counts:
-            raise InputError("wrong count", where=where, expected=self.name, got=len(numbers))
+            raise InputError(
+                "wrong count", where=where, expected=self.name, got=len(numbers)
+            )
         if min(numbers) < self.low or (self.above_zero and min(numbers) <= 0):
             expected = "above zero" if self.above_zero else "zero or more"
             got = numbers if numbers[1:] else numbers[0]
@@ -151,7 +153,9 @@ class ByName(OptionType):
         """Return the value by its name."""
         name, _, value = (part.strip() for part in text.partition("="))
         if not name or not value:
-            raise InputError("cannot be used", where=where, expected="NAME=VALUE", got=repr(text))
+            raise InputError(
+                "cannot be used", where=where, expected="NAME=VALUE", got=repr(text)
+            )
         return {name: self.kind.parsed(value, f"{where} {name}")}
 
 
@@ -164,7 +168,9 @@ class Arguments(OptionType):
         """The value by its name."""
         name, equals, value = text.partition(":=")
         if not equals or not name.strip():
-            raise InputError("cannot be used", where=where, expected=self.name, got=repr(text))
+            raise InputError(
+                "cannot be used", where=where, expected=self.name, got=repr(text)
+            )
         return {name.strip(): value}
 
 
@@ -176,7 +182,10 @@ class Values:
     numbers: list[float] | dict[str, float]
 
     def of(
-        self, names: tuple[str, ...], broadcast: bool = False, joints: tuple[str, ...] = ()
+        self,
+        names: tuple[str, ...],
+        broadcast: bool = False,
+        joints: tuple[str, ...] = (),
     ) -> Any:
         """Return the numbers for `names` (or one for all), or by name for the `joints` alone."""
         if isinstance(self.numbers, dict):
@@ -199,7 +208,11 @@ class Values:
     @property
     def all(self) -> list[float]:
         """Every number that was given."""
-        return list(self.numbers.values()) if isinstance(self.numbers, dict) else self.numbers
+        return (
+            list(self.numbers.values())
+            if isinstance(self.numbers, dict)
+            else self.numbers
+        )
 
 
 class JointValues(OptionType):
@@ -240,7 +253,11 @@ def _named(
     for item in re.split(between, text.strip()):
         name, equals, numbers = (piece.strip() for piece in item.partition("="))
         parts = numbers.split(":")
-        if not equals or len(parts) != shape.count(":") + 1 or (names and name not in names):
+        if (
+            not equals
+            or len(parts) != shape.count(":") + 1
+            or (names and name not in names)
+        ):
             more = f" of {', '.join(names)}" if names else ""
             expected = f"{shape}{more}, each once"
             raise InputError(wrong, where=where, expected=expected, got=repr(item))
@@ -269,7 +286,9 @@ class Pairs(OptionType):
             return {name: numbers[0] for name, numbers in named.items()}
         named = _named(text, where, self.name, between=r"[,\s]+")
         for name, values in named.items():
-            if len(values) == 3 and not (values[2].is_integer() and 1 <= values[2] <= MAX_COUNT):
+            if len(values) == 3 and not (
+                values[2].is_integer() and 1 <= values[2] <= MAX_COUNT
+            ):
                 raise InputError(
                     "count cannot be used",
                     where=f"{where} {name}",
@@ -290,7 +309,9 @@ class Sweep(OptionType):
         """Low, high and count."""
         parts = text.split(":")
         expected = f"{self.name}, 0 <= LOW < HIGH in {self.unit}"
-        numbers = [parse_numbers(part, where, 1)[0] for part in parts if len(parts) in (2, 3)]
+        numbers = [
+            parse_numbers(part, where, 1)[0] for part in parts if len(parts) in (2, 3)
+        ]
         low, high, count = [*numbers, self.count][:3] if numbers else (1.0, 0.0, 0)
         if not (0.0 <= low < high):
             raise InputError("cannot be used", where=where, expected=expected, got=text)
@@ -327,7 +348,9 @@ class OutputFile(OptionType):
         if path.is_dir():
             raise InputError("is a directory", where=one_line(text), expected="a file")
         if not path.parent.is_dir():
-            raise InputError("file cannot be written", where=one_line(text), got="no such folder")
+            raise InputError(
+                "file cannot be written", where=one_line(text), got="no such folder"
+            )
         return path
 
 
@@ -497,7 +520,9 @@ class File:
     RARE: ClassVar = "parameters xacro_args package_path"
 
     parameters: Annotated[dict[str, float] | None, Pairs("NAME=VALUE"), "--set"] = None
-    xacro_args: Annotated[dict[str, str] | None, Arguments("NAME:=VALUE"), "--xacro-arg"] = None
+    xacro_args: Annotated[
+        dict[str, str] | None, Arguments("NAME:=VALUE"), "--xacro-arg"
+    ] = None
     package_path: tuple[Path, ...] = ()
 
 
@@ -520,7 +545,9 @@ class Setup(Load, File, Tool, Posture):
             joints = ()
         stiffness = rest = None
         if self.stiffness is not None:
-            _check_range(self.stiffness, "above zero" if are_lines else "zero or more", are_lines)
+            _check_range(
+                self.stiffness, "above zero" if are_lines else "zero or more", are_lines
+            )
             stiffness = self.stiffness.of(names, True, joints)
         if self.rest is not None:
             if are_lines:
@@ -558,7 +585,9 @@ class Setup(Load, File, Tool, Posture):
                 "the home directory is not known", where=one_line(self.mechanism)
             ) from None
         if frame is not None and not 0 < len(one_line(frame, 4000)) < 4000:
-            raise InputError("unknown frame", where="--frame", expected="a name", got=repr(frame))
+            raise InputError(
+                "unknown frame", where="--frame", expected="a name", got=repr(frame)
+            )
         return load(
             self.mechanism,
             frame=frame,
@@ -664,7 +693,11 @@ class Printed:
 
         notes = data.get("notes", ())
         doubted = [n for n in notes if n["code"] in DOUBTS]
-        first = {"notes": [*doubted, *(n for n in notes if n not in doubted)]} if doubted else {}
+        first = (
+            {"notes": [*doubted, *(n for n in notes if n not in doubted)]}
+            if doubted
+            else {}
+        )
 
         def as_json() -> str:
             return json_text({**data, **first}, mechanism)

@@ -72,5 +72,7 @@ def say_unused(path: Path, names: Sequence[str], more: str = "") -> None:
     """
     if names:
         words = one_line(", ".join(names), 300)
-        remark = printable(f"cartstiff: {one_line(str(path))}: not needed here: {words}{more}")
+        remark = printable(
+            f"cartstiff: {one_line(str(path))}: not needed here: {words}{more}"
+        )
         click.get_current_context().meta.setdefault(_WAITING, []).append(remark)

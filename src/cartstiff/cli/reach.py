@@ -96,7 +96,9 @@ def assemble_command(
         output,
         csv=lambda: assembly_csv(modes),
     )
-    if strict and (not modes.modes or any(note.code == "paths-lost" for note in modes.notes)):
+    if strict and (
+        not modes.modes or any(note.code == "paths-lost" for note in modes.notes)
+    ):
         note = modes.notes[-1] if modes.notes else None
         raise UndefinedError(
             "no assembly mode exists" if note is None else note.message,
@@ -112,7 +114,9 @@ class Search:
 
     directions: Annotated[int | None, click.IntRange(8, 1_000_000)] = None
     scan: Annotated[int, click.IntRange(2, 100_000)] = 48
-    radius: Annotated[float | None, Number("LENGTH", above_zero=True, kind="length")] = None
+    radius: Annotated[float | None, Number("LENGTH", above_zero=True, kind="length")] = (
+        None
+    )
     tensions: Distribution = "any"
 
 

@@ -106,7 +106,10 @@ class Target:
         K = K if self.order == ORDERS[0] else K[SWAP][:, SWAP]
         turn, move = np.trace(K[:3, :3]), np.trace(K[3:, 3:]) * result.posture.length**2
         if self.order_from == "default" and turn > 0 and move > 0:
-            exchanged = np.trace(K[3:, 3:]), np.trace(K[:3, :3]) * result.posture.length**2
+            exchanged = (
+                np.trace(K[3:, 3:]),
+                np.trace(K[:3, :3]) * result.posture.length**2,
+            )
             if _ratio_above_one(turn, move) > _EXCHANGED_BLOCKS_FACTOR * _ratio_above_one(
                 *exchanged
             ):
@@ -150,13 +153,17 @@ def read_target(path: Path, order: str | None = None, option: str = "--target") 
     where = f"{option} {one_line(str(path))}"
     expected = "a 6x6 matrix of numbers"
     if path.suffix not in (".json", ".csv", ".npy"):
-        raise InputError("unknown file ending", where=where, expected=".json, .csv or .npy")
+        raise InputError(
+            "unknown file ending", where=where, expected=".json, .csv or .npy"
+        )
     fields: dict[str, Any] = {}
     unusable = (ValueError, TypeError, RecursionError, MemoryError)
 
     def none_held(error: BaseException) -> InputError:
         got = getattr(error, "got", None) or str(error)
-        return InputError("does not hold a matrix", where=where, expected=expected, got=got)
+        return InputError(
+            "does not hold a matrix", where=where, expected=expected, got=got
+        )
 
     try:
         data = read_bytes(path, _LARGEST)
@@ -191,15 +198,22 @@ def read_target(path: Path, order: str | None = None, option: str = "--target") 
             expected=f"at most {LARGEST_INPUT:g}",
             got=f"{np.abs(matrix).max():g}",
         )
-    if np.abs(matrix - matrix.T).max() > numerics.NEGLIGIBLE_DISTANCE * np.abs(matrix).max():
+    if (
+        np.abs(matrix - matrix.T).max()
+        > numerics.NEGLIGIBLE_DISTANCE * np.abs(matrix).max()
+    ):
         raise InputError(
             "matrix is not symmetric", where=where, expected="a symmetric stiffness (K^B)"
         )
     own = fields.get("order")
     if own is not None and own not in ORDERS:
-        raise InputError("unknown order", where=where, expected=" or ".join(ORDERS), got=repr(own))
+        raise InputError(
+            "unknown order", where=where, expected=" or ".join(ORDERS), got=repr(own)
+        )
     if own is not None and order is not None and own != order:
-        raise InputError("the file names another order", where="--order", expected=own, got=order)
+        raise InputError(
+            "the file names another order", where="--order", expected=own, got=order
+        )
     source = "option" if order is not None else "file" if own is not None else "default"
     return Target(
         0.5 * (matrix + matrix.T),
@@ -250,7 +264,10 @@ def _units(units: Any, where: str) -> tuple[str, str] | None:
         )
     if units.get("angle", "rad") != "rad":
         raise InputError(
-            "unknown unit of angles", where=where, expected="rad", got=repr(units["angle"])
+            "unknown unit of angles",
+            where=where,
+            expected="rad",
+            got=repr(units["angle"]),
         )
     return str(units.get("length", "m")), str(units.get("force", "N"))
 
@@ -315,7 +332,9 @@ def read_path_file(
     units = units or SI
     rows = read_rows(file, "points", units=units)
     if rows.names is None:
-        names, values, _ = rows.arranged((*_POSITION, *_ANGLES), (*_POSITION, *_ANGLES, *WRENCH))
+        names, values, _ = rows.arranged(
+            (*_POSITION, *_ANGLES), (*_POSITION, *_ANGLES, *WRENCH)
+        )
     else:
         lower, values = tuple(name.lower() for name in rows.names), rows.values
         names, own = along_axes(lower, rows.place)
@@ -339,7 +358,9 @@ def read_path_file(
     if axes == "base":
         of, R = "world", np.eye(3) if base is None else base[:3, :3]
         wrenches, directions = (
-            None if rows is None else (np.reshape(rows, (-1, 3)) @ R.T).reshape(np.shape(rows))
+            None
+            if rows is None
+            else (np.reshape(rows, (-1, 3)) @ R.T).reshape(np.shape(rows))
             for rows in (wrenches, directions)
         )
     tool_axes = columns(_AXIS)
@@ -349,7 +370,8 @@ def read_path_file(
             return ToolPath(poses, wrenches, directions, of)
         if free not in ("x", "y", "z"):
             raise InputError(
-                "the tool's axis alone does not define a pose", expected="--free-axis x, y or z"
+                "the tool's axis alone does not define a pose",
+                expected="--free-axis x, y or z",
             )
         return ToolPath.from_axes(
             columns(_POSITION),
@@ -379,7 +401,9 @@ def wrench_columns(table: Mapping[str, Any]) -> Any:
 def one_of_axes(option: Axes | None, named: Axes | None, place: str) -> Axes | None:
     """Axes of loads by an option or by the columns' names; refused if they differ."""
     if option is not None and named is not None and option != named:
-        raise InputError("the columns name other axes", where=place, expected=option, got=named)
+        raise InputError(
+            "the columns name other axes", where=place, expected=option, got=named
+        )
     return named or option
 
 
@@ -394,7 +418,9 @@ def _check_names(names: tuple[str, ...], where: str) -> None:
             raise InputError("column named twice", where=where, got=repr(name))
     for group in groups:
         if 0 < len(set(group) & set(names)) < len(group):
-            raise InputError("columns are missing", where=where, expected=", ".join(group))
+            raise InputError(
+                "columns are missing", where=where, expected=", ".join(group)
+            )
     if "x" not in names or ("roll" in names) == ("ax" in names):
         raise InputError(
             "columns define no pose",

@@ -79,7 +79,10 @@ class Shown:
         if self.trajectory is not None:
             mechanism = elastic.mechanism
             trajectory = read_trajectory(
-                self.trajectory, elastic.names, elastic.units, joints=mechanism.joint_names
+                self.trajectory,
+                elastic.names,
+                elastic.units,
+                joints=mechanism.joint_names,
             )
             trajectory = replace(trajectory, q=mechanism.undeflected(trajectory.q))
             say_unused(self.trajectory, trajectory.unused)
@@ -178,7 +181,8 @@ def command(
             expected=f"at most {1 + _MAX_OTHERS}",
         )
     source, *beside = (
-        shown.source(replace(setup, mechanism=name)) for name in (setup.mechanism, *others)
+        shown.source(replace(setup, mechanism=name))
+        for name in (setup.mechanism, *others)
     )
     api, server = (_needing(name, "a page in the browser") for name in ("api", "server"))
 
@@ -275,4 +279,7 @@ def report_command(
     from cartstiff.page.html_report import report_page
 
     typed = shlex.join(click.get_current_context().meta["words"])
-    _write(output, report_page(elastic, q, command=typed, sections=sections, **setup.keywords))
+    _write(
+        output,
+        report_page(elastic, q, command=typed, sections=sections, **setup.keywords),
+    )

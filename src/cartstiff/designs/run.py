@@ -20,7 +20,14 @@ from cartstiff.arrays import Array, csv_rows
 from cartstiff.batch.kernels import lasting_path
 from cartstiff.checked_call import checked
 from cartstiff.described import described
-from cartstiff.designs.study import Case, Measure, Study, StudyUnits, check_names, read_study
+from cartstiff.designs.study import (
+    Case,
+    Measure,
+    Study,
+    StudyUnits,
+    check_names,
+    read_study,
+)
 from cartstiff.errors import (
     CartstiffError,
     InputError,
@@ -179,7 +186,11 @@ class StudyEvaluator:
         factor, _ = convert_length(Units(length), own)
         tcp, payload = self.study.tcp, self.study.payload
         return tool_of(
-            tcp and [*(x * factor for x in tcp[:3]), *(x * ANGLES[units.angle] for x in tcp[3:])],
+            tcp
+            and [
+                *(x * factor for x in tcp[:3]),
+                *(x * ANGLES[units.angle] for x in tcp[3:]),
+            ],
             self.study.gravity,
             payload and [payload[0], *(x * factor for x in payload[1:])],
         ), length
@@ -200,7 +211,10 @@ class StudyEvaluator:
             if not limit.is_kept(measured[name])
         ]
         return Design(
-            dict(parameters), measured, "infeasible" if broken else "feasible", ", ".join(broken)
+            dict(parameters),
+            measured,
+            "infeasible" if broken else "feasible",
+            ", ".join(broken),
         )
 
     def unit(self, measure: Measure) -> str:
@@ -265,7 +279,9 @@ class StudyEvaluator:
             return Trajectory(home[None])
         return AtPoses(sampling, ranges) if of_body else sampling
 
-    def _job(self, elastic: ElasticMechanism, case: Case, quantities: list[str]) -> MapJob:
+    def _job(
+        self, elastic: ElasticMechanism, case: Case, quantities: list[str]
+    ) -> MapJob:
         mechanism = elastic.mechanism
         if isinstance(mechanism, Platform):
             elastic = replace(elastic, mechanism=mechanism.as_one_of_many())
@@ -364,7 +380,11 @@ def _reason(state: Array, lacking: Array) -> str:
 
     words = {"regular": "infinite or undefined", "other": "doubtful, not told apart"}
     doubtful, looked = state == STATES.index("other"), ~lacking & (state != 0)
-    also = f"; looked at one by one: {counted(looked)}" if doubtful.any() and looked.any() else ""
+    also = (
+        f"; looked at one by one: {counted(looked)}"
+        if doubtful.any() and looked.any()
+        else ""
+    )
     return f"{counted(lacking)} of {len(state)} poses{also}"
 
 
@@ -429,7 +449,9 @@ class Designs(LabelledResult):
         if name in self.study.variables:
             return np.array([design.parameters[name] for design in self.designs])
         if name not in self.study.measures:
-            raise UnknownNameError("column", name, [*self.study.variables, *self.study.measures])
+            raise UnknownNameError(
+                "column", name, [*self.study.variables, *self.study.measures]
+            )
         return np.array([design.values.get(name, np.nan) for design in self.designs])
 
     @cached_property
@@ -463,12 +485,16 @@ class Designs(LabelledResult):
         """
         if name is None:
             if len(self.better) > 1:
-                raise InputError("several objectives", expected=f"one of {', '.join(self.better)}")
+                raise InputError(
+                    "several objectives", expected=f"one of {', '.join(self.better)}"
+                )
             (name,) = self.better
         check_name("objective", name, self.better)
         if not self.feasible:
             raise UndefinedError(
-                "no design is feasible", code="no-feasible-design", values={**self.counts()}
+                "no design is feasible",
+                code="no-feasible-design",
+                values={**self.counts()},
             )
         values = self.table(name)[list(self.feasible)]
         which = values.argmin() if self.better[name] == "smallest" else values.argmax()
@@ -476,7 +502,9 @@ class Designs(LabelledResult):
 
     def to_csv(self) -> str:
         """One row per design: number from 1, variables, values, state, whether on the front."""
-        names = [f"{n} [{self.units[n]}]" if self.units[n] else n for n in self.study.measures]
+        names = [
+            f"{n} [{self.units[n]}]" if self.units[n] else n for n in self.study.measures
+        ]
         head = ["design", *self.study.variables, *names, "state", "front", "reason"]
         rows, front = [], set(self.front)
         for i, design in enumerate(self.designs):
@@ -544,7 +572,9 @@ class Designs(LabelledResult):
             )
             notes.append(Note("own-length", words, {"measures": lengths}))
         if not self.feasible:
-            notes.append(Note("no-feasible-design", "no design is feasible", {**self.counts()}))
+            notes.append(
+                Note("no-feasible-design", "no design is feasible", {**self.counts()})
+            )
         return notes
 
     def plot(self) -> Any:
@@ -572,14 +602,18 @@ class Designs(LabelledResult):
         pairs = pairs[:_MAX_PANELS]
         columns = min(len(pairs), 3)
         rows = -(-len(pairs) // columns)
-        figure = new_figure(1.0 + 3.8 * columns, 0.6 + 3.2 * rows, self.home.springs_in_doubt)
+        figure = new_figure(
+            1.0 + 3.8 * columns, 0.6 + 3.2 * rows, self.home.springs_in_doubt
+        )
         front = list(self.front)
         feasible = np.zeros(len(self), bool)
         feasible[list(self.feasible)] = True
         for i, (x, y) in enumerate(pairs):
             axis = figure.add_subplot(rows, columns, i + 1)
             a, b = self.table(x), self.table(y)
-            axis.plot(a[~feasible], b[~feasible], "o", color="0.8", ms=4, label="infeasible")
+            axis.plot(
+                a[~feasible], b[~feasible], "o", color="0.8", ms=4, label="infeasible"
+            )
             axis.plot(a[feasible], b[feasible], "o", color="C0", ms=4, label="feasible")
             order = sorted(front, key=lambda j: a[j])
             axis.plot(
@@ -705,10 +739,15 @@ def _chosen(study: Study) -> list[dict[str, float]]:
     generator = np.random.default_rng(method.seed or 0)
     draw = qmc.Sobol if method.kind == "sobol" else qmc.LatinHypercube
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Sobol's balance needs powers of two; any count is allowed
+        warnings.simplefilter(
+            "ignore"
+        )  # Sobol's balance needs powers of two; any count is allowed
         shares: Array = draw(len(variables), seed=generator).random(study.size)
     return [
-        {name: v.at(share) for (name, v), share in zip(variables.items(), row, strict=True)}
+        {
+            name: v.at(share)
+            for (name, v), share in zip(variables.items(), row, strict=True)
+        }
         for row in shares.tolist()
     ]
 

@@ -51,7 +51,9 @@ class Variable(StudyModel):
 
     low: Number | None = None
     high: Number | None = None
-    values: list[Number] | None = keyed("only these", None, min_length=1, max_length=10_000)
+    values: list[Number] | None = keyed(
+        "only these", None, min_length=1, max_length=10_000
+    )
     count: _Count | None = keyed("values of a grid between low and high; default 5", None)
     log: _Flag = keyed("equal ratios instead of equal steps", False)
 
@@ -70,7 +72,9 @@ class Variable(StudyModel):
             raise ValueError("give low and high, or values")
         if self.values is not None:
             if ends != [None, None] or self.count is not None or self.log:
-                raise ValueError("values stand alone: no low, high, count or log beside them")
+                raise ValueError(
+                    "values stand alone: no low, high, count or log beside them"
+                )
         elif not (self.low or 0.0) < (self.high or 0.0):
             raise ValueError(f"low must be below high: {self.low:g}, {self.high:g}")
         elif self.log and not (self.low or 0.0) > 0:
@@ -102,21 +106,27 @@ class RandomPoses(StudyModel):
     """Poses drawn at random."""
 
     count: _Count
-    ranges: dict[str, Pair] = keyed("[low, high] by coordinate, as in a grid; the others stay")
+    ranges: dict[str, Pair] = keyed(
+        "[low, high] by coordinate, as in a grid; the others stay"
+    )
     seed: _Seed = 0
 
 
 class Poses(StudyModel):
     """Poses at which every design is evaluated; default its default posture."""
 
-    grid: dict[str, Annotated[list[Number], Field(min_length=3, max_length=3)]] | None = keyed(
-        "[low, high, count] by coordinate; the others "
-        "stay. Of a body on legs: joints, or x, y, z, roll, pitch, yaw of the body",
-        None,
-        min_length=1,
+    grid: dict[str, Annotated[list[Number], Field(min_length=3, max_length=3)]] | None = (
+        keyed(
+            "[low, high, count] by coordinate; the others "
+            "stay. Of a body on legs: joints, or x, y, z, roll, pitch, yaw of the body",
+            None,
+            min_length=1,
+        )
     )
     random: RandomPoses | None = None
-    about_home: _Flag = keyed("ranges are differences from each design's default posture", False)
+    about_home: _Flag = keyed(
+        "ranges are differences from each design's default posture", False
+    )
     outside: Literal["refuse", "leave-out"] = keyed(
         "a design with poses at which a quantity does not exist (singular, beyond "
         "limits, not assembled) has failed, or is judged by the others",
@@ -180,7 +190,10 @@ class Measure(StudyModel):
 
     quantity: Text | None = keyed("of a map; or", None)
     value: Text | None = keyed("arithmetic over parameters, such as '=2*r + h'", None)
-    of: Literal["worst", "best", "min", "max", "mean", "median", "share", "reached"] | None = keyed(
+    of: (
+        Literal["worst", "best", "min", "max", "mean", "median", "share", "reached"]
+        | None
+    ) = keyed(
         "poses; share: of all poses, within `above` and `below`; reached: share of "
         "poses at which the quantity exists; default worst",
         None,
@@ -203,7 +216,11 @@ class Measure(StudyModel):
     @model_validator(mode="after")
     def _one(self) -> Measure:
         only_one(self, "quantity", "value")
-        keys = [key for key in ("of", "above", "below", "case") if getattr(self, key) is not None]
+        keys = [
+            key
+            for key in ("of", "above", "below", "case")
+            if getattr(self, key) is not None
+        ]
         if self.value is not None and keys:
             raise ValueError(f"{keys[0]} is for quantities")
         bounds = [key for key in ("above", "below") if getattr(self, key) is not None]
@@ -279,7 +296,9 @@ class Method(StudyModel):
     @model_validator(mode="after")
     def _fits(self) -> Method:
         if self.kind == "grid" and self.designs is not None:
-            raise ValueError("a grid has the counts of its variables: designs is not for it")
+            raise ValueError(
+                "a grid has the counts of its variables: designs is not for it"
+            )
         if self.kind == "grid" and self.seed is not None:
             raise ValueError("nothing is drawn: seed is not for a grid")
         return self
@@ -334,7 +353,9 @@ class Study(StudyModel):
             if measure.case is not None and measure.case not in self.cases:
                 raise ValueError(f"{name}: unknown case {measure.case!r}")
             if measure.of == "reached" and self.poses.outside == "refuse":
-                raise ValueError(f"{name}: reached needs `outside: leave-out` under poses")
+                raise ValueError(
+                    f"{name}: reached needs `outside: leave-out` under poses"
+                )
         for name in self.cases:
             if name not in {self.case_of(m) for m in self.measures.values()}:
                 raise ValueError(f"case {name!r} is not used")
@@ -387,20 +408,27 @@ def read_study(
         data, lines = read_yaml(path)
     else:
         raise InputError(
-            "not a study", expected="a file's path or a mapping", got=type(source).__name__
+            "not a study",
+            expected="a file's path or a mapping",
+            got=type(source).__name__,
         )
     data = _with(data, given or {})
     try:
         study = Study.model_validate(data)
     except ValidationError as error:
-        raise first_error(error, data, lines, path, ("study",), known_keys(StudyModel)) from None
+        raise first_error(
+            error, data, lines, path, ("study",), known_keys(StudyModel)
+        ) from None
     for name, measure in study.measures.items():
         if measure.value is not None:
             kind = "objectives" if name in study.objectives else "constraints"
             measure.arithmetic(place_of(path, lines, (kind, name, "value")))
     if study.size > MOST_POSES:
         raise InputError(
-            "too many designs", where=one_line(str(path)), expected=f"{MOST_POSES}", got=study.size
+            "too many designs",
+            where=one_line(str(path)),
+            expected=f"{MOST_POSES}",
+            got=study.size,
         )
     return study, path.parent
 
@@ -408,10 +436,16 @@ def read_study(
 def _with(data: dict[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
     """Return a study's data with the given replacements."""
     load = options.get("load")
-    own = {key: value for key, value in options.items() if key != "load" and value is not None}
+    own = {
+        key: value
+        for key, value in options.items()
+        if key != "load" and value is not None
+    }
     if load:
         cases = data.get("cases") or {"load": {}}
-        if isinstance(cases, dict) and all(isinstance(case, dict) for case in cases.values()):
+        if isinstance(cases, dict) and all(
+            isinstance(case, dict) for case in cases.values()
+        ):
             own["cases"] = {name: {**case, **load} for name, case in cases.items()}
     return {**data, **own}
 
@@ -425,7 +459,9 @@ def check_names(study: Study, parameters: Mapping[str, float]) -> None:
         For a variable, or a name in arithmetic, that is no parameter of the mechanism.
     """
     for name in (*study.variables, *study.set):
-        check_name("parameter", name, parameters, f"variables or set of the study: {name}")
+        check_name(
+            "parameter", name, parameters, f"variables or set of the study: {name}"
+        )
     for key, measure in study.measures.items():
         if measure.value is not None:
             for name in sorted(measure.arithmetic(key).names - set(parameters)):

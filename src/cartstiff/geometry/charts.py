@@ -101,7 +101,9 @@ class Chart:
         wrench = alpha.T @ real_array(gradient)
         first = alpha.T @ real_array(hessian) @ alpha
         d_basis = self.basis_derivative(xi)
-        second = -np.einsum("k,kml,mi,lj->ij", wrench, d_basis, alpha, alpha, optimize=True)
+        second = -np.einsum(
+            "k,kml,mi,lj->ij", wrench, d_basis, alpha, alpha, optimize=True
+        )
         return wrench, first, second
 
     def coordinates(self, T: ArrayLike, start: ArrayLike | None = None) -> Array:
@@ -128,7 +130,9 @@ class Chart:
         )
 
 
-def product_of_exponentials(screws: ArrayLike, name: str, singular_where: str = "") -> Chart:
+def product_of_exponentials(
+    screws: ArrayLike, name: str, singular_where: str = ""
+) -> Chart:
     """Chart ``pose(xi) = exp(s_1 xi_1) ... exp(s_6 xi_6)`` with the columns s_i of `screws`.
 
     Its second derivatives are brackets: d gamma_a / d xi_b = [gamma_a, gamma_b] for b after a.
@@ -159,7 +163,9 @@ def product_of_exponentials(screws: ArrayLike, name: str, singular_where: str = 
                 d[:, a, b] = se3.bracket(gamma[:, a], gamma[:, b])
         return d
 
-    return Chart(name, pose, basis, basis_derivative, singular_where or Chart.singular_where)
+    return Chart(
+        name, pose, basis, basis_derivative, singular_where or Chart.singular_where
+    )
 
 
 #: The chart of [ZK]_ section 2.4: Rot(x) Rot(y) Rot(z) Trans(x) Trans(y) Trans(z).
@@ -190,7 +196,9 @@ def from_pose_function(pose: Callable[[Array], ArrayLike], name: str = "user") -
         xi = real_array(xi)
         T = pose_of(xi)
         if not is_pose(T):
-            raise InputError(f"chart {name!r} does not return a rigid motion", got=T.tolist())
+            raise InputError(
+                f"chart {name!r} does not return a rigid motion", got=T.tolist()
+            )
         dT = jacobian(lambda d: pose_of(xi + d), np.ones(6))
         return np.stack([se3.vee(se3.inverse(T) @ dT[..., i]) for i in range(6)], axis=-1)
 

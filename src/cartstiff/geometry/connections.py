@@ -157,7 +157,9 @@ class Connection:
         """Inverse of `to_dict`."""
         keys = {"name", "symbols", "meaning", "left_invariant", "flat"}
         if not isinstance(data, Mapping) or not data.keys() >= keys:
-            raise InputError("no data of a connection", expected="what to_dict makes", got=data)
+            raise InputError(
+                "no data of a connection", expected="what to_dict makes", got=data
+            )
         if data["symbols"] is None:
             if data["name"] not in NAMED:
                 raise UnknownNameError("connection", data["name"], list(NAMED))
@@ -195,7 +197,11 @@ class Connection:
 
 @checked
 def from_symbols(
-    symbols: ArrayLike, name: str = "user", *, meaning: str = "", left_invariant: bool = True
+    symbols: ArrayLike,
+    name: str = "user",
+    *,
+    meaning: str = "",
+    left_invariant: bool = True,
 ) -> Connection:
     """Connection from any array ``symbols[j, i, k]``, the k-th component of nabla_{L_i} L_j."""
     return Connection(name, real_array(symbols), meaning, left_invariant)
@@ -263,11 +269,14 @@ def levi_civita(metric: ArrayLike, name: str = "Levi-Civita") -> Connection:
     """
     g = checked_matrix(metric, "metric")
     if np.abs(g - g.T).max() > _LAW_TOLERANCE * np.abs(g).max():
-        raise InputError("metric is not symmetric", got=f"asymmetry {np.abs(g - g.T).max():.3g}")
+        raise InputError(
+            "metric is not symmetric", got=f"asymmetry {np.abs(g - g.T).max():.3g}"
+        )
     eigenvalues = np.linalg.eigvalsh(g)
     if eigenvalues[0] <= 0:
         raise InputError(
-            "metric is not positive definite", got=f"smallest eigenvalue {eigenvalues[0]:.3g}"
+            "metric is not positive definite",
+            got=f"smallest eigenvalue {eigenvalues[0]:.3g}",
         )
     c = se3.STRUCTURE_CONSTANTS @ g  # c[i, j, k] = <[L_i, L_j], L_k>
     koszul = c - np.einsum("jki->ijk", c) + np.einsum("kij->ijk", c)
@@ -275,7 +284,9 @@ def levi_civita(metric: ArrayLike, name: str = "Levi-Civita") -> Connection:
     return from_symbols(np.swapaxes(nabla, 0, 1), name, meaning="Levi-Civita of a metric")
 
 
-def flat(jacobian: ArrayLike, jacobian_derivative: ArrayLike, name: str = "F") -> Connection:
+def flat(
+    jacobian: ArrayLike, jacobian_derivative: ArrayLike, name: str = "F"
+) -> Connection:
     r"""Flat connection of coordinates xi, seen on the left-invariant basis at one posture.
 
     ``Gamma[i, j, k] = sum alpha_j^l (d alpha_i^m / d xi^l) gamma_m^k`` with gamma the Jacobian,
@@ -308,7 +319,11 @@ def flat(jacobian: ArrayLike, jacobian_derivative: ArrayLike, name: str = "F") -
     # d alpha = -A dJ A, so alpha_i^m,l gamma_m^k = -(dJ A)[k, i, l].
     symbols = -np.einsum("kml,mi,lj->ijk", dJ, A, A, optimize=True)
     return Connection(
-        name, symbols, "Hessian in the coordinates themselves", left_invariant=False, _flat=True
+        name,
+        symbols,
+        "Hessian in the coordinates themselves",
+        left_invariant=False,
+        _flat=True,
     )
 
 

@@ -27,9 +27,13 @@ def derivative(f: Callable[[float], ArrayLike], step: float = STEP) -> Array:
     return np.asarray(total / step, float)
 
 
-def derivative_with_error(f: Callable[[float], ArrayLike], step: float) -> tuple[Array, Array]:
+def derivative_with_error(
+    f: Callable[[float], ArrayLike], step: float
+) -> tuple[Array, Array]:
     """`derivative`, and its change from sixth to eighth order, which exceeds its error."""
-    pairs = np.array([np.asarray(f(m * step)) - np.asarray(f(-m * step)) for m, _ in _FIRST])
+    pairs = np.array(
+        [np.asarray(f(m * step)) - np.asarray(f(-m * step)) for m, _ in _FIRST]
+    )
     slope = np.tensordot([weight for _, weight in _FIRST], pairs, 1) / step
     return slope, np.abs(slope - np.tensordot(_FIRST_OF_THREE, pairs, 1) / step)
 

@@ -18,7 +18,9 @@ def _each(name: str, x: Array) -> Array:
     """Apply a function to every number; recorded numbers have it as a method."""
     if x.dtype != object:
         return np.asarray(getattr(np, name)(x))
-    own = [getattr(v, name)() if hasattr(v, name) else getattr(math, name)(v) for v in x.flat]
+    own = [
+        getattr(v, name)() if hasattr(v, name) else getattr(math, name)(v) for v in x.flat
+    ]
     values = np.empty(x.size, object)
     values[:] = own
     return values.reshape(x.shape)
@@ -91,9 +93,15 @@ class Jet:
             H = a[..., None, None] * other.hessian + b[..., None, None] * self.hessian
             H += cross
             H += cross.swapaxes(-1, -2)
-            return Jet(a * b, a[..., None] * other.gradient + b[..., None] * self.gradient, H)
+            return Jet(
+                a * b, a[..., None] * other.gradient + b[..., None] * self.gradient, H
+            )
         k = np.asarray(other, float)
-        return Jet(k * self.value, k[..., None] * self.gradient, k[..., None, None] * self.hessian)
+        return Jet(
+            k * self.value,
+            k[..., None] * self.gradient,
+            k[..., None, None] * self.hessian,
+        )
 
     __rmul__ = __mul__
 
@@ -133,7 +141,9 @@ class Jet:
     def atan(self) -> Jet:
         """Arc tangent."""
         slope = 1 / (1 + self.value * self.value)
-        return self.apply(_arc_tangents(self.value), slope, -2 * self.value * (slope * slope))
+        return self.apply(
+            _arc_tangents(self.value), slope, -2 * self.value * (slope * slope)
+        )
 
 
 def variables(values: Array) -> list[Jet]:

@@ -100,10 +100,16 @@ def basis_twist(i: int) -> Array:
     return e
 
 
-def pose(rotation: ArrayLike | None = None, translation: ArrayLike | None = None) -> Array:
+def pose(
+    rotation: ArrayLike | None = None, translation: ArrayLike | None = None
+) -> Array:
     """Pose from a rotation matrix (default identity) and a translation (default zero)."""
     r = np.eye(3) if rotation is None else _of_shape(rotation, (3, 3), "rotation")
-    p = np.zeros(3) if translation is None else _of_shape(translation, (3,), "translation")
+    p = (
+        np.zeros(3)
+        if translation is None
+        else _of_shape(translation, (3,), "translation")
+    )
     m = np.zeros((*np.broadcast_shapes(r.shape[:-2], p.shape[:-1]), 4, 4))
     m[..., 3, 3] = 1.0
     m[..., :3, :3] = r
@@ -184,7 +190,9 @@ def _coefficients(angle: Array) -> tuple[Array, Array, Array]:
     half = np.sin(0.5 * t) / (0.5 * t)
     a = np.where(small, 1 - t2 / 6 * (1 - t2 / 20 * (1 - t2 / 42)), np.sin(t) / t)
     b = np.where(small, 0.5 - t2 / 24 * (1 - t2 / 30 * (1 - t2 / 56)), 0.5 * half * half)
-    c = np.where(small, 1 / 6 - t2 / 120 * (1 - t2 / 42 * (1 - t2 / 72)), (t - np.sin(t)) / t**3)
+    c = np.where(
+        small, 1 / 6 - t2 / 120 * (1 - t2 / 42 * (1 - t2 / 72)), (t - np.sin(t)) / t**3
+    )
     return a, b, c
 
 
@@ -221,7 +229,9 @@ def _rotation_vector(R: Array) -> Array:
     s = np.linalg.norm(q[..., :3], axis=-1)
     angle = 2 * np.arctan2(s, q[..., 3])
     tiny = s < numerics.NEGLIGIBLE_DIFFERENCE
-    scale = np.where(tiny, 2.0 / np.where(tiny, q[..., 3], 1.0), angle / np.where(tiny, 1.0, s))
+    scale = np.where(
+        tiny, 2.0 / np.where(tiny, q[..., 3], 1.0), angle / np.where(tiny, 1.0, s)
+    )
     return scale[..., None] * q[..., :3]
 
 
@@ -315,7 +325,9 @@ def roll_pitch_yaw(T: ArrayLike) -> Array:
     pitch = np.arctan2(-R[..., 2, 0], np.hypot(R[..., 0, 0], R[..., 1, 0]))
     yaw = np.arctan2(R[..., 1, 0], R[..., 0, 0])
     c, s = np.cos(yaw), np.sin(yaw)
-    roll = np.arctan2(s * R[..., 0, 2] - c * R[..., 1, 2], c * R[..., 1, 1] - s * R[..., 0, 1])
+    roll = np.arctan2(
+        s * R[..., 0, 2] - c * R[..., 1, 2], c * R[..., 1, 1] - s * R[..., 0, 1]
+    )
     return np.stack([roll, pitch, yaw], axis=-1)
 
 
@@ -328,7 +340,9 @@ def chain_curvature(jacobian: ArrayLike, wrench: ArrayLike) -> Array:
     """
     J = real_array(jacobian)
     if J.ndim < 2 or J.shape[-2] != 6:
-        raise InputError("jacobian has another shape", expected="(..., 6, n)", got=J.shape)
+        raise InputError(
+            "jacobian has another shape", expected="(..., 6, n)", got=J.shape
+        )
     upper = np.triu(0.5 * J.swapaxes(-1, -2) @ bracket_form(wrench) @ J, 1)
     S: Array = upper + upper.swapaxes(-1, -2)
     return S

@@ -99,7 +99,9 @@ class Fit:
 
     def moved_by(self, errors: Array) -> Array:
         """Changes (P + S, k) of parameters and nuisances by errors (m, k) of the numbers."""
-        return np.asarray(self.half @ (self.basis.T @ (errors.T * self.root / self.deviation).T))
+        return np.asarray(
+            self.half @ (self.basis.T @ (errors.T * self.root / self.deviation).T)
+        )
 
     @property
     def freedom(self) -> float:
@@ -199,7 +201,9 @@ def linear_fit(
 
 def _degrees(seen: Observations, h: Array) -> float:
     """Degrees of freedom of the least certain scale."""
-    degrees = [float(np.sum((1.0 - h)[seen.group == g])) for g in np.flatnonzero(~seen.is_known)]
+    degrees = [
+        float(np.sum((1.0 - h)[seen.group == g])) for g in np.flatnonzero(~seen.is_known)
+    ]
     return min(degrees, default=np.inf)
 
 
@@ -314,7 +318,9 @@ def _without_vague(fit: Fit, sizes: Array) -> Fit:
     Over such intervals the model is not linear, and the search has not moved them.
     """
     spread = np.sqrt(np.maximum(fit.covariance.diagonal(), 0.0))
-    return _without(fit, ~(spread <= _MAX_DEVIATION * np.maximum(sizes, np.abs(fit.theta))))
+    return _without(
+        fit, ~(spread <= _MAX_DEVIATION * np.maximum(sizes, np.abs(fit.theta)))
+    )
 
 
 def _without(fit: Fit, lost: NDArray[np.bool_]) -> Fit:
@@ -337,7 +343,9 @@ def _descended(
     since they enter linearly.
     """
     weight, target, unknowns = 1.0 / deviation, model.observations.target, model.unknowns
-    U, values, _ = np.linalg.svd(model.offsets.columns * weight[:, None], full_matrices=False)
+    U, values, _ = np.linalg.svd(
+        model.offsets.columns * weight[:, None], full_matrices=False
+    )
     Q = U[:, : numerics.rank(values)]
     sizes, bounded = unknowns.sizes, unknowns.is_bounded
     start = np.where(bounded, np.maximum(theta / sizes, numerics.TINY), theta / sizes)
@@ -370,7 +378,9 @@ def _descended(
     )
     if found.status <= 0:
         raise ConvergenceError(
-            "the fit does not settle", iterations=found.nfev, residual=2.0 * float(found.cost)
+            "the fit does not settle",
+            iterations=found.nfev,
+            residual=2.0 * float(found.cost),
         )
     return np.asarray(found.x * sizes)
 
@@ -384,12 +394,17 @@ def geometry_of(model: Model, fit: Fit) -> dict[str, tuple[float, float]]:
 
     The deviation is NaN if the rows do not determine the number.
     """
-    names, first = model.offsets.geometry, len(model.offsets.names) - len(model.offsets.geometry)
+    names, first = (
+        model.offsets.geometry,
+        len(model.offsets.names) - len(model.offsets.geometry),
+    )
     G = np.eye(len(names))
     for word in ("base", "tool"):
         at = [i for i, name in enumerate(names) if name.startswith(f"{word}.")]
         parts = [PARTS.index(names[i][5:]) for i in at]
-        G[np.ix_(at, at)] = rates_by_step(model.measured.found, word)[np.ix_(parts, parts)]
+        G[np.ix_(at, at)] = rates_by_step(model.measured.found, word)[
+            np.ix_(parts, parts)
+        ]
     # An undetermined number, whose covariance is NaN, spoils only those that it enters.
     near = [np.flatnonzero(np.abs(g) >= _MAX_OFFSET_DEVIATION) for g in G]
     C, changes = fit.offset_covariance[first:, first:], (G @ fit.offsets[first:]).tolist()
@@ -478,12 +493,21 @@ def robust_fit(model: Model, plain: Fit) -> Robust:
             continue
         slope = float(np.mean(w[mine] * (2.0 * w[mine] - 1.0)))
         if slope < _LEAST_SLOPE:
-            return Robust(plain, np.zeros(m), np.ones(m, bool), np.zeros(0, np.intp), seen)
-        square = np.sum((w * r / seen.unit)[mine] ** 2) / np.sum(1.0 - plain.leverage[mine])
+            return Robust(
+                plain, np.zeros(m), np.ones(m, bool), np.zeros(0, np.intp), seen
+            )
+        square = np.sum((w * r / seen.unit)[mine] ** 2) / np.sum(
+            1.0 - plain.leverage[mine]
+        )
         least = 1.0 if seen.is_known[g] else _roundoff(plain.target[mine])
-        scatter[g] = max(float(np.sqrt(w[mine].mean() / _WEIGHTED * square)) / slope, least)
+        scatter[g] = max(
+            float(np.sqrt(w[mine].mean() / _WEIGHTED * square)) / slope, least
+        )
         scales[g] = 1.0 if seen.is_known[g] else scatter[g]
-    known, root = replace(seen, deviation=seen.unit * scales[seen.group]), np.sqrt(w / _WEIGHTED)
+    known, root = (
+        replace(seen, deviation=seen.unit * scales[seen.group]),
+        np.sqrt(w / _WEIGHTED),
+    )
     # Of exact numbers the unbounded solution is x itself, and the bounded one the nearest to it.
     fit = linear_fit(plain.regressor, columns @ x, known, unknowns, nuisance=N, root=root)
     fit = replace(
@@ -513,7 +537,9 @@ def _least_cauchy(plain: Fit, seen: Observations) -> tuple[Array, Array]:
         for g in (0, 1):
             if (mine := seen.group == g).any():
                 # Some residuals of a robust fit are zero whatever the scatter: one a parameter.
-                some = np.sort(r[mine] / seen.unit[mine])[rank * int(mine.sum()) // len(r) :]
+                some = np.sort(r[mine] / seen.unit[mine])[
+                    rank * int(mine.sum()) // len(r) :
+                ]
                 least = 1.0 if seen.is_known[g] else _roundoff(plain.target[mine])
                 s[mine] = seen.unit[mine] * max(_MAD * float(np.median(some)), least)
         if np.all(np.abs(s - before) <= _SAME_SCALES * s):

@@ -106,13 +106,17 @@ def contradictions(measured: Measurements) -> None:
         largest = np.inf if is_place else float(np.nanmax(np.abs(values), initial=0.0))
         sd, known = measured.deviations[name], np.flatnonzero(~np.isnan(values))
         settings = measured.settings[known]
-        repeats = [known[settings == g] for g in np.flatnonzero(np.bincount(settings) > 1)]
+        repeats = [
+            known[settings == g] for g in np.flatnonzero(np.bincount(settings) > 1)
+        ]
         squares = np.array([np.sum((values[g] - values[g].mean()) ** 2) for g in repeats])
         freedoms = np.array([len(g) - 1 for g in repeats])
         for n, mine in enumerate(repeats):
             low, high = mine[np.argmin(values[mine])], mine[np.argmax(values[mine])]
             difference, spread = values[high] - values[low], np.hypot(sd[low], sd[high])
-            limit = _LARGEST_SHARE * largest if np.isnan(spread) else _CONTRADICTION * spread
+            limit = (
+                _LARGEST_SHARE * largest if np.isnan(spread) else _CONTRADICTION * spread
+            )
             others, rest = freedoms.sum() - freedoms[n], squares.sum() - squares[n]
             if np.isnan(spread) and others >= _MIN_REPEATS and rest > 0.0:
                 limit = min(limit, _CONTRADICTION * float(np.sqrt(2.0 * rest / others)))
@@ -197,7 +201,9 @@ class Estimate:
         return (1.0 / high if high > 0.0 else None), (1.0 / low if low > 0.0 else None)
 
 
-def estimates(fit: Fit, unknowns: Unknowns, t: float, wider: Array) -> tuple[Estimate, ...]:
+def estimates(
+    fit: Fit, unknowns: Unknowns, t: float, wider: Array
+) -> tuple[Estimate, ...]:
     """One estimate per parameter.
 
     Parameters
@@ -292,7 +298,9 @@ class Identification(LabelledResult):
         plain, robust = (replace(self, asked=fit) for fit in FITS)
         half = plain.factor * np.sqrt(np.diag(plain.covariance))
         apart = np.abs(robust.chosen.unbounded - plain.chosen.unbounded)
-        return [n for n, far in zip(self.unknowns.names, apart > half, strict=True) if far]
+        return [
+            n for n, far in zip(self.unknowns.names, apart > half, strict=True) if far
+        ]
 
     @property
     def fit(self) -> Literal["plain", "robust"]:
@@ -302,7 +310,10 @@ class Identification(LabelledResult):
     @cached_property
     def chosen(self) -> Fit:
         """The fit of the estimates, whose covariance counts the inflation."""
-        fit, factor = self.robust.fit if self.fit == "robust" else self.plain, self.inflation**2
+        fit, factor = (
+            self.robust.fit if self.fit == "robust" else self.plain,
+            self.inflation**2,
+        )
         return replace(
             fit,
             covariance=fit.covariance * factor,
@@ -314,7 +325,9 @@ class Identification(LabelledResult):
         """Checks of the model."""
         if self.fit == "robust":
             return checked(self.model, self.robust.fit, self.robust.kept)
-        return checked(self.model, self.plain, np.ones(len(self.model.observations), bool))
+        return checked(
+            self.model, self.plain, np.ones(len(self.model.observations), bool)
+        )
 
     @cached_property
     def left_out(self) -> Array:
@@ -359,7 +372,9 @@ class Identification(LabelledResult):
     @cached_property
     def of_fit(self) -> tuple[Estimate, ...]:
         """The estimates, their intervals without the linear model's error."""
-        return estimates(self.chosen, self.unknowns, self.factor, np.zeros(len(self.chosen.theta)))
+        return estimates(
+            self.chosen, self.unknowns, self.factor, np.zeros(len(self.chosen.theta))
+        )
 
     @cached_property
     def estimates(self) -> tuple[Estimate, ...]:
@@ -404,7 +419,10 @@ class Identification(LabelledResult):
         """Scatter of lengths and angles, each in its unit, by "length" and "angle"."""
         seen, solution = self.model.observations, self.chosen
         answer = {}
-        for g, name, unit in ((False, "length", self.elastic.units.length), (True, "angle", "rad")):
+        for g, name, unit in (
+            (False, "length", self.elastic.units.length),
+            (True, "angle", "rad"),
+        ):
             mine = seen.is_angle == g
             if not mine.any():
                 continue
@@ -415,7 +433,9 @@ class Identification(LabelledResult):
                 "residual_rms": _rms(solution.residual[mine]),
                 "sigma": _rms(solution.deviation[mine]),
                 "sigma_is_estimated": not seen.is_known[int(g)],
-                "leave_one_out_rms": None if np.isnan(left).all() else _rms(left[~np.isnan(left)]),
+                "leave_one_out_rms": None
+                if np.isnan(left).all()
+                else _rms(left[~np.isnan(left)]),
             }
         return answer
 
@@ -425,13 +445,17 @@ class Identification(LabelledResult):
         names = (*self.unknowns.names, *self.model.offsets.names)
         values, rank = solution.singular_values, self._rank()
         answer = []
-        for value, vector in zip(values[rank:], solution.directions.T[rank:], strict=False):
+        for value, vector in zip(
+            values[rank:], solution.directions.T[rank:], strict=False
+        ):
             big = np.flatnonzero(np.abs(vector) > 0.05).tolist()
             springs, offsets = (
                 {names[p]: float(vector[p]) for p in big if (p < count) == of_springs}
                 for of_springs in (True, False)
             )
-            answer.append({"singular_value": float(value), "springs": springs, "offsets": offsets})
+            answer.append(
+                {"singular_value": float(value), "springs": springs, "offsets": offsets}
+            )
         return answer
 
     def not_separable(self) -> list[list[str]]:
@@ -443,7 +467,9 @@ class Identification(LabelledResult):
         groups: dict[int, list[str]] = {}
         from scipy.sparse.csgraph import connected_components
 
-        for name, group in zip(names, connected_components(together)[1].tolist(), strict=True):
+        for name, group in zip(
+            names, connected_components(together)[1].tolist(), strict=True
+        ):
             groups.setdefault(group, []).append(name)
         return [group for group in groups.values() if len(group) > 1]
 
@@ -481,7 +507,9 @@ class Identification(LabelledResult):
             "noise": noise,
             "singular_values": self.chosen.singular_values,
             "unseen": self.weak_directions(),
-            "geometry": [{**vars(g), "identifiable": g.identifiable} for g in self.geometry],
+            "geometry": [
+                {**vars(g), "identifiable": g.identifiable} for g in self.geometry
+            ],
             "checks": vars(self.checks),
         }
         return described("identify", own, first, self.elastic.about(), self)
@@ -499,7 +527,9 @@ class Identification(LabelledResult):
             Without matplotlib.
         """
         measured, seen, chosen = self.measured, self.model.observations, self.chosen
-        force = np.linalg.norm(measured.wrench[:, 3:], axis=1) * self.elastic.units.newtons
+        force = (
+            np.linalg.norm(measured.wrench[:, 3:], axis=1) * self.elastic.units.newtons
+        )
         weight = measured.mass * 9.81
         moment = np.linalg.norm(measured.wrench[:, :3], axis=1)
         load, name, unit = force + weight, "force", "N"
@@ -525,7 +555,9 @@ class Identification(LabelledResult):
                 mine = (columns == column) & ~suspect
                 axis.plot(x[mine], standard[mine], ".", label=printable(column))
             if suspect.any():
-                axis.plot(x[suspect], standard[suspect], "x", color="tab:red", label="suspect")
+                axis.plot(
+                    x[suspect], standard[suspect], "x", color="tab:red", label="suspect"
+                )
             for level in (-2.0, 0.0, 2.0):
                 axis.axhline(level, color="0.7", linewidth=0.7, zorder=0)
             axis.set_xlabel(label)
@@ -542,8 +574,13 @@ class Identification(LabelledResult):
                 continue
             low, high = e.interval
             centre = e.compliance / nominal
-            wings = [[max(centre - low / nominal, 0.0)], [max(high / nominal - centre, 0.0)]]
-            axis.errorbar([centre], [len(names)], xerr=wings, fmt="o", color="tab:blue", capsize=3)
+            wings = [
+                [max(centre - low / nominal, 0.0)],
+                [max(high / nominal - centre, 0.0)],
+            ]
+            axis.errorbar(
+                [centre], [len(names)], xerr=wings, fmt="o", color="tab:blue", capsize=3
+            )
             names.append(printable(e.name))
         axis.set_yticks(range(len(names)), names, fontsize="small")
         axis.invert_yaxis()
@@ -588,10 +625,13 @@ def with_result(
         if unknown.is_scale:  # the file written holds the beam that was found
             factor[p] = values[p]
             pattern = CompliancePattern(
-                pattern.name, tuple((a, b, float(w * values[p])) for a, b, w in pattern.entries)
+                pattern.name,
+                tuple((a, b, float(w * values[p])) for a, b, w in pattern.entries),
             )
         patterns.append(pattern)
-    covariance = (result.covariance / np.multiply.outer(factor, factor))[np.ix_(known, known)]
+    covariance = (result.covariance / np.multiply.outer(factor, factor))[
+        np.ix_(known, known)
+    ]
     lost = [
         n
         for p, u in enumerate(result.unknowns.parameters)
@@ -719,7 +759,9 @@ def _zeros(result: Identification) -> Iterator[Note]:
             f"the joints' zeros are taken as exact: an error of {1e3 * _ZERO_ERROR:g} mrad in one "
             f"of them turns as much as {worst[1]} (--unknown zeros estimates them too)"
         )
-        yield Note("zeros-taken-as-known", words, {"error": _ZERO_ERROR, "stiffness": values})
+        yield Note(
+            "zeros-taken-as-known", words, {"error": _ZERO_ERROR, "stiffness": values}
+        )
 
 
 def _cables(result: Identification) -> Iterator[Note]:
@@ -745,7 +787,8 @@ def _cables(result: Identification) -> Iterator[Note]:
     words = f"cables are taken as taut in every row: {', '.join(names)}"
     if pushed:
         shown = "; ".join(
-            f"{name} in row(s) {_some([*map(str, rows)])}" for name, rows in pushed.items()
+            f"{name} in row(s) {_some([*map(str, rows)])}"
+            for name, rows in pushed.items()
         )
         words += f". Only preload keeps them so against the load: {shown}"
     yield Note("cables-taken-as-taut", words, {"cables": names, "against_load": pushed})
@@ -763,7 +806,11 @@ def _found(result: Identification) -> Iterator[Note]:
     if lost:
         words = f"not identifiable from these rows: {', '.join(lost)}"
         yield Note("not-identifiable", words, {"springs": lost})
-    least = {e.name: e.stiffness_interval[0] for e in result.estimates if e.verdict == "at-least"}
+    least = {
+        e.name: e.stiffness_interval[0]
+        for e in result.estimates
+        if e.verdict == "at-least"
+    }
     if least:
         shown = ", ".join(f"{name} at least {k:.5g}" for name, k in least.items())
         words = f"no upper end, the rows may come from a rigid spring: {shown}"
@@ -798,13 +845,18 @@ def _bent(result: Identification, rows: NDArray[np.intp]) -> tuple[Array, Array]
 
 def _against_equilibrium(result: Identification) -> Iterator[Note]:
     """Compare equilibrium under load and small displacement in the rows that move most."""
-    seen, values = result.model.observations, written_values(result.unknowns, result.of_fit)
+    seen, values = (
+        result.model.observations,
+        written_values(result.unknowns, result.of_fit),
+    )
     try:
         y, _ = result.model.at(values)
     except CartstiffError:
         return
     size = np.abs(y) / result.chosen.deviation
-    worst = np.array(list(dict.fromkeys(seen.row[np.argsort(-size)].tolist()))[:_COMPARED_ROWS])
+    worst = np.array(
+        list(dict.fromkeys(seen.row[np.argsort(-size)].tolist()))[:_COMPARED_ROWS]
+    )
     worst.sort()
     if (pair := _bent(result, worst)) is None:
         return
@@ -845,9 +897,12 @@ def _doubts(result: Identification) -> Iterator[Note]:
     yield from _suspects(result)
     checks = result.checks
     is_noise = checks.probability is not None and checks.probability >= _SIGNIFICANT
-    if result.inflation > 1.0 or (checks.unexplained > _POORLY_EXPLAINED and not is_noise):
+    if result.inflation > 1.0 or (
+        checks.unexplained > _POORLY_EXPLAINED and not is_noise
+    ):
         sizes = ", ".join(
-            f"{entry['residual_rms']:.3g} {entry['unit']}" for entry in result.noise().values()
+            f"{entry['residual_rms']:.3g} {entry['unit']}"
+            for entry in result.noise().values()
         )
         words = (
             f"the springs explain {100.0 * (1.0 - checks.unexplained**2):.3g} % of what was "
@@ -859,7 +914,8 @@ def _doubts(result: Identification) -> Iterator[Note]:
                 f"{checks.probability:.2g}), and all intervals are wider by that"
             )
         words += (
-            ". Other axes or units of the table, play, friction, or errors of zeros, tool and base?"
+            ". Other axes or units of the table, play, friction, "
+            "or errors of zeros, tool and base?"
         )
         numbers = {"unexplained": checks.unexplained, "factor": result.inflation}
         yield Note("hardly-explained", words, numbers)
@@ -875,11 +931,17 @@ def _suspects(result: Identification) -> Iterator[Note]:
     words = []
     if reasons:
         rows = zip(result.suspects, reasons, strict=True)
-        words.append(f"suspect rows: {_some([f'row {row} ({why})' for row, why in rows])}")
+        words.append(
+            f"suspect rows: {_some([f'row {row} ({why})' for row, why in rows])}"
+        )
     if outside := result.robust_outside:
-        words.append(f"the robust fit is outside the plain fit's intervals of {', '.join(outside)}")
+        words.append(
+            f"the robust fit is outside the plain fit's intervals of {', '.join(outside)}"
+        )
     advice = "the robust fit is recommended" + (
-        ", and is the answer" if result.fit == "robust" else "; the answer is the plain one"
+        ", and is the answer"
+        if result.fit == "robust"
+        else "; the answer is the plain one"
     )
     numbers = {"rows": result.suspects, "reasons": reasons, "springs": outside}
     yield Note("suspects", f"{'; '.join(words)}: {advice}", numbers)
@@ -945,10 +1007,14 @@ def identify(
     if not isinstance(measured, Measurements):
         measured = read_measurements(measured, elastic)
     _check(offsets, measured, fit)
-    unknowns = replace(unknowns_of(elastic, sought, ties=ties), sessions=offsets or "rigid")
+    unknowns = replace(
+        unknowns_of(elastic, sought, ties=ties), sessions=offsets or "rigid"
+    )
     if both := set(measured.session).intersection(unknowns.geometry):
         raise InputError(
-            "has the name of an offset that is sought", where="column session", got=min(both)
+            "has the name of an offset that is sought",
+            where="column session",
+            got=min(both),
         )
     contradictions(measured)
     measured = in_base(unknowns, measured, Model(unknowns, measured).poses)
@@ -985,7 +1051,9 @@ def _check(offsets: str | None, measured: Measurements, fit: str | None) -> None
         raise InputError(
             "nothing measured has an offset",
             where="--offsets",
-            expected="a column session" if has_positions else "measured positions x, y, z",
+            expected="a column session"
+            if has_positions
+            else "measured positions x, y, z",
             got=offsets,
         )
     if fit is not None:
@@ -1016,7 +1084,9 @@ def _fits(
         if not step and turned is None:
             return model, plain, robust_fit(model, plain)
         if not step:
-            _check_frame(model, plain, elastic)  # rows of another frame would never settle
+            _check_frame(
+                model, plain, elastic
+            )  # rows of another frame would never settle
         measured = corrected(elastic, turned or measured, step)
     raise ConvergenceError(
         "zeros and offsets do not settle: they are too large, or the rows hardly separate them",
@@ -1049,7 +1119,9 @@ def _near(model: LoadedModel) -> Array:
     except CartstiffError:  # no stiffness, or a law that does not reach so far
         return nominal
     share = first.theta / nominal
-    sound = ~unknowns.is_bounded | ((share > _SMALLEST_START) & (share < 1.0 / _SMALLEST_START))
+    sound = ~unknowns.is_bounded | (
+        (share > _SMALLEST_START) & (share < 1.0 / _SMALLEST_START)
+    )
     return np.where(first.is_determined & sound, first.theta, nominal)
 
 

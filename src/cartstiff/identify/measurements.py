@@ -141,7 +141,9 @@ class Measurements:
     def settings(self) -> NDArray[np.intp]:
         """Number of each row's posture and load; repeats have equal numbers."""
         sessions = {name: float(i) for i, name in enumerate(dict.fromkeys(self.session))}
-        of_session = np.array([sessions[name] for name in self.session] or [0.0] * len(self.q))
+        of_session = np.array(
+            [sessions[name] for name in self.session] or [0.0] * len(self.q)
+        )
         columns = [
             self.q,
             self.wrench,
@@ -157,7 +159,9 @@ def _groups(table: Array) -> NDArray[np.intp]:
     """Equal rows have equal numbers, from 0 in order of appearance."""
     known: dict[bytes, int] = {}
     rows = np.ascontiguousarray(table) + 0.0  # -0.0 becomes 0.0
-    return np.array([known.setdefault(row.tobytes(), len(known)) for row in rows], np.intp)
+    return np.array(
+        [known.setdefault(row.tobytes(), len(known)) for row in rows], np.intp
+    )
 
 
 #: Gravity [m/s^2] on hung masses if the mechanism names none.
@@ -269,7 +273,9 @@ def wrenches(
     return in_body(total), in_body(reference), total.reshape(-1, 6)
 
 
-def observe(measured: Measurements, elastic: ElasticMechanism, poses: Array) -> Observations:
+def observe(
+    measured: Measurements, elastic: ElasticMechanism, poses: Array
+) -> Observations:
     """Flatten measurements, row by row.
 
     Parameters
@@ -289,7 +295,9 @@ def observe(measured: Measurements, elastic: ElasticMechanism, poses: Array) -> 
     rigid = _rigid(points, R, T_F_B, measured)
 
     def table(columns: Iterable[Array], *shape: int) -> Array:
-        return np.array([*columns], float).reshape(len(names), len(R), *shape).swapaxes(0, 1)
+        return (
+            np.array([*columns], float).reshape(len(names), len(R), *shape).swapaxes(0, 1)
+        )
 
     values = table(measured.values.values())
     used = ~np.isnan(values)
@@ -319,7 +327,9 @@ def observe(measured: Measurements, elastic: ElasticMechanism, poses: Array) -> 
     )
 
 
-def _rigid(points: Array, R: Array, T_F_B: Array, measured: Measurements) -> dict[str, Array]:
+def _rigid(
+    points: Array, R: Array, T_F_B: Array, measured: Measurements
+) -> dict[str, Array]:
     """Positions and orientations less those of the rigid mechanism, in the robot's base frame."""
     columns: dict[str, Array] = {}
     base = T_F_B[:3, :3]
@@ -345,7 +355,12 @@ AXES = ("base", "body", "world")
 _LARGEST_FILE = 1 << 27
 # Numbers without a unit that cannot be SI: displacements beyond this share of the mechanism's size,
 # positions beyond this multiple of it, small rotations and joint angles beyond these [rad].
-_MAX_DISPLACEMENT, _MAX_POSITION, _MAX_ROTATION, _MAX_ANGLE = 0.2, 20.0, 0.5, 4.0 * math.pi
+_MAX_DISPLACEMENT, _MAX_POSITION, _MAX_ROTATION, _MAX_ANGLE = (
+    0.2,
+    20.0,
+    0.5,
+    4.0 * math.pi,
+)
 # Forces that cannot be N: 1 N moves a mechanism of this size [m] by more than this share of it.
 _TALL, _SHARE_PER_NEWTON = 0.3, 3e-4
 # Displacements that no mechanism has, with any unit, in its sizes.
@@ -411,20 +426,28 @@ def kinds_of(elastic: ElasticMechanism) -> dict[str, str]:
     return own | {f"sd_{name}": kind for name, kind in MEASURED.items()}
 
 
-def without_paths(cells: Cells, kinds: Mapping[str, str]) -> tuple[Cells, tuple[str, ...]]:
+def without_paths(
+    cells: Cells, kinds: Mapping[str, str]
+) -> tuple[Cells, tuple[str, ...]]:
     """A table of `cartstiff path` or `equilibrium --path` without their own columns, and these.
 
     Other tables are returned unchanged: an unknown column of theirs is an error, and so is a name
     that is nearly one of `kinds`.
     """
     names = [head.split("[")[0].strip() for head in cells.names]
-    of_path, of_commands = OF_PATH in names, any(name.startswith("command_") for name in names)
+    of_path, of_commands = (
+        OF_PATH in names,
+        any(name.startswith("command_") for name in names),
+    )
     unused = [
         i
         for i, name in enumerate(names)
         if name not in kinds
         and (
-            (of_commands and name.startswith(("command_", "taught_", "before_", "after_")))
+            (
+                of_commands
+                and name.startswith(("command_", "taught_", "before_", "after_"))
+            )
             or (of_path and not get_close_matches(name, kinds))
         )
     ]
@@ -559,7 +582,9 @@ def read_measurements(
         session = tuple(row[at] for row in cells.rows)
         for name, place in zip(session, cells.places, strict=True):
             if not name:
-                raise InputError("no session", where=place, expected="a name in every row")
+                raise InputError(
+                    "no session", where=place, expected="a name in every row"
+                )
     mass, mass0 = _loads(numbers, "mass", cells), _loads(numbers, "mass0", cells)
     least = np.minimum(mass, mass0)
     _refuse(least < 0, cells, "mass cannot be used", "zero or more", least)
@@ -585,7 +610,11 @@ def read_measurements(
 
 
 def _refuse(
-    bad: Array, cells: Cells, words: str, expected: str | None = None, got: Array | None = None
+    bad: Array,
+    cells: Cells,
+    words: str,
+    expected: str | None = None,
+    got: Array | None = None,
 ) -> None:
     """Refuse the first of the bad rows (N,)."""
     if bad.any():
@@ -628,7 +657,12 @@ def _in_base(elastic: ElasticMechanism, q: Array, wrench: Array) -> Array:
 def _loads(table: Mapping[str, Array], name: str, cells: Cells) -> Array:
     """A load's column; zero if it is missing, refused where it is empty."""
     values = table.get(name, np.zeros(len(cells.rows)))
-    _refuse(np.isnan(values), cells, f"no load: column {name!r} is empty", "a number, 0 for none")
+    _refuse(
+        np.isnan(values),
+        cells,
+        f"no load: column {name!r} is empty",
+        "a number, 0 for none",
+    )
     return values
 
 
@@ -673,7 +707,9 @@ def _postures(
             closed, moved = assembled(elastic, q[n])
         except (ConvergenceError, UndefinedError) as error:
             raise InputError(
-                str(error), where=cells.places[n], expected="a posture that closes the chain"
+                str(error),
+                where=cells.places[n],
+                expected="a posture that closes the chain",
             ) from None
         if moved > numerics.NEGLIGIBLE_DISTANCE:  # a rounded table may be off by less
             raise InputError(
@@ -705,7 +741,9 @@ def assembled(elastic: ElasticMechanism, q: Array) -> tuple[Array, float]:
     return closed, float(np.abs(closed - q)[held].max(initial=0.0))
 
 
-def _check_angle(name: str, values: Array, lower: float, upper: float, cells: Cells) -> None:
+def _check_angle(
+    name: str, values: Array, lower: float, upper: float, cells: Cells
+) -> None:
     """Refuse degrees that are given as radians."""
     row = int(np.argmax(np.abs(values)))
     far = abs(float(values[row])) > _MAX_ANGLE
@@ -806,7 +844,9 @@ def _measured(
         factor = length if kind == "length" else 1.0
         if spread is None:
             spread = np.full(len(cells.rows), deviations.get(name, np.nan))
-        bad = (spread <= 0) | (np.isnan(spread) & ~np.isnan(table[name]) & (f"sd_{name}" in table))
+        bad = (spread <= 0) | (
+            np.isnan(spread) & ~np.isnan(table[name]) & (f"sd_{name}" in table)
+        )
         words = f"standard deviation of {name!r} cannot be used"
         _refuse(bad, cells, words, "above zero", spread)
         values[name], sds[name] = table[name] * factor, spread * factor
@@ -818,7 +858,9 @@ def _measured(
         )
     turned = [name in values for name in TURN]
     if any(turned) and not all(turned):
-        raise InputError("an orientation needs all of roll, pitch, yaw", where=cells.place)
+        raise InputError(
+            "an orientation needs all of roll, pitch, yaw", where=cells.place
+        )
     for name in TURN[1:] if all(turned) else ():
         differ = np.isnan(values[name]) != np.isnan(values[TURN[0]])
         _refuse(differ, cells, "an orientation needs all of roll, pitch, yaw")
@@ -828,7 +870,9 @@ def _measured(
     return values, sds
 
 
-def _directions(table: Mapping[str, Array], cells: Cells, values: Mapping[str, Array]) -> Array:
+def _directions(
+    table: Mapping[str, Array], cells: Cells, values: Mapping[str, Array]
+) -> Array:
     """Unit vectors of the dial gauge (N, 3)."""
     names = ("nx", "ny", "nz")
     directions = np.full((len(cells.rows), 3), np.nan)
@@ -836,12 +880,16 @@ def _directions(table: Mapping[str, Array], cells: Cells, values: Mapping[str, A
     if "d" not in values:
         if any(there):
             raise InputError(
-                "a direction without a dial gauge", where=cells.place, expected="a column 'd'"
+                "a direction without a dial gauge",
+                where=cells.place,
+                expected="a column 'd'",
             )
         return directions
     if not all(there):
         raise InputError(
-            "column 'd' needs its direction", where=cells.place, expected="columns nx, ny, nz"
+            "column 'd' needs its direction",
+            where=cells.place,
+            expected="columns nx, ny, nz",
         )
     directions = np.stack([table[name] for name in names], axis=1)
     size = np.linalg.norm(directions, axis=1)
@@ -851,7 +899,9 @@ def _directions(table: Mapping[str, Array], cells: Cells, values: Mapping[str, A
         return directions / size[:, None]
 
 
-def _check_loads(measurements: Measurements, elastic: ElasticMechanism, cells: Cells) -> None:
+def _check_loads(
+    measurements: Measurements, elastic: ElasticMechanism, cells: Cells
+) -> None:
     """Refuse tables without a load."""
     acts = measurements.wrench.any(axis=1) | (measurements.mass != measurements.mass0)
     absolute = np.zeros(len(measurements), bool)
@@ -864,7 +914,9 @@ def _check_loads(measurements: Measurements, elastic: ElasticMechanism, cells: C
         if absolute.any():
             words += ", and no gravity acts on the mechanism"
         raise InputError(
-            words, where=one_line(cells.place), expected="columns fx, fy, fz, mx, my, mz or mass"
+            words,
+            where=one_line(cells.place),
+            expected="columns fx, fy, fz, mx, my, mz or mass",
         )
 
 

@@ -24,7 +24,13 @@ from cartstiff.arrays import Array
 from cartstiff.batch.postures import analyse_many
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry import se3
-from cartstiff.identify.measurements import Measurements, Observations, field_of, observe, wrenches
+from cartstiff.identify.measurements import (
+    Measurements,
+    Observations,
+    field_of,
+    observe,
+    wrenches,
+)
 from cartstiff.identify.unknowns import Offsets, Unknowns, offsets_of
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -126,7 +132,9 @@ class Model:
         """Whether the prediction is linear in the parameters."""
         mechanism = self._rest.mechanism
         legs = isinstance(mechanism, Platform) and len(self.unknowns.elements.names) == 6
-        return legs or (self._is_open and not any(u.law for u in self.unknowns.parameters))
+        return legs or (
+            self._is_open and not any(u.law for u in self.unknowns.parameters)
+        )
 
     @cached_property
     def _distinct(self) -> tuple[Array, NDArray[np.intp]]:
@@ -166,9 +174,13 @@ class Model:
     @cached_property
     def _loads(self) -> tuple[Array, Array, Array]:
         """Wrench (m, 6) of each number, whether the own weight adds to it (m,); all that acts."""
-        loaded, reference, _ = wrenches(self.measured, self.unknowns.elements.elastic, self.poses)
+        loaded, reference, _ = wrenches(
+            self.measured, self.unknowns.elements.elastic, self.poses
+        )
         seen = self.observations
-        W = loaded[seen.row] - np.where(seen.is_absolute[:, None], 0.0, reference[seen.row])
+        W = loaded[seen.row] - np.where(
+            seen.is_absolute[:, None], 0.0, reference[seen.row]
+        )
         return W, seen.is_absolute, loaded[seen.row]
 
     @cached_property
@@ -179,7 +191,9 @@ class Model:
             return np.zeros((len(q), elastic.mechanism.at(q[0]).motion.jacobian.shape[1]))
         acting = [Gravity(elastic.gravity), *filter(_is_lift, elastic.potentials)]
         postures = [elastic.mechanism.at(x) for x in q]
-        return np.array([-sum(term.evaluate(at).gradient for term in acting) for at in postures])
+        return np.array(
+            [-sum(term.evaluate(at).gradient for term in acting) for at in postures]
+        )
 
     def _forces(self, theta: Array) -> tuple[Array, Array, Array, Array]:
         """Per distinct posture: F (k, E, 6), C (k, 6, 6), and the weight's forces and twist."""
@@ -222,10 +236,14 @@ class Model:
             If the springs do not hold a row's posture, or a law does not reach its torque.
         """
         y, A = self._at(theta)
-        for p in self._tensioned:  # the tension, and with it the turning stiffness, changes too
+        for p in (
+            self._tensioned
+        ):  # the tension, and with it the turning stiffness, changes too
             step = np.zeros(len(theta))
             step[p] = numerics.WIDE_DIFFERENCE_STEP * self.unknowns.sizes[p]
-            A[:, p] = (self._at(theta + step)[0] - self._at(theta - step)[0]) / (2.0 * step[p])
+            A[:, p] = (self._at(theta + step)[0] - self._at(theta - step)[0]) / (
+                2.0 * step[p]
+            )
         return y, A
 
     @cached_property
@@ -253,19 +271,27 @@ class Model:
             self._add_bent(y, A, theta, name, law)
         return y, A
 
-    def _add_bent(self, y: Array, A: Array, theta: Array, name: str, law: SpringLaw) -> None:
+    def _add_bent(
+        self, y: Array, A: Array, theta: Array, name: str, law: SpringLaw
+    ) -> None:
         """Add the deflection of a nonlinear spring in an open chain, and its derivatives."""
         seen, j = self.observations, self._rest.names.index(name)
         place = self._distinct[1][seen.row]
         J, own = self._kinematics[1][place, :, j], self._weights[place, j]
-        moved, (W, weighs, loaded) = np.einsum("mi,mi->m", J, seen.functional), self._loads
+        moved, (W, weighs, loaded) = (
+            np.einsum("mi,mi->m", J, seen.functional),
+            self._loads,
+        )
         torque = np.einsum("mi,mi->m", J, loaded) + own
         # A position differs from that of the rigid arm, a displacement from the state before.
         before = np.where(weighs, 0.0, torque - np.einsum("mi,mi->m", J, W))
         for t, sign in ((torque, 1.0), (before, -1.0)):
             each, back = np.unique(t, return_inverse=True)  # one for a row's numbers
             roots = [law.deflection_for(float(value)) for value in each]
-            x, k = np.array(roots)[back], np.array([law.evaluate(v)[2] for v in roots])[back]
+            x, k = (
+                np.array(roots)[back],
+                np.array([law.evaluate(v)[2] for v in roots])[back],
+            )
             y += sign * moved * x
             for p, unknown in enumerate(self.unknowns.parameters):
                 joint, power = unknown.law or ("", 0)
@@ -279,7 +305,9 @@ class Model:
         seen = self.observations
         W, weighs, _ = self._loads
         place = self._distinct[1][seen.row]
-        by_load = np.einsum("mei,mi->me", F[place], W) + weighs[:, None] * own_forces[place]
+        by_load = (
+            np.einsum("mei,mi->me", F[place], W) + weighs[:, None] * own_forces[place]
+        )
         return by_load, np.einsum("mei,mi->me", F[place], seen.functional)
 
 
@@ -291,7 +319,9 @@ def is_open_chain(elastic: ElasticMechanism) -> bool:
     return isinstance(mechanism, Chain) and not mechanism.closures and not others
 
 
-def derivatives(by_functional: Array, by_load: Array, patterns: Array | Sequence[Array]) -> Array:
+def derivatives(
+    by_functional: Array, by_load: Array, patterns: Array | Sequence[Array]
+) -> Array:
     """``(F a)^T S (F W)`` (m, P) from forces (m, E) and patterns (P, E, E)."""
     columns = []
     for S in patterns:
@@ -319,7 +349,9 @@ class LoadedModel(Model):
     """Equilibria under the rows' loads."""
 
     #: Last equilibrium of each row, its derivative by the parameters, and these.
-    _last: dict[tuple[int, bytes], tuple[Array, Array, Array]] = field(default_factory=dict)
+    _last: dict[tuple[int, bytes], tuple[Array, Array, Array]] = field(
+        default_factory=dict
+    )
 
     #: Whether the prediction is linear in the parameters.
     is_linear = False
@@ -380,10 +412,14 @@ class LoadedModel(Model):
                 before = references[key]
             for i in at:
                 start = rigid if seen.is_absolute[i] else before
-                y[i], A[i] = _between(start, loaded, seen.axis[i], bool(seen.is_angle[i]), p)
+                y[i], A[i] = _between(
+                    start, loaded, seen.axis[i], bool(seen.is_angle[i]), p
+                )
         return y, A
 
-    def _state(self, elastic: ElasticMechanism, n: int, load: Array, theta: Array) -> _State:
+    def _state(
+        self, elastic: ElasticMechanism, n: int, load: Array, theta: Array
+    ) -> _State:
         """Equilibrium of a row under a wrench along F, sought from an extrapolated one."""
         q = self.measured.q[n]
         P = len(self.unknowns.parameters)
@@ -455,7 +491,9 @@ def _between(
     if is_angle:
         turn = se3.log(se3.pose(R @ R0.T))
         rates = R @ end.twists[:3] - R @ start.twists[:3]
-        return float(axis @ turn[:3]), axis @ se3.right_jacobian_inverse(-turn)[:3, :3] @ rates
+        return float(axis @ turn[:3]), axis @ se3.right_jacobian_inverse(-turn)[
+            :3, :3
+        ] @ rates
     moved = end.pose[:3, 3] + R @ point - start.pose[:3, 3] - R0 @ point
     rates = R @ _of_point(end.twists, point) - R0 @ _of_point(start.twists, point)
     return float(axis @ moved), axis @ rates

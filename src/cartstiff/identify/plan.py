@@ -104,7 +104,9 @@ def candidates(
         If there is no load, a column cannot be measured, or no posture remains.
     """
     if not (mass > 0.0 or force > 0.0):
-        raise InputError("no load is planned", expected="a mass to hang, or a force to push with")
+        raise InputError(
+            "no load is planned", expected="a mass to hang, or a force to push with"
+        )
     for name in deviations:
         if name not in MEASURED or name in TURN:
             raise InputError(
@@ -258,7 +260,9 @@ class Plan(LabelledResult):
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         rows = []
-        for u, s in zip(self.unknowns.parameters, self.deviations[-1].tolist(), strict=True):
+        for u, s in zip(
+            self.unknowns.parameters, self.deviations[-1].tolist(), strict=True
+        ):
             k = 1.0 / u.nominal if u.has_stiffness and not u.is_scale else np.nan
             half = self.factor * s
             interval = [k / (1.0 + half), k / (1.0 - half) if half < 1.0 else None]
@@ -278,7 +282,9 @@ class Plan(LabelledResult):
             "rows": len(self.rows),
             "level": LEVEL,
             "parameters": rows,
-            "geometry": [{"name": g.name, "unit": g.unit, "sd": g.sd} for g in self.geometry],
+            "geometry": [
+                {"name": g.name, "unit": g.unit, "sd": g.sd} for g in self.geometry
+            ],
             "by_rows": [{"rows": n, "worst_relative_sd": worst} for n, worst in falls],
             "not_identifiable": self.lost,
             "notes": [note.to_dict() for note in self.unknowns.elements.elastic.notes],
@@ -318,7 +324,9 @@ class Plan(LabelledResult):
         return self.deviations[:, known].max(axis=1)
 
 
-def information(unknowns: Unknowns, measured: Measurements, geometry: Sequence[str] = ()) -> Array:
+def information(
+    unknowns: Unknowns, measured: Measurements, geometry: Sequence[str] = ()
+) -> Array:
     """G (N, T, T) of each row, of compliances in shares of their values, and of `geometry`."""
     return _per_row(unknowns, measured, geometry)[0]
 
@@ -337,7 +345,9 @@ def _per_row(
             expected="one for each column that is measured",
         )
     more = [
-        _SMALL * size_of(elastic, name) * model.offsets.columns.T[model.offsets.names.index(name)]
+        _SMALL
+        * size_of(elastic, name)
+        * model.offsets.columns.T[model.offsets.names.index(name)]
         for name in geometry
     ]
     scaled = np.column_stack([A * unknowns.sizes, *more]) / seen.deviation[:, None]
@@ -382,7 +392,10 @@ def plan(
         raise UnknownNameError("criterion", criterion, CRITERIA, where="--criterion")
     if count < 1:
         raise InputError(
-            "number of rows cannot be used", where="--plan", expected="1 or more", got=count
+            "number of rows cannot be used",
+            where="--plan",
+            expected="1 or more",
+            got=count,
         )
     P, elastic = len(unknowns.parameters), unknowns.elements.elastic
     geometry = model_of(unknowns, offered).offsets.geometry
@@ -426,9 +439,13 @@ def plan(
         counts,
         np.where(known[:P], spreads[:, :P], np.inf),
         np.array([quantile(LEVEL, d) for d in degrees]),
-        tuple(n for n, is_known in zip(unknowns.names, known, strict=False) if not is_known),
         tuple(
-            OffsetEstimate(n, unit_of(elastic, n), None, s if np.isfinite(s) else None, None)
+            n for n, is_known in zip(unknowns.names, known, strict=False) if not is_known
+        ),
+        tuple(
+            OffsetEstimate(
+                n, unit_of(elastic, n), None, s if np.isfinite(s) else None, None
+            )
             for n, s in zip(geometry, predicted.tolist(), strict=True)
         ),
     )
@@ -468,7 +485,9 @@ def _cost_of(criterion: str, known: NDArray[np.bool_], effects: Array | None) ->
         if effects is not None:
             return np.einsum("ip,kpr,ir->k", effects, inverse, effects)
         variances = inverse.diagonal(0, 1, 2)
-        return np.asarray(variances.sum(axis=1) if criterion == "sum" else variances.max(axis=1))
+        return np.asarray(
+            variances.sum(axis=1) if criterion == "sum" else variances.max(axis=1)
+        )
 
     return of
 

@@ -20,7 +20,12 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements, law_of, with_coefficients
 from cartstiff.mechanisms.identified import BEAM, CompliancePattern
 from cartstiff.potentials.beams import Beam
-from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw, SpringLaw
+from cartstiff.potentials.springs import (
+    CoupledSprings,
+    JointSprings,
+    PolynomialLaw,
+    SpringLaw,
+)
 
 #: Probability of intervals.
 LEVEL = 0.95
@@ -119,7 +124,9 @@ class Unknowns:
         both = np.multiply.outer(own, own)
         return np.array(
             [
-                abs(u.nominal) if u.law else float((both[S != 0] / np.abs(S[S != 0])).max())
+                abs(u.nominal)
+                if u.law
+                else float((both[S != 0] / np.abs(S[S != 0])).max())
                 for u, S in zip(self.parameters, self.patterns, strict=True)
             ]
         )
@@ -147,7 +154,11 @@ class Unknowns:
         return {elastic.names[j]: law for j, law in laws.items()}
 
     def _coefficients(self, theta: Array) -> dict[tuple[str, int], float]:
-        return {u.law: x for u, x in zip(self.parameters, theta.tolist(), strict=True) if u.law}
+        return {
+            u.law: x
+            for u, x in zip(self.parameters, theta.tolist(), strict=True)
+            if u.law
+        }
 
 
 def unknowns_of(
@@ -214,16 +225,22 @@ def _geometry(
             continue
         if word not in ("tool", "base") and not zeros_of(elastic):
             raise InputError(
-                "zeros of joints are found for open chains only", where="--unknown", got=word
+                "zeros of joints are found for open chains only",
+                where="--unknown",
+                got=word,
             )
         names += [n for n in (zeros if word == "zeros" else [word]) if n not in names]
     return tuple(names), others
 
 
-def _expanded(elastic: ElasticMechanism, elements: Elements, sought: Sequence[str]) -> list[str]:
+def _expanded(
+    elastic: ElasticMechanism, elements: Elements, sought: Sequence[str]
+) -> list[str]:
     """Single springs and links, each once."""
     links = _links(elastic)
-    own = [n for n in elements.names if not any(n in members for members in links.values())]
+    own = [
+        n for n in elements.names if not any(n in members for members in links.values())
+    ]
     bent = _polynomials(elastic)
     lines = [n for n in own if n.startswith("line") and n not in elastic.names]
     joints = [n for n in own if n not in lines]
@@ -273,7 +290,9 @@ def _made(elastic: ElasticMechanism, elements: Elements, word: str) -> list[Unkn
 def _refuse_of_beam(elastic: ElasticMechanism, name: str, where: str) -> None:
     """Refuse one axis of a beam: a beam's compliance is a multiple of its own."""
     for potential in elastic.potentials:
-        if isinstance(potential, Beam) and name in _links(elastic).get(potential.link, ()):
+        if isinstance(potential, Beam) and name in _links(elastic).get(
+            potential.link, ()
+        ):
             raise InputError(
                 f"{name!r}: one axis of a beam has no stiffness of its own",
                 where=where,
@@ -307,7 +326,9 @@ def _links(elastic: ElasticMechanism) -> dict[str, list[str]]:
     links = {}
     for potential in elastic.potentials:
         if isinstance(potential, (CoupledSprings, Beam)):
-            members = [elastic.names[j] for j in np.asarray(potential.indices).reshape(-1)]
+            members = [
+                elastic.names[j] for j in np.asarray(potential.indices).reshape(-1)
+            ]
             links[potential.link or members[0].rpartition(".")[0]] = members
     return links
 
@@ -331,11 +352,17 @@ def _of_link(elastic: ElasticMechanism, elements: Elements, word: str) -> list[U
             pattern = CompliancePattern(name + BEAM, entries)
             return [Unknown(pattern, "of the file's", 1.0, is_scale=True)]
     axes = [member.rpartition(".")[2] for member in members]
-    chosen = [part.strip() for part in form.split(",")] if form not in ("", "diagonal") else axes
+    chosen = (
+        [part.strip() for part in form.split(",")]
+        if form not in ("", "diagonal")
+        else axes
+    )
     for part in chosen:
         if part not in axes:
             where = f"--unknown {word}"
-            raise UnknownNameError("axis of a link", part, ["diagonal", *axes], where=where)
+            raise UnknownNameError(
+                "axis of a link", part, ["diagonal", *axes], where=where
+            )
     places = [i for i, axis in enumerate(axes) if axis in chosen]
     unknowns = []
     for i, j in combinations_with_replacement(places, 2):
@@ -356,7 +383,9 @@ def _tied(parameters: Sequence[Unknown], group: Sequence[str]) -> list[Unknown]:
         raise InputError(
             "a tie needs two springs", where="--tie", expected="A=B", got="=".join(group)
         )
-    able = {u.name: u for u in parameters if u.has_stiffness and not (u.law or u.is_scale)}
+    able = {
+        u.name: u for u in parameters if u.has_stiffness and not (u.law or u.is_scale)
+    }
     members = []
     for name in group:
         if name not in able:
@@ -367,7 +396,9 @@ def _tied(parameters: Sequence[Unknown], group: Sequence[str]) -> list[Unknown]:
             )
         members.append(able.pop(name))
     if len({u.unit for u in members}) > 1:
-        raise InputError("a tie joins an angle and a distance", where="--tie", got="=".join(group))
+        raise InputError(
+            "a tie joins an angle and a distance", where="--tie", got="=".join(group)
+        )
     entries = tuple(entry for u in members for entry in u.pattern.entries)
     one = replace(
         members[0],
@@ -431,8 +462,12 @@ def offsets_of(unknowns: Unknowns, seen: Observations, measured: Measurements) -
     for name in dict.fromkeys(measured.session) if unknowns.sessions != "none" else ():
         mine = (sessions == name) & seen.is_absolute
         points = seen.place[mine & ~seen.is_angle]
-        placed = _placement(seen, mine, points.mean(axis=0) if len(points) else np.zeros(3))
-        for part, column in zip(("tx", "ty", "tz", "rx", "ry", "rz"), placed, strict=True):
+        placed = _placement(
+            seen, mine, points.mean(axis=0) if len(points) else np.zeros(3)
+        )
+        for part, column in zip(
+            ("tx", "ty", "tz", "rx", "ry", "rz"), placed, strict=True
+        ):
             if column.any() and (unknowns.sessions == "rigid" or part[0] == "t"):
                 of_sessions[f"{name}.{part}"] = column
     geometry = _of_geometry(unknowns, seen, measured)
@@ -447,7 +482,9 @@ def _placement(
     """Columns (6, m) of translations along three axes and small rotations about a point of F."""
     R = np.eye(3) if axes is None else axes
     shift = np.where((mine & ~seen.is_angle)[:, None], seen.axis, 0.0)
-    about = np.where(seen.is_angle[:, None], seen.axis, np.cross(seen.place - centre, seen.axis))
+    about = np.where(
+        seen.is_angle[:, None], seen.axis, np.cross(seen.place - centre, seen.axis)
+    )
     return np.vstack([(shift @ R).T, (np.where(mine[:, None], about, 0.0) @ R).T])
 
 
@@ -462,7 +499,9 @@ def _of_geometry(
             where="--unknown",
             expected="measured positions x, y, z (or roll, pitch, yaw)",
         )
-    _, first, groups = np.unique(measured.postures, return_index=True, return_inverse=True)
+    _, first, groups = np.unique(
+        measured.postures, return_index=True, return_inverse=True
+    )
     postures = [elastic.mechanism.at(q) for q in measured.q[first]]
     at = groups[seen.row]
     columns = {}
@@ -470,19 +509,25 @@ def _of_geometry(
         if word.endswith(ZERO):
             j = elastic.names.index(word.removesuffix(ZERO))
             twists = np.array([p.motion.jacobian[:, j] for p in postures])[at]
-            column = np.where(absolute, np.einsum("mi,mi->m", seen.functional, twists), 0.0)
+            column = np.where(
+                absolute, np.einsum("mi,mi->m", seen.functional, twists), 0.0
+            )
             # Of a point nearly on the axis it would be confused with the tool's place.
             lever = numerics.NEGLIGIBLE_CHANGE * postures[0].length
             columns[word] = column * (np.abs(column).max() > lever)
             continue
         if word == "tool":
             axes = np.array([p.pose[:3, :3] for p in postures])[at]
-            along = np.einsum("mij,mi->jm", axes, np.where(absolute[:, None], seen.axis, 0.0))
+            along = np.einsum(
+                "mij,mi->jm", axes, np.where(absolute[:, None], seen.axis, 0.0)
+            )
             parts = np.vstack([along * ~seen.is_angle, along * seen.is_angle])
         else:
             B = elastic.mechanism.base_pose
             parts = _placement(seen, absolute, B[:3, 3], B[:3, :3])
-        columns |= {f"{word}.{n}": x for n, x in zip(PARTS, parts, strict=True) if x.any()}
+        columns |= {
+            f"{word}.{n}": x for n, x in zip(PARTS, parts, strict=True) if x.any()
+        }
     return columns
 
 
@@ -519,9 +564,13 @@ def corrected(
     elastic: ElasticMechanism, measured: Measurements, step: Mapping[str, float]
 ) -> Measurements:
     """Rows corrected by a further step of the offsets; loads keep their points."""
-    table = np.stack([measured.values.get(n, np.full(len(measured), np.nan)) for n in POSITION])
+    table = np.stack(
+        [measured.values.get(n, np.full(len(measured), np.nan)) for n in POSITION]
+    )
     if (np.isnan(table).any(axis=0) & ~np.isnan(table).all(axis=0)).any():
-        step = {n: x for n, x in step.items() if not n.startswith("base.")}  # no whole positions
+        step = {
+            n: x for n, x in step.items() if not n.startswith("base.")
+        }  # no whole positions
     before = measured.found
     found = {**before, **{name: before.get(name, 0.0) + x for name, x in step.items()}}
     base = se3.inverse(placement_of(found, "base")) @ placement_of(before, "base")
@@ -549,13 +598,18 @@ def sessions_turned_back(
 
     None where the columns of a small rotation are right to a share of the standard deviations (m,).
     """
-    T_F_B, sessions = unknowns.elements.elastic.mechanism.base_pose, np.array(measured.session)
+    T_F_B, sessions = (
+        unknowns.elements.elastic.mechanism.base_pose,
+        np.array(measured.session),
+    )
     turns = {
         name: np.array([offsets.get(f"{name}.r{axis}", 0.0) for axis in "xyz"])
         for name in measured.session
     }
     largest = max(map(np.linalg.norm, turns.values()), default=0.0)
-    far = largest * np.abs(seen.place).max() + np.abs(seen.target[seen.is_absolute]).max(initial=0)
+    far = largest * np.abs(seen.place).max() + np.abs(seen.target[seen.is_absolute]).max(
+        initial=0
+    )
     if largest * far <= _NEGLIGIBLE * deviation.min():
         return None
     for name, w in turns.items():
@@ -630,11 +684,15 @@ def in_base(unknowns: Unknowns, measured: Measurements, poses: Array) -> Measure
                 expected="three points that are not in line, or --offsets translation",
             )
         if T is not None and by_session:
-            measured = replace(measured, values=_moved(measured.values, rows, T, np.eye(3)))
+            measured = replace(
+                measured, values=_moved(measured.values, rows, T, np.eye(3))
+            )
         elif T is not None:
             place = se3.inverse(T)
             parts = [*place[:3, 3], *se3.log(se3.pose(place[:3, :3]))[:3]]
-            step = {f"base.{part}": float(v) for part, v in zip(PARTS, parts, strict=True)}
+            step = {
+                f"base.{part}": float(v) for part, v in zip(PARTS, parts, strict=True)
+            }
             measured = corrected(elastic, measured, step)
     return measured
 

@@ -55,7 +55,9 @@ def mechanism_file(result: Identification, data: dict[str, Any], source: str) ->
     if identified is None:
         raise TypeError("a result without findings")
     entries = []
-    for pattern, value in zip(identified.patterns, identified.values.tolist(), strict=True):
+    for pattern, value in zip(
+        identified.patterns, identified.values.tolist(), strict=True
+    ):
         entry: dict[str, Any] = {"name": pattern.name, "value": value}
         if pattern.law is not None:
             entry["polynomial"] = list(pattern.law)
@@ -126,7 +128,9 @@ def keys_to_write(
     if path.suffix.lower() in (".yaml", ".yml"):
         read, lines = read_yaml(path)
         # Numbers are written anew: none may depend on a parameter any more.
-        data, _ = with_parameters(read, lambda at: place_of(path, lines, at), elastic.parameters)
+        data, _ = with_parameters(
+            read, lambda at: place_of(path, lines, at), elastic.parameters
+        )
         data.pop("identified", None)
         if frame is not None and data["kind"] in ("serial", "closed-chain"):
             moves = frame != data.get("frame") or "offset" in data
@@ -215,7 +219,9 @@ def _put_equal_legs(legs: Any, elastic: ElasticMechanism) -> None:
             found.setdefault(joint, []).append(float(elements.stiffness[at, at]))
     entry: dict[str, Any] = {"flexible": True} if isinstance(legs, list) else legs
     driven = [joint for joint in found if joint not in entry.get("springs", {})]
-    uneven = [joint for joint, k in found.items() if joint not in driven and len({*k}) > 1]
+    uneven = [
+        joint for joint, k in found.items() if joint not in driven and len({*k}) > 1
+    ]
     if entry.get("flexible") or len(driven) > 1 or uneven:
         raise InputError(
             "the springs found have no place in an entry of legs by name",
@@ -238,7 +244,9 @@ def _put_geometry(data: dict[str, Any], result: Identification) -> None:
     placed, elastic = result.placed, result.elastic
     lengths, _ = convert_length(elastic.units, SI)
     tool, base = placement_of(placed, "tool"), placement_of(placed, "base")
-    point = np.asarray(result.measured.point) - tool[:3, 3]  # it keeps its numbers in the new M
+    point = (
+        np.asarray(result.measured.point) - tool[:3, 3]
+    )  # it keeps its numbers in the new M
     tool[:3, 3] += point - tool[:3, :3] @ point
     for word, key, T in (("tool", "offset", tool), ("base", "base", base)):
         if word not in result.unknowns.geometry:
@@ -275,7 +283,9 @@ def _moved(T: Array, point: Any) -> list[float]:
 
 def _put_joints(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) -> None:
     elements = Elements(elastic)
-    if isinstance(holder.get("springs"), str):  # of a published set: written joint by joint
+    if isinstance(
+        holder.get("springs"), str
+    ):  # of a published set: written joint by joint
         holder["springs"] = {}
     springs = holder.setdefault("springs", {})
     laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
@@ -311,7 +321,9 @@ def _put_contact(holder: dict[str, Any], joint: str, stiffness: float) -> bool:
     if joint in ("contact.tx", "contact.ty"):
         given = contact["tangential"]
         both = given if isinstance(given, list) else [given, given]
-        found = [stiffness if joint[-1] == a else k for a, k in zip("xy", both, strict=True)]
+        found = [
+            stiffness if joint[-1] == a else k for a, k in zip("xy", both, strict=True)
+        ]
         holder["contact_stiffness"] = {**contact, "tangential": found}
         return True
     key = {"contact.tz": "normal", "contact.z": "spin"}.get(joint)

@@ -78,7 +78,8 @@ def _ranks(platform: Platform, R: Array | None) -> list[int]:
     rng = np.random.default_rng(_SEED)
     at, of = platform.anchors.mean(axis=0), platform.points.mean(axis=0)
     size = max(
-        float(np.abs(platform.anchors - at).max()), float(np.abs(platform.points - of).max())
+        float(np.abs(platform.anchors - at).max()),
+        float(np.abs(platform.points - of).max()),
     )
     ranks = []
     for _ in range(_POSES):
@@ -114,14 +115,20 @@ def _name(platform: Platform) -> str:
         if numerics.rank(spread) < 2 and spread[0] > 0.0:
             return f"all points of the {where} are on a line"
         for four in combinations(range(len(rows)), 4):
-            if np.ptp(rows[list(four)], axis=0).max() <= numerics.NEGLIGIBLE_DISTANCE * spread[0]:
+            if (
+                np.ptp(rows[list(four)], axis=0).max()
+                <= numerics.NEGLIGIBLE_DISTANCE * spread[0]
+            ):
                 return f"four legs meet in a point of the {where}"
     a, b = _flat(anchors), _flat(points)
     if a is None or b is None:
         return "of no type with a name here"
     one = np.ones((len(a), 1))
     if _rank_of(np.hstack([a, one, b])) == 3:
-        scale, about = np.linalg.svd(np.linalg.lstsq(a, b, rcond=None)[0])[1], "affine images"
+        scale, about = (
+            np.linalg.svd(np.linalg.lstsq(a, b, rcond=None)[0])[1],
+            "affine images",
+        )
         if abs(scale[0] - scale[1]) <= numerics.NEGLIGIBLE_DISTANCE * scale[0]:
             about = "similar"
         return f"of Ma and Angeles' type: base and platform are {about}, on a conic"

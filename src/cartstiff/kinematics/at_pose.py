@@ -106,7 +106,9 @@ def at_pose(
         )
     reached = search.coordinates(search.chain.at(q))
     off = np.abs(_difference(wanted, reached))
-    if len(search.free) == 6 or np.all(off <= numerics.NEGLIGIBLE_DIFFERENCE * search.sizes):
+    if len(search.free) == 6 or np.all(
+        off <= numerics.NEGLIGIBLE_DIFFERENCE * search.sizes
+    ):
         return q, ()
     return q, (_note(elastic, wanted, reached, search.free),)
 
@@ -154,7 +156,9 @@ def _difference(a: Array, b: Array) -> Array:
     return np.asarray(d)
 
 
-def _note(elastic: ElasticMechanism, wanted: Array, reached: Array, free: list[int]) -> Note:
+def _note(
+    elastic: ElasticMechanism, wanted: Array, reached: Array, free: list[int]
+) -> Note:
     units = [elastic.units.length] * 3 + ["rad"] * 3
     follow = [i for i in range(6) if i not in free]
     sizes = np.repeat([np.abs(reached[:3]).max(), 1.0], 3)
@@ -177,7 +181,9 @@ def _stepped(leg: Leg, starts: Array, target: Array) -> tuple[Array, NDArray[np.
     """Coordinates of a leg by steps, within its limits where possible, and which are reached."""
     own, good = leg.solver.solve(target, starts, leg.free)
     # Beyond a limit, as where a strut passes through its base, there may be one within.
-    within = leg.solver.narrowed({c.name: (c.lower, c.upper) for c in leg.chain.coordinates})
+    within = leg.solver.narrowed(
+        {c.name: (c.lower, c.upper) for c in leg.chain.coordinates}
+    )
     beyond = np.flatnonzero((own != np.clip(own, within.lower, within.upper)).any(axis=1))
     again, found = within.solve(target[beyond], starts[beyond], leg.free)
     own[beyond[found]] = again[found]
@@ -200,8 +206,12 @@ class _Search:
         self.T_P_M = T_P_M
         #: Coordinates of the pose that are independent before others.
         self.given: Sequence[int] = ()
-        self.rows = sum(c.rows.stop - c.rows.start for c in chain.closures)  # not rigid joints'
-        self.movable = np.array([j not in chain.virtual for j in range(self.q.size)], float)
+        self.rows = sum(
+            c.rows.stop - c.rows.start for c in chain.closures
+        )  # not rigid joints'
+        self.movable = np.array(
+            [j not in chain.virtual for j in range(self.q.size)], float
+        )
         self.start = chain.at(self.q)
         self.columns = self.start.coordinate_lengths * self.movable
         #: Natural sizes of x, y, z, roll, pitch, yaw.
@@ -276,13 +286,17 @@ class _Search:
                 ahead, behind = x.copy(), x.copy()
                 ahead[:, i] += steps[i]
                 behind[:, i] -= steps[i]
-                rates.append((gaps(ahead) - gaps(behind)) / (2.0 * numerics.DIFFERENCE_STEP))
+                rates.append(
+                    (gaps(ahead) - gaps(behind)) / (2.0 * numerics.DIFFERENCE_STEP)
+                )
             A = np.stack(rates, axis=2)
             known = np.isfinite(A).all(axis=(1, 2)) & np.isfinite(left).all(axis=1)
             going, x, A, left = going[known], x[known], A[known], left[known]
             if not going.size:
                 break
-            step = -(np.linalg.pinv(A, numerics.LEAST_CLOSURE_RATE) @ left[:, :, None])[:, :, 0]
+            step = -(np.linalg.pinv(A, numerics.LEAST_CLOSURE_RATE) @ left[:, :, None])[
+                :, :, 0
+            ]
             long = np.abs(step).max(axis=1, keepdims=True)
             step *= np.minimum(1.0, _LONGEST_LEG_STEP / np.maximum(long, numerics.TINY))
             at[going[:, None], follow] += step * self.sizes[follow]
@@ -299,7 +313,10 @@ class _Search:
             leg.free != "none" and leg.solver.redundancy(leg.free) for leg in legs
         ):
             return None
-        home, follow = self.coordinates(self.start), [i for i in range(6) if i not in self.free]
+        home, follow = (
+            self.coordinates(self.start),
+            [i for i in range(6) if i not in self.free],
+        )
         around = np.vstack([np.eye(6)[self.free], -np.eye(6)[self.free]])
         near = home + around * _TEST_DISTANCE * self.sizes
         at = np.vstack([near, wanted])
@@ -314,7 +331,9 @@ class _Search:
             q[rows[~good]] = np.nan
         return q[len(near) :] if np.isfinite(q[: len(near)]).all() else None
 
-    def _of_leg(self, leg: Leg, starts: Array, target: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def _of_leg(
+        self, leg: Leg, starts: Array, target: Array
+    ) -> tuple[Array, NDArray[np.bool_]]:
         """Coordinates of a leg at poses of its end, and which are reached in its working mode."""
         rod = rod_of(leg, self.q[leg.columns], frozenset(self.chain.actuated or ()))
         if rod is None:
@@ -327,11 +346,15 @@ class _Search:
             if not left.size:
                 break
             begin = starts[left].copy()
-            if attempt and good.any():  # the passive joints of the nearest pose in this mode
+            if (
+                attempt and good.any()
+            ):  # the passive joints of the nearest pose in this mode
                 from scipy.spatial import KDTree
 
                 known, flat = np.flatnonzero(good), target[:, :3].reshape(-1, 12)
-                _, nearest = KDTree(flat[known]).query(flat[left], [min(attempt, len(known))])
+                _, nearest = KDTree(flat[known]).query(
+                    flat[left], [min(attempt, len(known))]
+                )
                 begin = own[known[nearest[:, 0]]]
             elif attempt:
                 begin += rng.uniform(-1.0, 1.0, begin.shape) * self.movable[leg.columns]
@@ -348,7 +371,9 @@ class _Search:
             missing = leg.shape.short_of((T @ leg.T_M_end)[:3, 3])
             if missing > 0.0:
                 name = self.chain.names[leg.driven].partition("/")[0] or f"leg {i + 1}"
-                return f"{name}, which is {missing:.3g} {self.chain.units.length} too short"
+                return (
+                    f"{name}, which is {missing:.3g} {self.chain.units.length} too short"
+                )
         return ""
 
     @cached_property
@@ -366,7 +391,10 @@ class _Search:
         rates = rates / self.sizes[:, None]
         count = numerics.rank(np.linalg.svd(rates, compute_uv=False))
         every = [list(c) for c in combinations(range(6), count)]
-        scores = [float(np.linalg.svd(rates[c], compute_uv=False).min(initial=1.0)) for c in every]
+        scores = [
+            float(np.linalg.svd(rates[c], compute_uv=False).min(initial=1.0))
+            for c in every
+        ]
         least = numerics.NEAR_SINGULARITY * max(scores)
         by_score = 0 < len(self.given) < count
 
@@ -398,4 +426,8 @@ class _Search:
             tolerance=numerics.CONSTRAINT_TOLERANCE,
             rank=numerics.LEAST_CLOSURE_RATE,
         )
-        return posture.q if size <= numerics.CONSTRAINT_TOLERANCE else np.full_like(self.q, np.nan)
+        return (
+            posture.q
+            if size <= numerics.CONSTRAINT_TOLERANCE
+            else np.full_like(self.q, np.nan)
+        )

@@ -98,11 +98,15 @@ class Follower:
             q_new = np.array(self._mechanism.closed(q_new).q)
         return q_new
 
-    def _platform(self, platform: Platform, q: Array, T: Array) -> tuple[Array, tuple[str, ...]]:
+    def _platform(
+        self, platform: Platform, q: Array, T: Array
+    ) -> tuple[Array, tuple[str, ...]]:
         def near(pose: Array) -> Array:
             """Coordinates of a pose, its angles on the turn of q."""
             coordinates = np.array(platform.coordinates_of(pose))
-            coordinates[3:] -= 2 * np.pi * np.round((coordinates[3:] - q[3:]) / (2 * np.pi))
+            coordinates[3:] -= (
+                2 * np.pi * np.round((coordinates[3:] - q[3:]) / (2 * np.pi))
+            )
             return coordinates
 
         start = platform.pose_of(q)

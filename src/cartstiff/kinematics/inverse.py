@@ -125,7 +125,9 @@ def inverse_kinematics(
     if isinstance(checked_elastic(elastic).mechanism, Platform):
         q, good = PlatformPoses(elastic, limits).solve(wanted, np.empty((len(wanted), 6)))
         branches = [
-            Branches(q[i : i + 1][good[i : i + 1]], Search(1, (), int(good[i]), int(good[i])))
+            Branches(
+                q[i : i + 1][good[i : i + 1]], Search(1, (), int(good[i]), int(good[i]))
+            )
             for i in range(len(wanted))
         ]
         return branches[0] if single else branches
@@ -141,7 +143,8 @@ def inverse_kinematics(
     elif cost is not None and solver.redundancy(free):
         branches = [
             Branches(
-                searched(solver, T[None], q[:_MAX_MINIMISED], free, tolerance, cost)[0], q.search
+                searched(solver, T[None], q[:_MAX_MINIMISED], free, tolerance, cost)[0],
+                q.search,
             )
             for T, q in zip(wanted, modes, strict=True)
         ]
@@ -161,7 +164,9 @@ def _starts(solver: JointPoses, starts: int | ArrayLike, seed: int) -> Array:
             raise InputError("number of starts must not be negative", got=int(starts))
         if starts > _MOST_STARTS:
             raise InputError("too many starts", expected=f"at most {_MOST_STARTS}")
-        begin = solver.random_starts(int(starts), np.random.default_rng(checked_seed(seed)))
+        begin = solver.random_starts(
+            int(starts), np.random.default_rng(checked_seed(seed))
+        )
     else:
         begin = checked_array(starts, ("N", n), "array of starts")
     begin = np.vstack([solver.start, begin])

@@ -74,7 +74,9 @@ class Kinematics:
         self.mechanism = mechanism
         self.n = len(mechanism.coordinates)
         self.is_product = (
-            isinstance(mechanism, Chain) and not mechanism.closures and mechanism.tree.mimic is None
+            isinstance(mechanism, Chain)
+            and not mechanism.closures
+            and mechanism.tree.mimic is None
         )
         if self.is_product:
             at_zero = mechanism.at(np.zeros(self.n))
@@ -90,22 +92,31 @@ class Kinematics:
     def _one_by_one(self, q: Array) -> ManyPoses:
         postures = [self.mechanism.at(row) for row in q]
         pose = np.array([p.pose for p in postures]).reshape(-1, 4, 4)
-        jacobian = np.array([p.motion.jacobian for p in postures]).reshape(len(q), 6, self.n)
+        jacobian = np.array([p.motion.jacobian for p in postures]).reshape(
+            len(q), 6, self.n
+        )
         closures = self.mechanism.closures
         if not postures or not closures:
             return ManyPoses(
-                pose, jacobian, np.empty((len(q), 0)), np.empty((len(q), 0, jacobian.shape[2]))
+                pose,
+                jacobian,
+                np.empty((len(q), 0)),
+                np.empty((len(q), 0, jacobian.shape[2])),
             )
         # The rows of rigid joints come last; these joints move as commanded.
         m = sum(c.rows.stop - c.rows.start for c in closures)
         residual = np.array([p.residual[:m] for p in postures if p.residual is not None])
-        closure = np.array([p.closure.jacobian[:m] for p in postures if p.closure is not None])
+        closure = np.array(
+            [p.closure.jacobian[:m] for p in postures if p.closure is not None]
+        )
         return ManyPoses(pose, jacobian, residual, closure)
 
     def _product(self, q: Array) -> ManyPoses:
         # Postures are the last axis, so that each step is one array operation.
         (count, n), q = q.shape, np.ascontiguousarray(q.T)
-        shares = np.stack([np.ones_like(q), np.sin(q), 1.0 - np.cos(q), q - np.sin(q)], axis=1)
+        shares = np.stack(
+            [np.ones_like(q), np.sin(q), 1.0 - np.cos(q), q - np.sin(q)], axis=1
+        )
         carriers = np.empty((n + 1, 4, 4, count))  # of each joint, and of the body
         carriers[0] = np.eye(4)[..., None]
         # Not by @, whose rounding depends on the number of postures.
@@ -114,7 +125,9 @@ class Kinematics:
             np.einsum("ikn,kjn->ijn", carriers[j], motion, out=carriers[j + 1])
         T = np.tensordot(self._at_zero.T, carriers[n], (1, 1)).transpose(2, 1, 0)
         R, p = carriers[:n, :3, :3], T[:, :3, 3].T - carriers[:n, :3, 3]
-        omega, v = (np.einsum("jikn,jk->ijn", R, screw) for screw in np.split(self._screws, 2, 1))
+        omega, v = (
+            np.einsum("jikn,jk->ijn", R, screw) for screw in np.split(self._screws, 2, 1)
+        )
         v = v + np.cross(omega, p.swapaxes(0, 1), axis=0)  # at M's origin
         jacobian = np.empty((count, 6, n))
         np.einsum("nki,kjn->nij", T[:, :3, :3], omega, out=jacobian[:, :3])
@@ -153,7 +166,9 @@ class PlatformPoses:
         self.sizes = np.array([self.length] * 3 + [1.0] * 3)
         self.start = np.array(elastic.q, float)
         self.lower, self.upper = np.full(6, -np.inf), np.full(6, np.inf)
-        self.movable = np.ones(len(self.platform.points), bool)  # columns of its Jacobian: legs
+        self.movable = np.ones(
+            len(self.platform.points), bool
+        )  # columns of its Jacobian: legs
         self.periodic = np.array([False] * 3 + [True] * 3)
         self.limits = Limits(self.platform, ignore=not limits)
 
@@ -184,7 +199,10 @@ class PlatformPoses:
         poses = np.array(T_wanted)
         if free != "none":
             axis = "xyz".index(free)
-            R = poses[:, :3, :3].swapaxes(1, 2) @ self.kinematics.at(starts).pose[:, :3, :3]
+            R = (
+                poses[:, :3, :3].swapaxes(1, 2)
+                @ self.kinematics.at(starts).pose[:, :3, :3]
+            )
             j, k = (axis + 1) % 3, (axis + 2) % 3
             angles = np.arctan2(R[:, k, j] - R[:, j, k], R[:, j, j] + R[:, k, k])
             poses = poses @ se3.exp(angles[:, None] * se3.basis_twist(axis))
@@ -215,7 +233,9 @@ class PlatformPoses:
     def redundancy(self, free: Free) -> int:
         """Dimension of the motions that are left free."""
         if free == "rotation":
-            raise InputError("a platform's rotation cannot all be free", expected="x, y or z")
+            raise InputError(
+                "a platform's rotation cannot all be free", expected="x, y or z"
+            )
         return 0 if free == "none" else 1
 
 
@@ -250,7 +270,8 @@ def pose_errors(T: Array, T_wanted: Array, free: Free, length: float) -> Array:
         across[opposite] = np.roll(axis, 1)
         angle = np.arctan2(sine, cosine)
         e[:, :3] = (
-            across * np.where(opposite, angle, angle / np.maximum(sine, numerics.TINY))[:, None]
+            across
+            * np.where(opposite, angle, angle / np.maximum(sine, numerics.TINY))[:, None]
         )
     return e
 
@@ -378,10 +399,14 @@ class JointPoses:
             q[:, j] = np.where(turned < low, turned + 2 * np.pi, turned)
         return np.clip(q, self.lower, self.upper)
 
-    def task(self, q: Array, T_wanted: Array, free: Free) -> tuple[Array, Array, ManyPoses]:
+    def task(
+        self, q: Array, T_wanted: Array, free: Free
+    ) -> tuple[Array, Array, ManyPoses]:
         """Errors e (N, r) and their rates (N, r, n) per natural size of the coordinates."""
         many = self.kinematics.at(q)
-        e = np.concatenate([pose_errors(many.pose, T_wanted, free, self.length), -many.residual], 1)
+        e = np.concatenate(
+            [pose_errors(many.pose, T_wanted, free, self.length), -many.residual], 1
+        )
         J = np.concatenate([self._free_rows(many.jacobian, free), many.closure], axis=1)
         return e, J * (self.sizes * self.movable), many
 
@@ -413,7 +438,9 @@ class JointPoses:
         good = np.zeros(len(q), bool)
         for first in range(0, len(q), self.rows_at_once):
             part = slice(first, first + self.rows_at_once)
-            q[part], good[part] = self._solve(T_wanted[part], q[part], free, tolerance, held)
+            q[part], good[part] = self._solve(
+                T_wanted[part], q[part], free, tolerance, held
+            )
         return q, good
 
     def _solve(
@@ -421,12 +448,18 @@ class JointPoses:
     ) -> tuple[Array, Array]:
         result, good = q.copy(), np.zeros(len(q), bool)
         rows = np.arange(len(q))
-        mu, count, slow = np.full(len(q), 0.1), np.zeros(len(q), int), np.zeros(len(q), int)
+        mu, count, slow = (
+            np.full(len(q), 0.1),
+            np.zeros(len(q), int),
+            np.zeros(len(q), int),
+        )
         e, J = self._errors(q, T_wanted, free)
         for _ in range(_ITERATIONS):
             if not rows.size:
                 break
-            step = self._step(q, e, J if held is None else J * np.where(held, 0.0, 1.0), mu)
+            step = self._step(
+                q, e, J if held is None else J * np.where(held, 0.0, 1.0), mu
+            )
             trial = np.clip(q + step, self.lower, self.upper)
             e_new, J_new = self._errors(trial, T_wanted, free)
             before, after = (e * e).sum(axis=1), (e_new * e_new).sum(axis=1)
@@ -462,7 +495,10 @@ class JointPoses:
             J = np.where(beyond[:, None, :], 0.0, J)
             step[again] = _damped(J[again], e[again], damping[again]) * self.sizes
         largest = np.abs(step / self.sizes).max(axis=1, initial=0.0)
-        return step * np.minimum(1.0, LONGEST_STEP / np.maximum(largest, numerics.TINY))[:, None]
+        return (
+            step
+            * np.minimum(1.0, LONGEST_STEP / np.maximum(largest, numerics.TINY))[:, None]
+        )
 
     def along_self_motions(
         self, q: Array, J: Array, slope: Array, inverse: Array | None = None
@@ -512,7 +548,9 @@ class JointPoses:
         if not good.any():
             return None
         turns = [c.type == "revolute" for c in self.kinematics.mechanism.coordinates]
-        middle = np.where(np.isfinite(self.upper - self.lower), (self.lower + self.upper) / 2, 0.0)
+        middle = np.where(
+            np.isfinite(self.upper - self.lower), (self.lower + self.upper) / 2, 0.0
+        )
         q = q[good] - middle
         q = np.where(turns, q - 2 * np.pi * np.round(q / (2 * np.pi)), q) + middle
         beyond = np.maximum(np.maximum(self.lower - q, q - self.upper), 0.0)
@@ -534,7 +572,9 @@ class JointPoses:
 
 def _damped(J: Array, e: Array, damping: Array) -> Array:
     """``J^T (J J^T + damping I)^-1 e``; a little damping excludes directions without motion."""
-    step: Array = (J.swapaxes(1, 2) @ np.linalg.solve(_squared(J, damping), e[..., None]))[..., 0]
+    step: Array = (
+        J.swapaxes(1, 2) @ np.linalg.solve(_squared(J, damping), e[..., None])
+    )[..., 0]
     return step
 
 

@@ -65,7 +65,9 @@ class Search:
         whole = f"{self.found} found, {self.starts} starts"
         if legs:
             equal = prod(self.legs) == self.found
-            combined = f"{legs} solutions of the legs" + ("" if equal else ", by pose of the body")
+            combined = f"{legs} solutions of the legs" + (
+                "" if equal else ", by pose of the body"
+            )
             whole = f"{self.found} found: {combined}, {how}"
         return whole + (
             f"; the nearest {self.listed} are listed" if self.listed < self.found else ""
@@ -96,7 +98,12 @@ class Branches(np.ndarray):
 
 # Steps along a self-motion, in the natural sizes of the coordinates: the first, the longest, and
 # the largest at which the search ends; and the bound on their number.
-_FIRST_STEP, _LONGEST_STEP, _LAST_STEP, _MAX_STEPS = 0.2, 0.5, numerics.NEGLIGIBLE_STEP, 200
+_FIRST_STEP, _LONGEST_STEP, _LAST_STEP, _MAX_STEPS = (
+    0.2,
+    0.5,
+    numerics.NEGLIGIBLE_STEP,
+    200,
+)
 # Shares of the first slope, and of the cost, below which a slope counts as zero; and the bound on
 # restarts at a slope that remains.
 _FLAT, _NO_SLOPE, _MAX_RESTARTS = 1e-3, numerics.NEGLIGIBLE_SLOPE, 3
@@ -159,7 +166,9 @@ def of_least_cost(
         trial = np.clip(q - step * sizes, solver.lower, solver.upper)
         trial, good = solver.solve(T, trial, free, tolerance)
         reached = np.where(good, _values(cost, trial), np.inf)
-        better = reached < value - numerics.SUFFICIENT_DECREASE * (slope * step).sum(axis=1)
+        better = reached < value - numerics.SUFFICIENT_DECREASE * (slope * step).sum(
+            axis=1
+        )
         # Without a cost, both senses are tried.
         reach = np.where(better, 1.0, np.where(np.isfinite(value), 0.3, -0.8) * reach)
         moved = np.where(better[:, None], trial - q, 0.0) / sizes
@@ -174,7 +183,9 @@ def _values(cost: Callable[[Array], Array], q: Array) -> Array:
     return np.nan_to_num(cost(q), nan=np.inf)
 
 
-def _slopes(cost: Callable[[Array], Array], q: Array, value: Array, sizes: Array) -> Array:
+def _slopes(
+    cost: Callable[[Array], Array], q: Array, value: Array, sizes: Array
+) -> Array:
     """Derivatives of the cost (N, n) by differences; 1, an arbitrary way out, without a cost."""
     steps = _DIFFERENCE * np.vstack([np.diag(sizes), -np.diag(sizes)])
     around = cost((q[:, None] + steps).reshape(-1, q.shape[1])).reshape(len(q), 2, -1)
@@ -189,7 +200,10 @@ def _updated(inverse: Array, moved: Array, change: Array) -> Array:
     curved = np.einsum("ni,ni->n", moved, change)
     upwards = curved > numerics.SADDLE_STIFFNESS * _length(moved) * _length(change)
     scale = np.where(upwards, _ratio(1.0, curved), 0.0)
-    left = np.eye(moved.shape[1]) - scale[:, None, None] * moved[:, :, None] * change[:, None, :]
+    left = (
+        np.eye(moved.shape[1])
+        - scale[:, None, None] * moved[:, :, None] * change[:, None, :]
+    )
     return left @ inverse @ left.swapaxes(1, 2) + scale[:, None, None] * (
         moved[:, :, None] * moved[:, None, :]
     )
@@ -257,7 +271,9 @@ class Leg(NamedTuple):
 
     def is_known(self, near: Array) -> bool:
         """Whether the solutions with undeformed links follow from a closed form."""
-        return self.closed is not None and not any(near[sorted(self.chain.virtual)].tolist())
+        return self.closed is not None and not any(
+            near[sorted(self.chain.virtual)].tolist()
+        )
 
     def target(self, T_F_M: Array) -> Array:
         """Poses of the leg's end for poses (N, 4, 4) of the body."""
@@ -294,10 +310,17 @@ class Leg(NamedTuple):
             return [q[np.argsort(away(q), kind="stable")] for q in known]
         cost = away if solver.redundancy(free) else None
         by_pose = searched(
-            solver, target, np.clip(begin, solver.lower, solver.upper), free, tolerance, cost
+            solver,
+            target,
+            np.clip(begin, solver.lower, solver.upper),
+            free,
+            tolerance,
+            cost,
         )
         same = 10 * SAME if cost is None else 10 * _SAME_OPTIMUM
-        return [self._distinct(q[np.argsort(away(q), kind="stable")], same) for q in by_pose]
+        return [
+            self._distinct(q[np.argsort(away(q), kind="stable")], same) for q in by_pose
+        ]
 
     def squared_distances(self, q: Array, near: Array) -> Array:
         """Squared distances (k,) of solutions from one, in the coordinates' natural sizes."""
@@ -345,7 +368,10 @@ def legs_of(
         return None
     tree, body = chain.tree, chain.body.joint
     parents = [int(p) for p in tree.model.parents]
-    ties = [(c, chain.placement(c.frame_a), chain.placement(c.frame_b)) for c in chain.closures]
+    ties = [
+        (c, chain.placement(c.frame_a), chain.placement(c.frame_b))
+        for c in chain.closures
+    ]
     group = list(range(len(parents)))
 
     def leader(link: int) -> int:
@@ -483,7 +509,9 @@ def working_modes(
     solutions = solved(first, wanted, free)
     # One case is one pose of the body: with a free rotation, one per solution of the first leg.
     if free == "none":
-        cases = [(i, own, T) for i, (own, T) in enumerate(zip(solutions, wanted, strict=True))]
+        cases = [
+            (i, own, T) for i, (own, T) in enumerate(zip(solutions, wanted, strict=True))
+        ]
     else:
         cases = [
             (i, row[None], first.chain.at(row).pose)

@@ -95,10 +95,15 @@ class Placements:
     def with_parameters(self, values: Mapping[str, float]) -> Chain:
         """The chain with other numbers; names that are not its own are ignored."""
         poses = {}
-        for name in dict.fromkeys(key.rpartition(".")[0] for key in values if key in self._all):
+        for name in dict.fromkeys(
+            key.rpartition(".")[0] for key in values if key in self._all
+        ):
             T = self._places[name]
             turn = [values.get(f"{name}.{axis}", 0.0) for axis in _RXYZ]
-            at = [values.get(f"{name}.{axis}", x) for axis, x in zip(_XYZ, T[:3, 3], strict=True)]
+            at = [
+                values.get(f"{name}.{axis}", x)
+                for axis, x in zip(_XYZ, T[:3, 3], strict=True)
+            ]
             R = se3.exp(np.array([*turn, 0.0, 0.0, 0.0]))[:3, :3]
             poses[name] = se3.pose(T[:3, :3] @ R, np.array(at))
         frame = poses.pop("frame", self.chain.body.T_j_f)
@@ -144,7 +149,12 @@ class Placements:
     def _points(self) -> set[str]:
         closures = self.chain.closures
         points, welds = (
-            {f"closure.{n}" for c in closures if c.type == kind for n in (c.frame_a, c.frame_b)}
+            {
+                f"closure.{n}"
+                for c in closures
+                if c.type == kind
+                for n in (c.frame_a, c.frame_b)
+            }
             for kind in ("point", "weld")
         )
         return points - welds

@@ -99,7 +99,10 @@ def pose_of_study(x: Array) -> Array:
 @cache
 def general_platform() -> tuple[Complex, Complex]:
     """Quadrics (7, 8, 8) of a general complex platform, and its 40 solutions (40, 8)."""
-    with (files(__package__) / "general_platform.npz").open("rb") as file, np.load(file) as data:
+    with (
+        (files(__package__) / "general_platform.npz").open("rb") as file,
+        np.load(file) as data,
+    ):
         Q = quadrics(data["anchors"], data["points"], data["squares"])
         return Q, np.asarray(data["solutions"])
 
@@ -190,7 +193,9 @@ def follow(
         return _solved(2.0 * J, x, -np.einsum("nij,nj->ni", moved, x))
 
     def corrected(x: Complex, t: Array) -> tuple[Complex, Array]:
-        Qx = t[:, None, None] * _matrices(start, x) + (1.0 - t)[:, None, None] * _matrices(end, x)
+        Qx = t[:, None, None] * _matrices(start, x) + (1.0 - t)[
+            :, None, None
+        ] * _matrices(end, x)
         moved = _solved(2.0 * Qx, x, -np.einsum("nij,nj->ni", Qx, x))
         return x + moved, _norms(moved)
 
@@ -208,7 +213,11 @@ def follow(
         first, missed = corrected(guess, at - h)
         second, again = corrected(first, at - h)
         third, last = corrected(second, at - h)
-        good = (missed < 10.0 * miss) & (again < missed) & (last < numerics.ACCEPTED_RESIDUAL)
+        good = (
+            (missed < 10.0 * miss)
+            & (again < missed)
+            & (last < numerics.ACCEPTED_RESIDUAL)
+        )
         good &= np.isfinite(_norms(third))
         x[running[good]] = (third / _norms(third)[:, None])[good]
         t[running[good]] = (at - h)[good]
@@ -217,7 +226,9 @@ def follow(
         factor = np.where(good, factor, np.minimum(np.nan_to_num(factor, nan=0.2), 0.5))
         step[running] = h * factor
         # Near the end of a path that goes to no pose, or to the end of others.
-        stuck = (t[running] < numerics.PATH_END) | (step[running] < 1e-3 * numerics.PATH_END)
+        stuck = (t[running] < numerics.PATH_END) | (
+            step[running] < 1e-3 * numerics.PATH_END
+        )
         running = running[~stuck & (t[running] > 0.0)]
     return Ends(x, t, count)
 
@@ -324,11 +335,14 @@ def poses_of_lengths(platform: Platform, lengths: Array) -> Poses:
     """
     if len(platform.points) != 6:
         raise InputError(
-            "all assembly modes are found for six legs only", got=str(len(platform.points))
+            "all assembly modes are found for six legs only",
+            got=str(len(platform.points)),
         )
     wanted = checked_vector(lengths, 6, "list of leg lengths")
     if np.any(wanted <= 0):
-        raise InputError("leg lengths must be positive numbers", expected="6", got=wanted.tolist())
+        raise InputError(
+            "leg lengths must be positive numbers", expected="6", got=wanted.tolist()
+        )
     at, of = platform.anchors.mean(axis=0), platform.points.mean(axis=0)
     anchors, points = platform.anchors - at, platform.points - of
     size = max(float(np.ptp(anchors, axis=0).max()), float(np.ptp(points, axis=0).max()))
@@ -355,7 +369,9 @@ def poses_of_lengths(platform: Platform, lengths: Array) -> Poses:
     poses[:, :3, 3] = poses[:, :3, 3] * size + at - poses[:, :3, :3] @ of
     k = len(real) + len(several)
     one_each = np.ones(len(real), np.intp)
-    return Poses(poses[:k], np.concatenate([one_each, counts]), paths, poses[k:].reshape(-1, 4)[:4])
+    return Poses(
+        poses[:k], np.concatenate([one_each, counts]), paths, poses[k:].reshape(-1, 4)[:4]
+    )
 
 
 def _followed(Q: Array) -> tuple[Ends, NDArray[np.bool_]]:
@@ -365,7 +381,9 @@ def _followed(Q: Array) -> tuple[Ends, NDArray[np.bool_]]:
     for way in _WAYS:
         ends = follow(way * start, Q, solutions.copy(), miss)
         sizes = np.linalg.svd(jacobians(Q, ends.x), compute_uv=False)
-        single = (ends.at == 0.0) & (sizes[:, -1] > numerics.USUAL_RANK_RATIO * sizes[:, 0])
+        single = (ends.at == 0.0) & (
+            sizes[:, -1] > numerics.USUAL_RANK_RATIO * sizes[:, 0]
+        )
         if not _coinciding(ends.x[single]) and not np.any(ends.at > _NEAR_END):
             break
         miss *= _FINER

@@ -73,7 +73,9 @@ class Rod(NamedTuple):
             axes = jacobian[:, :3, joints]
             if len(joints) in (2, 3):
                 third = n if len(joints) == 2 else axes[:, :, 2]
-                signs *= np.sign((np.cross(axes[:, :, 0], axes[:, :, 1]) * third).sum(axis=1))
+                signs *= np.sign(
+                    (np.cross(axes[:, :, 0], axes[:, :, 1]) * third).sum(axis=1)
+                )
         return signs
 
     def keeps(self, own: Array, wanted: Array) -> NDArray[np.bool_]:
@@ -121,7 +123,10 @@ def rod_of(leg: Leg, home: Array, actuated: frozenset[int]) -> Rod | None:
         lengths = [float(np.linalg.norm(B - C)) for C, B, _ in known]
         places = np.array([point for _, _, point in known])
         least = numerics.NEGLIGIBLE_DIFFERENCE * leg.solver.length
-        if np.ptp(lengths) <= least and np.ptp(places, axis=0).max() <= least < lengths[0]:
+        if (
+            np.ptp(lengths) <= least
+            and np.ptp(places, axis=0).max() <= least < lengths[0]
+        ):
             return _rod(leg, home, driven[0], joints, *known[0])
     return None
 
@@ -164,7 +169,9 @@ def _meeting(twists: Array, length: float) -> Array | None:
     )
     point, _, rank, _ = np.linalg.lstsq(A, b, rcond=numerics.USUAL_RANK_RATIO)
     missed = float(np.abs(A @ point - b).max())
-    return point if rank == 3 and missed <= numerics.NEGLIGIBLE_DIFFERENCE * length else None
+    return (
+        point if rank == 3 and missed <= numerics.NEGLIGIBLE_DIFFERENCE * length else None
+    )
 
 
 def _rod(

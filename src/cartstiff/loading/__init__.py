@@ -94,7 +94,11 @@ def load(
     """
     if frame is not None and not isinstance(frame, str):
         raise InputError("frame is not a name", expected="text", got=frame)
-    overrides = {"frame": frame, "locked": _positions(locked), **tool_of(tcp, gravity, payload)}
+    overrides = {
+        "frame": frame,
+        "locked": _positions(locked),
+        **tool_of(tcp, gravity, payload),
+    }
     overrides["actuator_springs"] = springs == "actuators"
     if isinstance(source, (str, Path)):
         if of_model:
@@ -112,7 +116,8 @@ def load(
 
         if xacro_args or package_path or parameters:
             raise InputError(
-                "xacro_args, package_path and parameters belong to files", got=type(source).__name__
+                "xacro_args, package_path and parameters belong to files",
+                got=type(source).__name__,
             )
         if not is_pinocchio(source):
             raise InputError(
@@ -124,7 +129,9 @@ def load(
     if tcp is not None and np.size(tcp) == 6:
         from cartstiff.loading.plausible import large_angles
 
-        angles = large_angles({"the tool's rotation": np.asarray(tcp, float).ravel()[3:].tolist()})
+        angles = large_angles(
+            {"the tool's rotation": np.asarray(tcp, float).ravel()[3:].tolist()}
+        )
         loaded = replace(loaded, notes=(*loaded.notes, *angles))
     if payload is not None:
         loaded = loaded.with_payload(*overrides["payload"])
@@ -149,7 +156,10 @@ def _positions(locked: Any) -> dict[str, float]:
     from cartstiff.arrays import checked_number
 
     named = dict(locked or {})
-    return {name: checked_number(x, f"position of locked {name!r}") for name, x in named.items()}
+    return {
+        name: checked_number(x, f"position of locked {name!r}")
+        for name, x in named.items()
+    }
 
 
 def tool_of(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
@@ -198,13 +208,18 @@ def _ros_keys(arguments: Any, folders: Any) -> dict[str, Any]:
                 got=type(arguments).__name__,
             )
         keys["xacro"] = {
-            str(k): str(v).lower() if isinstance(v, bool) else str(v) for k, v in arguments.items()
+            str(k): str(v).lower() if isinstance(v, bool) else str(v)
+            for k, v in arguments.items()
         }
     for folder in folders:
         if not isinstance(folder, (str, Path)) or not Path(folder).expanduser().is_dir():
-            raise InputError("no such folder", where="--package-path", got=one_line(str(folder)))
+            raise InputError(
+                "no such folder", where="--package-path", got=one_line(str(folder))
+            )
     if folders:
-        keys["package_path"] = [str(Path(folder).expanduser().resolve()) for folder in folders]
+        keys["package_path"] = [
+            str(Path(folder).expanduser().resolve()) for folder in folders
+        ]
     return keys
 
 
@@ -215,14 +230,18 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
 
     text = str(source)
     if not text.strip() or "\0" in text:
-        raise InputError("mechanism has no name", expected="a name or a path", got=repr(text))
+        raise InputError(
+            "mechanism has no name", expected="a name or a path", got=repr(text)
+        )
     if isinstance(source, str) and text.lstrip().startswith("<"):
         return _from_robot(text, "robot", overrides)
     try:
         path = Path(text).expanduser()
         exists = path.exists()
     except (RuntimeError, OSError) as error:
-        raise InputError("not a usable path", where=one_line(text), got=str(error)) from None
+        raise InputError(
+            "not a usable path", where=one_line(text), got=str(error)
+        ) from None
     file = bundled(text)
     if file is not None:
         return from_data(*read_yaml(file), file, overrides)
@@ -242,7 +261,9 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
             + "; a DH table goes into a .yaml as 'dh: {table: ...}'" * (suffix == ".csv"),
         )
     if not robots and text.isidentifier():
-        example_robot(text)  # its error says how to install the robots that may have this name
+        example_robot(
+            text
+        )  # its error says how to install the robots that may have this name
     also = " (see `cartstiff models`), or a file: .yaml, .urdf, .xacro, MJCF .xml"
     raise UnknownNameError("mechanism", text, [*bundled_files(), *robots], also=also)
 
@@ -256,7 +277,10 @@ def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMech
     if overrides.get("parameters"):
         got = ", ".join(overrides["parameters"])
         raise InputError(
-            "parameters belong to mechanism files", where=where, expected="a .yaml file", got=got
+            "parameters belong to mechanism files",
+            where=where,
+            expected="a .yaml file",
+            got=got,
         )
     alone = SerialFile.model_construct(kind="serial", model=model)
     with places_in(where):
@@ -272,7 +296,9 @@ def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMech
         return chain_of(description, serial, name, reader_notes=notes, alone=True)
 
 
-def file_reader(source: str | Path) -> Callable[[dict[str, Any]], ElasticMechanism] | None:
+def file_reader(
+    source: str | Path,
+) -> Callable[[dict[str, Any]], ElasticMechanism] | None:
     """Read a mechanism file once; return a function that builds its mechanism for overrides.
 
     None where the name is not that of a mechanism file.
@@ -375,7 +401,9 @@ def hexapod(
     }
     layout = {key: plain(value) for key, value in numbers.items() if value is not None}
     data = {"kind": "stewart-gough", "layout": layout, **plain(keys), "name": name}
-    data["legs"] = plain(legs) if isinstance(legs, Mapping) else {"stiffness": plain(legs)}
+    data["legs"] = (
+        plain(legs) if isinstance(legs, Mapping) else {"stiffness": plain(legs)}
+    )
     return from_data(data, {}, Path("hexapod"), {})
 
 

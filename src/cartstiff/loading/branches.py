@@ -61,9 +61,15 @@ def notes_on_branches(
     if FEET.search(frame) or "hand" in str(model.name).lower():
         return notes
     chains = equal_chains(model, int(find_frame(model, frame).parentJoint))
-    chains = [chain for chain in chains if set(fingers).isdisjoint(chain) and chain[0] not in kept]
+    chains = [
+        chain
+        for chain in chains
+        if set(fingers).isdisjoint(chain) and chain[0] not in kept
+    ]
     beside = [name for chain in chains for name in chain]
-    is_short_pair = len(chains) == 1 and len(beside) <= _MOST_OF_PAIR and set(away) == set(beside)
+    is_short_pair = (
+        len(chains) == 1 and len(beside) <= _MOST_OF_PAIR and set(away) == set(beside)
+    )
     driven = [name for name in away if name in facts.actuated]
     undriven = [name for name in kept if name in names and name not in facts.actuated]
     if len(chains) >= 2 or is_short_pair:
@@ -87,7 +93,9 @@ def idle_springs(joints: Sequence[str], frame: str, place: str = "") -> list[Not
         return []
     message = f"{len(joints)} joints with springs are not on the chain to {frame!r} and do not act"
     if len(joints) == 1:
-        message = f"1 joint with a spring is not on the chain to {frame!r} and does not act"
+        message = (
+            f"1 joint with a spring is not on the chain to {frame!r} and does not act"
+        )
     words = f"{place}{message}: {_listed(joints)}"
     return [Note("idle-springs", words, {"joints": list(joints)})]
 
@@ -139,11 +147,15 @@ def _are_equal(model: Any, one: Sequence[int], other: Sequence[int]) -> bool:
     )
     largest = float(sizes.max())
     differ = np.abs(sizes[0] - sizes[1]) > numerics.LOST_ERROR * largest
-    has_shape = largest > numerics.NEGLIGIBLE_DIFFERENCE or count >= _FEWEST_WITHOUT_LENGTH
+    has_shape = (
+        largest > numerics.NEGLIGIBLE_DIFFERENCE or count >= _FEWEST_WITHOUT_LENGTH
+    )
     return kinds[0] == kinds[1] and has_shape and not differ.any()
 
 
 def _kind(joint: Any) -> str:
     """Kind of a joint, without the direction of its axis."""
     name = str(joint.shortname()).removeprefix("JointModel")
-    return re.sub("^(R|P)((UB)?[XYZ]|(evolute|rismatic)(Unbounded)?Unaligned)$", r"\1", name)
+    return re.sub(
+        "^(R|P)((UB)?[XYZ]|(evolute|rismatic)(Unbounded)?Unaligned)$", r"\1", name
+    )

@@ -97,7 +97,11 @@ from cartstiff.potentials.springs import (
 
 if TYPE_CHECKING:
     from cartstiff.loading.leg_schema import LegModel, ParallelFile
-    from cartstiff.loading.platform_schema import LegJointsModel, PlatformFile, SpringsFile
+    from cartstiff.loading.platform_schema import (
+        LegJointsModel,
+        PlatformFile,
+        SpringsFile,
+    )
 
 # Endings of names of tool frames, the most reliable first.
 _TOOL_NAMES = tuple(
@@ -138,7 +142,9 @@ def _is_sensor(name: str) -> bool:
 @lru_cache(4096)
 def _tool_rank(name: str) -> int:
     """Index of a name in `_TOOL_NAMES`; their number for other names."""
-    return next((i for i, words in enumerate(_TOOL_NAMES) if words.search(name)), len(_TOOL_NAMES))
+    return next(
+        (i for i, words in enumerate(_TOOL_NAMES) if words.search(name)), len(_TOOL_NAMES)
+    )
 
 
 # A link with at least so many joints before it is a hand if it branches into chains that are all at
@@ -149,10 +155,17 @@ _MIN_WRIST_DEPTH, _MAX_FINGER_JOINTS = 4, 4
 def _hand_joints(model: Any, free_joints: Collection[str]) -> set[str]:
     """Joints of fingers by the tree alone: all chains from one link at an arm's end are short."""
     names = list(model.names)
-    depths = [sum(names[j] not in free_joints for j in support) - 1 for support in model.supports]
+    depths = [
+        sum(names[j] not in free_joints for j in support) - 1
+        for support in model.supports
+    ]
     found: set[str] = set()
     for wrist, depth in enumerate(depths):
-        beyond = [j for j, support in enumerate(model.supports) if j > wrist and wrist in support]
+        beyond = [
+            j
+            for j, support in enumerate(model.supports)
+            if j > wrist and wrist in support
+        ]
         branches = sum(model.parents[j] == wrist for j in beyond)
         if branches < 2 or depth < _MIN_WRIST_DEPTH:
             continue
@@ -171,7 +184,10 @@ def default_frame(model: Any, facts: RobotFacts | None = None) -> tuple[str, str
     fingers and sensors last. Frames that only free bodies carry are the last choice.
     """
     facts = facts or RobotFacts()
-    free_joints, barred = facts.loose, frozenset[str]().union(*(o.joints for o in facts.obstacles))
+    free_joints, barred = (
+        facts.loose,
+        frozenset[str]().union(*(o.joints for o in facts.obstacles)),
+    )
     names, kinds = list(model.names), {pin.FrameType.BODY, pin.FrameType.OP_FRAME}
     chains = [[names[int(j)] for j in support if j] for support in model.supports]
     every = [(f.name, chains[f.parentJoint]) for f in model.frames if f.type in kinds]
@@ -190,7 +206,9 @@ def default_frame(model: Any, facts: RobotFacts | None = None) -> tuple[str, str
         and not _is_sensor(name)
     ]
     longest_arm = max((len(chain) for _, chain in arms), default=0)
-    usable = max((len(chain) for _, chain in arms if barred.isdisjoint(chain)), default=longest_arm)
+    usable = max(
+        (len(chain) for _, chain in arms if barred.isdisjoint(chain)), default=longest_arm
+    )
     tools = [
         (rank, -len(chain), i)
         for i, (name, chain) in enumerate(arms)
@@ -204,13 +222,18 @@ def default_frame(model: Any, facts: RobotFacts | None = None) -> tuple[str, str
         # it is the deepest in the tree of fixed joints.
         ends, joints = (arms, longest_arm) if arms else (moving, longest)
         end = next(chain for _, chain in ends if len(chain) == joints)
-        feet = (chain for name, chain in ends if chain[:-1] == end[:-1] and FEET.search(name))
+        feet = (
+            chain for name, chain in ends if chain[:-1] == end[:-1] and FEET.search(name)
+        )
         end = next(feet, end)
         chosen = [name for name, chain in ends if chain == end][-1]
         why = f"a frame at the end of the longest chain ({joints} joints)"
         if joints < longest:
             why += " that is no finger"
-    others = ", ".join(name for name, chain in moving if chain == end and name != chosen) or "none"
+    others = (
+        ", ".join(name for name, chain in moving if chain == end and name != chosen)
+        or "none"
+    )
     return chosen, (
         f"no frame was named: {chosen!r} is taken, {why}; others on the same link: {others}"
     )
@@ -314,7 +337,9 @@ def regular_posture(chain: Chain, q: Array, *, alone: bool) -> tuple[Array, list
     at_zero = float(ratios(posture.motion.jacobian))
     if at_zero > NEAR_SINGULARITY:
         return q, []
-    candidates = _candidates(chain, q, sizes, free).reshape(-1, _CANDIDATES_AT_ONCE, q.size)
+    candidates = _candidates(chain, q, sizes, free).reshape(
+        -1, _CANDIDATES_AT_ONCE, q.size
+    )
 
     def search(floor: float) -> tuple[Array, float]:
         best, largest = q, max(NEAR_SINGULARITY, at_zero)
@@ -384,7 +409,8 @@ def _candidates(chain: Chain, q: Array, sizes: Array, free: Array) -> Array:
     """Postures (k, n) within the limits, by share and distance; virtual joints do not move."""
     n = q.size
     lower, upper, lengths = map(
-        np.array, zip(*((c.lower, c.upper, c.is_length) for c in chain.coordinates), strict=True)
+        np.array,
+        zip(*((c.lower, c.upper, c.is_length) for c in chain.coordinates), strict=True),
     )
     reach = np.where(lengths, sizes, np.pi)
     low, high = np.maximum(lower, q - reach), np.minimum(upper, q + reach)
@@ -397,7 +423,9 @@ def _candidates(chain: Chain, q: Array, sizes: Array, free: Array) -> Array:
     postures: Array = np.clip(np.round(q + rounded, 12), low, high)
     postures = np.where(free, postures, q)
     distances = np.linalg.norm((postures - q) / sizes, axis=1)
-    return postures[np.lexsort((distances, np.repeat(_RANGE_SHARES, _CANDIDATES_PER_SHARE)))]
+    return postures[
+        np.lexsort((distances, np.repeat(_RANGE_SHARES, _CANDIDATES_PER_SHARE)))
+    ]
 
 
 #: N m/rad (N/m): the joint stiffness that is assumed where none was given; a note says so.
@@ -454,7 +482,9 @@ def springs_of(
                 rest[j] = entry.rest
             slides, where = tree.coordinates[j].is_length, f"key springs.{name}"
             if entry.stiffness is not None:
-                stiffness[j] = own_stiffness(entry.stiffness, SI, slides, f"{where}.stiffness")
+                stiffness[j] = own_stiffness(
+                    entry.stiffness, SI, slides, f"{where}.stiffness"
+                )
             elif entry.polynomial is not None:
                 first, *more = entry.polynomial
                 first = own_stiffness(first, SI, slides, f"{where}.polynomial")
@@ -492,7 +522,9 @@ def springs_of(
     for pieces in ("linear", "smooth"):
         tables = [j for j, law in laws.items() if getattr(law, "pieces", None) == pieces]
         notes += [table_as_read([names[j] for j in tables], pieces)] if tables else []
-    notes += softening({name: entry for name, entry in springs.items() if not entry.stiffness})
+    notes += softening(
+        {name: entry for name, entry in springs.items() if not entry.stiffness}
+    )
     if unsprung:
         words = f"joints without a spring in the file move freely: {', '.join(unsprung)}"
         notes.append(Note("passive-joints", words, {"joints": unsprung}))
@@ -565,14 +597,17 @@ def link_springs(
             continue
         K = np.array(entry.stiffness, float)
         if numerics.asymmetry(K):
-            raise InputError("stiffness of a link must be symmetric", where=f"key flexible.{link}")
+            raise InputError(
+                "stiffness of a link must be symmetric", where=f"key flexible.{link}"
+            )
         springs.append(CoupledSprings(indices, K[se3.SWAP][:, se3.SWAP], prefix + link))
     return springs
 
 
 def _beam(beam: BeamModel, indices: Array, link: str) -> Beam:
     along_y, along_z = (
-        np.inf if area is None else beam.G * area for area in (beam.shear_area_y, beam.shear_area_z)
+        np.inf if area is None else beam.G * area
+        for area in (beam.shear_area_y, beam.shear_area_z)
     )
     section = Section(
         beam.E * beam.area,
@@ -584,7 +619,9 @@ def _beam(beam: BeamModel, indices: Array, link: str) -> Beam:
     return Beam(indices, beam.length / beam.segments, section, link, mass)
 
 
-def coupled_springs(parts: Sequence[_Part], tree: KinematicTree) -> list[CoupledJointSprings]:
+def coupled_springs(
+    parts: Sequence[_Part], tree: KinematicTree
+) -> list[CoupledJointSprings]:
     """Springs on sums of joint positions: those of the files' keys, and fixed tendons of robots."""
     entries = [(part, entry) for part in parts for entry in part.entry.coupled_springs]
     for part in parts:
@@ -604,7 +641,8 @@ def coupled_springs(parts: Sequence[_Part], tree: KinematicTree) -> list[Coupled
             _check_joints([part.prefix + name], tree.names, "key coupled_springs")
             factors[i, tree.names.index(part.prefix + name)] = factor
     names = tuple(
-        part.prefix + (entry.name or f"coupled{i}") for i, (part, entry) in enumerate(entries, 1)
+        part.prefix + (entry.name or f"coupled{i}")
+        for i, (part, entry) in enumerate(entries, 1)
     )
     if len({*names, *tree.names}) < len(names) + tree.n:
         raise InputError(
@@ -638,7 +676,9 @@ def extra_lines(
         try:
             length = float(line_geometry(T, *ends).lengths[0])
         except UndefinedError:
-            raise InputError(f"the line between {a!r} and {b!r} has zero length at q") from None
+            raise InputError(
+                f"the line between {a!r} and {b!r} has zero length at q"
+            ) from None
         rest = line.rest_length
         if rest is None:
             rest = length - (line.preload or 0.0) / line.stiffness
@@ -660,12 +700,16 @@ def extra_lines(
 
 
 def described(
-    file: SerialFile | LegModel | ClosedChainFile, beside: Path | None, floating: bool = False
+    file: SerialFile | LegModel | ClosedChainFile,
+    beside: Path | None,
+    floating: bool = False,
 ) -> RobotDescription:
     """Read the robot of a `model:` or `dh:` entry; paths are relative to the mechanism file."""
     if file.dh is not None:
         if file.xacro or file.package_path:
-            raise InputError("xacro arguments and package paths belong to robots by model")
+            raise InputError(
+                "xacro arguments and package paths belong to robots by model"
+            )
         from cartstiff.loading.dh import dh_description
 
         return dh_description(file.dh, beside or Path(), floating)
@@ -688,7 +732,9 @@ def described(
             )
         else:
             path = example_robot(model)
-    return read_robot_description(path, floating, ros, joint_types=getattr(file, "joint_types", {}))
+    return read_robot_description(
+        path, floating, ros, joint_types=getattr(file, "joint_types", {})
+    )
 
 
 def _resolved(beside: Path | None, name: str) -> Path:
@@ -763,7 +809,9 @@ def _elastic_chain(
     entries: dict[str, JointSpringModel] = _prefixed(parts, "entry.springs")
     passive = list(_prefixed(parts, "entry.passive"))
     posture = _prefixed(parts, "entry.q")
-    virtual = [n for part in parts for n in virtual_joints(part.entry.flexible, part.prefix)]
+    virtual = [
+        n for part in parts for n in virtual_joints(part.entry.flexible, part.prefix)
+    ]
     chain = Chain(
         tree,
         frame,
@@ -802,14 +850,18 @@ def _elastic_chain(
         ],
     )
     soft = [
-        spring for part in parts for spring in link_springs(part.entry.flexible, tree, part.prefix)
+        spring
+        for part in parts
+        for spring in link_springs(part.entry.flexible, tree, part.prefix)
     ]
     notes[:0] = doubts
     notes += [*more, *beams_that_end_elsewhere(soft, chain), *negative_links(soft)]
     notes += _links_without_effect(soft, chain, file.lines)
     potentials = [*soft, *together, *extra_lines(file.lines, chain, q, notes)]
     elastic = ElasticMechanism(name, chain, q, springs, notes=tuple(notes))
-    chain.undriven = frozenset(np.flatnonzero(springs.is_passive).tolist()) - springs.rigid
+    chain.undriven = (
+        frozenset(np.flatnonzero(springs.is_passive).tolist()) - springs.rigid
+    )
     if not potentials and len(chain.undriven) == tree.n:
         names = ", ".join(chain.names)
         words = (
@@ -817,7 +869,9 @@ def _elastic_chain(
             "Which are actuated? Give --stiffness joint=value, or 'actuated' or 'springs' in the "
             "mechanism file"
         )
-        elastic = elastic.with_notes(Note("springs-missing", words, {"joints": list(chain.names)}))
+        elastic = elastic.with_notes(
+            Note("springs-missing", words, {"joints": list(chain.names)})
+        )
     potentials += [
         DeadForce(np.zeros(3), part.point, part.body, lifted=part.mass)
         for part in facts.lifted
@@ -839,7 +893,9 @@ def _links_without_effect(
 ) -> list[Note]:
     """Return a note on compliant links that carry neither the body nor anything that holds it."""
     frames = [f for line in lines for f in line.frames]
-    frames += [f for closure in chain.closures for f in (closure.frame_a, closure.frame_b)]
+    frames += [
+        f for closure in chain.closures for f in (closure.frame_a, closure.frame_b)
+    ]
     model, tree = chain.tree.model, chain.tree
     ends = {chain.body.joint, *(tree.placement(f).joint for f in frames)}
     carrying = {model.names[int(j)] for end in ends for j in model.supports[end] if j}
@@ -887,7 +943,11 @@ def beams_that_end_elsewhere(soft: Sequence[Potential], chain: Chain) -> list[No
                 f"the beam of link {beam.link!r} runs along the x axis of the link or its offset, "
                 f"to ({length:.6g}, 0, 0); what hangs on it begins at ({x:.6g}, {y:.6g}, {z:.6g}), "
                 "joined rigidly",
-                {"link": beam.link, "length": length, "begins": [float(x), float(y), float(z)]},
+                {
+                    "link": beam.link,
+                    "length": length,
+                    "begins": [float(x), float(y), float(z)],
+                },
             )
         )
     return notes
@@ -900,7 +960,9 @@ def joints_that_move(description: RobotDescription, frame: str) -> set[str]:
     joint = int(find_frame(model, frame).parentJoint)
     moving = {names[int(j)] for j in model.supports[joint]} - {names[0]}
     groups = [closure.joints for closure in facts.closures]
-    groups += [frozenset({follower, rule[0]}) for follower, rule in facts.followers.items()]
+    groups += [
+        frozenset({follower, rule[0]}) for follower, rule in facts.followers.items()
+    ]
     while any(group & moving and not group <= moving for group in groups):
         for group in groups:
             if group & moving:
@@ -927,7 +989,9 @@ def with_base_held(
     return replace(description, held=description.held | free)
 
 
-def with_actuator_springs(description: RobotDescription, notes: list[Note]) -> RobotDescription:
+def with_actuator_springs(
+    description: RobotDescription, notes: list[Note]
+) -> RobotDescription:
     """Add the springs of a robot's position actuators to those of its joints.
 
     Raises
@@ -954,7 +1018,9 @@ def with_actuator_springs(description: RobotDescription, notes: list[Note]) -> R
         "rest positions balance the load at the posture"
     )
     notes.append(Note("actuator-springs", message, {"stiffness": facts.actuators}))
-    ignored = tuple(words for words in facts.ignored if not words.startswith(POSITION_ACTUATORS))
+    ignored = tuple(
+        words for words in facts.ignored if not words.startswith(POSITION_ACTUATORS)
+    )
     return replace(description, facts=replace(facts, springs=springs, ignored=ignored))
 
 
@@ -985,7 +1051,9 @@ def description_notes(
     facts = description.facts
     notes = [*facts.notes]
     # A joint with several coordinates has become several: joint.x, joint.y, ...
-    moving = {part for name in tree.model.names for part in (name, name.rpartition(".")[0])}
+    moving = {
+        part for name in tree.model.names for part in (name, name.rpartition(".")[0])
+    }
     obstacles = list(facts.obstacles)
     for tie in facts.closures:
         if not (closed and tie.joints & moving):
@@ -999,7 +1067,9 @@ def description_notes(
             raise obstacle.error
         raise InputError(
             f"{obstacle.what} acts on joint {affected[0]!r} and cannot be expressed here",
-            where="XML text" if description.path is None else one_line(str(description.path)),
+            where="XML text"
+            if description.path is None
+            else one_line(str(description.path)),
             expected=obstacle.expected,
         )
     ignored = [*facts.ignored, *(o.what for o in obstacles)]
@@ -1011,7 +1081,9 @@ def description_notes(
         notes.append(Note("keyframe", words))
     if facts.weightless:
         words = "; ".join(facts.weightless)
-        notes.append(Note("masses-unknown", f"taken as zero, since it is not known: {words}"))
+        notes.append(
+            Note("masses-unknown", f"taken as zero, since it is not known: {words}")
+        )
     wide = {
         c.name: [c.lower, c.upper]
         for c in tree.coordinates
@@ -1019,7 +1091,9 @@ def description_notes(
         and _LIMITS_LIKE_DEGREES[0] < max(-c.lower, c.upper) < _LIMITS_LIKE_DEGREES[1]
     }
     if wide:
-        words = ", ".join(f"{name} {low:g} ... {high:g}" for name, (low, high) in wide.items())
+        words = ", ".join(
+            f"{name} {low:g} ... {high:g}" for name, (low, high) in wide.items()
+        )
         message = f"limits of several turns: {words} rad. Degrees? Limits in URDF are in radians"
         notes.append(Note("limits-of-turns", message, wide))
     return notes
@@ -1065,11 +1139,18 @@ def tree_to(
     """
     model, facts = description.model, description.facts
     names, still = list(model.names), facts.locked | dict(locked)
-    leaders = {follower: to_root(follower, facts.followers) for follower in facts.followers}
+    leaders = {
+        follower: to_root(follower, facts.followers) for follower in facts.followers
+    }
     for follower, (leader, factor, offset) in leaders.items():
-        if follower in still and leader in names and factor:  # a locked follower locks its leader
+        if (
+            follower in still and leader in names and factor
+        ):  # a locked follower locks its leader
             position = (still[follower] - offset) / factor
-            if abs(still.setdefault(leader, position) - position) > numerics.NEGLIGIBLE_SHARE:
+            if (
+                abs(still.setdefault(leader, position) - position)
+                > numerics.NEGLIGIBLE_SHARE
+            ):
                 raise InputError(
                     f"joint {follower!r} follows {leader!r}, and both are locked elsewhere",
                     where=f"{where}key locked",
@@ -1131,16 +1212,24 @@ def tree_to(
 
 
 def _within_limits_of(
-    follower: Coordinate, leader: Coordinate, factor: float, offset: float, notes: list[Note]
+    follower: Coordinate,
+    leader: Coordinate,
+    factor: float,
+    offset: float,
+    notes: list[Note],
 ) -> Coordinate:
     """Return the leader with the limits that its follower, at factor q + offset, leaves to it."""
-    low, high = sorted(((follower.lower - offset) / factor, (follower.upper - offset) / factor))
+    low, high = sorted(
+        ((follower.lower - offset) / factor, (follower.upper - offset) / factor)
+    )
     low, high = max(low, leader.lower), min(high, leader.upper)
     if low < high:
         return replace(leader, lower=low, upper=high)
     words = f"limits of joint {follower.name!r} leave nothing of those of {leader.name!r}, which "
     words += "it follows: they do not count"
-    notes.append(Note("limits-contradict", words, {"joint": follower.name, "leader": leader.name}))
+    notes.append(
+        Note("limits-contradict", words, {"joint": follower.name, "leader": leader.name})
+    )
     return leader
 
 
@@ -1157,7 +1246,9 @@ def mounted_on_springs(
     """
     where = "key flexible"
     if springs.unilateral:
-        raise InputError("cables need a rigid mounting", where=where, expected="no key flexible")
+        raise InputError(
+            "cables need a rigid mounting", where=where, expected="no key flexible"
+        )
     if not isinstance(springs, FlexureStruts):
         ball = Flexure(math.inf, math.inf, 0.0, 0.0)
         springs = FlexureStruts.between(
@@ -1191,7 +1282,9 @@ def _mount(entry: FlexibleModel | None, T: Array, where: str) -> Mount | None:
     sizes = np.sqrt(np.abs(np.diag(K)))
     if np.any(np.abs(K - K.T) > numerics.SYMMETRY * np.outer(sizes, sizes)):
         raise InputError("stiffness must be symmetric", where=where)
-    least = float(np.linalg.eigvalsh(K / np.outer(sizes, sizes))[0]) if sizes.all() else 0.0
+    least = (
+        float(np.linalg.eigvalsh(K / np.outer(sizes, sizes))[0]) if sizes.all() else 0.0
+    )
     if not least > numerics.RANK:
         raise InputError(
             "stiffness must hold the body in every direction",
@@ -1251,14 +1344,18 @@ def _per_leg(value: float | list[float] | None, m: int, where: str) -> Array | N
     return None if value is None else np.array(one_each(value, m, where), float)
 
 
-def _joints(model: LegJointsModel | None, m: int, where: str) -> tuple[Array | None, Array | None]:
+def _joints(
+    model: LegJointsModel | None, m: int, where: str
+) -> tuple[Array | None, Array | None]:
     """Unit axes (m, 3) and largest angles (m,)."""
     if model is None:
         return None, None
     axes = np.array(one_each(model.axis, m, f"{where}.axis", row=True), float)
     sizes = np.linalg.norm(axes, axis=1)
     if not sizes.min() > 0.0:
-        raise InputError("an axis has no direction", where=f"{where}.axis", got=model.axis)
+        raise InputError(
+            "an axis has no direction", where=f"{where}.axis", got=model.axis
+        )
     return axes / sizes[:, None], _per_leg(model.angle, m, f"{where}.angle")
 
 
@@ -1331,7 +1428,9 @@ def build_chain(
     file: SerialFile | ClosedChainFile, beside: Path | None, name: str
 ) -> ElasticMechanism:
     """Build a serial arm, or a tree whose frames are tied by closures, from a mechanism file."""
-    description = described(file, beside, floating=file.kind == "closed-chain" and file.floating)
+    description = described(
+        file, beside, floating=file.kind == "closed-chain" and file.floating
+    )
     notes = gravity_left_out(file, description)
     return chain_of(description, file, name, reader_notes=notes)
 
@@ -1368,15 +1467,21 @@ def chain_of(
     lines = [*file.lines, *(line for line, joints in facts.lines if joints & moved)]
     if not (lines or getattr(file, "floating", False)):
         description = with_base_held(description, frame, notes, file.springs)
-    has_rest = bool(facts.springs) or any(e.rest is not None for e in file.springs.values())
+    has_rest = bool(facts.springs) or any(
+        e.rest is not None for e in file.springs.values()
+    )
     if file.actuator_springs:
         description = with_actuator_springs(description, notes)
         facts = description.facts
-    moving = joints_that_move(description, frame) if alone else set(description.model.names)
+    moving = (
+        joints_that_move(description, frame) if alone else set(description.model.names)
+    )
     ties = [tie for tie in facts.closures if tie.joints & moving]
     if alone and ties and isinstance(file, SerialFile):
         file = as_closed_chain(file)
-    file = naming_leaders(file.model_copy(update={"lines": lines}), description, notes, "")
+    file = naming_leaders(
+        file.model_copy(update={"lines": lines}), description, notes, ""
+    )
     closed = isinstance(file, ClosedChainFile)
     held_at = {**facts.posture, **(posture or {}), **file.q}
     for joint, zero in getattr(file, "zeros", {}).items():
@@ -1394,7 +1499,9 @@ def chain_of(
         moving if closed else (),
     )
     if tree.n == 0 and not closed:
-        raise InputError(f"no joint moves frame {frame!r}", expected="a frame on a moving link")
+        raise InputError(
+            f"no joint moves frame {frame!r}", expected="a frame on a moving link"
+        )
     beyond = _joints_beyond(description, tree, file.locked)
     idle = [name for name in file.springs if name in beyond]
     file = _without_joints(file, beyond)
@@ -1409,10 +1516,14 @@ def chain_of(
         _check_joints(file.zeros, tree.names, "key zeros")
         tree = merged([("", tree.with_zeros(file.zeros), base)])
     in_closures = {
-        name: x for name, x in file.q.items() if closed and _CLOSURE_COORDINATE.fullmatch(name)
+        name: x
+        for name, x in file.q.items()
+        if closed and _CLOSURE_COORDINATE.fullmatch(name)
     }
     named = {name: x for name, x in file.q.items() if name not in in_closures}
-    closing = _ClosureBuilder(tree, default_posture(tree, named, facts, posture), in_closures)
+    closing = _ClosureBuilder(
+        tree, default_posture(tree, named, facts, posture), in_closures
+    )
     if isinstance(file, ClosedChainFile):
         for i, tie in enumerate(ties):
             closing.add_tie(tie, i)
@@ -1468,9 +1579,13 @@ def _joints_beyond(
 
 def _without_joints(entry: Any, beyond: Collection[str]) -> Any:
     """Return a file or leg without what it says of joints beyond the frame."""
-    acting: dict[str, Any] = {"passive": [name for name in entry.passive if name not in beyond]}
+    acting: dict[str, Any] = {
+        "passive": [name for name in entry.passive if name not in beyond]
+    }
     for key in {"q", "springs", "zeros"}.intersection(type(entry).model_fields):
-        acting[key] = {name: x for name, x in getattr(entry, key).items() if name not in beyond}
+        acting[key] = {
+            name: x for name, x in getattr(entry, key).items() if name not in beyond
+        }
     return entry.model_copy(update=acting)
 
 
@@ -1520,7 +1635,9 @@ def build_platform(file: PlatformFile | SpringsFile, name: str) -> ElasticMechan
     try:
         geometry = line_geometry(T_F_M, platform.anchors, platform.points)
     except UndefinedError as error:
-        raise InputError(f"leg {error.values['line']} has zero length at the file's pose") from None
+        raise InputError(
+            f"leg {error.values['line']} has zero length at the file's pose"
+        ) from None
     if platform.struts is not None:
         _check_bars(platform.struts, geometry.lengths)
     springs = _legs(file, platform, T_F_M, geometry.lengths)
@@ -1539,7 +1656,9 @@ def build_platform(file: PlatformFile | SpringsFile, name: str) -> ElasticMechan
             if springs.rest_length[i] != 0.0
         }
     )
-    elastic = ElasticMechanism(name, platform, q, springs, notes=tuple(notes), damping=damping)
+    elastic = ElasticMechanism(
+        name, platform, q, springs, notes=tuple(notes), damping=damping
+    )
     return elastic.with_gravity(file.gravity, where="key gravity")
 
 
@@ -1549,7 +1668,9 @@ def _legs(
     """Return the springs of the legs: lines, or struts between flexures."""
     legs, m = file.legs, len(lengths)
     strut = legs.strut
-    value, key = (legs.stiffness, "stiffness") if strut is None else (strut.axial, "strut.axial")
+    value, key = (
+        (legs.stiffness, "stiffness") if strut is None else (strut.axial, "strut.axial")
+    )
     place = "key legs."
     stiffness = _per_leg(value, m, place + key)
     rest = _per_leg(legs.rest_length, m, f"{place}rest_length")
@@ -1570,7 +1691,9 @@ def _legs(
             unilateral=tuple(cables),
         )
     else:
-        a, f = convert_length(SI, platform.units)  # moments are in N m, whatever the units
+        a, f = convert_length(
+            SI, platform.units
+        )  # moments are in N m, whatever the units
         lower, upper = (
             Flexure(e.axial, e.shear, e.bending * f * a, e.torsion * f * a, e.offset)
             for e in (strut.lower, strut.upper)
@@ -1598,7 +1721,9 @@ def _checked_inertia(rows: list[list[float]] | None) -> Array:
     """Return the 3x3 inertia of a body, zero by default; refuse one that no body has."""
     inertia = np.zeros((3, 3)) if rows is None else np.array(rows, float)
     if numerics.asymmetry(inertia):
-        raise InputError("inertia is not symmetric", where="key body.inertia", got=inertia.tolist())
+        raise InputError(
+            "inertia is not symmetric", where="key body.inertia", got=inertia.tolist()
+        )
     moments = np.linalg.eigvalsh(inertia)
     if (
         moments[0] < -numerics.NEGLIGIBLE_DIFFERENCE * moments[2]
@@ -1705,9 +1830,13 @@ def _model_of(T: Array) -> PoseModel:
 def _with_ros(file: Any, overrides: Mapping[str, Any]) -> Any:
     """Return the file with more xacro arguments and package folders for its robots."""
     if hasattr(file, "model"):
-        return file.with_ros(overrides.get("xacro", {}), overrides.get("package_path", ()))
+        return file.with_ros(
+            overrides.get("xacro", {}), overrides.get("package_path", ())
+        )
     if isinstance(file.legs, list) and any(leg.drawing is None for leg in file.legs):
-        legs = [_with_ros(leg, overrides) if leg.drawing is None else leg for leg in file.legs]
+        legs = [
+            _with_ros(leg, overrides) if leg.drawing is None else leg for leg in file.legs
+        ]
         return file.model_copy(update={"legs": legs})
     raise InputError(
         f"kind {file.kind} has no robot description",
@@ -1717,7 +1846,9 @@ def _with_ros(file: Any, overrides: Mapping[str, Any]) -> Any:
 
 def _with_frame(file: Any, frame: str) -> Any:
     """Return the file with another frame of interest."""
-    only = {"stewart-gough": "platform", "springs": "platform", "parallel": "body"}.get(file.kind)
+    only = {"stewart-gough": "platform", "springs": "platform", "parallel": "body"}.get(
+        file.kind
+    )
     if only is not None:
         check_name("frame", frame, [only])
         return file
@@ -1754,7 +1885,9 @@ def _with_contact(
     return tree
 
 
-def naming_leaders(file: Any, description: RobotDescription, notes: list[Note], where: str) -> Any:
+def naming_leaders(
+    file: Any, description: RobotDescription, notes: list[Note], where: str
+) -> Any:
     """Return a file, or leg, in which joints that follow others by <mimic> are these others.
 
     A follower has no coordinate of its own: it is driven, or moves freely, where its leader does,
@@ -1796,7 +1929,9 @@ def naming_leaders(file: Any, description: RobotDescription, notes: list[Note], 
         if key in file.model_fields_set
     }
     each = ", ".join(f"{name} follows {leader}" for name, leader in led.items())
-    words = f"joints of the file follow others by <mimic>, which are taken instead: {each}"
+    words = (
+        f"joints of the file follow others by <mimic>, which are taken instead: {each}"
+    )
     notes.append(Note("followers-named", words, {"leaders": led}))
     if file.q:
         changed["q"] = q
@@ -1820,7 +1955,9 @@ def _actuated(names: Sequence[str], tree: KinematicTree) -> list[int] | None:
     return [tree.names.index(name) for name in names] or None
 
 
-def _assembled(chain: Chain, q: Array, posture: Mapping[str, float], notes: list[Note]) -> Array:
+def _assembled(
+    chain: Chain, q: Array, posture: Mapping[str, float], notes: list[Note]
+) -> Array:
     """Closed coordinates near q; without actuated joints, those of `posture` are held."""
     named = [] if chain.actuated else [chain.names.index(name) for name in posture]
     try:
@@ -1833,7 +1970,9 @@ def _assembled(chain: Chain, q: Array, posture: Mapping[str, float], notes: list
     return at.q
 
 
-def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> ElasticMechanism:
+def build_parallel(
+    file: ParallelFile, beside: Path | None, name: str
+) -> ElasticMechanism:
     """Build a body carried by several chains: the end frames of all chains are welded together.
 
     The body frame is fixed to the first chain's end; every other chain's end is welded to it.
@@ -1868,20 +2007,32 @@ def build_parallel(file: ParallelFile, beside: Path | None, name: str) -> Elasti
         notes += description_notes(description, tree, leg.model_fields_set)
         if leg.contact != "rigid":
             soft = {
-                name: FileSpring((own_stiffness(k, SI, name != "contact.z", place),), math.nan)
+                name: FileSpring(
+                    (own_stiffness(k, SI, name != "contact.z", place),), math.nan
+                )
                 for name, k in leg.contact_springs.items()
             }
             tree = _with_contact(tree, end, leg, soft)
             end = "contact"
             contacts += [
-                f"{prefix}{joint}" for joint, _ in _CONTACTS[leg.contact] if joint not in soft
+                f"{prefix}{joint}"
+                for joint, _ in _CONTACTS[leg.contact]
+                if joint not in soft
             ]
             springs = {**description.facts.springs, **soft}
-            description = replace(description, facts=replace(description.facts, springs=springs))
+            description = replace(
+                description, facts=replace(description.facts, springs=springs)
+            )
         names = tree.names
-        for entries, key in ((leg.springs, "springs"), (leg.passive, "passive"), (leg.q, "q")):
+        for entries, key in (
+            (leg.springs, "springs"),
+            (leg.passive, "passive"),
+            (leg.q, "q"),
+        ):
             _check_joints(entries, names, f"{place}, key {key}")
-        driven += [prefix + joint for joint in description.facts.actuated if joint in names]
+        driven += [
+            prefix + joint for joint in description.facts.actuated if joint in names
+        ]
         lines += [
             line.model_copy(update={"frames": [prefix + frame for frame in line.frames]})
             for line, joints in description.facts.lines
@@ -1954,7 +2105,9 @@ def _placed_legs(
         if (drawing := leg.drawing) is not None:
             at = {name: names.index(f"leg{i + 1}/{name}") for name in drawing.joints}
             columns, driven = tuple(at.values()), at[drawing.driven]
-            placed.append(PlacedLeg(drawing.shape, columns, driven, grips[i], drawing.diameter))
+            placed.append(
+                PlacedLeg(drawing.shape, columns, driven, grips[i], drawing.diameter)
+            )
     return tuple(placed)
 
 
@@ -1979,7 +2132,9 @@ class _ClosureBuilder:
         Names of the added joints.
     """
 
-    def __init__(self, tree: KinematicTree, q: Array, positions: Mapping[str, float]) -> None:
+    def __init__(
+        self, tree: KinematicTree, q: Array, positions: Mapping[str, float]
+    ) -> None:
         self.tree, self.q, self._positions = tree, q, positions
         self.closures: list[Closure] = []
         self.joints: list[str] = []

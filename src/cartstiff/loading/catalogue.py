@@ -81,6 +81,7 @@ def example_robot(name: str) -> Path:
     path = robots[name]
     if path is None or not path.is_file():
         raise InputError(
-            f"example robot {name!r} has no URDF and cannot be loaded", expected="a URDF robot"
+            f"example robot {name!r} has no URDF and cannot be loaded",
+            expected="a URDF robot",
         )
     return path

@@ -41,14 +41,16 @@ def described(name: str) -> dict[str, Any]:
         if error.name == f"robot_descriptions.{name}":
             return {
                 "unknown": sorted(
-                    p.stem for p in Path(robot_descriptions.__path__[0]).glob("*_description.py")
+                    p.stem
+                    for p in Path(robot_descriptions.__path__[0]).glob("*_description.py")
                 )
             }
         raise
     if missing:
         return {"not_cached": missing[0]}
     variable = next(
-        (k for k in ("URDF_PATH", "XACRO_PATH", "MJCF_PATH") if getattr(module, k, None)), None
+        (k for k in ("URDF_PATH", "XACRO_PATH", "MJCF_PATH") if getattr(module, k, None)),
+        None,
     )
     if variable is None:
         return {"error": "it has neither a URDF nor a xacro nor an MJCF file"}

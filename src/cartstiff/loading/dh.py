@@ -53,7 +53,10 @@ def read_dh_table(path: Path) -> list[DHJoint]:
     InputError
         With file and line.
     """
-    cells, heads = read_cells(path, "rows of the DH table"), list[tuple[str, str | None, float]]()
+    cells, heads = (
+        read_cells(path, "rows of the DH table"),
+        list[tuple[str, str | None, float]](),
+    )
     for cell in cells.names:
         name, kind, size = head_of(cell, cells.place)
         check_name("column", name, _COLUMNS, cells.place)
@@ -88,7 +91,9 @@ def read_dh_table(path: Path) -> list[DHJoint]:
                 )
             row["limits"] = [limits["lower"][1], limits["upper"][1]]
         try:
-            rows.append(DHJoint.model_validate({k: v for k, v in row.items() if v is not None}))
+            rows.append(
+                DHJoint.model_validate({k: v for k, v in row.items() if v is not None})
+            )
         except ValidationError as error:
             raise first_error(error, row, {}, place, ("row",)) from None
     return rows
@@ -108,7 +113,9 @@ def dh_description(table: DHModel, folder: Path, floating: bool) -> RobotDescrip
     model = pin.Model()
     model.name = "DH table"
     joint = (
-        model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root") if floating else 0
+        model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
+        if floating
+        else 0
     )
     model.addFrame(_frame("base", joint, np.eye(4)))
     T, links = np.eye(4), ["world", "base"]
@@ -118,25 +125,35 @@ def dh_description(table: DHModel, folder: Path, floating: bool) -> RobotDescrip
         name = row.name or (f"j{i}" if moves else f"link{i}")
         link = f"link{i}" if moves else name
         if link in links or name in model.names:
-            raise InputError("two rows have one name", where=f"key dh.joints.{i}", got=repr(name))
+            raise InputError(
+                "two rows have one name", where=f"key dh.joints.{i}", got=repr(name)
+            )
         links.append(link)
-        across = se3.from_roll_pitch_yaw([row.a * length, 0, 0], [row.alpha * angle, 0, 0])
+        across = se3.from_roll_pitch_yaw(
+            [row.a * length, 0, 0], [row.alpha * angle, 0, 0]
+        )
         along = se3.from_roll_pitch_yaw([0, 0, row.d * length], [0, 0, row.theta * angle])
         before, after = (
-            (across @ along, np.eye(4)) if table.convention == "modified" else (along, across)
+            (across @ along, np.eye(4))
+            if table.convention == "modified"
+            else (along, across)
         )
         T = T @ before
         if moves:
             slides = row.type == "prismatic"
             kind = pin.JointModelPZ() if slides else pin.JointModelRZ()
-            limits = np.array(row.limits or [-np.inf, np.inf]) * (length if slides else angle)
+            limits = np.array(row.limits or [-np.inf, np.inf]) * (
+                length if slides else angle
+            )
             joint = add_joint(model, joint, kind, T, name, limits)
             T = np.eye(4)
         T = T @ after
         model.addFrame(_frame(link, joint, T))
     if not any(row.type != "fixed" for row in rows):
         raise InputError("robot has no movable joints", where="key dh.joints")
-    facts = RobotFacts(weightless=("masses of the links, which a DH table does not have",))
+    facts = RobotFacts(
+        weightless=("masses of the links, which a DH table does not have",)
+    )
     return RobotDescription(None, model, facts, ())
 
 

@@ -54,17 +54,26 @@ class LegEndsModel(FileModel):
         None,
     )
     angles: list[Number] | None = keyed(
-        "where the joints are on the circle; default [0]", None, min_length=1, max_length=100
+        "where the joints are on the circle; default [0]",
+        None,
+        min_length=1,
+        max_length=100,
     )
     height: Number = keyed("of the circle, along z", 0.0)
-    points: list[Vector] | None = keyed("instead of the circle", None, min_length=1, max_length=100)
+    points: list[Vector] | None = keyed(
+        "instead of the circle", None, min_length=1, max_length=100
+    )
 
     @model_validator(mode="after")
     def _one(self) -> LegEndsModel:
         only_one(self, "radius", "points")
-        on_circle = self.half_angle is not None or self.angles is not None or self.height != 0.0
+        on_circle = (
+            self.half_angle is not None or self.angles is not None or self.height != 0.0
+        )
         if self.points is not None and on_circle:
-            raise ValueError("half_angle, angles and height go with radius, not with points")
+            raise ValueError(
+                "half_angle, angles and height go with radius, not with points"
+            )
         only_one(self, "half_angle", "angles", needed=False)
         return self
 
@@ -104,7 +113,8 @@ class NamedLegs(FileModel):
         None,
     )
     rail: Direction | None = keyed(
-        "direction of the rails of chains that begin with P, as axis; default vertical", None
+        "direction of the rails of chains that begin with P, as axis; default vertical",
+        None,
     )
     crank: _PerLeg | None = keyed("length, for chains that begin with R", None)
     rod: _PerLeg | None = keyed("length, for chains that begin with P or R", None)
@@ -151,7 +161,9 @@ class NamedLegs(FileModel):
         if self.end_axis is not None and only_at_end:
             only_one(self, "axis", "end_axis", needed=False)
         if self.turn is not None and self.platform.half_angle is None:
-            raise ValueError("turn is of the platform's pairs: give its half_angle, or angles")
+            raise ValueError(
+                "turn is of the platform's pairs: give its half_angle, or angles"
+            )
         for key, belongs in (
             ("rail", self.chain[0] == "P"),
             ("mode", not strut),
@@ -173,9 +185,9 @@ class ContactStiffnessModel(FileModel):
     """Springs between a fingertip and the body, along the axes of their contact."""
 
     normal: Stiffness = keyed("along its z, N/m; default rigid", math.inf)
-    tangential: Stiffness | Annotated[list[Stiffness], Field(min_length=2, max_length=2)] = keyed(
-        "along its x and y, N/m: one number or two; default rigid", math.inf
-    )
+    tangential: (
+        Stiffness | Annotated[list[Stiffness], Field(min_length=2, max_length=2)]
+    ) = keyed("along its x and y, N/m: one number or two; default rigid", math.inf)
     spin: Annotated[NotNegative, GIVEN] | None = keyed(
         "about its z, N m/rad; default 0: free", None
     )
@@ -188,7 +200,11 @@ class ContactStiffnessModel(FileModel):
 
     def by_joint(self) -> dict[str, float]:
         """Springs by the joint of the contact that they are in: contact.tx, ..., contact.z."""
-        x, y = self.tangential if isinstance(self.tangential, list) else [self.tangential] * 2
+        x, y = (
+            self.tangential
+            if isinstance(self.tangential, list)
+            else [self.tangential] * 2
+        )
         each = {"contact.tx": x, "contact.ty": y, "contact.tz": self.normal}
         springs = {name: k for name, k in each.items() if k != math.inf}
         return springs if self.spin is None else {**springs, "contact.z": self.spin}
@@ -199,7 +215,9 @@ class LegModel(Joints):
 
     kind: Literal["serial"] = "serial"
     base: PoseModel = keyed("the chain's root in F", PoseModel.model_construct())
-    grip: PoseModel = keyed("the chain's end frame in the body frame", PoseModel.model_construct())
+    grip: PoseModel = keyed(
+        "the chain's end frame in the body frame", PoseModel.model_construct()
+    )
     contact: Literal["rigid", "soft-finger", "point"] = keyed(
         "joint between chain and body: none, spin about z, or a ball", "rigid"
     )
@@ -227,7 +245,9 @@ class LegModel(Joints):
             raise ValueError("contact_stiffness is of a contact: soft-finger or point")
         for name in self.contact_stiffness.by_joint():
             if name in self.springs or name in self.passive:
-                raise ValueError(f"contact_stiffness has the spring of {name}: give it once")
+                raise ValueError(
+                    f"contact_stiffness has the spring of {name}: give it once"
+                )
         return self
 
     @property
@@ -278,7 +298,8 @@ class ParallelFile(FileWords):
     )
     legs: _Legs = keyed("legs by name, or chains one by one, or a list of both")
     pose: PoseModel | None = keyed(
-        "the body's own frame in F, where the legs are put together; legs by name need it", None
+        "the body's own frame in F, where the legs are put together; legs by name need it",
+        None,
     )
     offset: PoseModel = keyed("M in the body's own frame", PoseModel.model_construct())
     actuated: list[Text] = keyed("joints as leg1/joint_name", [])

@@ -41,7 +41,10 @@ def in_metres(file: ParallelFile, metres: float) -> ParallelFile:
     """
     if file.units.force != "N":
         raise InputError(
-            "cannot be used", where="key units.force", expected="N", got=repr(file.units.force)
+            "cannot be used",
+            where="key units.force",
+            expected="N",
+            got=repr(file.units.force),
         )
     entries = file.legs if isinstance(file.legs, list) else [file.legs]
     if not all(isinstance(entry, NamedLegs) for entry in entries):
@@ -57,7 +60,9 @@ def in_metres(file: ParallelFile, metres: float) -> ParallelFile:
         "lines": [_scaled(line, metres, _LINE) for line in file.lines],
         "offset": _scaled(file.offset, metres, _POSE),
         "pose": None if file.pose is None else _scaled(file.pose, metres, _POSE),
-        "payload": None if file.payload is None else _scaled(file.payload, metres, {"com": 1}),
+        "payload": None
+        if file.payload is None
+        else _scaled(file.payload, metres, {"com": 1}),
     }
     return file.model_copy(update=given)
 
@@ -104,8 +109,12 @@ def _legs(entry: NamedLegs, metres: float) -> NamedLegs:
         update={
             "base": _scaled(entry.base, metres, _ENDS),
             "platform": _scaled(entry.platform, metres, _ENDS),
-            "springs": {n: _spring(s, metres, n == "slide") for n, s in entry.springs.items()},
-            "flexible": {name: _link(link, metres, name) for name, link in entry.flexible.items()},
+            "springs": {
+                n: _spring(s, metres, n == "slide") for n, s in entry.springs.items()
+            },
+            "flexible": {
+                name: _link(link, metres, name) for name, link in entry.flexible.items()
+            },
         }
     )
 

@@ -16,14 +16,22 @@ from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
 from cartstiff.loading.leg_schema import LegEndsModel, LegModel, NamedLegs, ParallelFile
 from cartstiff.loading.robot_description import RobotDescription
-from cartstiff.loading.schema import JointSpringModel, PoseModel, check_limits, one_each, pose_of
+from cartstiff.loading.schema import (
+    JointSpringModel,
+    PoseModel,
+    check_limits,
+    one_each,
+    pose_of,
+)
 from cartstiff.mechanisms.leg_shapes import Family, LegShape, frame_along, turns
 from cartstiff.notes import Note
 
 _Z = np.array([0.0, 0.0, 1.0])
 
 
-def drawn(entry: NamedLegs, T_F_P: Array, leg: str = "") -> list[tuple[LegShape, float | None]]:
+def drawn(
+    entry: NamedLegs, T_F_P: Array, leg: str = ""
+) -> list[tuple[LegShape, float | None]]:
     """Return the shape of each leg, with the body at a pose, and the other root of `_root`.
 
     Parameters
@@ -54,7 +62,9 @@ def drawn(entry: NamedLegs, T_F_P: Array, leg: str = "") -> list[tuple[LegShape,
             got=len(platform),
         )
     letters = _without_free_spin(entry.chain)
-    family: Family = "strut" if letters[1] in "PC" else "rail" if letters[0] == "P" else "crank"
+    family: Family = (
+        "strut" if letters[1] in "PC" else "rail" if letters[0] == "P" else "crank"
+    )
     middle = letters[0] if family == "strut" else letters[1]
     frames = _frames(entry, base)
     planar = set(entry.chain) <= set("RP")
@@ -71,7 +81,8 @@ def drawn(entry: NamedLegs, T_F_P: Array, leg: str = "") -> list[tuple[LegShape,
         at_body = _directions(entry.end_axis, "end_axis", base, frames, mirrored, leg)
     rails = _directions(entry.rail or "vertical", "rail", base, frames, mirrored, leg)
     rods, cranks, modes = (
-        one_each(getattr(entry, key), m, f"{leg}key legs.{key}") for key in ("rod", "crank", "mode")
+        one_each(getattr(entry, key), m, f"{leg}key legs.{key}")
+        for key in ("rod", "crank", "mode")
     )
     R = T_F_P[:3, :3]
     shapes = []
@@ -81,7 +92,9 @@ def drawn(entry: NamedLegs, T_F_P: Array, leg: str = "") -> list[tuple[LegShape,
         if family == "crank":
             level = np.cross(_Z, axis)
             size = float(np.linalg.norm(level))
-            along = level / size if size > numerics.NEGLIGIBLE_DISTANCE else frames[k][:, 0]
+            along = (
+                level / size if size > numerics.NEGLIGIBLE_DISTANCE else frames[k][:, 0]
+            )
             least = numerics.NEGLIGIBLE_DISTANCE * float(np.abs(base).max())
             if along @ (base[k] * [1.0, 1.0, 0.0]) < -least:
                 along = -along  # at zero a crank points outwards
@@ -124,7 +137,9 @@ def _root(shape: LegShape, mode: str | None) -> tuple[int, float | None]:
     if is_crank:
         roots = [(t + 2.0 * np.pi if t < alike - np.pi else t, sign) for t, sign in roots]
     # Two roots that meet are in the order of their signs, whatever their round-off.
-    is_double = abs(roots[0][0] - roots[-1][0]) <= alike * (1.0 if is_crank else shape.rod)
+    is_double = abs(roots[0][0] - roots[-1][0]) <= alike * (
+        1.0 if is_crank else shape.rod
+    )
     smaller, larger = (roots[0], roots[-1]) if is_double else (min(roots), max(roots))
     if mode is not None or not is_crank:
         return (larger if mode == "plus" else smaller)[1], None
@@ -184,7 +199,11 @@ def _at_home(shape: LegShape, sign: int, name: str, leg: str, is_skew: bool) -> 
 def _without_free_spin(chain: str) -> str:
     """Chain in which a universal joint replaces one of the two balls of a rod."""
     i = 0 if chain[1] == "P" else 1
-    return chain[:i] + "U" + chain[i + 1 :] if chain[i] == "S" and chain.endswith("S") else chain
+    return (
+        chain[:i] + "U" + chain[i + 1 :]
+        if chain[i] == "S" and chain.endswith("S")
+        else chain
+    )
 
 
 def _points(
@@ -204,9 +223,16 @@ def _points(
         flips *= len(angles)
         if ring.half_angle is not None:
             half, flips = ring.half_angle, [True, False]
-            angles = [-half, half] if middles is None else [middles[0] + half, middles[1] - half]
+            angles = (
+                [-half, half]
+                if middles is None
+                else [middles[0] + half, middles[1] - half]
+            )
         radius = ring.radius or 0.0
-        own = [np.array([radius * np.cos(a), radius * np.sin(a), ring.height]) for a in angles]
+        own = [
+            np.array([radius * np.cos(a), radius * np.sin(a), ring.height])
+            for a in angles
+        ]
     steps = _symmetry_turns(entry)
     return [R @ p for R in steps for p in own], flips * len(steps)
 
@@ -228,7 +254,12 @@ def _frames(entry: NamedLegs, base: list[Array]) -> list[Array]:
 
 
 def _directions(
-    value: Any, key: str, base: list[Array], frames: list[Array], mirrored: list[bool], leg: str
+    value: Any,
+    key: str,
+    base: list[Array],
+    frames: list[Array],
+    mirrored: list[bool],
+    leg: str,
 ) -> list[Array]:
     """Unit vectors in F, one for each leg."""
     m, is_word = len(base), isinstance(value, str)
@@ -247,7 +278,11 @@ def _directions(
             raise InputError("a direction has no length", where=f"{leg}key legs.{key}")
         v = v / size
         if one and mirrored[k]:  # an axis of rotation is reversed in a mirror
-            v = v * (np.array([-1.0, 1.0, -1.0]) if key != "rail" else np.array([1.0, -1.0, 1.0]))
+            v = v * (
+                np.array([-1.0, 1.0, -1.0])
+                if key != "rail"
+                else np.array([1.0, -1.0, 1.0])
+            )
         directions.append(frames[k] @ v if one else v)
     return directions
 
@@ -306,7 +341,12 @@ class _Drawing:
         self._numbers = {letter: count(1) for letter in "urs"}
 
     def turn(
-        self, letter: str, axis: Array, T_home: Array, at_home: float = 0.0, name: str | None = None
+        self,
+        letter: str,
+        axis: Array,
+        T_home: Array,
+        at_home: float = 0.0,
+        name: str | None = None,
     ) -> None:
         """Add a revolute joint about an axis in F whose angle in a frame is `at_home`."""
         own = T_home[:3, :3].T @ axis
@@ -317,7 +357,12 @@ class _Drawing:
 
     def slide(self, T_home: Array, at_home: float) -> None:
         """Add a prismatic joint along x of a frame, in which its position is `at_home`."""
-        self._add("slide", pin.JointModelPX(), T_home, se3.pose(translation=(-at_home, 0.0, 0.0)))
+        self._add(
+            "slide",
+            pin.JointModelPX(),
+            T_home,
+            se3.pose(translation=(-at_home, 0.0, 0.0)),
+        )
 
     def _add(self, name: str, joint: Any, T_home: Array, back: Array) -> None:
         placement = se3.inverse(self.T) @ T_home @ back
@@ -344,7 +389,9 @@ def leg_model(shape: LegShape) -> tuple[Any, list[str]]:
     T_rod = se3.pose(shape.rod_frame, shape.centre)
     if shape.family == "rail":
         helper = np.eye(3)[int(np.argmin(np.abs(shape.along)))]
-        drawing.slide(se3.pose(frame_along(shape.along, helper), shape.centre), shape.home)
+        drawing.slide(
+            se3.pose(frame_along(shape.along, helper), shape.centre), shape.home
+        )
         drawing.link("slider")
     elif shape.family == "crank":
         arm = frame_along(shape.centre - shape.anchor, shape.axis)
@@ -363,8 +410,12 @@ def leg_model(shape: LegShape) -> tuple[Any, list[str]]:
     else:
         drawing.link("rod")
     if shape.end:
-        axes = (shape.end_inner, shape.end_axis) if shape.end == "U" else (shape.end_axis,)
-        drawing.turns(shape.end, se3.pose(shape.rod_frame, B), axes, shape.end_home[:3, :3])
+        axes = (
+            (shape.end_inner, shape.end_axis) if shape.end == "U" else (shape.end_axis,)
+        )
+        drawing.turns(
+            shape.end, se3.pose(shape.rod_frame, B), axes, shape.end_home[:3, :3]
+        )
     drawing.link(END, shape.end_home)
     return drawing.model, drawing.names
 
@@ -401,14 +452,20 @@ def drawn_legs(file: ParallelFile) -> list[LegModel]:
 def mode_notes(legs: Iterable[LegModel]) -> list[Note]:
     """Note on legs whose two working modes are equally near to the file's pose."""
     drawings = {f"leg{i}": leg.drawing for i, leg in enumerate(legs, start=1)}
-    tied = {name: d for name, d in drawings.items() if d is not None and d.other is not None}
+    tied = {
+        name: d for name, d in drawings.items() if d is not None and d.other is not None
+    }
     if not tied:
         return []
     taken = {name: float(drawing.shape.home) for name, drawing in tied.items()}
     others = {name: float(drawing.other) for name, drawing in tied.items()}
-    each = [f"{np.degrees(taken[n]):.4g} and {np.degrees(others[n]):.4g} deg" for n in tied]
+    each = [
+        f"{np.degrees(taken[n]):.4g} and {np.degrees(others[n]):.4g} deg" for n in tied
+    ]
     angles = (
-        each[0] if len(set(each)) == 1 else ", ".join(map(": ".join, zip(tied, each, strict=True)))
+        each[0]
+        if len(set(each)) == 1
+        else ", ".join(map(": ".join, zip(tied, each, strict=True)))
     )
     words = (
         f"no mode was given, and two working modes are equally near: cranks of {', '.join(tied)} "
@@ -443,7 +500,10 @@ def _legs(entry: NamedLegs, T_F_P: Array, leg: str) -> list[tuple[LegModel, list
         limited = {name: ("turns", pair) for name, pair in entry.turns.items()}
         if limit is not None:
             limited[main] = "limits", limit
-        lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
+        lower, upper = (
+            np.array(model.lowerPositionLimit),
+            np.array(model.upperPositionLimit),
+        )
         for name, (key, pair) in limited.items():
             check_limits(pair, f"{leg}key legs.{key}", "[least, most]")
             lower[names.index(name)], upper[names.index(name)] = pair

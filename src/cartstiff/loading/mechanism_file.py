@@ -58,11 +58,19 @@ class Parameters:
         if not self.given:
             return []
         words = ", ".join(f"{name} = {value:g}" for name, value in self.given.items())
-        return [Note("parameters-set", f"set instead of what the file says: {words}", self.given)]
+        return [
+            Note(
+                "parameters-set",
+                f"set instead of what the file says: {words}",
+                self.given,
+            )
+        ]
 
 
 def with_parameters(
-    data: dict[str, Any], place: Callable[[Place], str], chosen: Mapping[str, Any] | None = None
+    data: dict[str, Any],
+    place: Callable[[Place], str],
+    chosen: Mapping[str, Any] | None = None,
 ) -> tuple[dict[str, Any], Parameters]:
     """Return a file's data with numbers in place of arithmetic, and its parameters.
 
@@ -84,7 +92,8 @@ def with_parameters(
         For names that cannot be used, are not known, depend on themselves, or are not used.
     """
     given = {
-        name: checked_number(x, f"parameter {name!r}") for name, x in dict(chosen or {}).items()
+        name: checked_number(x, f"parameter {name!r}")
+        for name, x in dict(chosen or {}).items()
     }
     entries = data.get("parameters", {})
     if not isinstance(entries, dict):
@@ -212,7 +221,11 @@ def _own_units(file: Mapping[str, Any]) -> Units:
 
 
 def _with_unit(
-    text: str, at: Place, file: Mapping[str, Any], units: Units, place: Callable[[Place], str]
+    text: str,
+    at: Place,
+    file: Mapping[str, Any],
+    units: Units,
+    place: Callable[[Place], str],
 ) -> float | str:
     """Number of a stiffness with a unit; other texts as they are."""
     key = next((part for part in reversed(at) if isinstance(part, str)), "")
@@ -225,7 +238,9 @@ def _with_unit(
         row, column = at[-2:]
         if key == "polynomial" or isinstance(row, str) or (row < 3) != (int(column) < 3):
             expected = "a number: of its own unit none is read here"
-            raise InputError("no stiffness", where=where, expected=expected, got=repr(text))
+            raise InputError(
+                "no stiffness", where=where, expected=expected, got=repr(text)
+            )
         return given.in_units(units, row >= 3, where)
     if file.get("kind") not in ("stewart-gough", "springs"):
         # Whether a joint slides or turns is known later: its stiffness is left in SI.
@@ -234,7 +249,10 @@ def _with_unit(
 
 
 def checked_file(
-    data: dict[str, Any], lines: Lines, path: Path, values: Mapping[str, Any] | None = None
+    data: dict[str, Any],
+    lines: Lines,
+    path: Path,
+    values: Mapping[str, Any] | None = None,
 ) -> tuple[Any, Parameters]:
     """Return the model of a file's data, and the values of its parameters.
 
@@ -275,11 +293,16 @@ def _from_closure_list(data: dict[str, Any], path: Path) -> dict[str, Any]:
     Its keys: pairs of frames that are tied, "6d" or "3d" for each pair, names of the actuated
     joints, names of joints with another type than in the URDF, and these types.
     """
-    where, lists = one_line(str(path)), [data.get(key) or [] for key in _CLOSURE_LIST_KEYS]
+    where, lists = (
+        one_line(str(path)),
+        [data.get(key) or [] for key in _CLOSURE_LIST_KEYS],
+    )
     for key, value in data.items():
         check_name("key", key, _CLOSURE_LIST_KEYS, where)
         if value is not None and not isinstance(value, list):
-            raise InputError("cannot be used", where=f"{where}, key {key}", expected="a list")
+            raise InputError(
+                "cannot be used", where=f"{where}, key {key}", expected="a list"
+            )
     loops, kinds, actuated, names, types = lists
     for (a, b), one, other in (
         (("closed_loop", "type"), loops, kinds),
@@ -351,7 +374,9 @@ def places_in(where: str, place: Callable[[Place], str] | None = None) -> Iterat
     try:
         yield
     except InputError as error:
-        match = re.fullmatch(r"(?:leg (\d+)(?:, |$))?(?:key ([\w.-]+))?", error.where or "")
+        match = re.fullmatch(
+            r"(?:leg (\d+)(?:, |$))?(?:key ([\w.-]+))?", error.where or ""
+        )
         if match is None:
             if where in (error.where or ""):
                 raise

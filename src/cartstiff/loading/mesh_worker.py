@@ -96,7 +96,9 @@ def _mesh(path: Path) -> tuple[dict[str, Any], list[NDArray[Any]]]:
         return {"vertices": 0, "faces": 0, "coloured": False, "colour": None}, []
     count = sum(3 * len(part.faces) for part in parts)
     if count > MOST_CORNERS:
-        raise RefusedError(f"{count // 3} triangles, and at most {MOST_CORNERS // 3} are read")
+        raise RefusedError(
+            f"{count // 3} triangles, and at most {MOST_CORNERS // 3} are read"
+        )
     factor = _metres(scene, path)
     colours = [_colour(part) for part in parts]
     known = {c for c in colours if c is not None}
@@ -106,7 +108,9 @@ def _mesh(path: Path) -> tuple[dict[str, Any], list[NDArray[Any]]]:
         triangles = np.asarray(part.triangles, float) * factor
         corners.append(triangles.reshape(-1, 3))
         shades.append(
-            np.broadcast_to(np.array(colour or _GREY, np.uint8)[:3], (len(corners[-1]), 3))
+            np.broadcast_to(
+                np.array(colour or _GREY, np.uint8)[:3], (len(corners[-1]), 3)
+            )
         )
     positions = np.concatenate(corners)
     if not np.abs(positions).max() < _MAX_COORDINATE:  # or not a number
@@ -122,7 +126,11 @@ def _mesh(path: Path) -> tuple[dict[str, Any], list[NDArray[Any]]]:
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     first, faces = first[order], rank[faces.reshape(-1)].reshape(-1, 3)
-    arrays: list[NDArray[Any]] = [positions[first], faces.astype(np.int32), normals[first]]
+    arrays: list[NDArray[Any]] = [
+        positions[first],
+        faces.astype(np.int32),
+        normals[first],
+    ]
     if several:
         arrays.append(np.concatenate(shades)[first])
     entry: dict[str, Any] = {
@@ -167,8 +175,12 @@ def _check_contents(kind: str, data: bytes) -> None:
     """Refuse contents that could expand to more than the file's bytes."""
     if kind == ".dae":
         head = data[:1024].lstrip(b"\xef\xbb\xbf \t\r\n").lower()
-        plain = re.match(rb"<\?xml[^>]*encoding\s*=\s*.(utf-8|us-ascii|iso-8859-1|ascii)", head)
-        if not head.startswith(b"<") or (b"encoding" in head.split(b">")[0] and not plain):
+        plain = re.match(
+            rb"<\?xml[^>]*encoding\s*=\s*.(utf-8|us-ascii|iso-8859-1|ascii)", head
+        )
+        if not head.startswith(b"<") or (
+            b"encoding" in head.split(b">")[0] and not plain
+        ):
             raise RefusedError("not XML as text in UTF-8")
         if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
             raise RefusedError("XML document types and entities are not supported")
@@ -181,7 +193,9 @@ def _check_contents(kind: str, data: bytes) -> None:
             for n in (match if isinstance(match, tuple) else (match,))
         ]
         if sum(counts) > len(data):
-            raise RefusedError(f"a header that counts {sum(counts)} elements in {len(data)} bytes")
+            raise RefusedError(
+                f"a header that counts {sum(counts)} elements in {len(data)} bytes"
+            )
 
 
 def _metres(scene: Any, path: Path) -> float:
@@ -222,7 +236,9 @@ def corner_normals(corners: NDArray[np.float64]) -> NDArray[np.int8]:
     sizes = np.linalg.norm(areas, axis=1, keepdims=True)
     units = np.divide(areas, sizes, out=np.zeros_like(areas), where=sizes > 0)
     extent = float(np.ptp(corners, axis=0).max()) or 1.0
-    _, at = _distinct(np.round(corners / (numerics.NEGLIGIBLE_DISTANCE * extent)).astype(np.int64))
+    _, at = _distinct(
+        np.round(corners / (numerics.NEGLIGIBLE_DISTANCE * extent)).astype(np.int64)
+    )
     faces = at.reshape(-1, 3)
     pairs, edges = graph.face_adjacency(faces, return_edges=True)
     cosines = np.einsum("ij,ij->i", *(units[side] for side in pairs.T))
@@ -250,7 +266,9 @@ def _distinct(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.int
         mixed = (mixed ^ column.astype(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
         mixed ^= mixed >> np.uint64(29)
     _, first, kind = np.unique(mixed, return_index=True, return_inverse=True)
-    if not np.array_equal(rows[first][kind], rows):  # two distinct rows have the same hash
+    if not np.array_equal(
+        rows[first][kind], rows
+    ):  # two distinct rows have the same hash
         _, first, kind = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     return first, kind.reshape(-1)
 

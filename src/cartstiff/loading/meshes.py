@@ -89,7 +89,9 @@ def read_meshes(paths: Iterable[Path]) -> dict[Path, Mesh | InputError]:
             wanted.append(key)
     if not wanted:
         return read
-    where = one_line(wanted[0][0].name) + (f" and {len(wanted) - 1} others" * (len(wanted) > 1))
+    where = one_line(wanted[0][0].name) + (
+        f" and {len(wanted) - 1} others" * (len(wanted) > 1)
+    )
     try:
         answer = answer_of(
             str(Path(__file__).with_name("mesh_worker.py")),
@@ -107,10 +109,14 @@ def read_meshes(paths: Iterable[Path]) -> dict[Path, Mesh | InputError]:
     for key, entry in zip(wanted, answer["meshes"], strict=True):
         if "error" in entry:
             place = one_line(key[0].name)
-            read[key[0]] = InputError("not a usable mesh", where=place, got=entry["error"])
+            read[key[0]] = InputError(
+                "not a usable mesh", where=place, got=entry["error"]
+            )
             continue
         read[key[0]] = mesh = _mesh(entry, answer.get("payload", b""), start)
-        start += sum(array.nbytes for array in vars(mesh).values() if hasattr(array, "nbytes"))
+        start += sum(
+            array.nbytes for array in vars(mesh).values() if hasattr(array, "nbytes")
+        )
         _CACHE[key] = mesh
     while len(_CACHE) > _MAX_CACHED:
         _CACHE.pop(next(iter(_CACHE)), None)
@@ -121,7 +127,9 @@ def _checked(path: Path) -> tuple[Path, int, int]:
     """Identity of a file that may be read as a mesh: path, time of the last change, size."""
     place, kind = one_line(path.name), path.suffix.lower()
     for package, name in (("trimesh", "trimesh"), ("collada", "pycollada")):
-        if (package == "trimesh" or kind == ".dae") and not importlib.util.find_spec(package):
+        if (package == "trimesh" or kind == ".dae") and not importlib.util.find_spec(
+            package
+        ):
             raise MissingDependencyError(name, f"the mesh {place}")
     if kind not in _PLAIN:
         raise InputError(

@@ -107,7 +107,9 @@ def from_pinocchio(
         )
     if visual is not None and not isinstance(visual, pin.GeometryModel):
         raise InputError(
-            "not a geometry model", expected="pinocchio.GeometryModel", got=type(visual).__name__
+            "not a geometry model",
+            expected="pinocchio.GeometryModel",
+            got=type(visual).__name__,
         )
     name = name or model.name or "pinocchio model"
     where = f"Pinocchio model {name!r}"
@@ -117,7 +119,9 @@ def from_pinocchio(
     pieces, words = ([], []) if visual is None else geometry_pieces(model, visual, name)
     notes += [Note("not-shown", word) for word in words]
     held = frozenset() if floating else _hold_root(own, model, configuration, notes)
-    description = RobotDescription(None, own, RobotFacts(followers=mimics), tuple(pieces), held)
+    description = RobotDescription(
+        None, own, RobotFacts(followers=mimics), tuple(pieces), held
+    )
     posture = {} if configuration is None else _positions(model, configuration, mimics)
     posture = {joint: value for joint, value in posture.items() if joint not in locked}
     if not ties and actuated:
@@ -138,17 +142,24 @@ def _configuration(
 ) -> tuple[Array | None, list[Note]]:
     """The given posture, or that of the model with a note on it."""
     if q is not None:
-        return checked_vector(q, model.nq, "q (a configuration of the Pinocchio model)"), []
+        return checked_vector(
+            q, model.nq, "q (a configuration of the Pinocchio model)"
+        ), []
     if wrapper is not None and np.asarray(wrapper.q0).shape == (model.nq,):
         note = Note("default-posture", "no posture was given: the wrapper's q0 is taken")
         return np.array(wrapper.q0, float), [note]
-    kept = {entry.key(): np.array(entry.data(), float) for entry in model.referenceConfigurations}
+    kept = {
+        entry.key(): np.array(entry.data(), float)
+        for entry in model.referenceConfigurations
+    }
     chosen = next((home for home in _HOME_NAMES if home in kept), None)
     if chosen is None and len(kept) == 1:
         chosen = next(iter(kept))
     if chosen is None or kept[chosen].shape != (model.nq,):
         return None, []
-    words = f"no posture was given: the model's reference configuration {chosen!r} is taken"
+    words = (
+        f"no posture was given: the model's reference configuration {chosen!r} is taken"
+    )
     return kept[chosen], [Note("default-posture", words)]
 
 
@@ -158,7 +169,9 @@ def _empty_file() -> SerialFile:
     return SerialFile.model_construct(kind="serial", model="")
 
 
-def _hold_root(own: Any, model: Any, q: Array | None, notes: list[Note]) -> frozenset[str]:
+def _hold_root(
+    own: Any, model: Any, q: Array | None, notes: list[Note]
+) -> frozenset[str]:
     """Place a free-flying root as in the configuration; return its name among the held joints."""
     roots = [
         i
@@ -204,7 +217,9 @@ def _with_plain_joints(model: Any) -> tuple[Any, Followers]:
     return plain, mimics
 
 
-def _follower(model: Any, data: Any, i: int, leader: int, factor: float, offset: float) -> Any:
+def _follower(
+    model: Any, data: Any, i: int, leader: int, factor: float, offset: float
+) -> Any:
     """Joint inside a mimic joint, which has no attribute for it, from its motion."""
     if factor == 0.0:
         raise InputError(
@@ -247,7 +262,9 @@ def _tie(model: Any, closure: Any, i: int, where: str) -> ClosureModel:
         name = f"{model.names[joint]} (closure {i + 1}, side {len(names) + 1})"
         model.addFrame(pin.Frame(name, joint, T, pin.FrameType.OP_FRAME))
         names.append(name)
-    return ClosureModel.model_construct(frames=names, type=_TYPES[closure.type], points=None)
+    return ClosureModel.model_construct(
+        frames=names, type=_TYPES[closure.type], points=None
+    )
 
 
 def _positions(model: Any, q: Array, mimics: Followers) -> dict[str, float]:

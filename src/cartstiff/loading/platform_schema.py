@@ -76,7 +76,9 @@ class LayoutModel(FileModel):
 
     base: RingModel = keyed("joints on the ground", RingModel.model_construct())
     platform: RingModel = keyed("joints on the platform", RingModel.model_construct())
-    height: Number | None = keyed("of P over F; 0 for a cube if absent, else needed", None)
+    height: Number | None = keyed(
+        "of P over F; 0 for a cube if absent, else needed", None
+    )
     turn: Number | None = keyed(
         "rad, of the platform's pairs against the base's; default pi/3", None
     )
@@ -89,7 +91,9 @@ class LayoutModel(FileModel):
     def _fits(self) -> LayoutModel:
         rings = {"base": self.base, "platform": self.platform}
         if self.cubic is not None:
-            others = {f"{n}.{k}": getattr(r, k) for n, r in rings.items() for k in _RING_KEYS}
+            others = {
+                f"{n}.{k}": getattr(r, k) for n, r in rings.items() for k in _RING_KEYS
+            }
             others |= {"turn": self.turn, "symmetry": self.symmetry}
             for key, value in others.items():
                 if value is not None:
@@ -103,11 +107,15 @@ class LayoutModel(FileModel):
                 raise ValueError(f"key 'radius' of {name} is missing")
             if ring.angles is not None and len(ring.angles) != each:
                 of = f" with symmetry {self.symmetry}" if self.symmetry else ""
-                raise ValueError(f"{name}.angles must be {each}{of}: there are {len(ring.angles)}")
+                raise ValueError(
+                    f"{name}.angles must be {each}{of}: there are {len(ring.angles)}"
+                )
         if self.symmetry is not None and all(r.angles is None for r in rings.values()):
             raise ValueError("symmetry is for angles; pairs stand 120 degrees apart")
         if self.turn is not None and self.platform.angles is not None:
-            raise ValueError("turn is for pairs: angles of the platform say where its joints are")
+            raise ValueError(
+                "turn is for pairs: angles of the platform say where its joints are"
+            )
         return self
 
     def points(self) -> tuple[Array, Array, Array]:
@@ -117,7 +125,9 @@ class LayoutModel(FileModel):
         alpha, beta = self.base.half_angle or 0.0, self.platform.half_angle or 0.0
         turn = math.pi / 3.0 if self.turn is None else self.turn
         lower = [i * _THIRD + side for i in range(3) for side in (-alpha, alpha)]
-        upper = [i * _THIRD + turn + side for i in range(3) for side in (beta - _THIRD, -beta)]
+        upper = [
+            i * _THIRD + turn + side for i in range(3) for side in (beta - _THIRD, -beta)
+        ]
         origin = np.array([0.0, 0.0, self.height or 0.0])
         return self._ring(self.base, lower), self._ring(self.platform, upper), origin
 
@@ -128,16 +138,26 @@ class LayoutModel(FileModel):
             angles = [turn + angle for turn in turns for angle in ring.angles]
         radius = ring.radius or 0.0  # a layout without a radius is refused
         height = ring.height or 0.0
-        return np.array([[radius * math.cos(a), radius * math.sin(a), height] for a in angles])
+        return np.array(
+            [[radius * math.cos(a), radius * math.sin(a), height] for a in angles]
+        )
 
     def _cube(self, cubic: CubicModel) -> tuple[Array, Array, Array]:
-        size = cubic.size if cubic.size is not None else (cubic.edge or 0.0) / math.sqrt(3.0)
-        centre = np.array(cubic.centre if isinstance(cubic.centre, list) else [0, 0, cubic.centre])
+        size = (
+            cubic.size if cubic.size is not None else (cubic.edge or 0.0) / math.sqrt(3.0)
+        )
+        centre = np.array(
+            cubic.centre if isinstance(cubic.centre, list) else [0, 0, cubic.centre]
+        )
         radius = math.sqrt(2.0) * size
         lower = RingModel(radius=radius, height=-size / 2.0)
         upper = RingModel(radius=radius, height=size / 2.0)
         base, top, _ = LayoutModel(base=lower, platform=upper, height=0.0).points()
-        base, top, origin = base + centre, top + centre, np.array([0.0, 0.0, self.height or 0.0])
+        base, top, origin = (
+            base + centre,
+            top + centre,
+            np.array([0.0, 0.0, self.height or 0.0]),
+        )
         along = (top - base) / size  # rises by one
 
         def cut(height: float) -> Array:
@@ -203,7 +223,9 @@ class FlexureModel(FileModel):
     torsion: Annotated[NotNegative, RIGID] = keyed(
         "about its axis, N m/rad whatever the units; or rigid"
     )
-    offset: NotNegative = keyed("from the leg's point to the flexure, along the strut", 0.0)
+    offset: NotNegative = keyed(
+        "from the leg's point to the flexure, along the strut", 0.0
+    )
 
 
 class StrutModel(FileModel):
@@ -219,7 +241,9 @@ class StrutModel(FileModel):
     @model_validator(mode="after")
     def _stands(self) -> StrutModel:
         if self.lower.torsion == self.upper.torsion == 0.0:
-            raise ValueError("the strut would spin: one of its flexures needs torsion above 0")
+            raise ValueError(
+                "the strut would spin: one of its flexures needs torsion above 0"
+            )
         if self.lower.bending == math.inf and self.upper.bending == math.inf:
             raise ValueError("one of the flexures must bend: both are rigid")
         return self
@@ -231,7 +255,9 @@ class LinesLegs(FileModel):
     stiffness: Positive | Annotated[list[Positive], Field(min_length=1)] | None = keyed(
         "of legs between ideal joints, force per length", None
     )
-    strut: StrutModel | None = keyed("in place of stiffness: legs with flexure joints", None)
+    strut: StrutModel | None = keyed(
+        "in place of stiffness: legs with flexure joints", None
+    )
     rest_length: PerLeg | None = keyed(
         "length without tension: a fixed number, at every pose; a driven leg changes it for a "
         "given load only",
@@ -305,7 +331,9 @@ class PlatformFile(_BodyOnLines):
             return self.model_copy(update=points)
         for key in ("base", "platform"):
             if not getattr(self, key):
-                raise ValueError(f"key '{key}' is missing: give base and platform, or layout")
+                raise ValueError(
+                    f"key '{key}' is missing: give base and platform, or layout"
+                )
         return self
 
 

@@ -29,12 +29,18 @@ def large_angles(angles: Mapping[str, Sequence[float]]) -> list[Note]:
     if not large:
         return []
     words = "; ".join(f"{name} is {_numbers(a)} rad" for name, a in large.items())
-    return [Note("many-turns", f"several turns: {words}. Degrees? Angles are in radians", large)]
+    return [
+        Note(
+            "many-turns", f"several turns: {words}. Degrees? Angles are in radians", large
+        )
+    ]
 
 
 def large_lengths(lengths: Mapping[str, Sequence[float]]) -> list[Note]:
     """Return a note on the lengths [m] that look like millimetres."""
-    large = {name: list(x) for name, x in lengths.items() if max(map(abs, x)) > _MAX_LENGTH}
+    large = {
+        name: list(x) for name, x in lengths.items() if max(map(abs, x)) > _MAX_LENGTH
+    }
     return _doubtful(large, "m", "Millimetres? Lengths here are in metres")
 
 
@@ -54,12 +60,18 @@ def gyration(file: PlatformFile | SpringsFile) -> list[Note]:
     size = max((math.hypot(*point) for point in file.platform), default=0.0)
     if radius == 0.0 or _MIN_GYRATION * size <= radius <= size / _MIN_GYRATION:
         return []
-    words = f"Beside {size:g} {file.units.length} of the platform: is body.inertia in kg and "
+    words = (
+        f"Beside {size:g} {file.units.length} of the platform: is body.inertia in kg and "
+    )
     words += f"{file.units.length}^2?"
-    return _doubtful({"radius of gyration of the body": [radius]}, file.units.length, words)
+    return _doubtful(
+        {"radius of gyration of the body": [radius]}, file.units.length, words
+    )
 
 
-def _doubtful(doubted: Mapping[str, Sequence[float]], unit: str, question: str) -> list[Note]:
+def _doubtful(
+    doubted: Mapping[str, Sequence[float]], unit: str, question: str
+) -> list[Note]:
     if not doubted:
         return []
     some = list(doubted.items())[:6]
@@ -76,15 +88,23 @@ def file_notes(file: Any) -> list[Note]:
     if file.kind in ("stewart-gough", "springs"):
         notes += gyration(file)
         for key in ("base", "platform"):
-            lengths |= {f"{key}.{i}": p for i, p in enumerate(getattr(file, key), start=1)}
+            lengths |= {
+                f"{key}.{i}": p for i, p in enumerate(getattr(file, key), start=1)
+            }
     else:
         beams = dict(_each(file, "", "BeamModel"))
         lengths |= {f"{place}.length": [beam.length] for place, beam in beams.items()}
-        soft = {f"{place}.E": [beam.E] for place, beam in beams.items() if beam.E < _MIN_MODULUS}
+        soft = {
+            f"{place}.E": [beam.E]
+            for place, beam in beams.items()
+            if beam.E < _MIN_MODULUS
+        }
         notes += _doubtful(soft, "N/m^2", "Gigapascals? Moduli are in N/m^2")
         if file.payload is not None:
             lengths["payload.com"] = file.payload.com
-    if "units" not in file.model_fields_set:  # else lengths are meant in the file's own unit
+    if (
+        "units" not in file.model_fields_set
+    ):  # else lengths are meant in the file's own unit
         lengths |= {f"{place}.xyz": pose.xyz for place, pose in poses.items()}
         notes += large_lengths(lengths)
     if file.gravity is None and file.payload is not None and file.payload.mass > 0:
@@ -110,4 +130,8 @@ def _each(value: Any, place: str, form: str) -> Iterator[tuple[str, Any]]:
 
 
 def _numbers(values: Sequence[float]) -> str:
-    return f"({', '.join(f'{x:g}' for x in values)})" if len(values) > 1 else f"{values[0]:g}"
+    return (
+        f"({', '.join(f'{x:g}' for x in values)})"
+        if len(values) > 1
+        else f"{values[0]:g}"
+    )

@@ -28,7 +28,10 @@ def published_springs() -> Mapping[str, Any]:
 
 
 def with_named_springs(
-    elastic: ElasticMechanism, name: str, where: str = "--springs", folder: Path | None = None
+    elastic: ElasticMechanism,
+    name: str,
+    where: str = "--springs",
+    folder: Path | None = None,
 ) -> ElasticMechanism:
     """Return the mechanism with the joint springs of a bundled set, or of a table (.csv).
 
@@ -44,18 +47,26 @@ def with_named_springs(
     known = elastic.mechanism.joint_names
     joints = [c for c in elastic.mechanism.coordinates if c.name in known]
     if elastic.spring_names != elastic.names:
-        raise InputError("is for mechanisms with joints", where=where, expected="--stiffness")
+        raise InputError(
+            "is for mechanisms with joints", where=where, expected="--stiffness"
+        )
     numbered = {str(i): c.name for i, c in enumerate(joints, start=1)}
     numbered |= {c.name: c.name for c in joints}
     is_table = Path(name).suffix.lower() == ".csv"
     if is_table:
-        about: dict[str, Any] = {"robot": elastic.name, "method": "a table", "source": name}
+        about: dict[str, Any] = {
+            "robot": elastic.name,
+            "method": "a table",
+            "source": name,
+        }
         stiffness = _table((folder or Path()) / Path(name).expanduser(), numbered)
     else:
         check_name("springs", name, published_springs(), where)
         about = dict(published_springs()[name])
         if "refused" in about:
-            raise InputError(f"{name!r} is not to be used: {about['refused']}", where=where)
+            raise InputError(
+                f"{name!r} is not to be used: {about['refused']}", where=where
+            )
         more = about["joints"] - len(joints)
         if not 0 <= more <= len(elastic.beyond) or any(c.is_length for c in joints):
             raise InputError(
@@ -100,7 +111,10 @@ def _table(path: Path, numbered: Mapping[str, str]) -> dict[str, float]:
     if sorted(heads) != ["joint", "stiffness"]:
         expected = "joint, stiffness [N m/arcmin]"
         raise InputError(
-            "columns do not fit", where=cells.place, expected=expected, got=", ".join(heads)
+            "columns do not fit",
+            where=cells.place,
+            expected=expected,
+            got=", ".join(heads),
         )
     at = heads.index("stiffness")
     unit = in_brackets(cells.names[at]).partition("[")[2].rstrip("] ")
@@ -112,5 +126,7 @@ def _table(path: Path, numbered: Mapping[str, str]) -> dict[str, float]:
         if not unit and text[-1:] in "0123456789.":
             text += " N m/rad"
         is_rigid = text == "rigid"
-        given[joint] = math.inf if is_rigid else GivenStiffness.read(f"{text} {unit}", place)
+        given[joint] = (
+            math.inf if is_rigid else GivenStiffness.read(f"{text} {unit}", place)
+        )
     return given

@@ -113,7 +113,10 @@ def read_robot_description(
         root = parse_text(expanded, where)
     elif ros.arguments:
         raise InputError(
-            "is no xacro file", where=where, expected="no --xacro-arg", got=", ".join(ros.arguments)
+            "is no xacro file",
+            where=where,
+            expected="no --xacro-arg",
+            got=", ".join(ros.arguments),
         )
     if root.tag == "sdf":
         raise InputError(
@@ -126,7 +129,11 @@ def read_robot_description(
         facts = prepare_urdf(root, where)
         facts = replace(facts, notes=(*facts.notes, *notes))
         try:
-            root_joint = (pin.JointModelFreeFlyer(), "root") if floating and not facts.loose else ()
+            root_joint = (
+                (pin.JointModelFreeFlyer(), "root")
+                if floating and not facts.loose
+                else ()
+            )
             model = pin.buildModelFromXML(_moving_parts(root), *root_joint)
         except Exception as error:
             raise InputError("not a usable URDF", where=where, got=str(error)) from None
@@ -159,7 +166,9 @@ def _moving_parts(root: ET.Element) -> str:
     return ET.tostring(kept, encoding="unicode")
 
 
-def described_text(text: str, floating: bool = False, ros: Ros | None = None) -> RobotDescription:
+def described_text(
+    text: str, floating: bool = False, ros: Ros | None = None
+) -> RobotDescription:
     """Read a robot description from XML text; names of its meshes are relative to no file."""
     with TemporaryDirectory() as folder:
         path = Path(folder, "text.xml")
@@ -204,7 +213,10 @@ def parse_text(text: str, where: str) -> ET.Element:
         )
     if text.count("<") > _MAX_TAGS:
         raise InputError(
-            "too many elements", where=where, expected=f"at most {_MAX_TAGS}", got=text.count("<")
+            "too many elements",
+            where=where,
+            expected=f"at most {_MAX_TAGS}",
+            got=text.count("<"),
         )
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise InputError("XML document types and entities are not supported", where=where)

@@ -62,7 +62,9 @@ class FileClosure:
     joints: frozenset[str]
 
 
-def turned_axes(kind: str, axes: Sequence[Sequence[float]] | None, where: str) -> list[Array]:
+def turned_axes(
+    kind: str, axes: Sequence[Sequence[float]] | None, where: str
+) -> list[Array]:
     """Return rotations of a closure's two frames after which its axes are x of a, and x or y of b.
 
     Raises
@@ -101,7 +103,8 @@ class Obstacle:
     what: str
     joints: frozenset[str]
     expected: str = (
-        "springs of hinges and slides; connect, weld and joint equalities in a closed chain"
+        "springs of hinges and slides; "
+        "connect, weld and joint equalities in a closed chain"
     )
     keys: tuple[str, ...] = ()
     error: InputError | None = None
@@ -212,11 +215,16 @@ def on_leaders(
     """Move the springs of followers to their leaders; nonlinear ones are returned as obstacles."""
     springs, others = dict(springs), []
     for follower in [name for name in followers if name in springs]:
-        spring, (leader, factor, offset) = springs.pop(follower), to_root(follower, followers)
+        spring, (leader, factor, offset) = (
+            springs.pop(follower),
+            to_root(follower, followers),
+        )
         own = springs.get(leader, FileSpring((0.0,), 0.0))
         if len(spring.coefficients) + len(own.coefficients) > 2:
             both = frozenset({follower, leader})
-            others.append(Obstacle(f"curved spring of the coupled joint {follower!r}", both))
+            others.append(
+                Obstacle(f"curved spring of the coupled joint {follower!r}", both)
+            )
             continue
         k, more = own.coefficients[0], spring.coefficients[0] * factor**2
         if more > 0.0:  # none of a follower that stays where it is

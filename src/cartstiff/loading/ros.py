@@ -11,7 +11,12 @@ from functools import cache
 from pathlib import Path
 
 from cartstiff.child_process import answer_of
-from cartstiff.errors import InputError, MissingDependencyError, UnknownNameError, one_line
+from cartstiff.errors import (
+    InputError,
+    MissingDependencyError,
+    UnknownNameError,
+    one_line,
+)
 from cartstiff.notes import Note
 from cartstiff.ros_packages import own_folder, search_path, where_packages_are
 
@@ -47,7 +52,9 @@ class Ros:
 
 def is_xacro(path: Path, text: str) -> bool:
     """Whether a robot description is xacro."""
-    return path.suffix.lower() == ".xacro" or bool(_SPACE.search(text) and _ELEMENT.search(text))
+    return path.suffix.lower() == ".xacro" or bool(
+        _SPACE.search(text) and _ELEMENT.search(text)
+    )
 
 
 def expanded_xacro(path: Path, ros: Ros, where: str) -> tuple[str, list[Note]]:
@@ -65,7 +72,10 @@ def expanded_xacro(path: Path, ros: Ros, where: str) -> tuple[str, list[Note]]:
     path, searched = path.resolve(), search_path(ros.packages)
     folders = [str(own_folder(path)), *map(str, ros.named)]
     answer = answer_of(
-        _worker("xacro"), [str(path), dict(ros.arguments), folders, searched], where, "xacro"
+        _worker("xacro"),
+        [str(path), dict(ros.arguments), folders, searched],
+        where,
+        "xacro",
     )
     if "missing" in answer:
         raise MissingDependencyError(str(answer["missing"]), f"reading {where}", "xacro")
@@ -76,7 +86,9 @@ def expanded_xacro(path: Path, ros: Ros, where: str) -> tuple[str, list[Note]]:
     if "error" in answer:
         words = str(answer["error"])
         for folder, shown in ((path.parent, "."), (path.parent.parent, "..")):
-            words = words.replace(f"{folder}/", f"{shown}/")  # the end of a path is what matters
+            words = words.replace(
+                f"{folder}/", f"{shown}/"
+            )  # the end of a path is what matters
         file = Path(answer.get("file", path)).name
         inside = "" if file == path.name else f", in {file}"
         expected = None
@@ -85,13 +97,16 @@ def expanded_xacro(path: Path, ros: Ros, where: str) -> tuple[str, list[Note]]:
             expected = where_packages_are(lost[1])
         elif answer.get("package") or answer.get("outside"):
             expected = (
-                "--package-path FOLDER, ROS_PACKAGE_PATH or AMENT_PREFIX_PATH with the folder"
+                "--package-path FOLDER, ROS_PACKAGE_PATH or AMENT_PREFIX_PATH "
+                "with the folder"
             )
         elif lacking := answer.get("missing_arguments"):
             expected = f"--xacro-arg {lacking[0]}:=VALUE"
         elif answer.get("lost_file") and (empty := answer["empty"]):
             expected = f"--xacro-arg NAME:=VALUE for what is empty in the file: {', '.join(empty)}"
-        raise InputError(f"xacro: {one_line(words, 300)}{inside}", where=where, expected=expected)
+        raise InputError(
+            f"xacro: {one_line(words, 300)}{inside}", where=where, expected=expected
+        )
     twice = [
         Note(
             "package-twice",
@@ -125,9 +140,13 @@ def described_robot(name: str) -> tuple[Path, Ros]:
         For a robot whose repository is not in its cache; UnknownNameError for an unknown name.
     """
     if not _has_descriptions():
-        raise MissingDependencyError("robot_descriptions", f"the robot {name!r}", "descriptions")
+        raise MissingDependencyError(
+            "robot_descriptions", f"the robot {name!r}", "descriptions"
+        )
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
-    answer = answer_of(_worker("descriptions"), [name], name, "robot_descriptions", environment)
+    answer = answer_of(
+        _worker("descriptions"), [name], name, "robot_descriptions", environment
+    )
     if "unknown" in answer:
         raise UnknownNameError("robot description", name, answer["unknown"])
     if "not_cached" in answer:

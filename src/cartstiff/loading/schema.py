@@ -93,7 +93,9 @@ def _file_name(name: Any) -> str:
     try:
         Path(name).expanduser()
     except RuntimeError:
-        raise PydanticCustomError("value_error", "the home directory is not known") from None
+        raise PydanticCustomError(
+            "value_error", "the home directory is not known"
+        ) from None
     return name
 
 
@@ -182,10 +184,12 @@ class FoundModel(FileModel):
     elements: list[tuple[Text, Text, Number]] | None = keyed(
         "pairs of springs and factors, where it is not one spring's own", None
     )
-    polynomial: tuple[Text, Annotated[int, Field(strict=True, ge=1, le=100)]] | None = keyed(
-        "joint and power of a polynomial spring: of the first power the "
-        "value is a compliance, of others the coefficient",
-        None,
+    polynomial: tuple[Text, Annotated[int, Field(strict=True, ge=1, le=100)]] | None = (
+        keyed(
+            "joint and power of a polynomial spring: of the first power the "
+            "value is a compliance, of others the coefficient",
+            None,
+        )
     )
 
 
@@ -200,7 +204,9 @@ class IdentifiedModel(FileModel):
     date: Text | None = keyed("of the measurement, for readers", None)
     source: Text | None = keyed("what was measured, for readers", None)
     undetermined: list[Text] = keyed("springs of which the measurements say nothing", [])
-    at_least: dict[str, Positive] = keyed("springs without an upper end, and the lower one", {})
+    at_least: dict[str, Positive] = keyed(
+        "springs without an upper end, and the lower one", {}
+    )
 
 
 def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticMechanism:
@@ -276,14 +282,18 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
     return elastic.with_notes(note)
 
 
-def _check_coefficient(elastic: ElasticMechanism, law: tuple[str, int], entry: FoundModel) -> None:
+def _check_coefficient(
+    elastic: ElasticMechanism, law: tuple[str, int], entry: FoundModel
+) -> None:
     """Refuse a polynomial's coefficient that differs from the file's spring."""
     from cartstiff.mechanisms.elements import coefficient, law_of
 
     (name, power), where = law, "identified"
     if entry.elements is not None:
         raise InputError(
-            f"{entry.name!r} has elements and a polynomial", where=where, expected="one of both"
+            f"{entry.name!r} has elements and a polynomial",
+            where=where,
+            expected="one of both",
         )
     c = law_of(elastic, name, where).coefficients
     if power > len(c) or (power == 1 and not c[0] > 0.0):
@@ -356,9 +366,12 @@ class JointSpringModel(FileModel):
         "points and pieces",
         None,
     )
-    rest: Number | None = keyed("rest position; without it the spring balances the load at q", None)
+    rest: Number | None = keyed(
+        "rest position; without it the spring balances the load at q", None
+    )
     damping: NotNegative | None = keyed(
-        "damper beside the spring, N m s/rad or N s/m; default what the robot's file has", None
+        "damper beside the spring, N m s/rad or N s/m; default what the robot's file has",
+        None,
     )
 
     @model_validator(mode="after")
@@ -397,7 +410,9 @@ def _by_joint_or_name(value: Any, check: Any) -> Any:
 
 
 def _or_text(schema: dict[str, Any]) -> None:
-    own = {key: schema.pop(key) for key in ("type", "additionalProperties") if key in schema}
+    own = {
+        key: schema.pop(key) for key in ("type", "additionalProperties") if key in schema
+    }
     schema["anyOf"] = [own, {"type": "string", "minLength": 1}]
 
 
@@ -412,7 +427,9 @@ class CoupledSpringModel(FileModel):
     """A spring that couples joints: on a sum of their positions, each times its factor."""
 
     name: Text | None = keyed("for people; default coupled1, coupled2, ...", None)
-    joints: dict[Text, Number] = keyed("factor of each joint's position in the sum", min_length=1)
+    joints: dict[Text, Number] = keyed(
+        "factor of each joint's position in the sum", min_length=1
+    )
     stiffness: Positive = keyed(
         "force per change of the sum: the energy is half of it times the square of that change; "
         "N m/rad for a sum of angles, N/m for one of lengths"
@@ -446,7 +463,9 @@ class BeamModel(FileModel):
         ge=1,
         le=1000,
     )
-    shear_area_y: Positive | None = keyed("area times shear factor, along y; rigid if absent", None)
+    shear_area_y: Positive | None = keyed(
+        "area times shear factor, along y; rigid if absent", None
+    )
     shear_area_z: Positive | None = keyed("the same along z", None)
     density: NotNegative = keyed(
         "kg per volume: the beam's own mass, lumped as rigid half segments at its "
@@ -552,7 +571,9 @@ class DHJoint(FileModel):
 
     @model_validator(mode="after")
     def _one(self) -> DHJoint:
-        if self.limits is not None and (self.type == "fixed" or self.limits[0] > self.limits[1]):
+        if self.limits is not None and (
+            self.type == "fixed" or self.limits[0] > self.limits[1]
+        ):
             raise ValueError("limits are [least, most] of a joint that moves")
         return self
 
@@ -586,7 +607,9 @@ class _Robot(FileModel):
         "name of a robot, or path of URDF, xacro or MJCF", None, validate_default=True
     )
     xacro: dict[str, Argument] = keyed("arguments of a xacro file by name", {})
-    package_path: list[FileName] = keyed("folders in which ROS packages are looked for first", [])
+    package_path: list[FileName] = keyed(
+        "folders in which ROS packages are looked for first", []
+    )
     _named: tuple[str, ...] = PrivateAttr(default=())
 
     @field_validator("model")
@@ -623,7 +646,9 @@ class Joints(_Robot):
 
     frame: Text | None = keyed("link or site that is the body frame M", None)
     locked: dict[str, Number] = keyed("joints held fixed", {})
-    q: dict[str, Number] = keyed("default posture; a closed chain is assembled from there", {})
+    q: dict[str, Number] = keyed(
+        "default posture; a closed chain is assembled from there", {}
+    )
     springs: SpringsByJoint = keyed(
         "by joint; or the name of a published set (see `cartstiff models`), or of a table beside "
         "this file (.csv: joint, stiffness [N m/arcmin])",
@@ -634,7 +659,8 @@ class Joints(_Robot):
         [],
     )
     actuator_springs: Flag = keyed(
-        "the kp of an MJCF file's position actuators, times their gears squared, are springs", False
+        "the kp of an MJCF file's position actuators, times their gears squared, are springs",
+        False,
     )
     passive: list[Text] = keyed("joints without springs", [])
     flexible: dict[str, FlexibleModel] = keyed("by link name", {})
@@ -645,10 +671,13 @@ class SerialFile(Joints, FileWords):
 
     kind: Literal["serial"]
     base: PoseModel = keyed(
-        "the robot's own base frame B (its root) in F, the room", PoseModel.model_construct()
+        "the robot's own base frame B (its root) in F, the room",
+        PoseModel.model_construct(),
     )
     offset: PoseModel = keyed("M in the named frame", PoseModel.model_construct())
-    zeros: dict[str, Number] = keyed("true positions of joints that are commanded to 0", {})
+    zeros: dict[str, Number] = keyed(
+        "true positions of joints that are commanded to 0", {}
+    )
     lines: list[LineModel] = keyed(
         "springs and cables between links; where they are and no joint is named under springs or "
         "passive, none but the joints with actuators of their own get an assumed spring",
@@ -712,7 +741,9 @@ class ClosedChainFile(Joints, FileWords):
         "ankle), ujoint_xy (about x, then y), or fixed",
         {},
     )
-    floating: Flag = keyed("the tree's root is free in F, as a walking machine's body", False)
+    floating: Flag = keyed(
+        "the tree's root is free in F, as a walking machine's body", False
+    )
     actuated: list[Text] = []
     lines: list[LineModel] = []
 
@@ -722,7 +753,9 @@ def place_of(path: Path | str, lines: Lines, at: tuple[str | int, ...]) -> str:
     known = at
     while known and known not in lines:
         known = known[:-1]
-    line = f", line {lines.get(known, 1)}" if lines else ""  # data from Python have no lines
+    line = (
+        f", line {lines.get(known, 1)}" if lines else ""
+    )  # data from Python have no lines
     key = ".".join(str(part + 1) if isinstance(part, int) else part for part in at)
     return f"{one_line(str(path))}{line}" + (f", key {one_line(key)}" if key else "")
 
@@ -743,7 +776,13 @@ def first_error(
     kind = chosen["type"]
     at = _keys((*within, *chosen["loc"]), data, kind)
     got = chosen["input"]
-    got = "nothing" if got is None or got == "" else repr(got) if isinstance(got, str) else got
+    got = (
+        "nothing"
+        if got is None or got == ""
+        else repr(got)
+        if isinstance(got, str)
+        else got
+    )
     if kind == "extra_forbidden":
         what, got = "unknown key", repr(at[-1])
         expected = _expected_key(str(at[-1]), _section_keys(at[:-1], data), known)
@@ -792,12 +831,16 @@ def _section_keys(at: tuple[str | int, ...], data: Any) -> list[str]:
     for part in at:
         section = section[part] if isinstance(section, (dict, list)) else None
         hints = [inner for hint in hints for inner in _inner(hint, part)]
-    models = [hint for hint in hints if isinstance(hint, type) and issubclass(hint, BaseModel)]
+    models = [
+        hint for hint in hints if isinstance(hint, type) and issubclass(hint, BaseModel)
+    ]
     if not models or not isinstance(section, dict):
         return []
     # Of several kinds of entries the one is meant with which most keys agree.
     return [
-        *max(models, key=lambda model: len(model.model_fields.keys() & section.keys())).model_fields
+        *max(
+            models, key=lambda model: len(model.model_fields.keys() & section.keys())
+        ).model_fields
     ]
 
 

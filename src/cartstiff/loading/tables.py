@@ -55,7 +55,9 @@ class Rows(NamedTuple):
     place: str
     factors: Mapping[str, float] = MappingProxyType({})
 
-    def arranged(self, *layouts: tuple[str, ...]) -> tuple[tuple[str, ...], Array, tuple[str, ...]]:
+    def arranged(
+        self, *layouts: tuple[str, ...]
+    ) -> tuple[tuple[str, ...], Array, tuple[str, ...]]:
         """Return the layout that fits, its columns in order, and the names of other columns.
 
         Named columns may be in any order. Other columns must not belong to another layout, nor look
@@ -76,20 +78,33 @@ class Rows(NamedTuple):
         wanted = {name for layout in layouts for name in layout}
         for layout in sorted(layouts, key=len, reverse=True):
             if self.names is None and len(layout) == width:
-                return layout, self.values * [self.factors.get(n, 1.0) for n in layout], ()
+                return (
+                    layout,
+                    self.values * [self.factors.get(n, 1.0) for n in layout],
+                    (),
+                )
             if self.names is not None and set(layout) <= set(self.names):
                 more = tuple(name for name in self.names if name not in layout)
-                if not any(n in wanted or get_close_matches(n, wanted - {*layout}) for n in more):
+                if not any(
+                    n in wanted or get_close_matches(n, wanted - {*layout}) for n in more
+                ):
                     columns = [self.names.index(name) for name in layout]
                     return layout, self.values[:, columns], more
         if self.names is not None:
             expected = " or ".join(dict.fromkeys(", ".join(layout) for layout in layouts))
             raise InputError(
-                "columns do not fit", where=self.place, expected=expected, got=", ".join(self.names)
+                "columns do not fit",
+                where=self.place,
+                expected=expected,
+                got=", ".join(self.names),
             )
-        shapes = dict.fromkeys(f"{len(layout)} numbers ({', '.join(layout)})" for layout in layouts)
+        shapes = dict.fromkeys(
+            f"{len(layout)} numbers ({', '.join(layout)})" for layout in layouts
+        )
         expected = ", or ".join(shapes)
-        raise InputError("wrong count", where=self.place, expected=expected, got=str(width))
+        raise InputError(
+            "wrong count", where=self.place, expected=expected, got=str(width)
+        )
 
 
 MOMENT, FORCE, DIRECTION = ("mx", "my", "mz"), ("fx", "fy", "fz"), ("dx", "dy", "dz")
@@ -148,7 +163,9 @@ class Cells(NamedTuple):
     def numbers(self) -> Array:
         """Return the cells as numbers; InputError with file and line."""
         pairs = zip(self.rows, self.places, strict=True)
-        return np.array([parse_numbers(",".join(row), place, len(row)) for row, place in pairs])
+        return np.array(
+            [parse_numbers(",".join(row), place, len(row)) for row, place in pairs]
+        )
 
 
 def read_cells(
@@ -206,18 +223,25 @@ def read_cells(
         if len(cells) != width:
             kind = "numbers" if nameless else "cells"
             raise InputError(
-                "wrong count", where=place, expected=f"{width} {kind}", got=str(len(cells))
+                "wrong count",
+                where=place,
+                expected=f"{width} {kind}",
+                got=str(len(cells)),
             )
         rows.append(cells)
         places.append(place)
     if not rows:
-        raise InputError(f"no {what}", where=where, expected="one a line, comma-separated")
+        raise InputError(
+            f"no {what}", where=where, expected="one a line, comma-separated"
+        )
     return Cells(_numbered(names or (), joints), rows, places, begin)
 
 
 def is_table(value: Any) -> bool:
     """Whether a value has named columns: a mapping of columns, or a data frame."""
-    return isinstance(value, Mapping) or (hasattr(value, "columns") and hasattr(value, "to_numpy"))
+    return isinstance(value, Mapping) or (
+        hasattr(value, "columns") and hasattr(value, "to_numpy")
+    )
 
 
 def cells_of(table: Any, what: str, joints: tuple[str, ...] = ()) -> Cells:
@@ -238,20 +262,28 @@ def cells_of(table: Any, what: str, joints: tuple[str, ...] = ()) -> Cells:
     """
     where = f"{type(table).__name__} of {what}"
     if isinstance(table, Mapping):
-        names, columns = [*table], [np.asarray(column, object) for column in table.values()]
+        names, columns = (
+            [*table],
+            [np.asarray(column, object) for column in table.values()],
+        )
         lengths = {
-            name: len(c) if c.ndim == 1 else -1 for name, c in zip(names, columns, strict=True)
+            name: len(c) if c.ndim == 1 else -1
+            for name, c in zip(names, columns, strict=True)
         }
         if -1 in lengths.values() or len({*lengths.values()}) > 1:
             expected = "columns of one length"
-            raise InputError("columns do not fit", where=where, expected=expected, got=lengths)
+            raise InputError(
+                "columns do not fit", where=where, expected=expected, got=lengths
+            )
         rows = [list(row) for row in zip(*columns, strict=True)]
     else:
         names, rows = [*table.columns], np.asarray(table.to_numpy(), object).tolist()
     for name in names:
         if not isinstance(name, str) or not name.strip():
             expected = "names of the columns, such as 'fz [N]'"
-            raise InputError("a column has no name", where=where, expected=expected, got=repr(name))
+            raise InputError(
+                "a column has no name", where=where, expected=expected, got=repr(name)
+            )
     if not rows:
         raise InputError(f"no {what}", where=where, expected="at least one row")
     texts = [[_cell(value) for value in row] for row in rows]
@@ -307,7 +339,8 @@ def _separator(line: str) -> str:
 def _with_points(cells: list[str], place: str) -> list[str]:
     """Replace decimal commas of numbers by points; refuse a line with both."""
     changed = [
-        cell.replace(",", ".") if not _is_word(cell.replace(",", ".")) else cell for cell in cells
+        cell.replace(",", ".") if not _is_word(cell.replace(",", ".")) else cell
+        for cell in cells
     ]
     if changed != cells and any("." in cell and not _is_word(cell) for cell in cells):
         raise InputError(
@@ -404,7 +437,9 @@ def in_brackets(head: str) -> str:
     return _ROUND.sub(r"[\1]", head)
 
 
-def head_of(cell: str, place: str, kind: str | None = None) -> tuple[str, str | None, float]:
+def head_of(
+    cell: str, place: str, kind: str | None = None
+) -> tuple[str, str | None, float]:
     """Return the name of a column, the kind of its unit (None without one), and the factor to SI.
 
     Parameters
@@ -454,7 +489,9 @@ def named_unit(cell: str, units: Units, place: str) -> tuple[str, float | None]:
     if kind is None:
         return name, None
     length, force = convert_length(SI, units)
-    return name, size * {"length": length, "force": force, "moment": force * length}.get(kind, 1.0)
+    return name, size * {"length": length, "force": force, "moment": force * length}.get(
+        kind, 1.0
+    )
 
 
 def _refuse_twice(names: tuple[str, ...], place: str) -> None:

@@ -107,7 +107,9 @@ _MECHANICAL = {
 
 
 #: SDF joint types that are closures: the kind of closure, and the elements of its axes.
-_SDF_CLOSURES: dict[str, tuple[Literal["weld", "hinge", "universal"], tuple[str, ...]]] = {
+_SDF_CLOSURES: dict[
+    str, tuple[Literal["weld", "hinge", "universal"], tuple[str, ...]]
+] = {
     "fixed": ("weld", ()),
     "revolute": ("hinge", ("axis",)),
     "continuous": ("hinge", ("axis",)),
@@ -134,7 +136,10 @@ class _Robot:
 
     def __init__(self, root: ET.Element, refuse: Refuse) -> None:
         self.refuse = refuse
-        self.links, self.joints = _named(root, "link", refuse), _named(root, "joint", refuse)
+        self.links, self.joints = (
+            _named(root, "link", refuse),
+            _named(root, "joint", refuse),
+        )
         self.carrier: dict[str, tuple[str, str]] = {}
         self.springs: dict[str, FileSpring] = {}
         self.mimics: Followers = {}
@@ -154,7 +159,11 @@ class _Robot:
 
     def between(self, links: Iterable[str]) -> frozenset[str]:
         """Joints between links; all joints where fewer than two of them are known."""
-        paths = [self.joints_to(link) for link in links if link in self.links or link == "world"]
+        paths = [
+            self.joints_to(link)
+            for link in links
+            if link in self.links or link == "world"
+        ]
         if len(paths) < 2:
             return frozenset(self.joints)
         return frozenset(set[str].union(*paths) - set[str].intersection(*paths))
@@ -207,7 +216,9 @@ class _Robot:
         self.attempt(name, self._read_dynamics, dynamics, texts)
         for tag in reader.mechanical.get(name, ()):
             expected = f"in a mechanism file: springs: {{{name}: {{stiffness: ...}}}}"
-            self.leave_out(name, self.refuse(f"{what}: <{tag}> cannot be read", expected=expected))
+            self.leave_out(
+                name, self.refuse(f"{what}: <{tag}> cannot be read", expected=expected)
+            )
 
     def _attach(self, name: str) -> None:
         """Attach a joint's child to its parent."""
@@ -239,7 +250,9 @@ class _Robot:
         kind, what = self.joints[name].get("type"), f"joint {name!r}"
         if kind not in _JOINT_TYPES:
             expected = ", ".join(sorted(_JOINT_TYPES))
-            raise self.refuse(f"{what} has an unknown type", expected=expected, got=kind or "none")
+            raise self.refuse(
+                f"{what} has an unknown type", expected=expected, got=kind or "none"
+            )
         if axis is not None and kind in (*_AXIAL_TYPES, "planar"):
             if axis.get("xyz") is None:
                 raise self.refuse(f"{what}: axis has no xyz", expected="<axis xyz=...>")
@@ -250,17 +263,23 @@ class _Robot:
     def _read_plane(self, name: str, element: ET.Element | None) -> None:
         """Read the normal of a planar joint's plane, where it is not z as for Pinocchio."""
         if element is None:
-            words = f"planar joint {name!r} has no axis: it moves across its frame's z axis"
+            words = (
+                f"planar joint {name!r} has no axis: it moves across its frame's z axis"
+            )
             self.notes.append(Note("planar-axis", words, {"joint": name}))
             return
         axis = _floats(element, "xyz", "")
         if axis[0] or axis[1] or axis[2] < 0:
             self.planar_axes[name] = np.array(axis) / math.hypot(*axis)
 
-    def _read_limit(self, name: str, made: ET.Element, element: ET.Element | None) -> None:
+    def _read_limit(
+        self, name: str, made: ET.Element, element: ET.Element | None
+    ) -> None:
         """Write limits as Pinocchio needs them; without bounds there are none."""
         if element is not None and {"lower", "upper"} & set(element.attrib):
-            ((lower,), (upper,)) = (_floats(element, key, "0") for key in ("lower", "upper"))
+            ((lower,), (upper,)) = (
+                _floats(element, key, "0") for key in ("lower", "upper")
+            )
             if lower > upper:
                 raise self.refuse(
                     f"joint {name!r}: limits are the wrong way round",
@@ -290,7 +309,9 @@ class _Robot:
         for key, text in values.items():
             for pattern in (_STIFFNESS, _REFERENCE):
                 if pattern.fullmatch(key):
-                    found[pattern] = numbers_in(text.strip(), 1, f"{what}: {key}", refuse)[0]
+                    found[pattern] = numbers_in(
+                        text.strip(), 1, f"{what}: {key}", refuse
+                    )[0]
             if key.lower() == "stiffness":
                 entry = f"{{{name}: {{stiffness: {text.strip()}}}}}"
                 raise refuse(
@@ -300,7 +321,9 @@ class _Robot:
         if not (k := found.get(_STIFFNESS, 0.0)):
             return
         if k < 0.0:
-            raise refuse(f"{what}: stiffness is negative", expected="zero or more", got=f"{k:g}")
+            raise refuse(
+                f"{what}: stiffness is negative", expected="zero or more", got=f"{k:g}"
+            )
         if (kind := self.joints[name].get("type")) not in _AXIAL_TYPES:
             raise refuse(
                 f"{what} has a spring and several coordinates",
@@ -319,16 +342,24 @@ class _Robot:
         # A leader that does not exist matters only where the follower is used.
         leader = mimic.get("joint")
         if not leader:
-            raise self.refuse(f"{what}: mimic names no joint", expected="<mimic joint=...>")
+            raise self.refuse(
+                f"{what}: mimic names no joint", expected="<mimic joint=...>"
+            )
         for other in (name, leader):
-            if other in joints and (kind := joints[other].get("type")) in ("floating", "planar"):
+            if other in joints and (kind := joints[other].get("type")) in (
+                "floating",
+                "planar",
+            ):
                 raise self.refuse(
                     f"{what} cannot mimic",
                     expected="two joints with one coordinate",
                     got=f"joint {other!r} of type {kind}",
                 )
         if joints[name].get("type") != "fixed":
-            (factor,), (offset,) = _floats(mimic, "multiplier", "1"), _floats(mimic, "offset", "0")
+            (factor,), (offset,) = (
+                _floats(mimic, "multiplier", "1"),
+                _floats(mimic, "offset", "0"),
+            )
             self.mimics[name] = leader, factor, offset
 
     def leave_out_rings(self) -> None:
@@ -359,7 +390,9 @@ class _Robot:
 
     def read_extensions(self, elements: Sequence[ET.Element]) -> None:
         """Read the elements beside links and joints: loops, actuators, springs."""
-        frames = {str(e.get("name")): str(e.get("link")) for e in elements if e.tag == "frame"}
+        frames = {
+            str(e.get("name")): str(e.get("link")) for e in elements if e.tag == "frame"
+        }
         for element in elements:
             tag, joint = element.tag.rpartition("}")[2], element.get("reference")
             if tag == "joint":
@@ -388,14 +421,18 @@ class _Robot:
         follower = (plugin.findtext("mimicJoint") or "").strip()
         if follower in self.joints and follower not in self.mimics:
             leader = (plugin.findtext("joint") or "").strip()
-            what = f"plugin {plugin.get('name')!r} makes joint {follower!r} follow another"
+            what = (
+                f"plugin {plugin.get('name')!r} makes joint {follower!r} follow another"
+            )
             expected = f"<mimic joint={leader!r}/> in joint {follower!r}"
             self.leave_out(follower, self.refuse(what, expected=expected))
 
     def _read_ball(self, element: ET.Element) -> None:
         """Read Drake's ball constraint."""
         parts = {child.tag.rpartition("_constraint_")[2]: child for child in element}
-        bodies = [parts[key].get("name", "") for key in ("body_A", "body_B") if key in parts]
+        bodies = [
+            parts[key].get("name", "") for key in ("body_A", "body_B") if key in parts
+        ]
         points = [
             numbers_in(
                 parts[key].get("value", "") if key in parts else "0 0 0",
@@ -408,7 +445,9 @@ class _Robot:
         if len(bodies) != 2 or not {"world", *self.links} >= set(bodies):
             self._leave_out_element(element, "closures", {})
         else:
-            self._close("point", bodies, *(se3.pose(translation=point) for point in points))
+            self._close(
+                "point", bodies, *(se3.pose(translation=point) for point in points)
+            )
 
     def _close(
         self,
@@ -426,14 +465,19 @@ class _Robot:
         A joint that fixes the root to the room adds nothing.
         """
         links = [
-            (joint.findtext(end) or "").strip().rpartition("::")[2] for end in ("parent", "child")
+            (joint.findtext(end) or "").strip().rpartition("::")[2]
+            for end in ("parent", "child")
         ]
         kind, place = joint.get("type", ""), joint.find("pose")
         if links[0] == "world" and kind == "fixed" and links[1] not in self.carrier:
             return
-        is_elsewhere = any(part.attrib for tag in ("pose", "xyz") for part in joint.iter(tag))
+        is_elsewhere = any(
+            part.attrib for tag in ("pose", "xyz") for part in joint.iter(tag)
+        )
         more = [e.text for tag in _SDF_WITHOUT_MEANING for e in joint.iter(tag)]
-        is_more = any((text or "0").strip().lower() not in ("0", "0.0", "false") for text in more)
+        is_more = any(
+            (text or "0").strip().lower() not in ("0", "0.0", "false") for text in more
+        )
         if not {"world", *self.links} >= set(links) or is_elsewhere or is_more:
             self._leave_out_element(joint, "closures", {})
             return
@@ -442,32 +486,47 @@ class _Robot:
         T_a_b = se3.inverse(self.at_zero(links[0])) @ self.at_zero(links[1])
         points = [(T_a_b @ [*numbers[:3], 1.0])[:3].round(9).tolist(), numbers[:3]]
         if kind == "ball":
-            self._close("point", links, *(se3.pose(translation=point) for point in points))
+            self._close(
+                "point", links, *(se3.pose(translation=point) for point in points)
+            )
             return
         closure, names = _SDF_CLOSURES.get(kind, ("weld", ("none",)))
         texts = [joint.findtext(f"{name}/xyz") for name in names]
         if None in texts:
-            self._leave_out_closure(f"<joint type={kind!r}> in <gazebo>", kind, links, points)
+            self._leave_out_closure(
+                f"<joint type={kind!r}> in <gazebo>", kind, links, points
+            )
             return
-        axes = [numbers_in(text or "", 3, "gazebo joint: axis", self.refuse) for text in texts]
+        axes = [
+            numbers_in(text or "", 3, "gazebo joint: axis", self.refuse) for text in texts
+        ]
         where = f"gazebo joint {joint.get('name')!r}"
         turns = turned_axes(closure, axes and [axes[0], axes[-1]], where)
         T = se3.from_roll_pitch_yaw(numbers[:3], numbers[3:])
         T_a, T_b = (T @ se3.pose(R) for R in turns)
         self._close(closure, links, T_a_b @ T_a, T_b)
 
-    def _leave_out_element(self, element: ET.Element, key: str, frames: Mapping[str, str]) -> None:
+    def _leave_out_element(
+        self, element: ET.Element, key: str, frames: Mapping[str, str]
+    ) -> None:
         """Leave out an element that changes the mechanics; show the YAML that replaces it."""
         links: list[str] = []
         points: list[list[float]] = []
         values: dict[str, str] = {}
         for part in element.iter():
             tag = part.tag.rpartition("}")[2]
-            for word, value in (*part.attrib.items(), ("text", (part.text or "").strip())):
+            for word, value in (
+                *part.attrib.items(),
+                ("text", (part.text or "").strip()),
+            ):
                 link = frames.get(value, value)
                 if (link in self.links or link == "world") and link not in links:
                     links.append(link)
-                if word in ("xyz", "value") and len(value.split()) == 3 and "axis" not in tag:
+                if (
+                    word in ("xyz", "value")
+                    and len(value.split()) == 3
+                    and "axis" not in tag
+                ):
                     with suppress(ValueError):
                         points.append([float(x) for x in value.split()])
                 values[word if word != "value" else tag] = value
@@ -486,13 +545,19 @@ class _Robot:
                 for name in sorted(self.between(links))
                 if self.joints[name].get("type") in _AXIAL_TYPES
             ]
-            self._leave_out_acting(what, links, key, f"springs: {{{', '.join(entries[:6])}}}")
+            self._leave_out_acting(
+                what, links, key, f"springs: {{{', '.join(entries[:6])}}}"
+            )
 
     def _leave_out_closure(
         self, what: str, kind: str, links: list[str], points: Sequence[Sequence[float]]
     ) -> None:
         tied = "weld" if kind in ("fixed", "weld") else "point"
-        at = "" if len(points) != 2 else f", points: [{_row(points[0])}, {_row(points[1])}]"
+        at = (
+            ""
+            if len(points) != 2
+            else f", points: [{_row(points[0])}, {_row(points[1])}]"
+        )
         closure = f"{{frames: [{', '.join(links)}], type: {tied}{at}}}"
         yaml = f"kind: closed-chain, closures: [{closure}]"
         self._leave_out_acting(what, links, "closures", yaml)
@@ -505,9 +570,13 @@ class _Robot:
         """Refuse links that do not all hang from one root."""
         parent_of = {link: parent for link, (_, parent) in self.carrier.items()}
         try:
-            TopologicalSorter({link: {parent} for link, parent in parent_of.items()}).prepare()
+            TopologicalSorter(
+                {link: {parent} for link, parent in parent_of.items()}
+            ).prepare()
         except CycleError as error:
-            raise self.refuse("links form a cycle", got=" -> ".join(error.args[1])) from None
+            raise self.refuse(
+                "links form a cycle", got=" -> ".join(error.args[1])
+            ) from None
         roots = [link for link in self.links if link not in parent_of]
         if len(roots) > 1:
             got = ", ".join(roots[:5])
@@ -528,13 +597,16 @@ class _Robot:
 def _floats(element: ET.Element | None, key: str, otherwise: str) -> list[float]:
     """Numbers of an attribute that has been checked."""
     return [
-        float(x) for x in (otherwise if element is None else element.get(key, otherwise)).split()
+        float(x)
+        for x in (otherwise if element is None else element.get(key, otherwise)).split()
     ]
 
 
 def _placed(origin: ET.Element | None) -> se3.Array:
     """Pose of an `origin` that has been checked."""
-    return se3.from_roll_pitch_yaw(*(_floats(origin, key, "0 0 0") for key in ("xyz", "rpy")))
+    return se3.from_roll_pitch_yaw(
+        *(_floats(origin, key, "0 0 0") for key in ("xyz", "rpy"))
+    )
 
 
 def retype_joints(root: ET.Element, kinds: Mapping[str, str], where: str) -> None:
@@ -567,7 +639,9 @@ def retype_joints(root: ET.Element, kinds: Mapping[str, str], where: str) -> Non
                 ET.SubElement(root, "link", name=links[i - 1])
             joint.attrib |= {"name": turn, "type": "continuous"}
             child.set("link", link)
-            ET.SubElement(joint, "axis", xyz=" ".join(str(int(a == letters[i])) for a in "xyz"))
+            ET.SubElement(
+                joint, "axis", xyz=" ".join(str(int(a == letters[i])) for a in "xyz")
+            )
 
 
 def prepare_urdf(root: ET.Element, where: str) -> RobotFacts:
@@ -580,7 +654,9 @@ def prepare_urdf(root: ET.Element, where: str) -> RobotFacts:
     """
     refuse = partial(InputError, where=where)
     if any(e.tag.startswith("{") and "xacro" in e.tag for e in root.iter()):
-        raise refuse("is a xacro file", expected="a URDF: expand it with the xacro command first")
+        raise refuse(
+            "is a xacro file", expected="a URDF: expand it with the xacro command first"
+        )
     if root.get("name") is None:
         raise refuse("robot has no name", expected="<robot name=...>")
     reader = _Reader(root, refuse)
@@ -590,9 +666,14 @@ def prepare_urdf(root: ET.Element, where: str) -> RobotFacts:
     if not links:
         raise refuse("robot has no links")
     moving = sum(joint.get("type") != "fixed" for joint in joints.values())
-    for kind, count, most in (("", len(joints), _MAX_JOINTS), ("moving ", moving, MOST_MOVING)):
+    for kind, count, most in (
+        ("", len(joints), _MAX_JOINTS),
+        ("moving ", moving, MOST_MOVING),
+    ):
         if count > most:
-            raise refuse(f"too many {kind}joints", expected=f"at most {most}", got=str(count))
+            raise refuse(
+                f"too many {kind}joints", expected=f"at most {most}", got=str(count)
+            )
     for name in joints:
         robot.read_joint(name, reader)
     for name, fault in reader.faults:
@@ -618,7 +699,8 @@ def prepare_urdf(root: ET.Element, where: str) -> RobotFacts:
         locked=held,
         closures=tuple(robot.closures),
         planar_axes=robot.planar_axes,
-        loose=frozenset(n for n, j in joints.items() if j.get("type") == "floating") - looped,
+        loose=frozenset(n for n, j in joints.items() if j.get("type") == "floating")
+        - looped,
         notes=tuple(robot.notes),
         obstacles=(*robot.obstacles, *curved),
     )
@@ -631,7 +713,9 @@ def _texts(element: ET.Element) -> dict[str, str]:
 
 def _mechanical(tag: str) -> str | None:
     """Key of a mechanism file that replaces an element; None for elements without effect."""
-    return next((key for key, words in _MECHANICAL.items() if words.search(tag.lower())), None)
+    return next(
+        (key for key, words in _MECHANICAL.items() if words.search(tag.lower())), None
+    )
 
 
 def _about_axis(joint: ET.Element, values: Mapping[str, str]) -> str:
@@ -639,7 +723,10 @@ def _about_axis(joint: ET.Element, values: Mapping[str, str]) -> str:
     word = "force" if joint.get("type") == "prismatic" else "torque"
     text = next((v for k, v in values.items() if k.endswith(f"{word}_stiffness")), "")
     try:
-        k, a = np.array(text.split(), float), np.array(_floats(joint.find("axis"), "xyz", "1 0 0"))
+        k, a = (
+            np.array(text.split(), float),
+            np.array(_floats(joint.find("axis"), "xyz", "1 0 0")),
+        )
         return f"{float(k @ (a * a) / (a @ a)):g}"
     except ValueError:
         return "..."
@@ -728,7 +815,9 @@ class _Reader:
         self.version = root.attrib.pop("version", "1.0").strip()
         if self.version not in _VERSIONS:
             got = repr(self.version)
-            raise refuse("unknown version of URDF", expected=", ".join(_VERSIONS), got=got)
+            raise refuse(
+                "unknown version of URDF", expected=", ".join(_VERSIONS), got=got
+            )
         self.beside = [child for child in root if child.tag not in ("link", "joint")]
         self._read(root, "")
 
@@ -817,7 +906,9 @@ class _Reader:
         """Check attributes and texts: URDF has attributes only, texts may be remarks."""
         tag = element.tag
         known = [word.partition("=")[0] for word in _ATTRIBUTES.get(tag, "").split()]
-        strange = [key for key in element.attrib if key not in known and not key.startswith("{")]
+        strange = [
+            key for key in element.attrib if key not in known and not key.startswith("{")
+        ]
         for key in strange:
             what = f"{place}: unknown attribute"
             if tag in _STRICT_TAGS:
@@ -826,13 +917,17 @@ class _Reader:
             self.unknown.append(f"{key}= in <{tag}>")
         if strange and tag == "limit" and not {"lower", "upper"} & set(element.attrib):
             expected, got = "lower=... upper=...", ", ".join(strange)
-            raise self.refuse(f"{place}: no lower and no upper", expected=expected, got=got)
+            raise self.refuse(
+                f"{place}: no lower and no upper", expected=expected, got=got
+            )
         for text in (element.text, *(child.tail for child in element)):
             if not (words := (text or "").strip()):
                 continue
             if tag in _STRICT_TAGS or _ASSIGNMENT.search(words):
                 expected = "attributes only, within a tag"
-                raise self.refuse(f"{place} holds text", expected=expected, got=repr(words[:40]))
+                raise self.refuse(
+                    f"{place} holds text", expected=expected, got=repr(words[:40])
+                )
             self.unknown.append(f"text {words[:40]!r} in <{tag}>")
         self._check_numbers(element, place)
 
@@ -843,7 +938,9 @@ class _Reader:
             key, _, count = word.partition("=")
             text = element.get(key)
             if count and text is not None:
-                values = numbers_in(text, int(count), f"{place} {key}", self.refuse, largest)
+                values = numbers_in(
+                    text, int(count), f"{place} {key}", self.refuse, largest
+                )
                 element.set(key, " ".join(map(repr, values)))
 
     def _to_angles(self, origin: ET.Element, place: str) -> None:
@@ -852,13 +949,17 @@ class _Reader:
             expected = '<robot version="1.1">'
             raise self.refuse(f"{place}: quat_xyzw needs URDF 1.1", expected=expected)
         if origin.get("rpy") is not None:
-            raise self.refuse(f"{place} has both rpy and quat_xyzw", expected="one of them")
+            raise self.refuse(
+                f"{place} has both rpy and quat_xyzw", expected="one of them"
+            )
         quaternion = np.array(_floats(origin, "quat_xyzw", ""))
         if np.linalg.norm(quaternion) < numerics.NEGLIGIBLE_DIFFERENCE:
             raise self.refuse(f"{place}: quat_xyzw is zero", expected="a rotation")
         del origin.attrib["quat_xyzw"]
         R = pin.Quaternion(quaternion / np.linalg.norm(quaternion)).toRotationMatrix()
-        origin.set("rpy", " ".join(repr(float(x)) for x in se3.roll_pitch_yaw(se3.pose(R))))
+        origin.set(
+            "rpy", " ".join(repr(float(x)) for x in se3.roll_pitch_yaw(se3.pose(R)))
+        )
 
 
 def numbers_in(
@@ -872,5 +973,7 @@ def numbers_in(
     if len(values) != count or "_" in text or not all(map(math.isfinite, values)):
         raise refuse(f"{what} is not {count} finite number(s)", got=repr(text))
     if any(abs(v) > largest for v in values):
-        raise refuse(f"{what} is too large", expected=f"at most {largest:g}", got=repr(text))
+        raise refuse(
+            f"{what} is too large", expected=f"at most {largest:g}", got=repr(text)
+        )
     return values

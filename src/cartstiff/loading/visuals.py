@@ -21,7 +21,15 @@ from cartstiff.loading.robot_description import parse_text, parse_xml
 from cartstiff.loading.urdf import numbers_in
 from cartstiff.mechanisms.chain import Chain, Description
 from cartstiff.mechanisms.contract import SI, convert_length
-from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece, Shape, Sphere
+from cartstiff.mechanisms.shapes import (
+    Box,
+    Capsule,
+    Cylinder,
+    MeshFile,
+    Piece,
+    Shape,
+    Sphere,
+)
 from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.potentials.contract import rescaled
 from cartstiff.ros_packages import package_folders, search_path, where_packages_are
@@ -82,7 +90,9 @@ def visuals_of(chain: Chain) -> tuple[list[Visual], list[str]]:
         for piece in pieces:
             at = chain.tree.frames.get(description.prefix + piece.link)
             if not _is_usable(piece):
-                unusable = f"link {one_line(piece.link)}: a shape whose numbers cannot be shown"
+                unusable = (
+                    f"link {one_line(piece.link)}: a shape whose numbers cannot be shown"
+                )
                 missing += [unusable] if unusable not in missing else []
             elif at is not None:
                 piece = rescaled(piece, metre)
@@ -103,7 +113,11 @@ def _pieces(description: Description) -> tuple[Sequence[Piece], list[str]]:
     path, text = description.path, description.text
     if description.pieces is not None or (path is None and text is None):
         return _present(description.pieces or ())
-    root = parse_xml(path) if path and text is None else parse_text(str(text), description.name)
+    root = (
+        parse_xml(path)
+        if path and text is None
+        else parse_text(str(text), description.name)
+    )
     painted: dict[str | None, ET.Element] = {}
     for material in root.iter("material"):
         if (colour := material.find("color")) is not None:
@@ -141,7 +155,9 @@ def _present(pieces: Sequence[Piece]) -> tuple[list[Piece], list[str]]:
     return present, missing
 
 
-def geometry_pieces(model: Any, geometry: Any, source: str) -> tuple[list[Piece], list[str]]:
+def geometry_pieces(
+    model: Any, geometry: Any, source: str
+) -> tuple[list[Piece], list[str]]:
     """Return the pieces of a Pinocchio geometry model, and sentences on those it cannot show.
 
     Parameters
@@ -158,7 +174,9 @@ def geometry_pieces(model: Any, geometry: Any, source: str) -> tuple[list[Piece]
         if (shape := _shape(piece)) is None:
             missing.append(f"link {frame.name}: a shape of {source} that cannot be shown")
             continue
-        pieces.append(Piece(frame.name, np.array(T.homogeneous), shape, _clipped(piece.meshColor)))
+        pieces.append(
+            Piece(frame.name, np.array(T.homogeneous), shape, _clipped(piece.meshColor))
+        )
     return pieces, missing
 
 
@@ -167,7 +185,9 @@ def _clipped(colour: ArrayLike) -> tuple[float, float, float, float]:
     return r, g, b, a
 
 
-def _numbers(element: ET.Element | None, key: str, count: int, otherwise: str = "") -> list[float]:
+def _numbers(
+    element: ET.Element | None, key: str, count: int, otherwise: str = ""
+) -> list[float]:
     """Numbers of an attribute."""
     text = otherwise if element is None else element.get(key, otherwise)
     return numbers_in(text, count, key, InputError, _MAX_SIZE)
@@ -189,7 +209,9 @@ def _urdf_shape(element: ET.Element, path: Path, packages: Sequence[Path]) -> Sh
     if shape.tag == "sphere":
         return Sphere((radius,) * 3)
     (length,) = _numbers(shape, "length", 1)
-    return Cylinder(radius, length) if shape.tag == "cylinder" else Capsule(radius, length)
+    return (
+        Cylinder(radius, length) if shape.tag == "cylinder" else Capsule(radius, length)
+    )
 
 
 def _mesh_file(name: str, path: Path, packages: Sequence[Path]) -> Path:

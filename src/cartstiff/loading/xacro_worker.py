@@ -42,7 +42,9 @@ _METHODS: dict[type, str] = {
     tuple: "count index",
     dict: "get items keys values",
 }
-_CONSTANTS: dict[str, Any] = {n: getattr(math, n) for n in ("pi", "e", "tau", "inf", "nan")}
+_CONSTANTS: dict[str, Any] = {
+    n: getattr(math, n) for n in ("pi", "e", "tau", "inf", "nan")
+}
 _MATH = """
 acos acosh asin asinh atan atan2 atanh ceil copysign cos cosh degrees exp fabs floor fmod hypot
 isclose isfinite isinf isnan log log10 log2 pow radians sin sinh sqrt tan tanh trunc
@@ -162,14 +164,21 @@ def _remaining(value: Any, most: int) -> int:
     if isinstance(value, dict):
         value = tuple(dict.items(value))
     if isinstance(value, (list, tuple)):
-        for inner in tuple.__iter__(value) if isinstance(value, tuple) else list.__iter__(value):
+        for inner in (
+            tuple.__iter__(value) if isinstance(value, tuple) else list.__iter__(value)
+        ):
             most = _remaining(inner, most)
     return most
 
 
 def _power(a: Any, b: Any) -> Any:
     """Power with a bounded size: Python computes whole numbers to the last digit."""
-    if isinstance(a, int) and isinstance(b, int) and b > 1 and a.bit_length() * b > _MAX_BITS:
+    if (
+        isinstance(a, int)
+        and isinstance(b, int)
+        and b > 1
+        and a.bit_length() * b > _MAX_BITS
+    ):
         raise RefusedError("a value is too large")
     return _short(a**b)
 
@@ -223,9 +232,9 @@ class _Reader:
         except SyntaxError:
             raise RefusedError(f"not an expression: ${{{_shown(text)}}}") from None
         except Exception as error:
-            if isinstance(_cause(error), (LookupError, MemoryError, RecursionError)) or hasattr(
-                error, "exc"
-            ):  # of an expression or a file within
+            if isinstance(
+                _cause(error), (LookupError, MemoryError, RecursionError)
+            ) or hasattr(error, "exc"):  # of an expression or a file within
                 raise
             raise RefusedError(f"{_innermost(error)} in ${{{_shown(text)}}}") from None
 
@@ -235,7 +244,9 @@ class _Reader:
         command, rest = match.groups() if match else ("", "")
         if command == "arg":
             value = self.argument(rest)
-            return re.sub(r"\$\(\s*find\s+([^)\s]+)\s*\)", lambda m: self.folder(m[1]), value)
+            return re.sub(
+                r"\$\(\s*find\s+([^)\s]+)\s*\)", lambda m: self.folder(m[1]), value
+            )
         if command == "find":
             return self.folder(rest)
         if command == "optenv":
@@ -275,14 +286,18 @@ class _Reader:
         except UnicodeDecodeError:
             raise RefusedError(f"{name} is not UTF-8 text") from None
         if "<!DOCTYPE" in text or "<!ENTITY" in text:
-            raise RefusedError(f"XML document types and entities are not supported, in {name}")
+            raise RefusedError(
+                f"XML document types and entities are not supported, in {name}"
+            )
         return io.StringIO(text)
 
     def allowed(self, name: Any) -> str:
         """Return the real path of a file that may be read."""
         real = Path(name).resolve()
         if not any(real.is_relative_to(folder) for folder in self.folders):
-            raise RefusedError(f"{_shown(str(name))} is outside of the file's package and folders")
+            raise RefusedError(
+                f"{_shown(str(name))} is outside of the file's package and folders"
+            )
         return str(real)
 
     def listed(self, pattern: str) -> list[str]:
@@ -318,13 +333,19 @@ class _Reader:
             "arg": self.argument,
             "fatal": fatal,
             "tokenize": lambda text, sep=",; ", skip_empty=True: [
-                part for part in re.split(f"[{re.escape(sep)}]", text) if part or not skip_empty
+                part
+                for part in re.split(f"[{re.escape(sep)}]", text)
+                if part or not skip_empty
             ],
-            **dict.fromkeys(("message", "warning", "error", "print_location"), lambda *_, **__: ""),
+            **dict.fromkeys(
+                ("message", "warning", "error", "print_location"), lambda *_, **__: ""
+            ),
         }
         spaces = {"": {**plain, **of_math, **direct}, "math.": of_math, "python.": plain}
         spaces["xacro."] = own
-        self.functions = {p + n: f for p, space in spaces.items() for n, f in space.items()}
+        self.functions = {
+            p + n: f for p, space in spaces.items() for n, f in space.items()
+        }
         guards = {"short": _short, "power": _power, "method": _method, "key": _key}
         guards |= {"called": lambda f, *a, **k: _short(f(*a, **k)), **_CONSTANTS}
         named = {f"{name}()": each for name, each in (self.functions | guards).items()}
@@ -384,7 +405,13 @@ def expanded(
     unread = [name for name in values if name not in arguments.read]
     asked = _arguments(path)
     empty = [name for name in asked if arguments.get(name) == ""]
-    return {**answer, "asked": asked, "empty": empty, "unread": unread, "twice": reader.twice}
+    return {
+        **answer,
+        "asked": asked,
+        "empty": empty,
+        "unread": unread,
+        "twice": reader.twice,
+    }
 
 
 def _cause(error: Any) -> Any:

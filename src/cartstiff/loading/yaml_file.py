@@ -44,7 +44,9 @@ def checked_status(path: Path, largest: int, where: str) -> os.stat_result:
         raise InputError("is not a regular file", where=where, expected="a file")
     if (size := status.st_size) > largest:
         expected = f"at most {largest} bytes"
-        raise InputError("file is too large", where=where, expected=expected, got=str(size))
+        raise InputError(
+            "file is too large", where=where, expected=expected, got=str(size)
+        )
     return status
 
 
@@ -66,7 +68,9 @@ def read_bytes(path: Path, largest: int = LARGEST, *, recorded: bool = True) -> 
     except OSError as error:
         raise _unreadable(error, where) from None
     if len(data) > largest:  # the file grew since its size was taken
-        raise InputError("file is too large", where=where, expected=f"at most {largest} bytes")
+        raise InputError(
+            "file is too large", where=where, expected=f"at most {largest} bytes"
+        )
     if not data.strip():
         raise InputError("file is empty", where=where)
     if recorded:
@@ -109,7 +113,9 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
 def _in_order(value: Any) -> Any:
     """The values of a file, mappings as sorted pairs."""
     if isinstance(value, dict):
-        return "mapping", sorted((repr(key), _in_order(entry)) for key, entry in value.items())
+        return "mapping", sorted(
+            (repr(key), _in_order(entry)) for key, entry in value.items()
+        )
     return [_in_order(entry) for entry in value] if isinstance(value, list) else value
 
 
@@ -138,7 +144,9 @@ def _parsed(text: str, where: str) -> tuple[dict[str, Any], Lines]:
         mark = getattr(error, "problem_mark", None)
         line = f", line {mark.line + 1}" if mark is not None else ""
         problem = getattr(error, "problem", None) or str(error)
-        raise InputError("not valid YAML", where=where + line, got=one_line(problem)) from None
+        raise InputError(
+            "not valid YAML", where=where + line, got=one_line(problem)
+        ) from None
     except RecursionError:
         raise InputError("YAML is nested too deeply", where=where) from None
     if not isinstance(data, dict):
@@ -157,7 +165,9 @@ def _check_directives(text: str, where: str) -> None:
         if line.startswith("%"):
             if not re.fullmatch(r"%YAML\s+1\.2\s*(#.*)?", line):
                 raise InputError(
-                    "YAML directives are not supported", where=f"{where}, line {number}", got=line
+                    "YAML directives are not supported",
+                    where=f"{where}, line {number}",
+                    got=line,
                 )
         elif line.strip() and not line.lstrip().startswith("#"):
             return
@@ -210,8 +220,12 @@ class _Reader:
                         expected="a mapping, or a list of mappings",
                     )
                 continue
-            if not str(key_node.tag).startswith("tag:yaml.org,2002:") or "/" in str(key_node.tag):
-                raise InputError("YAML tags are not supported", where=key_place, got=key_node.tag)
+            if not str(key_node.tag).startswith("tag:yaml.org,2002:") or "/" in str(
+                key_node.tag
+            ):
+                raise InputError(
+                    "YAML tags are not supported", where=key_place, got=key_node.tag
+                )
             pairs.append((str(key_node.value), key_node.start_mark.line + 1, value_node))
         data: dict[str, Any] = {}
         for part in reversed(merged or []):  # the first has precedence

@@ -19,7 +19,13 @@ from cartstiff.kinematics.at_pose import COORDINATES, at_poses
 from cartstiff.kinematics.inverse import Free, inverse_kinematics
 from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.legs import legs_of
-from cartstiff.maps.sampling import Axis, RandomPostures, Sampling, checked_axes, grid_indices
+from cartstiff.maps.sampling import (
+    Axis,
+    RandomPostures,
+    Sampling,
+    checked_axes,
+    grid_indices,
+)
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 
@@ -99,16 +105,23 @@ class CartesianGrid(Sampling):
         posture = elastic.mechanism.closed(base)
         place = posture.pose[:3, 3]
         self.axes = {
-            name: own.get(name, Axis(place[i], place[i], 1)) for i, name in enumerate(_AXIS_NAMES)
+            name: own.get(name, Axis(place[i], place[i], 1))
+            for i, name in enumerate(_AXIS_NAMES)
         }
         self.orientation = np.array(
             posture.pose[:3, :3] if orientation is None else orientation, float
         )
         if not is_pose(se3.pose(self.orientation)):
-            raise InputError("orientation is not a rotation", got=self.orientation.tolist())
+            raise InputError(
+                "orientation is not a rotation", got=self.orientation.tolist()
+            )
         self.base = np.array(posture.q)
         self.free, self.redundancy = free, redundancy
-        self.branches, self.count, self.seed = int(branches), int(starts), checked_seed(seed)
+        self.branches, self.count, self.seed = (
+            int(branches),
+            int(starts),
+            checked_seed(seed),
+        )
         #: Number of legs that are searched separately; 0 if the mechanism is searched as a whole.
         self.legs = len(legs_of(elastic) or ())
         self.dims = (*_AXIS_NAMES, "branch")
@@ -126,7 +139,9 @@ class CartesianGrid(Sampling):
                     for i, c in enumerate(elastic.mechanism.coordinates)
                     if c.is_length and not np.isfinite([c.lower, c.upper]).all()
                 }
-                within = RandomPostures.within_limits(elastic, self.count, self.seed, near)
+                within = RandomPostures.within_limits(
+                    elastic, self.count, self.seed, near
+                )
                 random = list(within.postures((slice(0, self.count),)))
             self._starts = np.array([self.base, *random])
         return self._starts
@@ -187,14 +202,18 @@ class CartesianGrid(Sampling):
                 )
             for cell, solutions in enumerate(part, start=first):
                 # Sorted by distance; equally distant solutions keep their order.
-                order = np.argsort(np.round(away(solutions), 9), kind="stable")[: self.branches]
+                order = np.argsort(np.round(away(solutions), 9), kind="stable")[
+                    : self.branches
+                ]
                 counts[cell] = (
                     len(solutions) if solutions.search is None else solutions.search.found
                 )
                 q[cell, : len(order)] = solutions[order]
         return q.reshape(-1, len(self.base)), counts
 
-    def postures(self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None) -> Array:
+    def postures(
+        self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None
+    ) -> Array:
         """Coordinates (m, n) of a box; NaN rows where there is no such branch."""
         if elastic is None:
             raise InputError("a Cartesian grid has no postures without its mechanism")
@@ -234,9 +253,16 @@ class AtPoses(Sampling):
 
     def __init__(self, poses: Sampling, given: Collection[str] = ()) -> None:
         self.given = [i for i, name in enumerate(COORDINATES) if name in given]
-        self.poses, self.dims, self.shape, self.axes = poses, poses.dims, poses.shape, poses.axes
+        self.poses, self.dims, self.shape, self.axes = (
+            poses,
+            poses.dims,
+            poses.shape,
+            poses.axes,
+        )
 
-    def postures(self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None) -> Array:
+    def postures(
+        self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None
+    ) -> Array:
         """Coordinates (m, n) of a box; NaN rows for poses that are not reached."""
         if elastic is None:
             raise InputError("poses have no postures without their mechanism")

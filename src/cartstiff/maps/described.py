@@ -31,7 +31,11 @@ def _is_text(value: Any) -> bool:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value)
+    return (
+        isinstance(value, (int, float))
+        and not isinstance(value, bool)
+        and isfinite(value)
+    )
 
 
 def _numbers(count: int) -> Callable[[Any], bool]:
@@ -44,9 +48,12 @@ def _list_of(value: Any, kind: Callable[[Any], bool]) -> bool:
 
 # Attributes of the group that readers use.
 _ATTRIBUTES: Mapping[str, Callable[[Any], bool]] = {
-    **dict.fromkeys(("mechanism", "connection", "load_kind", "load_meaning", "command"), _is_text),
     **dict.fromkeys(
-        ("force_unit", "angle_unit", "springs_in_doubt", "identity", "description"), _is_text
+        ("mechanism", "connection", "load_kind", "load_meaning", "command"), _is_text
+    ),
+    **dict.fromkeys(
+        ("force_unit", "angle_unit", "springs_in_doubt", "identity", "description"),
+        _is_text,
     ),
     "length_unit": lambda value: _is_text(value) and value in LENGTHS,
     "frame": lambda value: value is None or _is_text(value),
@@ -93,12 +100,16 @@ def check_described(root: Mapping[str, Any]) -> None:
     joints = _check_identity(loaded(attributes["description"]))
     about = nodes["parts"]["attributes"]
     names, objects = about["arrays"], about["objects"]
-    require(_list_of(names, _is_text) and len(names) <= _MAX_ARRAYS >= len(nodes), "its arrays")
+    require(
+        _list_of(names, _is_text) and len(names) <= _MAX_ARRAYS >= len(nodes),
+        "its arrays",
+    )
     require(len(set(names)) == len(names), "an array twice")
     require(set(names) <= nodes.keys(), "an array that is not described")
     require({"state", "position"} <= set(names), "no state or position")
     require(
-        all(type(seal) is int and 0 <= seal < 2**32 for seal in objects.values()), "its checksums"
+        all(type(seal) is int and 0 <= seal < 2**32 for seal in objects.values()),
+        "its checksums",
     )
     dims, shape, chunk = _check_state(nodes["state"])
     others = {"xyz": 3, "joint": joints}
@@ -131,7 +142,10 @@ def _check_identity(about: Any) -> int:
     require(isinstance(about, dict), "description")
     require(_list_of(about["joints"], _is_text), "joints")
     require(1 <= len(about["joints"]) <= _MAX_JOINTS, "joints")
-    require(all(isinstance(about[key], dict) for key in ("mechanism", "versions")), "description")
+    require(
+        all(isinstance(about[key], dict) for key in ("mechanism", "versions")),
+        "description",
+    )
     require(isinstance(about["sampling"], dict), "sampling")
     pair = lambda entry: _list_of(entry, _is_text) and len(entry) == 2  # noqa: E731
     require(_list_of(about["files"], pair), "files")
@@ -162,10 +176,17 @@ def _check_state(node: Mapping[str, Any]) -> tuple[list[str], list[int], list[in
 
 
 def _check_array(name: str, node: Mapping[str, Any], part: list[int]) -> None:
-    require(node["node_type"] == "array" and node["data_type"] in _BYTES, f"numbers of {name}")
+    require(
+        node["node_type"] == "array" and node["data_type"] in _BYTES, f"numbers of {name}"
+    )
     require(node["chunk_grid"]["name"] == "regular", f"parts of {name}")
-    require(node["chunk_grid"]["configuration"]["chunk_shape"] == part, f"parts of {name}")
-    require(prod(part) * _BYTES[node["data_type"]] <= _MAX_PART_BYTES, f"size of a part of {name}")
+    require(
+        node["chunk_grid"]["configuration"]["chunk_shape"] == part, f"parts of {name}"
+    )
+    require(
+        prod(part) * _BYTES[node["data_type"]] <= _MAX_PART_BYTES,
+        f"size of a part of {name}",
+    )
     require(not node.get("storage_transformers"), f"storage of {name}")
     keys = {"name": "default", "configuration": {"separator": "/"}}
     require(node["chunk_key_encoding"] == keys, f"keys of {name}")
@@ -173,7 +194,10 @@ def _check_array(name: str, node: Mapping[str, Any], part: list[int]) -> None:
     require(codecs in _CODECS, f"codecs of {name}")
     if codecs == _CODECS[1]:
         inner = node["codecs"][0]["configuration"]
-        require([codec["name"] for codec in inner["codecs"]] == _CODECS[0], f"codecs of {name}")
+        require(
+            [codec["name"] for codec in inner["codecs"]] == _CODECS[0],
+            f"codecs of {name}",
+        )
         index = [codec["name"] for codec in inner["index_codecs"]]
         require(index == ["bytes", "crc32c"], f"codecs of {name}")
         require(inner.get("index_location", "end") == "end", f"codecs of {name}")

@@ -178,7 +178,9 @@ class MapJob:
             last = min(first + step, sizes[0])
             along = slice(box[0].start + first, box[0].start + last)
             rows = slice(first * inner, last * inner)
-            self._fill_piece((along, *box[1:]), {name: a[rows] for name, a in arrays.items()})
+            self._fill_piece(
+                (along, *box[1:]), {name: a[rows] for name, a in arrays.items()}
+            )
 
         list(mapped(fill, range(0, sizes[0], step)))
         arrays = {name: a.reshape(*sizes, *a.shape[1:]) for name, a in arrays.items()}
@@ -271,11 +273,17 @@ class MapJob:
                 return reader
         return None
 
-    def _values(self, result: Postures, quantities: Sequence[Quantity]) -> dict[str, Array]:
+    def _values(
+        self, result: Postures, quantities: Sequence[Quantity]
+    ) -> dict[str, Array]:
         """Quantities (N,) by name."""
         wrench = None if self.wrench is None else np.asarray(self.wrench, float)
-        vibrations = ManyModes(self.elastic, result.q, wrench, self._acting, self.one_by_one)
-        return evaluate(quantities, result.arrays, self.settings, self._lengths, vibrations)
+        vibrations = ManyModes(
+            self.elastic, result.q, wrench, self._acting, self.one_by_one
+        )
+        return evaluate(
+            quantities, result.arrays, self.settings, self._lengths, vibrations
+        )
 
     def _analysed(self, q: Array, quantities: Sequence[Quantity]) -> Postures:
         return analyse_many(
@@ -299,7 +307,9 @@ class MapJob:
         """Which postures (N,) are beyond limits."""
         beyond = self._limits.exceeded(self._limits.values(q, poses))
         legs = getattr(self.elastic.mechanism, "leg_limits", None)
-        if legs is not None and legs.forces is not None:  # they depend on the load as well
+        if (
+            legs is not None and legs.forces is not None
+        ):  # they depend on the load as well
             left = np.flatnonzero(~beyond)
             wrench = None if self.wrench is None else np.array(self.wrench, float)
             tensions = tensions_of_many(
@@ -330,7 +340,9 @@ class MapJob:
         """Assemble the postures (N, n) of a box, with the sampled coordinates held."""
         where, rows = self.sampling, min(len(q), CLOSED_CHUNK)
         if not isinstance(where, Grid):
-            return Assembler(self.elastic, self.elastic.q, [], self.path, rows).together(q)
+            return Assembler(self.elastic, self.elastic.q, [], self.path, rows).together(
+                q
+            )
         own = where.columns
         return Assembler(self.elastic, where.base, own, self.path, rows).grid(
             where.values, own, box

@@ -81,7 +81,9 @@ def draw_map(dataset: xarray.Dataset, quantity: str, *, angle: str = "rad") -> A
         )
     if draw is not histogram:  # one branch, and no dimensions of one value
         dataset = best_branch(dataset, quantity)
-        dataset = dataset.isel({d: 0 for d, n in dataset[quantity].sizes.items() if n == 1})
+        dataset = dataset.isel(
+            {d: 0 for d, n in dataset[quantity].sizes.items() if n == 1}
+        )
     return draw(dataset, quantity)
 
 
@@ -93,7 +95,9 @@ def _suited(sizes: Mapping[Any, int]) -> Callable[[xarray.Dataset, str], Any]:
     return {1: line, 2: heat_map, 3: slices}.get(len(wide), histogram)
 
 
-def _rescaled(dataset: xarray.Dataset, unit: str, shown: str, factor: float) -> xarray.Dataset:
+def _rescaled(
+    dataset: xarray.Dataset, unit: str, shown: str, factor: float
+) -> xarray.Dataset:
     """The map with the values along its axes in another unit."""
     axes = {
         name: (axis.dims, factor * axis.values, axis.attrs | {"units": shown})
@@ -108,7 +112,9 @@ def title_of(dataset: xarray.Dataset) -> str:
     parts = []
     for name, value in dataset.coords.items():
         if value.ndim == 0 and name not in ("joint", "xyz", "branch", "rank"):
-            parts.append(f"{name} = {float(value):.4g} {value.attrs.get('units', '')}".rstrip())
+            parts.append(
+                f"{name} = {float(value):.4g} {value.attrs.get('units', '')}".rstrip()
+            )
     branch = ", best branch" if "branches" in dataset else ""
     fixed = f"\nat {', '.join(parts)}" if parts else ""
     return f"{dataset.attrs.get('mechanism', '')}{branch}{fixed}"
@@ -171,7 +177,9 @@ def add_legend(figure: Any, reasons: set[str]) -> None:
         hatch, grey = style_of(name)
         handles.append(Patch(facecolor=grey, edgecolor="0.3", hatch=hatch, label=name))
     if handles:
-        figure.legend(handles=handles, loc="outside lower center", ncols=min(4, len(handles)))
+        figure.legend(
+            handles=handles, loc="outside lower center", ncols=min(4, len(handles))
+        )
 
 
 def _borders(values: Array) -> Array:
@@ -185,7 +193,9 @@ def _axis_label(coordinate: xarray.DataArray) -> str:
     return f"{coordinate.name} [{unit}]" if unit else str(coordinate.name)
 
 
-def _cells(axis: Any, dataset: xarray.Dataset, quantity: str, norm: Any) -> tuple[Any, set[str]]:
+def _cells(
+    axis: Any, dataset: xarray.Dataset, quantity: str, norm: Any
+) -> tuple[Any, set[str]]:
     """Draw coloured cells over two dimensions; return them and the states of hatched cells.
 
     Positions are drawn as in the room: x to the right, z up, equal scales, in mm.
@@ -227,18 +237,24 @@ def slices(dataset: xarray.Dataset, quantity: str) -> Any:
     array = dataset[quantity]
     cut = str(min(array.dims, key=lambda d: array.sizes[d]))
     length = array.sizes[cut]
-    chosen = np.unique(np.linspace(0, length - 1, min(_SLICES, length)).round().astype(int))
+    chosen = np.unique(
+        np.linspace(0, length - 1, min(_SLICES, length)).round().astype(int)
+    )
     columns = min(3, len(chosen))
     rows = -(-len(chosen) // columns)
     figure = new_figure(
         3.0 * columns + 1.4, 2.8 * rows + 0.8, dataset.attrs.get("springs_in_doubt", "")
     )
-    axes = list(figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).flat)
+    axes = list(
+        figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).flat
+    )
     parts = [dataset.isel({cut: int(i)}) for i in chosen]
     _draw_parts(figure, axes, parts, quantity)
     for axis, part in zip(axes, parts, strict=False):
         value = part[cut]
-        axis.set_title(f"{cut} = {float(value):.4g} {value.attrs.get('units', '')}", fontsize=9)
+        axis.set_title(
+            f"{cut} = {float(value):.4g} {value.attrs.get('units', '')}", fontsize=9
+        )
         axis.label_outer()
     for axis in axes[len(parts) :]:
         axis.set_visible(False)
@@ -262,7 +278,9 @@ def line(dataset: xarray.Dataset, quantity: str) -> Any:
     array = dataset[quantity]
     dim = str(array.dims[0])
     name = "time" if "time" in dataset.coords else dim
-    x = np.asarray(dataset[name].values if name in dataset.coords else np.arange(array.size), float)
+    x = np.asarray(
+        dataset[name].values if name in dataset.coords else np.arange(array.size), float
+    )
     values = np.asarray(array.values, float)
     figure, axis = new_axes(dataset.attrs.get("springs_in_doubt", ""))
     marker = "." if np.isfinite(values).sum() < 200 else ""

@@ -47,7 +47,9 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 
 
-def on_finite(function: Callable[..., Array], *stacks: Array, shape: tuple[int, ...] = ()) -> Array:
+def on_finite(
+    function: Callable[..., Array], *stacks: Array, shape: tuple[int, ...] = ()
+) -> Array:
     """Apply a function of stacks to the rows in which all are finite; NaN (N, *shape) elsewhere."""
     finite = np.ones(len(stacks[0]), bool)
     for stack in stacks:
@@ -92,7 +94,9 @@ def block_values(
     one : callable
         Values (3,) of one matrix, and its inverse.
     """
-    exists, known = (np.isfinite(matrices).all(axis=(1, 2)) for matrices in (stack, inverse))
+    exists, known = (
+        np.isfinite(matrices).all(axis=(1, 2)) for matrices in (stack, inverse)
+    )
     values = numerics.eigenvalues((stack if is_held else inverse)[:, keep, keep])
     plain = np.asarray(numerics.condition(values) < numerics.LARGEST_BLOCK_CONDITION)
     if not is_held:
@@ -137,7 +141,11 @@ class Stacks(Source):
     def K(self) -> Array:  # noqa: N802
         """Stiffness (N, 6, 6) that is read: the symmetric part."""
         K = self.arrays[f"stiffness_{self.settings.matrix}"]
-        return K if self.settings.matrix != "load" else self.once("K", lambda: symmetric_part(K))
+        return (
+            K
+            if self.settings.matrix != "load"
+            else self.once("K", lambda: symmetric_part(K))
+        )
 
     @property
     def C(self) -> Array:  # noqa: N802
@@ -173,7 +181,9 @@ class Stacks(Source):
 
         return self.once("free", make)
 
-    def principal(self, kind: str, freedom: Freedom, others: Others, of_held: bool = False) -> Rows:
+    def principal(
+        self, kind: str, freedom: Freedom, others: Others, of_held: bool = False
+    ) -> Rows:
         """Principal values (3, N) of stiffness or compliance, the other freedoms held or free."""
 
         def make() -> Array:
@@ -208,7 +218,9 @@ class Stacks(Source):
         """A root (N,)."""
         return value ** (1.0 / degree)
 
-    def where_positive(self, value: Numbers, least: Numbers, at_zero: float = np.nan) -> Numbers:
+    def where_positive(
+        self, value: Numbers, least: Numbers, at_zero: float = np.nan
+    ) -> Numbers:
         """The value (N,), NaN where another is negative."""
         return np.where(least > 0.0, value, np.where(least == 0.0, at_zero, np.nan))
 
@@ -227,12 +239,16 @@ class Stacks(Source):
         own, scale = self.settings.connection, 1.0 / self.settings.length
         reference = self.arrays[f"stiffness_{own}"]
         scaled = with_angles_times(reference, scale)
-        roots = roots_of_compliances(scaled, with_angles_times(self.C, self.settings.length))
+        roots = roots_of_compliances(
+            scaled, with_angles_times(self.C, self.settings.length)
+        )
         worst = np.full(len(reference), np.nan)
         for name in OF_MANY:
             d = self.arrays[f"stiffness_{name}"] - reference
             if name != own:
-                change = on_finite(relative_changes, scaled, roots, with_angles_times(d, scale))
+                change = on_finite(
+                    relative_changes, scaled, roots, with_angles_times(d, scale)
+                )
                 worst = np.fmax(worst, change)
         return worst
 
@@ -251,7 +267,9 @@ class Stacks(Source):
         J = self.arrays["jacobian"]
         scale = np.repeat([length, 1.0], 3)[:, None] * columns
         return on_finite(
-            lambda m: np.linalg.svd(m * scale, compute_uv=False), J, shape=(min(J.shape[1:]),)
+            lambda m: np.linalg.svd(m * scale, compute_uv=False),
+            J,
+            shape=(min(J.shape[1:]),),
         )
 
     @property
@@ -269,7 +287,9 @@ class Stacks(Source):
     def damping_ratio(self, i: int) -> Numbers:
         """Damping ratio (N,) of one of the six slowest modes."""
         damping = self.settings.damping
-        values: Array = self.once("damping", lambda: self.vibrations.damping_ratios(damping))
+        values: Array = self.once(
+            "damping", lambda: self.vibrations.damping_ratios(damping)
+        )
         return values[:, i]
 
 
@@ -326,7 +346,9 @@ def choose_quantities(
         raise InputError("no quantity was named", expected="one or more names")
     is_pushed = settings.is_loaded or settings.deflect is not None
     missing = {
-        "direction": None if settings.direction else "a direction (--direction, direction=)",
+        "direction": None
+        if settings.direction
+        else "a direction (--direction, direction=)",
         "deflect": None
         if is_pushed
         else "a wrench to deflect the body (--load, or --added-load, deflect=)",
@@ -339,7 +361,9 @@ def choose_quantities(
         if (what := missing.get(quantity.asks or "")) is not None:
             raise InputError(f"the quantity {name} needs {what}")
         if quantity.asks == "damping" and not settings.damping.acts_on(elastic):
-            raise InputError(f"the quantity {name} needs damping", got="no ratio, no dampers")
+            raise InputError(
+                f"the quantity {name} needs damping", got="no ratio, no dampers"
+            )
         mechanism = elastic.mechanism
         lines = len(mechanism.points) if isinstance(mechanism, Platform) else 6
         if "jacobian" in quantity.needs and (mechanism.closures or lines != 6):

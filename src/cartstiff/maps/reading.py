@@ -93,7 +93,10 @@ def each_block(
     from dask.delayed import delayed
 
     parts = [
-        [delayed(function)(part) for part in dataset[name].chunk().data.to_delayed().ravel()]
+        [
+            delayed(function)(part)
+            for part in dataset[name].chunk().data.to_delayed().ravel()
+        ]
         for name, function in functions.items()
     ]
     return dict(zip(functions, computed(*parts), strict=True))
@@ -126,7 +129,9 @@ def quantities_of(dataset: xarray.Dataset) -> list[str]:
     """Names of the quantities of a map."""
     if not hasattr(dataset, "data_vars"):
         raise InputError(
-            "map cannot be used", expected="what open_map answers", got=type(dataset).__name__
+            "map cannot be used",
+            expected="what open_map answers",
+            got=type(dataset).__name__,
         )
     return [str(v) for v in dataset.data_vars if v not in OTHERS]
 
@@ -151,10 +156,14 @@ def best(dataset: xarray.Dataset, quantity: str, count: int = 1) -> xarray.Datas
     """
     array = quantity_of(dataset, quantity)
     if count < 1:
-        raise InputError("number of postures cannot be used", expected="1 or more", got=count)
+        raise InputError(
+            "number of postures cannot be used", expected="1 or more", got=count
+        )
     better = array.attrs.get("better")
     if better is None:
-        raise InputError(f"neither end of {quantity} is better", expected="another quantity")
+        raise InputError(
+            f"neither end of {quantity} is better", expected="another quantity"
+        )
     sign = 1.0 if better == "smaller" else -1.0
 
     def least(values: Array) -> list[tuple[float, tuple[int, ...]]]:
@@ -193,7 +202,9 @@ def slice_map(dataset: xarray.Dataset, **at: float) -> xarray.Dataset:
     InputError
         For a value outside the axis.
     """
-    axes = [str(d) for d in dataset.dims if d in dataset.coords and d not in ("joint", "xyz")]
+    axes = [
+        str(d) for d in dataset.dims if d in dataset.coords and d not in ("joint", "xyz")
+    ]
     for name, value in at.items():
         if name not in axes:
             raise UnknownNameError("axis of the map", name, axes)
@@ -213,7 +224,10 @@ def slice_map(dataset: xarray.Dataset, **at: float) -> xarray.Dataset:
 def places_of(dataset: xarray.Dataset, names: Iterable[str]) -> dict[str, dict[str, Any]]:
     """Value and unit of a slice on its axes: the grid values nearest to the requested ones."""
     return {
-        name: {"value": float(dataset[name]), "unit": dataset[name].attrs.get("units", "")}
+        name: {
+            "value": float(dataset[name]),
+            "unit": dataset[name].attrs.get("units", ""),
+        }
         for name in names
     }
 
@@ -264,13 +278,17 @@ def summary(dataset: xarray.Dataset | MapFile) -> dict[str, Any]:
         own = [str(name) for name in arrays if name not in PLACES]
         facts = each_block(dataset, {name: partial(fact, name) for name in own})
     names, every = named_states(arrays["state"].attrs), np.sum(facts["state"], axis=0)
-    every[NOT_COMPUTED] += math.prod(arrays["state"].shape) - every.sum()  # parts without facts
+    every[NOT_COMPUTED] += (
+        math.prod(arrays["state"].shape) - every.sum()
+    )  # parts without facts
     states = {names.get(c, str(c)): int(every[c]) for c in np.flatnonzero(every).tolist()}
     ranges = {}
     for name in (n for n in facts if n not in OTHERS):
         lows, highs, totals, numbers = np.transpose(facts[name])
         number = int(numbers.sum())
-        found = (lows.min(), totals.sum() / number, highs.max()) if number else (None,) * 3
+        found = (
+            (lows.min(), totals.sum() / number, highs.max()) if number else (None,) * 3
+        )
         ranges[name] = {
             "unit": arrays[name].attrs.get("units", ""),
             **dict(zip(("smallest", "mean", "largest"), plain(found), strict=True)),

@@ -82,7 +82,14 @@ Versions = tuple[tuple[str, str], ...]
 
 _SEVERAL = "computing a map with several processes"
 # Settings that the description of a map holds unchanged.
-_DESCRIBED_SETTINGS = ("connection", "length", "direction", "deflect", "deflect_at", "world")
+_DESCRIBED_SETTINGS = (
+    "connection",
+    "length",
+    "direction",
+    "deflect",
+    "deflect_at",
+    "world",
+)
 
 
 def default_connection(elastic: ElasticMechanism, wrench: Array | None = None) -> str:
@@ -92,7 +99,9 @@ def default_connection(elastic: ElasticMechanism, wrench: Array | None = None) -
     return "load" if elastic.potentials or elastic.may_be_loaded else "B"
 
 
-def default_length(elastic: ElasticMechanism, connection: str = "B", **load: Any) -> float:
+def default_length(
+    elastic: ElasticMechanism, connection: str = "B", **load: Any
+) -> float:
     """Characteristic length of a map: the natural length at the default posture, or one unit.
 
     `load` as `wrench` and its kind in `cartstiff.analyse`.
@@ -166,8 +175,14 @@ def map_job(
         )
     _check_postures(sampling, elastic)
     load = None if wrench is None else checked_input(wrench, (6,), "wrench")
-    kind = checked_load(load_kind, load_at, load_axes, load is not None, elastic.may_be_loaded)
-    asked = None if deflect is None else checked_input(deflect, (6,), "wrench of the deflection")
+    kind = checked_load(
+        load_kind, load_at, load_axes, load is not None, elastic.may_be_loaded
+    )
+    asked = (
+        None
+        if deflect is None
+        else checked_input(deflect, (6,), "wrench of the deflection")
+    )
     along = None if direction is None else tuple(checked_unit(direction).tolist())
     if connection is None:
         connection = default_connection(elastic, load)
@@ -242,7 +257,9 @@ def planned(
         Arrays and attributes of the map; the attribute "description" holds its identity.
     """
     if chunk is not None and (not 1 <= chunk <= MAX_CHUNK or chunk % 1):
-        raise InputError("size of chunks cannot be used", expected=f"1 to {MAX_CHUNK}", got=chunk)
+        raise InputError(
+            "size of chunks cannot be used", expected=f"1 to {MAX_CHUNK}", got=chunk
+        )
     job = map_job(elastic, sampling, quantities, **asked)
     settings, kind, chosen = job.settings, job.settings.load, job.quantities
     row = job.wrench
@@ -265,7 +282,10 @@ def planned(
     }
     if elastic.identified is not None:
         options["identified"] = elastic.identified.to_dict()
-    description = identity_of(elastic, options) | {"path": job.path, "by_kernel": job.by_kernel}
+    description = identity_of(elastic, options) | {
+        "path": job.path,
+        "by_kernel": job.by_kernel,
+    }
     units, mechanism = elastic.units, elastic.mechanism
     own_units = [units.coordinate(c.is_length) for c in mechanism.coordinates]
     attributes = {
@@ -316,10 +336,16 @@ def planned(
         "flag_values": [*range(len(STATES)), NOT_COMPUTED],
         "flag_meanings": " ".join([*STATES, "not-computed"]),
     }
-    place = {"units": units.length, "long_name": "position of the body frame's origin in F"}
+    place = {
+        "units": units.length,
+        "long_name": "position of the body frame's origin in F",
+    }
     arrays["position"] = Kind((*dims, "xyz"), place)
     if job.stores_q:
-        about = {"long_name": "coordinates of the posture", "joints": " ".join(elastic.names)}
+        about = {
+            "long_name": "coordinates of the posture",
+            "joints": " ".join(elastic.names),
+        }
         arrays["q"] = Kind((*dims, "joint"), about)
     if job.times is not None:
         arrays["time"] = Kind(dims, {"units": "s"})
@@ -348,7 +374,9 @@ def _check_postures(sampling: Sampling, elastic: ElasticMechanism) -> None:
             "postures are of another mechanism",
             where="sampling",
             expected=", ".join(elastic.names),
-            got=", ".join(names) if names != elastic.names else f"{np.shape(row)[-1]} coordinates",
+            got=", ".join(names)
+            if names != elastic.names
+            else f"{np.shape(row)[-1]} coordinates",
         )
 
 
@@ -484,7 +512,9 @@ def part_of(job: MapJob, file: MapFile, number: int, mapped: Mapped = map) -> in
 @cache
 def _return_large_arrays() -> None:
     """Let the C library return large arrays to the system; it would keep them in every thread."""
-    if (set_option := getattr(ctypes.CDLL(None), "mallopt", None)) is not None:  # of glibc
+    if (
+        set_option := getattr(ctypes.CDLL(None), "mallopt", None)
+    ) is not None:  # of glibc
         set_option(_MMAP_THRESHOLD, _LARGE_BYTES)
         set_option(_ARENA_MAX, _HEAPS)
 
@@ -496,7 +526,9 @@ _ARENA_MAX, _HEAPS = -8, 4
 _LOADING_LOCK, _WRITING_LOCK = Lock(), Lock()
 
 
-def part_elsewhere(data: bytes, known: Versions, path: str, identity: str, number: int) -> int:
+def part_elsewhere(
+    data: bytes, known: Versions, path: str, identity: str, number: int
+) -> int:
     """Run `part_of` on a worker, with data from `packed`."""
     with _LOADING_LOCK:
         job, file = _received(data, known, path, identity)
@@ -504,9 +536,13 @@ def part_elsewhere(data: bytes, known: Versions, path: str, identity: str, numbe
 
 
 @lru_cache(maxsize=4)
-def _received(data: bytes, known: Versions, path: str, identity: str) -> tuple[MapJob, MapFile]:
+def _received(
+    data: bytes, known: Versions, path: str, identity: str
+) -> tuple[MapJob, MapFile]:
     """Unpack a job once in each worker, so that code compiled for the mechanism is reused."""
-    require_versions(dict(known))  # another version of Pinocchio may unpickle other numbers
+    require_versions(
+        dict(known)
+    )  # another version of Pinocchio may unpickle other numbers
     job = pickle.loads(data)
     if not isinstance(job, MapJob):
         raise TypeError("not a map")
@@ -549,7 +585,9 @@ def _client(scheduler: Any) -> Iterator[Any]:
         client, where = scheduler, one_line(str(scheduler))
         if isinstance(scheduler, str):
             try:
-                client = ours.enter_context(distributed.Client(scheduler, set_as_default=False))
+                client = ours.enter_context(
+                    distributed.Client(scheduler, set_as_default=False)
+                )
             except (OSError, ValueError, TypeError) as error:
                 raise InputError(
                     "no scheduler answers",
@@ -557,9 +595,13 @@ def _client(scheduler: Any) -> Iterator[Any]:
                     expected="the address of a running Dask scheduler, such as tls://10.0.0.5:8786",
                     got=type(error).__name__,
                 ) from None
-        checked_kind(client, distributed.Client, "scheduler", "an address, or a client of Dask")
+        checked_kind(
+            client, distributed.Client, "scheduler", "an address, or a client of Dask"
+        )
         if not client.nthreads():
-            raise InputError("the scheduler has no workers", where=where, expected="at least one")
+            raise InputError(
+                "the scheduler has no workers", where=where, expected="at least one"
+            )
         try:
             client.run(require_versions, versions())
             yield client
@@ -577,7 +619,9 @@ def _client(scheduler: Any) -> Iterator[Any]:
 
 
 @contextmanager
-def _workers(job: MapJob, file: MapFile, scheduler: Any) -> Iterator[Callable[[int], Future[int]]]:
+def _workers(
+    job: MapJob, file: MapFile, scheduler: Any
+) -> Iterator[Callable[[int], Future[int]]]:
     """Yield a function that submits a part to threads, or to the workers of a scheduler."""
     if scheduler is None:
         # Few large parts are in memory at once; all threads compute their pieces.
@@ -595,9 +639,13 @@ def _workers(job: MapJob, file: MapFile, scheduler: Any) -> Iterator[Callable[[i
     known, folder = tuple(versions().items()), local_path(file.address)
     path = file.address if folder is None else str(folder.resolve())
     with _client(scheduler) as client, client.as_current():
-        there = client.submit(bytes, data, pure=False)  # sent once, and again if it is lost
+        there = client.submit(
+            bytes, data, pure=False
+        )  # sent once, and again if it is lost
         pool = client.get_executor(pure=False)
-        yield partial(pool.submit, part_elsewhere, there, known, path, file.attributes[CHECKSUM])
+        yield partial(
+            pool.submit, part_elsewhere, there, known, path, file.attributes[CHECKSUM]
+        )
 
 
 @checked
@@ -645,7 +693,9 @@ def compute_map(
     return open_map(file)
 
 
-def run_map(job: MapJob, file: MapFile, *, dask: Any = None, progress: bool | None = False) -> int:
+def run_map(
+    job: MapJob, file: MapFile, *, dask: Any = None, progress: bool | None = False
+) -> int:
     """Compute the parts that are missing; return their number. Arguments as in `compute_map`."""
     with file.locked(), _bar(job.sampling.size, progress) as advance:
         done = file.done()

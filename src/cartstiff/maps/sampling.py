@@ -57,7 +57,9 @@ class Axis:
                 got=self.count,
             )
         if self.count > 1 and not self.high > self.low:
-            raise InputError("an axis must rise", expected="low < high", got=(self.low, self.high))
+            raise InputError(
+                "an axis must rise", expected="low < high", got=(self.low, self.high)
+            )
 
     @property
     def values(self) -> Array:
@@ -122,7 +124,9 @@ class Sampling(ABC):
         return prod(int(n) for n in self.shape)
 
     @abstractmethod
-    def postures(self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None) -> Array:
+    def postures(
+        self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None
+    ) -> Array:
         """Coordinates (m, n) of the postures of a box in C order; NaN rows where there is none.
 
         Only samplings of poses need the mechanism.
@@ -164,7 +168,9 @@ class Grid(Sampling):
         names: Sequence[str],
         base: ArrayLike,
     ) -> None:
-        self.names = tuple(checked_kind(n, str, "name of a coordinate", "text") for n in names)
+        self.names = tuple(
+            checked_kind(n, str, "name of a coordinate", "text") for n in names
+        )
         own = self._own = checked_axes(axes, self.names, "coordinate")
         if not own:
             raise InputError("a grid needs an axis")
@@ -187,7 +193,9 @@ class Grid(Sampling):
     ) -> Array:
         """Coordinates (m, n) of the cells of a box."""
         q = np.tile(self.base, (prod(s.stop - s.start for s in box), 1))
-        for column, values, cells in zip(self.columns, self.values, grid_indices(box), strict=True):
+        for column, values, cells in zip(
+            self.columns, self.values, grid_indices(box), strict=True
+        ):
             q[:, column] = values[cells]
         return q
 
@@ -219,9 +227,13 @@ class RandomPostures(Sampling):
     def __init__(self, count: int, seed: int, lower: ArrayLike, upper: ArrayLike) -> None:
         count = int(checked_number(count, "number of postures"))
         if count < 1:
-            raise InputError("no postures were asked for", expected="1 or more", got=count)
+            raise InputError(
+                "no postures were asked for", expected="1 or more", got=count
+            )
         self.lower = checked_array(lower, ("n",), "lower limits of random postures")
-        self.upper = checked_vector(upper, len(self.lower), "upper limits of random postures")
+        self.upper = checked_vector(
+            upper, len(self.lower), "upper limits of random postures"
+        )
         if np.any(self.upper < self.lower):
             raise InputError("limits of random postures must rise")
         self.count, self.seed = int(count), checked_seed(seed)
@@ -265,7 +277,9 @@ class RandomPostures(Sampling):
                 low, high = max(low, -np.pi) if np.isinf(low) else low, high
                 high = min(high, np.pi) if np.isinf(high) else high
             if not (np.isfinite(low) and np.isfinite(high)):
-                raise InputError(f"coordinate {c.name!r} has no limits", expected="a range for it")
+                raise InputError(
+                    f"coordinate {c.name!r} has no limits", expected="a range for it"
+                )
             lower.append(low)
             upper.append(high)
         return cls(count, seed, lower, upper)
@@ -282,7 +296,9 @@ class RandomPostures(Sampling):
         drawn = np.empty(((last - first) * _RANDOM_BLOCK, n))
         for i in range(first, last):
             rng = np.random.default_rng([self.seed, i])
-            rng.random(out=drawn[(i - first) * _RANDOM_BLOCK : (i - first + 1) * _RANDOM_BLOCK])
+            rng.random(
+                out=drawn[(i - first) * _RANDOM_BLOCK : (i - first + 1) * _RANDOM_BLOCK]
+            )
         q: Array = drawn[start - first * _RANDOM_BLOCK : stop - first * _RANDOM_BLOCK]
         q *= self.upper - self.lower
         q += self.lower

@@ -114,7 +114,9 @@ class Layout:
     def __post_init__(self) -> None:
         for name in self.sampling.dims:
             if name in (*_RESERVED, *self.arrays, *self.sizes):
-                raise InputError("a dimension has the name of something else in the map", got=name)
+                raise InputError(
+                    "a dimension has the name of something else in the map", got=name
+                )
         if (count := len(self.parts)) > MAX_PARTS:
             raise InputError(
                 f"map of {self.sampling.size} postures has too many parts",
@@ -139,14 +141,19 @@ class Layout:
         known = dict(zip(self.sampling.dims, self.chunk, strict=True)) | dict(self.sizes)
         part = [known[dim] for dim in kind.dims]
         inner = part[0]
-        while inner % 2 == 0 and inner * prod(part[1:]) > INNER * self.sizes.get(kind.dims[-1], 1):
+        while inner % 2 == 0 and inner * prod(part[1:]) > INNER * self.sizes.get(
+            kind.dims[-1], 1
+        ):
             inner //= 2
         return {
             "chunks": (inner, *part[1:]),
             **({} if inner == part[0] else {"shards": tuple(part)}),
             # Shuffled bytes compress better and faster; with the CRC any Zarr reader notices a
             # changed bit.
-            "compressors": (BloscCodec(cname="lz4", clevel=1, shuffle="shuffle"), Crc32cCodec()),
+            "compressors": (
+                BloscCodec(cname="lz4", clevel=1, shuffle="shuffle"),
+                Crc32cCodec(),
+            ),
             "fill_value": kind.fill,
         }
 
@@ -174,7 +181,9 @@ def _fact_size(name: str) -> int:
 
 def zarr_library() -> Any:
     """Zarr, imported when a map is written or read; MissingDependencyError without it."""
-    return imported("zarr", package="zarr", purpose="keeping a map in a file", extra="maps")
+    return imported(
+        "zarr", package="zarr", purpose="keeping a map in a file", extra="maps"
+    )
 
 
 def _result_of(coroutine: Any) -> Any:
@@ -242,7 +251,9 @@ def _read(store: Any, key: str) -> bytes | None:
 
 def _description_checksum(root: Mapping[str, Any]) -> str:
     """SHA-256 of the group's ``zarr.json``, which describes all arrays, without this checksum."""
-    attributes = {key: value for key, value in root["attributes"].items() if key != CHECKSUM}
+    attributes = {
+        key: value for key, value in root["attributes"].items() if key != CHECKSUM
+    }
     text = json.dumps({**root, "attributes": attributes}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -272,11 +283,16 @@ def _checked_attributes(address: Any, store: Any) -> dict[str, Any]:
                     )
             text = _read(store, "zarr.json")
     if text is None:
-        raise InputError("is not a map", where=where, expected="a folder made by 'cartstiff map'")
+        raise InputError(
+            "is not a map", where=where, expected="a folder made by 'cartstiff map'"
+        )
     try:
         root = loaded(text)
         attributes = dict(root["attributes"])
-        there, is_whole = attributes["schema"], _description_checksum(root) == attributes[CHECKSUM]
+        there, is_whole = (
+            attributes["schema"],
+            _description_checksum(root) == attributes[CHECKSUM],
+        )
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise InputError(
             "is not a map, or its zarr.json is damaged", where=where, expected=_RESTORE
@@ -360,9 +376,13 @@ def _objects(layout: Layout) -> dict[str, bytes]:
         fill_value=0,
     )
     later = ("zarr.json", f"{_PARTS}/zarr.json")
-    fixed = {k: seal("", k, value.to_bytes()) for k, value in kept.items() if k not in later}
+    fixed = {
+        k: seal("", k, value.to_bytes()) for k, value in kept.items() if k not in later
+    }
     group[_PARTS].attrs.update({"arrays": names, "objects": fixed})
-    with warnings.catch_warnings():  # consolidated metadata are not yet in Zarr's specification
+    with (
+        warnings.catch_warnings()
+    ):  # consolidated metadata are not yet in Zarr's specification
         warnings.simplefilter("ignore")
         zarr.consolidate_metadata(group.store, zarr_format=3)
     objects = {key: bytes(value.to_bytes()) for key, value in kept.items()}
@@ -483,7 +503,9 @@ class MapFile:
         from cartstiff.maps.sealed import SealedStore
 
         names = self.names
-        seals = {part: row[1 : 1 + len(names)].astype(np.int64) for part, row in marks.items()}
+        seals = {
+            part: row[1 : 1 + len(names)].astype(np.int64) for part, row in marks.items()
+        }
         about = self.attributes[CHECKSUM], self._fixed, names, self.parts.cuts, seals
         pieces = {
             name: (prod(a.chunks) * a.dtype.itemsize, prod(a.shards) // prod(a.chunks))
@@ -518,7 +540,10 @@ class MapFile:
         sizes = [_fact_size(name) for name in self.names]
         first = 1 + len(sizes) + np.concatenate([[0], np.cumsum(sizes)])
         marks = np.array([*self.marks().values()]).reshape(-1, int(first[-1]))
-        found = {n: marks[:, i : i + k] for n, i, k in zip(self.names, first, sizes, strict=False)}
+        found = {
+            n: marks[:, i : i + k]
+            for n, i, k in zip(self.names, first, sizes, strict=False)
+        }
         return {name: rows for name, rows in found.items() if rows.shape[1]}
 
     def write(self, part: int, arrays: dict[str, Array]) -> None:
@@ -617,7 +642,10 @@ def open_map(path: Any) -> xarray.Dataset:
     marks = file.marks()
     dims = file.described["state"].metadata.dimension_names
     dataset = _opened(
-        file.store(marks), file.names, dict(zip(dims, file.parts.chunk, strict=True)), path
+        file.store(marks),
+        file.names,
+        dict(zip(dims, file.parts.chunk, strict=True)),
+        path,
     )
     dataset.attrs["chunks_done"] = len(marks)
     dataset.attrs["chunks"] = len(file.parts)
@@ -671,7 +699,9 @@ def with_postures(dataset: xarray.Dataset) -> xarray.Dataset:
         zero = xarray.zeros_like(dataset["state"], float).drop_attrs()
         held = dataset.attrs
         names = [dimension_name(name) for name in joints]
-        columns = [zero + dataset.coords.get(name, held.get(f"fixed_{name}")) for name in names]
+        columns = [
+            zero + dataset.coords.get(name, held.get(f"fixed_{name}")) for name in names
+        ]
         q = xarray.concat(columns, "joint").transpose(..., "joint")
         dataset["q"] = q.dims, q.data, {"long_name": "coordinates of the posture"}
     # As objects they are strings of any length, as Zarr 3 stores them.

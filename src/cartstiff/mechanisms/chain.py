@@ -88,7 +88,11 @@ def _mean_distance(jacobian: Array, reach: float) -> float | None:
     opposite turns, as in a parallelogram, turn the body by round-off only.
     """
     turning, moments = _HALVES.dot(jacobian * jacobian).tolist()
-    axes = [(t, m) for t, m in zip(turning, moments, strict=True) if t > NEGLIGIBLE_DISTANCE**2]
+    axes = [
+        (t, m)
+        for t, m in zip(turning, moments, strict=True)
+        if t > NEGLIGIBLE_DISTANCE**2
+    ]
     if not axes:
         return None
     length = sqrt(sum(m for _, m in axes) / sum(t for t, _ in axes))
@@ -136,7 +140,11 @@ class ChainPosture(MechanismPosture):
     def coordinate_lengths(self) -> Array:  # type: ignore[override]
         """1 for angles, the characteristic length for distances."""
         chain = self._chain
-        return np.where(chain.is_length, self.length, 1.0) if chain.has_lengths else chain.angles
+        return (
+            np.where(chain.is_length, self.length, 1.0)
+            if chain.has_lengths
+            else chain.angles
+        )
 
     def pose_at(self, placement: FixedFrame) -> Array:
         """Return the pose ``T_F_f`` of a frame fixed to a joint, without its map."""
@@ -150,7 +158,9 @@ class ChainPosture(MechanismPosture):
         """Return the pose ``T_a_b`` and its map."""
         if frame_a == "world" and frame_b == "body":
             return self.pose, self.motion
-        return self._state.relative(self._chain.placement(frame_a), self._chain.placement(frame_b))
+        return self._state.relative(
+            self._chain.placement(frame_a), self._chain.placement(frame_b)
+        )
 
     def gravity(self, acceleration: Array) -> Evaluation:
         """Potential energy of the masses in a uniform field."""
@@ -203,7 +213,9 @@ class ChainPosture(MechanismPosture):
             return f"K^F needs exactly six joint coordinates; this chain has {n}"
         select = self.actuation
         if select is None or len(actuated) != 6:
-            return f"K^F needs six actuated coordinates: this mechanism has {len(actuated)}"
+            return (
+                f"K^F needs six actuated coordinates: this mechanism has {len(actuated)}"
+            )
         return SecondOrderMap(select, lambda _: np.zeros((n, n)))
 
 
@@ -242,7 +254,12 @@ class Chain(Mechanism):
         How the links look.
     """
 
-    length_powers: ClassVar = {"body": 0, "base_pose": POSE, "frame_offset": POSE, "legs": 0}
+    length_powers: ClassVar = {
+        "body": 0,
+        "base_pose": POSE,
+        "frame_offset": POSE,
+        "legs": 0,
+    }
 
     def __init__(
         self,
@@ -263,7 +280,9 @@ class Chain(Mechanism):
         self.coordinates = tree.coordinates
         self.closures = tuple(closures)
         if (many := len(self.closures)) > _MOST_CLOSURES:
-            raise InputError("too many closures", expected=f"at most {_MOST_CLOSURES}", got=many)
+            raise InputError(
+                "too many closures", expected=f"at most {_MOST_CLOSURES}", got=many
+            )
         self.actuated = None if actuated is None else tuple(actuated)
         self.selection: Array | None = None
         if actuated is not None:
@@ -278,7 +297,9 @@ class Chain(Mechanism):
         self.angles = read_only(np.ones(tree.n))
         at = tree.placement(frame)
         if offset is not None and not is_pose(np.asarray(offset, float)):
-            raise InputError("frame offset is not a rigid motion", got=np.asarray(offset).tolist())
+            raise InputError(
+                "frame offset is not a rigid motion", got=np.asarray(offset).tolist()
+            )
         T_frame_M = np.eye(4) if offset is None else np.asarray(offset, float)
         self.body = FixedFrame(at.joint, at.T_j_f @ T_frame_M)
         self.frame_offset = read_only(T_frame_M.copy())
@@ -300,7 +321,9 @@ class Chain(Mechanism):
     @cached_property
     def ties(self) -> LoopClosures | None:
         """The constants of the closures; None without closures."""
-        places = [(self.placement(c.frame_a), self.placement(c.frame_b)) for c in self.closures]
+        places = [
+            (self.placement(c.frame_a), self.placement(c.frame_b)) for c in self.closures
+        ]
         return LoopClosures(self.closures, places, self.tree) if places else None
 
     def placement(self, name: str) -> FixedFrame:
@@ -310,7 +333,9 @@ class Chain(Mechanism):
         try:
             return self.tree.placement(name)
         except UnknownNameError:
-            raise UnknownNameError("frame", name, ["world", "body", *self.tree.frames]) from None
+            raise UnknownNameError(
+                "frame", name, ["world", "body", *self.tree.frames]
+            ) from None
 
     def with_placements(
         self,
@@ -341,7 +366,9 @@ class Chain(Mechanism):
         other.frame, other.frame_offset, other.body = name, read_only(np.eye(4)), at
         return other
 
-    def with_mass(self, mass: float, centre: Array, carrier: FixedFrame | None = None) -> Chain:
+    def with_mass(
+        self, mass: float, centre: Array, carrier: FixedFrame | None = None
+    ) -> Chain:
         """Return the chain with a point mass [kg] added at a point of M, or of another frame."""
         other, at = copy(self), carrier or self.body
         other.tree = self.tree.with_mass(at, mass, centre)
@@ -354,19 +381,27 @@ class Chain(Mechanism):
     def with_masses(self, masses: Mapping[str, float]) -> Chain:
         """Return the chain with other masses [kg] of links at the same mass centres."""
         other, links = copy(self), self.tree.links().items()
-        other.tree = self.tree.changed(masses={j: masses[n] for j, n in links if n in masses})
+        other.tree = self.tree.changed(
+            masses={j: masses[n] for j, n in links if n in masses}
+        )
         return other
 
     @property
     def frames(self) -> tuple[str, ...]:
         """Names of the frames for potentials and for --frame."""
-        return ("body", *(n for n in self.tree.frames if n.rpartition("/")[2] != "universe"))
+        return (
+            "body",
+            *(n for n in self.tree.frames if n.rpartition("/")[2] != "universe"),
+        )
 
     def masses(self) -> dict[str, float]:
         """Masses [kg] that each joint carries, by its first link, and of the payload."""
         own, _ = self.tree.masses()
         # A model put together by hand may have masses on joints without a frame.
-        joints = {int(j) + 1: str(self.tree.model.names[int(j) + 1]) for j in np.flatnonzero(own)}
+        joints = {
+            int(j) + 1: str(self.tree.model.names[int(j) + 1])
+            for j in np.flatnonzero(own)
+        }
         links = sorted({**joints, **self.tree.links()}.items())
         masses = {name: float(own[j - 1]) for j, name in links}
         if not self.payload:
@@ -423,7 +458,10 @@ class Chain(Mechanism):
                 closed = replace(self.home, held=held).lead_to(posture.q, close)
                 if closed is not None:
                     return closed
-            if held and (closed := self._close(posture, movable, tolerance)[0]) is not None:
+            if (
+                held
+                and (closed := self._close(posture, movable, tolerance)[0]) is not None
+            ):
                 return closed
         closed, iterations, size = self._close(posture, np.ones_like(movable), tolerance)
         if closed is None:
@@ -463,7 +501,9 @@ class Chain(Mechanism):
             return [self.held]
         return [sorted({*named, *self.virtual}), self.held]
 
-    def _close_from(self, start: Array, movable: Array, tolerance: float) -> ChainPosture | None:
+    def _close_from(
+        self, start: Array, movable: Array, tolerance: float
+    ) -> ChainPosture | None:
         return self._close(self.at(start), movable, tolerance)[0]
 
     def _close(
@@ -473,7 +513,9 @@ class Chain(Mechanism):
             residual, closure, unit = at.residual, at.closure, max(1.0, at.length)
             assert residual is not None  # a chain without closures is closed
             assert closure is not None
-            return residual / unit, closure.jacobian * (at.coordinate_lengths * movable) / unit
+            return residual / unit, closure.jacobian * (
+                at.coordinate_lengths * movable
+            ) / unit
 
         def retract(at: ChainPosture, step: Array) -> ChainPosture:
             return self.at(at.q + at.coordinate_lengths * movable * step)

@@ -158,7 +158,9 @@ class LoopClosures:
         #: (c, 1, joints): -1 on the path up from a, +1 on the path down to b.
         self.signs = np.array([path.signs for path in paths])[:, None]
         #: (c, p): joints of each path in its order; shorter paths are padded.
-        self.order = np.zeros((len(paths), max(len(path.order) for path in paths)), np.intp)
+        self.order = np.zeros(
+            (len(paths), max(len(path.order) for path in paths)), np.intp
+        )
         #: (c, p, p): 1/2 for a joint before another on the path.
         self.before = np.zeros((*self.order.shape, self.order.shape[1]))
         for order, half, path in zip(self.order, self.before, paths, strict=True):
@@ -166,11 +168,15 @@ class LoopClosures:
             order[:p] = path.order
             half[:p, :p] = np.triu(np.full((p, p), 0.5), 1)
         #: (c p p,): flat index of each entry of `before` in a matrix over all joints.
-        self.places = (self.order[:, :, None] * tree.model.nv + self.order[:, None]).ravel()
+        self.places = (
+            self.order[:, :, None] * tree.model.nv + self.order[:, None]
+        ).ravel()
         is_weld = np.array([c.type == "weld" for c in closures])
         self.welds, self.points = np.flatnonzero(is_weld), np.flatnonzero(~is_weld)
         #: bool (c, 6): which components of the relative twists vanish.
-        self.rows = np.repeat(np.stack([is_weld, np.ones(len(is_weld), bool)], axis=1), 3, axis=1)
+        self.rows = np.repeat(
+            np.stack([is_weld, np.ones(len(is_weld), bool)], axis=1), 3, axis=1
+        )
 
 
 class ClosureState:
@@ -216,7 +222,9 @@ class ClosureState:
         ties = self._ties
         w = np.zeros((len(ties.rows), 6))
         w[ties.rows] = multipliers
-        J = self._twists[np.arange(len(w))[:, None], :, ties.order]  # (c, p, 6), on the paths
+        J = self._twists[
+            np.arange(len(w))[:, None], :, ties.order
+        ]  # (c, p, 6), on the paths
         halves = J @ se3.bracket_form(w) @ J.swapaxes(1, 2) * ties.before
         n = self._twists.shape[2]
         upper = np.bincount(ties.places, halves.ravel(), n * n).reshape(n, n)
@@ -249,7 +257,9 @@ def held_map(
     if not rigid:
         return SecondOrderMap(tied.jacobian(), curvature, of_loops)
     return SecondOrderMap(
-        np.concatenate([tied.jacobian(), held]), curvature, np.concatenate([of_loops, own])
+        np.concatenate([tied.jacobian(), held]),
+        curvature,
+        np.concatenate([of_loops, own]),
     )
 
 

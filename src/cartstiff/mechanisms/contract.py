@@ -19,8 +19,23 @@ from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation, LineGeometry, SecondOrderMap
 
 #: Units of length in m, of force in N.
-LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
-FORCES = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "daN": 10.0, "lbf": 4.4482216152605, "kgf": 9.80665}
+LENGTHS = {
+    "m": 1.0,
+    "dm": 0.1,
+    "cm": 0.01,
+    "mm": 0.001,
+    "um": 1e-6,
+    "in": 0.0254,
+    "ft": 0.3048,
+}
+FORCES = {
+    "N": 1.0,
+    "kN": 1e3,
+    "mN": 1e-3,
+    "daN": 10.0,
+    "lbf": 4.4482216152605,
+    "kgf": 9.80665,
+}
 #: Units of angle in rad.
 ANGLES = {
     "rad": 1.0,
@@ -114,11 +129,17 @@ class GivenStiffness(float):
         return float(self) * force * (1.0 / length if is_length else length)
 
 
-def own_stiffness(value: Any, units: Units, is_length: bool, where: str | None = None) -> Any:
+def own_stiffness(
+    value: Any, units: Units, is_length: bool, where: str | None = None
+) -> Any:
     """Return a stiffness in these units; numbers without a unit are in them already."""
     if isinstance(value, str) and _AMOUNT.fullmatch(value):
         value = GivenStiffness.read(value, where)
-    return value.in_units(units, is_length, where) if isinstance(value, GivenStiffness) else value
+    return (
+        value.in_units(units, is_length, where)
+        if isinstance(value, GivenStiffness)
+        else value
+    )
 
 
 # Units for people: the first whose factor the value reaches is taken.
@@ -163,7 +184,9 @@ def _steps(unit: str) -> tuple[float, tuple[tuple[float, str], ...]]:
     return metres, steps
 
 
-def engineering(value: float | None, unit: str = "", digits: int = 4, least: float = 0.0) -> str:
+def engineering(
+    value: float | None, unit: str = "", digits: int = 4, least: float = 0.0
+) -> str:
     """Write a value for people: "75.7 N/mm", "7.54 kN m/rad", "3.9 mm"; "-" where it is None.
 
     Values smaller than `least` are round-off and written as 0.
@@ -209,7 +232,9 @@ class Units:
             expected = "a mapping with length, force and angle"
             raise InputError("units are incomplete", expected=expected, got=dict(units))
         if units["angle"] != cls.angle:
-            raise InputError("unknown unit of angles", expected=cls.angle, got=units["angle"])
+            raise InputError(
+                "unknown unit of angles", expected=cls.angle, got=units["angle"]
+            )
         return cls(units["length"], units["force"])
 
     @property
@@ -246,7 +271,12 @@ class Units:
     def blocks(self) -> dict[str, str]:
         """Units of the 3x3 blocks of a stiffness: r moment or rotation, t force or translation."""
         m, f, x = self.moment, self.force, self.length
-        return {"rr": f"{m}/{self.angle}", "rt": f, "tr": f"{f}/{self.angle}", "tt": f"{f}/{x}"}
+        return {
+            "rr": f"{m}/{self.angle}",
+            "rt": f,
+            "tr": f"{f}/{self.angle}",
+            "tt": f"{f}/{x}",
+        }
 
     @property
     def stiffness(self) -> dict[str, str]:
@@ -338,9 +368,13 @@ def convert_length(unit_from: Units, unit_to: Units) -> tuple[float, float]:
     """
     for units in (unit_from, unit_to):
         if units.length not in LENGTHS:
-            raise InputError("unknown length unit", expected=", ".join(LENGTHS), got=units.length)
+            raise InputError(
+                "unknown length unit", expected=", ".join(LENGTHS), got=units.length
+            )
         if units.force not in FORCES:
-            raise InputError("unknown force unit", expected=", ".join(FORCES), got=units.force)
+            raise InputError(
+                "unknown force unit", expected=", ".join(FORCES), got=units.force
+            )
     length = LENGTHS[unit_from.length] / LENGTHS[unit_to.length]
     force = FORCES[unit_from.force] / FORCES[unit_to.force]
     return length, force
@@ -452,7 +486,9 @@ class Mechanism(ABC):
         InputError
             If its coordinates are no joints.
         """
-        raise InputError(f"coordinates of kind {self.kind} cannot be rigid", got=sorted(rigid))
+        raise InputError(
+            f"coordinates of kind {self.kind} cannot be rigid", got=sorted(rigid)
+        )
 
     @abstractmethod
     def at(self, q: ArrayLike) -> MechanismPosture:
@@ -516,7 +552,9 @@ class Mechanism(ABC):
         InputError
             If it has no masses.
         """
-        raise InputError(f"mechanisms of kind {self.kind} have no masses", got=dict(masses))
+        raise InputError(
+            f"mechanisms of kind {self.kind} have no masses", got=dict(masses)
+        )
 
     def displaced(self, q: Array, step: Array) -> Array:
         """Return coordinates after a small step in the coordinates of the derivatives."""
@@ -613,5 +651,7 @@ def rest_of_turns(coordinates: Sequence[Coordinate], rest: Array) -> list[Note]:
     if not turns:
         return []
     words = "; ".join(f"{name} at {x:g} rad" for name, x in turns.items())
-    words = f"springs at rest after several turns: {words}. Degrees? Angles are in radians"
+    words = (
+        f"springs at rest after several turns: {words}. Degrees? Angles are in radians"
+    )
     return [Note("rest-of-turns", words, dict(turns))]

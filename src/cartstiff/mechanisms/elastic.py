@@ -68,7 +68,9 @@ def with_values(
         k[list(springs.rigid)] = np.inf
         if not isinstance(stiffness, (Mapping, list, tuple)) and np.ndim(stiffness) == 0:
             undriven = undriven - set(np.flatnonzero(k).tolist()) - set(springs.laws)
-            each: dict[str, Any] = {n: stiffness for j, n in enumerate(names) if j not in undriven}
+            each: dict[str, Any] = {
+                n: stiffness for j, n in enumerate(names) if j not in undriven
+            }
             if not each:
                 raise InputError(
                     "no joint is actuated or has a spring, so one stiffness is for none",
@@ -91,7 +93,9 @@ def with_values(
         rests = named_values(rest, names, rests, "rest")
         if isinstance(springs, LineSprings) and np.any(rests < 0.0):
             raise InputError(
-                "rest length is negative", expected="zero or more", got=float(np.nanmin(rests))
+                "rest length is negative",
+                expected="zero or more",
+                got=float(np.nanmin(rests)),
             )
         for j in springs.rigid if isinstance(springs, JointSprings) else ():
             if not isinstance(rest, Mapping) or names[j] in rest:
@@ -102,7 +106,9 @@ def with_values(
     # Joints that were passive or rigid have no rest position yet.
     rests = np.where(np.isinf(k), np.nan, rests)
     if rest is None or isinstance(rest, Mapping):
-        fresh = [j for j in passive if 0.0 < k[j] < np.inf and names[j] not in (rest or {})]
+        fresh = [
+            j for j in passive if 0.0 < k[j] < np.inf and names[j] not in (rest or {})
+        ]
         rests[fresh] = np.nan
     return springs.replaced(k, rests)
 
@@ -134,7 +140,9 @@ def spring_torques(
         V, N = np.split(Vt.T, [numerics.rank(values)], axis=1)
         # The small singular values of V[known] and N[chosen] are the same: one threshold, relative
         # to the largest of N[chosen], decides on both.
-        largest = [numerics.singular_values(m).max(initial=0.0) for m in (N[chosen], V[known])]
+        largest = [
+            numerics.singular_values(m).max(initial=0.0) for m in (N[chosen], V[known])
+        ]
         smallest = numerics.RANK * float(largest[0] / max(largest[1], numerics.TINY))
         forces = np.linalg.lstsq(V[known], (missing * sizes)[known], rcond=smallest)[0]
         carried = V @ forces / sizes
@@ -142,7 +150,10 @@ def spring_torques(
         missing = np.where(known, missing - carried, 0.0)
     worst = int(np.argmax(np.abs(missing)))
     size = max(size, float(np.abs(gradient).max()))
-    if every and abs(missing[worst]) > numerics.BALANCE_TOLERANCE * size + numerics.ROUNDOFF:
+    if (
+        every
+        and abs(missing[worst]) > numerics.BALANCE_TOLERANCE * size + numerics.ROUNDOFF
+    ):
         raise _unheld(elastic, posture, worst, float(abs(missing[worst])))
     return gradient
 
@@ -229,10 +240,14 @@ class GravityLoads:
             field = ", ".join(f"{a:g}" for a in self.acceleration)
             each = ", ".join(f"{name} {mass:.6g}" for name, mass in self.bodies.items())
             total = sum(self.bodies.values())
-            words = f"Gravity: ({field}) on {total:.6g} kg" + (f" ({each})" if each else "")
+            words = f"Gravity: ({field}) on {total:.6g} kg" + (
+                f" ({each})" if each else ""
+            )
             words += f"; {_BEFORE_LOAD[self.before]}" if self.before and total else ""
         if self.payload:
-            words += f"; load: payload of {self.payload:.6g} kg, {self.weight:.6g} {self.unit}"
+            words += (
+                f"; load: payload of {self.payload:.6g} kg, {self.weight:.6g} {self.unit}"
+            )
         return words
 
     @property
@@ -248,10 +263,14 @@ def without_mass(mechanism: Mechanism, masses: Mapping[str, float]) -> tuple[str
     """Links without mass; ends of the joints that closures and contacts have are no links."""
     parts = [c.name.rpartition(".") for c in mechanism.coordinates]
     joints = {frame for frame, _, axis in parts if axis in ("x", "y", "z")}
-    return tuple(name for name, mass in masses.items() if not mass > 0.0 and name not in joints)
+    return tuple(
+        name for name, mass in masses.items() if not mass > 0.0 and name not in joints
+    )
 
 
-def gravity_loads(elastic: ElasticMechanism, loads: Sequence[Potential] = ()) -> GravityLoads:
+def gravity_loads(
+    elastic: ElasticMechanism, loads: Sequence[Potential] = ()
+) -> GravityLoads:
     """Return the masses on which gravity acts in a mechanism, and the payloads among its loads."""
     acting = (*elastic.potentials, *loads)
     # A load's mass, as its weight, is in the unit of force.
@@ -263,7 +282,9 @@ def gravity_loads(elastic: ElasticMechanism, loads: Sequence[Potential] = ()) ->
     bodies = {name: mass for name, mass in masses.items() if mass > 0.0}
     massless = without_mass(elastic.mechanism, masses)
     unit = elastic.units.force
-    return GravityLoads(field, bodies, massless, payload, weight, unit, elastic.before_load)
+    return GravityLoads(
+        field, bodies, massless, payload, weight, unit, elastic.before_load
+    )
 
 
 def with_default_gravity(elastic: ElasticMechanism, hung: float) -> ElasticMechanism:
@@ -333,10 +354,15 @@ class ElasticMechanism(ShownInLines):
 
     def __post_init__(self) -> None:
         checked_kind(
-            self.mechanism, Mechanism, "mechanism", "a Mechanism; cartstiff.load reads one"
+            self.mechanism,
+            Mechanism,
+            "mechanism",
+            "a Mechanism; cartstiff.load reads one",
         )
         object.__setattr__(self, "q", fixed(real_array(self.q)))
-        rigid = self.springs.rigid if isinstance(self.springs, JointSprings) else frozenset()
+        rigid = (
+            self.springs.rigid if isinstance(self.springs, JointSprings) else frozenset()
+        )
         if rigid != self.mechanism.rigid:
             object.__setattr__(self, "mechanism", self.mechanism.with_rigid(rigid))
 
@@ -352,14 +378,18 @@ class ElasticMechanism(ShownInLines):
         return lines
 
     def _tables(self) -> str:
-        rows = [(n, f"{x:.6g}") for n, x in zip(self.names_with_units, self.q, strict=True)]
+        rows = [
+            (n, f"{x:.6g}") for n, x in zip(self.names_with_units, self.q, strict=True)
+        ]
         tables = html_table([("posture", 2)], rows)
         if self.springs is not None:
             rigid = self.mechanism.rigid
             slides = [c.is_length for c in self.mechanism.coordinates]
             if isinstance(self.springs, LineSprings):
                 slides = [True] * len(self.spring_names)
-            shown = zip(self.spring_names, self.springs.stiffness.tolist(), slides, strict=True)
+            shown = zip(
+                self.spring_names, self.springs.stiffness.tolist(), slides, strict=True
+            )
             springs = [
                 (f"{n} [{self.units.spring(s)}]", "rigid" if i in rigid else f"{k:.6g}")
                 for i, (n, k, s) in enumerate(shown)
@@ -384,10 +414,17 @@ class ElasticMechanism(ShownInLines):
         """Names of the springs that the file calls illustrative, and that were not replaced."""
         if "illustrative" not in self.source.lower() or self.springs is None:
             return frozenset()
-        sprung = zip(self.spring_names, self.springs.rest_is_free(every=True), strict=True)
+        sprung = zip(
+            self.spring_names, self.springs.rest_is_free(every=True), strict=True
+        )
         known: set[str] = set(self.given)
-        if (found := self.identified) is not None:  # a note names those that are not determined
-            known |= {*found.undetermined, *(a for p in found.patterns for a, _, _ in p.entries)}
+        if (
+            found := self.identified
+        ) is not None:  # a note names those that are not determined
+            known |= {
+                *found.undetermined,
+                *(a for p in found.patterns for a, _, _ in p.entries),
+            }
         return frozenset(name for name, has_spring in sprung if has_spring) - known
 
     @property
@@ -410,7 +447,11 @@ class ElasticMechanism(ShownInLines):
             count = int(np.count_nonzero(self.springs.rest_is_free(every=True)))
         for names, kind in ((assumed, "assumed"), (others, words)):
             if names:
-                some = f"{len(names)} of {count} springs" if len(names) < count else "Springs"
+                some = (
+                    f"{len(names)} of {count} springs"
+                    if len(names) < count
+                    else "Springs"
+                )
                 found.append(f"{some} {kind}")
         if self.is_illustrative and not self.illustrative:
             found.append(f"Springs {words}")
@@ -442,7 +483,10 @@ class ElasticMechanism(ShownInLines):
         return self.mechanism.frames
 
     def with_gravity(
-        self, acceleration: ArrayLike | None = (0.0, 0.0, -9.81), *, where: str | None = None
+        self,
+        acceleration: ArrayLike | None = (0.0, 0.0, -9.81),
+        *,
+        where: str | None = None,
     ) -> ElasticMechanism:
         """Return the mechanism in another uniform field, with a note where it acts on no mass.
 
@@ -461,10 +505,14 @@ class ElasticMechanism(ShownInLines):
         gravity = checked_gravity(acceleration, self.units, where)
         notes = [note for note in self.notes if note.code != "weightless"]
         if gravity is not None and not sum(self.masses.values()) > 0:
-            words = "gravity acts on no mass: no moving link has one, and there is no payload"
+            words = (
+                "gravity acts on no mass: no moving link has one, and there is no payload"
+            )
             notes.append(Note("weightless", words, {"gravity": gravity.tolist()}))
         potentials = tuple(
-            replace(term, force=-term.lifted * (np.zeros(3) if gravity is None else gravity))
+            replace(
+                term, force=-term.lifted * (np.zeros(3) if gravity is None else gravity)
+            )
             if isinstance(term, DeadForce) and term.lifted
             else term
             for term in self.potentials
@@ -482,7 +530,10 @@ class ElasticMechanism(ShownInLines):
     def names_with_units(self) -> list[str]:
         """Names of the coordinates as heads of a table in their own units: "elbow [rad]"."""
         units = self.units
-        return [f"{c.name} [{units.coordinate(c.is_length)}]" for c in self.mechanism.coordinates]
+        return [
+            f"{c.name} [{units.coordinate(c.is_length)}]"
+            for c in self.mechanism.coordinates
+        ]
 
     def placed(
         self, q: ArrayLike | Mapping[str, float] | None = None, what: str = "q"
@@ -512,7 +563,9 @@ class ElasticMechanism(ShownInLines):
         else:
             values = self.q if q is None else mechanism.checked(q, what)
         posture = mechanism.closed(values, named=named)
-        elastic = self if np.array_equal(values, self.q) else self._with_given(values, named)
+        elastic = (
+            self if np.array_equal(values, self.q) else self._with_given(values, named)
+        )
         return elastic.with_notes(*adjusted(mechanism, values, posture.q, named)), posture
 
     def _with_given(self, values: Array, named: Sequence[int] | None) -> ElasticMechanism:
@@ -520,15 +573,20 @@ class ElasticMechanism(ShownInLines):
         if not any(note.code == "default-posture" for note in self.notes):
             return self
         notes = [note for note in self.notes if note.code != "default-posture"]
-        taken = {} if named is None else dict(zip(self.names, values.tolist(), strict=True))
+        taken = (
+            {} if named is None else dict(zip(self.names, values.tolist(), strict=True))
+        )
         for j in named or ():
             del taken[self.names[j]]
         if taken:
             shown = ", ".join(f"{name} {x:.4g}" for name, x in taken.items())
             words = (
-                f"no position was given for some joints: the default posture's are taken, {shown}"
+                "no position was given for some joints: "
+                f"the default posture's are taken, {shown}"
             )
-            notes.append(Note("default-posture", words, {"q": values.tolist(), "taken": taken}))
+            notes.append(
+                Note("default-posture", words, {"q": values.tolist(), "taken": taken})
+            )
         return replace(self, notes=tuple(notes))
 
     def with_springs(
@@ -555,7 +613,8 @@ class ElasticMechanism(ShownInLines):
             return self
         if self.springs is None:
             raise InputError(
-                f"{self.name} has no joint springs", expected="legs or line springs in its file"
+                f"{self.name} has no joint springs",
+                expected="legs or line springs in its file",
             )
         undriven, given = self.mechanism.undriven, self._own_stiffness(stiffness)
         springs = with_values(self.springs, self.spring_names, given, rest, undriven)
@@ -563,7 +622,9 @@ class ElasticMechanism(ShownInLines):
         if rest is not None and isinstance(springs, JointSprings):
             kept = [note for note in notes if note.code != "rest-of-turns"]
             notes = (*kept, *rest_of_turns(self.mechanism.coordinates, springs.rest))
-        if stiffness is not None:  # measurements do not apply to springs that are replaced
+        if (
+            stiffness is not None
+        ):  # measurements do not apply to springs that are replaced
             replaced = given if isinstance(given, Mapping) else self.spring_names
             return replace(
                 self,
@@ -581,7 +642,9 @@ class ElasticMechanism(ShownInLines):
             slides = {c.name: c.is_length for c in self.mechanism.coordinates}
         if isinstance(given, Mapping):
             return {
-                n: own_stiffness(k, self.units, slides.get(n, False), f"stiffness of {n!r}")
+                n: own_stiffness(
+                    k, self.units, slides.get(n, False), f"stiffness of {n!r}"
+                )
                 for n, k in given.items()
             }
         if isinstance(given, (list, tuple)) and len(given) == len(slides):
@@ -589,10 +652,14 @@ class ElasticMechanism(ShownInLines):
                 own_stiffness(k, self.units, s, f"stiffness of {n!r}")
                 for k, (n, s) in zip(given, slides.items(), strict=True)
             ]
-        driven = {s for j, s in enumerate(slides.values()) if j not in self.mechanism.undriven}
+        driven = {
+            s for j, s in enumerate(slides.values()) if j not in self.mechanism.undriven
+        }
         plain = given
         for is_length in driven or set(slides.values()):
-            plain = own_stiffness(given, self.units, is_length, "stiffness of every joint")
+            plain = own_stiffness(
+                given, self.units, is_length, "stiffness of every joint"
+            )
         return plain
 
     @property
@@ -619,7 +686,11 @@ class ElasticMechanism(ShownInLines):
     @property
     def stiffnesses(self) -> list[float]:
         """Stiffness of each of `spring_names`; infinite for rigid joints, not used with a law."""
-        own = [] if self.springs is None else np.asarray(self.springs.stiffness, float).tolist()
+        own = (
+            []
+            if self.springs is None
+            else np.asarray(self.springs.stiffness, float).tolist()
+        )
         return [np.inf if j in self.mechanism.rigid else k for j, k in enumerate(own)]
 
     def with_potential(self, *potentials: Potential) -> ElasticMechanism:
@@ -638,9 +709,15 @@ class ElasticMechanism(ShownInLines):
         it: then there are no others.
         """
         mechanism = self.mechanism
-        fixed_to = {getattr(p, side, "") for p in self._acting() for side in ("frame_a", "frame_b")}
+        fixed_to = {
+            getattr(p, side, "")
+            for p in self._acting()
+            for side in ("frame_a", "frame_b")
+        }
         if isinstance(mechanism, Chain) and mechanism.kind in ("serial", "closed-chain"):
-            fixed_to |= {frame for c in mechanism.closures for frame in (c.frame_a, c.frame_b)}
+            fixed_to |= {
+                frame for c in mechanism.closures for frame in (c.frame_a, c.frame_b)
+            }
             if "body" not in fixed_to:
                 return mechanism.frames_of_body
         return [mechanism.frame]
@@ -655,12 +732,18 @@ class ElasticMechanism(ShownInLines):
         UnknownNameError
             For any other name.
         """
-        if name not in (known := self.frames_of_body) or not isinstance(self.mechanism, Chain):
+        if name not in (known := self.frames_of_body) or not isinstance(
+            self.mechanism, Chain
+        ):
             raise UnknownNameError("frame", name, known)
-        notes = tuple(n for n in self.notes if n.code not in ("default-frame", "ambiguous-frame"))
+        notes = tuple(
+            n for n in self.notes if n.code not in ("default-frame", "ambiguous-frame")
+        )
         return replace(self, mechanism=self.mechanism.with_frame(name), notes=notes)
 
-    def with_payload(self, mass: float, point: ArrayLike = (0.0, 0.0, 0.0)) -> ElasticMechanism:
+    def with_payload(
+        self, mass: float, point: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> ElasticMechanism:
         """Return the mechanism with a point mass [kg] fixed to a point (3,) of M.
 
         If the mechanism has gravity, springs without a rest position carry its weight, too. For
@@ -673,11 +756,17 @@ class ElasticMechanism(ShownInLines):
         """
         mass = checked_number(mass, "payload mass")
         if mass < 0.0:
-            raise InputError("payload mass cannot be used", expected="a number from zero", got=mass)
+            raise InputError(
+                "payload mass cannot be used", expected="a number from zero", got=mass
+            )
         centre = checked_vector(point, 3, "mass centre")
         checked_reach(centre, "mass centre")
-        notes = tuple(note for note in self.notes if note.code != "weightless" or not mass)
-        return replace(self, mechanism=self.mechanism.with_mass(mass, centre), notes=notes)
+        notes = tuple(
+            note for note in self.notes if note.code != "weightless" or not mass
+        )
+        return replace(
+            self, mechanism=self.mechanism.with_mass(mass, centre), notes=notes
+        )
 
     def with_rest_balancing(
         self, at: ArrayLike | MechanismPosture, wrench: ArrayLike | None = None
@@ -693,8 +782,12 @@ class ElasticMechanism(ShownInLines):
         posture = at if isinstance(at, MechanismPosture) else self.mechanism.at(at)
         load = None if wrench is None else checked_input(wrench, (6,), "wrench")
         elastic = self._with_coupled_balancing(posture, load)
-        springs, _ = elastic._balanced_springs(posture, load, elastic._evaluate_others(posture))
-        return elastic if springs is elastic.springs else replace(elastic, springs=springs)
+        springs, _ = elastic._balanced_springs(
+            posture, load, elastic._evaluate_others(posture)
+        )
+        return (
+            elastic if springs is elastic.springs else replace(elastic, springs=springs)
+        )
 
     @property
     def has_open_rest(self) -> bool:
@@ -705,7 +798,9 @@ class ElasticMechanism(ShownInLines):
     @cached_property
     def coupled_springs(self) -> tuple[CoupledJointSprings, ...]:
         """Springs that couple joints, in the order of the potentials."""
-        return tuple(term for term in self.potentials if isinstance(term, CoupledJointSprings))
+        return tuple(
+            term for term in self.potentials if isinstance(term, CoupledJointSprings)
+        )
 
     def _with_coupled_balancing(
         self, posture: MechanismPosture, wrench: Array | None
@@ -716,7 +811,9 @@ class ElasticMechanism(ShownInLines):
             return self
         J, sizes = posture.motion.jacobian, posture.coordinate_lengths
         wanted = np.zeros(J.shape[1]) if wrench is None else J.T.dot(wrench)
-        rest = [term for term in self.terms(springs=False) if term not in self.coupled_springs]
+        rest = [
+            term for term in self.terms(springs=False) if term not in self.coupled_springs
+        ]
         parts = evaluate_together(rest, posture)
         own = np.zeros(len(wanted))
         if isinstance(self.springs, JointSprings):
@@ -783,7 +880,9 @@ class ElasticMechanism(ShownInLines):
         elastic = self._with_coupled_balancing(posture, wrench)
         others = elastic._evaluate_others(posture)
         springs, exerted = elastic._balanced_springs(posture, wrench, others)
-        elastic = elastic if springs is elastic.springs else replace(elastic, springs=springs)
+        elastic = (
+            elastic if springs is elastic.springs else replace(elastic, springs=springs)
+        )
         if exerted is None or springs is None:
             return elastic, elastic._with_springs_added(posture, others)
         # The chosen torque is exact; computed from a stiff spring's rest position it is rounded.
@@ -823,7 +922,10 @@ class ElasticMechanism(ShownInLines):
         positions that are given, and a preload that is held, decide themselves where it comes to
         rest ("given"); "partly" is both. None without springs.
         """
-        if self.springs is None or not (may := self.springs.rest_is_free(every=True)).any():
+        if (
+            self.springs is None
+            or not (may := self.springs.rest_is_free(every=True)).any()
+        ):
             return None
         free = self.springs.rest_is_free()
         if isinstance(self.springs, LineSprings):
@@ -875,7 +977,9 @@ class ElasticMechanism(ShownInLines):
         terms = self.terms(springs=False)
         return reduce(_sum, evaluate_together(terms, posture)) if terms else None
 
-    def line_springs_and_rest(self, posture: MechanismPosture) -> tuple[Array, Array, Array] | None:
+    def line_springs_and_rest(
+        self, posture: MechanismPosture
+    ) -> tuple[Array, Array, Array] | None:
         """Return lines g (m, 6) from ground to body, their k (m,), and the rest of the Hessian.
 
         None where the coordinates are not the body's pose, or no lines hold it.
@@ -920,7 +1024,12 @@ def adjusted(
     if mechanism.actuated is None and named is None and mechanism.home is not None:
         meant = set(np.flatnonzero(given != mechanism.home.q).tolist())
     moved = [
-        (c.name, float(given[j]), float(q[j]), mechanism.units.length if c.is_length else "rad")
+        (
+            c.name,
+            float(given[j]),
+            float(q[j]),
+            mechanism.units.length if c.is_length else "rad",
+        )
         for j, c in enumerate(mechanism.coordinates)
         if j in meant and abs(q[j] - given[j]) > numerics.NEGLIGIBLE_DIFFERENCE
     ]

@@ -63,7 +63,10 @@ class Elements:
                 own = np.arange(len(potential.stiffness))
                 of_lines = [f"line{lines + k + 1}" for k in own]
                 lines += 0 if part < 0 else len(own)
-                each, slides = elastic.spring_names if part < 0 else of_lines, [True] * len(own)
+                each, slides = (
+                    elastic.spring_names if part < 0 else of_lines,
+                    [True] * len(own),
+                )
             elif isinstance(potential, (JointSprings, CoupledSprings, Beam)):
                 if isinstance(potential, JointSprings):
                     own = np.flatnonzero(~potential.is_passive)
@@ -75,7 +78,9 @@ class Elements:
                 slides = [coordinates[j].is_length for j in own]
             else:
                 continue
-            self._parts.append((part, potential, own, slice(len(names), len(names) + len(own))))
+            self._parts.append(
+                (part, potential, own, slice(len(names), len(names) + len(own)))
+            )
             names += each
             lengths += slides
         self.names = tuple(names)
@@ -185,7 +190,9 @@ class Elements:
         return replace(self.elastic, springs=springs, potentials=tuple(potentials))
 
 
-def law_of(elastic: ElasticMechanism, name: str, where: str | None = None) -> PolynomialLaw:
+def law_of(
+    elastic: ElasticMechanism, name: str, where: str | None = None
+) -> PolynomialLaw:
     """Return the polynomial spring of a joint; UnknownNameError where it has none."""
     laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
     polynomials = {
@@ -239,12 +246,17 @@ def with_stiffnesses_beside(
         names = named.get(id(potential), [])
         if not values.keys().isdisjoint(names):
             if isinstance(potential, LineSprings):
-                k = [values.get(n, x) for n, x in zip(names, potential.stiffness, strict=True)]
+                k = [
+                    values.get(n, x)
+                    for n, x in zip(names, potential.stiffness, strict=True)
+                ]
                 potential = potential.replaced(np.array(k, float), potential.rest_length)
             elif isinstance(potential, CoupledSprings):
                 potential = replace(potential, matrix=values[names[0]] * potential.matrix)
             elif isinstance(potential, Beam):
-                potential = replace(potential, section=potential.section.times(values[names[0]]))
+                potential = replace(
+                    potential, section=potential.section.times(values[names[0]])
+                )
         potentials.append(potential)
     return replace(elastic, potentials=tuple(potentials))
 

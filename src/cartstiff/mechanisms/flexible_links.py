@@ -16,7 +16,14 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.tree import primitive
 
 #: Virtual joints of a link with a 6x6 spring, in order: name suffix and kind.
-VIRTUAL = (("px", "PX"), ("py", "PY"), ("pz", "PZ"), ("rx", "RX"), ("ry", "RY"), ("rz", "RZ"))
+VIRTUAL = (
+    ("px", "PX"),
+    ("py", "PY"),
+    ("pz", "PZ"),
+    ("rx", "RX"),
+    ("ry", "RY"),
+    ("rz", "RZ"),
+)
 #: Virtual joints of a beam's segment: section to chord, along and about it, chord to section.
 SEGMENT = (
     ("near_ry", "RY"),
@@ -131,13 +138,18 @@ class DeflectionMass:
         rows[:, self.first : self.first + 6] = root[:, se3.SWAP]
         for i in range(6):
             rotor = plain.addJoint(
-                self.joint, primitive("RX"), pin.SE3(self.T_j_spring), f"{self.link}.rotor.{i}"
+                self.joint,
+                primitive("RX"),
+                pin.SE3(self.T_j_spring),
+                f"{self.link}.rotor.{i}",
             )
             plain.armature[plain.idx_vs[rotor]] = 1.0
         return rows
 
 
-def springs_by_joint(model: pin.Model, flexible: Mapping[str, Give]) -> dict[int, list[LinkSpring]]:
+def springs_by_joint(
+    model: pin.Model, flexible: Mapping[str, Give]
+) -> dict[int, list[LinkSpring]]:
     """Return the virtual joints of compliant links by the joint that carries their links.
 
     Links that carry others precede them.
@@ -145,7 +157,9 @@ def springs_by_joint(model: pin.Model, flexible: Mapping[str, Give]) -> dict[int
     springs: dict[int, list[LinkSpring]] = {}
     if not flexible:
         return springs
-    bodies = {f.name: k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
+    bodies = {
+        f.name: k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY
+    }
     for name in flexible:
         check_name("link", name, bodies)
     # Parents come before their children in Pinocchio's list of frames.
@@ -165,7 +179,9 @@ def _carried(model: pin.Model, link: int) -> frozenset[int]:
     alone = [
         k
         for k, f in enumerate(frames)
-        if f.type == pin.FrameType.BODY and f.parentJoint == joint and int(f.parentFrame) == base
+        if f.type == pin.FrameType.BODY
+        and f.parentJoint == joint
+        and int(f.parentFrame) == base
     ]
     moved = frames[base].type == pin.FrameType.JOINT or base == 0
     if moved and alone == [link]:  # the only link on the joint carries all other frames
@@ -178,7 +194,11 @@ def _carried(model: pin.Model, link: int) -> frozenset[int]:
 
 
 def masses_by_side(
-    model: pin.Model, joint: int, side: Callable[[int, int], Place], near: Place, is_soft: bool
+    model: pin.Model,
+    joint: int,
+    side: Callable[[int, int], Place],
+    near: Place,
+    is_soft: bool,
 ) -> list[tuple[Place, Any]]:
     """Return the masses on a joint as (place, inertia): on its own side, and beyond each spring.
 
@@ -192,7 +212,9 @@ def masses_by_side(
     beyond: list[tuple[Place, Any]] = []
     for k, frame in enumerate(model.frames):
         inertia = frame.placement.act(frame.inertia)
-        if int(frame.parentJoint) == joint and (inertia.mass > 0 or np.any(inertia.inertia)):
+        if int(frame.parentJoint) == joint and (
+            inertia.mass > 0 or np.any(inertia.inertia)
+        ):
             place = side(k, joint)
             if place is not near:
                 # Pinocchio's difference is NaN where neither has a mass.

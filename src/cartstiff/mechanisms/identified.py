@@ -103,7 +103,9 @@ class Identified:
         P = len(self.patterns)
         C = checked_array(self.covariance, (P, P), "covariance of compliances")
         if numerics.asymmetry(C) or (C.diagonal() < 0.0).any():
-            raise InputError("covariance of compliances must be symmetric, variances not negative")
+            raise InputError(
+                "covariance of compliances must be symmetric, variances not negative"
+            )
         object.__setattr__(self, "covariance", fixed(0.5 * (C + C.T)))
         values = checked_array(self.values, (P,), "compliances")
         object.__setattr__(self, "values", fixed(values))
@@ -139,7 +141,11 @@ class Identified:
             # A beam's value is a share of the file's own, which has no unit.
             if pattern.law is not None:
                 name, power = pattern.law
-                factor = per(name, name) if power == 1 else float(a / size[name] ** (power + 1))
+                factor = (
+                    per(name, name)
+                    if power == 1
+                    else float(a / size[name] ** (power + 1))
+                )
             else:
                 factor = 1.0 if pattern.is_share else per(*pattern.entries[0][:2])
             factors.append(factor)
@@ -147,12 +153,15 @@ class Identified:
                 replace(
                     pattern,
                     entries=tuple(
-                        (i, j, weight * per(i, j) / factor) for i, j, weight in pattern.entries
+                        (i, j, weight * per(i, j) / factor)
+                        for i, j, weight in pattern.entries
                     ),
                 )
             )
         # Parameters of several springs have names of their own, and so have axes of a link.
-        of = {name: per(name, name) for name in size} | dict(zip(self.names, factors, strict=True))
+        of = {name: per(name, name) for name in size} | dict(
+            zip(self.names, factors, strict=True)
+        )
         least = {name: k / of[name] for name, k in (self.at_least or {}).items()}
         return replace(
             self,

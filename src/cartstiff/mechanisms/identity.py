@@ -77,7 +77,9 @@ def was_read(name: str, content: bytes) -> None:
 
 def _meaning(content: bytes) -> bytes:
     """Content of a file without line ends, and of XML without comments and order of attributes."""
-    is_plain_xml = content.lstrip().startswith(b"<") and not re.search(rb"<!(?!--)", content)
+    is_plain_xml = content.lstrip().startswith(b"<") and not re.search(
+        rb"<!(?!--)", content
+    )
     if is_plain_xml:  # nothing is declared, so that no entity can expand
         try:
             return canonicalize(content.decode("utf-8-sig"), strip_text=True).encode()
@@ -131,7 +133,9 @@ def require_versions(wanted: Mapping[str, str]) -> None:
             )
 
 
-def require_same(there: Mapping[str, Any], here: Mapping[str, Any], path: Path, what: str) -> None:
+def require_same(
+    there: Mapping[str, Any], here: Mapping[str, Any], path: Path, what: str
+) -> None:
     """Refuse to resume a stored result of another identity, in one line with the difference.
 
     Parameters
@@ -161,7 +165,9 @@ def require_same(there: Mapping[str, Any], here: Mapping[str, Any], path: Path, 
                 got=number,
             )
     # The load is compared before the numbers that depend on it.
-    for key in sorted(here, key=lambda name: (name == "mechanism", not name.startswith("load"))):
+    for key in sorted(
+        here, key=lambda name: (name == "mechanism", not name.startswith("load"))
+    ):
         if key in ("files", "versions"):
             continue
         difference = _difference(there.get(key), here[key], key)
@@ -186,7 +192,11 @@ def differing_parts(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[st
     """Return, in words, what differs between the mechanisms of two identities."""
     a, b = one.get("mechanism", {}), other.get("mechanism", {})
     parts = _PARTS.items()
-    return [f"other {words}" for part, words in parts if part != "q" and a.get(part) != b.get(part)]
+    return [
+        f"other {words}"
+        for part, words in parts
+        if part != "q" and a.get(part) != b.get(part)
+    ]
 
 
 def _changed(there: list[list[str]], here: list[list[str]]) -> str | None:
@@ -196,9 +206,15 @@ def _changed(there: list[list[str]], here: list[list[str]]) -> str | None:
     for name, digest in here:
         if digest not in [other for _, other in there]:
             known = name in [other for other, _ in there]
-            return f"{one_line(name)} " + ("was changed" if known else "was not read for it")
+            return f"{one_line(name)} " + (
+                "was changed" if known else "was not read for it"
+            )
     gone = next((name for name, digest in there if [name, digest] not in here), None)
-    return "files were read in another order" if gone is None else f"{one_line(gone)} is not read"
+    return (
+        "files were read in another order"
+        if gone is None
+        else f"{one_line(gone)} is not read"
+    )
 
 
 def _difference(a: Any, b: Any, name: str) -> tuple[str, Any, Any] | None:
@@ -241,7 +257,9 @@ class _Fingerprints:
         """Return that of one object, the same for equal objects in any process."""
         if isinstance(value, (float, np.floating)):
             return _digits(float(value), 0.0)
-        if value is None or isinstance(value, (str, bytes, bool, int, complex, np.generic)):
+        if value is None or isinstance(
+            value, (str, bytes, bool, int, complex, np.generic)
+        ):
             return repr(value)
         if id(value) not in self._known:
             self._known[id(value)] = value, "itself"
@@ -272,7 +290,9 @@ class _Fingerprints:
         elif isinstance(value, np.ndarray) and value.dtype.kind == "f":
             largest = float(np.abs(value[np.isfinite(value)]).max(initial=0.0))
             yield f"{value.shape}"
-            yield from (_digits(x, ROUNDOFF_OF_SUMS * largest) for x in value.ravel().tolist())
+            yield from (
+                _digits(x, ROUNDOFF_OF_SUMS * largest) for x in value.ravel().tolist()
+            )
         elif isinstance(value, (list, tuple, np.ndarray)):
             yield f"{kind.__name__} {len(value)}"
             yield from map(self.of, value)
@@ -283,19 +303,35 @@ class _Fingerprints:
         elif isinstance(value, types.FunctionType):
             inside = [_content(cell) for cell in value.__closure__ or ()]
             yield value.__qualname__
-            code = [value.__code__, value.__defaults__, value.__kwdefaults__, inside, vars(value)]
+            code = [
+                value.__code__,
+                value.__defaults__,
+                value.__kwdefaults__,
+                inside,
+                vars(value),
+            ]
             yield from map(self.of, code)
             if not _is_installed(value.__module__):
                 yield from map(self.of, _named_by(value))
         elif isinstance(value, types.CodeType):
-            yield from (value.co_code.hex(), repr(value.co_names), self.of(value.co_consts))
-        elif isinstance(value, (type, types.BuiltinFunctionType, np.ufunc, types.ModuleType)):
+            yield from (
+                value.co_code.hex(),
+                repr(value.co_names),
+                self.of(value.co_consts),
+            )
+        elif isinstance(
+            value, (type, types.BuiltinFunctionType, np.ufunc, types.ModuleType)
+        ):
             yield f"{getattr(value, '__module__', '')} {value.__name__}"
             if isinstance(value, type) and not _is_installed(value.__module__):
                 yield self.of(value.__bases__)
-                yield self.of({n: entry for n, entry in vars(value).items() if n not in _OF_CLASS})
+                yield self.of(
+                    {n: entry for n, entry in vars(value).items() if n not in _OF_CLASS}
+                )
         elif isinstance(value, (property, classmethod, staticmethod, cached_property)):
-            functions = [getattr(value, n, None) for n in ("fget", "fset", "__func__", "func")]
+            functions = [
+                getattr(value, n, None) for n in ("fget", "fset", "__func__", "func")
+            ]
             yield from (kind.__name__, self.of(functions))
         else:
             yield f"{kind.__module__}.{kind.__qualname__}"
@@ -306,7 +342,14 @@ class _Fingerprints:
 
 # Attributes of a class that do not say what it does.
 _OF_CLASS = {
-    *("__dict__", "__weakref__", "__module__", "__qualname__", "__doc__", "__annotations__"),
+    *(
+        "__dict__",
+        "__weakref__",
+        "__module__",
+        "__qualname__",
+        "__doc__",
+        "__annotations__",
+    ),
     *("__firstlineno__", "__static_attributes__", "__abstractmethods__", "_abc_impl"),
     *("__slots__", "__parameters__", "__orig_bases__"),
 }
@@ -321,7 +364,10 @@ def _is_installed(module: str | None) -> bool:
     if file is None or module.partition(".")[0] == "cartstiff":
         return True
     paths = sysconfig.get_paths()
-    folders = [Path(paths[key]).resolve() for key in ("stdlib", "platstdlib", "purelib", "platlib")]
+    folders = [
+        Path(paths[key]).resolve()
+        for key in ("stdlib", "platstdlib", "purelib", "platlib")
+    ]
     return any(Path(file).resolve().is_relative_to(folder) for folder in folders)
 
 
@@ -344,7 +390,9 @@ def _named_by(function: types.FunctionType) -> list[tuple[str, Any]]:
         found.append((name, known[name]))
         if inspect.ismodule(known[name]) and not _is_installed(known[name].__name__):
             inside = vars(known[name])
-            found += [(f"{name}.{own}", inside[own]) for own in sorted(names & inside.keys())]
+            found += [
+                (f"{name}.{own}", inside[own]) for own in sorted(names & inside.keys())
+            ]
     return found
 
 
@@ -353,7 +401,13 @@ def _state(value: Any) -> Any:
     try:
         is_plain = getattr(type(value), "__reduce__", None) is object.__reduce__
         reduced: Any = value.__reduce_ex__(4)
-        state = reduced if isinstance(reduced, str) else reduced[2] if is_plain else reduced[1:3]
+        state = (
+            reduced
+            if isinstance(reduced, str)
+            else reduced[2]
+            if is_plain
+            else reduced[1:3]
+        )
     except Exception:  # an object that cannot be pickled
         raise InputError(
             "own code names an object whose contents cannot be compared with those of a file",
@@ -369,9 +423,13 @@ def _state(value: Any) -> Any:
         if isinstance(entry, cached_property)
     }
     # A mechanism has units and base of its own, or those of its class.
-    of_class = [n for n in ("units", "base_pose") if n in state and isinstance(value, Mechanism)]
+    of_class = [
+        n for n in ("units", "base_pose") if n in state and isinstance(value, Mechanism)
+    ]
     cached.update(
-        n for n in of_class if fingerprint(state[n]) == fingerprint(getattr(type(value), n))
+        n
+        for n in of_class
+        if fingerprint(state[n]) == fingerprint(getattr(type(value), n))
     )
     return {name: entry for name, entry in state.items() if name not in cached}
 
@@ -379,7 +437,9 @@ def _state(value: Any) -> Any:
 def _token(word: str) -> str:
     """Word of Pinocchio's own text, numbers to ten digits."""
     try:
-        return word if word.lstrip("-").isdigit() else _digits(float(word), ROUNDOFF_OF_SUMS)
+        return (
+            word if word.lstrip("-").isdigit() else _digits(float(word), ROUNDOFF_OF_SUMS)
+        )
     except ValueError:
         return word
 

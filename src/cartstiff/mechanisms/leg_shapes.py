@@ -204,7 +204,9 @@ class LegShape:
         else:
             columns_end, made = self._end(left)
             apart = made.swapaxes(1, 2) @ left
-            missed = missed + np.linalg.norm(apart - np.eye(3), axis=(1, 2)) / np.sqrt(2.0)
+            missed = missed + np.linalg.norm(apart - np.eye(3), axis=(1, 2)) / np.sqrt(
+                2.0
+            )
             gap[:, 3:] = 0.5 * (apart - apart.swapaxes(1, 2))[:, (2, 0, 1), (1, 2, 0)]
         strut = self.family == "strut"
         columns = [*columns, driven, *spin] if strut else [driven, *columns]
@@ -227,7 +229,9 @@ class LegShape:
             return self.anchor
         if self.family == "rail":
             return np.asarray(self.anchor + driven[..., None] * self.along)
-        arm = np.cos(driven)[..., None] * self.along + np.sin(driven)[..., None] * self.side
+        arm = (
+            np.cos(driven)[..., None] * self.along + np.sin(driven)[..., None] * self.side
+        )
         return np.asarray(self.anchor + self.crank * arm)
 
     @cached_property
@@ -277,14 +281,21 @@ class LegShape:
         if not self.end:
             return [], np.broadcast_to(np.eye(3), left.shape)
         if self.end == "R":
-            G = frame_along(self.end_axis, np.eye(3)[int(np.argmin(np.abs(self.end_axis)))])
+            G = frame_along(
+                self.end_axis, np.eye(3)[int(np.argmin(np.abs(self.end_axis)))]
+            )
             M = G.T @ left @ G
             angle = np.arctan2(M[:, 2, 1] - M[:, 1, 2], M[:, 1, 1] + M[:, 2, 2])
             return [angle], turns(self.end_axis, angle)
         G = frame_along(self.end_inner, self.end_axis)
         M = G.T @ left @ G
-        first, second = np.arctan2(M[:, 2, 1], M[:, 1, 1]), np.arctan2(M[:, 0, 2], M[:, 0, 0])
-        return [first, second], turns(self.end_inner, first) @ turns(self.end_axis, second)
+        first, second = (
+            np.arctan2(M[:, 2, 1], M[:, 1, 1]),
+            np.arctan2(M[:, 0, 2], M[:, 0, 0]),
+        )
+        return [first, second], turns(self.end_inner, first) @ turns(
+            self.end_axis, second
+        )
 
 
 def _across(axis: Array, line: Array) -> tuple[Array, Array]:
@@ -293,7 +304,8 @@ def _across(axis: Array, line: Array) -> tuple[Array, Array]:
     size = float(np.linalg.norm(m))
     if size < numerics.NEGLIGIBLE_DISTANCE:
         raise InputError(
-            "the rod lies along an axis of its universal joint", expected="another axis or pose"
+            "the rod lies along an axis of its universal joint",
+            expected="another axis or pose",
         )
     m = m / size
     return m, np.cross(axis, m)

@@ -106,7 +106,9 @@ def _ends_of_lines(platform: Platform, q: Array, pose: Array) -> tuple[Array, Ar
     return np.broadcast_to(platform.anchors, ends.shape), ends
 
 
-def _ends_of_rods(legs: Sequence[PlacedLeg], q: Array, pose: Array) -> tuple[Array, Array]:
+def _ends_of_rods(
+    legs: Sequence[PlacedLeg], q: Array, pose: Array
+) -> tuple[Array, Array]:
     starts, ends = zip(*(leg.rod(q, pose) for leg in legs), strict=True)
     return np.stack(starts, axis=-2), np.stack(ends, axis=-2)
 
@@ -115,7 +117,9 @@ def _tilts(platform: Platform, axes: Array, where: str, q: Array, pose: Array) -
     """Angles (..., m) of lines from axes (m, 3) at their "base", or in M at the "platform"."""
     starts, ends = _ends_of_lines(platform, q, pose)
     along = ends - starts
-    along = along / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), numerics.TINY)
+    along = along / np.maximum(
+        np.linalg.norm(along, axis=-1, keepdims=True), numerics.TINY
+    )
     if where == "platform":
         along, axes = -along, axes @ pose[..., :3, :3].swapaxes(-1, -2)
     across = np.linalg.norm(np.cross(along, axes), axis=-1)  # exact for small angles, too
@@ -138,12 +142,18 @@ def _clearances(
     rows, pairs = [], []
     for (i, a), (j, b) in combinations(enumerate(diameters), 2):
         meet = np.abs(points[i] - points[j]).max() <= same or (
-            are_fixed[i] and are_fixed[j] and np.abs(anchors[i] - anchors[j]).max() <= same
+            are_fixed[i]
+            and are_fixed[j]
+            and np.abs(anchors[i] - anchors[j]).max() <= same
         )
         if a and b and not meet:
-            rows.append((f"distance of leg{i + 1} and leg{j + 1}", 0.5 * (a + b), np.inf, False))
+            rows.append(
+                (f"distance of leg{i + 1} and leg{j + 1}", 0.5 * (a + b), np.inf, False)
+            )
             pairs.append((i, j))
-    return _Quantities(rows, partial(_distances, np.array(pairs, np.intp).reshape(-1, 2), ends))
+    return _Quantities(
+        rows, partial(_distances, np.array(pairs, np.intp).reshape(-1, 2), ends)
+    )
 
 
 def _distances(pairs: NDArray[np.intp], ends: _Ends, q: Array, pose: Array) -> Array:
@@ -170,7 +180,12 @@ def distances_of_segments(a: Array, b: Array, c: Array, d: Array) -> Array:
         t = (uu * vw - uv * uw) / across
         inside = (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1) & (across > 0)
         lines = np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
-    ends = [_to_segment(a, c, v), _to_segment(b, c, v), _to_segment(c, a, u), _to_segment(d, a, u)]
+    ends = [
+        _to_segment(a, c, v),
+        _to_segment(b, c, v),
+        _to_segment(c, a, u),
+        _to_segment(d, a, u),
+    ]
     least = np.minimum.reduce(ends)
     return np.where(inside, np.minimum(np.where(inside, lines, np.inf), least), least)
 
@@ -215,8 +230,13 @@ class Limits:
     ) -> None:
         self.legs = mechanism if isinstance(mechanism, Platform) else None
         turns = {c.name: c.type == "revolute" for c in mechanism.coordinates}
-        bounds = [(name, *pair, turns.get(name, False)) for name, pair in mechanism.bounds.items()]
-        are_finite = [not ignore and bool(np.isfinite(pair).any()) for _, *pair, _ in bounds]
+        bounds = [
+            (name, *pair, turns.get(name, False))
+            for name, pair in mechanism.bounds.items()
+        ]
+        are_finite = [
+            not ignore and bool(np.isfinite(pair).any()) for _, *pair, _ in bounds
+        ]
         self.columns = np.flatnonzero(are_finite)
         self._more = [] if contacts or ignore else _quantities_of_legs(mechanism)
         rows = [bounds[j] for j in self.columns]
@@ -236,7 +256,9 @@ class Limits:
             own = np.asarray(q[..., self.columns])
         else:
             starts, ends = _ends_of_lines(self.legs, q, pose)
-            own = np.asarray(np.linalg.norm((ends - starts)[..., self.columns, :], axis=-1))
+            own = np.asarray(
+                np.linalg.norm((ends - starts)[..., self.columns, :], axis=-1)
+            )
         parts = [own, *(quantities.values(q, pose) for quantities in self._more)]
         return np.concatenate(parts, axis=-1) if self._more else own
 
@@ -244,7 +266,12 @@ class Limits:
         """Whether all quantities are within their limits at one posture, to the last digit."""
         if self.legs is None and not self._more:  # comparing lists is faster than arrays
             own = q.tolist()
-            each = zip(self.columns.tolist(), self.lower.tolist(), self.upper.tolist(), strict=True)
+            each = zip(
+                self.columns.tolist(),
+                self.lower.tolist(),
+                self.upper.tolist(),
+                strict=True,
+            )
             return all(low <= own[j] <= high for j, low, high in each)
         return not len(self) or bool(self._within(self.values(q, pose)))
 
@@ -284,10 +311,14 @@ class Limits:
 
 
 #: Limits depend on the mechanism alone and are needed at every posture.
-_CACHE: WeakKeyDictionary[Mechanism, dict[tuple[bool, bool], Limits]] = WeakKeyDictionary()
+_CACHE: WeakKeyDictionary[Mechanism, dict[tuple[bool, bool], Limits]] = (
+    WeakKeyDictionary()
+)
 
 
-def limits_of(mechanism: Mechanism, *, ignore: bool = False, contacts: bool = False) -> Limits:
+def limits_of(
+    mechanism: Mechanism, *, ignore: bool = False, contacts: bool = False
+) -> Limits:
     """Return the limits of a mechanism, see `Limits`; they are cached."""
     known = _CACHE.setdefault(mechanism, {})
     limits = known.get((ignore, contacts))
@@ -361,7 +392,9 @@ def tensions_of(elastic: ElasticMechanism, posture: _Placed) -> Array | None:
     Legs without a rest length have NaN.
     """
     springs = elastic.springs
-    if not isinstance(springs, LineSprings) or not isinstance(elastic.mechanism, Platform):
+    if not isinstance(springs, LineSprings) or not isinstance(
+        elastic.mechanism, Platform
+    ):
         return None
     return springs.tensions(springs.lengths_at(posture.pose))
 
@@ -428,11 +461,17 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
         f"{engineering(abs(torque[j] / x[j]), units.spring(False), 3)}"
         for j in wound[:3]
     ]
-    parts += [f"{', '.join(chain.names[j] for j in wound[3:])}: more than 5 deg"] * (len(wound) > 3)
+    parts += [f"{', '.join(chain.names[j] for j in wound[3:])}: more than 5 deg"] * (
+        len(wound) > 3
+    )
     values: dict[str, object] = {"wind_up": {chain.names[j]: float(x[j]) for j in wound}}
     if chain.kind == "serial":
         model, body = chain.tree.model, chain.body
-        ways = [model.jointPlacements[int(j)].translation for j in model.supports[body.joint] if j]
+        ways = [
+            model.jointPlacements[int(j)].translation
+            for j in model.supports[body.joint]
+            if j
+        ]
         reach = float(sum(map(np.linalg.norm, [*ways[1:], body.T_j_f[:3, 3]])))
         moved = float(np.linalg.norm((chain.at(q).pose - chain.at(q - x).pose)[:3, 3]))
         if moved > MAX_RELATIVE_DEFLECTION * reach > 0.0:

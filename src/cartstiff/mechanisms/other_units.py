@@ -58,7 +58,9 @@ def in_units(elastic: ElasticMechanism, length: str) -> ElasticMechanism:
         springs=None if springs is None else springs.in_units(a, sizes, efforts),
         damping=damping,
         potentials=tuple(p.in_units(a, sizes, efforts) for p in elastic.potentials),
-        identified=None if known is None else known.scaled(Elements(elastic).deflect_by_length, a),
+        identified=None
+        if known is None
+        else known.scaled(Elements(elastic).deflect_by_length, a),
     )
 
 
@@ -77,7 +79,9 @@ def shown_heads(elastic: ElasticMechanism) -> list[str]:
 
 def _mechanism(mechanism: Mechanism, a: float, units: Units) -> Mechanism:
     if not isinstance(mechanism, Chain | Platform):
-        raise InputError("is not converted to other units", where="units", got=mechanism.kind)
+        raise InputError(
+            "is not converted to other units", where="units", got=mechanism.kind
+        )
     other: Chain | Platform = rescaled(mechanism, a)
     other.units = units
     if isinstance(other, Platform):

@@ -32,13 +32,28 @@ from cartstiff.arrays import (
     read_only,
     real_array,
 )
-from cartstiff.errors import ConvergenceError, InputError, UndefinedError, UnknownNameError
+from cartstiff.errors import (
+    ConvergenceError,
+    InputError,
+    UndefinedError,
+    UnknownNameError,
+)
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.mechanisms.contract import SI, Coordinate, Mechanism, MechanismPosture, Units
+from cartstiff.mechanisms.contract import (
+    SI,
+    Coordinate,
+    Mechanism,
+    MechanismPosture,
+    Units,
+)
 from cartstiff.potentials.contract import IDENTITY, POSE, Evaluation, SecondOrderMap
-from cartstiff.potentials.line_springs import LineGeometry, line_geometry, second_derivative
+from cartstiff.potentials.line_springs import (
+    LineGeometry,
+    line_geometry,
+    second_derivative,
+)
 from cartstiff.potentials.loads import DeadForce, held_force
 
 
@@ -81,7 +96,9 @@ class Struts:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = checked_array(getattr(self, field.name), ("m",), f"legs' {field.name}")
+            value = checked_array(
+                getattr(self, field.name), ("m",), f"legs' {field.name}"
+            )
             if value.shape != np.shape(self.fixed) or (value < 0.0).any():
                 raise InputError(
                     f"legs' {field.name} cannot be used",
@@ -101,7 +118,10 @@ class Struts:
         """Moments of inertia (m,) of the bars about their own centres, across the line."""
         about = [
             mass * (com * com / 3 + self.radius**2 / 4)
-            for mass, com in ((self.fixed, self.fixed_com), (self.moving, self.moving_com))
+            for mass, com in (
+                (self.fixed, self.fixed_com),
+                (self.moving, self.moving_com),
+            )
         ]
         return about[0], about[1]
 
@@ -110,9 +130,13 @@ class Struts:
         per = 1.0 / lines.lengths
         beyond = 1.0 - self.moving_com * per
         across = self.moving * (beyond * beyond)
-        across = across + (self.fixed * self.fixed_com**2 + sum(self.turning_moments)) * (per * per)
+        across = across + (self.fixed * self.fixed_com**2 + sum(self.turning_moments)) * (
+            per * per
+        )
         D = np.array([_velocity(point) for point in points])
-        along = (lines.lines * (self.moving - across)[..., None]).swapaxes(-1, -2) @ lines.lines
+        along = (lines.lines * (self.moving - across)[..., None]).swapaxes(
+            -1, -2
+        ) @ lines.lines
         total: Array = along + np.tensordot(across, D.swapaxes(-1, -2) @ D, 1)
         return total
 
@@ -135,13 +159,17 @@ class Struts:
                 total[3:] += mass * velocity
         return total
 
-    def _centres(self, lines: LineGeometry, points: Array, pose: Array) -> tuple[Array, Array]:
+    def _centres(
+        self, lines: LineGeometry, points: Array, pose: Array
+    ) -> tuple[Array, Array]:
         """Mass centres (m, 3) in F of the bars on the base's and the platform's joints."""
         u, b = lines.directions @ pose[:3, :3].T, points @ pose[:3, :3].T + pose[:3, 3]
         fixed = b + (self.fixed_com - lines.lengths)[:, None] * u
         return fixed, b - self.moving_com[:, None] * u
 
-    def centre(self, lines: LineGeometry, points: Array, pose: Array) -> tuple[float, Array]:
+    def centre(
+        self, lines: LineGeometry, points: Array, pose: Array
+    ) -> tuple[float, Array]:
         """Return the mass of the legs and the sum (3,) of mass times position in F."""
         fixed, moving = self._centres(lines, points, pose)
         return self.mass, self.fixed @ fixed + self.moving @ moving
@@ -156,12 +184,19 @@ class Struts:
         in_body = weight @ pose[:3, :3]
         energy = (weight @ pose[:3, 3]) * -self.mass
         gradient, hessian = np.zeros(6), np.zeros((6, 6))
-        own = (self.fixed, self.moving, self.fixed * self.fixed_com, self.moving * self.moving_com)
+        own = (
+            self.fixed,
+            self.moving,
+            self.fixed * self.fixed_com,
+            self.moving * self.moving_com,
+        )
         for k, (fixed, moving, near, far) in enumerate(np.transpose(own).tolist()):
             b, u, L, share = points[k], lines.directions[k], lines.lengths[k], near - far
             along, per = u @ in_body, 1.0 / L
             across = in_body - u * along
-            energy = energy - (b @ in_body) * (fixed + moving) - along * (share - L * fixed)
+            energy = (
+                energy - (b @ in_body) * (fixed + moving) - along * (share - L * fixed)
+            )
             alpha, K = held_force(in_body * moving + across * (per * share), b)
             # The direction u, along which a part of the weight acts, changes with b as well.
             P = np.eye(3) - np.outer(u, u)
@@ -209,7 +244,9 @@ _POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 def _spatial(mass: float, centre: Array, inertia: Array) -> Array:
     """Inertia (6, 6) of a body on its twists, from that about its mass centre."""
     c = se3.skew(centre)
-    return read_only(np.block([[inertia - mass * c @ c, mass * c], [-mass * c, mass * np.eye(3)]]))
+    return read_only(
+        np.block([[inertia - mass * c @ c, mass * c], [-mass * c, mass * np.eye(3)]])
+    )
 
 
 class PlatformPosture(MechanismPosture):
@@ -235,12 +272,16 @@ class PlatformPosture(MechanismPosture):
             return self.pose, self.motion
         if frame_a == frame_b:
             return np.eye(4), SecondOrderMap(np.zeros((6, 6)), IDENTITY.curvature)
-        return se3.inverse(self.pose), SecondOrderMap(-se3.adjoint(self.pose), IDENTITY.curvature)
+        return se3.inverse(self.pose), SecondOrderMap(
+            -se3.adjoint(self.pose), IDENTITY.curvature
+        )
 
     def gravity(self, acceleration: Array) -> Evaluation:
         """Potential energy of the masses of platform and legs in a uniform field."""
         platform = self._platform
-        held = DeadForce(platform.weight(acceleration), platform.mass_centre).evaluate(self)
+        held = DeadForce(platform.weight(acceleration), platform.mass_centre).evaluate(
+            self
+        )
         if platform.struts is None:
             return held
         per_kg = acceleration / platform.units.newtons
@@ -256,7 +297,9 @@ class PlatformPosture(MechanismPosture):
         platform = self._platform
         if platform.struts is None:
             return platform.body_inertia
-        return platform.body_inertia + platform.struts.mass_matrix(self.lines, platform.points)
+        return platform.body_inertia + platform.struts.mass_matrix(
+            self.lines, platform.points
+        )
 
     def momentum(self) -> tuple[Array, float, Array]:
         """Momentum per body twist, total mass, and its centre, in F."""
@@ -264,7 +307,9 @@ class PlatformPosture(MechanismPosture):
         carried = se3.adjoint_of_inverse(self.pose).T @ platform.body_inertia
         first = mass * (self.pose[:3, :3] @ platform.mass_centre + self.pose[:3, 3])
         if platform.struts is not None:
-            carried = carried + platform.struts.momentum(self.lines, platform.points, self.pose)
+            carried = carried + platform.struts.momentum(
+                self.lines, platform.points, self.pose
+            )
             more, of_legs = platform.struts.centre(self.lines, platform.points, self.pose)
             mass, first = mass + more, first + of_legs
         return carried, mass, first / mass if mass > 0.0 else np.zeros(3)
@@ -325,7 +370,9 @@ class Platform(Mechanism):
     """
 
     length_powers: ClassVar = {
-        **dict.fromkeys(("anchors", "points", "points_P", "mass_centre", "limits", "length"), 1),
+        **dict.fromkeys(
+            ("anchors", "points", "points_P", "mass_centre", "limits", "length"), 1
+        ),
         **dict.fromkeys(("T_P_M", "frame_offset", "base_pose"), POSE),
         "body_inertia": np.add.outer(*[np.repeat([1, 0], 3)] * 2),
         **dict.fromkeys(("leg_limits", "struts"), 0),
@@ -353,7 +400,11 @@ class Platform(Mechanism):
         self.T_P_M = np.eye(4) if T_P_M is None else checked_pose(T_P_M, "T_P_M")
         self.frame_offset, T_M_P = self.T_P_M, se3.inverse(self.T_P_M)
         points_P = checked_array(platform, None, "platform points")
-        if points_P.shape != self.anchors.shape or points_P.ndim != 2 or points_P.shape[1] != 3:
+        if (
+            points_P.shape != self.anchors.shape
+            or points_P.ndim != 2
+            or points_P.shape[1] != 3
+        ):
             raise InputError(
                 "base and platform points differ in number or are not three-dimensional",
                 expected=f"two arrays of shape {self.anchors.shape}",
@@ -362,12 +413,16 @@ class Platform(Mechanism):
         self.points_P = points_P
         self.points = points_P @ T_M_P[:3, :3].T + T_M_P[:3, 3]
         self.limits = (
-            None if limits is None else checked_array(limits, None, "limits", finite=False)
+            None
+            if limits is None
+            else checked_array(limits, None, "limits", finite=False)
         )
         self.mass = float(mass)
         centre = checked_vector(mass_centre, 3, "mass centre")
         self.mass_centre = T_M_P[:3, :3] @ centre + T_M_P[:3, 3]
-        about = checked_array(np.zeros((3, 3)) if inertia is None else inertia, (3, 3), "inertia")
+        about = checked_array(
+            np.zeros((3, 3)) if inertia is None else inertia, (3, 3), "inertia"
+        )
         self.body_inertia = _spatial(
             self.mass, self.mass_centre, T_M_P[:3, :3] @ about @ T_M_P[:3, :3].T
         )
@@ -376,7 +431,8 @@ class Platform(Mechanism):
         #: Whether it is one of many platforms that share a program and differ in their points.
         self.is_one_of_many = False
         self.coordinates = tuple(
-            Coordinate(name, "prismatic" if i < 3 else "revolute") for i, name in enumerate(_POSE)
+            Coordinate(name, "prismatic" if i < 3 else "revolute")
+            for i, name in enumerate(_POSE)
         )
         radius = float(np.sqrt(np.mean(np.sum(self.points**2, axis=1))))
         spread = float(np.ptp(np.vstack([self.points, self.anchors]), axis=0).max())
@@ -386,7 +442,14 @@ class Platform(Mechanism):
 
     def close(self) -> None:
         """Make its arrays read-only, so that results that are cached for it stay valid."""
-        for name in ("anchors", "points", "points_P", "T_P_M", "mass_centre", "body_inertia"):
+        for name in (
+            "anchors",
+            "points",
+            "points_P",
+            "T_P_M",
+            "mass_centre",
+            "body_inertia",
+        ):
             getattr(self, name).flags.writeable = False
 
     def weight(self, acceleration: Array) -> Array:
@@ -455,7 +518,9 @@ class Platform(Mechanism):
         if "legs" in masses and self.struts is not None:
             share = masses["legs"] / self.struts.mass
             other.struts = replace(
-                self.struts, fixed=share * self.struts.fixed, moving=share * self.struts.moving
+                self.struts,
+                fixed=share * self.struts.fixed,
+                moving=share * self.struts.moving,
             )
         return other
 
@@ -480,7 +545,9 @@ class Platform(Mechanism):
         wanted = checked_vector(lengths, m, "list of leg lengths")
         if np.any(wanted <= 0):
             raise InputError(
-                "leg lengths must be positive numbers", expected=f"{m}", got=wanted.tolist()
+                "leg lengths must be positive numbers",
+                expected=f"{m}",
+                got=wanted.tolist(),
             )
         if m != 6:
             raise InputError("forward kinematics needs six legs", got=str(m))

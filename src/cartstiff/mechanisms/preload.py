@@ -38,7 +38,9 @@ def preload_notes(elastic: ElasticMechanism, is_loaded: bool) -> list[Note]:
     return [_replaced("rest positions", names, "their joints")]
 
 
-def _notes_on_lines(elastic: ElasticMechanism, springs: LineSprings, is_loaded: bool) -> list[Note]:
+def _notes_on_lines(
+    elastic: ElasticMechanism, springs: LineSprings, is_loaded: bool
+) -> list[Note]:
     held = springs.holding()
     if is_loaded:
         is_fixed = ~springs.rest_is_free()
@@ -48,7 +50,9 @@ def _notes_on_lines(elastic: ElasticMechanism, springs: LineSprings, is_loaded: 
             if own.any():
                 names = [n for n, x in zip(elastic.spring_names, own, strict=True) if x]
                 is_spread = len(springs.stiffness) > 6
-                return [_shifted(names) if is_spread else _replaced(what, names, "these legs")]
+                return [
+                    _shifted(names) if is_spread else _replaced(what, names, "these legs")
+                ]
         return []
     if not held.any() or springs.preload is None:
         return []
@@ -63,7 +67,9 @@ def _notes_on_lines(elastic: ElasticMechanism, springs: LineSprings, is_loaded: 
         f"{sizes}); the legs cannot balance it among themselves, so that the environment holds it "
         "with the wrench that is stated"
     )
-    return [Note("preload-held", words, {"preload": dict(zip(names, tensions, strict=True))})]
+    return [
+        Note("preload-held", words, {"preload": dict(zip(names, tensions, strict=True))})
+    ]
 
 
 def _replaced(what: str, names: list[str], whose: str) -> Note:
@@ -80,7 +86,9 @@ def _shifted(names: list[str]) -> Note:
         "of all sets of forces these are the nearest to those of the given lengths; `equilibrium` "
         "keeps the lengths and moves the body"
     )
-    return Note("load-replaces-rest", words, {"replaced": "rest lengths", "springs": names})
+    return Note(
+        "load-replaces-rest", words, {"replaced": "rest lengths", "springs": names}
+    )
 
 
 def _listed(names: list[str]) -> str:

@@ -99,7 +99,9 @@ def add_joint(
     """Add a joint with one coordinate and its limits to a model; return the joint's index."""
     unbounded = np.full(1, np.inf)  # efforts and velocities
     lower, upper = np.array(limits, float)[:, None]
-    added = model.addJoint(parent, joint, pin.SE3(T), name, unbounded, unbounded, lower, upper)
+    added = model.addJoint(
+        parent, joint, pin.SE3(T), name, unbounded, unbounded, lower, upper
+    )
     return int(added)
 
 
@@ -132,7 +134,9 @@ def expansion(joint: Any, name: str) -> list[tuple[str, str, Any, Array]]:
     if short == "JointModelComposite":
         concrete = joint.extract()
         every = []
-        for i, (part, at) in enumerate(zip(concrete.joints, concrete.jointPlacements, strict=True)):
+        for i, (part, at) in enumerate(
+            zip(concrete.joints, concrete.jointPlacements, strict=True)
+        ):
             first, *others = expansion(part, f"{name}.{i + 1}")
             every += [(*first[:3], at.homogeneous @ first[3]), *others]
         return every
@@ -160,7 +164,12 @@ def planar(name: str, axis: Array) -> list[tuple[str, str, Any, Array]]:
     return [
         (f"{name}.x", "prismatic", slides[0], np.eye(4)),
         (f"{name}.y", "prismatic", slides[1], np.eye(4)),
-        (f"{name}.angle", "revolute", pin.JointModelRevoluteUnaligned(R[:, 2]), np.eye(4)),
+        (
+            f"{name}.angle",
+            "revolute",
+            pin.JointModelRevoluteUnaligned(R[:, 2]),
+            np.eye(4),
+        ),
     ]
 
 
@@ -254,7 +263,10 @@ class KinematicTree:
         self.model, self.coordinates = model, coordinates
         #: Frames, or a function that returns all of them, or the named one.
         self.given_frames = frames if callable(frames) else dict(frames)
-        self.mimic, self.offset = mimic, np.zeros(model.nv) + (0.0 if offset is None else offset)
+        self.mimic, self.offset = (
+            mimic,
+            np.zeros(model.nv) + (0.0 if offset is None else offset),
+        )
         self._parents = [int(p) for p in model.parents]
         self._paths: dict[tuple[int, int], Route] = {}
         self._workspaces: list[Any] = []
@@ -311,13 +323,19 @@ class KinematicTree:
         while left:
             joint = left.pop()
             order.append(joint)
-            left += [j for j in range(self.model.njoints - 1, 0, -1) if self._parents[j] == joint]
+            left += [
+                j
+                for j in range(self.model.njoints - 1, 0, -1)
+                if self._parents[j] == joint
+            ]
         order.remove(0)
         model, at = pin.Model(), {0: 0}
         for j in order:
             at[j] = self.copy_joint(j, model, at[self._parents[j]])
         places = np.array(order, np.intp) - 1
-        return KinematicTree(model, tuple(self.coordinates[k] for k in places), {}), places
+        return KinematicTree(
+            model, tuple(self.coordinates[k] for k in places), {}
+        ), places
 
     def placement(self, name: str) -> FixedFrame:
         """Return a named frame, with the joint that carries it.
@@ -358,7 +376,9 @@ class KinematicTree:
 
     def _with_model(self, model: pin.Model) -> KinematicTree:
         """Return the tree with another model of the same joints, which shares its workspaces."""
-        other = KinematicTree(model, self.coordinates, self.frames, self.mimic, self.offset)
+        other = KinematicTree(
+            model, self.coordinates, self.frames, self.mimic, self.offset
+        )
         other._paths, other._workspaces = self._paths, self._workspaces
         return other
 
@@ -378,7 +398,11 @@ class KinematicTree:
         placement = own.jointPlacements[joint]
         if T_root is not None and self._parents[joint] == 0:
             placement = pin.SE3(T_root) * placement
-        new = int(model.addJoint(parent, own.joints[joint], placement, prefix + own.names[joint]))
+        new = int(
+            model.addJoint(
+                parent, own.joints[joint], placement, prefix + own.names[joint]
+            )
+        )
         model.armature[model.idx_vs[new]] = own.armature[own.idx_vs[joint]]
         model.damping[model.idx_vs[new]] = own.damping[own.idx_vs[joint]]
         model.appendBodyToJoint(new, own.inertias[joint], pin.SE3.Identity())
@@ -429,7 +453,9 @@ class KinematicTree:
         """Mass matrix (n, n) at one posture, without mimics."""
         tree, places = self.depth_first
         with tree.workspace() as data:
-            ordered = np.triu(pin.crba(tree.model, data, q[places]))  # Pinocchio fills this part
+            ordered = np.triu(
+                pin.crba(tree.model, data, q[places])
+            )  # Pinocchio fills this part
         full = np.empty_like(ordered)
         full[places[:, None], places] = ordered + np.triu(ordered, 1).T
         return full

@@ -56,7 +56,9 @@ def find_frame(model: pin.Model, name: str) -> Any:
 
 
 def _index_of_frame(model: pin.Model, name: str) -> int:
-    for kind in _PREFERRED:  # Pinocchio's search is faster, if one frame of the kind has the name
+    for kind in (
+        _PREFERRED
+    ):  # Pinocchio's search is faster, if one frame of the kind has the name
         with suppress(ValueError):
             if model.existFrame(name, kind):
                 return int(model.getFrameId(name, kind))
@@ -114,7 +116,11 @@ def plain_tree(
     # Pinocchio joins links faster than the loop below. It crashes where a joint has no frame of its
     # own (joints from files have one), and refuses several frames of one name.
     joints = list(model.names)[1:]
-    if still and not flexible and all(model.existFrame(name, pin.JOINT) for name in joints):
+    if (
+        still
+        and not flexible
+        and all(model.existFrame(name, pin.JOINT) for name in joints)
+    ):
         with suppress(ValueError):
             model = pin.buildReducedModel(model, still, fixed_q)
             kept, locked = set(range(1, model.njoints)), {}
@@ -177,7 +183,9 @@ def plain_tree(
     frame_of: dict[int, int] = {}
     if beyond or springs:
         frame_of = {
-            f.parentJoint: k for k, f in enumerate(model.frames) if f.type == pin.FrameType.JOINT
+            f.parentJoint: k
+            for k, f in enumerate(model.frames)
+            if f.type == pin.FrameType.JOINT
         }
     for i in range(1, model.njoints):
         parent, T_p = side(frame_of.get(i, UNFRAMED), parents[i])
@@ -190,8 +198,12 @@ def plain_tree(
             parts = expansion(model.joints[i], names[i])
             if names[i] in (planar_axes or {}):
                 parts = planar(names[i], (planar_axes or {})[names[i]])
-            for k, (name, kind, joint, T_part) in enumerate(parts, start=int(model.idx_vs[i])):
-                lower, upper = limits_of_joint(model, i) if len(parts) == 1 else (-np.inf, np.inf)
+            for k, (name, kind, joint, T_part) in enumerate(
+                parts, start=int(model.idx_vs[i])
+            ):
+                lower, upper = (
+                    limits_of_joint(model, i) if len(parts) == 1 else (-np.inf, np.inf)
+                )
                 unique = free_name(name, [c.name for c in coordinates])
                 parent = plain.addJoint(parent, joint, pin.SE3(T @ T_part), unique)
                 plain.armature[plain.idx_vs[parent]] = model.armature[k]
@@ -244,7 +256,9 @@ def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:
                 frames[prefix + name] = FixedFrame(at[p.joint], T)
     mimic = None
     if any(tree.mimic is not None for _, tree, _ in parts):
-        every = [np.eye(tree.n) if tree.mimic is None else tree.mimic for _, tree, _ in parts]
+        every = [
+            np.eye(tree.n) if tree.mimic is None else tree.mimic for _, tree, _ in parts
+        ]
         mimic = _block_diagonal(every)
     offset = np.concatenate([tree.offset for _, tree, _ in parts])
     return KinematicTree(model, tuple(coordinates), frames, mimic, offset)
@@ -304,7 +318,9 @@ def part_of(
         columns = np.flatnonzero(np.abs(mimic[rows]).sum(axis=0))
         mimic = mimic[np.ix_(rows, columns)]
     coordinates = tuple(tree.coordinates[c] for c in columns)
-    return KinematicTree(model, coordinates, {"world": WORLD}, mimic, tree.offset[rows]), columns
+    return KinematicTree(
+        model, coordinates, {"world": WORLD}, mimic, tree.offset[rows]
+    ), columns
 
 
 def free_name(name: str, taken: Collection[str]) -> str:

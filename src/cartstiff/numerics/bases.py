@@ -49,7 +49,9 @@ def stiffness_scaled_basis(
         leading = np.delete(np.arange(n), first_independent(across.T / weights))
     basis = motions @ np.linalg.inv(motions[leading])
     size = np.abs(basis)
-    basis[(size <= RANK * size.max(axis=0)) & (stiffness[:, None] > stiffness[leading])] = 0.0
+    basis[
+        (size <= RANK * size.max(axis=0)) & (stiffness[:, None] > stiffness[leading])
+    ] = 0.0
     basis[leading] = np.eye(f)
     return basis, leading
 

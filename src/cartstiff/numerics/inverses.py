@@ -64,7 +64,9 @@ class Inverse(NamedTuple):
     error: float
 
 
-def invert(matrix: ArrayLike, sizes_of_motions: ArrayLike | None = None) -> Inverse | None:
+def invert(
+    matrix: ArrayLike, sizes_of_motions: ArrayLike | None = None
+) -> Inverse | None:
     """Inverse of a square matrix, from the equilibrated one; None if that is singular.
 
     The inverse of a symmetric matrix is exactly symmetric.
@@ -80,7 +82,9 @@ def invert(matrix: ArrayLike, sizes_of_motions: ArrayLike | None = None) -> Inve
     (inverse,), (error,) = invert_each(m[None], sizes_of_motions)
     if not error < np.inf:
         return None
-    return Inverse(0.5 * (inverse + inverse.T) if is_symmetric(m) else inverse, float(error))
+    return Inverse(
+        0.5 * (inverse + inverse.T) if is_symmetric(m) else inverse, float(error)
+    )
 
 
 def invert_each(matrices: Array, sizes: ArrayLike | None = None) -> tuple[Array, Array]:

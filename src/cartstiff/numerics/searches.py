@@ -7,7 +7,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from cartstiff.numerics.criteria import ATTAINABLE_PRECISION, MAX_FUTILE_STEPS, SMALLEST_STEP
+from cartstiff.numerics.criteria import (
+    ATTAINABLE_PRECISION,
+    MAX_FUTILE_STEPS,
+    SMALLEST_STEP,
+)
 from cartstiff.numerics.policy import RANK, ROUNDOFF, Array
 
 T = TypeVar("T")
@@ -63,7 +67,9 @@ def least_change(
         step = weights * np.linalg.lstsq(rates * weights, -residual, rcond=rank)[0]
         largest = float(np.abs(step).max(initial=0.0))
         is_whole = largest < longest_step
-        if not SMALLEST_STEP < largest < np.inf or (futile >= MAX_FUTILE_STEPS and is_whole):
+        if not SMALLEST_STEP < largest < np.inf or (
+            futile >= MAX_FUTILE_STEPS and is_whole
+        ):
             break
         x = retract(x, np.asarray(step * min(1.0, longest_step / largest), float))
     return kept, best, seen

@@ -48,10 +48,14 @@ def eigenvalues(
     todo = np.flatnonzero(is_lossy | ~(condition(result) < LARGEST_BLOCK_CONDITION))
     if not todo.size:
         return result.reshape(a.shape)
-    others = np.broadcast_to(np.asarray(inverse, float), (*a.shape, n)).reshape(-1, n, n)[todo]
+    others = np.broadcast_to(np.asarray(inverse, float), (*a.shape, n)).reshape(-1, n, n)[
+        todo
+    ]
     rows, c = a.reshape(-1, n)[todo], _of_symmetric(others)
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = np.where(np.isnan(rows), np.sort(1.0 / _cleaned(c), axis=-1), result[todo])
+        found = np.where(
+            np.isnan(rows), np.sort(1.0 / _cleaned(c), axis=-1), result[todo]
+        )
         c = 1.0 / c
     both = ~np.isnan(rows).any(axis=-1) & ~np.isnan(c).any(axis=-1)
     if both.any():
@@ -126,7 +130,9 @@ def without_roundoff(values: Array, size: float | Array) -> Array:
 
 def _cleaned(values: Array) -> Array:
     """Eigenvalues with round-off of the largest set to zero."""
-    return without_roundoff(values, np.abs(values).max(axis=-1, keepdims=True, initial=0.0))
+    return without_roundoff(
+        values, np.abs(values).max(axis=-1, keepdims=True, initial=0.0)
+    )
 
 
 def _merged(a: Array, c: Array, losses: tuple[float, float], doubtful: bool) -> Array:
@@ -142,7 +148,9 @@ def _merged(a: Array, c: Array, losses: tuple[float, float], doubtful: bool) -> 
     return merged
 
 
-def _errors(a: Array, c: Array, k: NDArray[np.intp], losses: tuple[float, float]) -> Array:
+def _errors(
+    a: Array, c: Array, k: NDArray[np.intp], losses: tuple[float, float]
+) -> Array:
     """Largest relative error (m,) if k are taken from a, the others from c, both sizes (m, n)."""
     rows = np.arange(len(a))
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -93,7 +93,9 @@ class StaticPage:
 
 
 def _frame(source: str, height: int) -> str:
-    style = f"width: 100%; height: {height}px; border: 1px solid #8888; border-radius: 6px"
+    style = (
+        f"width: 100%; height: {height}px; border: 1px solid #8888; border-radius: 6px"
+    )
     return f'<iframe {source} style="{style}" allow="clipboard-write"></iframe>'
 
 
@@ -189,7 +191,9 @@ def open_page(url: str) -> None:
     # A browser in a snap sees its user's files, but no hidden ones and not this /tmp.
     home = Path.home()
     folder = home if (home / "snap").is_dir() and os.access(home, os.W_OK) else None
-    handle, name = tempfile.mkstemp(prefix="cartstiff-", suffix=".html", dir=folder)  # mode 0600
+    handle, name = tempfile.mkstemp(
+        prefix="cartstiff-", suffix=".html", dir=folder
+    )  # mode 0600
     path = Path(name)
     atexit.register(path.unlink, missing_ok=True)
     with os.fdopen(handle, "w", encoding="utf-8") as file:

@@ -24,7 +24,11 @@ from cartstiff.choices import LOAD_KINDS
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.closures import LONGEST_STEP, MOST_STEPS
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
-from cartstiff.mechanisms.limits import MAX_RELATIVE_DEFLECTION, Limits, stretch_is_doubted
+from cartstiff.mechanisms.limits import (
+    MAX_RELATIVE_DEFLECTION,
+    Limits,
+    stretch_is_doubted,
+)
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.preload import preload_notes
 from cartstiff.notes import assumed_stiffness
@@ -70,7 +74,9 @@ class BrowserProgram:
     data: dict[str, Any]
 
 
-def browser_program(elastic: ElasticMechanism, result: PostureStiffness) -> BrowserProgram | str:
+def browser_program(
+    elastic: ElasticMechanism, result: PostureStiffness
+) -> BrowserProgram | str:
     """Return the formulas of a mechanism as JavaScript, or the reason why there are none.
 
     Parameters
@@ -90,7 +96,9 @@ def browser_program(elastic: ElasticMechanism, result: PostureStiffness) -> Brow
         return reason
     programs = {"free": program_for(free.case, _NAMES)}
     bending, no_load = (
-        _link_deflection(loaded, elastic.names) if free.is_closed else (None, _left_out(loaded))
+        _link_deflection(loaded, elastic.names)
+        if free.is_closed
+        else (None, _left_out(loaded))
     )
     if bending is not None:
         programs |= bending.pop("programs")
@@ -101,7 +109,10 @@ def browser_program(elastic: ElasticMechanism, result: PostureStiffness) -> Brow
         return no_load
     closing = None
     if isinstance(free.case, ChainCase) and free.is_closed:
-        steps = {f"closing{i}": program_for(way, CLOSING) for i, way in enumerate(free.case.ways)}
+        steps = {
+            f"closing{i}": program_for(way, CLOSING)
+            for i, way in enumerate(free.case.ways)
+        }
         programs |= steps
         closing = _chain_closure(free.case, free, list(steps))
     written = {name: javascript(program) for name, program in programs.items()}
@@ -110,7 +121,9 @@ def browser_program(elastic: ElasticMechanism, result: PostureStiffness) -> Brow
     script = f"{{{HELPERS}globalThis.cartstiffProgram={{{','.join(parts)}}};}}"
     data = {
         "places": {name: places for name, (_, places) in written.items()},
-        "shared": {n: rows[0].tolist() for n, rows in {**free.shared, **loaded.shared}.items()},
+        "shared": {
+            n: rows[0].tolist() for n, rows in {**free.shared, **loaded.shared}.items()
+        },
         "words": _shared_words(),
         # K^X - K^B of each kind of load at M's origin, (36, 6): follower is K^A, conservative K^K.
         "changes": {
@@ -169,7 +182,9 @@ def _link_deflection(
     }, None
 
 
-def _chain_closure(case: ChainCase, chosen: TracedModel, ways: list[str]) -> dict[str, Any]:
+def _chain_closure(
+    case: ChainCase, chosen: TracedModel, ways: list[str]
+) -> dict[str, Any]:
     """Return how a chain is closed: programs, reference posture, bounds of the steps."""
     home, lengths = chosen.home, case.constants.is_length
     return {
@@ -239,7 +254,10 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
         "some_assumed": _some_assumed(elastic),
         "last_notes": [
             note.to_dict()
-            for note in (*([] if elastic.gravity is None else gravity_loads(elastic).notes), *chart)
+            for note in (
+                *([] if elastic.gravity is None else gravity_loads(elastic).notes),
+                *chart,
+            )
         ],
         "base": result.to_dict(),
     }

@@ -90,15 +90,23 @@ def export_page(
         program = browser_program(session.elastic, base)
         data, commands = client_data(session, shown, base, program)
         data["hello"]["address"] = address
-        analysis, at = session.analysis(base, shown), ", ".join(f"{x:.6g}" for x in base.q)
+        analysis, at = (
+            session.analysis(base, shown),
+            ", ".join(f"{x:.6g}" for x in base.q),
+        )
         analysis["title"] += f" in the posture of the file, q = {at}"
         data["analysis"] = analysis
     script = "" if isinstance(program, str) else program.script
-    return page_document(Answer(data, commands).pack(), f"{elastic.name} · cartstiff", script)
+    return page_document(
+        Answer(data, commands).pack(), f"{elastic.name} · cartstiff", script
+    )
 
 
 def client_data(
-    session: Session, shown: ViewState, base: PostureStiffness, program: BrowserProgram | str
+    session: Session,
+    shown: ViewState,
+    base: PostureStiffness,
+    program: BrowserProgram | str,
 ) -> tuple[dict[str, Any], list[bytes]]:
     """Return the data of a page without a server, and the picture's commands.
 
@@ -109,16 +117,24 @@ def client_data(
         numbers = session.numbers(base, shown.model_copy(update={"mode": 1}))
         own = {"posture": {"numbers": numbers, "result": base.to_dict(), "why": program}}
     else:
-        shown = shown.model_copy(update=dict.fromkeys(_NOT_COMPUTED, False) | {"mode": None})
+        shown = shown.model_copy(
+            update=dict.fromkeys(_NOT_COMPUTED, False) | {"mode": None}
+        )
         own = {"program": program.data}
     picture, commands = _picture_of(session, shown, base, is_whole="program" in own)
     facts = {"state": shown.model_dump(), "bounds": session.picture.bounds(base)}
-    made = {"by": f"cartstiff {__version__}", "state": shown.model_dump(exclude_defaults=True)}
+    made = {
+        "by": f"cartstiff {__version__}",
+        "state": shown.model_dump(exclude_defaults=True),
+    }
     return picture | own | {"hello": hello | facts, "made": made}, commands
 
 
 def _session(
-    source: Source, elastic: ElasticMechanism, state: ViewState | None, picture: PictureMaker
+    source: Source,
+    elastic: ElasticMechanism,
+    state: ViewState | None,
+    picture: PictureMaker,
 ) -> tuple[Session, ViewState]:
     """Return a session whose mechanism has commands, payload and gravity of a state; the state."""
     here = replace(source, elastic=elastic)
@@ -127,7 +143,12 @@ def _session(
     if first.command is not None and any(first.command):
         # The springs have their new rest positions.
         result = session.result(first)
-        update = {"load": None, "stiffness": None, "load_at": first.acts_at, "q": result.q.tolist()}
+        update = {
+            "load": None,
+            "stiffness": None,
+            "load_at": first.acts_at,
+            "q": result.q.tolist(),
+        }
         here = replace(here, elastic=result.elastic, q=result.q, load=None, command=None)
     elif first.gravity is not None or first.payload is not None:
         update = {}
@@ -155,9 +176,12 @@ def _picture_of(
     differing = {
         key
         for key, packed in there.items()
-        if packed != here.get(key) and (key[0] == "set_object" or key[2] not in ("", "visible"))
+        if packed != here.get(key)
+        and (key[0] == "set_object" or key[2] not in ("", "visible"))
     }
-    changes = [{k: x for k, x in state.items() if k in differing} for state in states.values()]
+    changes = [
+        {k: x for k, x in state.items() if k in differing} for state in states.values()
+    ]
     commands, (start, *lists) = numbered(here, *changes)
     legend = session.with_colour_bar(picture.draw(base, shown))
     units, trajectory = session.elastic.units, session.source.trajectory
@@ -167,7 +191,11 @@ def _picture_of(
         "assets": assets,
         "legend": legend,
         "scene": {
-            "units": {"length": units.length, "force": units.force, "moment": units.moment},
+            "units": {
+                "length": units.length,
+                "force": units.force,
+                "moment": units.moment,
+            },
             "notes": legend["notes"],
         },
         "trajectory": None if trajectory is None else trajectory.q.tolist(),
@@ -188,7 +216,9 @@ def client_program(session: Session, number: int) -> tuple[Answer, str]:
     if getattr(session.elastic.mechanism, "closures", ()):
         # To record it takes seconds, in which the server would answer nothing else.
         return Answer(message | {"why": "the server answers for closed chains"}), ""
-    fresh = Session(replace(session.source, elastic=session.elastic), session.make_picture)
+    fresh = Session(
+        replace(session.source, elastic=session.elastic), session.make_picture
+    )
     base = fresh.result(fresh.start)
     program = browser_program(session.elastic, base)
     if isinstance(program, str):

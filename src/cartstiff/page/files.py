@@ -121,7 +121,9 @@ def page_document(packed: bytes, title: str, more: str = "") -> str:
 
 
 def _hash(script: str) -> str:
-    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+    return (
+        f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+    )
 
 
 def _zipped(data: bytes) -> str:

@@ -54,7 +54,16 @@ _COUNT, _REACH = 21, 0.5
 _SHORTEST_ARROW = 8.0
 # Random starts of the search for other postures at the same tip pose.
 _STARTS = 16
-_COLOURS = ("#2060c0", "#c04020", "#208040", "#8040a0", "#b08000", "#008090", "#c0307a", "#606060")
+_COLOURS = (
+    "#2060c0",
+    "#c04020",
+    "#208040",
+    "#8040a0",
+    "#b08000",
+    "#008090",
+    "#c0307a",
+    "#606060",
+)
 _STYLE = Path(__file__).parent / "static" / "report.css"
 
 
@@ -123,7 +132,9 @@ def report_page(
             f"in the room, while one coordinate moves from here.</p><figure>{_plot(swept, elastic)}"
             "</figure></section>"
         )
-    parts += [f"<section><h2>{_text(head)}</h2>{body}</section>" for head, body in sections]
+    parts += [
+        f"<section><h2>{_text(head)}</h2>{body}</section>" for head, body in sections
+    ]
     if elastic.source:
         notes.insert(0, f"The file says of its numbers: {elastic.source}")
     about = [
@@ -272,7 +283,9 @@ def _answer(
             if angle * state.posture.length <= numerics.NEGLIGIBLE_DIFFERENCE * far:
                 angle = 0.0
             size, unit = sized(far, elastic.units.length)
-            along = ", ".join(f"{x / size:+.4g}" if abs(x) > least else "0" for x in moved)
+            along = ", ".join(
+                f"{x / size:+.4g}" if abs(x) > least else "0" for x in moved
+            )
             lines.append(
                 f"The tip moves {engineering(far, elastic.units.length)} ({along} {unit} along the "
                 f"axes of F) and turns {engineering(angle, 'rad')} from the equilibrium without "
@@ -307,7 +320,9 @@ def _answer(
 def _doubt(elastic: ElasticMechanism) -> str:
     """Lines in amber: springs that are assumed, or illustrative by their file, and open loops."""
     assumed = [note.message for note in elastic.notes if note.code == "stiffness-assumed"]
-    others = [n.message for n in elastic.notes if n.code in ("held-by-lines", "open-loops")]
+    others = [
+        n.message for n in elastic.notes if n.code in ("held-by-lines", "open-loops")
+    ]
     lines = [f"{message[0].upper()}{message[1:]}." for message in others]
     if assumed:
         lines.append(f"The springs are assumed: {assumed[0]}.")
@@ -336,15 +351,23 @@ def _under(elastic: ElasticMechanism, load: _Load, result: PostureStiffness) -> 
             parts.append(f"a {kind} of {much} along ({along}) of {of}")
     acting = " and ".join(parts) or "no load"
     springs = "joints" if isinstance(elastic.mechanism, Chain) else "legs"
-    holds = f"the springs of its {springs}" if load.held is None else "the wrench named below"
+    holds = (
+        f"the springs of its {springs}" if load.held is None else "the wrench named below"
+    )
     weight = "" if elastic.gravity is None else " and the weight"
-    held = "It is not held at this posture" if _is_unbalanced(result) else f"It is held by {holds}"
+    held = (
+        "It is not held at this posture"
+        if _is_unbalanced(result)
+        else f"It is held by {holds}"
+    )
     return f"The mechanism carries {acting}{weight}. {held}."
 
 
 def _largest_share(elastic: ElasticMechanism, analysis: dict[str, Any]) -> list[str]:
     """Which joint, link or leg contributes most to the deflection under the load."""
-    return [f"{words}." for words in largest_share(resisted_deflection(analysis), elastic)]
+    return [
+        f"{words}." for words in largest_share(resisted_deflection(analysis), elastic)
+    ]
 
 
 def _softest(result: PostureStiffness) -> list[str]:
@@ -356,7 +379,10 @@ def _softest(result: PostureStiffness) -> list[str]:
 
 
 def _better(
-    elastic: ElasticMechanism, start: Array, load: _Load, swept: dict[str, tuple[Array, Array]]
+    elastic: ElasticMechanism,
+    start: Array,
+    load: _Load,
+    swept: dict[str, tuple[Array, Array]],
 ) -> list[str]:
     """A better posture at the same tip pose; else the best that differs in one coordinate."""
     better = [
@@ -397,10 +423,16 @@ def _less(elastic: ElasticMechanism, start: Array, there: Array, load: _Load) ->
             return ""
         moved.append(float(np.linalg.norm(state.displacement[3:])))
     here, other = moved
-    return f"{100 * (1 - other / here):.0f} % less displacement" if other < 0.99 * here else ""
+    return (
+        f"{100 * (1 - other / here):.0f} % less displacement"
+        if other < 0.99 * here
+        else ""
+    )
 
 
-def _at_same_pose(elastic: ElasticMechanism, start: Array, load: _Load, here: float) -> str:
+def _at_same_pose(
+    elastic: ElasticMechanism, start: Array, load: _Load, here: float
+) -> str:
     """The best posture of an arm that leaves the tip where it is; empty where none is better.
 
     Other branches, a move along the self-motion of a redundant arm, and, where a force acts on the
@@ -465,10 +497,14 @@ def _displacements(elastic: ElasticMechanism, Q: Array, load: _Load) -> Array:
     known: NDArray[np.bool_] = np.asarray(np.isfinite(C).all(axis=(1, 2)))
     C = np.where(known[:, None, None], C, 0.0)
     values = np.linalg.eigvalsh((C + C.swapaxes(1, 2)) / 2)
-    return np.where(known & (values[:, 0] >= -numerics.ROUNDOFF * values[:, -1]), moved, np.nan)
+    return np.where(
+        known & (values[:, 0] >= -numerics.ROUNDOFF * values[:, -1]), moved, np.nan
+    )
 
 
-def _swept(elastic: ElasticMechanism, start: Array, load: _Load) -> dict[str, tuple[Array, Array]]:
+def _swept(
+    elastic: ElasticMechanism, start: Array, load: _Load
+) -> dict[str, tuple[Array, Array]]:
     """Displacement of the tip under the load, fixed in the room, over each coordinate."""
     mechanism = elastic.mechanism
     sweeps: dict[str, tuple[Array, Array]] = {}
@@ -476,7 +512,9 @@ def _swept(elastic: ElasticMechanism, start: Array, load: _Load) -> dict[str, tu
         return sweeps
     posture, virtual = mechanism.at(start), links_of_coordinates(elastic)
     limits, length = limits_of(mechanism), posture.length
-    limits = limits.leaving_out(limits.side(limits.values(posture.q, posture.pose), length))
+    limits = limits.leaving_out(
+        limits.side(limits.values(posture.q, posture.pose), length)
+    )
     for j, c in enumerate(mechanism.coordinates[:40]):
         if c.name in virtual:
             continue
@@ -510,7 +548,9 @@ def _picture(elastic: ElasticMechanism, result: PostureStiffness, load: _Load) -
     return f'<iframe title="the mechanism" srcdoc="{escape(page, quote=True)}"></iframe>'
 
 
-def _skeleton(elastic: ElasticMechanism, q: Array, load: _Load, moved: Array | None) -> str:
+def _skeleton(
+    elastic: ElasticMechanism, q: Array, load: _Load, moved: Array | None
+) -> str:
     """Lines from joint to joint to the tip, or along the legs, from the side and from above.
 
     With the force on the tip, the tip's displacement, enlarged, and a scale bar.
@@ -521,10 +561,14 @@ def _skeleton(elastic: ElasticMechanism, q: Array, load: _Load, moved: Array | N
     if isinstance(mechanism, Chain):
         state, tree = mechanism.tree.at(q), mechanism.tree
         ends = [mechanism.body]
-        ends += [tree.placement(f) for c in mechanism.closures for f in (c.frame_a, c.frame_b)]
+        ends += [
+            tree.placement(f) for c in mechanism.closures for f in (c.frame_a, c.frame_b)
+        ]
         for end in ends:
             way = [FixedFrame(int(j), np.eye(4)) for j in tree.model.supports[end.joint]]
-            places = [state.pose(frame)[:3, 3] if frame.joint else np.zeros(3) for frame in way]
+            places = [
+                state.pose(frame)[:3, 3] if frame.joint else np.zeros(3) for frame in way
+            ]
             lines.append(np.array([*places, state.pose(end)[:3, 3]]))
     elif isinstance(mechanism, Platform):
         points = mechanism.points @ posture.pose[:3, :3].T + posture.pose[:3, 3]
@@ -533,12 +577,17 @@ def _skeleton(elastic: ElasticMechanism, q: Array, load: _Load, moved: Array | N
     if not lines:
         return ""
     every = np.vstack(lines)
-    low, size = every.min(axis=0), max(float(np.ptp(every, axis=0).max()), numerics.ROUNDOFF)
+    low, size = (
+        every.min(axis=0),
+        max(float(np.ptp(every, axis=0).max()), numerics.ROUNDOFF),
+    )
     drawn, tip = [], posture.pose[:3, 3]
     arrows = _arrows(load, moved, size)
     flat = [(line - low) / size * 210 for line in lines]
     at = (tip - low) / size * 210
-    for number, (title, across, up) in enumerate((("from the side", 0, 2), ("from above", 0, 1))):
+    for number, (title, across, up) in enumerate(
+        (("from the side", 0, 2), ("from above", 0, 1))
+    ):
         left = 20 + 320 * number
         drawn.append(f'<g transform="translate({left} 235) scale(1 -1)">')
         for line in flat:
@@ -579,7 +628,9 @@ def _skeleton(elastic: ElasticMechanism, q: Array, load: _Load, moved: Array | N
     )
 
 
-def _arrows(load: _Load, moved: Array | None, size: float) -> list[tuple[Array, str, float, str]]:
+def _arrows(
+    load: _Load, moved: Array | None, size: float
+) -> list[tuple[Array, str, float, str]]:
     """Force on the tip and its displacement as drawn in F, with colour, width and words.
 
     Where they are parallel the second is seen inside the first.
@@ -611,7 +662,11 @@ def _legs(result: PostureStiffness) -> str:
         [f"leg{i}", *(_quantity(leg[key], unit) for key, unit in known.items())]
         for i, leg in enumerate(shown, 1)
     ]
-    heads = {"lower": "shortest", "upper": "longest", "tension": "force (tension above zero)"}
+    heads = {
+        "lower": "shortest",
+        "upper": "longest",
+        "tension": "force (tension above zero)",
+    }
     return _table(rows, ["leg", *(heads.get(key, key) for key in known)])
 
 
@@ -643,13 +698,23 @@ def _joints(result: PostureStiffness, q: Array, analysis: dict[str, Any]) -> str
         k = springs.get(name)
         if k is None:
             return ""
-        return "rigid" if np.isinf(k) else engineering(k, units.spring(is_length)) if k else "none"
+        return (
+            "rigid"
+            if np.isinf(k)
+            else engineering(k, units.spring(is_length))
+            if k
+            else "none"
+        )
 
     rows, passive = [], 0
     for c, value in zip(elastic.mechanism.coordinates, q.tolist(), strict=True):
         if c.name in links:
             continue  # the link has one row
-        place = engineering(value, units.length) if c.is_length else f"{np.degrees(value):.2f} deg"
+        place = (
+            engineering(value, units.length)
+            if c.is_length
+            else f"{np.degrees(value):.2f} deg"
+        )
         row = (c.name, place, spring(c.name, c.is_length), _percent(shares.get(c.name)))
         is_passive = result.posture.closure is not None and row[2:] in _PASSIVE
         passive += is_passive
@@ -659,9 +724,13 @@ def _joints(result: PostureStiffness, q: Array, analysis: dict[str, Any]) -> str
         limits = f"{low} to {high}" if np.isfinite(ends).any() else ""
         rows += [] if is_passive else [(*row, limits)]
     bars = [n for n in dict.fromkeys([*springs, *shares]) if n not in elastic.names]
-    rows += [(name, "", spring(name, True), _percent(shares.get(name)), "") for name in bars]
+    rows += [
+        (name, "", spring(name, True), _percent(shares.get(name)), "") for name in bars
+    ]
     of = "energy" if deflection.get("kind") == "springs" else "displacement"
-    left_out = f"<p>{passive} passive joints without a spring are not listed.</p>" * bool(passive)
+    left_out = f"<p>{passive} passive joints without a spring are not listed.</p>" * bool(
+        passive
+    )
     head = ("coordinate", "position", "stiffness", f"share of the {of}", "limits")
     shown = 5 if any(row[4] for row in rows) else 4
     return _table([row[:shown] for row in rows], head[:shown]) + left_out
@@ -673,7 +742,9 @@ _PASSIVE = [(spring, share) for spring in ("", "none") for share in ("", "0 %")]
 
 def _table(rows: Sequence[Sequence[str]], head: Sequence[str] = ()) -> str:
     cells = ["<tr>" + "".join(f"<th>{t}</th>" for t in head) + "</tr>"] if head else []
-    cells += ["<tr>" + "".join(f"<td>{_text(t)}</td>" for t in row) + "</tr>" for row in rows]
+    cells += [
+        "<tr>" + "".join(f"<td>{_text(t)}</td>" for t in row) + "</tr>" for row in rows
+    ]
     return f"<table>{''.join(cells)}</table>"
 
 
@@ -691,9 +762,13 @@ def _acting(elastic: ElasticMechanism, load: _Load) -> list[str]:
 
     lines = ["Load: none" if load.added is None else f"Load: {said(load.added)}"]
     if load.held is not None:
-        lines.append(f"At this posture, before any load, the springs are held by {said(load.held)}")
+        lines.append(
+            f"At this posture, before any load, the springs are held by {said(load.held)}"
+        )
         if load.added is not None:
-            lines.append("Stiffness and shares are those at this posture, before the load")
+            lines.append(
+                "Stiffness and shares are those at this posture, before the load"
+            )
     return [*lines, gravity_loads(elastic).text]
 
 
@@ -728,7 +803,9 @@ def _plot(swept: dict[str, tuple[Array, Array]], elastic: ElasticMechanism) -> s
     largest = (mm * float(np.quantile(finite, 0.98)) if finite.size else 0.0) or 1.0
     # Four round steps reach above the curves.
     first = round_number(largest / 4.0)
-    top = 4.0 * next(first * x for x in (1.0, 2.0, 2.5, 5.0) if 4.0 * first * x >= largest)
+    top = 4.0 * next(
+        first * x for x in (1.0, 2.0, 2.5, 5.0) if 4.0 * first * x >= largest
+    )
     lines = []
     for tick in range(5):
         at = 220 - 50 * tick
@@ -744,13 +821,22 @@ def _plot(swept: dict[str, tuple[Array, Array]], elastic: ElasticMechanism) -> s
             for k in np.flatnonzero(known)
         )
         colour = _COLOURS[i % len(_COLOURS)]
-        lines.append(f'<path d="{drawn}" fill="none" stroke="{colour}" stroke-width="2"/>')
+        lines.append(
+            f'<path d="{drawn}" fill="none" stroke="{colour}" stroke-width="2"/>'
+        )
         if i < 14:
-            lines.append(f'<text x="440" y="{20 + 15 * i}" fill="{colour}">{_text(name)}</text>')
+            lines.append(
+                f'<text x="440" y="{20 + 15 * i}" fill="{colour}">{_text(name)}</text>'
+            )
     lengths = {c.is_length for c in elastic.mechanism.coordinates if c.name in swept}
-    reaches = {False: f"±{np.degrees(_REACH):.0f} deg", True: f"±{_REACH:g} characteristic lengths"}
+    reaches = {
+        False: f"±{np.degrees(_REACH):.0f} deg",
+        True: f"±{_REACH:g} characteristic lengths",
+    }
     shown = " or ".join(reaches[is_length] for is_length in sorted(lengths))
-    lines.append(f'<text x="240" y="240" text-anchor="middle">{shown}, within the limits</text>')
+    lines.append(
+        f'<text x="240" y="240" text-anchor="middle">{shown}, within the limits</text>'
+    )
     lines.append('<text x="50" y="8">mm</text>')
     return (
         '<svg viewBox="0 0 620 250" width="620" height="250" font-size="11" '

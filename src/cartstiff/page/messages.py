@@ -22,7 +22,9 @@ from cartstiff.matrix_names import Letter
 #: Bytes of a message that are read; a longer one is refused.
 LARGEST_MESSAGE = 64 * 1024
 
-_Number = Annotated[float, Field(ge=-LARGEST_INPUT, le=LARGEST_INPUT, allow_inf_nan=False)]
+_Number = Annotated[
+    float, Field(ge=-LARGEST_INPUT, le=LARGEST_INPUT, allow_inf_nan=False)
+]
 _NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST_INPUT, allow_inf_nan=False)]
 _Short = Annotated[str, Field(min_length=1, max_length=200)]
 _Vector = Annotated[list[_Number], Field(min_length=1, max_length=500)]
@@ -98,9 +100,9 @@ class ViewState(_Strict):
     others: Literal["free", "held"] = "free"
     axes: _Axes = "body"
     point: _Three = (0.0, 0.0, 0.0)
-    stiffness: Annotated[list[_NotNegative | None], Field(min_length=1, max_length=500)] | None = (
-        None
-    )
+    stiffness: (
+        Annotated[list[_NotNegative | None], Field(min_length=1, max_length=500)] | None
+    ) = None
     load: _Six | None = None
     load_axes: _Axes = "body"
     load_kind: Literal["dead", "follower", "conservative"] = "dead"
@@ -239,7 +241,9 @@ Message = (
     | Bounds
     | Program
 )
-_MESSAGES: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="do")])
+_MESSAGES: TypeAdapter[Message] = TypeAdapter(
+    Annotated[Message, Field(discriminator="do")]
+)
 _T = TypeVar("_T")
 
 
@@ -258,7 +262,9 @@ def read_message(text: str | bytes) -> Message:
 def _read(kind: TypeAdapter[_T], text: str | bytes) -> _T:
     if len(text) > LARGEST_MESSAGE:
         raise InputError(
-            "message is too long", expected=f"at most {LARGEST_MESSAGE} bytes", got=f"{len(text)}"
+            "message is too long",
+            expected=f"at most {LARGEST_MESSAGE} bytes",
+            got=f"{len(text)}",
         )
     try:
         return kind.validate_json(text)
@@ -267,7 +273,8 @@ def _read(kind: TypeAdapter[_T], text: str | bytes) -> _T:
         place = ".".join(str(part) for part in first["loc"])
         more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
         raise InputError(
-            one_line(f"message refused: {first['msg']}{more}"), where=one_line(place) or None
+            one_line(f"message refused: {first['msg']}{more}"),
+            where=one_line(place) or None,
         ) from None
 
 

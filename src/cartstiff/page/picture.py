@@ -88,10 +88,16 @@ class PageScene:
         return self._window.snapshot()
 
 
-def _appearance(state: ViewState, nodal: tuple[int, float, Screw] | None = None) -> Appearance:
+def _appearance(
+    state: ViewState, nodal: tuple[int, float, Screw] | None = None
+) -> Appearance:
     """Return the appearance of the picture of a state."""
     measures = state.measures
-    kept = None if measures is None else {str(f): one.model_dump() for f, one in measures.items()}
+    kept = (
+        None
+        if measures is None
+        else {str(f): one.model_dump() for f, one in measures.items()}
+    )
     return Appearance(
         **{name: getattr(state, name) for name in _ALIKE},
         axes=state.labels,

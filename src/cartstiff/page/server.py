@@ -112,12 +112,16 @@ class _Refused(Guarded):
     """
 
     def send_error(self, status_code: int = 403, **_: Any) -> None:  # noqa: ARG002
-        super().send_error(403, reason="open the whole address that cartstiff has printed")
+        super().send_error(
+            403, reason="open the whole address that cartstiff has printed"
+        )
 
     def write_error(self, status_code: int, **options: Any) -> None:
         """In words, or as a page for a browser that goes here."""
         request = self.request
-        if request.method != "GET" or "text/html" not in request.headers.get("Accept", ""):
+        if request.method != "GET" or "text/html" not in request.headers.get(
+            "Accept", ""
+        ):
             super().write_error(status_code, **options)
             return
         kind, page = self.application.settings["files"]["/page/door.html"]
@@ -132,7 +136,9 @@ class _Refused(Guarded):
 class Gate(Application):
     """An application behind a token: its handlers see the address without it, as `inside`."""
 
-    def __init__(self, handlers: Any, *, token: str, names: tuple[str, ...], **settings: Any):
+    def __init__(
+        self, handlers: Any, *, token: str, names: tuple[str, ...], **settings: Any
+    ):
         self._token, self._names = token.encode(), names
         super().__init__(handlers, **settings)
 
@@ -239,7 +245,9 @@ class TabSocket(Guarded, WebSocketHandler):
             return
         self.number = known.index(asked)
         if len(self._page.tabs) >= MOST_TABS:
-            full = InputError("too many tabs show this page", expected=f"at most {MOST_TABS}")
+            full = InputError(
+                "too many tabs show this page", expected=f"at most {MOST_TABS}"
+            )
             self.write_message(refusal(full, 0).pack(), binary=True)
             self.close(_FULL, "too many tabs")
             return
@@ -276,7 +284,9 @@ class TabSocket(Guarded, WebSocketHandler):
         if self not in self._page.tabs:
             return
         now = time.monotonic()
-        self._tokens = min(MOST_MESSAGES, self._tokens + (now - self._filled) * MOST_MESSAGES) - 1
+        self._tokens = (
+            min(MOST_MESSAGES, self._tokens + (now - self._filled) * MOST_MESSAGES) - 1
+        )
         self._filled = now
         if self._tokens < 0:
             self._tokens = 0.0
@@ -337,7 +347,9 @@ class TabSocket(Guarded, WebSocketHandler):
         try:
             packed = answer.pack()
         except InputError as error:
-            packed = refusal(error, answer.data.get("id", 0), answer.data.get("do")).pack()
+            packed = refusal(
+                error, answer.data.get("id", 0), answer.data.get("do")
+            ).pack()
         if len(packed) > _PIECE:
             await self.write_message(str(len(packed)))
         for start in range(0, len(packed), _PIECE):
@@ -486,7 +498,9 @@ _LAST_PORT = 65535
 def _listening(host: str, port: int) -> socket.socket:
     """A socket that listens; InputError if the address cannot be used."""
     try:
-        if not 0 <= port <= _LAST_PORT:  # the resolver would take it modulo the number of ports
+        if (
+            not 0 <= port <= _LAST_PORT
+        ):  # the resolver would take it modulo the number of ports
             raise OverflowError("there is no such port")
         family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         listening = socket.create_server(address[:2], family=family, backlog=128)

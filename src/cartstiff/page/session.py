@@ -87,7 +87,10 @@ class Session:
     """
 
     def __init__(
-        self, source: Source, picture: PictureMaker = PageScene, facts: dict[str, Any] | None = None
+        self,
+        source: Source,
+        picture: PictureMaker = PageScene,
+        facts: dict[str, Any] | None = None,
     ) -> None:
         self.source, self._facts = source, facts or {}
         self.make_picture = picture
@@ -213,7 +216,9 @@ class Session:
 
         The answer says how much processor time (s) that took: a page asks seldom for what is slow.
         """
-        steps = self._sweep(message) if isinstance(message, Sweep) else self._series(message)
+        steps = (
+            self._sweep(message) if isinstance(message, Sweep) else self._series(message)
+        )
         spent = 0.0
         while True:
             begin = thread_time()
@@ -232,22 +237,32 @@ class Session:
         commanded = state.command is not None and any(state.command)
         return self._analysed(*self._placed(state, is_left=not commanded), state)
 
-    def _analysed(self, elastic: ElasticMechanism, q: Array, state: ViewState) -> PostureStiffness:
+    def _analysed(
+        self, elastic: ElasticMechanism, q: Array, state: ViewState
+    ) -> PostureStiffness:
         """The posture at coordinates of a mechanism with the springs of a state."""
         # Machine code takes loads along the body's axes, which need no further argument.
         axes = {} if state.load_axes == "body" else {"load_axes": state.load_axes}
-        load: dict[str, Any] = {} if state.load is None else {"wrench": state.load, **axes}
+        load: dict[str, Any] = (
+            {} if state.load is None else {"wrench": state.load, **axes}
+        )
         # Its buttons stay as they are while there is no load.
         is_usual = state.load_kind == "dead" and not any(state.acts_at)
         if not is_usual and (load or elastic.may_be_loaded):
             load |= {"load_kind": state.load_kind, "load_at": state.acts_at}
         if state.command is None or not any(state.command):
             return analyse(elastic, q, **load)
-        steps = named_values(state.command, elastic.spring_names, state.command, "command")
-        command = {n: x for n, x in zip(elastic.spring_names, steps.tolist(), strict=True) if x}
+        steps = named_values(
+            state.command, elastic.spring_names, state.command, "command"
+        )
+        command = {
+            n: x for n, x in zip(elastic.spring_names, steps.tolist(), strict=True) if x
+        }
         return analyse_commanded(elastic, command, q, **load)
 
-    def _placed(self, state: ViewState, is_left: bool = False) -> tuple[ElasticMechanism, Array]:
+    def _placed(
+        self, state: ViewState, is_left: bool = False
+    ) -> tuple[ElasticMechanism, Array]:
         """The mechanism with the springs of a state, and its coordinates before any command."""
         elastic = self.changed(state)
         mechanism = elastic.mechanism
@@ -259,7 +274,9 @@ class Session:
             )
         if isinstance(mechanism, Chain) and mechanism.closures:
             hold = None if moved is None or mechanism.actuated is not None else [moved]
-            if hold is not None or not is_left:  # else `analyse` closes it in the same way
+            if (
+                hold is not None or not is_left
+            ):  # else `analyse` closes it in the same way
                 q = mechanism.closed(q, hold=hold).q
         return elastic, q
 
@@ -275,7 +292,9 @@ class Session:
 
     def numbers(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         """Its numbers; "q" is where the sliders are, see `before_load`."""
-        numbers = shown_numbers(result, state) | {"q": self.before_load(result, state).tolist()}
+        numbers = shown_numbers(result, state) | {
+            "q": self.before_load(result, state).tolist()
+        }
         if state.gravity is not None or state.payload is not None:
             numbers["weighed"] = result.weighed.text
         return numbers
@@ -298,7 +317,9 @@ class Session:
 
     def with_colour_bar(self, legend: dict[str, Any]) -> dict[str, Any]:
         """A picture's legend with that of the map, if there is one."""
-        return legend if self._colour_bar is None else {**legend, "cloud": self._colour_bar}
+        return (
+            legend if self._colour_bar is None else {**legend, "cloud": self._colour_bar}
+        )
 
     def _drawn(self, message: Draw) -> Answer:
         """Numbers and picture of the state, or of the posture that follows a hand from there."""
@@ -307,11 +328,15 @@ class Session:
         if message.lengths is not None:
             if not isinstance(mechanism, Platform):
                 raise InputError("is for platforms", where="lengths", expected="towards")
-            start = mechanism.forward_kinematics(message.lengths, mechanism.checked(start))
+            start = mechanism.forward_kinematics(
+                message.lengths, mechanism.checked(start)
+            )
             state = state.model_copy(update={"q": start.tolist(), "moved": None})
         if message.towards is not None:
             pose = checked_pose(np.array(message.towards.pose), "pose", where="towards")
-            now = self._follower.follow(mechanism.checked(start), pose, message.towards.turning)
+            now = self._follower.follow(
+                mechanism.checked(start), pose, message.towards.turning
+            )
             state = state.model_copy(update={"q": now.q.tolist(), "moved": None})
             followed = {
                 "distance": now.distance,
@@ -332,7 +357,9 @@ class Session:
             return self.hello(message.id)
         # The first frame may have an offset of its own, that of the tool.
         is_first = message.name == first.mechanism.frame
-        self._start(first if is_first else self._elastic.with_frame(message.name), self._q)
+        self._start(
+            first if is_first else self._elastic.with_frame(message.name), self._q
+        )
         # On one link they are at rest relative to each other, whatever the load bends.
         after = self._elastic.mechanism
         T = se3.inverse(after.at(self._q).pose) @ before.at(self._q).pose
@@ -366,7 +393,9 @@ class Session:
     def _sweep(self, message: Sweep) -> _Work:
         i, n = message.coordinate, len(self._q)
         if i >= n:
-            raise InputError("no such coordinate", where="sweep", expected=f"below {n}", got=i)
+            raise InputError(
+                "no such coordinate", where="sweep", expected=f"below {n}", got=i
+            )
         base = self._placed(message.state)[1]
         ends = slider_ranges(self._elastic, self._q)[i]
         is_length = self._elastic.mechanism.coordinates[i].is_length
@@ -396,7 +425,12 @@ class Session:
             rows.append(self._row(message.state, q, None))
             yield
         return Answer(
-            {"id": message.id, "do": "series", "at": trajectory.time.tolist(), "rows": rows}
+            {
+                "id": message.id,
+                "do": "series",
+                "at": trajectory.time.tolist(),
+                "rows": rows,
+            }
         )
 
     def _row(self, state: ViewState, q: Array, moved: int | None) -> Row:
@@ -405,14 +439,18 @@ class Session:
         try:
             with np.errstate(all="ignore"):
                 elastic, reached = self._placed(at)
-                if moved_on := self._moved_on(reached, at):  # most of a row's time is the load's
+                if moved_on := self._moved_on(
+                    reached, at
+                ):  # most of a row's time is the load's
                     return {"reason": _OPEN, "moved": moved_on}
                 row = series_row(self._analysed(elastic, reached, at), at)
                 return row if at.command else row | {"q": reached.tolist()}
         except CartstiffError as error:
             return {"reason": str(error)}
 
-    def _moved_on(self, reached: Array, state: ViewState) -> list[tuple[int, float, float]]:
+    def _moved_on(
+        self, reached: Array, state: ViewState
+    ) -> list[tuple[int, float, float]]:
         """Drives that closures have moved, with their wanted and their reached coordinate."""
         wanted = state.q or ()
         return [

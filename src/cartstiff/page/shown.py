@@ -38,14 +38,30 @@ Level = Literal["good", "warning", "bad"]
 
 # Notes that say why there is no matrix, the most specific first.
 NO_MATRIX: tuple[tuple[str, Level, str], ...] = (
-    ("constraint-singularity", "bad", "Constraint singularity: branches of motion cross here"),
+    (
+        "constraint-singularity",
+        "bad",
+        "Constraint singularity: branches of motion cross here",
+    ),
     ("non-regular-redundancy", "bad", "The closures lose rank and block the motion"),
     ("unbalanced", "bad", "Unbalanced: the arm would move by itself, no wrench holds it"),
     ("buckled", "bad", "Buckled: the energy has no minimum along the self-motion"),
     ("strut-buckled", "bad", "A strut has buckled between its flexures"),
-    ("strut-not-found", "bad", "The flexures are bent too far: no balance of a strut was found"),
-    ("serial-singularity", "bad", "Singular posture: a motion of the end-effector is impossible"),
-    ("idle-self-motion", "bad", "A self-motion costs no energy, yet moves the end-effector"),
+    (
+        "strut-not-found",
+        "bad",
+        "The flexures are bent too far: no balance of a strut was found",
+    ),
+    (
+        "serial-singularity",
+        "bad",
+        "Singular posture: a motion of the end-effector is impossible",
+    ),
+    (
+        "idle-self-motion",
+        "bad",
+        "A self-motion costs no energy, yet moves the end-effector",
+    ),
     ("actuators-adjusted", "warning", "The loops do not close there: drives have moved"),
     (
         "fewer-than-six-freedoms",
@@ -58,13 +74,24 @@ NEAR: tuple[tuple[str, Level, str], ...] = (
     ("actuators-adjusted", "warning", "The loops do not close there: drives have moved"),
     ("near-constraint-singularity", "warning", "The closures nearly repeat each other"),
     ("singular-stiffness", "warning", "Singular stiffness: one motion costs nothing"),
-    ("near-serial-singularity", "warning", "Near a singularity: one motion is almost impossible"),
-    ("near-type-2-singularity", "warning", "Near a singularity: one direction is hardly held"),
+    (
+        "near-serial-singularity",
+        "warning",
+        "Near a singularity: one motion is almost impossible",
+    ),
+    (
+        "near-type-2-singularity",
+        "warning",
+        "Near a singularity: one direction is hardly held",
+    ),
     ("slack", "warning", "Slack cables carry nothing"),
 )
 DEFINITE: dict[str, tuple[Level, str]] = {
     "positive": ("good", "Positive definite: every motion is resisted"),
-    "positive semidefinite": ("warning", "Positive semidefinite: some motion costs nothing"),
+    "positive semidefinite": (
+        "warning",
+        "Positive semidefinite: some motion costs nothing",
+    ),
     "indefinite": ("bad", "Indefinite: along some motion the load pushes further away"),
     "negative semidefinite": ("bad", "Not positive along any motion"),
     "negative": ("bad", "Negative definite: no motion is resisted"),
@@ -73,7 +100,10 @@ DEFINITE: dict[str, tuple[Level, str]] = {
 
 
 def verdict(
-    result: PostureStiffness, connection: str, matrix: Array | None, definiteness: str | None
+    result: PostureStiffness,
+    connection: str,
+    matrix: Array | None,
+    definiteness: str | None,
 ) -> dict[str, Any]:
     """Words and level for the shown stiffness matrix.
 
@@ -99,7 +129,11 @@ def verdict(
             if code in notes:
                 return {"level": level, "title": title, "code": code}
         if connection == "F" and (reason := notes.get("kf-undefined")):
-            return {"level": "warning", "title": f"No K^F: {reason}", "code": "kf-undefined"}
+            return {
+                "level": "warning",
+                "title": f"No K^F: {reason}",
+                "code": "kf-undefined",
+            }
         for code, level, title in NEAR:
             if code in notes:
                 return {"level": level, "title": title, "code": code}
@@ -110,7 +144,11 @@ def verdict(
     for code, near, words in NEAR:
         if code in notes:
             return {"level": near, "title": words, "code": code}
-    return {"level": level, "title": title, "code": None if level == "good" else definiteness}
+    return {
+        "level": level,
+        "title": title,
+        "code": None if level == "good" else definiteness,
+    }
 
 
 # Half-ranges of coordinates without limits: angles of a platform, angles of a joint, and lengths
@@ -223,7 +261,9 @@ def slider_ranges(elastic: ElasticMechanism, q: Array) -> list[tuple[float, floa
     pairs = zip(mechanism.coordinates, q, strict=True)
     ranges = [_range(c, float(x), size, is_platform) for c, x in pairs]
     if isinstance(mechanism, Platform) and len(limits_of(mechanism)):
-        ranges = [_within_strokes(mechanism, q, i, size, own) for i, own in enumerate(ranges)]
+        ranges = [
+            _within_strokes(mechanism, q, i, size, own) for i, own in enumerate(ranges)
+        ]
     return ranges
 
 
@@ -267,7 +307,9 @@ def swept_range(lower: float, upper: float, is_length: bool) -> tuple[float, flo
     return start, start + 2.0 * _TURN
 
 
-def _range(coordinate: Coordinate, x: float, size: float, is_platform: bool) -> tuple[float, float]:
+def _range(
+    coordinate: Coordinate, x: float, size: float, is_platform: bool
+) -> tuple[float, float]:
     half = _SHARE * size if coordinate.is_length else _TILT if is_platform else _TURN
     centre = x if coordinate.is_length or is_platform else 0.0
     lower = coordinate.lower if np.isfinite(coordinate.lower) else min(centre - half, x)
@@ -365,11 +407,20 @@ def modes_part(result: PostureStiffness) -> dict[str, Any]:
     names = answer["mechanism"]["joints"]
     if result.posture.coordinates_are_pose:
         names = ["rx", "ry", "rz", "x", "y", "z"]
-    keys = ("frequencies", "participation", "nodal_axes", "effective_masses", "repeated", "notes")
+    keys = (
+        "frequencies",
+        "participation",
+        "nodal_axes",
+        "effective_masses",
+        "repeated",
+        "notes",
+    )
     return {"names": names, **{key: answer[key] for key in keys}}
 
 
-def response_curves(result: PostureStiffness, state: ViewState, ratio: float) -> dict[str, Any]:
+def response_curves(
+    result: PostureStiffness, state: ViewState, ratio: float
+) -> dict[str, Any]:
     """Size of the receptance at the reference point along x, y, z of the body, over all modes.
 
     Parameters
@@ -387,14 +438,18 @@ def response_curves(result: PostureStiffness, state: ViewState, ratio: float) ->
         If there are no modes, or none that vibrates.
     """
     swings = modes(result)
-    hertz = swings.frequencies[np.isfinite(swings.frequencies) & (swings.frequencies > 0.0)]
+    hertz = swings.frequencies[
+        np.isfinite(swings.frequencies) & (swings.frequencies > 0.0)
+    ]
     if not hertz.size:
         raise UndefinedError(
             "no mode vibrates: there is no response over frequency", code="no-mass"
         )
     own = hertz[: 6 if len(hertz) > 6 else None]
     # Dense at the peaks.
-    near = np.concatenate([f * (1 + x * np.array([-1, 1])) for f in own for x in (0, 0.01, 0.03)])
+    near = np.concatenate(
+        [f * (1 + x * np.array([-1, 1])) for f in own for x in (0, 0.01, 0.03)]
+    )
     wide = np.geomspace(0.3 * own[0], 1.6 * own[-1], 240)
     found_at = frequency_response(swings, np.union1d(wide, near), ratio, at=state.point)
     sizes = {name: np.abs(curve) for name, curve in found_at.curves().items()}
@@ -411,7 +466,9 @@ def _principal(here: StiffnessInFrame, state: ViewState) -> dict[str, Any] | Non
     shown = {}
     for freedom in _FREEDOMS:
         try:
-            e = block_ellipsoid(here, state.connection, state.quantity, freedom, state.others)
+            e = block_ellipsoid(
+                here, state.connection, state.quantity, freedom, state.others
+            )
         except UndefinedError:
             return None
         if e is None:
@@ -433,7 +490,9 @@ def softest_in_room(here: StiffnessInFrame) -> dict[str, Any] | None:
         free = block_ellipsoid(here, "load", "compliance", "translation", "free")
     except UndefinedError:
         return None
-    found = None if free is None else softest(free.eigenvalues, here.pose[:3, :3] @ free.axes)
+    found = (
+        None if free is None else softest(free.eigenvalues, here.pose[:3, :3] @ free.axes)
+    )
     return None if found is None else {"stiffness": found[0], "direction": found[1]}
 
 
@@ -467,7 +526,9 @@ def distance_to_singularity(result: PostureStiffness) -> list[dict[str, Any]]:
         if posture.closure is None:
             values = scaled_values(posture, result.jacobian, result.length)
             freedoms = len(posture.q)
-        elif isinstance(result, QuickPosture):  # machine code answers where closures are regular
+        elif isinstance(
+            result, QuickPosture
+        ):  # machine code answers where closures are regular
             values, freedoms, motions = values_of_closed(posture)
         else:
             reduction = result.reduction
@@ -480,7 +541,9 @@ def distance_to_singularity(result: PostureStiffness) -> list[dict[str, Any]]:
             rates = rates @ motions
         # Fewer actuators than motions (compliant links): springs hold the rest.
         if rates.shape[0] >= rates.shape[1]:
-            near = (n.values for n in result.notes if n.code.endswith("type-2-singularity"))
+            near = (
+                n.values for n in result.notes if n.code.endswith("type-2-singularity")
+            )
             known = next(near, {}).get("singular_values")
             values = numerics.singular_values(rates) if known is None else np.array(known)
             ratios.append(_ratio("type-2", values, rates.shape[1]))
@@ -512,11 +575,15 @@ def legs(result: PostureStiffness) -> list[dict[str, Any]] | None:
     pulls = nothing if tensions is None else plain(tensions)
     return [
         {"length": length, "tension": tension, "lower": low, "upper": high}
-        for length, tension, low, high in zip(lengths.tolist(), pulls, lower, upper, strict=True)
+        for length, tension, low, high in zip(
+            lengths.tolist(), pulls, lower, upper, strict=True
+        )
     ]
 
 
-def _deflection(result: PostureStiffness, state: ViewState, notes: Notes) -> FoundDeflection | None:
+def _deflection(
+    result: PostureStiffness, state: ViewState, notes: Notes
+) -> FoundDeflection | None:
     """Return the deflection of the reference point under the load, as the analysis has it."""
     point = np.array(state.point)
     return deflection_found(result, "load", None, np.zeros(3), point, notes)
@@ -569,8 +636,14 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
     if unstable:
         moved = None
     forces = [leg["tension"] for leg in legs(result) or () if leg["tension"] is not None]
-    ways = (None, None) if moved is None else (moved.whole.displacement, moved.whole.twist[:3])
-    deflection, turn = (None if way is None else [float(np.linalg.norm(way))] for way in ways)
+    ways = (
+        (None, None)
+        if moved is None
+        else (moved.whole.displacement, moved.whole.twist[:3])
+    )
+    deflection, turn = (
+        None if way is None else [float(np.linalg.norm(way))] for way in ways
+    )
     energy = plain(result.energy)
     return {
         "q": result.q.tolist(),

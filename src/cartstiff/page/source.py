@@ -149,7 +149,9 @@ def changed(
         given: Any = [np.inf if k is None else k for k in stiffness]
         if elastic.springs is not None:
             present, names = elastic.stiffnesses, elastic.spring_names
-            given = named_values(given, names, present, "stiffness", infinite=True).tolist()
+            given = named_values(
+                given, names, present, "stiffness", infinite=True
+            ).tolist()
             known = zip(names, given, present, strict=True)
             given = {name: k for name, k, now in known if k != now} or None
         elastic = elastic.with_springs(given)
@@ -187,7 +189,10 @@ def read_trajectory(
     where = one_line(str(path))
     if len(table) > _MOST_POSTURES:
         raise InputError(
-            "too many postures", where=where, expected=f"at most {_MOST_POSTURES}", got=len(table)
+            "too many postures",
+            where=where,
+            expected=f"at most {_MOST_POSTURES}",
+            got=len(table),
         )
     timed = columns not in layouts
     time = table[:, 0] if timed else np.arange(float(len(table)))
@@ -227,7 +232,9 @@ def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Clo
         data, differs = map_of_mechanism(path, elastic, "--map")
     where = one_line(str(path))
     if "position" not in data:
-        raise InputError("map holds no positions", where=where, expected="a variable `position`")
+        raise InputError(
+            "map holds no positions", where=where, expected="a variable `position`"
+        )
     if prod(data["position"].shape) > 3 * _MOST_READ:
         raise InputError(
             "map is too large to be shown",
@@ -254,9 +261,13 @@ def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Clo
             where=where,
             expected="positions (..., 3) and a quantity over the same postures",
         )
-    reached = np.isfinite(flat).all(axis=1)  # places of a Cartesian grid that no posture reaches
+    reached = np.isfinite(flat).all(
+        axis=1
+    )  # places of a Cartesian grid that no posture reaches
     if not reached.any():
-        raise InputError("map holds no posture", where=where, expected="a finite position")
+        raise InputError(
+            "map holds no posture", where=where, expected="a finite position"
+        )
     cloud = _thinned(
         Cloud(flat[reached], {n: v[reached] for n, v in values.items()}, units),
         0 if elastic is None else len(elastic.names),
@@ -278,7 +289,9 @@ def _rows(table: Any, shape: tuple[int, ...], wanted: Array) -> Array:
         low, high = np.searchsorted(wanted, [first * inner, (first + step) * inner])
         if low < high:
             part = np.asarray(table[first : first + step].values, float)
-            parts.append(part.reshape(-1, part.shape[-1])[wanted[low:high] - first * inner])
+            parts.append(
+                part.reshape(-1, part.shape[-1])[wanted[low:high] - first * inner]
+            )
     return np.concatenate(parts)
 
 
@@ -328,13 +341,17 @@ def cloud_of_workspace(reached: Workspace) -> Cloud:
         )
     if reached.positions is None or not reached.positions.limit.size:
         why = "; ".join(note.message for note in reached.notes[-1:])
-        raise InputError("the workspace has no boundary", where="workspace", got=why or "none")
+        raise InputError(
+            "the workspace has no boundary", where="workspace", got=why or "none"
+        )
     surface = np.empty((0, 3)) if reached.singular is None else reached.singular.surface
     names = reached.positions.limit.tolist() + [_SINGULAR] * len(surface)
     return _cut(np.concatenate([reached.boundary, surface]), names, reached.elastic)
 
 
-def _cut(positions: Array, names: Sequence[str], elastic: ElasticMechanism | None) -> Cloud:
+def _cut(
+    positions: Array, names: Sequence[str], elastic: ElasticMechanism | None
+) -> Cloud:
     """A boundary's positions (N, 3) by the names of the limits that cut, which get their bounds."""
     bounds = {} if elastic is None else _bounds_in_words(elastic)
     limits = np.array([" ".join([name, *bounds.get(name, ())]) for name in names])

@@ -294,7 +294,11 @@ class Beam(Potential):
         return phi, stretch, turns
 
     def terms(
-        self, shapes: tuple[Jet, Jet, Jet], N: Array, rotational: Sequence[Array], follows: Array
+        self,
+        shapes: tuple[Jet, Jet, Jet],
+        N: Array,
+        rotational: Sequence[Array],
+        follows: Array,
     ) -> tuple[Array, Array, Array]:
         """Energies (m,), gradients (m, 6) and Hessians (m, 6, 6) under axial forces N (m,).
 
@@ -346,7 +350,9 @@ class Beam(Potential):
     @cached_property
     def _slants(self) -> Array:
         """Parts (2,) of the S about y and about z that are slant."""
-        f = np.array(self.section.bending) / (np.array(self.section.shear) * self.length**2)
+        f = np.array(self.section.bending) / (
+            np.array(self.section.shear) * self.length**2
+        )
         return f / (1 / 12 + f)
 
     def _axial_force(self, u: Array, theta: Array) -> tuple[Array, Array, Array, Array]:
@@ -370,7 +376,9 @@ class Beam(Potential):
                 break
             following = N + step
             outside = (following < low) | (following > high)
-            middle = np.where(np.isfinite(high), 0.5 * (low + high), 2 * np.abs(low) + low)
+            middle = np.where(
+                np.isfinite(high), 0.5 * (low + high), 2 * np.abs(low) + low
+            )
             N = np.where(outside, middle, following)
         return N, s, s1, s2
 

@@ -148,7 +148,9 @@ class Potential(ABC):
             return scaled
         if a == 1.0:
             return self
-        raise InputError("is not converted to other units", where="units", got=type(self).__name__)
+        raise InputError(
+            "is not converted to other units", where="units", got=type(self).__name__
+        )
 
     def member_forces(self, posture: Posture, gradient: Array) -> Array:  # noqa: ARG002
         """Sum (n,) of the absolute generalised forces of all members, by default of one.
@@ -193,4 +195,6 @@ def pulled_back(
     if to_pose is IDENTITY:
         return Evaluation(energy, wrench, stiffness)
     J = to_pose.jacobian
-    return Evaluation(energy, J.T @ wrench, J.T @ stiffness @ J + to_pose.curvature(wrench))
+    return Evaluation(
+        energy, J.T @ wrench, J.T @ stiffness @ J + to_pose.curvature(wrench)
+    )

@@ -47,7 +47,9 @@ class CoupledJointSprings(Potential):
             object.__setattr__(self, name, array)
         m = len(self.names)
         if self.factors.shape[:1] != (m,) or self.factors.ndim != 2:
-            raise InputError("one row of factors for each coupled spring", expected=f"{m} rows")
+            raise InputError(
+                "one row of factors for each coupled spring", expected=f"{m} rows"
+            )
         if self.stiffness.shape != (m,) or self.rest.shape != (m,):
             what = "one stiffness and rest position for each coupled spring"
             raise InputError(what, expected=f"{m} of both")

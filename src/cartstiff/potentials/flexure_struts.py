@@ -61,7 +61,14 @@ class Flexure(NamedTuple):
     @property
     def springs(self) -> list[float]:
         """Stiffnesses of the slides along x, y, z and the hinges about x, y, z."""
-        return [self.shear, self.shear, self.axial, self.bending, self.bending, self.torsion]
+        return [
+            self.shear,
+            self.shear,
+            self.axial,
+            self.bending,
+            self.bending,
+            self.torsion,
+        ]
 
     @property
     def length_powers(self) -> dict[str, float]:
@@ -205,9 +212,15 @@ class FlexureStruts(LineSprings):
         low = self.feet @ se3.pose(translation=[0, 0, self.lower.offset])
         return se3.inverse(low) @ T_a_b[:, None] @ self.ends
 
-    @np.errstate(over="ignore", invalid="ignore")  # a diverging search has `is_found` False
+    @np.errstate(
+        over="ignore", invalid="ignore"
+    )  # a diverging search has `is_found` False
     def solve(
-        self, T_a_b: Array, rest_length: Array, gradient: Array | None = None, free: Any = None
+        self,
+        T_a_b: Array,
+        rest_length: Array,
+        gradient: Array | None = None,
+        free: Any = None,
     ) -> StrutStates:
         """States of the struts at poses (N, 4, 4) with rest lengths (N, m), from (1) and (2).
 
@@ -277,7 +290,9 @@ class FlexureStruts(LineSprings):
         inverse = solved(M, np.broadcast_to(np.eye(n + 6), M.shape))
         K = inverse[..., n:, n:] * W_size[:, :, None] * W_size[:, None, :]
         # Without the curvature by the load, H is positive.
-        stable = (np.linalg.norm(turning, axis=(-1, -2)) < 0.5) & np.all(k[:, free_q] > 0.0)
+        stable = (np.linalg.norm(turning, axis=(-1, -2)) < 0.5) & np.all(
+            k[:, free_q] > 0.0
+        )
         if not stable.all():
             M[..., :n, n:] *= -1.0
             values = np.linalg.eigvalsh(np.nan_to_num(M[~stable]))
@@ -332,8 +347,12 @@ class FlexureStruts(LineSprings):
         rest = np.broadcast_to(self.rest_length, (len(T_a_b), len(free)))
         if not np.isnan(rest).any():
             return rest, free
-        wound = held if self.preload is None or np.count_nonzero(free) <= 6 else held | free
-        tensions = np.where(wound, np.nan_to_num(self.given_tensions(self.rest_length)), 0.0)
+        wound = (
+            held if self.preload is None or np.count_nonzero(free) <= 6 else held | free
+        )
+        tensions = np.where(
+            wound, np.nan_to_num(self.given_tensions(self.rest_length)), 0.0
+        )
         return np.where(np.isnan(rest), self.wound(T_a_b, tensions), rest), free
 
     def wound(self, T_a_b: Array, tensions: Array) -> Array:
@@ -341,7 +360,9 @@ class FlexureStruts(LineSprings):
         lengths = lines_of_many(T_a_b, self.anchors, self.points).lengths
         return np.asarray(lengths - tensions / self.stiffness)
 
-    def _bearing_by(self, T_a_b: Array, rest: Array, gradient: Array, free: Any) -> StrutStates:
+    def _bearing_by(
+        self, T_a_b: Array, rest: Array, gradient: Array, free: Any
+    ) -> StrutStates:
         """`solve` with a gradient; found only if `solve` with these rest lengths agrees.
 
         Struts with large bending have several shapes for one rest length.
@@ -373,7 +394,11 @@ class FlexureStruts(LineSprings):
                 code="strut-buckled",
                 values={"strut": first},
             )
-        return float(at.energy.sum()), at.wrench[0].sum(axis=0), at.stiffness[0].sum(axis=0)
+        return (
+            float(at.energy.sum()),
+            at.wrench[0].sum(axis=0),
+            at.stiffness[0].sum(axis=0),
+        )
 
 
 def ideal_joints_only(springs: object, what: str) -> None:
@@ -403,7 +428,9 @@ def solved(M: Array, right: Array) -> Array:
 
 def turned(angles: Array) -> tuple[Array, Array]:
     """Rotations (..., 3, 3) by hinges about x, y, z in a row, and their axes at the far end."""
-    (sx, sy, sz), (cx, cy, cz) = (np.moveaxis(f(angles), -1, 0) for f in (sines_of, cosines_of))
+    (sx, sy, sz), (cx, cy, cz) = (
+        np.moveaxis(f(angles), -1, 0) for f in (sines_of, cosines_of)
+    )
     R = np.stack(
         [
             cy * cz,
@@ -434,7 +461,10 @@ def strut_end(q: Array, bars: Any) -> tuple[Array, Array, Array]:
     beyond[..., 2] = beyond[..., 2] + q[..., SLIDE] + bars
     back = R2.swapaxes(-1, -2)
     J[..., 3:, :3] = back @ R1.swapaxes(-1, -2)
-    J[..., :3, 3:6], J[..., 3:, 3:6] = back @ axes1, -(back @ (se3.skew_of(beyond) @ axes1))
+    J[..., :3, 3:6], J[..., 3:, 3:6] = (
+        back @ axes1,
+        -(back @ (se3.skew_of(beyond) @ axes1)),
+    )
     J[..., 3:, SLIDE] = R2[..., 2, :]
     J[..., 3:, 7:10], J[..., :3, 10:] = back, axes2
     return R1 @ R2, q[..., :3] + (R1 @ beyond[..., None])[..., 0], J

@@ -30,7 +30,9 @@ _AGREEMENT = numerics.DERIVATIVE_DISAGREEMENT
 _FINITE_STEP = 1e-2
 
 
-def _differentiate(f: Callable[[Array], float], scale: Array) -> tuple[float, Array, Array]:
+def _differentiate(
+    f: Callable[[Array], float], scale: Array
+) -> tuple[float, Array, Array]:
     value = float(f(np.zeros(scale.size)))
     g, h = gradient_and_hessian(f, scale)
     g_half, h_half = gradient_and_hessian(f, scale, STEP / 2)
@@ -52,7 +54,9 @@ def _differentiate(f: Callable[[Array], float], scale: Array) -> tuple[float, Ar
 def _symmetric(h: ArrayLike, n: int, name: str) -> Array:
     h = np.asarray(h, float)
     if h.shape != (n, n):
-        raise InputError(f"{name} has the wrong shape", expected=f"({n}, {n})", got=str(h.shape))
+        raise InputError(
+            f"{name} has the wrong shape", expected=f"({n}, {n})", got=str(h.shape)
+        )
     return h
 
 
@@ -87,7 +91,9 @@ class JointFunction(Potential):
             raise InputError(
                 "gradient has the wrong shape", expected=str(q.shape), got=str(g.shape)
             )
-        return Evaluation(float(self.energy(q)), g, _symmetric(self.hessian(q), q.size, "Hessian"))
+        return Evaluation(
+            float(self.energy(q)), g, _symmetric(self.hessian(q), q.size, "Hessian")
+        )
 
 
 @dataclass(frozen=True)
@@ -172,7 +178,10 @@ def taylor_check(
         a finite number at 0.
     """
     d = checked_array(direction, ("n",), "direction")
-    g, H = checked_vector(gradient, d.size, "gradient"), checked_matrix(hessian, "hessian", d.size)
+    g, H = (
+        checked_vector(gradient, d.size, "gradient"),
+        checked_matrix(hessian, "hessian", d.size),
+    )
     if not d.any():
         raise InputError("direction is zero", expected="a direction of unit natural size")
     steps = np.logspace(0, -7, 57)
@@ -195,4 +204,6 @@ def taylor_check(
     # A right Hessian leaves few points above the floor; fit the order to the smallest of them.
     last = usable[-min(usable.size, 12) :]
     fitted = float(np.polyfit(np.log(steps[last]), np.log(errors[last]), 1)[0])
-    return TaylorCheck(fitted, (float(steps[last[-1]]), float(steps[last[0]])), fitted >= 2.7)
+    return TaylorCheck(
+        fitted, (float(steps[last[-1]]), float(steps[last[0]])), fitted >= 2.7
+    )

@@ -150,7 +150,12 @@ class LineSprings(PosePotential):
     }
 
     def __post_init__(self) -> None:
-        for name, width in (("anchors", 3), ("points", 3), ("stiffness", 0), ("rest_length", 0)):
+        for name, width in (
+            ("anchors", 3),
+            ("points", 3),
+            ("stiffness", 0),
+            ("rest_length", 0),
+        ):
             numbers = getattr(self, name)
             # Read-only arrays are kept: a platform recognises its own points by identity.
             flags = getattr(numbers, "flags", None)
@@ -183,7 +188,11 @@ class LineSprings(PosePotential):
             flags = np.array(getattr(self, name), bool)
             if flags.ndim and flags.shape != self.stiffness.shape:
                 raise self._miscounted(name)
-            own = tuple(flags.tolist()) if flags.any() and not flags.all() else bool(flags.any())
+            own = (
+                tuple(flags.tolist())
+                if flags.any() and not flags.all()
+                else bool(flags.any())
+            )
             object.__setattr__(self, name, own)
 
     def _miscounted(self, name: str) -> InputError:
@@ -222,7 +231,9 @@ class LineSprings(PosePotential):
         if not self.unilateral:
             return []
         lengths = self.geometry(posture).lengths
-        return [int(i) + 1 for i in np.flatnonzero(self.cables & (lengths < self.rest_length))]
+        return [
+            int(i) + 1 for i in np.flatnonzero(self.cables & (lengths < self.rest_length))
+        ]
 
     def diagnostics(self, posture: Posture) -> list[Note]:
         """Notes on slack cables, cables at the edge of slackness, and non-unique tensions."""
@@ -234,7 +245,9 @@ class LineSprings(PosePotential):
         lengths, _, lines = self.geometry(posture)
         if self.unilateral:
             pull = self._pull(lengths)
-            edge = np.abs(pull) <= numerics.NEGLIGIBLE_DIFFERENCE * np.abs(pull).max(initial=0.0)
+            edge = np.abs(pull) <= numerics.NEGLIGIBLE_DIFFERENCE * np.abs(pull).max(
+                initial=0.0
+            )
             at_edge = [int(i) + 1 for i in np.flatnonzero(edge & self.cables)]
             if at_edge:
                 numbers = ", ".join(map(str, at_edge))
@@ -248,7 +261,9 @@ class LineSprings(PosePotential):
             return notes
         _, tensions, given = self.balanced_at
         tensions = np.where(self.cables, np.maximum(tensions, 0.0), tensions)
-        values = numerics.singular_values(lines / np.repeat([np.abs(lines).max(), 1.0], 3))
+        values = numerics.singular_values(
+            lines / np.repeat([np.abs(lines).max(), 1.0], 3)
+        )
         largest = numerics.NEGLIGIBLE_FORCE * np.abs(tensions).max()
         is_given = given.any() and (np.abs(tensions - given) <= largest).all()
         if len(lines) > numerics.rank(values) and not is_given:
@@ -314,7 +329,9 @@ class LineSprings(PosePotential):
                 return self._balancing(posture, gradient, free)
             except InputError:
                 pass
-        return self._balancing(posture, gradient, self.rest_is_free(every), holds=not every)
+        return self._balancing(
+            posture, gradient, self.rest_is_free(every), holds=not every
+        )
 
     def _balancing(
         self, posture: Posture, gradient: Array, free: Array, holds: bool = False
@@ -325,12 +342,16 @@ class LineSprings(PosePotential):
         held = self.holding(lines) if holds else np.zeros(len(free), bool)
         free = free & ~held
         given = self.given_tensions(geometry.lengths)
-        fixed = np.where(free, 0.0, np.where(held, given, self.tensions(geometry.lengths)))
+        fixed = np.where(
+            free, 0.0, np.where(held, given, self.tensions(geometry.lengths))
+        )
         rest, exerted = self.rest_length.copy(), fixed.copy()
         rest[held] = geometry.lengths[held] - given[held] / self.stiffness[held]
         if free.any():
             exerted[free] = self._balanced(lines, gradient * scale, free, given, fixed)
-            exerted = np.where(free, self._staying_slack(exerted, geometry.lengths), exerted)
+            exerted = np.where(
+                free, self._staying_slack(exerted, geometry.lengths), exerted
+            )
             rest[free] = geometry.lengths[free] - exerted[free] / self.stiffness[free]
         return self._at_rest(rest, exerted, given, geometry.lengths)
 
@@ -366,7 +387,9 @@ class LineSprings(PosePotential):
         start = given[free] if several else np.zeros(count)
         tensions = nearest_balance(matrix, wanted, start)
         missed = np.abs(matrix @ tensions - wanted)
-        summed = np.abs(matrix) @ (np.abs(tensions) + np.abs(start)) + np.abs(lines) @ np.abs(fixed)
+        summed = np.abs(matrix) @ (np.abs(tensions) + np.abs(start)) + np.abs(
+            lines
+        ) @ np.abs(fixed)
         limit = numerics.BALANCE_TOLERANCE * np.abs(gradient).max(initial=0.0)
         missed[missed <= limit + _SUM_ROUNDOFF * numerics.EPSILON * summed] = 0.0
         if missed.any():
@@ -423,7 +446,11 @@ class LineSprings(PosePotential):
         length.
         """
         is_open, cables = self.rest_is_free()[which], self.cables[which]
-        own = np.zeros(0) if self.preload is None else self.preload[which & self.rest_is_free()]
+        own = (
+            np.zeros(0)
+            if self.preload is None
+            else self.preload[which & self.rest_is_free()]
+        )
         preload = float(np.nan_to_num(own).mean()) if own.size else 0.0
         mean = (
             preload
@@ -435,10 +462,14 @@ class LineSprings(PosePotential):
         most = np.full(len(cables), np.inf) if self.most is None else self.most[which]
         least = np.where(is_open & (least > 0.0) | ~cables, least, kept)
         return Bounds(
-            np.where(is_open | cables, least, -np.inf), np.where(is_open, most, np.inf), cables
+            np.where(is_open | cables, least, -np.inf),
+            np.where(is_open, most, np.inf),
+            cables,
         )
 
-    def _at_rest(self, rest: Array, tensions: Array, given: Array, lengths: Array) -> LineSprings:
+    def _at_rest(
+        self, rest: Array, tensions: Array, given: Array, lengths: Array
+    ) -> LineSprings:
         """The same lines with rest lengths at which they exert tensions, nearest to given ones."""
         for numbers in (tensions, given):
             numbers.flags.writeable = False

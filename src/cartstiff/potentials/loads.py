@@ -104,7 +104,9 @@ def _forms_of_force() -> Array:
         for j, c in enumerate(np.eye(3)):
             forms[1 + i, j, :3] = np.cross(c, f)
             # K[i, j] = f . (w_j x (w_i x c + v_i))
-            forms[1 + i, j, 6:].reshape(6, 6)[:3, :3] = np.outer(f, c) - (f @ c) * np.eye(3)
+            forms[1 + i, j, 6:].reshape(6, 6)[:3, :3] = np.outer(f, c) - (f @ c) * np.eye(
+                3
+            )
     return forms.reshape(12, 42)
 
 
@@ -118,7 +120,9 @@ _OF_FORCE_B = _OF_FORCE.copy()
 _OF_FORCE_B[:, 6:] = np.array([_symmetric(form) for form in _OF_FORCE[:, 6:]])
 
 
-def held_force(force: Array, point: Array, forms: Array = _OF_FORCE_B) -> tuple[Array, Array]:
+def held_force(
+    force: Array, point: Array, forms: Array = _OF_FORCE_B
+) -> tuple[Array, Array]:
     """Alpha and K^B of a force (3,), constant in F, given along the axes of b at a point of b.
 
     Numbers may be recorded. With `_OF_FORCE` as forms, K^A instead.
@@ -217,7 +221,9 @@ class DeadWrench(Load):
     def parted(self, T_F_b: Array) -> tuple[float, Array]:
         """Energy of the force, and the moment."""
         force, moment = self.wrench[3:], self.wrench[:3]
-        return _dead_force(T_F_b, force, np.asarray(self.point))[0], T_F_b[:3, :3].T @ moment
+        return _dead_force(T_F_b, force, np.asarray(self.point))[0], T_F_b[
+            :3, :3
+        ].T @ moment
 
 
 @dataclass(frozen=True)
@@ -323,7 +329,9 @@ class Scaled(Potential):
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and derivative, times the factor."""
         energy, gradient, hessian = self.potential.evaluate(posture)
-        return Evaluation(self.factor * energy, self.factor * gradient, self.factor * hessian)
+        return Evaluation(
+            self.factor * energy, self.factor * gradient, self.factor * hessian
+        )
 
 
 @checked
@@ -352,7 +360,9 @@ def payload(
         For a negative mass, a wrong count or numbers that are not finite.
     """
     if not checked_number(mass, "payload mass") >= 0.0:
-        raise InputError("payload mass cannot be used", expected="a number from zero", got=mass)
+        raise InputError(
+            "payload mass cannot be used", expected="a number from zero", got=mass
+        )
     weight = mass * _numbers(acceleration, 3, "acceleration")
     centre = _numbers(point, 3, "mass centre")
     checked_reach(centre, "mass centre")

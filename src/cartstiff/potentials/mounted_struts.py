@@ -92,7 +92,9 @@ class MountedStruts(FlexureStruts):
         """Distances (m,) of the struts' ends at a pose of M, with base and platform deflected."""
         if not self.is_complete:
             return super().lengths_at(T_a_b)
-        return super().lengths_at(self._at_rest_in(T_a_b[None], self.rest_length[None]).T[0])
+        return super().lengths_at(
+            self._at_rest_in(T_a_b[None], self.rest_length[None]).T[0]
+        )
 
     def wound(self, T_a_b: Array, tensions: Array) -> Array:
         """Rest lengths (N, m) of struts with tensions (m,), with base and platform deflected."""
@@ -108,16 +110,23 @@ class MountedStruts(FlexureStruts):
             if not moved > numerics.ROUNDOFF * self.made.max():
                 break
             before = lines.lengths
-        return self._exactly_wound(T_a_b, tensions, lines.lengths - tensions / self.stiffness)
+        return self._exactly_wound(
+            T_a_b, tensions, lines.lengths - tensions / self.stiffness
+        )
 
     def _exactly_wound(self, T: Array, tensions: Array, rest: Array) -> Array:
         """Rest lengths (N, m) near given ones, by Newton's method: bent struts turn the mounts."""
         for _ in range(_WINDING_STEPS if tensions.any() else 0):
             missed = self._tensions_of(T, rest) - tensions
-            if not np.abs(missed).max() > numerics.NEGLIGIBLE_DIFFERENCE * np.abs(tensions).max():
+            if (
+                not np.abs(missed).max()
+                > numerics.NEGLIGIBLE_DIFFERENCE * np.abs(tensions).max()
+            ):
                 break
             step = numerics.NEGLIGIBLE_DISTANCE * float(self.made.max())
-            changed = [self._tensions_of(T, rest + step * e) for e in np.eye(len(self.made))]
+            changed = [
+                self._tensions_of(T, rest + step * e) for e in np.eye(len(self.made))
+            ]
             rates = (np.stack(changed, axis=-1) - (missed + tensions)[..., None]) / step
             better = rest - solved(rates, missed[..., None])[..., 0]
             rest = np.where(np.isfinite(better).all(axis=-1, keepdims=True), better, rest)
@@ -131,7 +140,11 @@ class MountedStruts(FlexureStruts):
 
     @np.errstate(over="ignore", invalid="ignore")
     def solve(
-        self, T_a_b: Array, rest_length: Array, gradient: Array | None = None, free: Any = None
+        self,
+        T_a_b: Array,
+        rest_length: Array,
+        gradient: Array | None = None,
+        free: Any = None,
     ) -> StrutStates:
         """As for struts alone; each strut has an equal share of the springs' energy and of K^B."""
         if gradient is None:
@@ -139,7 +152,9 @@ class MountedStruts(FlexureStruts):
             own = super().solve(at.T, rest_length)
         else:
             at = self._bearing(T_a_b, np.broadcast_to(gradient, (len(T_a_b), 6)))
-            own = super().solve(at.T, rest_length, _pulled(at.J[..., self._struts], at.W), free)
+            own = super().solve(
+                at.T, rest_length, _pulled(at.J[..., self._struts], at.W), free
+            )
         M, sizes = self._matrix(at, own.stiffness.sum(axis=1))
         n, m = len(sizes) - 6, len(self.made)
         inverse = solved(M, np.broadcast_to(np.eye(n + 6), M.shape))
@@ -168,13 +183,17 @@ class MountedStruts(FlexureStruts):
         settled = np.zeros(len(T), bool)
         for _ in range(_MAX_STEPS):
             pulled = _pulled(self._row(T, q, W).J, W) @ compliance
-            settled = abs(pulled - q).max(axis=1) <= numerics.ROUNDOFF * np.abs(pulled).max(axis=1)
+            settled = abs(pulled - q).max(axis=1) <= numerics.ROUNDOFF * np.abs(
+                pulled
+            ).max(axis=1)
             q = pulled
             if settled.all() or not np.isfinite(q).all():
                 break
         return self._row(T, q, W)._replace(is_found=settled)
 
-    @np.errstate(over="ignore", invalid="ignore")  # a diverging search has `is_found` False
+    @np.errstate(
+        over="ignore", invalid="ignore"
+    )  # a diverging search has `is_found` False
     def _at_rest_in(self, T: Array, rest_length: Array) -> _Row:
         """The chain at rest at M's poses T, by Newton's method for coordinates, T' and W."""
         N, struts = len(T), self._struts
@@ -245,7 +264,10 @@ class MountedStruts(FlexureStruts):
         made, k = float(self.made.mean()), float(np.sqrt(self.stiffness).mean())
         sizes = np.zeros(n + 6)
         sizes[:n] = 1.0 / np.sqrt(np.maximum(np.diag(self._springs), numerics.TINY))
-        sizes[own], sizes[n:] = np.repeat([1 / made, 1.0], 3) / k, np.repeat([made, 1.0], 3) * k
+        sizes[own], sizes[n:] = (
+            np.repeat([1 / made, 1.0], 3) / k,
+            np.repeat([made, 1.0], 3) * k,
+        )
         M = np.zeros((len(K), n + 6, n + 6))
         M[:, :n, :n], M[:, :n, n:], M[:, n:, :n] = H, -at.J.swapaxes(-1, -2), at.J
         return M * np.outer(sizes, sizes), sizes

@@ -21,7 +21,11 @@ def with_derivatives(c: Array) -> Array:
     """Coefficients (terms, 3) of a power series and its first two derivatives."""
     k = np.arange(c.size)
     columns = np.zeros((c.size, 3))
-    columns[:, 0], columns[:-1, 1], columns[:-2, 2] = c, (k * c)[1:], (k * (k - 1) * c)[2:]
+    columns[:, 0], columns[:-1, 1], columns[:-2, 2] = (
+        c,
+        (k * c)[1:],
+        (k * (k - 1) * c)[2:],
+    )
     return columns
 
 
@@ -41,7 +45,9 @@ _STRETCH = with_derivatives(_TURN_TERMS)
 _FACTORIALS = np.cumprod(np.concatenate([[1.0], np.arange(1.0, 2 * _TERMS + 2)]))
 _SIGNS = (-1.0) ** np.arange(_TERMS)
 _SINE_RATIO = with_derivatives(_SIGNS / _FACTORIALS[1 : 2 * _TERMS : 2])
-_COSINE_LESS_1 = with_derivatives(np.append(0.0, (_SIGNS / _FACTORIALS[: 2 * _TERMS : 2])[1:]))
+_COSINE_LESS_1 = with_derivatives(
+    np.append(0.0, (_SIGNS / _FACTORIALS[: 2 * _TERMS : 2])[1:])
+)
 
 
 # Coordinates that rotate about y and z at the near and at the far end, and their selections.
@@ -61,7 +67,9 @@ def deformations(x: Array, ratios: Array) -> tuple[Jet, Jet]:
 
     `ratios` (2,) are the parts of the S about y and about z that are slant; the rest is bending.
     """
-    ends = _swing(x[:, _TURNS]).among(_OF_ENDS)  # (m, 2, 3): y, z, twist of the near and far end
+    ends = _swing(x[:, _TURNS]).among(
+        _OF_ENDS
+    )  # (m, 2, 3): y, z, twist of the near and far end
     along = variables(x)[3]
     phi = along + ends[:, 0, 2] - ends[:, 1, 2]
     # Each rotated by half the twist, to the axes of the middle section.
@@ -176,7 +184,13 @@ def internal_twist(
     energy = 0.5 * (stored[0] + stored[1])
     # By alpha, beta, k_0, k_1, chi: rates of d, F t and the rest.
     zero, one = 0.0 * chi, 0.0 * chi + 1.0
-    rates = [(zero, chi / root), (chi, zero), (one, zero), (zero, one), (beta, alpha / root)]
+    rates = [
+        (zero, chi / root),
+        (chi, zero),
+        (one, zero),
+        (zero, one),
+        (beta, alpha / root),
+    ]
     bent = [
         (
             c * (alpha / 6.0 * t[0] + mixed * beta * t[1]),
@@ -203,7 +217,9 @@ def internal_twist(
                 own = own + w[0] * (e[i][0] * e[j][0]) + w[1] * (e[i][1] * e[j][1])
             curvatures[i][j] = own
     curvatures[0][0] = curvatures[0][0] - c * (t[0] * t[0] / 12.0 + t[1] * t[1] / 60.0)
-    curvatures[1][1] = curvatures[1][1] - c * (t[0] * t[0] / 5.0 + 3.0 / 7.0 * (t[1] * t[1]))
+    curvatures[1][1] = curvatures[1][1] - c * (
+        t[0] * t[0] / 5.0 + 3.0 / 7.0 * (t[1] * t[1])
+    )
     curvatures[1][0] = curvatures[1][0] - c * mixed * (t[0] * t[1])
     curvatures[4][0] = curvatures[4][0] + t[1] / root
     curvatures[4][1] = curvatures[4][1] + t[0]

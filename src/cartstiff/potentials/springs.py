@@ -93,7 +93,9 @@ class PolynomialLaw(SpringLaw):
         size = 1.0 + float(np.abs(roots).max(initial=0.0))
         real = roots.real[np.abs(roots.imag) < numerics.NEGLIGIBLE_DIFFERENCE * size]
         if real.size == 0:
-            raise InputError("polynomial spring never reaches the torque", got=f"{torque:.6g}")
+            raise InputError(
+                "polynomial spring never reaches the torque", got=f"{torque:.6g}"
+            )
         x = float(real[np.argmin(np.abs(real))])
         for _ in range(3):  # roots of a companion matrix keep about half the digits
             _, t, k = self.evaluate(x)
@@ -131,16 +133,23 @@ class TabulatedLaw(SpringLaw):
     def __post_init__(self) -> None:
         x, y = real_array(self.deflections), real_array(self.torques)
         if x.size < 2 or x.shape != y.shape or not np.all(np.isfinite(np.append(x, y))):
-            raise InputError("spring table needs two or more finite points", got=f"{x.size} points")
+            raise InputError(
+                "spring table needs two or more finite points", got=f"{x.size} points"
+            )
         if np.any(np.diff(x) <= 0):
-            raise InputError("deflections of a spring table must increase strictly", got=x.tolist())
+            raise InputError(
+                "deflections of a spring table must increase strictly", got=x.tolist()
+            )
         check_name("kind of pieces", self.pieces, ["linear", "smooth"])
 
     @cached_property
     def corners(self) -> tuple[Corner, ...]:
         """Points at which the stiffness jumps; none of a smooth curve."""
         slopes = self._rows[:, 3]
-        jumps = np.abs(np.diff(slopes)) > numerics.NEGLIGIBLE_DIFFERENCE * np.abs(slopes).max()
+        jumps = (
+            np.abs(np.diff(slopes))
+            > numerics.NEGLIGIBLE_DIFFERENCE * np.abs(slopes).max()
+        )
         sides = zip(self.deflections, slopes[:-1], slopes[1:], jumps, strict=True)
         is_linear = self.pieces == "linear"
         return tuple(
@@ -152,7 +161,9 @@ class TabulatedLaw(SpringLaw):
     @cached_property
     def corner_width(self) -> float:
         """Distance to a corner below which the deflection counts as that of the corner."""
-        return numerics.NEGLIGIBLE_DIFFERENCE * (self.deflections[-1] - self.deflections[0])
+        return numerics.NEGLIGIBLE_DIFFERENCE * (
+            self.deflections[-1] - self.deflections[0]
+        )
 
     def corner_at(self, x: float) -> Corner | None:
         """Return the corner at a deflection, if there is one."""
@@ -195,7 +206,9 @@ class TabulatedLaw(SpringLaw):
 
         The energy is zero without a deflection.
         """
-        return self.on_piece(self._rows[np.searchsorted(self._ends, x, side="right")].T, x)
+        return self.on_piece(
+            self._rows[np.searchsorted(self._ends, x, side="right")].T, x
+        )
 
     @staticmethod
     def on_piece(piece: Any, x: Any) -> tuple[Any, Any, Any]:
@@ -289,7 +302,9 @@ class JointSprings(Potential):
             raise InputError("joint stiffness must be a number from zero", got=k.tolist())
         rigid = self.rigid | frozenset(np.flatnonzero(np.isinf(k)).tolist())
         if any(np.isfinite(r[j]) and np.isinf(k[j]) for j in rigid):
-            raise InputError("a rigid joint stays where it is", expected="no rest position for it")
+            raise InputError(
+                "a rigid joint stays where it is", expected="no rest position for it"
+            )
         k[list(rigid)], r[list(rigid)] = 0.0, 0.0
         object.__setattr__(self, "rigid", rigid)
         passive = k == 0.0
@@ -335,7 +350,10 @@ class JointSprings(Potential):
 
     def in_units(self, a: float, sizes: Array, efforts: Array) -> Self:  # noqa: ARG002
         """The same springs in other units."""
-        own = {j: law.in_units(float(sizes[j]), float(efforts[j])) for j, law in self.laws.items()}
+        own = {
+            j: law.in_units(float(sizes[j]), float(efforts[j]))
+            for j, law in self.laws.items()
+        }
         k, rest = self.stiffness * efforts / sizes, self.rest * sizes
         return replace(self, stiffness=k, rest=rest, laws=own)
 

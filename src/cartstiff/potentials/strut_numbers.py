@@ -24,7 +24,9 @@ _ENDS = ("lower", "upper")
 
 def strut_numbers(struts: FlexureStruts, legs: Sequence[str]) -> dict[str, float]:
     """All numbers of struts named `legs`."""
-    numbers = {f"stiffness.{leg}": float(k) for leg, k in zip(legs, struts.slides, strict=True)}
+    numbers = {
+        f"stiffness.{leg}": float(k) for leg, k in zip(legs, struts.slides, strict=True)
+    }
     for end in _ENDS:
         flexure: Flexure = getattr(struts, end)
         numbers |= {_name(end, word): x for word, x in flexure._asdict().items()}
@@ -51,7 +53,9 @@ def with_strut_numbers(
     nominal = strut_numbers(struts, legs)
     if values.keys().isdisjoint(nominal):
         return struts
-    slides = [values.get(name := f"stiffness.{leg}", nominal.get(name, np.inf)) for leg in legs]
+    slides = [
+        values.get(name := f"stiffness.{leg}", nominal.get(name, np.inf)) for leg in legs
+    ]
     lower, upper = (
         Flexure(
             **{
@@ -71,7 +75,9 @@ def with_strut_numbers(
     return replace(struts, lower=lower, upper=upper, stiffness=stiffness, **mounts)
 
 
-def with_strut_points(struts: FlexureStruts, anchors: Array, points: Array) -> FlexureStruts:
+def with_strut_points(
+    struts: FlexureStruts, anchors: Array, points: Array
+) -> FlexureStruts:
     """Struts made at the same pose of the body between other points (m, 3) of F and of M.
 
     Their rest lengths stay.
@@ -80,7 +86,13 @@ def with_strut_points(struts: FlexureStruts, anchors: Array, points: Array) -> F
     ends[:, :3, 3] += struts.made[:, None] * ends[:, :3, 2]
     T_F_M = (ends @ se3.inverse(struts.home))[0]
     made = FlexureStruts.between(
-        anchors, points, T_F_M, struts.slides, struts.lower, struts.upper, struts.rest_length
+        anchors,
+        points,
+        T_F_M,
+        struts.slides,
+        struts.lower,
+        struts.upper,
+        struts.rest_length,
     )
     return replace(
         struts,

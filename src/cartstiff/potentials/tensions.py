@@ -80,7 +80,9 @@ class Bounds(NamedTuple):
         lower = np.isfinite(self.least) & ~self.cables
         R = np.vstack([rows[upper], -rows[lower]])
         b = np.concatenate([self.most[upper], -self.least[lower]])
-        finite = (np.where(np.isfinite(x), np.abs(x), 0.0) for x in (self.least, self.most))
+        finite = (
+            np.where(np.isfinite(x), np.abs(x), 0.0) for x in (self.least, self.most)
+        )
         sizes = np.maximum(*finite)
         return R, b, np.concatenate([sizes[upper], sizes[lower]])
 
@@ -109,7 +111,9 @@ def within_bounds(
     if bounds.contain(tensions):
         return tensions
     cables = bounds.cables
-    size = max(float(np.abs(tensions).max()), float(bounds.least[cables].max(initial=0.0)))
+    size = max(
+        float(np.abs(tensions).max()), float(bounds.least[cables].max(initial=0.0))
+    )
     _, values, Vt = np.linalg.svd(matrix)
     N = Vt[numerics.rank(values) :].T  # changes that need no wrench
     found = tensions

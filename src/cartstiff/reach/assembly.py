@@ -78,7 +78,9 @@ def closed_from(
             continue
         if np.abs(posture.q[held] - q[held]).max() > numerics.NEGLIGIBLE_DISTANCE:
             continue  # closed only by leaving the actuators' positions
-        place = chain.tree.at(posture.q).joint_poses([*range(1, chain.tree.model.njoints)])
+        place = chain.tree.at(posture.q).joint_poses(
+            [*range(1, chain.tree.model.njoints)]
+        )
         where = np.append(place[:, :3, 3].ravel(), posture.pose[:3].ravel())
         unit = numerics.NEGLIGIBLE_DISTANCE * max(1.0, posture.length)
         if all(np.abs(where - other).max() > unit for other in places):
@@ -114,8 +116,12 @@ def at_rest_with(
     try:
         return equilibrium(elastic, q=q, iterations=_EQUILIBRIUM_STEPS).stiffness, ()
     except (ConvergenceError, UndefinedError):
-        message = "flexures hold the platform in no balance near this pose: it is ideal joints'"
-        return analyse(elastic, q), (Note("struts-not-in-equilibrium", message, {"q": q.tolist()}),)
+        message = (
+            "flexures hold the platform in no balance near this pose: it is ideal joints'"
+        )
+        return analyse(elastic, q), (
+            Note("struts-not-in-equilibrium", message, {"q": q.tolist()}),
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -180,7 +186,11 @@ class AssemblyMode(ShownInLines):
 
         It is not decided at singular poses, and without both stiffness and compliance.
         """
-        undecided = {"type-2-singularity", "singular-stiffness", "struts-not-in-equilibrium"}
+        undecided = {
+            "type-2-singularity",
+            "singular-stiffness",
+            "struts-not-in-equilibrium",
+        }
         if self.multiplicity > 1 or undecided & {note.code for note in self.notes}:
             return None
         if self.eigenvalue is not None:
@@ -199,9 +209,15 @@ class AssemblyMode(ShownInLines):
         Its sign is constant in a region between singularities.
         """
         lines = self.result.posture.actuation
-        if not self.result.posture.coordinates_are_pose or lines is None or len(lines) != 6:
+        if (
+            not self.result.posture.coordinates_are_pose
+            or lines is None
+            or len(lines) != 6
+        ):
             return None
-        return float(np.linalg.det(lines / np.repeat([self.result.posture.length, 1.0], 3)))
+        return float(
+            np.linalg.det(lines / np.repeat([self.result.posture.length, 1.0], 3))
+        )
 
     @cached_property
     def frequencies(self) -> Array | None:
@@ -283,7 +299,9 @@ class AssemblyModes(LabelledResult):
     @property
     def q(self) -> Array:
         """Coordinates (k, n) of all modes."""
-        return np.array([mode.q for mode in self.modes]).reshape(-1, len(self.elastic.names))
+        return np.array([mode.q for mode in self.modes]).reshape(
+            -1, len(self.elastic.names)
+        )
 
     @property
     def poses(self) -> Array:
@@ -320,7 +338,9 @@ class AssemblyModes(LabelledResult):
             "search": method,
             "modes": [mode.to_dict() for mode in self.modes],
         }
-        return described("assemble", own, elastic.about(), gravity_loads(elastic).to_dict(), self)
+        return described(
+            "assemble", own, elastic.about(), gravity_loads(elastic).to_dict(), self
+        )
 
     def plot(self) -> Any:
         """Draw the smallest eigenvalue of each mode; those that are not stable in red.
@@ -412,7 +432,12 @@ def assemble(
     values = posture.q
     mechanism = elastic.mechanism
     stiffness = partial(
-        analyse, elastic, wrench=wrench, load_kind=load_kind, load_at=load_at, load_axes=load_axes
+        analyse,
+        elastic,
+        wrench=wrench,
+        load_kind=load_kind,
+        load_at=load_at,
+        load_axes=load_axes,
     )
     if isinstance(mechanism, Platform):
         if wrench is not None and isinstance(elastic.springs, FlexureStruts):
@@ -437,7 +462,9 @@ def assemble(
             expected="for an arm, the branches of its inverse kinematics (inverse_kinematics)",
         )
     starts = _DEFAULT_STARTS if starts is None else starts
-    return _of_chain(elastic, mechanism, values, starts, seed or 0, every, stiffness, progress)
+    return _of_chain(
+        elastic, mechanism, values, starts, seed or 0, every, stiffness, progress
+    )
 
 
 def _of_platform(
@@ -455,10 +482,15 @@ def _of_platform(
         )
     if len(platform.points) != 6:
         raise InputError(
-            "all assembly modes are found for six legs only", got=str(len(platform.points))
+            "all assembly modes are found for six legs only",
+            got=str(len(platform.points)),
         )
     start = platform.at(q)
-    wanted = start.lines.lengths if lengths is None else checked_vector(lengths, 6, "leg lengths")
+    wanted = (
+        start.lines.lengths
+        if lengths is None
+        else checked_vector(lengths, 6, "leg lengths")
+    )
     lengths_by_leg = dict(zip(elastic.spring_names, map(float, wanted), strict=True))
     notes = list(elastic.notes)
     singular = architecture_of(platform).note()
@@ -466,7 +498,9 @@ def _of_platform(
         return AssemblyModes(elastic, lengths_by_leg, (), None, (*notes, singular))
     poses, counts, search, moving = poses_of_lengths(platform, wanted)
     away = np.linalg.norm(
-        se3.log(se3.inverse(start.pose) @ poses) / [1.0, 1.0, 1.0, *[platform.length] * 3], axis=1
+        se3.log(se3.inverse(start.pose) @ poses)
+        / [1.0, 1.0, 1.0, *[platform.length] * 3],
+        axis=1,
     )
     order = np.argsort(away, kind="stable")[: None if every else 1]
     listed = []
@@ -479,13 +513,20 @@ def _of_platform(
         message = (
             f"{search.moving} of {sum((search.single, search.multiple, search.moving))} solutions "
             "lie on curves: with these lengths the platform can move while its legs are held, "
-            + ("for example from the pose in `values`" if len(moving) else "in complex poses")
+            + (
+                "for example from the pose in `values`"
+                if len(moving)
+                else "in complex poses"
+            )
         )
         notes.append(
             Note(
                 "self-motion",
                 message,
-                {"paths": search.moving, "pose": moving.tolist() if len(moving) else None},
+                {
+                    "paths": search.moving,
+                    "pose": moving.tolist() if len(moving) else None,
+                },
             )
         )
     if search.multiple:
@@ -524,12 +565,20 @@ def _of_chain(
             "the mechanism names no actuated joints, so that nothing is held",
             expected="actuated: [...] in its file",
         )
-    if isinstance(starts, bool) or not isinstance(starts, (int, np.integer)) or starts < 0:
-        raise InputError("number of starts cannot be used", expected="0 or more", got=starts)
+    if (
+        isinstance(starts, bool)
+        or not isinstance(starts, (int, np.integer))
+        or starts < 0
+    ):
+        raise InputError(
+            "number of starts cannot be used", expected="0 or more", got=starts
+        )
     held = list(chain.actuated)
     q = chain.assembled(q)
     closed, places = closed_from(elastic, chain, q, int(starts), seed, progress)
-    order = sorted(range(len(closed)), key=lambda i: float(np.linalg.norm(places[i] - places[0])))
+    order = sorted(
+        range(len(closed)), key=lambda i: float(np.linalg.norm(places[i] - places[0]))
+    )
     listed = tuple(
         AssemblyMode(result, _gap(result))
         for result in (stiffness(closed[i]) for i in order[: None if every else 1])

@@ -175,7 +175,9 @@ class PoseMargins:
         """Smallest over largest singular value (N,) of `rates`, infinite where none exist."""
         return self._read(numerics.ratios, poses, np.inf)
 
-    def _read(self, read: Callable[[Array], Array], poses: Array, otherwise: float) -> Array:
+    def _read(
+        self, read: Callable[[Array], Array], poses: Array, otherwise: float
+    ) -> Array:
         q = self.solved(poses)
         values, known = np.full(len(q), otherwise), np.isfinite(q).all(axis=1)
         if known.any() and (rates := self.rates(q[known], poses[known])) is not None:
@@ -198,7 +200,9 @@ class LegMargins(PoseMargins):
 
     legs: list[Leg]
 
-    def __init__(self, elastic: ElasticMechanism, pose: Array, through: bool = False) -> None:
+    def __init__(
+        self, elastic: ElasticMechanism, pose: Array, through: bool = False
+    ) -> None:
         chain, legs = elastic.mechanism, legs_of(elastic, limits=False, poses=QuickPoses)
         if not isinstance(chain, Chain) or legs is None:
             raise InputError(
@@ -209,7 +213,9 @@ class LegMargins(PoseMargins):
         super().__init__(elastic, float(chain.at(elastic.q).length))
         self.chain, self.legs, self.is_quick = chain, legs, bool(chain.legs)
         actuated = frozenset(chain.actuated or ())
-        self.rods = {id(leg): rod_of(leg, elastic.q[leg.columns], actuated) for leg in legs}
+        self.rods = {
+            id(leg): rod_of(leg, elastic.q[leg.columns], actuated) for leg in legs
+        }
         q, self.free = at_poses(elastic, _coordinates(pose[None]), legs=legs)
         if not through and (rates := self.rates(q, pose[None])) is not None:
             self.sign = float(np.sign(numerics.determinants(rates)[0]))
@@ -224,7 +230,9 @@ class LegMargins(PoseMargins):
         known, margins = np.isfinite(q).all(axis=1), dict[str, Array]()
         reached = np.where(known, np.inf, -1.0)
         for i, leg in enumerate(self.chain.legs):
-            by = np.array([leg.shape.short_of(T[:3, 3]) for T in poses[~known] @ leg.T_M_end])
+            by = np.array(
+                [leg.shape.short_of(T[:3, 3]) for T in poses[~known] @ leg.T_M_end]
+            )
             short = margins[f"reach of leg{i + 1}"] = np.full(len(q), np.inf)
             short[~known] = np.where(by > 0.0, -by, np.inf)
             reached[short < 0.0] = np.inf
@@ -242,14 +250,20 @@ class LegMargins(PoseMargins):
         bounds = np.array([[c.lower, c.upper] for c in chain.coordinates])
         for leg in self.legs:
             links = [np.linalg.norm(T[:3, 3]) for T in leg.chain.tree.placements()]
-            slides = [j for j in leg.columns if chain.is_length[j] and j not in chain.virtual]
-            lengths.append(sum(links) + np.abs(bounds[slides].T - self.elastic.q[slides]).sum())
+            slides = [
+                j for j in leg.columns if chain.is_length[j] and j not in chain.virtual
+            ]
+            lengths.append(
+                sum(links) + np.abs(bounds[slides].T - self.elastic.q[slides]).sum()
+            )
         return 2.0 * _finite_least(lengths, "the slides have no limits")
 
     def rates(self, q: Array, poses: Array) -> Array | None:  # noqa: ARG002
         """Matrices (N, p, p) of the equations of the module, lengths over `length`; or None."""
         first = self.legs[0]
-        body = first.solver.kinematics.at(q[:, first.columns]).pose @ se3.inverse(first.after)
+        body = first.solver.kinematics.at(q[:, first.columns]).pose @ se3.inverse(
+            first.after
+        )
         parts = [self._passive(leg, q, np.linalg.inv(body)) for leg in self.legs]
         total = sum(part.shape[2] for part in parts)
         if total != 6 * (len(parts) - 1) or any(leg.hangs for leg in self.legs):
@@ -275,7 +289,9 @@ class LegMargins(PoseMargins):
         J = np.concatenate([there.jacobian * leg.solver.sizes, ball], axis=2)
         J = se3.adjoint(T_M_F @ there.pose) @ J / lengths[:, None]
         columns = np.append(leg.columns, np.full(ball.shape[2], -1))
-        J, columns = (x[..., ~np.isin(columns, sorted(self.chain.virtual))] for x in (J, columns))
+        J, columns = (
+            x[..., ~np.isin(columns, sorted(self.chain.virtual))] for x in (J, columns)
+        )
         passive = J[..., ~np.isin(columns, self.chain.actuated or ())]
         if J.shape[2] == 6:
             passive[..., -1] *= np.sign(numerics.determinants(J))[:, None]
@@ -295,7 +311,8 @@ def _finite_least(lengths: Iterable[float], without: str) -> float:
     least = float(min(lengths))
     if not np.isfinite(least):
         raise InputError(
-            f"{without}, so that the workspace has no bound", expected="legs.limits, or a radius"
+            f"{without}, so that the workspace has no bound",
+            expected="legs.limits, or a radius",
         )
     return least
 
@@ -327,7 +344,9 @@ def wrench_margins(lines: Array, wrench: Array, least: Array, most: Array) -> Ar
     """
     if len(lines) > _MARGINS_BLOCK:
         blocks = np.array_split(np.arange(len(lines)), len(lines) // _MARGINS_BLOCK + 1)
-        return np.concatenate([wrench_margins(lines[b], wrench[b], least, most) for b in blocks])
+        return np.concatenate(
+            [wrench_margins(lines[b], wrench[b], least, most) for b in blocks]
+        )
     fives = np.array(list(combinations(range(lines.shape[1]), 5)))
     n = _normals(lines[:, fives])
     size = np.linalg.norm(n, axis=-1)
@@ -368,7 +387,9 @@ def _normals(lines: Array) -> Array:
                 np.multiply(line[c[i]], minors[c[:i] + c[i + 1 :]], out=product)
                 (np.subtract if (row - i) % 2 else np.add)(total, product, out=total)
         minors = larger
-    return np.stack([(-1) ** k * n for k, n in enumerate(reversed(minors.values()))], axis=-1)
+    return np.stack(
+        [(-1) ** k * n for k, n in enumerate(reversed(minors.values()))], axis=-1
+    )
 
 
 class Margins(PoseMargins):
@@ -413,7 +434,9 @@ class Margins(PoseMargins):
         m = len(platform.points)
         self.forces = None if platform.leg_limits is None else platform.leg_limits.forces
         if self.forces is None and springs.unilateral:
-            self.forces = np.column_stack([np.where(springs.cables, 0.0, -np.inf), [np.inf] * m])
+            self.forces = np.column_stack(
+                [np.where(springs.cables, 0.0, -np.inf), [np.inf] * m]
+            )
         self.is_spread = self.forces is not None and (bool(springs.unilateral) or m > 6)
         if self.forces is not None:
             ideal_joints_only(springs, "limits of forces")
@@ -425,12 +448,18 @@ class Margins(PoseMargins):
             # The limits choose among the balancing tensions, not the rest lengths.
             rest = np.full(m, np.nan)
             free = replace(
-                springs, rest_length=rest, unilateral=False, preload=None, balanced_at=None
+                springs,
+                rest_length=rest,
+                unilateral=False,
+                preload=None,
+                balanced_at=None,
             )
             self.elastic = replace(elastic, springs=free)
         if tensions not in TENSIONS:
             raise InputError(
-                "unknown distribution of tensions", expected=" or ".join(TENSIONS), got=tensions
+                "unknown distribution of tensions",
+                expected=" or ".join(TENSIONS),
+                got=tensions,
             )
         forces = self.forces if self.is_spread else None
         if tensions != "any" and (forces is None or not np.isfinite(forces).all()):
@@ -463,7 +492,9 @@ class Margins(PoseMargins):
                     t = self.middle_tensions(lines, _wrenches_of(lines, t))
                 t = np.where(np.isfinite(t), t, np.inf)
                 for side, left in (("least", t - least), ("most", most - t)):
-                    margins |= {f"force of leg{i + 1}, {side}": x for i, x in enumerate(left.T)}
+                    margins |= {
+                        f"force of leg{i + 1}, {side}": x for i, x in enumerate(left.T)
+                    }
         if self.sign and lines.shape[1] == 6:
             margins["singularity"] = self.sign * numerics.determinants(lines)
         if isinstance(self.springs, FlexureStruts):
@@ -504,7 +535,9 @@ class Margins(PoseMargins):
         answer: dict[str, Any] = {"distribution": self.tensions, "at_centre": None}
         if np.isfinite(self.forces).all():
             lines = lines_at(self.platform, pose[None])[1]
-            t = self.middle_tensions(lines, _wrenches_of(lines, self._tensions(pose[None])))
+            t = self.middle_tensions(
+                lines, _wrenches_of(lines, self._tensions(pose[None]))
+            )
             answer["at_centre"] = t[0].tolist() if np.isfinite(t).all() else None
         return answer
 
@@ -570,7 +603,11 @@ class Lines:
     def changes(self, signs: Array, halvings: int) -> Changes:
         """Locate the changes of signs (N, n) by bisection."""
         line, step = np.nonzero(signs[:, 1:] * signs[:, :-1] < 0.0)
-        before, start, far = signs[line, step], self.places[line, step], self.places[line, step + 1]
+        before, start, far = (
+            signs[line, step],
+            self.places[line, step],
+            self.places[line, step + 1],
+        )
         near = start
         for _ in range(halvings if len(line) else 0):
             middle = 0.5 * (near + far)
@@ -710,7 +747,9 @@ def rays_to_boundaries(
     first = np.zeros(d)
     rays, where = np.unique(ray, return_index=True)
     first[rays] = np.where(enters[where], 0.0, edge[where])
-    return Rays(directions, weights, first, ray, edge, enters, names, reach, signs.size + tried)
+    return Rays(
+        directions, weights, first, ray, edge, enters, names, reach, signs.size + tried
+    )
 
 
 def _side(margins: PoseMargins, pose_at: Moved) -> Callable[[Array], Array]:
@@ -920,20 +959,26 @@ def singular_around(
     )
 
 
-def least_ratio(margins: PoseMargins, moved: Moved, rays: Rays) -> tuple[float, Array] | None:
+def least_ratio(
+    margins: PoseMargins, moved: Moved, rays: Rays
+) -> tuple[float, Array] | None:
     """Return the least ratio of singular values found inside the limits, and its offset.
 
     The search starts at the best of the poses on the rays, and goes from each in steps in random
     directions, within the limits, that are halved where none of them is better.
     """
     shares = np.linspace(0.0, 1.0, 9)
-    offsets = (shares[:, None, None] * rays.first[:, None] * rays.directions).reshape(-1, 3)
+    offsets = (shares[:, None, None] * rays.first[:, None] * rays.directions).reshape(
+        -1, 3
+    )
     offsets = np.concatenate([offsets, rays.offsets])
     ratio = margins.ratios(moved(offsets))
     if np.isinf(ratio).all():
         return None
     few, tries = (8, 8) if margins.is_slow or not margins.is_quick else (40, 16)
-    first = np.argsort(ratio, kind="stable")[: 5 * few : 5]  # neighbours lead to the same place
+    first = np.argsort(ratio, kind="stable")[
+        : 5 * few : 5
+    ]  # neighbours lead to the same place
     x, least = offsets[first], ratio[first]
     step = np.full(len(x), 2.0 * rays.reach / np.sqrt(len(rays.directions)))
     rng = np.random.default_rng(17)
@@ -972,7 +1017,9 @@ def crossings(
     points: Array = near[:, None] * directions[ray]
     # A jump of the determinant is no root: a leg folds over or changes its branch.
     if len(points):
-        low, high, there = (np.abs(state(x[:, None] * directions[ray])) for x in (near, far, start))
+        low, high, there = (
+            np.abs(state(x[:, None] * directions[ray])) for x in (near, far, start)
+        )
         points = points[np.maximum(low, high) <= numerics.LOST_ERROR * there]
     return points
 
@@ -1010,7 +1057,9 @@ def nearest_singular(
         values = signed(at(tried.reshape(-1, n))).reshape(len(x), -1)
         value, g = values[:, 0], (values[:, 1 : n + 1] - values[:, n + 1 :]) / (2.0 * h)
         with np.errstate(all="ignore"):
-            new = g * ((g * x).sum(axis=1) - value)[:, None] / (g * g).sum(axis=1)[:, None]
+            new = (
+                g * ((g * x).sum(axis=1) - value)[:, None] / (g * g).sum(axis=1)[:, None]
+            )
         known = np.isfinite(new).all(axis=1)
         step = np.where(known[:, None], new - x, 0.0)
         # Limit steps to the range in which the determinant is about linear.
@@ -1128,7 +1177,11 @@ class Workspace(LabelledResult):
     @property
     def volume(self) -> float | None:
         """Volume of the positions at this orientation, in the units of the axes."""
-        return None if self.columns is None else self.columns.volume * float(self.scales.prod())
+        return (
+            None
+            if self.columns is None
+            else self.columns.volume * float(self.scales.prod())
+        )
 
     @property
     def volume_error(self) -> float | None:
@@ -1194,7 +1247,9 @@ class Workspace(LabelledResult):
             "cut_by": {} if self.positions is None else self.positions.shares(),
             "slices": [{"z": z, "area": area} for z, area in self.slices],
             "poses": sum(
-                r.poses for r in (self.positions, self.turns, self.columns) if r is not None
+                r.poses
+                for r in (self.positions, self.turns, self.columns)
+                if r is not None
             ),
             "sphere": sphere and {"centre": sphere[0], "radius": sphere[1]},
             "cube": cube and {"centre": cube[0], "edge": cube[1]},
@@ -1210,7 +1265,9 @@ class Workspace(LabelledResult):
             "limits": [] if self.positions is None else self.positions.limit,
         }
         elastic = self.elastic
-        return described("workspace", own, elastic.about(), gravity_loads(elastic).to_dict(), self)
+        return described(
+            "workspace", own, elastic.about(), gravity_loads(elastic).to_dict(), self
+        )
 
     def plot(self) -> Any:
         """Draw the boundary in space and along three axes, by the limit that is reached there."""
@@ -1222,17 +1279,30 @@ class Workspace(LabelledResult):
         colours = colormaps["tab20"].colors  # type: ignore[attr-defined]
         is_place = self.axes == ("x", "y", "z")
         for position, plane in enumerate(((0, 1, 2), (0, 1), (0, 2), (1, 2)), start=1):
-            axis = figure.add_subplot(2, 2, position, projection="3d" if len(plane) == 3 else None)
+            axis = figure.add_subplot(
+                2, 2, position, projection="3d" if len(plane) == 3 else None
+            )
             for k, kind in enumerate(np.unique(names)):
                 axis.scatter(
-                    *places[names == kind][:, plane].T, s=4, color=colours[k % 20], label=kind
+                    *places[names == kind][:, plane].T,
+                    s=4,
+                    color=colours[k % 20],
+                    label=kind,
                 )
-            if len(plane) == 3 and self.singular is not None and len(self.singular.surface):
-                axis.scatter(*self.singular.surface.T, s=1, color="0.6", label="singular surface")
+            if (
+                len(plane) == 3
+                and self.singular is not None
+                and len(self.singular.surface)
+            ):
+                axis.scatter(
+                    *self.singular.surface.T, s=1, color="0.6", label="singular surface"
+                )
             for i, name in zip(plane, "xyz", strict=False):
                 getattr(axis, f"set_{name}label")(labels[i])
             if is_place:
-                axis.set_aspect("equal", adjustable="datalim" if len(plane) == 2 else "box")
+                axis.set_aspect(
+                    "equal", adjustable="datalim" if len(plane) == 2 else "box"
+                )
         if names.size:
             figure.legend(
                 *axis.get_legend_handles_labels(),
@@ -1345,7 +1415,9 @@ def workspace(
                     where="wrench",
                     expected="limits of the legs' forces (legs.force in the file), or cables",
                 )
-            margins.load = carried(kind, checked_input(wrench, (6,), "wrench"), load_axes, pose)
+            margins.load = carried(
+                kind, checked_input(wrench, (6,), "wrench"), load_axes, pose
+            )
         if (everywhere := singular_note(margins, pose)) is not None:
             return Workspace(elastic, pose, notes=(*notes, everywhere))
         if not margins.names:
@@ -1353,7 +1425,11 @@ def workspace(
                 "no limits: every pose is within them",
                 expected="limits, base_joints, diameter or force in legs",
             )
-        if len(margins.platform.points) == 6 and not through and not margins.springs.unilateral:
+        if (
+            len(margins.platform.points) == 6
+            and not through
+            and not margins.springs.unilateral
+        ):
             margins.sign = float(np.sign(margins.determinants(pose[None])[0]))
     count = directions or (200 if margins.is_slow else 1000)
     most = margins.reach(pose) if radius is None else checked_length(radius, "radius")
@@ -1362,14 +1438,18 @@ def workspace(
     turned = partial(around, pose, shifts=np.zeros((1, 3)))
     at_centre, reach = margins.at(pose[None])[0], most
     first = rays_to_boundaries(margins, moved, reach, max(8, count // 8), scan)
-    if first.distance.size and radius is None:  # the longest lengths reach beyond most workspaces
+    if (
+        first.distance.size and radius is None
+    ):  # the longest lengths reach beyond most workspaces
         reach = min(reach, 1.3 * float(first.distance.max()))
     positions = rays_to_boundaries(margins, moved, reach, count, scan, progress)
     while reach < most and positions.is_cut_short and radius is None:
         reach = min(2.0 * reach, most)
         positions = rays_to_boundaries(margins, moved, reach, count, scan, progress)
     boundary = positions.offsets + here.centre
-    side = 2 * max(4, round(0.5 * np.sqrt(count)))  # even, so that halves of the grid are alike
+    side = 2 * max(
+        4, round(0.5 * np.sqrt(count))
+    )  # even, so that halves of the grid are alike
     columns = columns_inside(margins, moved, here.centre, boundary, side, scan, most)
     turns = None
     if len(margins.free) == 6:
@@ -1425,7 +1505,9 @@ def _axes_of_rays(
     axes = list(margins.free[:3])
     if len(axes) < 3:
         taken = ", ".join(COORDINATES[i] for i in axes)
-        raise InputError("a workspace needs a body with three freedoms", got=taken or "none")
+        raise InputError(
+            "a workspace needs a body with three freedoms", got=taken or "none"
+        )
     scales = np.where(np.array(axes) < 3, 1.0, 0.5 * np.pi / most)
     if axes == [0, 1, 2]:
         return ("x", "y", "z"), scales, partial(around, pose, np.zeros((1, 3)))

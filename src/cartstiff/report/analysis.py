@@ -68,7 +68,9 @@ def describe(
     ]
     # Round-off of coordinates as a share of their sizes, larger for those of a closed chain.
     noise = (
-        numerics.PRINTED_AS_ZERO if result.posture.closure is None else numerics.STALLED_RESIDUAL
+        numerics.PRINTED_AS_ZERO
+        if result.posture.closure is None
+        else numerics.STALLED_RESIDUAL
     )
     sizes = [result.posture.length if c.is_length else 1.0 for c in mechanism.coordinates]
     q = np.where(np.abs(result.q) <= noise * np.array(sizes), 0.0, result.q)
@@ -91,7 +93,9 @@ def describe(
     lines += load_lines(result, at_rest)
     lines.append(result.weighed.text)
     if np.isfinite(result.stored_energy):
-        lines.append(f"  energy stored in the springs {result.stored_energy:.6g} {units.moment}")
+        lines.append(
+            f"  energy stored in the springs {result.stored_energy:.6g} {units.moment}"
+        )
     for spring in result.coupled_springs_as_dict().get("coupled_springs", []):
         lines.append(
             f"  coupled spring {spring['name']}: sum {spring['sum']:.6g}, at rest "
@@ -111,7 +115,9 @@ def describe(
         verdict, skew = "symmetric", K - K.T
         if not is_roundoff(skew, K):
             verdict = f"asymmetric, |K - K^T| up to {skew.max():.4g}"
-        meaning = MATRICES[names[-1]].words if names[-1] == "load" or len(names) == 1 else _SAME
+        meaning = (
+            MATRICES[names[-1]].words if names[-1] == "load" or len(names) == 1 else _SAME
+        )
         lines += [
             f"{' = '.join(f'K^{name}' for name in names)}  {meaning}; {verdict}",
             *format_matrix(K, [""] * 6).split("\n"),
@@ -146,7 +152,9 @@ def _potential_of_loads(result: PostureStiffness) -> float:
     for term in result.elastic.parted_terms()[1]:
         energy, gradient, _ = term.evaluate(result.posture)
         total += energy
-        works += float(np.abs(gradient * result.posture.coordinate_lengths).max(initial=0.0))
+        works += float(
+            np.abs(gradient * result.posture.coordinate_lengths).max(initial=0.0)
+        )
     return 0.0 if abs(total) <= numerics.PRINTED_AS_ZERO * works else total
 
 
@@ -159,7 +167,9 @@ def load_lines(result: PostureStiffness, at_rest: bool = False) -> list[str]:
         if not result.elastic.parted_terms()[1]:
             return ["Load: none was given; no wrench holds the body"]
         return ["Load: included in the stiffness below; no other wrench holds the body"]
-    what = "the wrench that holds the body here" + (" besides the loads" if at_rest else "")
+    what = "the wrench that holds the body here" + (
+        " besides the loads" if at_rest else ""
+    )
     if not (W.any() or result.is_loaded) and result.wrench_is_known:
         return ["Load: none; no wrench is needed to hold the body here"]
     lines = [
@@ -208,12 +218,16 @@ def _reachable(result: PostureStiffness, at_rest: bool) -> list[str]:
         return ["No motion exists: no compliant part moves the body", ""]
     loaded = result.is_loaded and not at_rest
     what = "Stiffness K^B" if loaded else "Stiffness"
-    lines = [f"{what} on the {rank} motion(s) that exist, as twists (rotation, translation)"]
+    lines = [
+        f"{what} on the {rank} motion(s) that exist, as twists (rotation, translation)"
+    ]
     lines += [f"  {i + 1}: {wide_row(twist)}" for i, twist in enumerate(motions.T)]
     lines += [*format_matrix(K, [""] * rank).split("\n"), ""]
     change = motions.T @ result.change_by_load @ motions
     if loaded and np.abs(change).max() > numerics.SYMMETRY * np.abs(K).max():
-        lines.append("K^load on them: the stiffness against a small added wrench under the load")
+        lines.append(
+            "K^load on them: the stiffness against a small added wrench under the load"
+        )
         lines += [*format_matrix(K + change, [""] * rank).split("\n"), ""]
     return lines
 
@@ -221,7 +235,9 @@ def _reachable(result: PostureStiffness, at_rest: bool) -> list[str]:
 _FREEDOMS = {"translation": "rotation", "rotation": "translation"}
 # Ratio of squared sizes below which principal values are round-off.
 _SQUARED_ROUNDOFF = numerics.ZERO_SHARE**2 / numerics.PRINTED_AS_ZERO
-_FREE_OF_ASYMMETRIC = '  "free" comes from the symmetric part of its inverse: motion along a force'
+_FREE_OF_ASYMMETRIC = (
+    '  "free" comes from the symmetric part of its inverse: motion along a force'
+)
 _DEFINITE = {"positive": "positive definite", "negative": "negative definite"}
 
 
@@ -306,7 +322,9 @@ def largest_share(deflection: Mapping[str, Any], elastic: ElasticMechanism) -> l
 
     Parts with equal shares, as legs of a symmetric machine have, are named together.
     """
-    summed = {n: share or 0.0 for n, share in shares_of_parts(deflection, elastic).items()}
+    summed = {
+        n: share or 0.0 for n, share in shares_of_parts(deflection, elastic).items()
+    }
     if not summed:
         return []
     largest = max(summed.values(), key=abs)
@@ -323,7 +341,9 @@ def answer_lines(summary: Mapping[str, Any], elastic: ElasticMechanism) -> list[
     lines = ["  The springs are illustrative, not measured."] * elastic.is_illustrative
     if name is not None and definite is not None:
         is_tangent = summary.get("load") is None or name == "load"
-        is_stable = definite.startswith("positive") or summary["symmetrised"] or not is_tangent
+        is_stable = (
+            definite.startswith("positive") or summary["symmetrised"] or not is_tangent
+        )
         part = "the symmetric part of " if summary["symmetrised"] else ""
         lines.append(f"  {part}K^{name} is {_DEFINITE.get(definite, definite)}")
         if not is_stable:
@@ -331,7 +351,9 @@ def answer_lines(summary: Mapping[str, Any], elastic: ElasticMechanism) -> list[
         elif definite == "positive":
             lines[-1] += ": every small motion is resisted"
     elif name is None and _yields(summary["ellipsoids"]["compliance"]):
-        lines.append("  The stiffness is negative along a motion: the posture is not stable")
+        lines.append(
+            "  The stiffness is negative along a motion: the posture is not stable"
+        )
     if moved := resisted_deflection(summary):
         size = engineering(math.hypot(*moved["displacement"]), units.length)
         what = "This point" if any(moved["point"]) else "The body frame"
@@ -353,7 +375,9 @@ def answer_lines(summary: Mapping[str, Any], elastic: ElasticMechanism) -> list[
 def _yields(compliance: Mapping[str, Any]) -> bool:
     """Whether a load moves the body against itself, where only the compliance exists."""
     found = (compliance[freedom]["free"] for freedom in _FREEDOMS)
-    return any(e is not None and not e["definiteness"].startswith(("pos", "zero")) for e in found)
+    return any(
+        e is not None and not e["definiteness"].startswith(("pos", "zero")) for e in found
+    )
 
 
 def _heading(s: Mapping[str, Any], u: Units) -> list[str]:
@@ -390,7 +414,9 @@ def _load(s: Mapping[str, Any], u: Units) -> list[str]:
     return [f"  {what} under a {load['kind']} load at {at}: {load['meaning']}"]
 
 
-def _principal(ellipsoids: Mapping[str, Any], u: Units, full: bool, length: float) -> list[str]:
+def _principal(
+    ellipsoids: Mapping[str, Any], u: Units, full: bool, length: float
+) -> list[str]:
     exists = ellipsoids["stiffness"]["translation"]["held"] is not None
     if not exists and ellipsoids["compliance"]["translation"]["free"] is None:
         return []
@@ -407,7 +433,9 @@ def _principal(ellipsoids: Mapping[str, Any], u: Units, full: bool, length: floa
                 if e is None:
                     lines.append(f"{label:<42} does not exist")
                     continue
-                sign = "" if e["definiteness"] == "positive" else f"   {e['definiteness']}"
+                sign = (
+                    "" if e["definiteness"] == "positive" else f"   {e['definiteness']}"
+                )
                 beside = ellipsoids[quantity][other][others]
                 power = 2 if (freedom == "rotation") == (quantity == "stiffness") else -2
                 size = (
@@ -440,7 +468,11 @@ def _shown_unit(unit: str, u: Units) -> tuple[str, float]:
 
 
 def softest_words(
-    stiffness: float, direction: Sequence[float] | None, freedom: str, units: Units, axes: str
+    stiffness: float,
+    direction: Sequence[float] | None,
+    freedom: str,
+    units: Units,
+    axes: str,
 ) -> str:
     """Describe a least stiffness and its direction from `softest`, as the page does.
 
@@ -476,7 +508,9 @@ def _is_turned(s: Mapping[str, Any]) -> bool:
 
 def _directions(rows: list[Mapping[str, Any]], u: Units, full: bool) -> list[str]:
     shown = [r for r in rows if full or r["name"] == "given"]
-    values = [r[k][o] for r in shown for k in ("along", "about") for o in ("held", "free")]
+    values = [
+        r[k][o] for r in shown for k in ("along", "about") for o in ("held", "free")
+    ]
     if not any(v is not None for v in values):
         return []
     titles, per = ["", "direction"], {}
@@ -495,7 +529,11 @@ def _directions(rows: list[Mapping[str, Any]], u: Units, full: bool) -> list[str
         ]
         for r in shown
     ]
-    return ["", "stiffness along and about lines through this point", *table(titles, cells)]
+    return [
+        "",
+        "stiffness along and about lines through this point",
+        *table(titles, cells),
+    ]
 
 
 def _centres(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
@@ -503,16 +541,25 @@ def _centres(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
         return []
     moved = any(r[3] for r in s["frame"][:3])
     place = "this point" if moved else "the origin of the body frame"
-    lines = ["", f"centres [{u.shown_length}], from {place} along the axes of the analysis"]
+    lines = [
+        "",
+        f"centres [{u.shown_length}], from {place} along the axes of the analysis",
+    ]
     size = s["length"]["value"] * u.shown_per_length
     for name, point in s["centres"].items():
-        label = {"least_coupling": "point of least coupling"}.get(name, f"centre of {name}")
+        label = {"least_coupling": "point of least coupling"}.get(
+            name, f"centre of {name}"
+        )
         where = None if point is None else lengths(point, u)
         lines.append(f"  {label:<40} {row(where, size=size)}")
     frame, form = s["decoupling_frame"], s["normal_form"]
     if frame is not None:
         positive = s["definiteness"] in ("positive", "positive semidefinite")
-        scale = "0 none, 1 full" if positive else "0 none; not bounded, as the matrix is indefinite"
+        scale = (
+            "0 none, 1 full"
+            if positive
+            else "0 none; not bounded, as the matrix is indefinite"
+        )
         lines.append(
             f"  coupling of rotation and translation: {share(frame['coupling_before'])} here, "
             f"{share(frame['coupling'])} at the point of least coupling ({scale})"
@@ -547,7 +594,9 @@ def _indices(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
         shown = "-, not positive" if n["isotropy"] is None else number(n["isotropy"])
         lines.append(f"  isotropy {shown} (1: equally stiff in all directions)")
         unit = u.determinant
-        lines.append(f"  determinant {number(n['determinant'])} {unit} (for any length, frame)")
+        lines.append(
+            f"  determinant {number(n['determinant'])} {unit} (for any length, frame)"
+        )
         lines.append(
             f"  condition of the blocks: translation {number(n['translational_condition'])}, "
             f"rotation {number(n['rotational_condition'])} (no length enters)"
@@ -593,7 +642,9 @@ def _connections(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
         a = s["asymmetry"]
         word = "as the load predicts" if a["agrees"] else "NOT as the load predicts"
         size = percent(a["size"])
-        lines.append(f"  asymmetry of K^A: {size}, {word} (residual {number(a['residual'], 2)})")
+        lines.append(
+            f"  asymmetry of K^A: {size}, {word} (residual {number(a['residual'], 2)})"
+        )
     return lines
 
 
@@ -658,7 +709,10 @@ def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
             last = effort and f"{number(0.0 if own == 0.0 else s['force'])} {effort}"
         rows.append([s["name"], number(moved), unit, _share(s["share"]), last])
     lines += [f"  shares {meaning}", *table(titles, rows)]
-    if d["kind"] == "springs" and abs(d["load_share"] or 0.0) > numerics.NEGLIGIBLE_DIFFERENCE:
+    if (
+        d["kind"] == "springs"
+        and abs(d["load_share"] or 0.0) > numerics.NEGLIGIBLE_DIFFERENCE
+    ):
         lines.append(
             f"  the rest, {percent(d['load_share'])}, is what the load and other potentials "
             "take or give"
@@ -698,25 +752,46 @@ def target_lines(t: Section, u: Units, full: bool) -> list[str]:
     if t["is_feasible"]:
         lines.append("  independent springs give it exactly:")
     else:
-        made = "" if t["definiteness"] == "positive" else "; not positive definite: active control"
-        lines.append(f"  joints must be coupled, up to {percent(t['off_diagonal'])}{made}")
+        made = (
+            ""
+            if t["definiteness"] == "positive"
+            else "; not positive definite: active control"
+        )
+        lines.append(
+            f"  joints must be coupled, up to {percent(t['off_diagonal'])}{made}"
+        )
         if fit is not None:
             lines.append(
                 f"  independent springs miss it by {percent(fit['residual'])} at best "
                 f"(angles times {length_of(fit['length'], u)}):"
             )
     if not t["stable"]:
-        lines.append("  the posture is not stable with it: the target is not positive definite")
+        lines.append(
+            "  the posture is not stable with it: the target is not positive definite"
+        )
     if fit is not None:
         rows = [
-            [name, number(k, 5, "locked"), "" if k is None else x, number(tau), u.effort(s)]
+            [
+                name,
+                number(k, 5, "locked"),
+                "" if k is None else x,
+                number(tau),
+                u.effort(s),
+            ]
             for name, k, x, tau, s in zip(
-                t["joints"], fit["stiffness"], unit, t["torque"], t["are_lengths"], strict=True
+                t["joints"],
+                fit["stiffness"],
+                unit,
+                t["torque"],
+                t["are_lengths"],
+                strict=True,
             )
         ]
         lines += table(["joint", "stiffness", "", "carries", ""], rows)
     if full and not t["is_diagonal"]:
-        lines.append("  matrix of joint stiffness that gives it exactly, rows and columns in order")
+        lines.append(
+            "  matrix of joint stiffness that gives it exactly, rows and columns in order"
+        )
         lines += [f"  {row(r)}" for r in t["matrix"]]
     return lines
 
@@ -746,7 +821,9 @@ def _are_repeated(numbers: Mapping[str, Any], prefix: str) -> bool:
     """Whether two sorted principal values are equal, so that they have no derivative."""
     if not prefix.endswith("eigenvalues"):
         return False
-    a, b, c = (numbers.get(f"{prefix}[{i}]", {}).get("nominal", float("nan")) for i in range(3))
+    a, b, c = (
+        numbers.get(f"{prefix}[{i}]", {}).get("nominal", float("nan")) for i in range(3)
+    )
     return min(b - a, c - b) <= numerics.NEGLIGIBLE_DISTANCE * max(abs(a), abs(c))
 
 
@@ -761,7 +838,11 @@ def _size(name: str, spreads: Mapping[str, Any]) -> float:
     matrix, _, entry = name.partition("[")
     i, _, j = entry.rstrip("]").partition(", ")
     ends = [spreads.get(f"{matrix}[{k}, {k}]") for k in (i, j)] if j else []
-    sizes = [abs(end["nominal"]) for end in ends if end is not None and end["nominal"] is not None]
+    sizes = [
+        abs(end["nominal"])
+        for end in ends
+        if end is not None and end["nominal"] is not None
+    ]
     return math.sqrt(math.prod(sizes)) if len(sizes) == 2 else 0.0
 
 
@@ -776,7 +857,10 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
     parts += [f"rotations {number(turned)} {u.shown_angle}"] if t["angle"] else []
     if any(name.startswith(("compliance.", "coefficient.")) for name in s["parameters"]):
         parts.insert(0, "the measured springs")
-    lines = ["", f"uncertainty from {', '.join(parts)} (to first order; standard deviations)"]
+    lines = [
+        "",
+        f"uncertainty from {', '.join(parts)} (to first order; standard deviations)",
+    ]
     if s["left_out"]:
         lines.append(f"  {s['left_out']}")
     spreads = s["numbers"]
@@ -787,7 +871,9 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
         unit, per = _shown_unit(_unit(prefix, u), u)
         label = f"  {label} [{unit}]" if unit else f"  {label}"
         means = [None if (x := spreads[n]["nominal"]) is None else per * x for n in names]
-        spread = [None if (x := spreads[n]["deviation"]) is None else per * x for n in names]
+        spread = [
+            None if (x := spreads[n]["deviation"]) is None else per * x for n in names
+        ]
         if prefix.startswith(("centres", "deflection")):
             size = max((d for d in spread if d is not None), default=0.0)
             lines.append(f"{label:<42} {row(means, size=size)}  +- {numbers(spread, 2)}")
@@ -810,7 +896,10 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
             [
                 name,
                 _unit(name, u),
-                *(number(e[key], digits, size=_size(name, spreads)) for key, digits in _SPREAD),
+                *(
+                    number(e[key], digits, size=_size(name, spreads))
+                    for key, digits in _SPREAD
+                ),
             ]
             for name, e in spreads.items()
         ]
@@ -824,7 +913,11 @@ def _axis_cells(a: Mapping[str, Any], size: float) -> list[str]:
     pitch = a["pitch"]
     if pitch is not None and abs(pitch) < numerics.PRINTED_AS_ZERO * size:
         pitch = 0.0
-    return [number(pitch, 5, "infinite"), row(a["direction"], 4, COSINES), row(a["point"], 4, size)]
+    return [
+        number(pitch, 5, "infinite"),
+        row(a["direction"], 4, COSINES),
+        row(a["point"], 4, size),
+    ]
 
 
 def screw_lines(s: Mapping[str, Any], u: Units) -> list[str]:
@@ -855,7 +948,9 @@ def screw_lines(s: Mapping[str, Any], u: Units) -> list[str]:
         if not screws["complete"]:
             lines.append(f"  only {len(screws['screws'])} real, independent eigenscrews")
         for z in screws["complex_eigenvalues"]:
-            lines.append(f"  complex eigenvalue {number(z[0])} {z[1]:+.5g}i {u.blocks['tr']}")
+            lines.append(
+                f"  complex eigenvalue {number(z[0])} {z[1]:+.5g}i {u.blocks['tr']}"
+            )
     for kind, meaning, freedom in (
         ("wrench", "translation answered by a parallel force", "translation"),
         ("twist", "moment answered by a parallel rotation", "rotation"),

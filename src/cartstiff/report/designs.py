@@ -51,7 +51,11 @@ def describe_designs(designs: Designs, best: int = 10) -> str:
                 f"Pareto front: {len(designs.front)} designs, of which none is better in everything"
             )
         )
-        lines += ["", title, *table(("design", *names), [_row(designs, i) for i in shown])]
+        lines += [
+            "",
+            title,
+            *table(("design", *names), [_row(designs, i) for i in shown]),
+        ]
         if len(designs.front) > len(shown):
             lines.append(
                 f"  ... {len(designs.front) - len(shown)} more; -o FILE.csv and --json have all"
@@ -60,7 +64,9 @@ def describe_designs(designs: Designs, best: int = 10) -> str:
         if counts[state]:
             lines += [
                 "",
-                f"Why designs are {state}" if state == "infeasible" else "Why designs fail",
+                f"Why designs are {state}"
+                if state == "infeasible"
+                else "Why designs fail",
             ]
             lines += _reasons(designs, state)
     return joined([*lines, *note_lines(designs.notes)])
@@ -71,10 +77,15 @@ def _measure_rows(designs: Designs) -> list[tuple[str, ...]]:
     for name, measure in designs.study.measures.items():
         values = designs.table(name)
         finite = values[np.isfinite(values)]
-        ends = {">=": getattr(measure, "at_least", None), "<=": getattr(measure, "at_most", None)}
+        ends = {
+            ">=": getattr(measure, "at_least", None),
+            "<=": getattr(measure, "at_most", None),
+        }
         bounds = [f"{sign} {number(x)}" for sign, x in ends.items() if x is not None]
         case = f" ({measure.case})" if measure.case else ""
-        reach = [number(float(f(finite))) if finite.size else "-" for f in (np.min, np.max)]
+        reach = [
+            number(float(f(finite))) if finite.size else "-" for f in (np.min, np.max)
+        ]
         wanted = designs.better.get(name) or " and ".join(bounds)
         rows.append((name, measure.words + case, designs.units[name], wanted, *reach))
     return rows
@@ -82,7 +93,10 @@ def _measure_rows(designs: Designs) -> list[tuple[str, ...]]:
 
 def _row(designs: Designs, index: int) -> tuple[str, ...]:
     design = designs.designs[index]
-    values = [*design.parameters.values(), *(design.values[n] for n in designs.study.measures)]
+    values = [
+        *design.parameters.values(),
+        *(design.values[n] for n in designs.study.measures),
+    ]
     return (str(index + 1), *(number(value, 6) for value in values))
 
 
@@ -90,7 +104,10 @@ def _reasons(answer: Designs, state: str) -> list[str]:
     """List the most frequent reasons, with a design for each."""
     designs = [(i, d) for i, d in enumerate(answer.designs) if d.state == state]
     if state == "infeasible":  # the constraints' names, without their values
-        words = [", ".join(p.partition(" = ")[0] for p in d.reason.split(", ")) for _, d in designs]
+        words = [
+            ", ".join(p.partition(" = ")[0] for p in d.reason.split(", "))
+            for _, d in designs
+        ]
     else:
         words = [d.reason for _, d in designs]
     first: dict[str, int] = {}

@@ -82,7 +82,9 @@ def _joints(elastic: ElasticMechanism, chain: Chain) -> list[dict[str, Any]]:
                 )
                 continue
         coordinate = tree.coordinates[k]
-        kind = "prismatic" if model.joints[j].shortname().startswith("JointModelP") else None
+        kind = (
+            "prismatic" if model.joints[j].shortname().startswith("JointModelP") else None
+        )
         own = follows is None
         joints.append(
             {
@@ -141,7 +143,9 @@ def _body(platform: Platform) -> dict[str, Any]:
 
 def _legs(mechanism: Any, springs: LineSprings) -> list[dict[str, Any]]:
     known = mechanism.limits if isinstance(mechanism, Platform) else None
-    limits = np.array([(0.0, np.inf)] * len(springs.stiffness)) if known is None else known
+    limits = (
+        np.array([(0.0, np.inf)] * len(springs.stiffness)) if known is None else known
+    )
     return [
         {
             "name": f"leg{i + 1}",
@@ -187,7 +191,10 @@ def describe_frames(answer: Mapping[str, Any], length: float = 0.0) -> str:
         lines += [_leg_words(leg, units) for leg in answer["legs"]]
     if answer["closures"]:
         lines += ["", "Closures"]
-        lines += [f"  {c['type']}: {c['frames'][0]} = {c['frames'][1]}" for c in answer["closures"]]
+        lines += [
+            f"  {c['type']}: {c['frames'][0]} = {c['frames'][1]}"
+            for c in answer["closures"]
+        ]
     pose = np.array(answer["pose"])
     turned = np.degrees(se3.roll_pitch_yaw(pose))
     base = placed(np.array(answer["base_pose"]), units)
@@ -236,7 +243,9 @@ def _joint_words(joint: Mapping[str, Any], units: Units) -> str:
     return ", ".join(words)
 
 
-def _spring_words(spring: Mapping[str, Any] | None, units: Units, turns: bool, size: float) -> str:
+def _spring_words(
+    spring: Mapping[str, Any] | None, units: Units, turns: bool, size: float
+) -> str:
     if spring is None:
         return "passive"
     if spring["rigid"]:

@@ -17,8 +17,14 @@ if TYPE_CHECKING:
 
 def describe_identification(result: Identification) -> str:
     """Describe stiffnesses with their intervals, noise, checks and notes."""
-    model = "the equilibrium under load" if result.loaded else "displacements linear in the load"
-    other = "" if result.fit == result.recommended else f"the {result.recommended} one is "
+    model = (
+        "the equilibrium under load"
+        if result.loaded
+        else "displacements linear in the load"
+    )
+    other = (
+        "" if result.fit == result.recommended else f"the {result.recommended} one is "
+    )
     lines = [
         f"{result.elastic.name}, {body_frame(result.elastic.mechanism)}: {len(result.measured)} "
         f"rows, {len(result.model.observations)} numbers; {result.fit} fit ({other}recommended) of "
@@ -29,7 +35,17 @@ def describe_identification(result: Identification) -> str:
     ]
     other_fit = "plain" if result.fit == "robust" else "robust"
     others = result.plain if result.fit == "robust" else result.robust.fit
-    titles = "spring", "stiffness", "from", "to", "unit", "compliance", "sd", f"{other_fit} fit", ""
+    titles = (
+        "spring",
+        "stiffness",
+        "from",
+        "to",
+        "unit",
+        "compliance",
+        "sd",
+        f"{other_fit} fit",
+        "",
+    )
     pairs = zip(result.estimates, others.theta.tolist(), strict=True)
     lines += table(titles, [_row(e, theta) for e, theta in pairs])
     if result.geometry:
@@ -38,7 +54,9 @@ def describe_identification(result: Identification) -> str:
         for g in result.geometry:
             ends = g.interval or (None, None)
             words = "" if g.identifiable else "not identifiable"
-            body.append((g.name, *map(number, (g.value, *ends)), g.unit, number(g.sd, 3), words))
+            body.append(
+                (g.name, *map(number, (g.value, *ends)), g.unit, number(g.sd, 3), words)
+            )
         lines += table(("", "value", "from", "to", "unit", "sd", ""), body)
     lines += ["", "Scatter"]
     body = []
@@ -83,7 +101,11 @@ def _row(e: Estimate, other: float) -> tuple[str, ...]:
     }[e.verdict]
     if e.verdict == "not-identifiable":
         return (e.name, "-", "-", "-", e.unknown.unit, "-", "-", "-", words)
-    if e.unknown.law is not None and not e.unknown.has_stiffness and e.interval is not None:
+    if (
+        e.unknown.law is not None
+        and not e.unknown.has_stiffness
+        and e.interval is not None
+    ):
         low, high = e.interval
         return (
             e.name,
@@ -120,13 +142,20 @@ def describe_plan(plan: Plan) -> str:
         "posture": "the deflection at the test posture",
     }[plan.criterion]
     lines = [f"{elastic.name}: {len(rows)} rows chosen for {what}", "", "Rows"]
-    heads = ["row", *shown_heads(elastic), "mass [kg]", f"force in F [{elastic.units.force}]"]
+    heads = [
+        "row",
+        *shown_heads(elastic),
+        "mass [kg]",
+        f"force in F [{elastic.units.force}]",
+    ]
     body = []
     for i, (q, mass, W) in enumerate(
         zip(shown(elastic, rows.q), rows.mass, rows.wrench, strict=True)
     ):
         force = ", ".join(number(float(x), 4) for x in W[3:])
-        body.append([str(i + 1), *(f"{x:.4f}" for x in q), number(float(mass), 4), f"({force})"])
+        body.append(
+            [str(i + 1), *(f"{x:.4f}" for x in q), number(float(mass), 4), f"({force})"]
+        )
     lines += table(heads, body)
     lines += ["", f"Predicted {100 * LEVEL:g} % intervals of the file's stiffnesses"]
     body = []
@@ -145,17 +174,24 @@ def describe_plan(plan: Plan) -> str:
                 else f"+- {100 * plan.factor * entry['relative_sd']:.3g} %",
             ]
         )
-    lines += table(("spring", "stiffness", "from", "to", "unit", "of the compliance"), body)
+    lines += table(
+        ("spring", "stiffness", "from", "to", "unit", "of the compliance"), body
+    )
     if plan.geometry:
         lines += ["", "Predicted standard deviations of zeros and offsets"]
         body = [
-            [g.name, number(g.sd, 3, missing="not identifiable"), g.unit] for g in plan.geometry
+            [g.name, number(g.sd, 3, missing="not identifiable"), g.unit]
+            for g in plan.geometry
         ]
         lines += table(("", "sd", "unit"), body)
     lines += ["", "Widest interval with the number of rows"]
     for factor, entry in zip(plan.factors, data["by_rows"], strict=True):
         worst = entry["worst_relative_sd"]
-        widest = "not all are determined" if worst is None else f"+- {100 * factor * worst:.3g} %"
+        widest = (
+            "not all are determined"
+            if worst is None
+            else f"+- {100 * factor * worst:.3g} %"
+        )
         lines.append(f"  {entry['rows']:>4}  {widest}")
     if plan.lost:
         lines.append(f"no candidate row loads {', '.join(plan.lost)}")

@@ -24,11 +24,15 @@ def note_lines(notes: Iterable[Note]) -> list[str]:
     return ["", "Notes", *lines] if lines else []
 
 
-def number(x: float | None, digits: int = 5, missing: str = "-", size: float = 0.0) -> str:
+def number(
+    x: float | None, digits: int = 5, missing: str = "-", size: float = 0.0
+) -> str:
     """Format a number, "-" if it does not exist; 0 if it is round-off of a size."""
     if x is None:
         return missing
-    return f"{0.0 if x == 0 or abs(x) < numerics.PRINTED_AS_ZERO * size else x:.{digits}g}"
+    return (
+        f"{0.0 if x == 0 or abs(x) < numerics.PRINTED_AS_ZERO * size else x:.{digits}g}"
+    )
 
 
 def percent(x: float | None) -> str:

@@ -39,7 +39,10 @@ def describe_map(
         "",
         "States",
         *table(("state", "postures"), [(k, str(n)) for k, n in answer["states"].items()]),
-        *([f"unbalanced: {BALANCING}"] * ("unbalanced" in answer["states"] and not is_loaded)),
+        *(
+            [f"unbalanced: {BALANCING}"]
+            * ("unbalanced" in answer["states"] and not is_loaded)
+        ),
         "",
         "Quantities",
         *table(
@@ -99,14 +102,20 @@ def _load(answer: Mapping[str, Any]) -> list[str]:
         return []
     load = answer["load"]
     at = ", ".join(number(x) for x in load["at"])
-    return [f"K^load: the tangent under the load, {load['kind']} at ({at}): {load['meaning']}"]
+    return [
+        f"K^load: the tangent under the load, {load['kind']} at ({at}): {load['meaning']}"
+    ]
 
 
-def _postures(rows: list[dict[str, Any]], units: Units, coordinates: Sequence[str]) -> list[str]:
+def _postures(
+    rows: list[dict[str, Any]], units: Units, coordinates: Sequence[str]
+) -> list[str]:
     if not rows:
         return ["  none"]
     mm = units.shown_per_length
-    sizes = [units.shown_per_radian if head.endswith("[deg]") else mm for head in coordinates]
+    sizes = [
+        units.shown_per_radian if head.endswith("[deg]") else mm for head in coordinates
+    ]
     titles = ["value", *coordinates]
     titles += [f"{c} [{units.shown_length}]" for c in "xyz"]
     return table(
@@ -123,7 +132,10 @@ def _postures(rows: list[dict[str, Any]], units: Units, coordinates: Sequence[st
 
 
 def _slice(answer: Mapping[str, Any]) -> list[str]:
-    at = [f"{name} {p['value']:g} {p['unit']}" for name, p in answer.get("slice", {}).items()]
+    at = [
+        f"{name} {p['value']:g} {p['unit']}"
+        for name, p in answer.get("slice", {}).items()
+    ]
     return [f"  only the nearest places to the slice: {', '.join(at)}"] if at else []
 
 

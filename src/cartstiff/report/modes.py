@@ -12,17 +12,31 @@ from cartstiff import numerics
 from cartstiff.choices import AXES_WORDS, ORDERS
 from cartstiff.errors import joined, one_line
 from cartstiff.mechanisms.contract import Units, convert_length
-from cartstiff.report.layout import COSINES, body_frame, note_lines, number, percent, table, vector
+from cartstiff.report.layout import (
+    COSINES,
+    body_frame,
+    note_lines,
+    number,
+    percent,
+    table,
+    vector,
+)
 from cartstiff.stiffness.tensor import format_matrix
 
 if TYPE_CHECKING:
     from cartstiff.vibration.controllers import Impedance
     from cartstiff.vibration.modes import Modes
     from cartstiff.vibration.response import FrequencyResponse
-    from cartstiff.vibration.sensitivities import Accuracy, FrequencyInterval, Sensitivities
+    from cartstiff.vibration.sensitivities import (
+        Accuracy,
+        FrequencyInterval,
+        Sensitivities,
+    )
 
 
-def describe_modes(modes: Modes, unloaded: Modes | None = None, extra: Sequence[str] = ()) -> str:
+def describe_modes(
+    modes: Modes, unloaded: Modes | None = None, extra: Sequence[str] = ()
+) -> str:
     """Describe frequencies with their load, shapes, masses, nodal axes and notes.
 
     Parameters
@@ -34,7 +48,11 @@ def describe_modes(modes: Modes, unloaded: Modes | None = None, extra: Sequence[
     extra : sequence of str
         Lines before the notes.
     """
-    elastic, mechanism, units = modes.elastic, modes.elastic.mechanism, modes.elastic.units
+    elastic, mechanism, units = (
+        modes.elastic,
+        modes.elastic.mechanism,
+        modes.elastic.units,
+    )
     weighed = modes.to_dict()["weighed"]
     masses = ", ".join(f"{part['name']} {part['mass']:.4g}" for part in weighed)
     lines = [
@@ -103,13 +121,16 @@ def _participation(modes: Modes) -> list[str]:
         names = ("rx", "ry", "rz", "x", "y", "z")
     if len(names) <= _MAX_COLUMNS:
         rows = [
-            [str(i + 1), *(f"{100 * s + 0.0:.1f}" for s in row)] for i, row in enumerate(shares)
+            [str(i + 1), *(f"{100 * s + 0.0:.1f}" for s in row)]
+            for i, row in enumerate(shares)
         ]
         return table(["mode", *names], rows)
     lines = []
     for i, row in enumerate(shares):
         first = np.argsort(-row)[:4]
-        words = ", ".join(f"{names[j]} {100 * row[j]:.0f}" for j in first if row[j] > 0.005)
+        words = ", ".join(
+            f"{names[j]} {100 * row[j]:.0f}" for j in first if row[j] > 0.005
+        )
         lines.append(f"  {i + 1:>3}  {words}")
     return lines
 
@@ -123,10 +144,15 @@ def _axes(modes: Modes) -> list[str]:
             words = f"moves along {vector(screw.direction)}"
         else:
             point = vector(screw.point, size=size)
-            words = f"about {vector(screw.direction, size=COSINES)} through {point}, pitch "
+            words = (
+                f"about {vector(screw.direction, size=COSINES)} through {point}, pitch "
+            )
             reach = max(size, float(np.linalg.norm(screw.point)))
             words += number(
-                screw.pitch if abs(screw.pitch) > numerics.PRINTED_AS_ZERO * reach else 0.0, 3
+                screw.pitch
+                if abs(screw.pitch) > numerics.PRINTED_AS_ZERO * reach
+                else 0.0,
+                3,
             )
         lines.append(f"  {i + 1:>3}  {words}")
     return lines
@@ -150,15 +176,22 @@ def describe_sensitivities(known: Sensitivities, units: Units) -> list[str]:
     Without frequencies the changes are those of the diagonal of K^K.
     """
     millimetre, _ = convert_length(Units("mm"), units)
-    slopes, titles = known.frequencies, [f"mode {i + 1}" for i in range(known.frequencies.shape[1])]
+    slopes, titles = (
+        known.frequencies,
+        [f"mode {i + 1}" for i in range(known.frequencies.shape[1])],
+    )
     what = "change of each frequency in Hz"
     if not titles:
         slopes = np.diagonal(known.stiffness["K"], axis1=1, axis2=2)
         titles = [*_DIAGONAL]
         of = units.stiffness
-        what = f"change of the diagonal of K^K in {of['rotation']} and {of['translation']}"
+        what = (
+            f"change of the diagonal of K^K in {of['rotation']} and {of['translation']}"
+        )
     rows = []
-    for name, x, row, is_angle in zip(known.names, known.values, slopes, known.angles, strict=True):
+    for name, x, row, is_angle in zip(
+        known.names, known.values, slopes, known.angles, strict=True
+    ):
         group = name.partition(".")[0]
         unit, factor = ("per mrad", 1e-3) if is_angle else ("per mm", millimetre)
         if group in ("stiffness", "mass", "parameter"):
@@ -171,12 +204,18 @@ def describe_sensitivities(known: Sensitivities, units: Units) -> list[str]:
     lines = ["", f"Sensitivities: {what}"]
     sizes = np.nanmax([np.abs(entry[2]) for entry in rows], axis=0, initial=0.0)
     cells = [
-        [name, unit, *(number(x, 3, size=size) for x, size in zip(shown, sizes, strict=True))]
+        [
+            name,
+            unit,
+            *(number(x, 3, size=size) for x, size in zip(shown, sizes, strict=True)),
+        ]
         for name, unit, shown in rows[:_MAX_PARAMETERS]
     ]
     lines += table(["parameter", "", *titles], cells)
     if len(rows) > _MAX_PARAMETERS:
-        lines.append(f"  {len(rows) - _MAX_PARAMETERS} more, which matter less, with --json")
+        lines.append(
+            f"  {len(rows) - _MAX_PARAMETERS} more, which matter less, with --json"
+        )
     if known.left_out:
         lines.append(f"  {one_line(known.left_out, _MAX_LEFT_OUT)}")
     return lines
@@ -223,13 +262,20 @@ def describe_accuracy(known: Accuracy, units: Units) -> list[str]:
 
 def describe_intervals(modes: Modes, band: FrequencyInterval) -> list[str]:
     """List the interval of each frequency."""
-    lines = ["", f"Intervals that hold {100 * band.level:g} per cent, in Hz, to first order"]
-    for i, (f, low, high) in enumerate(zip(modes.frequencies, band.low, band.high, strict=True)):
+    lines = [
+        "",
+        f"Intervals that hold {100 * band.level:g} per cent, in Hz, to first order",
+    ]
+    for i, (f, low, high) in enumerate(
+        zip(modes.frequencies, band.low, band.high, strict=True)
+    ):
         lines.append(f"  {i + 1:>3}  {_hertz(f)}  from {low:.6g} to {high:.6g}")
     return lines
 
 
-def describe_response(response: FrequencyResponse, direction: ArrayLike | None) -> list[str]:
+def describe_response(
+    response: FrequencyResponse, direction: ArrayLike | None
+) -> list[str]:
     """List the largest value of each curve, and its values at both ends."""
     lines = [
         "",
@@ -248,7 +294,9 @@ def describe_response(response: FrequencyResponse, direction: ArrayLike | None) 
     return lines + [f"  {note}" for note in response.notes]
 
 
-def describe_impedance(answer: Impedance, shown: Mapping[str, Any], units: Units) -> list[str]:
+def describe_impedance(
+    answer: Impedance, shown: Mapping[str, Any], units: Units
+) -> list[str]:
     """Describe stiffness and damping for a controller, and the result of the square-root rule."""
     turning, moving = (
         f"{units.moment}/rad | {units.force}",
@@ -263,7 +311,9 @@ def describe_impedance(answer: Impedance, shown: Mapping[str, Any], units: Units
         f"Impedance controller: order {shown['order']}, {AXES_WORDS[shown['axes']]}, about the "
         f"origin of {shown['about']!r}",
         "  stiffness",
-        *format_matrix(np.array(shown["stiffness"]), [f"[{row}]" for row in rows]).split("\n"),
+        *format_matrix(np.array(shown["stiffness"]), [f"[{row}]" for row in rows]).split(
+            "\n"
+        ),
         "  damping by double diagonalisation; units of the stiffness times s",
         *format_matrix(np.array(shown["damping"]), [""] * 6).split("\n"),
         f"  closed loop without damping  {_list(answer.frequencies)} Hz",

@@ -74,7 +74,9 @@ def describe_assembly(modes: AssemblyModes) -> str:
 
 def _with(modes: AssemblyModes, code: str) -> str:
     return ", ".join(
-        str(i + 1) for i, mode in enumerate(modes) if any(note.code == code for note in mode.notes)
+        str(i + 1)
+        for i, mode in enumerate(modes)
+        if any(note.code == code for note in mode.notes)
     )
 
 
@@ -89,7 +91,9 @@ def _table(modes: AssemblyModes) -> list[str]:
         row = [
             str(i + 1),
             *(number(x) for x in _place(mode, modes.elastic)),
-            number(mode.residual if mode.residual > numerics.ATTAINABLE_PRECISION else 0.0, 2),
+            number(
+                mode.residual if mode.residual > numerics.ATTAINABLE_PRECISION else 0.0, 2
+            ),
         ]
         row += [number(mode.eigenvalue), _STABLE[mode.stable]]
         row += [number(mode.determinant, 4)] * of_legs
@@ -132,7 +136,9 @@ def _place(mode: AssemblyMode, elastic: ElasticMechanism) -> list[float]:
 
 def assembly_csv(modes: AssemblyModes) -> str:
     """Write one row per mode; a cell is empty if its number does not exist."""
-    most = max((0 if m.frequencies is None else len(m.frequencies) for m in modes), default=0)
+    most = max(
+        (0 if m.frequencies is None else len(m.frequencies) for m in modes), default=0
+    )
     units = modes.elastic.units
     head = [
         *modes.elastic.names_with_units,
@@ -182,7 +188,9 @@ def describe_workspace(reached: Workspace) -> str:
         gravity_loads(elastic).text,
     ]
     if reached.positions is None or reached.columns is None:
-        return joined([*lines, "No workspace: singular everywhere", *note_lines(reached.notes)])
+        return joined(
+            [*lines, "No workspace: singular everywhere", *note_lines(reached.notes)]
+        )
     poses = reached.to_dict()["poses"]
     lines += [
         "",
@@ -205,7 +213,10 @@ def describe_workspace(reached: Workspace) -> str:
             f"{percent(reached.share_of_rotations)} of all rotations",
             *_shares(reached.turns.shares()),
         ]
-    for words, fits, size in (("sphere", reached.sphere, "radius"), ("cube", reached.cube, "edge")):
+    for words, fits, size in (
+        ("sphere", reached.sphere, "radius"),
+        ("cube", reached.cube, "edge"),
+    ):
         if fits is not None:
             lines.append(
                 f"Largest {words} found inside: {size} {length_of(fits[1], own, 4)} at "
@@ -213,7 +224,11 @@ def describe_workspace(reached: Workspace) -> str:
             )
     if reached.distribution:
         t, how = reached.distribution["at_centre"], reached.distribution["distribution"]
-        words = "any within the limits" if how == "any" else "nearest to the middle of the limits"
+        words = (
+            "any within the limits"
+            if how == "any"
+            else "nearest to the middle of the limits"
+        )
         lines.append(
             f"Tensions that count: {words}"
             + (
@@ -261,7 +276,9 @@ def _product(units: Sequence[str]) -> str:
 
 def _shares(shares: dict[str, float]) -> list[str]:
     listed = list(shares.items())
-    lines = [f"  {percent(share):>6}  {name}" for name, share in listed[:_MAX_LISTED_LIMITS]]
+    lines = [
+        f"  {percent(share):>6}  {name}" for name, share in listed[:_MAX_LISTED_LIMITS]
+    ]
     rest = sum(share for _, share in listed[_MAX_LISTED_LIMITS:])
     return lines + ([f"  {percent(rest):>6}  others"] if rest else [])
 
@@ -269,5 +286,8 @@ def _shares(shares: dict[str, float]) -> list[str]:
 def boundary_csv(reached: Workspace) -> str:
     """Write one row per boundary position: the coordinates, and the limit that is reached."""
     limits = [] if reached.positions is None else reached.positions.limit.tolist()
-    rows = ([*xyz, limit] for xyz, limit in zip(reached.boundary.tolist(), limits, strict=True))
+    rows = (
+        [*xyz, limit]
+        for xyz, limit in zip(reached.boundary.tolist(), limits, strict=True)
+    )
     return csv_rows([*reached.axes_with_units, "limit"], rows)

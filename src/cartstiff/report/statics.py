@@ -67,7 +67,8 @@ def describe_equilibrium(state: Equilibrium) -> str:
         W = elastic.shown_wrench(elastic.wrench)
         lines += [
             "",
-            state.meaning_of_elastic_wrench[0].upper() + state.meaning_of_elastic_wrench[1:],
+            state.meaning_of_elastic_wrench[0].upper()
+            + state.meaning_of_elastic_wrench[1:],
             f"  moment       {wide_row(W[:3])} {units.moment}",
             f"  force        {wide_row(W[3:])} {units.force}",
         ]
@@ -106,9 +107,14 @@ def _reactions(state: Equilibrium) -> list[str]:
     """List the reactions of held components, limits and rigid joints; round-off as 0."""
     units, reactions = state.elastic.units, state.reactions
     lengths = {c.name: c.is_length for c in state.elastic.mechanism.coordinates}
-    held = {f"held {name}": (x, not name.startswith("r")) for name, x in reactions.held.items()}
+    held = {
+        f"held {name}": (x, not name.startswith("r"))
+        for name, x in reactions.held.items()
+    }
     # Names that are no coordinates are legs.
-    limits = {f"limit of {n}": (x, lengths.get(n, True)) for n, x in reactions.limits.items()}
+    limits = {
+        f"limit of {n}": (x, lengths.get(n, True)) for n, x in reactions.limits.items()
+    }
     rigid = {f"rigid {n}": (x, lengths.get(n, True)) for n, x in reactions.rigid.items()}
     rows = {**held, **limits, **rigid}
     largest = max((abs(x) for x, _ in rows.values()), default=0.0)
@@ -128,7 +134,9 @@ def _softest(state: Equilibrium) -> str:
         if values.size == 0 and state.stable is False:
             return "  the determinant of the tangent is negative (see the notes)"
         if values.size == 0:
-            return "  flutter and divergence are not examined: motions without mass are left"
+            return (
+                "  flutter and divergence are not examined: motions without mass are left"
+            )
         turning = np.sqrt(np.abs(values[0])) / (2 * np.pi)
         if np.iscomplexobj(values) or values[0] < 0.0:
             return "  undamped vibrations grow (see the notes)"
@@ -168,12 +176,16 @@ def describe_curve(curve: LoadCurve) -> str:
     points = []
     for point in curve.critical:
         beating = "" if point.frequency is None else f", {point.frequency:.6g} Hz"
-        points.append(f"Critical load: {point.kind} at factor {point.factor:.10g}{beating}")
+        points.append(
+            f"Critical load: {point.kind} at factor {point.factor:.10g}{beating}"
+        )
     for line, times in Counter(points).items():
         lines.append(line + (f" ({times} modes)" if times > 1 else ""))
     if not curve.critical and False in curve.stable:
         first = curve.factors[curve.stable.index(False)]
-        lines.append(f"Unstable at factor {first:.5g}; where it becomes so was not found.")
+        lines.append(
+            f"Unstable at factor {first:.5g}; where it becomes so was not found."
+        )
     elif not curve.critical:
         massless = any(note.code == "masses-missing" for note in curve.notes)
         lines.append(
@@ -209,7 +221,11 @@ def describe_path(path: CompensatedPath, *, is_written: bool = False) -> str:
     lines = [
         f"Deflection compensation of {path.elastic.name} along {len(path.q)} postures",
         replace(path.weighed, before=None).text + _carried(path),
-        *([] if path.load_axes is None else [f"Loads along the {AXES_WORDS[path.load_axes]}"]),
+        *(
+            []
+            if path.load_axes is None
+            else [f"Loads along the {AXES_WORDS[path.load_axes]}"]
+        ),
         "",
         f"  {'':<22} {'before':>12} {'after':>12}",
     ]
@@ -218,10 +234,16 @@ def describe_path(path: CompensatedPath, *, is_written: bool = False) -> str:
         ("rotation", "deg", 180 / np.pi, np.degrees(turn)),
     ):
         for label, key in (("largest", "max"), ("rms", "rms")):
-            pair = [summary[when][f"{what}_{key}"] * factor for when in ("before", "after")]
+            pair = [
+                summary[when][f"{what}_{key}"] * factor for when in ("before", "after")
+            ]
             lines.append(f"  {what + ', ' + label:<22} {wide_row(pair, size)} {unit}")
     known = path.elastic.identified
-    if known is not None and path.deviation is not None and np.isfinite(path.deviation).any():
+    if (
+        known is not None
+        and path.deviation is not None
+        and np.isfinite(path.deviation).any()
+    ):
         half = known.factor * np.nanmax(path.deviation, axis=0)
         lines.append(
             f"  {100 * known.level:g} % from the measured springs, at most, along an axis: "
@@ -287,7 +309,9 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
     under = "unloaded"
     if result.loaded:
         at = ", ".join(number(x) for x in result.load.at)
-        under = f"under the path's load, {result.load.kind} at ({at}): {result.load.words}"
+        under = (
+            f"under the path's load, {result.load.kind} at ({at}): {result.load.words}"
+        )
     lines = [
         f"{result.elastic.name}, {body_frame(result.elastic.mechanism)}: {len(result.q)} points, "
         f"{result.candidates} postures compared",
@@ -308,7 +332,9 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
             f"{v * (units.shown_per_radian if k == 'angle' else 1.0):.4g} {words[k]}"
             for k, v in result.constant.choice.items()
         )
-        rows.append(("best constant", number(constant["worst"]), number(constant["mean"]), choice))
+        rows.append(
+            ("best constant", number(constant["worst"]), number(constant["mean"]), choice)
+        )
     lines += table(titles, rows if len(rows) > 1 else [(*rows[0][:3], "")])
     if result.constant is None and result.angles is not None:
         lines.append("  no constant choice follows the path")
@@ -347,7 +373,9 @@ def _axes_of_loads(result: OptimisedPath) -> list[str]:
     path, axes = result.path, result.load_axes
     given = {"Loads": path.wrenches, "directions": path.directions}
     named = " and ".join(name for name, rows in given.items() if rows is not None)
-    of = "axes of the path's poses" if axes == "path" else AXES_WORDS[axes] if axes else ""
+    of = (
+        "axes of the path's poses" if axes == "path" else AXES_WORDS[axes] if axes else ""
+    )
     return [f"{named[0].upper()}{named[1:]} along the {of}"] if of else []
 
 

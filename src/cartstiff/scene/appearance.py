@@ -122,7 +122,9 @@ class Appearance:
                 raise UnknownNameError(name, str(value), known)
         if self.exaggeration is not None and not 0.0 < self.exaggeration < 1e30:
             raise InputError(
-                "exaggeration cannot be used", expected="a number above zero", got=self.exaggeration
+                "exaggeration cannot be used",
+                expected="a number above zero",
+                got=self.exaggeration,
             )
 
 
@@ -169,7 +171,10 @@ class MatrixPair:
     """
 
     def __init__(
-        self, K: Array, C: Array | None, asymmetric: tuple[Array, Array | None] | None = None
+        self,
+        K: Array,
+        C: Array | None,
+        asymmetric: tuple[Array, Array | None] | None = None,
     ) -> None:
         self.K, self.C = K, C
         self._asymmetric = asymmetric
@@ -178,7 +183,11 @@ class MatrixPair:
     @cached_property
     def _free(self) -> tuple[Array | None, Array | None]:
         """The pair with the other freedoms free."""
-        return (self.K, self.C) if self._asymmetric is None else inverse_pair(*self._asymmetric)
+        return (
+            (self.K, self.C)
+            if self._asymmetric is None
+            else inverse_pair(*self._asymmetric)
+        )
 
     @cached_property
     def _blocks(self) -> tuple[list[bool], Array, Array]:
@@ -222,14 +231,22 @@ class MatrixPair:
             self._shapes[key] = self._ellipsoid(*key)
         return self._shapes[key]
 
-    def _ellipsoid(self, freedom: Freedom, others: Others, quantity: Quantity) -> Ellipsoid | None:
+    def _ellipsoid(
+        self, freedom: Freedom, others: Others, quantity: Quantity
+    ) -> Ellipsoid | None:
         is_whole, values, vectors = self._blocks
         at = _PLACES[freedom, others]
         if not is_whole[at]:
             K, C = (self.K, self.C) if others == "held" else self._free
             if quantity == "stiffness":
-                return None if K is None else stiffness_ellipsoid(K, freedom, others, None, C)
-            return None if C is None else compliance_ellipsoid(C, freedom, others, None, K)
+                return (
+                    None
+                    if K is None
+                    else stiffness_ellipsoid(K, freedom, others, None, C)
+                )
+            return (
+                None if C is None else compliance_ellipsoid(C, freedom, others, None, K)
+            )
         own, axes = values[at], vectors[at]
         if (others == "free") == (quantity == "stiffness"):
             # Of the other matrix: same axes, inverse values.
@@ -269,7 +286,9 @@ def block_ellipsoid(
         See `cartstiff.analysis.ellipsoids`.
     """
     is_block = others == "block"
-    how: Others = "free" if others == "free" or (is_block and quantity == "compliance") else "held"
+    how: Others = (
+        "free" if others == "free" or (is_block and quantity == "compliance") else "held"
+    )
     if (pair := matrix_pair(here, connection)) is not None:
         return pair.ellipsoid(freedom, how, quantity)
     C = here.pair(connection, how)[1] if quantity == "compliance" else None

@@ -58,7 +58,9 @@ class Arrow:
             return 0.0
         self.make()
         (a, b, c), start = vector.tolist(), point.tolist()
-        x, y, z = ([length * e for e in axis] for axis in objects.axes_along(a, b, c, size))
+        x, y, z = (
+            [length * e for e in axis] for axis in objects.axes_along(a, b, c, size)
+        )
         self._body.set_columns(x, y, z, start)
         self._node.show(True)
         if labels:
@@ -114,7 +116,9 @@ class WrenchPicture:
         by_force, by_moment = self._scales
         return {
             "force": self._force.draw(R @ wrench[3:], p, force, by_force.length, labels),
-            "moment": self._moment.draw(R @ wrench[:3], p, moment, by_moment.length, labels),
+            "moment": self._moment.draw(
+                R @ wrench[:3], p, moment, by_moment.length, labels
+            ),
             "units": {"force": force, "moment": moment},
             "scale": {"force": by_force.legend(), "moment": by_moment.legend()},
             "wrench": wrench.tolist(),
@@ -242,7 +246,9 @@ def add_wrench(
     node.delete()
     # Rounding beside the other part is no arrow of its own.
     moments, forces = float(np.abs(W[:3]).max()), float(np.abs(W[3:]).max())
-    W = W * np.repeat([moments > _ROUNDING * forces * size, forces * size > _ROUNDING * moments], 3)
+    W = W * np.repeat(
+        [moments > _ROUNDING * forces * size, forces * size > _ROUNDING * moments], 3
+    )
     scale = Growing(size, _SMALLEST_LOAD)
     picture = WrenchPicture(node, theme.DARK if dark else theme.LIGHT, (scale, scale))
     return picture.draw(W, pose, force, moment, labels)

@@ -32,13 +32,19 @@ class NodalAxis:
         if reason is None:
             if not self._is_made:
                 self._is_made = True
-                self._node.set_object(objects.rod(0.003 * self._size, theme.COLOURS["screw"], 0.9))
+                self._node.set_object(
+                    objects.rod(0.003 * self._size, theme.COLOURS["screw"], 0.9)
+                )
             half = 0.45 * self._size
             point, along = T[:3, :3] @ screw.point + T[:3, 3], T[:3, :3] @ screw.direction
-            self._node.set_transform(objects.segment(point - half * along, point + half * along))
+            self._node.set_transform(
+                objects.segment(point - half * along, point + half * along)
+            )
             self._node.show(True)
             if labels:
-                self._label.show(f"h = {number(screw.pitch, length)}", point - 1.04 * half * along)
+                self._label.show(
+                    f"h = {number(screw.pitch, length)}", point - 1.04 * half * along
+                )
             else:
                 self._label.hide()
         else:
@@ -103,14 +109,18 @@ class CentresPicture:
             if name not in self._made:
                 self._made.add(name)
                 ball.set_object(
-                    objects.solid(objects.sphere(0.011 * self._size), theme.COLOURS["screw"])
+                    objects.solid(
+                        objects.sphere(0.011 * self._size), theme.COLOURS["screw"]
+                    )
                 )
             M = np.eye(4)
             M[:3, 3] = T[:3, :3] @ near[name] + T[:3, 3]
             ball.show(True)
             ball.set_transform(M)
             same = [
-                n for n, p in near.items() if np.linalg.norm(p - near[name]) < 0.05 * self._size
+                n
+                for n, p in near.items()
+                if np.linalg.norm(p - near[name]) < 0.05 * self._size
             ]
             if labels and same[0] == name:
                 text = "centre of " + ", ".join(_NAMES[n] for n in same)

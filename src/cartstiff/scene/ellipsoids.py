@@ -117,7 +117,9 @@ class EllipsoidPicture:
             if not shown:
                 continue
             half, negative = max(radius, SHORTEST * self._size), value < 0.0
-            for part, is_on in zip(self._signs[i], (not negative, negative, is_cut), strict=True):
+            for part, is_on in zip(
+                self._signs[i], (not negative, negative, is_cut), strict=True
+            ):
                 part.show(is_on)
             start = _along(columns[i], -half, centre)
             ends = _along(columns[i], 2.0 * half), columns[i - 2], columns[i - 1]
@@ -164,7 +166,9 @@ class EllipsoidPicture:
             minus.show(False)
             cut.show(False)
         for ring in self._rings:
-            ring.set_object(objects.lines(circle, _darker(self._colour), 0.7, joined=True))
+            ring.set_object(
+                objects.lines(circle, _darker(self._colour), 0.7, joined=True)
+            )
             ring.show(False)
 
     def _draw_rings(

@@ -66,7 +66,9 @@ class Label:
         Colour of what it belongs to: its letters are tinted.
     """
 
-    def __init__(self, node: ViewerNode, theme: themes.Theme, colour: int | None = None) -> None:
+    def __init__(
+        self, node: ViewerNode, theme: themes.Theme, colour: int | None = None
+    ) -> None:
         self.node = node
         shades = list(themes.THEMES.values())
         self._letters = [t.text if colour is None else t.tinted(colour) for t in shades]
@@ -84,7 +86,9 @@ class Label:
                 said = {"text": text, "letters": self._letters, "paper": self._paper}
                 self.node.set_object({"label": {**said, "height": self._height}})
                 return self._place(point)
-            png, aspect = text_png(text, self._letters[self._shade], self._paper[self._shade])
+            png, aspect = text_png(
+                text, self._letters[self._shade], self._paper[self._shade]
+            )
             label = sprite(png, aspect * self._height, self._height)
             label["object"]["userData"] = {"text": text}
             self.node.set_object(label)

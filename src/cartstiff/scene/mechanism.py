@@ -79,7 +79,9 @@ class LinesPicture:
 
     def move(self, starts: Array, ends: Array) -> None:
         """Draw each line from `starts` to `ends` (m, 3)."""
-        for i, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
+        for i, (start, end) in enumerate(
+            zip(starts.tolist(), ends.tolist(), strict=True)
+        ):
             x, y, z = objects.segment_columns(start, end)
             self._rods[i].set_columns(x, y, z, start)
             if self.telescope is not None:
@@ -102,7 +104,9 @@ class LinesPicture:
         return {**scale.legend(), "values": tensions.tolist(), "slack": slack}
 
     def _paint(self, shares: list[float], are_slack: list[bool]) -> None:
-        for i, (line, share, slack) in enumerate(zip(self._rods, shares, are_slack, strict=True)):
+        for i, (line, share, slack) in enumerate(
+            zip(self._rods, shares, are_slack, strict=True)
+        ):
             shade = theme.SLACK if slack else theme.force_colour(share)
             if slack != self._dashed[i]:
                 self._dashed[i] = slack
@@ -133,7 +137,9 @@ class PlatformPicture:
         radius, thick = 0.011 * size, 0.025 * size
         self._body = node["body"]
         flat = objects.plate(
-            platform.points, thick, *theme.shade(look.plate, ghost, 0.45 if cables else 0.8)
+            platform.points,
+            thick,
+            *theme.shade(look.plate, ghost, 0.45 if cables else 0.8),
         )
         if flat is not None:
             self._body["plate"].set_object(flat)
@@ -143,7 +149,9 @@ class PlatformPicture:
                     rod = self._body[f"rod {i + 1}"]
                     rod.set_object(objects.rod(radius, *theme.shade(look.plate, ghost)))
                     rod.set_transform(objects.segment(np.zeros(3), point))
-        self._balls(self._body, platform.points, 1.7 * radius, *theme.shade(look.joint, ghost))
+        self._balls(
+            self._body, platform.points, 1.7 * radius, *theme.shade(look.joint, ghost)
+        )
         if not ghost:
             anchors = platform.anchors
             spread = np.linalg.svd(anchors - anchors.mean(axis=0), compute_uv=False)
@@ -158,7 +166,9 @@ class PlatformPicture:
             self._balls(node["base"], anchors, 0.017 * size, look.joint)
         legs = platform.kind == "stewart-gough"
         lengths = platform.leg_lengths(reference)
-        shortest = lengths.min() if platform.limits is None else platform.limits[:, 0].min()
+        shortest = (
+            lengths.min() if platform.limits is None else platform.limits[:, 0].min()
+        )
         self._lines = LinesPicture(
             node["legs"],
             len(platform.points),
@@ -213,7 +223,11 @@ def _edges(corners: Array, colour: int) -> objects.Object | None:
                 < 1 - numerics.NEGLIGIBLE_DIFFERENCE
             )
             if other > face and bent:
-                ends += [hull.points[v] for k, v in enumerate(hull.simplices[face]) if k != corner]
+                ends += [
+                    hull.points[v]
+                    for k, v in enumerate(hull.simplices[face])
+                    if k != corner
+                ]
     return objects.lines(np.array(ends), colour) if ends else None
 
 
@@ -259,7 +273,9 @@ class ChainPicture:
         self._boxes: list[tuple[FixedFrame, Array]] = []
         pieces, self._missing = visuals_of(chain)
         self._joints: dict[int, ViewerNode] = {}
-        self._meshes = read_meshes(p.shape.path for p in pieces if isinstance(p.shape, MeshFile))
+        self._meshes = read_meshes(
+            p.shape.path for p in pieces if isinstance(p.shape, MeshFile)
+        )
         # Lengths of a robot description are metres, as are those of its mechanism.
         shown = [self._piece(i, visual) for i, visual in enumerate(pieces)]
         self.notes: list[str] = []
@@ -276,11 +292,15 @@ class ChainPicture:
     def move(self, posture: ChainPosture) -> None:
         """Put every link where it is at a posture."""
         at = posture.pose_at
-        for moving, T_F_j in zip(self._moving, posture.joint_poses(self._moving), strict=True):
+        for moving, T_F_j in zip(
+            self._moving, posture.joint_poses(self._moving), strict=True
+        ):
             self._joints[moving].set_transform(T_F_j)
         for node, parent, start, joint in self._sliders:
             T = at(parent)
-            node.set_transform(objects.segment(T[:3, :3] @ start + T[:3, 3], at(joint)[:3, 3]))
+            node.set_transform(
+                objects.segment(T[:3, :3] @ start + T[:3, 3], at(joint)[:3, 3])
+            )
 
     def facts(self) -> dict[str, Any]:
         """Nodes by the joints that move them, for a viewer that moves the picture itself."""
@@ -308,7 +328,11 @@ class ChainPicture:
 
     def _piece(self, i: int, visual: Visual) -> bool:
         node = self._on(visual.at.joint)[f"{i} {visual.link.replace('/', ' ')}"]
-        mesh = self._meshes[visual.shape.path] if isinstance(visual.shape, MeshFile) else None
+        mesh = (
+            self._meshes[visual.shape.path]
+            if isinstance(visual.shape, MeshFile)
+            else None
+        )
         if isinstance(mesh, InputError):
             self._missing.append(f"link {visual.link}: {mesh}")
             return False
@@ -318,12 +342,18 @@ class ChainPicture:
         if isinstance(visual.shape, MeshFile):
             M = scaled(M, np.array(visual.shape.scale))
         if mesh is not None:
-            ends = np.array([mesh.positions.min(axis=0), mesh.positions.max(axis=0)], float)
-            box = np.array([[x, y, z] for x in ends[:, 0] for y in ends[:, 1] for z in ends[:, 2]])
+            ends = np.array(
+                [mesh.positions.min(axis=0), mesh.positions.max(axis=0)], float
+            )
+            box = np.array(
+                [[x, y, z] for x in ends[:, 0] for y in ends[:, 1] for z in ends[:, 2]]
+            )
             box = box @ M[:3, :3].T + M[:3, 3]
             self._boxes.append((FixedFrame(visual.at.joint, np.eye(4)), box))
         colour, opacity = self._paint(visual, mesh)
-        for k, (geometry, own) in enumerate(_geometries(visual.shape, mesh, not self._ghost)):
+        for k, (geometry, own) in enumerate(
+            _geometries(visual.shape, mesh, not self._ghost)
+        ):
             part = node if k == 0 else node[f"part {k}"]
             if "color" in geometry.get("data", {}).get("attributes", {}):
                 colour = 0xFFFFFF
@@ -374,7 +404,9 @@ class ChainPicture:
                 rod.set_object(objects.rod(0.7 * radius, *link))
                 model = chain.tree.model
                 start = np.array(model.jointPlacements[joint].translation)
-                parent, own = (FixedFrame(j, np.eye(4)) for j in (model.parents[joint], joint))
+                parent, own = (
+                    FixedFrame(j, np.eye(4)) for j in (model.parents[joint], joint)
+                )
                 self._sliders.append((rod, parent, start, own))
 
 
@@ -412,7 +444,9 @@ def extent(elastic: ElasticMechanism, posture: MechanismPosture) -> Array:
     elif isinstance(mechanism, Chain) and isinstance(posture, ChainPosture):
         count = mechanism.tree.model.njoints
         points += [posture.pose_at(FixedFrame(j, np.eye(4)))[:3, 3] for j in range(count)]
-    points += [end for ends in _lines(elastic, posture) for pair in ends[1:] for end in pair]
+    points += [
+        end for ends in _lines(elastic, posture) for pair in ends[1:] for end in pair
+    ]
     return np.array(points)
 
 
@@ -424,7 +458,10 @@ def _lines(
     for term in elastic.potentials:
         if isinstance(term, LineSprings):
             ends = []
-            for frame, points in ((term.frame_a, term.anchors), (term.frame_b, term.points)):
+            for frame, points in (
+                (term.frame_a, term.anchors),
+                (term.frame_b, term.points),
+            ):
                 T = _pose(elastic, posture, frame)
                 ends.append(points @ T[:3, :3].T + T[:3, 3])
             lines.append((term, ends[0], ends[1]))
@@ -460,13 +497,19 @@ class MechanismPicture:
         self.node = node
         self._elastic = elastic
         mechanism, own = elastic.mechanism, elastic.springs
-        lines = tuple(term for term in elastic.potentials if isinstance(term, LineSprings))
+        lines = tuple(
+            term for term in elastic.potentials if isinstance(term, LineSprings)
+        )
         self._own: Any = None  # takes postures of its own kind of mechanism
         if isinstance(mechanism, Platform):
             cables = isinstance(own, LineSprings) and bool(own.unilateral)
-            self._own = PlatformPicture(node, mechanism, cables, size, look, elastic.q, ghost=ghost)
+            self._own = PlatformPicture(
+                node, mechanism, cables, size, look, elastic.q, ghost=ghost
+            )
         elif isinstance(mechanism, Chain):
-            self._own = ChainPicture(node, mechanism, size, look, ghost=ghost, lines=lines)
+            self._own = ChainPicture(
+                node, mechanism, size, look, ghost=ghost, lines=lines
+            )
         missing = [f"a {mechanism.kind} mechanism has no picture of its own"]
         self.notes: list[str] = missing if self._own is None else self._own.notes
         self._lines = [

@@ -135,7 +135,11 @@ def torus(radius: float, tube: float, arc: float) -> Object:
 
 
 def solid(
-    geometry: Object, colour: int, opacity: float = 1.0, matrix: Array | None = None, **more: Any
+    geometry: Object,
+    colour: int,
+    opacity: float = 1.0,
+    matrix: Array | None = None,
+    **more: Any,
 ) -> Object:
     """A lit surface in one colour; a transparent one does not hide what is behind it."""
     vertex_colours = "color" in geometry.get("data", {}).get("attributes", {})
@@ -155,7 +159,9 @@ def solid(
     return surface(geometry, material, "Mesh", matrix)
 
 
-def surface(geometry: Object, material: Object, kind: str, matrix: Array | None = None) -> Object:
+def surface(
+    geometry: Object, material: Object, kind: str, matrix: Array | None = None
+) -> Object:
     """A geometry and a material as an object of a kind ("Mesh", "LineSegments", "Points")."""
     M = np.eye(4) if matrix is None else matrix
     return {
@@ -172,7 +178,9 @@ def surface(geometry: Object, material: Object, kind: str, matrix: Array | None 
     }
 
 
-def lines(ends: Array, colour: int | Array, opacity: float = 1.0, joined: bool = False) -> Object:
+def lines(
+    ends: Array, colour: int | Array, opacity: float = 1.0, joined: bool = False
+) -> Object:
     """Thin lines between pairs of points (2 n, 3), or through all of them in order.
 
     `colour` is one for all, or (2 n, 3) in [0, 255].
@@ -181,7 +189,11 @@ def lines(ends: Array, colour: int | Array, opacity: float = 1.0, joined: bool =
     plain = isinstance(colour, int)
     if not plain:
         attributes["color"] = arrays(np.asarray(colour, np.uint8), normalized=True)
-    geometry = {"uuid": "geometry", "type": "BufferGeometry", "data": {"attributes": attributes}}
+    geometry = {
+        "uuid": "geometry",
+        "type": "BufferGeometry",
+        "data": {"attributes": attributes},
+    }
     material = {
         "uuid": "material",
         "type": "LineBasicMaterial",
@@ -211,7 +223,11 @@ def points(
     for name, values in carried.items():
         nearest = np.asarray(values, np.float32)
         attributes |= {name: arrays(nearest), f"{name} rest": arrays(values - nearest)}
-    geometry = {"uuid": "geometry", "type": "BufferGeometry", "data": {"attributes": attributes}}
+    geometry = {
+        "uuid": "geometry",
+        "type": "BufferGeometry",
+        "data": {"attributes": attributes},
+    }
     material = {
         "uuid": "material",
         "type": "PointsMaterial",
@@ -307,7 +323,9 @@ def rod(radius: float, colour: int, opacity: float = 1.0) -> Object:
     return solid(cylinder(radius, 1.0, 14), colour, opacity, M)
 
 
-def dashed_rod(radius: float, colour: int, dashes: int = 9, opacity: float = 1.0) -> Object:
+def dashed_rod(
+    radius: float, colour: int, dashes: int = 9, opacity: float = 1.0
+) -> Object:
     """A rod from the origin to x = 1 with gaps."""
     n = 8
     angle = np.arange(n) * 2 * np.pi / n
@@ -331,7 +349,9 @@ def ends(radius: float, colour: int) -> Object:
     disc = np.concatenate([np.zeros((1, 3)), rim])
     fan = np.array([[0, 1 + k, 1 + (k + 1) % 16] for k in range(16)])
     positions = np.concatenate([disc, disc + np.array([1.0, 0.0, 0.0])])
-    return solid(mesh(positions, np.concatenate([fan, fan + 17])), colour, flatShading=True)
+    return solid(
+        mesh(positions, np.concatenate([fan, fan + 17])), colour, flatShading=True
+    )
 
 
 def arrow(node: ViewerNode, colour: int, thickness: float = 0.022) -> None:
@@ -339,7 +359,9 @@ def arrow(node: ViewerNode, colour: int, thickness: float = 0.022) -> None:
     head = 0.18
     shaft = Y_TO_X.copy()
     shaft[0, 3] = 0.5 * (1 - head)
-    node["shaft"].set_object(solid(cylinder(thickness, 1 - head, 16), colour, matrix=shaft))
+    node["shaft"].set_object(
+        solid(cylinder(thickness, 1 - head, 16), colour, matrix=shaft)
+    )
     tip = Y_TO_X.copy()
     tip[0, 3] = 1 - 0.5 * head
     node["head"].set_object(solid(cone(3 * thickness, head, 20), colour, matrix=tip))
@@ -357,13 +379,17 @@ def turning_arrow(node: ViewerNode, colour: int, thickness: float = 0.022) -> No
     arc, radius = 1.55 * np.pi, 0.22
     # The ring lies about z; its plane is turned so that its axis is x.
     ring = np.array([[0.0, 0, 1, 0.45], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-    node["ring"].set_object(solid(torus(radius, 0.8 * thickness, arc), colour, matrix=ring))
+    node["ring"].set_object(
+        solid(torus(radius, 0.8 * thickness, arc), colour, matrix=ring)
+    )
     end = np.eye(4)
     # Along the ring's direction at its end: the cone's y axis.
     c, s = np.cos(arc), np.sin(arc)
     end[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     end[:3, 3] = radius * np.array([c, s, 0]) + 0.05 * np.array([-s, c, 0])
-    node["turn"].set_object(solid(cone(3 * thickness, 0.14, 16), colour, matrix=ring @ end))
+    node["turn"].set_object(
+        solid(cone(3 * thickness, 0.14, 16), colour, matrix=ring @ end)
+    )
 
 
 def frame(node: ViewerNode, length: float, opacity: float = 1.0) -> None:
@@ -374,7 +400,9 @@ def frame(node: ViewerNode, length: float, opacity: float = 1.0) -> None:
         M[:3, :3] = rotation_to(np.eye(3)[axis])
         M = M @ Y_TO_X
         M[axis, 3] += 0.5 * length
-        node["xyz"[axis]].set_object(solid(cylinder(radius, length, 12), colour, opacity, M))
+        node["xyz"[axis]].set_object(
+            solid(cylinder(radius, length, 12), colour, opacity, M)
+        )
 
 
 def shadow(centre: Array, radii: Array) -> Object:
@@ -419,7 +447,9 @@ def plate(corners: Array, thickness: float, colour: int, opacity: float) -> Obje
     except QhullError:
         return None
     triangles = corners[hull.simplices]
-    outward = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    outward = np.cross(
+        triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    )
     flip = np.einsum("ij,ij->i", outward, hull.equations[:, :3]) < 0
     triangles[flip] = triangles[flip][:, [0, 2, 1]]
     geometry = mesh(triangles.reshape(-1, 3), np.arange(3 * len(triangles)))

@@ -62,7 +62,9 @@ def colours_of(values: NDArray[Any]) -> tuple[NDArray[np.uint8], dict[str, Any]]
     return colours, facts
 
 
-def _colours_of_kinds(words: NDArray[np.str_]) -> tuple[NDArray[np.uint8], dict[str, Any]]:
+def _colours_of_kinds(
+    words: NDArray[np.str_],
+) -> tuple[NDArray[np.uint8], dict[str, Any]]:
     """Colours (n, 3) of words, and which colour each of the commonest has."""
     kinds, kind, counts = np.unique(words, return_inverse=True, return_counts=True)
     listed = np.sort(np.argsort(-counts, kind="stable")[:_MOST_KINDS])
@@ -79,13 +81,17 @@ def _colours_of_kinds(words: NDArray[np.str_]) -> tuple[NDArray[np.uint8], dict[
     return colours.astype(np.uint8), {"kind": "kinds", "kinds": facts}
 
 
-def _checked(positions: ArrayLike, values: ArrayLike | None) -> tuple[Array, NDArray[Any] | None]:
+def _checked(
+    positions: ArrayLike, values: ArrayLike | None
+) -> tuple[Array, NDArray[Any] | None]:
     p = checked_array(positions, ("N", 3), "array of positions", copy=False)
     if values is None:
         return p, None
     if (words := np.asarray(values)).dtype.kind == "U" and words.shape == p.shape[:1]:
         return p, words
-    return p, checked_array(values, (len(p),), "array of values", copy=False, finite=False)
+    return p, checked_array(
+        values, (len(p),), "array of values", copy=False, finite=False
+    )
 
 
 def add_points(
@@ -137,7 +143,9 @@ def add_points(
     colours, bar = colours_of(v)
     if size is None:
         spread = float(np.linalg.norm(np.ptp(p, axis=0))) or 1.0
-        size = float(np.clip(0.5 * spread / np.sqrt(len(p)), 0.004 * spread, 0.03 * spread))
+        size = float(
+            np.clip(0.5 * spread / np.sqrt(len(p)), 0.004 * spread, 0.03 * spread)
+        )
     # The viewer draws points in units of its scene.
     node.set_object(objects.points(p, colours, size * node.enlarged, carried))
     return facts | bar
@@ -172,5 +180,7 @@ def add_path(
         ViewerNode.of(visualizer).set_object(objects.lines(p, colour, joined=True))
         return facts
     colours, bar = colours_of(v)
-    ViewerNode.of(visualizer).set_object(objects.lines(p, colours.astype(float), joined=True))
+    ViewerNode.of(visualizer).set_object(
+        objects.lines(p, colours.astype(float), joined=True)
+    )
     return facts | bar

@@ -82,7 +82,11 @@ class Linear:
     def legend(self) -> dict[str, Any]:
         """Return the meaning of a length."""
         cut_at = self.most if self.most < inf else None
-        return {"kind": self.kind, "value_per_length": self.per_length or None, "cut_at": cut_at}
+        return {
+            "kind": self.kind,
+            "value_per_length": self.per_length or None,
+            "cut_at": cut_at,
+        }
 
 
 @dataclass(frozen=True)
@@ -142,7 +146,11 @@ class Logarithmic:
 
     def length(self, value: float) -> float:
         """Length of an absolute value."""
-        return log10(max(abs(value) / self.zero, 1.0)) * self.per_decade if self.zero else 0.0
+        return (
+            log10(max(abs(value) / self.zero, 1.0)) * self.per_decade
+            if self.zero
+            else 0.0
+        )
 
     def legend(self) -> dict[str, Any]:
         """Return the meaning of a length."""
@@ -172,7 +180,11 @@ def _smallest(sizes: list[float]) -> float:
 
 Scale = Linear | Root | Logarithmic
 #: By name; the first is that of pictures where nothing else is chosen.
-SCALES: dict[str, type[Linear | Logarithmic]] = {"root": Root, "linear": Linear, "log": Logarithmic}
+SCALES: dict[str, type[Linear | Logarithmic]] = {
+    "root": Root,
+    "linear": Linear,
+    "log": Logarithmic,
+}
 
 
 class Growing:

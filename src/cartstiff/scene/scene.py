@@ -94,7 +94,9 @@ class Scene:
 
     # -- the picture -------------------------------------------------------------------------
 
-    def draw(self, result: PostureStiffness, look: Appearance | None = None) -> dict[str, Any]:
+    def draw(
+        self, result: PostureStiffness, look: Appearance | None = None
+    ) -> dict[str, Any]:
         """Move everything to a posture and show the parts that an `Appearance` selects.
 
         Parameters
@@ -153,18 +155,31 @@ class Scene:
             self._frame.set_transform(posture.pose)
 
     def points(
-        self, positions: ArrayLike, values: ArrayLike, label: str = "", unit: str = "", **more: Any
+        self,
+        positions: ArrayLike,
+        values: ArrayLike,
+        label: str = "",
+        unit: str = "",
+        **more: Any,
     ) -> dict[str, Any]:
         """Show a map: points (N, 3) in F, in the mechanism's unit, coloured by values (N,).
 
         Returns the facts of the colour bar, see `add_points`. No points remove the map.
         """
         p = np.asarray(positions, float)  # the outermost of them have to be seen
-        self._around_map = p[[*p.argmin(axis=0), *p.argmax(axis=0)]] if p.size else np.empty((0, 3))
-        return add_points(self._node["map"], positions, values, label=label, unit=unit, **more)
+        self._around_map = (
+            p[[*p.argmin(axis=0), *p.argmax(axis=0)]] if p.size else np.empty((0, 3))
+        )
+        return add_points(
+            self._node["map"], positions, values, label=label, unit=unit, **more
+        )
 
     def path(
-        self, positions: ArrayLike, values: ArrayLike | None = None, label: str = "", unit: str = ""
+        self,
+        positions: ArrayLike,
+        values: ArrayLike | None = None,
+        label: str = "",
+        unit: str = "",
     ) -> dict[str, Any]:
         """Show a trajectory: a line through points (N, 3) in F, coloured by values if given."""
         return add_path(self._node["path"], positions, values, label=label, unit=unit)
@@ -177,7 +192,11 @@ class Scene:
         """Lowest and highest corner (2, 3), in the viewer's units, of what has to be seen."""
         posture = result.posture
         around = _RADIUS * self._environment.size * np.array([[-1.0] * 3, [1.0] * 3])
-        points = [extent(self._elastic, posture), result.pose[:3, 3] + around, self._around_map]
+        points = [
+            extent(self._elastic, posture),
+            result.pose[:3, 3] + around,
+            self._around_map,
+        ]
         if self._theme:
             points.append(self._mechanism.corners(posture))
         every = np.concatenate(points)
@@ -201,13 +220,20 @@ class Scene:
                 picture.hide()
         self._wrenches.make()
         self.draw(result, look)
-        size, kinds = self._environment.size, [(q, f) for q in _QUANTITIES for f in _FREEDOMS]
+        size, kinds = (
+            self._environment.size,
+            [(q, f) for q in _QUANTITIES for f in _FREEDOMS],
+        )
         return {
             **self._environment.facts(),
             "radius": _RADIUS * size,
             "map": self._around_map.tolist(),
             "arrows": dict(
-                zip(("force", "moment"), [s.legend() for s in self._arrow_scales()], strict=True)
+                zip(
+                    ("force", "moment"),
+                    [s.legend() for s in self._arrow_scales()],
+                    strict=True,
+                )
             ),
             "smallest_motion": SMALLEST_MOTION,
             "thin": THIN * size,
@@ -264,7 +290,11 @@ class Scene:
         self._balls = CentresPicture(node["centres"], size, look)
 
     def _ellipsoid(
-        self, freedom: Freedom, look: Appearance, here: StiffnessInFrame, reason: str | None
+        self,
+        freedom: Freedom,
+        look: Appearance,
+        here: StiffnessInFrame,
+        reason: str | None,
     ) -> dict[str, Any] | None:
         wanted = look.translation if freedom == "translation" else look.rotation
         key = (freedom, look.quantity)
@@ -275,7 +305,9 @@ class Scene:
             return None
         shape: Ellipsoid | None = None
         try:
-            shape = block_ellipsoid(here, look.connection, look.quantity, freedom, look.others)
+            shape = block_ellipsoid(
+                here, look.connection, look.quantity, freedom, look.others
+            )
         except UndefinedError as error:
             reason = str(error)
         if shape is None:
@@ -291,7 +323,12 @@ class Scene:
             usual = self._usual_values(look.quantity, freedom)
             measure = scale.from_values(shape.eigenvalues, target, usual, cut=True)
         return picture.draw(
-            shape, here.pose, measure, self._unit(freedom, look.quantity), look.axes, look.labels
+            shape,
+            here.pose,
+            measure,
+            self._unit(freedom, look.quantity),
+            look.axes,
+            look.labels,
         )
 
     def _ellipsoid_of(self, freedom: Freedom, quantity: Quantity) -> EllipsoidPicture:
@@ -312,7 +349,9 @@ class Scene:
             stiffness = float(np.abs(self._usual_values("stiffness", freedom)).max())
             smallest = SMALLEST_MOTION * motion * stiffness
             scales.append(
-                Growing(LONGEST_ARROW * self._environment.size, smallest or SMALLEST_MOTION)
+                Growing(
+                    LONGEST_ARROW * self._environment.size, smallest or SMALLEST_MOTION
+                )
             )
         return scales[0], scales[1]
 
@@ -327,7 +366,9 @@ class Scene:
                             shape = block_ellipsoid(here, "B", q, f, "block")
                         except UndefinedError:
                             shape = None
-                        self._usual[q, f] = np.zeros(3) if shape is None else shape.eigenvalues
+                        self._usual[q, f] = (
+                            np.zeros(3) if shape is None else shape.eigenvalues
+                        )
         return self._usual[quantity, freedom]
 
     def _unit(self, freedom: str, quantity: Quantity) -> str:
@@ -371,13 +412,21 @@ class Scene:
         if C is None or added is None:
             self._deflections.hide()
             return {"shown": False, "reason": "no compliance or no load exists here"}
-        twist = compliance_deflection(C, added).twist  # of the frame at the reference point
+        twist = compliance_deflection(
+            C, added
+        ).twist  # of the frame at the reference point
         if not np.any(twist):
             self._deflections.hide()
             return {"shown": False, "reason": "no load: nothing moves"}
         unit = self._elastic.units.length
-        force = None if wrench is None else (T[:3, :3] @ wrench["wrench"][3:], wrench["force"])
-        answer = self._deflections.draw(twist, T, unit, look.exaggeration, look.labels, force)
+        force = (
+            None
+            if wrench is None
+            else (T[:3, :3] @ wrench["wrench"][3:], wrench["force"])
+        )
+        answer = self._deflections.draw(
+            twist, T, unit, look.exaggeration, look.labels, force
+        )
         acts_at = result.load.at if look.added is None else look.added_at or look.point
         return {"shown": True, "reason": None, "acts_at": list(acts_at), **answer}
 

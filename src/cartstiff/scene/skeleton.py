@@ -20,7 +20,9 @@ from cartstiff.potentials.line_springs import LineSprings
 _FREE = (".x", ".y", ".z", ".rx", ".ry", ".rz")
 
 
-def links_of(chain: Chain, lines: tuple[LineSprings, ...] = ()) -> Iterator[tuple[int, Array]]:
+def links_of(
+    chain: Chain, lines: tuple[LineSprings, ...] = ()
+) -> Iterator[tuple[int, Array]]:
     """Yield the joint that each link is fixed to, and the link's points (n, 3) in its frame.
 
     Two points are the ends of a straight link, more are the corners of a plate. `lines` are springs
@@ -48,7 +50,10 @@ def links_of(chain: Chain, lines: tuple[LineSprings, ...] = ()) -> Iterator[tupl
             yield joint, np.array(ends)
             ends = []
         for line in lines:
-            for frame, anchors in ((line.frame_a, line.anchors), (line.frame_b, line.points)):
+            for frame, anchors in (
+                (line.frame_a, line.anchors),
+                (line.frame_b, line.points),
+            ):
                 placed = chain.placement(frame)
                 if placed.joint == joint and frame != "world":
                     ends += list(anchors @ placed.T_j_f[:3, :3].T + placed.T_j_f[:3, 3])
@@ -64,9 +69,13 @@ def knuckles_of(chain: Chain) -> Iterator[tuple[int, Array, bool]]:
     """
     model, screws, origins = chain.tree.model, chain.tree.screws(), _origins(chain)
     least = numerics.NEGLIGIBLE_DIFFERENCE * _size(origins)
-    shown = {j for j in range(1, model.njoints) if j - 1 not in chain.virtual} - _free(chain)
+    shown = {j for j in range(1, model.njoints) if j - 1 not in chain.virtual} - _free(
+        chain
+    )
     for joint in sorted(shown):
-        near = [j for j in shown if model.parents[j] == joint or j == model.parents[joint]]
+        near = [
+            j for j in shown if model.parents[j] == joint or j == model.parents[joint]
+        ]
         is_shared = any(
             screws[j - 1, :3].any() and np.linalg.norm(origins[max(j, joint)]) <= least
             for j in near
@@ -80,7 +89,9 @@ def _origins(chain: Chain) -> list[Array]:
 
 
 def _size(origins: list[Array]) -> float:
-    return max(numerics.NEGLIGIBLE_DIFFERENCE, *(float(np.linalg.norm(p)) for p in origins))
+    return max(
+        numerics.NEGLIGIBLE_DIFFERENCE, *(float(np.linalg.norm(p)) for p in origins)
+    )
 
 
 def _free(chain: Chain) -> set[int]:

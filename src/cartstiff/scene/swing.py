@@ -83,5 +83,7 @@ def swing_of(modes: Modes, number: int, share: float = 0.05, count: int = 17) ->
     between = se3.inverse(modes.posture.pose) @ postures[-1].pose
     twist = se3.log(between)
     return Swing(
-        tuple(postures), float(np.linalg.norm(between[:3, 3])), float(np.linalg.norm(twist[:3]))
+        tuple(postures),
+        float(np.linalg.norm(between[:3, 3])),
+        float(np.linalg.norm(twist[:3])),
     )

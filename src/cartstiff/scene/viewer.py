@@ -96,7 +96,11 @@ class ViewerNode:
         self._set_matrix(T.T.ravel().tolist())
 
     def set_columns(
-        self, x: Sequence[float], y: Sequence[float], z: Sequence[float], origin: Sequence[float]
+        self,
+        x: Sequence[float],
+        y: Sequence[float],
+        z: Sequence[float],
+        origin: Sequence[float],
     ) -> None:
         """Affine motion from its columns, plain numbers: twice as fast where there are many."""
         self._set_matrix([*x, 0.0, *y, 0.0, *z, 0.0, *origin, 1.0])
@@ -110,7 +114,9 @@ class ViewerNode:
 
     def set_property(self, key: str, value: Any) -> None:
         """Property of the three.js object here."""
-        self._send({"type": "set_property", "path": self.path, "property": key, "value": value})
+        self._send(
+            {"type": "set_property", "path": self.path, "property": key, "value": value}
+        )
 
     def show(self, visible: bool) -> None:
         """Show or hide this place and everything below; sent only where it changes."""
@@ -185,7 +191,9 @@ class RecordingWindow:
         """`send` of a command that is plain already."""
         kind = data["type"]
         if kind not in _KINDS:
-            raise InputError("this window records a picture", expected=", ".join(_KINDS), got=kind)
+            raise InputError(
+                "this window records a picture", expected=", ".join(_KINDS), got=kind
+            )
         path = data["path"]
         if kind == "delete":
             self._forget(path)

@@ -71,10 +71,13 @@ def commanded(
     shifts = {n: x for n, x in steps.items() if names.index(n) not in rigid}
     rigid_steps = {names.index(n): x for n, x in steps.items() if names.index(n) in rigid}
     moved = elastic.with_springs(
-        rest={n: float(springs.rest[names.index(n)]) + x for n, x in shifts.items()} or None
+        rest={n: float(springs.rest[names.index(n)]) + x for n, x in shifts.items()}
+        or None
     )
     units = {c.name: "m" if c.is_length else "rad" for c in mechanism.coordinates}
-    units = {n: elastic.units.length if units.get(n, "m") == "m" else "rad" for n in names}
+    units = {
+        n: elastic.units.length if units.get(n, "m") == "m" else "rad" for n in names
+    }
     words = ", ".join(f"{n} by {x:+g} {units[n]}" for n, x in steps.items())
     note = Note("commanded", f"drives are told to move on: {words}", {"command": steps})
     return moved.with_notes(note), _driven(mechanism, at, rigid_steps)
@@ -115,7 +118,12 @@ def after_command(
     """
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
     before = analyse(
-        elastic, q, wrench=wrench, load_kind=load_kind, load_at=load_at, load_axes=load_axes
+        elastic,
+        q,
+        wrench=wrench,
+        load_kind=load_kind,
+        load_at=load_at,
+        load_axes=load_axes,
     )
     loads = () if wrench is None else (kind.acting(wrench, before.pose, load_axes),)
     shifted, start = commanded(before.elastic, command, before.q)
@@ -156,7 +164,9 @@ def drives(elastic: ElasticMechanism) -> tuple[str, ...]:
     return tuple(n for j, n in enumerate(names) if j not in undriven)
 
 
-def checked_command(elastic: ElasticMechanism, command: Mapping[str, float]) -> dict[str, float]:
+def checked_command(
+    elastic: ElasticMechanism, command: Mapping[str, float]
+) -> dict[str, float]:
     """The steps of drives by name.
 
     Raises
@@ -170,7 +180,9 @@ def checked_command(elastic: ElasticMechanism, command: Mapping[str, float]) -> 
     for name, value in command.items():
         check_name("drive", name, names, "command")
         if name not in driven:
-            some = "one of " + ", ".join(driven[:12]) + (", ..." if len(driven) > 12 else "")
+            some = (
+                "one of " + ", ".join(driven[:12]) + (", ..." if len(driven) > 12 else "")
+            )
             raise InputError(
                 f"joint {name!r} has no spring: nothing drives it",
                 where="command",

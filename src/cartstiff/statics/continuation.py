@@ -149,7 +149,12 @@ class LoadPath:
     ) -> None:
         self.loads = System(elastic, loads).loads
         self.system = System(elastic, fixed, held)
-        self.limits, self.goal, self.back, self.resolution = limits, goal, back, resolution
+        self.limits, self.goal, self.back, self.resolution = (
+            limits,
+            goal,
+            back,
+            resolution,
+        )
         self.span = abs(goal)
         start = solve(self.system, q).point
         upwards = np.zeros(start.posture.coordinate_lengths.size + 1)
@@ -180,7 +185,9 @@ class LoadPath:
             pushed += g
         return point, pushed * columns * self.span
 
-    def state(self, q: Array, factor: float, direction: Array, corrections: int = 0) -> CurvePoint:
+    def state(
+        self, q: Array, factor: float, direction: Array, corrections: int = 0
+    ) -> CurvePoint:
         """The state at given coordinates, its direction along that of a neighbour."""
         point, push = self._at(q, factor)
         balance = self.system.balance(point)
@@ -202,7 +209,9 @@ class LoadPath:
         if not conservative:
             units = self.system.elastic.units
             moving = vibrations(point, balance, units, self.system.terms)
-        return CurvePoint(point, balance, factor, along, values, moving, push, corrections)
+        return CurvePoint(
+            point, balance, factor, along, values, moving, push, corrections
+        )
 
     @staticmethod
     def _solved(balance: Balance, push: Array, direction: Array, right: Array) -> Array:
@@ -222,7 +231,9 @@ class LoadPath:
         solved = np.linalg.lstsq(matrix, scaled, rcond=numerics.ROUNDOFF_OF_SUMS)[0]
         return np.append(per * solved[:-1], solved[-1] / column)
 
-    def step(self, start: CurvePoint, size: float, direction: Array | None = None) -> CurvePoint:
+    def step(
+        self, start: CurvePoint, size: float, direction: Array | None = None
+    ) -> CurvePoint:
         """The point at a distance `size` along a direction (default: the curve's own).
 
         Raises
@@ -349,7 +360,9 @@ def crossings(
             points.append(_named(onset, float(np.abs(start.eigenvalues).max())))
     elif not _flutters(start) and _flutters(end):
         points.append(_fluttering(_onset(path, start, end, size, _flutters)))
-    return sorted(points, key=lambda c: float((c.q - start.point.q) @ (c.q - start.point.q)))
+    return sorted(
+        points, key=lambda c: float((c.q - start.point.q) @ (c.q - start.point.q))
+    )
 
 
 def _flutters(state: CurvePoint) -> bool:
@@ -368,7 +381,9 @@ def _onset(
     is_beyond: Callable[[CurvePoint], bool],
 ) -> CurvePoint:
     """The first state in which vibrations grow, by halving."""
-    states = _bracketed(path, start, end, size, lambda state: 1.0 if is_beyond(state) else -1.0)
+    states = _bracketed(
+        path, start, end, size, lambda state: 1.0 if is_beyond(state) else -1.0
+    )
     return [state for state in states if is_beyond(state)][-1]
 
 
@@ -376,7 +391,9 @@ def _fluttering(state: CurvePoint) -> CriticalPoint:
     vibrations = state.vibrations
     mode = np.zeros(state.point.q.size) if vibrations is None else vibrations.mode
     frequency = None if vibrations is None else vibrations.frequency
-    return CriticalPoint(state.factor, state.point.q, "flutter", mode, np.nan, frequency, state)
+    return CriticalPoint(
+        state.factor, state.point.q, "flutter", mode, np.nan, frequency, state
+    )
 
 
 def _located(
@@ -446,7 +463,9 @@ def _named(state: CurvePoint, stiffest: float) -> CriticalPoint:
 
 
 #: Why a curve ends.
-Reason = Literal["factor-reached", "factor-left", "points-reached", "limit-contact", "lost"]
+Reason = Literal[
+    "factor-reached", "factor-left", "points-reached", "limit-contact", "lost"
+]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -512,11 +531,15 @@ class LoadCurve(Result, LabelledResult):
         ):
             off = np.linalg.norm((self.linear - self.displacement)[:, part], axis=1)
             size = np.linalg.norm(self.displacement[:, part], axis=1)
-            columns.append(np.divide(off, size, out=np.zeros(len(off)), where=size > smallest))
+            columns.append(
+                np.divide(off, size, out=np.zeros(len(off)), where=size > smallest)
+            )
         return np.column_stack(columns)
 
     def linear_up_to(
-        self, tolerance: float = 0.05, part: Literal["rotation", "translation"] = "translation"
+        self,
+        tolerance: float = 0.05,
+        part: Literal["rotation", "translation"] = "translation",
     ) -> float:
         """Factor up to which the linear prediction of a part stays within a relative deviation."""
         off = self.deviation[:, 0 if part == "rotation" else 1]
@@ -544,7 +567,9 @@ class LoadCurve(Result, LabelledResult):
             "linear": [None if np.isnan(row).any() else row for row in self.linear],
             "eigenvalue": self.eigenvalue,
             "stable": self.stable,
-            "critical": [{key: getattr(c, key) for key in of_critical} for c in self.critical],
+            "critical": [
+                {key: getattr(c, key) for key in of_critical} for c in self.critical
+            ],
             "reason": self.reason,
             "notes": self.notes,
         }
@@ -552,7 +577,9 @@ class LoadCurve(Result, LabelledResult):
 
     def to_csv(self) -> str:
         """Factor, coordinates, displacement, linear prediction, eigenvalue: one line a point."""
-        heads = [h for b in ("", "linear_") for h in displacement_heads(self.elastic.units, b)]
+        heads = [
+            h for b in ("", "linear_") for h in displacement_heads(self.elastic.units, b)
+        ]
         names = ["factor", *self.elastic.names_with_units, *heads, "eigenvalue"]
         columns = [self.factors, self.q, self.displacement, self.linear, self.eigenvalue]
         return csv_text(np.column_stack(columns), names)
@@ -582,7 +609,11 @@ class LoadCurve(Result, LabelledResult):
         if rotation:
             unit, per = units.shown_angle, units.shown_per_radian
         size = per * np.linalg.norm(self.displacement[:, part], axis=1)
-        kinds = ((True, "-", "stable"), (False, "--", "unstable"), (None, "-.", "not decided"))
+        kinds = (
+            (True, "-", "stable"),
+            (False, "--", "unstable"),
+            (None, "-.", "not decided"),
+        )
         for verdict, style, label in kinds:
             shown = np.array([s is verdict for s in self.stable])
             # Each part includes the neighbouring points, so that the line has no gaps.
@@ -618,7 +649,9 @@ class LoadCurve(Result, LabelledResult):
                 va="bottom",
                 color="C3",
             )
-        axes.set_xlabel(f"{'rotation' if rotation else 'displacement'} of the body frame [{unit}]")
+        axes.set_xlabel(
+            f"{'rotation' if rotation else 'displacement'} of the body frame [{unit}]"
+        )
         axes.set_ylabel("load factor")
         axes.set_title(self.elastic.name)
         axes.legend()
@@ -692,9 +725,13 @@ def load_curve(
     if not loads and wrench is None:
         raise InputError("a load-deflection curve needs a load")
     if not (np.isfinite(to) and to != 0.0):
-        raise InputError("last load factor cannot be used", expected="a number not 0", got=to)
+        raise InputError(
+            "last load factor cannot be used", expected="a number not 0", got=to
+        )
     if not (np.isfinite(resolution) and resolution > 0.0):
-        raise InputError("resolution cannot be used", expected="a positive number", got=resolution)
+        raise InputError(
+            "resolution cannot be used", expected="a positive number", got=resolution
+        )
     elastic, posture = elastic.placed(q)
     refuse_springs_far_apart(elastic)
     limits, before_load = contact_limits(elastic, posture), elastic.before_load
@@ -713,7 +750,9 @@ def load_curve(
     return replace(_trace(path, notes, [path.origin], points), _before_load=before_load)
 
 
-def branch(curve: LoadCurve, index: int = 0, direction: int = 1, points: int = 200) -> LoadCurve:
+def branch(
+    curve: LoadCurve, index: int = 0, direction: int = 1, points: int = 200
+) -> LoadCurve:
     """The curve that starts at a bifurcation, along its mode or against it.
 
     Parameters
@@ -792,7 +831,9 @@ def _trace(
         if limits.side(limits.values(at.q, at.pose)).any():
             reason = "limit-contact"
             break
-        critical += [c for c in found if not last or (c.factor - goal) * np.sign(goal) <= 0.0]
+        critical += [
+            c for c in found if not last or (c.factor - goal) * np.sign(goal) <= 0.0
+        ]
         states.append(there)
         if last:
             reason = "factor-reached"
@@ -805,7 +846,9 @@ def _trace(
     return _collected(path, notes, states, critical, reason)
 
 
-def _is_elsewhere(here: CurvePoint, there: CurvePoint, found: list[CriticalPoint]) -> bool:
+def _is_elsewhere(
+    here: CurvePoint, there: CurvePoint, found: list[CriticalPoint]
+) -> bool:
     """Whether a step has led to another curve, as where an imperfection splits a bifurcation.
 
     Then there are no true limit points between, or they do not turn the load: by Cramer's rule
@@ -819,10 +862,14 @@ def _is_elsewhere(here: CurvePoint, there: CurvePoint, found: list[CriticalPoint
 
 def _is_singular(state: CurvePoint) -> bool:
     values = np.abs(state.eigenvalues)
-    return bool(values.size and values.min() <= numerics.NEGLIGIBLE_DIFFERENCE * values.max())
+    return bool(
+        values.size and values.min() <= numerics.NEGLIGIBLE_DIFFERENCE * values.max()
+    )
 
 
-def _advance(path: LoadPath, here: CurvePoint, size: float) -> tuple[CurvePoint, float] | None:
+def _advance(
+    path: LoadPath, here: CurvePoint, size: float
+) -> tuple[CurvePoint, float] | None:
     """The next point and its distance; the step is halved until the direction changes little."""
     while size >= _SMALLEST_STEP:
         try:
@@ -830,7 +877,10 @@ def _advance(path: LoadPath, here: CurvePoint, size: float) -> tuple[CurvePoint,
         except _LOST:
             size *= 0.5
             continue
-        if float(there.direction @ here.direction) >= _COSINE or size < 4 * _SMALLEST_STEP:
+        if (
+            float(there.direction @ here.direction) >= _COSINE
+            or size < 4 * _SMALLEST_STEP
+        ):
             return there, size
         size *= 0.5
     return None
@@ -871,12 +921,17 @@ def _collected(
     reason: Reason,
 ) -> LoadCurve:
     elastic, factors = path.system.elastic, np.array([s.factor for s in states])
-    origin, conservative = path.origin.point.posture.pose, all(s.is_conservative for s in states)
+    origin, conservative = (
+        path.origin.point.posture.pose,
+        all(s.is_conservative for s in states),
+    )
     new = elastic.diagnostics(max(states, key=lambda s: abs(s.factor)).point.posture)
     if not conservative:
         new = [*new, UNDAMPED if all(s.vibrations for s in states) else MASSLESS]
     kept = [n for n in notes if n.code not in {m.code for m in new}]
-    smallest = [s.eigenvalues.min(initial=np.inf) if s.is_conservative else np.nan for s in states]
+    smallest = [
+        s.eigenvalues.min(initial=np.inf) if s.is_conservative else np.nan for s in states
+    ]
     return LoadCurve(
         elastic,
         factors,

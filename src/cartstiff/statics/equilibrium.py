@@ -147,7 +147,9 @@ def equilibrium(
     True
     """
     if not (isinstance(iterations, Integral) and iterations >= 1):
-        raise InputError("bound on the steps cannot be used", expected="1 or more", got=iterations)
+        raise InputError(
+            "bound on the steps cannot be used", expected="1 or more", got=iterations
+        )
     limits, settle = checked_flag(limits, "limits"), checked_flag(settle, "settle")
     q, loads = start_and_loads(q, loads)
     given = checked_elastic(elastic)
@@ -162,7 +164,9 @@ def equilibrium(
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
     if wrench is not None:
         loads = (*loads, kind.acting(wrench, start.pose, load_axes))
-    chosen = None if elastic.identified is None else chosen_forces(original, elastic, start)
+    chosen = (
+        None if elastic.identified is None else chosen_forces(original, elastic, start)
+    )
     acting = contact_limits(original, start) if limits else None
     system = System(elastic, loads, held, acting)
     stages = 1
@@ -188,9 +192,13 @@ def _before_turning(
     elastic: ElasticMechanism, q: Any, gravity: ArrayLike, limits: bool
 ) -> tuple[ElasticMechanism, Array]:
     """The mechanism with the rest positions of another gravity, and its rest there."""
-    before = equilibrium(elastic.with_gravity(gravity, where="--against-gravity"), q, limits=limits)
+    before = equilibrium(
+        elastic.with_gravity(gravity, where="--against-gravity"), q, limits=limits
+    )
     place = before.posture.pose[:3, 3].tolist()
-    shown = [", ".join(f"{x:.6g}" for x in row) for row in (np.asarray(gravity, float), place)]
+    shown = [
+        ", ".join(f"{x:.6g}" for x in row) for row in (np.asarray(gravity, float), place)
+    ]
     words = (
         f"the displacement counts from the rest under gravity ({shown[0]}) m/s^2, with the body "
         f"frame at ({shown[1]})"
@@ -228,7 +236,11 @@ def in_stages(system: System, q: Array, iterations: int, settle: bool) -> Soluti
     try:
         for stage in range(1, _STAGES + 1):
             share = stage / _STAGES
-            loads = system.loads if stage == _STAGES else [Scaled(f, share) for f in system.loads]
+            loads = (
+                system.loads
+                if stage == _STAGES
+                else [Scaled(f, share) for f in system.loads]
+            )
             held = None if system.held is None else system.held.scaled(share)
             part = System(system.elastic, loads, held, system.limits)
             solution = solve(
@@ -261,7 +273,9 @@ def _from_rest(system: System, q: Array, iterations: int) -> Solution | None:
             similar.append(SemitangentialWrench(wrench, R, load.frame_b))
     try:
         rest = solve(
-            System(system.elastic, similar, system.held, system.limits), q, iterations=iterations
+            System(system.elastic, similar, system.held, system.limits),
+            q,
+            iterations=iterations,
         )
         found = solve(system, rest.point.q, contacts=rest.contacts, iterations=iterations)
     except ConvergenceError:
@@ -269,7 +283,9 @@ def _from_rest(system: System, q: Array, iterations: int) -> Solution | None:
     return None if found.is_saddle else found
 
 
-def _along_its_curve(system: System, q: Array, iterations: int, settle: bool) -> Solution | None:
+def _along_its_curve(
+    system: System, q: Array, iterations: int, settle: bool
+) -> Solution | None:
     """Equilibrium at the end of the load curve, for soft motions beside stiff springs.
 
     The tangent at one point predicts the next: soft motions follow it, stiff ones nearly stay. None

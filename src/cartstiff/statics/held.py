@@ -27,8 +27,20 @@ COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
 
 # (1 - (t/2) cot(t/2)) / t^2 = sum_k |B_2k| t^(2k-2) / (2k)!, up to an angle of 1: the first
 # neglected term is then below 1e-16 of the sum.
-_BERNOULLI = (1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798)
-_SERIES = [b / factorial(2 * k) for k, b in enumerate((*_BERNOULLI, 174611 / 330), start=1)]
+_BERNOULLI = (
+    1 / 6,
+    1 / 30,
+    1 / 42,
+    1 / 30,
+    5 / 66,
+    691 / 2730,
+    7 / 6,
+    3617 / 510,
+    43867 / 798,
+)
+_SERIES = [
+    b / factorial(2 * k) for k, b in enumerate((*_BERNOULLI, 174611 / 330), start=1)
+]
 
 
 def displacement_heads(units: Units, before: str) -> list[str]:
@@ -73,10 +85,14 @@ class Held:
             check_name("displacement component", name, COMPONENTS)
             checked_number(value, f"held displacement {name}")
         if not self.values:
-            raise InputError("nothing is held", expected="one or more of " + ", ".join(COMPONENTS))
+            raise InputError(
+                "nothing is held", expected="one or more of " + ", ".join(COMPONENTS)
+            )
         turned = float(np.linalg.norm([self.values.get(c, 0.0) for c in COMPONENTS[:3]]))
         if turned >= 3.1:
-            raise InputError("held rotation is too large", expected="below 3.1 rad", got=turned)
+            raise InputError(
+                "held rotation is too large", expected="below 3.1 rad", got=turned
+            )
         if self.axes not in ("body", "world"):
             raise InputError("unknown axes", expected="body or world", got=self.axes)
         if self.reference is not None and not is_pose(self.reference):
@@ -107,7 +123,9 @@ class Held:
         """The same with all displacements multiplied."""
         return replace(self, values={n: factor * v for n, v in self.values.items()})
 
-    def constraint(self, posture: MechanismPosture) -> tuple[Array, SecondOrderMap, Array]:
+    def constraint(
+        self, posture: MechanismPosture
+    ) -> tuple[Array, SecondOrderMap, Array]:
         """Residual (k,), its map of the coordinates, and its Jacobian (k, 6) on body twists."""
         T, to_pose = posture.relative("world", self.frame)
         reference = T if self.reference is None else self.reference
@@ -130,7 +148,9 @@ def displacement_between(T_F_a: ArrayLike, T_F_b: ArrayLike) -> Array:
     return _components(real_array(T_F_a), real_array(T_F_b), "world")[0]
 
 
-def _components(T_0: Array, T: Array, axes: str) -> tuple[Array, Array, Callable[[Array], Array]]:
+def _components(
+    T_0: Array, T: Array, axes: str
+) -> tuple[Array, Array, Callable[[Array], Array]]:
     """Displacement (6,), its Jacobian (6, 6) on body twists, and its second derivative.
 
     The latter is ``second(mu)``: Hessian (6, 6) of ``mu . displacement`` in exponential

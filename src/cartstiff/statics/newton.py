@@ -96,7 +96,10 @@ def solve(
     ConvergenceError
         If the constraints cannot be met, or no equilibrium is reached.
     """
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"), bounded(system.elastic):
+    with (
+        np.errstate(over="ignore", invalid="ignore", divide="ignore"),
+        bounded(system.elastic),
+    ):
         return _Iteration(system, q, contacts, settle).run(iterations)
 
 
@@ -145,7 +148,9 @@ class _Iteration:
             if residual < best:
                 best, kept = residual, (self.point, self.balance)
             stalled = iteration - best_at >= 2
-            if best <= numerics.EQUILIBRIUM_TOLERANCE or (stalled and self._is_enough(best, kept)):
+            if best <= numerics.EQUILIBRIUM_TOLERANCE or (
+                stalled and self._is_enough(best, kept)
+            ):
                 if kept is not None:
                     self.point, self.balance = kept
                 best, kept = np.inf, None
@@ -161,7 +166,8 @@ class _Iteration:
                     self._is_far(),
                 )
             lost = (
-                np.isnan(self.point.evaluation.energy) and iteration - best_at > _MAX_STALLED_STEPS
+                np.isnan(self.point.evaluation.energy)
+                and iteration - best_at > _MAX_STALLED_STEPS
             )
             if lost or not self._step():
                 if self._is_enough(best, kept):
@@ -176,7 +182,9 @@ class _Iteration:
 
     @staticmethod
     def _is_enough(best: float, kept: tuple[Point, Balance] | None) -> bool:
-        return best <= numerics.ACCEPTED_RESIDUAL or (kept is not None and kept[1].is_rounding)
+        return best <= numerics.ACCEPTED_RESIDUAL or (
+            kept is not None and kept[1].is_rounding
+        )
 
     def _is_far(self) -> bool:
         if self.met_saddle or self.predicted is None:
@@ -195,11 +203,15 @@ class _Iteration:
         for note in near_type_2(posture, free):
             return f"{note.message}; a load moves it far, or nothing holds it"
         if self.system.loads and posture.closure is None and not own.all():
-            names = COMPONENTS if posture.coordinates_are_pose else self.system.elastic.names
+            names = (
+                COMPONENTS if posture.coordinates_are_pose else self.system.elastic.names
+            )
             loose = names[int(own.argmin())]
             return f"nothing holds {loose!r} against the load"
         if self.system.loads and ratio > numerics.SLOWING_STIFFNESS_RATIO:
-            return f"stiffnesses differ by a factor {ratio:.0e}, which holds the search back"
+            return (
+                f"stiffnesses differ by a factor {ratio:.0e}, which holds the search back"
+            )
         if self.system.loads:
             return "the load may be beyond what the mechanism carries"
         return "the forces do not balance near this posture"
@@ -216,7 +228,9 @@ class _Iteration:
             return self.system.balance(point, self.contacts)
         except np.linalg.LinAlgError:
             raise ConvergenceError(
-                "the constraint forces overflow", iterations=len(self.history), residual=np.inf
+                "the constraint forces overflow",
+                iterations=len(self.history),
+                residual=np.inf,
             ) from None
 
     def _direction(self) -> tuple[Array, float]:
@@ -262,7 +276,9 @@ class _Iteration:
             return step if self._share(step)[0] >= 1.0 else None
 
         steps = 1 + _WATCHDOG_STEPS if self._is_stiff() else 1
-        return self._followed(steps, whole_step, lambda: self.balance.merit <= share * before)
+        return self._followed(
+            steps, whole_step, lambda: self.balance.merit <= share * before
+        )
 
     def _downwards(self) -> bool:
         """Take one step by which energy or residual falls; False if there is none."""
@@ -283,7 +299,8 @@ class _Iteration:
             point, contacts, share = trial
             fall = -_SUFFICIENT * t * share * slope
             by_energy = (
-                energy - point.evaluation.energy >= fall and fall / _SUFFICIENT > energy_rounding
+                energy - point.evaluation.energy >= fall
+                and fall / _SUFFICIENT > energy_rounding
             )
             if by_energy or np.isnan(slope) or fall / _SUFFICIENT <= energy_rounding:
                 old = self.contacts
@@ -388,7 +405,9 @@ class _Iteration:
 
     # -- limits -----------------------------------------------------------------------------
 
-    def _violated(self, point: Point, contacts: tuple[Contact, ...] | None = None) -> list[Contact]:
+    def _violated(
+        self, point: Point, contacts: tuple[Contact, ...] | None = None
+    ) -> list[Contact]:
         limits = self.system.limits
         posture = point.posture
         if not len(limits) or limits.holds(posture.q, posture.pose):

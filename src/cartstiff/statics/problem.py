@@ -70,7 +70,9 @@ def cost(elastic: ElasticMechanism) -> int:
     springs = elastic.springs
     beams = sum(isinstance(potential, Beam) for potential in elastic.potentials)
     struts = len(springs.stiffness) if isinstance(springs, FlexureStruts) else 0
-    return _MIN_POSTURE_COST + len(elastic.names) + _BEAM_COST * beams + _STRUT_COST * struts
+    return (
+        _MIN_POSTURE_COST + len(elastic.names) + _BEAM_COST * beams + _STRUT_COST * struts
+    )
 
 
 @contextmanager
@@ -205,7 +207,9 @@ class Balance:
         """
         left = float(np.max(np.abs(self.unbalanced) / self.stiffness_scale, initial=0.0))
         stiffness_scale = self.stiffness_scale.tolist()
-        return left * max(stiffness_scale) / min(stiffness_scale) if stiffness_scale else 0.0
+        return (
+            left * max(stiffness_scale) / min(stiffness_scale) if stiffness_scale else 0.0
+        )
 
     @cached_property
     def scaled(self) -> Array:
@@ -222,7 +226,9 @@ class Balance:
     def solved(self, right: Array, softest: float) -> Array:
         """Least-squares solution (f,) of H_N y = right, judged on `scaled`."""
         per = 1 / np.sqrt(self.stiffness_scale)
-        return np.asarray(per * np.linalg.lstsq(self.scaled, per * right, rcond=softest)[0])
+        return np.asarray(
+            per * np.linalg.lstsq(self.scaled, per * right, rcond=softest)[0]
+        )
 
     def motion(self, y: Array) -> Array:
         """Natural coordinates (n,) of a free motion (f,)."""
@@ -238,7 +244,9 @@ def spectrum(balance: Balance, conservative: bool) -> Array:
         if conservative:
             return eigenvalues(stiffness)
     if conservative:
-        inverse = invert(0.5 * (stiffness + stiffness.T), np.sqrt(balance.stiffness_scale))
+        inverse = invert(
+            0.5 * (stiffness + stiffness.T), np.sqrt(balance.stiffness_scale)
+        )
         if inverse is None:
             return eigenvalues(stiffness)
         return eigenvalues(stiffness, inverse.matrix, doubtful=True)
@@ -282,7 +290,9 @@ def _rests_at(elastic: ElasticMechanism, start: MechanismPosture) -> bool:
     )
 
 
-def notes_at_start(mechanism: Mechanism, start: MechanismPosture, acting: Limits) -> list[Note]:
+def notes_at_start(
+    mechanism: Mechanism, start: MechanismPosture, acting: Limits
+) -> list[Note]:
     """Notes of limits that are exceeded at the start, and whether they are left out."""
     notes = limit_notes(mechanism, start, "at the start: ")
     words = ". What follows is computed without the limits that are exceeded there"
@@ -410,7 +420,9 @@ class System:
         self.elastic = elastic
         self.loads = tuple(loads)
         self.held = held
-        self.limits = limits_of(elastic.mechanism, ignore=True) if limits is None else limits
+        self.limits = (
+            limits_of(elastic.mechanism, ignore=True) if limits is None else limits
+        )
         self.terms = (*elastic.terms(), *self.loads)
 
     def of(self, elastic: ElasticMechanism) -> System:
@@ -425,9 +437,15 @@ class System:
         count()
         posture = self.elastic.mechanism.at(q)
         n = posture.coordinate_lengths.size
-        limited = self.limits.values(posture.q, posture.pose) if len(self.limits) else np.empty(0)
+        limited = (
+            self.limits.values(posture.q, posture.pose)
+            if len(self.limits)
+            else np.empty(0)
+        )
         nothing = Evaluation(0.0, np.zeros(n), np.zeros((n, n)))
-        point = Point(posture.q, posture, nothing, 0.0, np.zeros(n), np.zeros((n, n)), limited)
+        point = Point(
+            posture.q, posture, nothing, 0.0, np.zeros(n), np.zeros((n, n)), limited
+        )
         for term in self.terms:
             evaluation = term.evaluate(posture)
             point.add(evaluation, term.member_forces(posture, evaluation.gradient))
@@ -455,7 +473,9 @@ class System:
         if self.held is not None:
             residual, to_held, _ = self.held.constraint(posture)
             parts.append((residual, to_held))
-            units.append(np.array([1.0 if i < 3 else posture.length for i in self.held.rows]))
+            units.append(
+                np.array([1.0 if i < 3 else posture.length for i in self.held.rows])
+            )
         if contacts:
             parts.append(constraint(self.limits, posture, contacts))
             units.append(sizes(self.limits, posture)[[c.quantity for c in contacts]])
@@ -499,7 +519,11 @@ class System:
         if legs is not None:
             N, H, scale = legs.motions, legs.stiffness, legs.terms
             g, forces, own = N.T @ g, np.abs(N.T) @ forces, np.diag(legs.terms)
-        elif N is None and not self.elastic.potentials and not point.posture.coordinates_are_pose:
+        elif (
+            N is None
+            and not self.elastic.potentials
+            and not point.posture.coordinates_are_pose
+        ):
             # Forces are judged by coordinate: each has its own spring.
             scale = point.stiffness_scale
             own = np.diag(scale)
@@ -514,10 +538,15 @@ class System:
             own = np.maximum(np.diag(scale), lost / FREE_MOTION_STIFFNESS)
             own_rounding = self._rounding_stiffness(point.posture, lines, N) * reach
         own = np.maximum(
-            own, max(numerics.FREE_STIFFNESS_SHARE * float(own.max(initial=0.0)), numerics.TINY)
+            own,
+            max(
+                numerics.FREE_STIFFNESS_SHARE * float(own.max(initial=0.0)), numerics.TINY
+            ),
         )
         unit = ROUNDINGS * EPSILON
-        rounding = unit * (scale.sum(axis=1) * reach + float(point.forces.max(initial=0.0)))
+        rounding = unit * (
+            scale.sum(axis=1) * reach + float(point.forces.max(initial=0.0))
+        )
         roundoff = rounding + unit * own_rounding
         return Balance(N, lam, g, H, forces, rounding, roundoff, own, legs is not None)
 
@@ -551,7 +580,9 @@ class System:
             rest = rest + load.evaluate(point.posture).hessian
         columns, L = point.posture.coordinate_lengths, point.posture.length
         # Lengths in natural units, as all coordinates.
-        return by_lengths(lines * columns / L, k * L**2, rest * columns * columns[:, None])
+        return by_lengths(
+            lines * columns / L, k * L**2, rest * columns * columns[:, None]
+        )
 
     def at_rest(self, point: Point) -> ElasticMechanism:
         """The mechanism in an equilibrium, its lines with the tensions that balance.
@@ -564,24 +595,36 @@ class System:
         if legs is None or type(springs) is not LineSprings or self.held is not None:
             return elastic
         lengths = springs.geometry(posture).lengths
-        unbalanced = legs.motions.T @ (point.evaluation.gradient * posture.coordinate_lengths)
+        unbalanced = legs.motions.T @ (
+            point.evaluation.gradient * posture.coordinate_lengths
+        )
         tensions = springs.tensions(lengths)
         tensions[legs.leading] -= unbalanced / posture.length
         given = tensions if springs.balanced_at is None else springs.balanced_at[2]
-        return replace(elastic, springs=replace(springs, balanced_at=(lengths, tensions, given)))
+        return replace(
+            elastic, springs=replace(springs, balanced_at=(lengths, tensions, given))
+        )
 
     @cached_property
     def _farthest_anchor(self) -> float:
         """Distance from F's origin of the farthest point that a line holds the body to."""
-        lines = [t for t in self.terms if isinstance(t, LineSprings) and t.frame_a == "world"]
+        lines = [
+            t for t in self.terms if isinstance(t, LineSprings) and t.frame_a == "world"
+        ]
         return max((float(np.abs(t.anchors).max()) for t in lines), default=0.0)
 
     def _reach(self, posture: MechanismPosture) -> float:
         """Largest coordinate in natural units, at least 1; their rounding is proportional to it."""
-        if posture.coordinates_are_pose:  # a length is the difference of two points so far away
-            farthest = max(float(np.abs(posture.pose[:3, 3]).max()), self._farthest_anchor)
+        if (
+            posture.coordinates_are_pose
+        ):  # a length is the difference of two points so far away
+            farthest = max(
+                float(np.abs(posture.pose[:3, 3]).max()), self._farthest_anchor
+            )
             return 1.0 + farthest / posture.length
-        return max(1.0, float(np.abs(posture.q / posture.coordinate_lengths).max(initial=0.0)))
+        return max(
+            1.0, float(np.abs(posture.q / posture.coordinate_lengths).max(initial=0.0))
+        )
 
     @cached_property
     def _is_constrained(self) -> bool:
@@ -614,12 +657,16 @@ class System:
         """Step (n,) from one point to another, in natural units."""
         lengths = start.posture.coordinate_lengths
         if start.posture.coordinates_are_pose:
-            return np.asarray(se3.log(se3.inverse(start.posture.pose) @ end.posture.pose) / lengths)
+            return np.asarray(
+                se3.log(se3.inverse(start.posture.pose) @ end.posture.pose) / lengths
+            )
         return np.asarray((end.q - start.q) / lengths)
 
     def displaced(self, point: Point, step: Array) -> Array:
         """Coordinates after a step in natural units, before the constraints are restored."""
-        return self.elastic.mechanism.displaced(point.q, step * point.posture.coordinate_lengths)
+        return self.elastic.mechanism.displaced(
+            point.q, step * point.posture.coordinate_lengths
+        )
 
     def retracted(self, q: Array, contacts: Sequence[Contact] = ()) -> Array:
         """Coordinates near q that satisfy all constraints, by Newton's steps of least change.
@@ -659,7 +706,9 @@ class System:
         if size <= numerics.CONSTRAINT_TOLERANCE:
             return posture.q
         kinds = ("closures", posture.closure), ("held displacement", self.held)
-        what = [name for name, one in kinds if one is not None] + ["limits"] * bool(contacts)
+        what = [name for name, one in kinds if one is not None] + ["limits"] * bool(
+            contacts
+        )
         beyond = limit_notes(mechanism, start) if contacts else []
         raise ConvergenceError(
             f"the {' and '.join(what)} cannot be met from this posture"

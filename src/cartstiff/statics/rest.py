@@ -29,7 +29,12 @@ from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
 from cartstiff.mechanisms.elements import Elements, law_of
 from cartstiff.mechanisms.identified import CompliancePattern
-from cartstiff.mechanisms.limits import deflection_notes, force_notes, limit_notes, limits_of
+from cartstiff.mechanisms.limits import (
+    deflection_notes,
+    force_notes,
+    limit_notes,
+    limits_of,
+)
 from cartstiff.notes import Note
 from cartstiff.numerics import FREE_MOTION_STIFFNESS
 from cartstiff.potentials.contract import Potential
@@ -74,7 +79,9 @@ class InitialForces(NamedTuple):
     deflections: Array
 
 
-def motion_under_forces(posture: MechanismPosture, balance: Balance, forces: Array) -> Array:
+def motion_under_forces(
+    posture: MechanismPosture, balance: Balance, forces: Array
+) -> Array:
     """Motion (n, k) of the coordinates at rest under small generalised forces (n, k)."""
     columns = posture.coordinate_lengths[:, None]
     right = forces * columns
@@ -133,7 +140,9 @@ def chosen_forces(
     open_ = np.zeros(len(elements.names), bool)
     if springs is not None:
         rest = springs.rest_is_free()
-        chosen = [n for n, is_open in zip(original.spring_names, rest, strict=True) if is_open]
+        chosen = [
+            n for n, is_open in zip(original.spring_names, rest, strict=True) if is_open
+        ]
         open_ = np.array([name in chosen for name in elements.names], bool)
     deflections, own = np.zeros(len(start.q)), balanced.springs
     if isinstance(springs, JointSprings) and isinstance(own, JointSprings):
@@ -158,7 +167,9 @@ def state_of_rest(
     known = [n.values.get("largest") for n in unresolved]
     is_anywhere = any(isinstance(x, float) and x >= 1.0 for x in known)
     stable, squares, diagnostics = (
-        _by_energy(balance, is_anywhere) if conservative else _by_vibrations(system, point, balance)
+        _by_energy(balance, is_anywhere)
+        if conservative
+        else _by_vibrations(system, point, balance)
     )
     notes += diagnostics
     if stages > 1:
@@ -184,7 +195,9 @@ def state_of_rest(
     reactions = _reactions(system, solution)
     for name, force in reactions.limits.items():
         side = "lower" if force > 0 else "upper"
-        notes.append(Note("limit-contact", f"{name} rests on its {side} limit", {name: force}))
+        notes.append(
+            Note("limit-contact", f"{name} rests on its {side} limit", {name: force})
+        )
     return Equilibrium(
         system.elastic,
         system.loads,
@@ -204,7 +217,9 @@ def state_of_rest(
     )
 
 
-def _by_energy(balance: Balance, is_anywhere: bool) -> tuple[bool | None, None, list[Note]]:
+def _by_energy(
+    balance: Balance, is_anywhere: bool
+) -> tuple[bool | None, None, list[Note]]:
     """Verdict by the energy's second derivative, no vibrations, and notes.
 
     No verdict if the rounding leaves the posture open.
@@ -213,7 +228,9 @@ def _by_energy(balance: Balance, is_anywhere: bool) -> tuple[bool | None, None, 
     zero = max(FREE_MOTION_STIFFNESS, balance.undecided)
     if not is_anywhere and (scaled > zero).all():
         return True, None, []
-    facts: dict[str, object] = {"eigenvalues": spectrum(balance, conservative=True).tolist()}
+    facts: dict[str, object] = {
+        "eigenvalues": spectrum(balance, conservative=True).tolist()
+    }
     if is_anywhere or (scaled >= -zero).all():
         return None, None, [Note("neutral", _NEUTRAL, facts)]
     direction = balance.motion(modes[:, 0])
@@ -239,7 +256,9 @@ def _by_vibrations(
     if mode is not None:
         words = "the mechanism leaves the equilibrium in one sense (divergence)"
         if vibration is None:
-            words += ", whatever its masses are: the determinant of the tangent is negative"
+            words += (
+                ", whatever its masses are: the determinant of the tangent is negative"
+            )
         facts = {"frequency": None, "mode": mode.tolist()}
         return False, squares, [*notes, Note("divergence", words, facts)]
     if vibration is not None:
@@ -260,17 +279,26 @@ def _without_masses(
     }
     whose = "whatever the masses are"
     if np.isfinite(ratio):
-        whose = f"unless the inertias of its motions differ by more than a factor {ratio:.2g}"
+        whose = (
+            f"unless the inertias of its motions differ by more than a factor {ratio:.2g}"
+        )
     words = f"the mechanism leaves the equilibrium by itself, {whose}: its energy is no minimum"
     if ratio >= numerics.LARGEST_INERTIA_RATIO:
         return False, squares, [*notes, Note("unstable", words, facts)]
-    return None, squares, [*notes, Note(MASSLESS.code, f"{MASSLESS.message}; {words}", facts)]
+    return (
+        None,
+        squares,
+        [*notes, Note(MASSLESS.code, f"{MASSLESS.message}; {words}", facts)],
+    )
 
 
 def _unresolved(point: Point, balance: Balance, start: MechanismPosture) -> list[Note]:
     """Notes on coordinates that are not known, as the rounding of stiff springs moves them."""
     per = 1 / np.sqrt(balance.stiffness_scale)
-    if np.isnan(point.evaluation.energy) and numerics.invert(balance.scaled, per / per) is None:
+    if (
+        np.isnan(point.evaluation.energy)
+        and numerics.invert(balance.scaled, per / per) is None
+    ):
         return [Note("neutral", _NEUTRAL)]  # with a potential `_by_energy` notes it
     inverse = np.abs(numerics.inverted(balance.scaled))
     errors = per * (inverse @ (per * (balance.rounding + np.abs(balance.unbalanced))))
@@ -286,9 +314,13 @@ def _unresolved(point: Point, balance: Balance, start: MechanismPosture) -> list
     known = "are not known at all"
     if most < 1.0:
         known = f"are known to {most:.1g} (rad, or shares of the characteristic length)"
-    words = f"the rounding of stiff springs' forces moves soft motions: coordinates {known}"
+    words = (
+        f"the rounding of stiff springs' forces moves soft motions: coordinates {known}"
+    )
     each = errors * point.posture.coordinate_lengths
-    return [Note("posture-unresolved", words, {"largest": most, "uncertainty": each.tolist()})]
+    return [
+        Note("posture-unresolved", words, {"largest": most, "uncertainty": each.tolist()})
+    ]
 
 
 def _reactions(system: System, solution: Solution) -> Reactions:
@@ -430,11 +462,18 @@ class Equilibrium(Result, LabelledResult):
                 found = solve(system, self.start.q, settle=False)
         except (ConvergenceError, UndefinedError):
             return []
-        if found.iterations or state_of_rest(system, found, self.start, 1).stable is not False:
+        if (
+            found.iterations
+            or state_of_rest(system, found, self.start, 1).stable is not False
+        ):
             return []
         words = "at the start the springs balance the mechanism without holding it: that "
-        words += "equilibrium is unstable, and the displacement includes the way from it to a "
-        return [Note("unstable-start", words + "stable one", {"q": self.start.q.tolist()})]
+        words += (
+            "equilibrium is unstable, and the displacement includes the way from it to a "
+        )
+        return [
+            Note("unstable-start", words + "stable one", {"q": self.start.q.tolist()})
+        ]
 
     def _notes_on_way(self) -> list[Note]:
         """Notes on critical loads that gradually growing loads pass."""
@@ -451,11 +490,15 @@ class Equilibrium(Result, LabelledResult):
         except (ConvergenceError, UndefinedError):
             return []
         # Beyond the first critical load the mechanism is no longer on this curve.
-        passed = next((point for point in curve.critical if point.kind in _CRITICAL_LOADS), None)
+        passed = next(
+            (point for point in curve.critical if point.kind in _CRITICAL_LOADS), None
+        )
         if passed is not None:
             code = "limit-point" if passed.kind == "limit" else "bifurcation"
             factor = float(passed.factor)
-            words = f"the way from the unloaded state passes, at {factor:.4g} of the load, "
+            words = (
+                f"the way from the unloaded state passes, at {factor:.4g} of the load, "
+            )
             words, values = words + _CRITICAL_LOADS[passed.kind], {"factor": factor}
             mirror = None if code == "limit-point" else self._mirrored(curve.q[-1])
             if mirror is not None:
@@ -491,12 +534,16 @@ class Equilibrium(Result, LabelledResult):
         is_mirror = away.max(initial=0.0) > numerics.NEGLIGIBLE_DISTANCE
         return (
             found
-            if is_mirror and found.stable and differ <= numerics.NEGLIGIBLE_DIFFERENCE * scale
+            if is_mirror
+            and found.stable
+            and differ <= numerics.NEGLIGIBLE_DIFFERENCE * scale
             else None
         )
 
     def _lines(self) -> list[str]:
-        stable = {True: "stable", False: "unstable", None: "stability not decided"}[self.stable]
+        stable = {True: "stable", False: "unstable", None: "stability not decided"}[
+            self.stable
+        ]
         moved = self.pose[:3, 3] - self.start.pose[:3, 3]
         return [
             f"Equilibrium of {self.elastic.name} at {self.elastic.mechanism.frame}: {stable}",
@@ -548,7 +595,9 @@ class Equilibrium(Result, LabelledResult):
         try:
             with bounded(self.elastic):
                 found = solve(system, self.start.q, settle=False)
-                if found.iterations:  # the start is no equilibrium: a stable one is wanted
+                if (
+                    found.iterations
+                ):  # the start is no equilibrium: a stable one is wanted
                     found = solve(system, self.start.q)
         except (ConvergenceError, UndefinedError):
             return None
@@ -565,17 +614,28 @@ class Equilibrium(Result, LabelledResult):
     @cached_property
     def displacement_by_load(self) -> Array | None:
         """Rotation vector and translation (6,) by the load, from the rest `before`; axes of F."""
-        return None if self.before is None else displacement_between(self.before.pose, self.pose)
+        return (
+            None
+            if self.before is None
+            else displacement_between(self.before.pose, self.pose)
+        )
 
     @property
     def has_free_motion(self) -> bool:
         """Whether a motion of the body costs no energy, so that its rest is not determined."""
         balance = self._solution.balance
-        if self.stable is not None or not self.is_conservative or not balance.stiffness.size:
+        if (
+            self.stable is not None
+            or not self.is_conservative
+            or not balance.stiffness.size
+        ):
             return False
         values, modes = balance.modes
         free = balance.motion(
-            modes[:, np.abs(values) <= max(numerics.FREE_MOTION_STIFFNESS, balance.undecided)]
+            modes[
+                :,
+                np.abs(values) <= max(numerics.FREE_MOTION_STIFFNESS, balance.undecided),
+            ]
         )
         lengths = self.posture.coordinate_lengths[:, None]
         body = self.posture.motion.jacobian @ (lengths * free)
@@ -598,7 +658,9 @@ class Equilibrium(Result, LabelledResult):
             known.patterns,
             self._chosen,
         )
-        turned = np.kron(np.eye(2), self.pose[:3, :3]) @ self.posture.motion.jacobian @ motion
+        turned = (
+            np.kron(np.eye(2), self.pose[:3, :3]) @ self.posture.motion.jacobian @ motion
+        )
         variance = np.einsum("ip,pr,ir->i", turned, known.covariance, turned)
         return read_only(np.sqrt(np.maximum(variance, 0.0)))
 
@@ -628,7 +690,9 @@ class Equilibrium(Result, LabelledResult):
         if self.elastic_stiffness.reduction.rank == 6:
             return "wrench that the springs balance, in the body frame"
         if self._load_on_body is not None:
-            return "load on the body, in its frame; springs and structure carry it together"
+            return (
+                "load on the body, in its frame; springs and structure carry it together"
+            )
         return (
             "part of the load that the springs balance, in the body frame; what the structure "
             "carries is not known"
@@ -660,7 +724,9 @@ class Equilibrium(Result, LabelledResult):
         H = H + to_constraints.curvature(self._solution.balance.multipliers)
         return H, to_constraints.jacobian
 
-    def _stiffness(self, elastic: ElasticMechanism, force: Array | None = None) -> PostureStiffness:
+    def _stiffness(
+        self, elastic: ElasticMechanism, force: Array | None = None
+    ) -> PostureStiffness:
         posture = self.posture
         evaluation = elastic.evaluate(posture)
         without = System(self.elastic, (), None, self._system.limits)
@@ -670,7 +736,9 @@ class Equilibrium(Result, LabelledResult):
         notes = (*self.notes, *reduction.states, *near_constraint(reduction))
         # A given load is no rounding, however stiff the springs are that carry it.
         W = reduction.force
-        is_given = W is not None and force is not None and force.any() and np.allclose(W, force)
+        is_given = (
+            W is not None and force is not None and force.any() and np.allclose(W, force)
+        )
         return PostureStiffness(
             elastic,
             self.q,

@@ -92,7 +92,9 @@ def divergence(balance: Balance) -> Array | None:
         return None
     values, vectors = np.linalg.eig(scaled)
     real = np.where(values.imag == 0.0, values.real, np.inf)
-    mode = balance.motion(vectors[:, int(np.argmin(real))].real / np.sqrt(balance.stiffness_scale))
+    mode = balance.motion(
+        vectors[:, int(np.argmin(real))].real / np.sqrt(balance.stiffness_scale)
+    )
     return np.asarray(mode / np.linalg.norm(mode))
 
 
@@ -156,7 +158,9 @@ def vibrations(
     elif squares[0] < -FREE_MOTION_STIFFNESS * float(np.abs(squares).max()):
         growing = "divergence"
     mode = balance.motion(modes[:, first].real)
-    return Vibrations(squares * length / force, mode / np.linalg.norm(mode), growing, frequency)
+    return Vibrations(
+        squares * length / force, mode / np.linalg.norm(mode), growing, frequency
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +243,9 @@ def spectrum_of(
         The same for M; default M itself.
     """
     f = len(mass)
-    T, Z = _massive(stiffness, terms, mass, np.abs(mass) if mass_terms is None else mass_terms)
+    T, Z = _massive(
+        stiffness, terms, mass, np.abs(mass) if mass_terms is None else mass_terms
+    )
     loose, coupled, back = np.zeros((f, 0)), False, T
     quick = np.zeros((f, f))
     if Z.shape[1]:
@@ -247,7 +253,10 @@ def spectrum_of(
         if loose.shape[1] and T.shape[1]:
             # An entry of a semidefinite matrix is at most the root of its two diagonal ones.
             size = np.sqrt(np.einsum("ij,ik,kj->j", np.abs(T), terms, np.abs(T)))
-            least = np.sqrt(numerics.FREE_MOTION_STIFFNESS * float(np.diag(terms).max())) * size
+            least = (
+                np.sqrt(numerics.FREE_MOTION_STIFFNESS * float(np.diag(terms).max()))
+                * size
+            )
             across = np.hstack([T.T @ stiffness @ loose, T.T @ stiffness.T @ unmoved])
             coupled = bool((np.abs(across) > least[:, None]).any())
         if Z.shape[1]:
@@ -262,12 +271,16 @@ def spectrum_of(
     size = np.abs(vectors)
     cost = np.einsum("ij,ij->j", size, terms @ size)
     squares = np.where(
-        np.abs(squares) <= np.maximum(numerics.FREE_MOTION_STIFFNESS * cost, lost), 0.0, squares
+        np.abs(squares) <= np.maximum(numerics.FREE_MOTION_STIFFNESS * cost, lost),
+        0.0,
+        squares,
     )
     return Spectrum(squares, vectors, left, Z, quick, loose, coupled)
 
 
-def _massive(stiffness: Array, terms: Array, mass: Array, size: Array) -> tuple[Array, Array]:
+def _massive(
+    stiffness: Array, terms: Array, mass: Array, size: Array
+) -> tuple[Array, Array]:
     """Motions (f, r) in which M is the identity, and a basis (f, z) of those without mass.
 
     The rank of M is found in decades: the motions with the most mass per stiffness are taken out
@@ -304,7 +317,9 @@ def _metric(stiffness: Array, terms: Array) -> Array:
     return axes / np.sqrt(costs) / size[:, None]
 
 
-def _condensed(stiffness: Array, terms: Array, Z: Array) -> tuple[Array, Array, Array, Array]:
+def _condensed(
+    stiffness: Array, terms: Array, Z: Array
+) -> tuple[Array, Array, Array, Array]:
     """Motions without mass: with stiffness, without; the latter's left ones; and a compliance.
 
     The left ones, along which none of Z exerts a force, are the same if K is symmetric. The
@@ -315,7 +330,9 @@ def _condensed(stiffness: Array, terms: Array, Z: Array) -> tuple[Array, Array, 
     U, values, Vt = np.linalg.svd(Z.T @ stiffness @ Z)
     left, right, free = Z @ U, Z @ Vt.T, values <= numerics.FREE_MOTION_STIFFNESS
     quick = (right[:, ~free] / values[~free]) @ left[:, ~free].T
-    loose, unmoved = (own[:, free] / np.linalg.norm(own[:, free], axis=0) for own in (right, left))
+    loose, unmoved = (
+        own[:, free] / np.linalg.norm(own[:, free], axis=0) for own in (right, left)
+    )
     return right[:, ~free], loose, unmoved, quick
 
 

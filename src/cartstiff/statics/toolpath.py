@@ -117,7 +117,10 @@ class CompensatedPath(LabelledResult):
         for name, errors in (("before", self.before), ("after", self.after)):
             known = errors[~np.isnan(errors).any(axis=1)]
             report[name] = {"points": float(len(known))}
-            for part, columns in (("rotation", known[:, :3]), ("translation", known[:, 3:])):
+            for part, columns in (
+                ("rotation", known[:, :3]),
+                ("translation", known[:, 3:]),
+            ):
                 size = np.linalg.norm(columns, axis=1)
                 report[name] |= {
                     f"{part}_max": float(size.max(initial=0.0)),
@@ -156,7 +159,9 @@ class CompensatedPath(LabelledResult):
         """Commands after and before (taught), errors, postures wanted, one line a point."""
         elastic, names, columns = self.elastic, list[str](), list[Array]()
         units = dict(zip(elastic.names, elastic.names_with_units, strict=True))
-        heads = [units.get(name, f"{name} [{elastic.units.length}]") for name in self.springs]
+        heads = [
+            units.get(name, f"{name} [{elastic.units.length}]") for name in self.springs
+        ]
         for word, values in (("command", self.commands), ("taught", self.naive)):
             names, columns = [*names, *(f"{word}_{h}" for h in heads)], [*columns, values]
         for when, values in (("before_", self.before), ("after_", self.after)):
@@ -256,7 +261,9 @@ def compensate(
         )
     against = against or ("all" if springs.is_complete else "load")
     if against not in AGAINST:
-        raise UnknownNameError("kind of compensation", against, AGAINST, where="--against")
+        raise UnknownNameError(
+            "kind of compensation", against, AGAINST, where="--against"
+        )
     postures = _postures(elastic, path, q)
     kind = checked_load(load_kind, load_at, load_axes, wrenches is not None)
     if wrenches is None and against != "all":
@@ -270,7 +277,9 @@ def compensate(
     )
     points: list[tuple[Any, ...]] = []
     notes = list(elastic.notes)
-    for index, (given, target, acting) in enumerate(zip(postures, poses, loads, strict=True)):
+    for index, (given, target, acting) in enumerate(
+        zip(postures, poses, loads, strict=True)
+    ):
         here, under_weight, force_free = (
             _with_links_at_rest(one, given, carried, target, index)
             for one, carried in ((elastic, acting), (elastic, ()), (straight, ()))
@@ -280,22 +289,32 @@ def compensate(
         posture = elastic.mechanism.at(force_free)
         nothing = np.zeros(posture.motion.jacobian.shape[1])
         unbent = springs.with_rest_balancing(posture, nothing, every=True).rest
-        naive, program = (taught, under_weight) if against == "load" else (unbent, force_free)
-        before, deflected = _error(elastic, naive, acting, program, target, "before", index, notes)
+        naive, program = (
+            (taught, under_weight) if against == "load" else (unbent, force_free)
+        )
+        before, deflected = _error(
+            elastic, naive, acting, program, target, "before", index, notes
+        )
         # The check starts beside the answer, on the side of the deflection.
         start = here if deflected is None else here + _START_OFFSET * (deflected.q - here)
         after, held = _error(elastic, rest, acting, start, target, "after", index, notes)
         spread = None if held is None else held.displacement_deviation
         deviation = np.full(6, np.nan) if spread is None else spread
         stable = _verdict(elastic, rest, acting, here, index, notes)
-        points.append((here, rest, naive, taught - unbent, before, after, deviation, stable))
+        points.append(
+            (here, rest, naive, taught - unbent, before, after, deviation, stable)
+        )
         _note_limits(elastic, rest, index, notes)
         posture = elastic.mechanism.at(here)
         notes += limit_notes(elastic.mechanism, posture, f"point {index + 1}: ")
-        away = displacement_between(target, posture.pose) / np.repeat([1.0, posture.length], 3)
+        away = displacement_between(target, posture.pose) / np.repeat(
+            [1.0, posture.length], 3
+        )
         if np.abs(away).max() > numerics.NEGLIGIBLE_DIFFERENCE:
             words = "the joints cannot undo all of the links' deflection: the nearest pose is taken"
-            notes.append(Note("pose-missed", f"point {index + 1}: {words}", {"point": index + 1}))
+            notes.append(
+                Note("pose-missed", f"point {index + 1}: {words}", {"point": index + 1})
+            )
     # A program is taught: whatever rest positions the file gives are commanded anew.
     taught_under: Literal["balanced"] | None = "balanced" if against == "load" else None
     mass = replace(gravity_loads(elastic, loads[0]), before=taught_under)
@@ -323,7 +342,9 @@ def compensate(
     )
 
 
-def _postures(elastic: ElasticMechanism, path: ArrayLike, start: ArrayLike | None) -> Array:
+def _postures(
+    elastic: ElasticMechanism, path: ArrayLike, start: ArrayLike | None
+) -> Array:
     mechanism = elastic.mechanism
     rows = checked_array(path, [*mechanism.shapes_of_rows, ("m", 4, 4)], "path")
     if rows.ndim == 2:
@@ -359,7 +380,8 @@ def _given_loads(
         return None
     points = [(p,) if isinstance(p, Potential) else p for p in each]
     if not all(
-        isinstance(p, Sequence) and all(isinstance(x, Potential) for x in p) for p in points
+        isinstance(p, Sequence) and all(isinstance(x, Potential) for x in p)
+        for p in points
     ):
         return None
     if len(points) != m:
@@ -374,7 +396,10 @@ def _given_loads(
 
 
 def _loads(
-    wrenches: ArrayLike, poses: Sequence[Array], kind: LoadKind, axes: Literal["body", "world"]
+    wrenches: ArrayLike,
+    poses: Sequence[Array],
+    kind: LoadKind,
+    axes: Literal["body", "world"],
 ) -> list[tuple[Potential, ...]]:
     """Wrenches as loads at each pose."""
     m = len(poses)
@@ -384,7 +409,11 @@ def _loads(
 
 
 def _with_links_at_rest(
-    elastic: ElasticMechanism, q: Array, loads: Sequence[Potential], target: Array, index: int
+    elastic: ElasticMechanism,
+    q: Array,
+    loads: Sequence[Potential],
+    target: Array,
+    index: int,
 ) -> Array:
     """Posture (n,) that has a pose while compliant links carry their part of loads and weight."""
     try:
@@ -404,8 +433,12 @@ def _balancing_rest(
     """Rest positions at which the springs, and the closures, balance all other forces at q."""
     posture = elastic.mechanism.at(q)
     columns = posture.coordinate_lengths
-    if isinstance(elastic.springs, LineSprings):  # as under a load: near their preload, if possible
-        balanced = elastic.with_potential(*loads).with_rest_balancing(posture, np.zeros(6))
+    if isinstance(
+        elastic.springs, LineSprings
+    ):  # as under a load: near their preload, if possible
+        balanced = elastic.with_potential(*loads).with_rest_balancing(
+            posture, np.zeros(6)
+        )
     else:
         free = _commanded(elastic, np.full(len(elastic.spring_names), np.nan))
         balanced = free.with_potential(*loads).with_rest_balancing(posture)
@@ -434,7 +467,9 @@ def _balancing_rest(
 
 def _springs(elastic: ElasticMechanism) -> JointSprings | LineSprings:
     if elastic.springs is None:  # refused at the start
-        raise InputError(f"{elastic.name} has no springs whose rest positions could be commanded")
+        raise InputError(
+            f"{elastic.name} has no springs whose rest positions could be commanded"
+        )
     return elastic.springs
 
 
@@ -489,12 +524,20 @@ def _verdict(
     return state.stable
 
 
-def _note_limits(elastic: ElasticMechanism, rest: Array, index: int, notes: list[Note]) -> None:
+def _note_limits(
+    elastic: ElasticMechanism, rest: Array, index: int, notes: list[Note]
+) -> None:
     """Note commands that the joints, or the legs of a platform, cannot take."""
     limits = limits_of(elastic.mechanism, contacts=True)
     commands = rest[limits.columns]
     for i in np.flatnonzero(limits.side(commands)):
         name, r = limits.names[i], float(commands[i])
-        facts = {"command": r, "lower": float(limits.lower[i]), "upper": float(limits.upper[i])}
+        facts = {
+            "command": r,
+            "lower": float(limits.lower[i]),
+            "upper": float(limits.upper[i]),
+        }
         message = f"point {index + 1}: the command of {name} is beyond its limit"
-        notes.append(Note("command-beyond-limit", message, {"point": index + 1, **finite(facts)}))
+        notes.append(
+            Note("command-beyond-limit", message, {"point": index + 1, **finite(facts)})
+        )

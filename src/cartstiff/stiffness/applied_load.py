@@ -28,9 +28,19 @@ from cartstiff.arrays import checked_input, checked_reach, checked_vector, read_
 from cartstiff.choices import LOAD_KINDS
 from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
-from cartstiff.geometry.connections import CARTAN_MINUS, KINEMATIC, Connection, turning_symbols
+from cartstiff.geometry.connections import (
+    CARTAN_MINUS,
+    KINEMATIC,
+    Connection,
+    turning_symbols,
+)
 from cartstiff.geometry.se3 import Array
-from cartstiff.potentials.loads import DeadWrench, FollowerWrench, Load, SemitangentialWrench
+from cartstiff.potentials.loads import (
+    DeadWrench,
+    FollowerWrench,
+    Load,
+    SemitangentialWrench,
+)
 
 #: Axes of a wrench's components: those of M, or those of F.
 Axes = Literal["body", "world"]
@@ -124,7 +134,9 @@ class LoadKind:
 DEAD_AT_ORIGIN = LoadKind()
 
 
-def checked_load(kind: str, at: ArrayLike, axes: str, given: bool, own: bool = False) -> LoadKind:
+def checked_load(
+    kind: str, at: ArrayLike, axes: str, given: bool, own: bool = False
+) -> LoadKind:
     """The kind of a load; refused if there is no load.
 
     Parameters
@@ -162,7 +174,9 @@ def checked_load(kind: str, at: ArrayLike, axes: str, given: bool, own: bool = F
     return checked
 
 
-def wrench_in_body(wrench: ArrayLike, pose: Array, at: Sequence[float], axes: Axes) -> Array:
+def wrench_in_body(
+    wrench: ArrayLike, pose: Array, at: Sequence[float], axes: Axes
+) -> Array:
     """W about M's origin in the axes of M, for one posture, a stack, or recorded numbers.
 
     Parameters

@@ -50,7 +50,12 @@ def decompose(matrix: Array) -> Closures:
 
 
 def irregular(
-    closure: SecondOrderMap, values: Array, rank: int, lost: Array, N: Array, columns: Array
+    closure: SecondOrderMap,
+    values: Array,
+    rank: int,
+    lost: Array,
+    N: Array,
+    columns: Array,
 ) -> Note | None:
     """State of closures that have lost rank; None if they are merely redundant.
 
@@ -75,11 +80,15 @@ def irregular(
         Scales of the coordinates.
     """
     curvatures = (closure.curvature(nu) for nu in lost.T)
-    forms = [N.T @ (curvature * columns[:, None] * columns) @ N for curvature in curvatures]
+    forms = [
+        N.T @ (curvature * columns[:, None] * columns) @ N for curvature in curvatures
+    ]
     size = max(float(np.abs(form).max(initial=0.0)) for form in forms)
     if size <= numerics.VANISHING_FORM * max(1.0, float(values.max(initial=0.0))):
         return None
-    forms = [form for form in forms if np.abs(form).max() > numerics.VANISHING_FORM * size]
+    forms = [
+        form for form in forms if np.abs(form).max() > numerics.VANISHING_FORM * size
+    ]
     root = _common_root(np.array(forms) / size)
     numbers: dict[str, object] = {
         "rank": rank,
@@ -115,7 +124,8 @@ def _common_root(forms: Array) -> Array | None:
         if eigenvalues[0] < 0 < eigenvalues[-1]:
             for sign in (1.0, -1.0):
                 starts.append(
-                    np.sqrt(eigenvalues[-1]) * low + sign * np.sqrt(-eigenvalues[0]) * high
+                    np.sqrt(eigenvalues[-1]) * low
+                    + sign * np.sqrt(-eigenvalues[0]) * high
                 )
     for x in starts:
         x = x / np.linalg.norm(x)

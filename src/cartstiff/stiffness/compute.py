@@ -85,7 +85,9 @@ def analyse(
         With `strict`, for a singular, unbalanced or buckled state.
     """
     checked_elastic(elastic)
-    kind = checked_load(load_kind, load_at, load_axes, wrench is not None, elastic.may_be_loaded)
+    kind = checked_load(
+        load_kind, load_at, load_axes, wrench is not None, elastic.may_be_loaded
+    )
     strict = checked_flag(strict, "strict")
     force = None
     if wrench is not None:
@@ -100,7 +102,9 @@ def analyse(
         if elastic.mechanism.virtual:
             # Components refer to the deflected posture, so that they are constant in their axes.
             carried = LoadKind("dead" if load_axes == "world" else "follower", kind.at)
-            posture = settled(elastic, posture, (carried.acting(force, posture.pose, load_axes),))
+            posture = settled(
+                elastic, posture, (carried.acting(force, posture.pose, load_axes),)
+            )
         force = wrench_in_body(force, posture.pose, kind.at, load_axes)
     try:
         result = analyse_at(elastic, posture, force, kind)
@@ -144,7 +148,10 @@ def reduced_at(
     force: Array | None,
 ) -> Reduction:
     """The reduction of an energy at a posture to the end-effector, under constraints."""
-    sizes, by_lengths = posture.coordinate_lengths, partial(leg_length_basis, elastic, posture)
+    sizes, by_lengths = (
+        posture.coordinate_lengths,
+        partial(leg_length_basis, elastic, posture),
+    )
     nearby = partial(rank_nearby, elastic.mechanism, posture)
     return reduce_to(
         posture.motion, energy, closure, posture.length, sizes, force, by_lengths, nearby
@@ -152,7 +159,10 @@ def reduced_at(
 
 
 def _without_energy(
-    elastic: ElasticMechanism, posture: MechanismPosture, error: UndefinedError, load: LoadKind
+    elastic: ElasticMechanism,
+    posture: MechanismPosture,
+    error: UndefinedError,
+    load: LoadKind,
 ) -> PostureStiffness:
     """Result for a posture in which a strut has no stable equilibrium: no energy is known."""
     n = posture.motion.jacobian.shape[1]
@@ -161,4 +171,6 @@ def _without_energy(
     values = scaled_values(posture)
     rank, usual = len(values), min(6, n)
     reduction = Reduction(None, None, np.zeros(0), values, rank, n, usual, states=[state])
-    return PostureStiffness(elastic, fixed(posture.q), posture, nothing, reduction, load=load)
+    return PostureStiffness(
+        elastic, fixed(posture.q), posture, nothing, reduction, load=load
+    )

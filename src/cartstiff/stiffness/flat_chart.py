@@ -79,7 +79,9 @@ def flat_chart(
     if rates is None:
         free = reduction.free
         count = reduction.freedoms if free is None else free.jacobian.shape[1]
-        message = f"K^F needs six motions that move the body or cost energy: there are {count}"
+        message = (
+            f"K^F needs six motions that move the body or cost energy: there are {count}"
+        )
         return FlatChart(note=Note("kf-undefined", message))
     if chart is IDENTITY:  # nonsingular, as `rates` exists
         H = energy.hessian
@@ -112,7 +114,9 @@ def _hessian_in(
     return H
 
 
-def flat_connection(posture: MechanismPosture, reduction: Reduction, flat: FlatChart) -> Connection:
+def flat_connection(
+    posture: MechanismPosture, reduction: Reduction, flat: FlatChart
+) -> Connection:
     """The flat connection of the chart at a posture, [ZK]_ eq. 47, from six probe wrenches.
 
     ``Gamma[i, j, k] W_k = K^A - K^F`` is linear in W and holds for any potential: each basis
@@ -131,14 +135,18 @@ def flat_connection(posture: MechanismPosture, reduction: Reduction, flat: FlatC
     for k, w in enumerate(np.eye(6)):
         # The linear energy w . log(pose) has gradient J^T w, K^B = 0 and the curvature of J.
         probe = Evaluation(0.0, motion.jacobian.T @ w, motion.curvature(w))
-        K_F = rates.T @ _hessian_in(chart, to_chart, rates, posture.closure, probe) @ rates
+        K_F = (
+            rates.T @ _hessian_in(chart, to_chart, rates, posture.closure, probe) @ rates
+        )
         symbols[:, :, k] = -0.5 * se3.bracket_form(w) - K_F
     return Connection(
         "F", symbols, "Hessian in the joint coordinates", left_invariant=False, _flat=True
     )
 
 
-def pose_by_chart(posture: MechanismPosture, flat: FlatChart, natural: Array) -> Array | None:
+def pose_by_chart(
+    posture: MechanismPosture, flat: FlatChart, natural: Array
+) -> Array | None:
     """Twists of the body per rate of the chart's coordinates (6, 6); None where it has none."""
     chart = posture.chart()
     if isinstance(chart, str):

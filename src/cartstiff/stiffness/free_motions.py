@@ -73,7 +73,9 @@ class FreeMotions:
         symmetric = [self.is_symmetric, *same, self.is_symmetric]
         return [_one(*each) for each in zip(C, errors, symmetric, strict=False)]
 
-    def _inverses(self, changes: Array, other: Array | None = None) -> tuple[Array, Array]:
+    def _inverses(
+        self, changes: Array, other: Array | None = None
+    ) -> tuple[Array, Array]:
         """Inverses of H, H + J^T D J (k, f, f) and their errors (k,), infinite where singular."""
         J, count = self.jacobian, 1 + len(changes)
         changes = np.concatenate([_NO_CHANGE, changes])
@@ -84,7 +86,9 @@ class FreeMotions:
         inverses, errors = numerics.invert_each(H)
         if loss > errors[-1]:
             errors[-1] = (
-                loss if loss < numerics.EPSILON * numerics.LARGEST_INVERTIBLE_CONDITION else np.inf
+                loss
+                if loss < numerics.EPSILON * numerics.LARGEST_INVERTIBLE_CONDITION
+                else np.inf
             )
         terms = self.terms + np.abs(J.T) @ np.abs(changes) @ np.abs(J)
         is_idle = np.abs(H[:count]) <= numerics.FREE_MOTION_STIFFNESS * terms
@@ -97,7 +101,9 @@ class FreeMotions:
         own = own + basis.error
         to_motions = np.linalg.inv(self.jacobian) @ basis.jacobian
         back = to_motions @ inverse @ to_motions.T
-        return np.where((own <= errors)[:, None, None], back, inverses), np.minimum(own, errors)
+        return np.where((own <= errors)[:, None, None], back, inverses), np.minimum(
+            own, errors
+        )
 
     def _in_basis(self, other: Array) -> tuple[Array, float]:
         """Another Hessian (n, n) on the motions, and the relative error that it has there."""
@@ -130,4 +136,6 @@ class FreeMotions:
 def _one(matrix: Array, error: float, symmetric: bool) -> numerics.Inverse | None:
     if not error < np.inf:
         return None
-    return numerics.Inverse(0.5 * (matrix + matrix.T) if symmetric else matrix, float(error))
+    return numerics.Inverse(
+        0.5 * (matrix + matrix.T) if symmetric else matrix, float(error)
+    )

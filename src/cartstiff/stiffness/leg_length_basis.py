@@ -25,7 +25,9 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.free_motions import FreeMotions
 
 
-def leg_length_basis(elastic: ElasticMechanism, posture: MechanismPosture) -> FreeMotions | None:
+def leg_length_basis(
+    elastic: ElasticMechanism, posture: MechanismPosture
+) -> FreeMotions | None:
     """Motions of a body on lines by the lines' lengths; None if these do not determine the pose.
 
     Parameters

@@ -45,7 +45,12 @@ from cartstiff.potentials.contract import Evaluation
 from cartstiff.results import LabelledResult
 from cartstiff.stiffness import posture_notes
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind
-from cartstiff.stiffness.flat_chart import FlatChart, flat_chart, flat_connection, pose_by_chart
+from cartstiff.stiffness.flat_chart import (
+    FlatChart,
+    flat_chart,
+    flat_connection,
+    pose_by_chart,
+)
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import exceeds_roundoff, shown_wrench, without_cancelled
 from cartstiff.stiffness.tensor import (
@@ -272,7 +277,9 @@ class PostureStiffness(LabelledResult):
         squares = block @ block.T
         angle = np.linspace(0.0, 2.0 * np.pi, 181)
         figure = new_figure(10.0, 3.8, self.elastic.springs_in_doubt)
-        for axis, plane in zip(figure.subplots(1, 3), ([0, 1], [0, 2], [1, 2]), strict=True):
+        for axis, plane in zip(
+            figure.subplots(1, 3), ([0, 1], [0, 2], [1, 2]), strict=True
+        ):
             values, vectors = np.linalg.eigh(squares[np.ix_(plane, plane)])
             outline = vectors * np.sqrt(values.clip(0.0))
             axis.plot(*(outline @ [np.cos(angle), np.sin(angle)]))
@@ -351,7 +358,9 @@ class PostureStiffness(LabelledResult):
         D = None if change is None else checked_matrix(change, "change")
         inverse = None if reduction.free is None else reduction.free.inverse(D)
         if inverse is None or reduction.free is None:
-            raise UndefinedError("a motion costs nothing: no linear motion", code="no-shares")
+            raise UndefinedError(
+                "a motion costs nothing: no linear motion", code="no-shares"
+            )
         return reduction.free.motion(inverse.matrix, checked_vector(wrench, 6, "wrench"))
 
     @property
@@ -363,7 +372,9 @@ class PostureStiffness(LabelledResult):
     def matrices(self) -> Mapping[str, Array | None]:
         """K^A, K^B, K^K, K^F (6, 6), None if one does not exist; "load" is the `tangent`."""
         B, A, K, load, *F = [None] * 4 if self._every is None else self._every
-        return NamedArrays({"A": A, "B": B, "K": K, "F": F[0] if F else None}, {"load": load})
+        return NamedArrays(
+            {"A": A, "B": B, "K": K, "F": F[0] if F else None}, {"load": load}
+        )
 
     @cached_property
     def _every(self) -> Array | None:
@@ -373,14 +384,18 @@ class PostureStiffness(LabelledResult):
             return None
         every = np.array([K] * 4 if K_F is None else [*[K] * 4, K_F])
         if self._changes.any():
-            every[1:4] = without_cancelled(K + self._changes, K, self._changes, 1 / self._natural)
+            every[1:4] = without_cancelled(
+                K + self._changes, K, self._changes, 1 / self._natural
+            )
         every.flags.writeable = False
         return every
 
     @cached_property
     def _changes(self) -> Array:
         """K^X - K^B (3, 6, 6) for X = A, K, load: zero without a load."""
-        return np.zeros((3, 6, 6)) if self.wrench is None else self.load.changes(self.wrench)
+        return (
+            np.zeros((3, 6, 6)) if self.wrench is None else self.load.changes(self.wrench)
+        )
 
     @cached_property
     def compliances(self) -> Mapping[str, Array | None]:
@@ -415,7 +430,9 @@ class PostureStiffness(LabelledResult):
 
         Otherwise the part that the structure carries is taken as zero in the length-scaled norm.
         """
-        return self.wrench is not None and (self.reduction.rank == 6 or self._load_is_given)
+        return self.wrench is not None and (
+            self.reduction.rank == 6 or self._load_is_given
+        )
 
     def shown_wrench(self, wrench: Array) -> Array:
         """A wrench (6,) with round-off set to 0; see `cartstiff.stiffness.rounding`."""
@@ -558,7 +575,13 @@ class PostureStiffness(LabelledResult):
     @cached_property
     def notes_on_digits(self) -> list[Note]:
         """Notes on lost digits."""
-        parts = self.elastic, self.posture, self.evaluation, self.reduction, self.notes_on_posture
+        parts = (
+            self.elastic,
+            self.posture,
+            self.evaluation,
+            self.reduction,
+            self.notes_on_posture,
+        )
         error = posture_notes.error_of_motions(*parts[1:4])
         known = self._inverses
         if self.is_loaded:

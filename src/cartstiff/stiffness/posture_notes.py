@@ -86,7 +86,9 @@ def notes_on_digits(
     if K is not None and compliance is not None:
         error = error_of_soft_directions(K, compliance.matrix)
         if error > numerics.REPORTED_ERROR:
-            is_near = numerics.ratio(reduction.singular_values) < numerics.NEAR_SINGULARITY
+            is_near = (
+                numerics.ratio(reduction.singular_values) < numerics.NEAR_SINGULARITY
+            )
             words = "so near to a singularity" if is_near else "with springs so far apart"
             known = _known(error)
             notes.append(
@@ -108,7 +110,10 @@ def notes_on_digits(
                 f"the stiffness matrix {'under the load ' * under_load}is singular: a motion costs "
                 "nothing, or nothing that can be told from the rounding of the stiffest springs, "
                 "and there is no compliance matrix",
-                {"eigenvalues": values.tolist(), "characteristic_length": float(natural[-1])},
+                {
+                    "eigenvalues": values.tolist(),
+                    "characteristic_length": float(natural[-1]),
+                },
             )
         )
     return notes
@@ -131,26 +136,37 @@ def indefinite(
     """
     sizes = natural[:, None] * natural
     K = reduction.reachable_stiffness if tangent is None else tangent * sizes
-    pair = [M for M in (K, None if compliance is None else compliance / sizes) if M is not None]
+    pair = [
+        M
+        for M in (K, None if compliance is None else compliance / sizes)
+        if M is not None
+    ]
     if any(numerics.asymmetry(M) for M in pair):
         return []
     spectra = [numerics.eigenvalues(M) for M in pair]
     if all(x.min() >= -numerics.ZERO_SHARE * np.abs(x).max() for x in spectra if x.size):
         return []
-    negative = max(int((x < -numerics.ZERO_SHARE * np.abs(x).max()).sum()) for x in spectra)
+    negative = max(
+        int((x < -numerics.ZERO_SHARE * np.abs(x).max()).sum()) for x in spectra
+    )
     return [
         Note(
             "indefinite",
             f"the stiffness is negative along {negative} motion(s) of the body, under the load and "
             "the tensions here: the posture is not stable, and without something else that holds "
             "it the mechanism moves away",
-            {"eigenvalues": spectra[0].tolist(), "characteristic_length": float(natural[-1])},
+            {
+                "eigenvalues": spectra[0].tolist(),
+                "characteristic_length": float(natural[-1]),
+            },
         )
     ]
 
 
 def _known(error: float) -> str:
-    return f"to a relative error of about {error:.1g} only" if error < 1.0 else "not at all"
+    return (
+        f"to a relative error of about {error:.1g} only" if error < 1.0 else "not at all"
+    )
 
 
 def error_of_soft_directions(K: Array, C: Array) -> float:
@@ -161,7 +177,9 @@ def error_of_soft_directions(K: Array, C: Array) -> float:
     return numerics.EPSILON * float(np.linalg.norm(K / sizes) * np.linalg.norm(C * sizes))
 
 
-def error_of_motions(posture: MechanismPosture, energy: Evaluation, reduction: Reduction) -> float:
+def error_of_motions(
+    posture: MechanismPosture, energy: Evaluation, reduction: Reduction
+) -> float:
     """Relative error of the compliance due to the round-off of the motions that keep the closures.
 
     Motions have an error of ``EPSILON / c``, where c is the smallest relative singular value of the
@@ -170,12 +188,20 @@ def error_of_motions(posture: MechanismPosture, energy: Evaluation, reduction: R
     """
     free, values = reduction.free, reduction.closures
     inverse = None if free is None else free.inverse()
-    if values is None or not values.size or free is None or inverse is None or free.basis is None:
+    if (
+        values is None
+        or not values.size
+        or free is None
+        or inverse is None
+        or free.basis is None
+    ):
         return 0.0
     sizes = posture.coordinate_lengths
     motions = np.abs(free.basis / sizes[:, None])
     forces = (np.abs(energy.hessian * sizes[:, None] * sizes) @ motions).sum(axis=0)
-    shares = motions.max(axis=0, initial=0.0) * (1.0 + np.abs(inverse.matrix.diagonal()) * forces)
+    shares = motions.max(axis=0, initial=0.0) * (
+        1.0 + np.abs(inverse.matrix.diagonal()) * forces
+    )
     held = values[values > numerics.RANK * values.max()]
     return numerics.EPSILON * float(shares.max(initial=0.0)) / numerics.ratio(held)
 
@@ -202,7 +228,9 @@ def error_of_chosen_forces(
         return 0.0
     parts = elastic.line_springs_and_rest(posture)
     B = np.eye(len(energy.hessian)) if free.basis is None else free.basis
-    added = free.hessian - B.T @ energy.hessian @ B if parts is None else B.T @ parts[2] @ B
+    added = (
+        free.hessian - B.T @ energy.hessian @ B if parts is None else B.T @ parts[2] @ B
+    )
     sizes = np.sqrt(np.abs(free.hessian.diagonal()))
     sizes[sizes == 0.0] = 1.0
     share = inverse.matrix.dot(added) * sizes[:, None] / sizes
@@ -234,7 +262,9 @@ def near_constraint(reduction: Reduction) -> list[Note]:
     """
     values = np.zeros(0) if reduction.closures is None else reduction.closures
     shares = values / max(float(values.max(initial=0.0)), numerics.TINY)
-    doubtful = shares[(shares > numerics.ROUNDOFF_OF_SUMS) & (shares < numerics.LOST_ERROR)]
+    doubtful = shares[
+        (shares > numerics.ROUNDOFF_OF_SUMS) & (shares < numerics.LOST_ERROR)
+    ]
     if not doubtful.size:
         return []
     held, least = int((doubtful > numerics.RANK).sum()), float(doubtful.min())
@@ -266,7 +296,10 @@ def nearly_still(posture: MechanismPosture, reduction: Reduction) -> list[Note]:
     sizes = np.repeat([1.0, 1.0 / posture.length], 3)
     J = posture.motion.jacobian * sizes[:, None] * posture.coordinate_lengths
     J = J if reduction.motions is None else J @ reduction.motions
-    halves = {"rotation": float(np.linalg.norm(J[:3])), "translation": float(np.linalg.norm(J[3:]))}
+    halves = {
+        "rotation": float(np.linalg.norm(J[:3])),
+        "translation": float(np.linalg.norm(J[3:])),
+    }
     (half, less), (other, more) = sorted(halves.items(), key=lambda part: part[1])
     share = less / max(more, numerics.TINY)
     if not numerics.RANK < share < numerics.LOST_ERROR:

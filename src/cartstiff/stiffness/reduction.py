@@ -123,7 +123,9 @@ class Reduction(ShownInLines):
 
 
 _COMPLIANCE_ALONE = "the stiffness matrix does not exist, the compliance does"
-_NEITHER = "the stiffness matrix does not exist, nor the compliance, as a motion costs nothing"
+_NEITHER = (
+    "the stiffness matrix does not exist, nor the compliance, as a motion costs nothing"
+)
 
 
 def _inverse(matrix: Array, sizes: Array | None) -> Array:
@@ -189,7 +191,9 @@ def reduce_to(
     """
     rows, sizes = np.repeat([1.0, 1.0 / length], 3), coordinate_lengths
     with numerics.one_thread(len(energy.gradient)):
-        return _reduced(output, energy, closure, rows, sizes, force, by_lengths, rank_nearby)
+        return _reduced(
+            output, energy, closure, rows, sizes, force, by_lengths, rank_nearby
+        )
 
 
 def _reduced(
@@ -216,12 +220,16 @@ def _reduced(
     closures, orthonormal = None, np.eye(n)
     N, leading, lam, closed = orthonormal, np.arange(n), np.zeros(0), np.zeros(0)
     if closure is not None:
-        closed = np.ones(len(closure.jacobian)) if closure.sizes is None else closure.sizes
+        closed = (
+            np.ones(len(closure.jacobian)) if closure.sizes is None else closure.sizes
+        )
         closures = decomposed(closure, columns)
         orthonormal, lam = closures.N, np.zeros(len(closure.jacobian))
         if closures.rank < len(lam):
             lost = closures.lost / closed[:, None]
-            state = irregular(closure, closures.values, closures.rank, lost, orthonormal, columns)
+            state = irregular(
+                closure, closures.values, closures.rank, lost, orthonormal, columns
+            )
             if state is not None:
                 return Reduction(
                     None,
@@ -248,18 +256,26 @@ def _reduced(
         if rank < len(rows):  # otherwise round-off of the basis replaces zeros of K
             U, lost, still = left[:, :rank], left[:, rank:], numerics.still_halves(J_N)
             maps = lost * rows[:, None], output, closure, closures
-            if rank < usual_rank and rank_nearby and not _rises(*maps, orthonormal, along, columns):
+            if (
+                rank < usual_rank
+                and rank_nearby
+                and not _rises(*maps, orthonormal, along, columns)
+            ):
                 usual_rank = rank_nearby(orthonormal) or usual_rank
             for half in still:
                 U[half] = 0.0
         # Self-motions Z are parametrised by the stiffest coordinates; the remaining leading ones,
         # as many as the rank, make the output.
         across = (U.T @ J @ N).T
-        Z, chosen = numerics.stiffness_scaled_basis(along[leading], stiff[leading], across)
+        Z, chosen = numerics.stiffness_scaled_basis(
+            along[leading], stiff[leading], across
+        )
         Z, Y = N @ Z, N[:, _without(chosen, freedoms)]
     # Motions of Y per reachable output.
     J_Y = J @ Y if rank == len(rows) else U.T @ J @ Y
-    rounded = None if closure is None else (np.abs(J) @ np.abs(Y)).max(axis=0, initial=0.0)
+    rounded = (
+        None if closure is None else (np.abs(J) @ np.abs(Y)).max(axis=0, initial=0.0)
+    )
     to_output = _inverse(J_Y, rounded)
 
     # Balance: the torque along a self-motion must vanish, whatever wrench acts on the output.
@@ -271,11 +287,22 @@ def _reduced(
                 "no wrench at the end-effector balances this posture: a torque acts along the "
                 "self-motion and the mechanism would move; choose rest positions that balance it, "
                 "or let the self-motion settle",
-                {"unbalanced_torque": torque.tolist(), "largest": float(np.abs(torque).max())},
+                {
+                    "unbalanced_torque": torque.tolist(),
+                    "largest": float(np.abs(torque).max()),
+                },
             )
         )
         return Reduction(
-            None, None, lam, values, rank, freedoms, usual_rank, motions=motions, states=states
+            None,
+            None,
+            lam,
+            values,
+            rank,
+            freedoms,
+            usual_rank,
+            motions=motions,
+            states=states,
         )
 
     w = U @ (to_output.T @ (Y.T @ g))
@@ -299,7 +326,10 @@ def _reduced(
                     {"difference": missed.tolist()},
                 )
             )
-    parts, follow = [H, -output.curvature(w * rows) * columns[:, None] * columns], list[int]()
+    parts, follow = (
+        [H, -output.curvature(w * rows) * columns[:, None] * columns],
+        list[int](),
+    )
     if closure is not None and closures is not None:
         follow = _without(leading, n)
         lam = closures.forces(J.T @ w - g, follow) / closed
@@ -342,15 +372,24 @@ def _reduced(
         Z, inner = held
         S = Y.T @ H_L @ Y
         size = np.abs(Y)
-        idle = (np.abs(S) <= numerics.FREE_MOTION_STIFFNESS * (size.T @ terms @ size)).all(axis=1)
-        S[idle], S[:, idle] = 0.0, 0.0  # remove the round-off of motions that cost no energy
+        idle = (
+            np.abs(S) <= numerics.FREE_MOTION_STIFFNESS * (size.T @ terms @ size)
+        ).all(axis=1)
+        S[idle], S[:, idle] = (
+            0.0,
+            0.0,
+        )  # remove the round-off of motions that cost no energy
         if Z.shape[1]:
             S = S - (Y.T @ H_L @ Z) @ inner @ (Z.T @ H_L @ Y)
-        reachable_K = symmetric_part(to_output.T @ S @ to_output, energy)  # in the basis U
+        reachable_K = symmetric_part(
+            to_output.T @ S @ to_output, energy
+        )  # in the basis U
         reachable = U / rows[:, None]
         if rank == len(rows):
             K = zero_roundoff(reachable_K * rows[:, None] * rows, rows)
-            if Z.shape[1] == 0:  # self-motions without energy, such as spins of legs, are fixed
+            if (
+                Z.shape[1] == 0
+            ):  # self-motions without energy, such as spins of legs, are fixed
                 rates = columns[:, None] * (Y @ to_output) * rows
         B = np.concatenate([Y, Z], axis=1)
         # Self-motions keep their small output rates, as a lost rank need not be exactly zero. Rates
@@ -420,12 +459,18 @@ def _rises(
     N, along : ndarray (n, f), (n, f - r)
         Orthonormal free motions, and self-motions.
     """
-    least = numerics.VANISHING_FORM * max(1.0, float(np.abs(output.jacobian * columns).max()))
+    least = numerics.VANISHING_FORM * max(
+        1.0, float(np.abs(output.jacobian * columns).max())
+    )
     for u in lost.T:
         form = output.curvature(u)
         if closure is not None and closures is not None and closures.values.size:
-            nu = closures.forces(columns * (output.jacobian.T @ u), list(range(len(columns))))
-            form = form - closure.curvature(nu if closure.sizes is None else nu / closure.sizes)
+            nu = closures.forces(
+                columns * (output.jacobian.T @ u), list(range(len(columns)))
+            )
+            form = form - closure.curvature(
+                nu if closure.sizes is None else nu / closure.sizes
+            )
         rates = N.T @ (form * columns[:, None] * columns) @ along
         if float(np.abs(rates).max(initial=0.0)) > least:
             return True
@@ -474,7 +519,9 @@ def _held_self_motions(
                 "would snap away from this posture",
                 {
                     "self_motion_stiffness": stiffness.tolist(),
-                    "direction": (columns * (along @ modes[:, 0])).tolist(),  # the softest
+                    "direction": (
+                        columns * (along @ modes[:, 0])
+                    ).tolist(),  # the softest
                 },
             )
         )
@@ -482,7 +529,9 @@ def _held_self_motions(
     if idle.any():
         Z0 = unit @ modes[:, idle]
         # An entry of a semidefinite matrix is at most the root of its two diagonal ones.
-        coupled = bool(np.abs(every.T @ H @ Z0).max() > np.sqrt(numerics.FREE_MOTION_STIFFNESS))
+        coupled = bool(
+            np.abs(every.T @ H @ Z0).max() > np.sqrt(numerics.FREE_MOTION_STIFFNESS)
+        )
         Z0 = Z0 / np.linalg.norm(Z0, axis=0)
         states.append(
             Note(
@@ -495,7 +544,9 @@ def _held_self_motions(
                 ),
                 {
                     "directions": (columns[:, None] * Z0).T.tolist(),
-                    "coupling": float(np.abs(np.concatenate([Y, Z], axis=1).T @ H @ Z0).max()),
+                    "coupling": float(
+                        np.abs(np.concatenate([Y, Z], axis=1).T @ H @ Z0).max()
+                    ),
                 },
             )
         )
@@ -533,7 +584,9 @@ def scaled_values(
 _AWAY = (0.1, 0.02)
 
 
-def rank_nearby(mechanism: Mechanism, posture: MechanismPosture, motions: Array) -> int | None:
+def rank_nearby(
+    mechanism: Mechanism, posture: MechanismPosture, motions: Array
+) -> int | None:
     """Rank of the body's motions at a posture beside this one; None if the chain does not close.
 
     Parameters
@@ -546,12 +599,16 @@ def rank_nearby(mechanism: Mechanism, posture: MechanismPosture, motions: Array)
         Free motions, in scaled coordinates: the way is a sum of all, none of them special.
     """
     way = motions @ np.cos(np.arange(motions.shape[1]) ** 2 + 1.0)
-    way = posture.coordinate_lengths * way / max(float(np.linalg.norm(way)), numerics.TINY)
+    way = (
+        posture.coordinate_lengths * way / max(float(np.linalg.norm(way)), numerics.TINY)
+    )
     for size in _AWAY:
         try:
             there = mechanism.closed(posture.q + size * way, hold=())
         except ConvergenceError:
             continue
         closed = there.closure is not None
-        return numerics.rank(values_of_closed(there)[0] if closed else scaled_values(there))
+        return numerics.rank(
+            values_of_closed(there)[0] if closed else scaled_values(there)
+        )
     return None

@@ -60,13 +60,17 @@ def force_roundoff(gradient: Array, stiffness: Array) -> Array:
     return np.minimum(np.abs(gradient), numerics.ROUNDOFF * stiffness)
 
 
-def exceeds_roundoff(wrench: Array, jacobian: Array, hessian: Array, sizes: Array) -> bool:
+def exceeds_roundoff(
+    wrench: Array, jacobian: Array, hessian: Array, sizes: Array
+) -> bool:
     """Whether a wrench (6,) exceeds, at some spring, the round-off of the coordinate.
 
     `sizes` (n,) are the natural sizes of the coordinates of J (6, n) and H (n, n).
     """
     torques = np.abs(jacobian.T @ wrench * sizes).tolist()
-    stiffness = np.abs(hessian * (sizes[:, None] * sizes)).max(axis=0, initial=0.0).tolist()
+    stiffness = (
+        np.abs(hessian * (sizes[:, None] * sizes)).max(axis=0, initial=0.0).tolist()
+    )
     most = max(stiffness, default=0.0)  # also for coordinates without a spring
     return any(
         torque > numerics.ROUNDOFF * (k or most)
@@ -74,7 +78,9 @@ def exceeds_roundoff(wrench: Array, jacobian: Array, hessian: Array, sizes: Arra
     )
 
 
-def shown_wrench(wrench: Array, hessian: Array | None, sizes: Array, length: float) -> Array:
+def shown_wrench(
+    wrench: Array, hessian: Array | None, sizes: Array, length: float
+) -> Array:
     """A wrench (6,) with round-off in its moment and force set to 0.
 
     Round-off is the torque of the springs for a rotation by `numerics.ROUNDOFF`, and that share of
@@ -88,4 +94,6 @@ def shown_wrench(wrench: Array, hessian: Array | None, sizes: Array, length: flo
     roundoff = numerics.ROUNDOFF * max(stiffest, *scaled)
     if min(scaled) > roundoff:
         return wrench
-    return np.array([x if s > roundoff else 0.0 for x, s in zip(values, scaled, strict=True)])
+    return np.array(
+        [x if s > roundoff else 0.0 for x, s in zip(values, scaled, strict=True)]
+    )

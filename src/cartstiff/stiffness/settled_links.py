@@ -22,7 +22,11 @@ from cartstiff.stiffness.closures import decompose
 STEPS = 60
 #: In natural units: the longest step, and the step that ends the search. A somewhat longer step is
 #: accepted as round-off after all steps.
-LONGEST, LAST, ROUNDED = 0.2, numerics.EQUILIBRIUM_TOLERANCE, 1e3 * numerics.EQUILIBRIUM_TOLERANCE
+LONGEST, LAST, ROUNDED = (
+    0.2,
+    numerics.EQUILIBRIUM_TOLERANCE,
+    1e3 * numerics.EQUILIBRIUM_TOLERANCE,
+)
 
 
 def settled_coordinates(elastic: ElasticMechanism) -> Array:
@@ -31,10 +35,16 @@ def settled_coordinates(elastic: ElasticMechanism) -> Array:
     Empty if no link is compliant.
     """
     chain, springs = elastic.mechanism, elastic.springs
-    if not isinstance(chain, Chain) or not chain.virtual or not isinstance(springs, JointSprings):
+    if (
+        not isinstance(chain, Chain)
+        or not chain.virtual
+        or not isinstance(springs, JointSprings)
+    ):
         return np.zeros(0, int)
     free = springs.is_passive.copy()
-    for term in elastic.coupled_springs:  # their rest positions are chosen, as those of springs
+    for (
+        term
+    ) in elastic.coupled_springs:  # their rest positions are chosen, as those of springs
         free[term.factors.any(axis=0)] = False
     return np.flatnonzero(free)
 
@@ -76,7 +86,9 @@ def settled(
         parts = evaluate_together((*acting, *loads), posture)
         sizes = posture.coordinate_lengths
         gradient = sum((p.gradient for p in parts), np.zeros(sizes.size)) * sizes
-        H = sum((p.hessian for p in parts), np.zeros(2 * sizes.shape)) * np.outer(sizes, sizes)
+        H = sum((p.hessian for p in parts), np.zeros(2 * sizes.shape)) * np.outer(
+            sizes, sizes
+        )
         closure, missed = posture.closure, posture.residual
         C, r = np.zeros((0, sizes.size)), np.zeros(0)
         if closure is not None and missed is not None:
@@ -100,7 +112,10 @@ def settled(
             rates[:, moving] = scale[:, None] * posture.motion.jacobian * sizes
             keeping = decompose(system).N
             left = scale * away - rates @ solution
-            solution = solution + keeping @ np.linalg.lstsq(rates @ keeping, left, numerics.RANK)[0]
+            solution = (
+                solution
+                + keeping @ np.linalg.lstsq(rates @ keeping, left, numerics.RANK)[0]
+            )
         step, lam = solution[: moving.size], solution[moving.size :] * stiff
         largest = float(np.abs(step).max(initial=0.0))
         if not np.isfinite(largest):
@@ -108,7 +123,9 @@ def settled(
         move = np.zeros(sizes.size)
         move[moving] = step * sizes[moving] * min(1.0, LONGEST / max(largest, LAST))
         posture = elastic.mechanism.at(posture.q + move)
-        if largest <= LAST:  # the step is taken: on a stiff link it still changes the force
+        if (
+            largest <= LAST
+        ):  # the step is taken: on a stiff link it still changes the force
             return posture
     if largest <= ROUNDED:
         return posture

@@ -62,13 +62,18 @@ def with_labels(
     xarray = imported("xarray", "xarray", "a table with labels", "maps")
     used = {axis for names, _ in arrays.values() for axis in names}
     return xarray.Dataset(
-        {name: (list(names), np.array(values)) for name, (names, values) in arrays.items()},
+        {
+            name: (list(names), np.array(values))
+            for name, (names, values) in arrays.items()
+        },
         coords={axis: list(labels) for axis, labels in axes.items() if axis in used},
         attrs=about,
     )
 
 
-def format_matrix(matrix: Array, row_units: Sequence[str], title: str = "", digits: int = 6) -> str:
+def format_matrix(
+    matrix: Array, row_units: Sequence[str], title: str = "", digits: int = 6
+) -> str:
     """Matrix as aligned text, one row a line, each row followed by its unit."""
     # One format for the whole matrix, so that columns can be compared at a glance.
     width = digits + 8
@@ -105,12 +110,17 @@ def matrix_html(matrix: Array, block_units: BlockUnits, title: str, order: str) 
     rows = [
         (
             names[i // 3],
-            *(f"{0.0 if abs(x) < numerics.ROUNDOFF_OF_SUMS * size else x:.6g}" for x in row),
+            *(
+                f"{0.0 if abs(x) < numerics.ROUNDOFF_OF_SUMS * size else x:.6g}"
+                for x in row
+            ),
             " | ".join(block_units[i // 3]),
         )
         for i, row in enumerate(matrix.tolist())
     ]
-    return html_table([("", 1), *((name, 3) for name in names), ("units", 1)], rows, title)
+    return html_table(
+        [("", 1), *((name, 3) for name in names), ("units", 1)], rows, title
+    )
 
 
 class LabelledMatrix:
@@ -151,14 +161,18 @@ class LabelledMatrix:
     @property
     def block_units(self) -> BlockUnits:
         """Units of the four 3x3 blocks, in the matrix's order."""
-        names = self.units.blocks if self._letter == "K" else self.units.blocks_of_compliance
+        names = (
+            self.units.blocks if self._letter == "K" else self.units.blocks_of_compliance
+        )
         a, b = "rt" if self.order == se3.ANGULAR_LINEAR else "tr"
         return (names[a + a], names[a + b]), (names[b + a], names[b + b])
 
     def __str__(self) -> str:
         (a, b), (c, d) = self.block_units
         title = f"{self._title}, order {self.order}"
-        return format_matrix(self.matrix, [f"[{a} | {b}]"] * 3 + [f"[{c} | {d}]"] * 3, title)
+        return format_matrix(
+            self.matrix, [f"[{a} | {b}]"] * 3 + [f"[{c} | {d}]"] * 3, title
+        )
 
     __repr__ = __str__
 
@@ -242,15 +256,21 @@ class StiffnessTensor(LabelledMatrix):
             object.__setattr__(self, name, array)
         if self.order not in (se3.ANGULAR_LINEAR, se3.LINEAR_ANGULAR):
             raise InputError(
-                "unknown order", expected="angular-linear or linear-angular", got=self.order
+                "unknown order",
+                expected="angular-linear or linear-angular",
+                got=self.order,
             )
 
     def __call__(self, x: Field | ArrayLike, y: Field | ArrayLike) -> float:
         """K(X, Y): fields are evaluated at the pose, arrays are twists in the tensor's order."""
-        a, b = (v.at(self.pose) if isinstance(v, Field) else real_array(v, "twist") for v in (x, y))
+        a, b = (
+            v.at(self.pose) if isinstance(v, Field) else real_array(v, "twist")
+            for v in (x, y)
+        )
         if self.order != se3.ANGULAR_LINEAR:
             a, b = (
-                se3.to_linear_angular(v) if isinstance(f, Field) else v for v, f in ((a, x), (b, y))
+                se3.to_linear_angular(v) if isinstance(f, Field) else v
+                for v, f in ((a, x), (b, y))
             )
         return float(a @ self.matrix @ b)
 
@@ -271,7 +291,11 @@ class StiffnessTensor(LabelledMatrix):
         here = self.to_order("angular-linear")
         term = here.connection.wrench_term(here.wrench)
         predicted = -se3.bracket_form(here.wrench) - (term - term.T)
-        return predicted if self.order == se3.ANGULAR_LINEAR else predicted[se3.SWAP][:, se3.SWAP]
+        return (
+            predicted
+            if self.order == se3.ANGULAR_LINEAR
+            else predicted[se3.SWAP][:, se3.SWAP]
+        )
 
     @property
     def symmetric_part(self) -> Array:
@@ -315,9 +339,13 @@ class StiffnessTensor(LabelledMatrix):
                     "unknown connection", expected=", ".join(NAMED), got=repr(connection)
                 )
             connection = NAMED[connection]
-        checked_kind(connection, Connection, "connection", f"{', '.join(NAMED)} or a Connection")
+        checked_kind(
+            connection, Connection, "connection", f"{', '.join(NAMED)} or a Connection"
+        )
         here = self.to_order("angular-linear")
-        change = here.connection.wrench_term(here.wrench) - connection.wrench_term(here.wrench)
+        change = here.connection.wrench_term(here.wrench) - connection.wrench_term(
+            here.wrench
+        )
         C = here.inverse
         moved = replace(
             here,
@@ -340,7 +368,9 @@ class StiffnessTensor(LabelledMatrix):
         connection = here.connection
         if connection.tied_to_origin:
             neutral = here.to_connection("A")
-            return neutral.to_frame(T, frame).to_connection(connection).to_order(self.order)
+            return (
+                neutral.to_frame(T, frame).to_connection(connection).to_order(self.order)
+            )
         a, back = se3.adjoint(T), se3.adjoint(se3.inverse(T))
         moved = replace(
             here,
@@ -380,7 +410,9 @@ class StiffnessTensor(LabelledMatrix):
         pose, base = here.pose.copy(), here.base.copy()
         pose[:3, 3] *= a
         base[:3, 3] *= a
-        connection = replace(here.connection, symbols=_scale_symbols(here.connection.symbols, a))
+        connection = replace(
+            here.connection, symbols=_scale_symbols(here.connection.symbols, a)
+        )
         sizes = f * np.outer(by_length, np.array([1.0] * 3 + [1 / a] * 3))
         moved = replace(
             here,
@@ -484,7 +516,9 @@ class StiffnessTensor(LabelledMatrix):
         there = replace(bare, pose=T_F_M @ turn)
         return there.to_frame(se3.inverse(turn), frame)
 
-    def as_controller(self, *, order: Order = "linear-angular", axes: Axes = "base") -> Array:
+    def as_controller(
+        self, *, order: Order = "linear-angular", axes: Axes = "base"
+    ) -> Array:
         """The matrix (6, 6) in the order and along the axes of a controller; see `from_controller`.
 
         Raises
@@ -521,7 +555,9 @@ class StiffnessTensor(LabelledMatrix):
                 base=np.array(data.get("base", np.eye(4))),
             )
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError("not the data of a stiffness tensor", got=str(error)) from None
+            raise InputError(
+                "not the data of a stiffness tensor", got=str(error)
+            ) from None
 
     def as_json(self) -> str:
         """JSON text with full double precision."""
@@ -535,7 +571,9 @@ class StiffnessTensor(LabelledMatrix):
             f"K^{self.connection.name}, frame {self.frame}, order {self.order}, "
             f"blocks [[{a}, {b}], [{c}, {d}]]"
         )
-        np.savetxt(buffer, self.matrix, delimiter=",", fmt="%.17g", header=safe_cell(header))
+        np.savetxt(
+            buffer, self.matrix, delimiter=",", fmt="%.17g", header=safe_cell(header)
+        )
         return buffer.getvalue()
 
     def save(self, path: str | Path) -> None:
@@ -562,7 +600,9 @@ class StiffnessTensor(LabelledMatrix):
             )
             data = buffer.getvalue()
         else:
-            raise InputError("unknown file ending", expected=".json, .csv or .npz", got=path.name)
+            raise InputError(
+                "unknown file ending", expected=".json, .csv or .npz", got=path.name
+            )
         write_whole(path, data)
 
 

@@ -34,7 +34,13 @@ from cartstiff.batch.postures import analyse_many
 from cartstiff.batch.quantities import QUANTITIES, Quantity, Settings
 from cartstiff.batch.vibrations import ManyModes
 from cartstiff.checked_call import checked
-from cartstiff.errors import InputError, UndefinedError, UnknownNameError, check_name, checked_kind
+from cartstiff.errors import (
+    InputError,
+    UndefinedError,
+    UnknownNameError,
+    check_name,
+    checked_kind,
+)
 from cartstiff.figures import new_figure
 from cartstiff.geometry import se3
 from cartstiff.kinematics.joint_poses import SAME, Free, JointPoses, PlatformPoses
@@ -275,7 +281,11 @@ class Choices:
         """Return the choices of a cell: "angle" and "position", as far as they exist."""
         a, b = divmod(cell, len(self.positions))
         values = {"angle": float(self.angles[a])} if self.turns else {}
-        return values if self.joint is None else {**values, "position": float(self.positions[b])}
+        return (
+            values
+            if self.joint is None
+            else {**values, "position": float(self.positions[b])}
+        )
 
     @property
     def task(self) -> Free:
@@ -316,7 +326,9 @@ def choices_of(
         If a redundant joint is named where there is none to choose, or too few samples.
     """
     if samples < 3:
-        raise InputError("too few samples of a free choice", expected="3 or more", got=samples)
+        raise InputError(
+            "too few samples of a free choice", expected="3 or more", got=samples
+        )
     dimension, left = solver.redundancy(free), solver.redundancy("none")
     if redundant is not None and redundant not in names:
         raise UnknownNameError("joint", redundant, names)
@@ -326,7 +338,9 @@ def choices_of(
     if free in ("x", "y", "z") and dimension > left:
         angles = -np.pi + 2 * np.pi * np.arange(samples) / samples
     if left > 0 and free != "rotation" and isinstance(solver, JointPoses):
-        joint = _most_moving_joint(solver) if redundant is None else names.index(redundant)
+        joint = (
+            _most_moving_joint(solver) if redundant is None else names.index(redundant)
+        )
         low, high = (bound[joint] for bound in solver.region())
         if solver.periodic[joint]:
             positions = low + (high - low) * np.arange(samples) / samples
@@ -342,7 +356,9 @@ def _most_moving_joint(solver: JointPoses) -> int:
     The position of a joint that stands still while the others move does not determine theirs.
     """
     q = solver.random_starts(200, np.random.default_rng(0))
-    moving = solver.self_motions(q, "none", solver.redundancy("none")) / solver.sizes[:, None]
+    moving = (
+        solver.self_motions(q, "none", solver.redundancy("none")) / solver.sizes[:, None]
+    )
     least = np.quantile(np.linalg.norm(moving, axis=2), 0.1, axis=0)
     return int(np.argmax(np.round(least, 6)))
 
@@ -421,7 +437,9 @@ def layers(
         )
         # At the first point all solutions are tried in the neighbouring cells, later only those of
         # cells with more solutions than their neighbour.
-        frontier = cells.spread(layer, cells.richer_than_neighbours(layer) if layers else None)
+        frontier = cells.spread(
+            layer, cells.richer_than_neighbours(layer) if layers else None
+        )
         while len(frontier.q):
             new = cells.solved(frontier, layer)
             layer = _joined(layer, new)
@@ -441,8 +459,15 @@ def _joined(a: Layer, b: Layer) -> Layer:
 class _Cells:
     """The cells of one point, whose solutions are starts in the neighbouring cells."""
 
-    def __init__(self, solver: PathSolver, grid: Choices, targets: Array, tolerance: float) -> None:
-        self.solver, self.grid, self.targets, self.tolerance = solver, grid, targets, tolerance
+    def __init__(
+        self, solver: PathSolver, grid: Choices, targets: Array, tolerance: float
+    ) -> None:
+        self.solver, self.grid, self.targets, self.tolerance = (
+            solver,
+            grid,
+            targets,
+            tolerance,
+        )
         self.shape = grid.shape
 
     def random(self, count: int, rng: np.random.Generator) -> Layer:
@@ -465,7 +490,9 @@ class _Cells:
         b = len(grid.positions)
         after = np.searchsorted(grid.positions, q[:, grid.joint])
         sides = [np.clip(after + side, 0, b - 1) for side in (-1, 0)]
-        return Layer(np.vstack([q, q]), np.concatenate([cells // b * b + side for side in sides]))
+        return Layer(
+            np.vstack([q, q]), np.concatenate([cells // b * b + side for side in sides])
+        )
 
     def solved(self, begin: Layer, known: Layer) -> Layer:
         """Solve from the starts; return the solutions that differ from known ones of their cell."""
@@ -496,13 +523,17 @@ class _Cells:
             targets = self.targets[(-1 - begin.cell) * b]
             q, good = solver.solve(targets, begin.q, grid.task, self.tolerance)
             q, good = solver.within(q), good & self._inside(q)
-            apart = self.apart(known, Layer(q[good], begin.cell[good]), 0.5 * spacing, 2.0)
+            apart = self.apart(
+                known, Layer(q[good], begin.cell[good]), 0.5 * spacing, 2.0
+            )
             known, frontier = _joined(known, apart), _joined(frontier, apart)
             if not len(frontier.q):
                 break
             motion = spacing * solver.self_motions(frontier.q, "none", 1)[:, :, 0]
             moved = np.vstack([frontier.q + motion, frontier.q - motion])
-            begin = Layer(np.clip(moved, solver.lower, solver.upper), np.tile(frontier.cell, 2))
+            begin = Layer(
+                np.clip(moved, solver.lower, solver.upper), np.tile(frontier.cell, 2)
+            )
             frontier = Layer(layer.q[:0], _NO_CELLS)
         rest = slice(len(layer.q), None)
         return _joined(layer, Layer(known.q[rest], known.cell[rest]))
@@ -518,7 +549,9 @@ class _Cells:
         turns = np.where(self.solver.periodic, 2 * np.pi / self.solver.sizes, 0.0)
         places = both.q / self.solver.sizes
         places = np.where(turns > 0, places % np.where(turns > 0, turns, 1.0), places)
-        places = np.where((turns > 0) & (places >= turns), 0.0, places)  # rounding of the modulo
+        places = np.where(
+            (turns > 0) & (places >= turns), 0.0, places
+        )  # rounding of the modulo
         # Postures of different cells are far from each other.
         places = np.column_stack([places, 2.0 * (1.0 + radius) * both.cell])
         tree = cKDTree(places, boxsize=np.append(turns, 0.0))
@@ -601,11 +634,15 @@ def ready(elastic: ElasticMechanism) -> ElasticMechanism:
         If there are no springs whose rest positions could be commanded.
     """
     if elastic.springs is None:
-        raise InputError(f"{elastic.name} has no springs whose rest positions could be commanded")
+        raise InputError(
+            f"{elastic.name} has no springs whose rest positions could be commanded"
+        )
     springs = elastic.springs
     if isinstance(elastic.mechanism, Platform) and len(springs.stiffness) != 6:
         return elastic  # such a platform's preload is a property of its file, not only of the load
-    return replace(elastic, springs=springs.replaced(springs.stiffness, springs.rest * np.nan))
+    return replace(
+        elastic, springs=springs.replaced(springs.stiffness, springs.rest * np.nan)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -671,7 +708,9 @@ class PathCost:
         if not count:
             return Judged(q, value, value, ratio, ratio)
         poses = self.solver.kinematics.at(q).pose
-        outputs = tuple(dict.fromkeys((*self.quantity.outputs(self._settings(0)), "jacobian")))
+        outputs = tuple(
+            dict.fromkeys((*self.quantity.outputs(self._settings(0)), "jacobian"))
+        )
         load = self.path.wrenches_in_body(points, poses) if self.loaded else None
         acting: dict[str, Any] = (
             {"load_kind": self.load.kind, "load_at": self.load.at} if self.loaded else {}
@@ -685,13 +724,17 @@ class PathCost:
             rows = points == point
             arrays = {name: answers[name][rows] for name in outputs}
             settings = self._settings(int(point))
-            swing = ManyModes(self.elastic, q[rows], None if load is None else load[rows], acting)
+            swing = ManyModes(
+                self.elastic, q[rows], None if load is None else load[rows], acting
+            )
             value[rows] = evaluate([self.quantity], arrays, settings, lengths, swing)[
                 self.quantity.name
             ]
         jacobian = answers["jacobian"]
         if isinstance(platform, Platform) and len(platform.points) != 6:  # no square one
-            lines = [line_geometry(T, platform.anchors, platform.points).lines for T in poses]
+            lines = [
+                line_geometry(T, platform.anchors, platform.points).lines for T in poses
+            ]
             jacobian = np.linalg.pinv(np.array(lines))
         ratio, side = self._regularity(jacobian, lengths)
         smaller = self.quantity.better == "smaller"
@@ -786,7 +829,8 @@ class OptimisedPath(LabelledResult):
 
     #: Links are not tested for collisions.
     collisions: ClassVar = (
-        "collisions are not checked: neither of links with each other nor with anything else"
+        "collisions are not checked: "
+        "neither of links with each other nor with anything else"
     )
 
     elastic: ElasticMechanism
@@ -860,7 +904,9 @@ class OptimisedPath(LabelledResult):
         elif self.off_singular is None:
             words += "; with joints left over, configurations go over into each other"
         else:
-            words += "; steps through singularities, where configurations meet, were allowed"
+            words += (
+                "; steps through singularities, where configurations meet, were allowed"
+            )
         if self.nearby is not None:
             words += f"; all joints within {np.degrees(self.nearby):.3g} deg of the given posture"
         return words
@@ -921,7 +967,9 @@ class OptimisedPath(LabelledResult):
         """The path's wrenches (m, 6) about M's origin, along M's axes at each posture."""
         if self.path.wrenches is None:
             return None
-        return self.path.wrenches_in_body(np.arange(len(self.path)), self.poses, self.load.at)
+        return self.path.wrenches_in_body(
+            np.arange(len(self.path)), self.poses, self.load.at
+        )
 
     def to_csv(self) -> str:
         """One line per point: coordinates, wrench, free angle, criterion, singular value ratio.
@@ -932,7 +980,10 @@ class OptimisedPath(LabelledResult):
         names = self.elastic.names_with_units
         if (W := self.wrenches) is not None:
             columns.append(W)
-            names += [f"{c} [{u}]" for c, u in zip(COMPONENTS["wrench"], units.wrench, strict=True)]
+            names += [
+                f"{c} [{u}]"
+                for c, u in zip(COMPONENTS["wrench"], units.wrench, strict=True)
+            ]
         if self.angles is not None:
             columns.append(self.angles[:, None])
             names.append(f"free_angle [{units.angle}]")
@@ -958,7 +1009,9 @@ class OptimisedPath(LabelledResult):
             Without matplotlib.
         """
         chosen = self._choice()
-        figure = new_figure(6.4, 4.2 if chosen is None else 6.0, self.elastic.springs_in_doubt)
+        figure = new_figure(
+            6.4, 4.2 if chosen is None else 6.0, self.elastic.springs_in_doubt
+        )
         axes = np.atleast_1d(figure.subplots(1 if chosen is None else 2, 1, sharex=True))
         points = np.arange(1, len(self.q) + 1)
         if self.constant is not None:
@@ -970,12 +1023,16 @@ class OptimisedPath(LabelledResult):
                 markersize=3,
                 label="best constant choice",
             )
-        axes[0].plot(points, self.values, "o-", color="C0", markersize=3, label="optimised")
+        axes[0].plot(
+            points, self.values, "o-", color="C0", markersize=3, label="optimised"
+        )
         better = self.criterion.better
         axes[0].set_ylabel(f"{self.criterion.name} [{self.unit}], {better} is better")
         axes[0].set_ylim(bottom=0)
         axes[0].legend()
-        axes[0].set_title(f"{self.elastic.name}: {self.criterion.description}", fontsize="medium")
+        axes[0].set_title(
+            f"{self.elastic.name}: {self.criterion.description}", fontsize="medium"
+        )
         if chosen is not None:
             label, values, constant = chosen
             if constant is not None:
@@ -1159,13 +1216,17 @@ def optimise_path(
             "singularity threshold cannot be used", expected="0 to below 1", got=singular
         )
     if not 0.0 <= smoothness < np.inf:
-        raise InputError("smoothness cannot be used", expected="0 or more", got=smoothness)
+        raise InputError(
+            "smoothness cannot be used", expected="0 or more", got=smoothness
+        )
     solver = path_solver(elastic, ranges, near)
     grid = choices_of(solver, free, redundant, samples, list(elastic.names))
     load = checked_load(load_kind, load_at, "body", given=path.wrenches is not None)
     if load.kind != "dead" and not loaded:
         raise InputError(
-            "is for the stiffness under load", where="load_kind", expected="loaded as well"
+            "is for the stiffness under load",
+            where="load_kind",
+            expected="loaded as well",
         )
     cost = PathCost(
         ready(elastic),
@@ -1267,9 +1328,14 @@ class _Search:
         """Return the costs of each layer, infinite near singularities."""
         counts = [len(rows) for rows in q]
         whole = self.cost(np.vstack(q), np.repeat(np.arange(len(q)), counts))
-        whole = whole._replace(cost=np.where(whole.ratio < self.singular, np.inf, whole.cost))
+        whole = whole._replace(
+            cost=np.where(whole.ratio < self.singular, np.inf, whole.cost)
+        )
         ends = np.cumsum(counts)[:-1]
-        return [Judged(*parts) for parts in zip(*(np.split(a, ends) for a in whole), strict=True)]
+        return [
+            Judged(*parts)
+            for parts in zip(*(np.split(a, ends) for a in whole), strict=True)
+        ]
 
     def among(self, candidates: list[Layer]) -> tuple[Array, ConstantChoice | None]:
         """Return the best postures (m, n) among candidates, and the best constant choice."""
@@ -1278,7 +1344,9 @@ class _Search:
             if not np.isfinite(layer.cost).any():
                 raise self._impossible(point, layer.ratio)
             self.advance()
-        self.price = self.smoothness * float(np.mean([layer.cost.min() for layer in layers]))
+        self.price = self.smoothness * float(
+            np.mean([layer.cost.min() for layer in layers])
+        )
         way = self._way(layers)
         if isinstance(way, UndefinedError):
             raise way
@@ -1296,7 +1364,9 @@ class _Search:
                 far = f": it is {away:.4g} away. Millimetres? Say x [mm] in the head"
                 words = far if away > _FAR_LENGTHS * self.solver.length else ""
                 return UndefinedError(
-                    f"{here} is out of reach{words}", code="path-unreachable", values=values
+                    f"{here} is out of reach{words}",
+                    code="path-unreachable",
+                    values=values,
                 )
             name, amount = excess
             units = dict(zip(elastic.names, elastic.names_with_units, strict=True))
@@ -1320,7 +1390,9 @@ class _Search:
             values={**values, "ratio": best},
         )
 
-    def _constant(self, layers: list[Judged], cells: list[Array]) -> ConstantChoice | None:
+    def _constant(
+        self, layers: list[Judged], cells: list[Array]
+    ) -> ConstantChoice | None:
         if not self.grid.is_grid:
             return None
         best: tuple[float, ConstantChoice] | None = None
@@ -1359,7 +1431,9 @@ class _Search:
                 names = [self.cost.elastic.names[j] for j in wound.nonzero()[0]]
                 return broken(costs, steps, reached, names)
             taken = [layer.taken(k) for layer, k in zip(layers, way, strict=True)]
-            followed, wound = self._turned_on(np.array([one.q for one in taken]), periodic)
+            followed, wound = self._turned_on(
+                np.array([one.q for one in taken]), periodic
+            )
             if not wound.any():
                 return followed, taken
             periodic = periodic & ~wound
@@ -1382,7 +1456,9 @@ class _Search:
         """Return the postures with all turns of some joints within their limits."""
         for j in np.flatnonzero(joints):
             low, high = self.solver.lower[j], self.solver.upper[j]
-            turns = np.arange(np.ceil((low - high) / (2 * np.pi)), (high - low) / (2 * np.pi) + 1)
+            turns = np.arange(
+                np.ceil((low - high) / (2 * np.pi)), (high - low) / (2 * np.pi) + 1
+            )
             more = layer.taken(np.repeat(np.arange(len(layer.q)), len(turns)))
             more.q[:, j] += 2 * np.pi * np.tile(turns, len(layer.q))
             layer = more.taken((more.q[:, j] >= low) & (more.q[:, j] <= high))
@@ -1391,7 +1467,9 @@ class _Search:
     def steps(self, layers: list[Judged], periodic: Array) -> Steps:
         """Return the costs of steps from layer to layer."""
         sides = [layer.side for layer in layers] if self.singular > 0 else None
-        return Steps([layer.q for layer in layers], periodic, self.bounds, self.price, sides)
+        return Steps(
+            [layer.q for layer in layers], periodic, self.bounds, self.price, sides
+        )
 
     def refined(self, q: Array) -> Array:
         """Move the postures along their self-motions, by steps that are halved repeatedly."""
@@ -1407,9 +1485,13 @@ class _Search:
         step = 0.5 * self.grid.spacing
         for _ in range(_REFINEMENTS):
             motions = self.solver.self_motions(q, self.grid.free, d)
-            begin = q[points] + step * (motions @ shifts.T).swapaxes(1, 2).reshape(-1, q.shape[1])
+            begin = q[points] + step * (motions @ shifts.T).swapaxes(1, 2).reshape(
+                -1, q.shape[1]
+            )
             begin = np.clip(begin, self.solver.lower, self.solver.upper)
-            solved, good = self.solver.solve(self.cost.path.poses[points], begin, self.grid.free)
+            solved, good = self.solver.solve(
+                self.cost.path.poses[points], begin, self.grid.free
+            )
             around = [np.vstack([q[i], solved[good & (points == i)]]) for i in range(m)]
             layers = self._layers(around)
             costs = [layer.cost for layer in layers]

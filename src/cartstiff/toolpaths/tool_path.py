@@ -99,7 +99,10 @@ class ToolPath:
         path = cls(se3.pose(np.array(rotations), p), wrenches, directions, axes or "path")  # type: ignore[arg-type]
         if path.axes == "path":
             across = ~own.astype(bool)
-            for name, rows in (("wrenches", path.wrenches), ("directions", path.directions)):
+            for name, rows in (
+                ("wrenches", path.wrenches),
+                ("directions", path.directions),
+            ):
                 if rows is not None and rows.reshape(-1, 3)[:, across].any():
                     raise InputError(
                         f"the axes of the {name} are not known: a path by the tool's axis alone "
@@ -133,7 +136,9 @@ class ToolPath:
         `at` is the point of the body at which they act; default M's origin.
         """
         wrenches = np.array([self.wrench(i) for i in range(len(self))])[points]
-        return wrench_in_body(wrenches, poses, at, "body" if self.turns_with_body else "world")
+        return wrench_in_body(
+            wrenches, poses, at, "body" if self.turns_with_body else "world"
+        )
 
     def direction(self, point: int) -> Array | None:
         """Return the direction at a point, components in F, or in M if it turns with the body."""

@@ -88,7 +88,9 @@ def double_diagonalisation(
     return _symmetrised(D), V, squares
 
 
-def square_root_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float = 0.7) -> Array:
+def square_root_damping(
+    mass: ArrayLike, stiffness: ArrayLike, ratio: float = 0.7
+) -> Array:
     """``zeta (M^1/2 K^1/2 + K^1/2 M^1/2)``: critical damping by square roots, for comparison.
 
     Raises
@@ -104,9 +106,12 @@ def square_root_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float = 0.
 
 def _root(matrix: Array, what: str) -> Array:
     values, vectors = np.linalg.eigh(matrix)
-    if values[0] < -numerics.FREE_MOTION_STIFFNESS * float(np.abs(values).max(initial=0.0)):
+    if values[0] < -numerics.FREE_MOTION_STIFFNESS * float(
+        np.abs(values).max(initial=0.0)
+    ):
         raise InputError(
-            f"{what} is not positive semidefinite", got=f"smallest eigenvalue {values[0]:.3g}"
+            f"{what} is not positive semidefinite",
+            got=f"smallest eigenvalue {values[0]:.3g}",
         )
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
 
@@ -128,7 +133,9 @@ def _symmetric(matrix: ArrayLike, what: str) -> Array:
 
 
 def _ratios(ratios: float | Sequence[float], n: int) -> Array:
-    values = checked_array(np.atleast_1d(np.asarray(ratios, float)), ("m",), "damping ratios")
+    values = checked_array(
+        np.atleast_1d(np.asarray(ratios, float)), ("m",), "damping ratios"
+    )
     if values.size not in (1, n) or (values < 0.0).any():
         raise InputError(
             "damping ratios cannot be used",
@@ -273,7 +280,9 @@ def mass_at_tip(modes: Modes) -> Array | None:
 
 
 def impedance(
-    modes: Modes, wanted: StiffnessTensor | ArrayLike, ratios: float | Sequence[float] = 0.7
+    modes: Modes,
+    wanted: StiffnessTensor | ArrayLike,
+    ratios: float | Sequence[float] = 0.7,
 ) -> Impedance:
     """Damping and joint-space gains for a required stiffness at M.
 
@@ -305,7 +314,9 @@ def impedance(
         wanted = wanted.to_order("angular-linear").matrix
     whole = checked_matrix(wanted, "stiffness wanted")
     K = _symmetrised(whole)
-    dropped = float(np.abs(whole - K).max() / max(float(np.abs(whole).max()), numerics.TINY))
+    dropped = float(
+        np.abs(whole - K).max() / max(float(np.abs(whole).max()), numerics.TINY)
+    )
     units = modes.elastic.units
     # Of the same units as the stiffness: force, length and second.
     inertia = units.kilogram * mass
@@ -318,7 +329,9 @@ def impedance(
     projected = V.T @ other @ V
     beside = projected - np.diag(np.diag(projected))
     with np.errstate(divide="ignore", invalid="ignore"):
-        achieved = np.where(squares > 0.0, np.diag(projected) / (2 * np.sqrt(squares)), np.nan)
+        achieved = np.where(
+            squares > 0.0, np.diag(projected) / (2 * np.sqrt(squares)), np.nan
+        )
     size = float(np.abs(projected).max(initial=0.0))
     J = modes.posture.motion.jacobian
     # J has rank 6 here; otherwise there is no operational-space mass.

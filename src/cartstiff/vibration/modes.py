@@ -49,7 +49,9 @@ _MAX_DENSITY, _MIN_DENSITY = 2000.0, 0.01
 
 def masses_that_move(elastic: ElasticMechanism) -> dict[str, float]:
     """Return the masses [kg] of links, payload, legs, and payloads among the loads, by name."""
-    masses = {name: mass for name, mass in elastic.mechanism.masses().items() if mass > 0.0}
+    masses = {
+        name: mass for name, mass in elastic.mechanism.masses().items() if mass > 0.0
+    }
     hung = sum(p.mass for p in elastic.potentials if isinstance(p, DeadForce))
     if hung > 0.0:
         masses["payload among the loads"] = hung * elastic.units.newtons
@@ -71,11 +73,17 @@ def notes_on_masses(elastic: ElasticMechanism) -> Iterator[Note]:
     model = mechanism.tree.model
     links = mechanism.tree.links()
     bodies = {links[j]: model.inertias[j] for j in sorted(links)}
-    bare = list(without_mass(mechanism, {name: body.mass for name, body in bodies.items()}))
+    bare = list(
+        without_mass(mechanism, {name: body.mass for name, body in bodies.items()})
+    )
     if bare:
         words = f"these links move and have no mass: {', '.join(bare)}"
         yield Note("massless-links", words, {"links": bare})
-    points = [name for name, body in bodies.items() if body.mass > 0.0 and not np.any(body.inertia)]
+    points = [
+        name
+        for name, body in bodies.items()
+        if body.mass > 0.0 and not np.any(body.inertia)
+    ]
     if points:
         words = f"these links are point masses, without moments of inertia: {', '.join(points)}"
         yield Note("inertia-missing", words, {"links": points})
@@ -101,10 +109,14 @@ def _beam_note(beam: Beam) -> Note:
     return Note("beam-massless", words, values)
 
 
-def _implausible_masses(chain: Chain, bodies: dict[str, Any], metres: float) -> Iterator[Note]:
+def _implausible_masses(
+    chain: Chain, bodies: dict[str, Any], metres: float
+) -> Iterator[Note]:
     """Notes on masses and inertias that no such machine has; `metres` is its unit of length."""
     model = chain.tree.model
-    steps = [float(np.linalg.norm(T.translation)) for T in list(model.jointPlacements)[1:]]
+    steps = [
+        float(np.linalg.norm(T.translation)) for T in list(model.jointPlacements)[1:]
+    ]
     size = metres * (sum(steps) + float(np.linalg.norm(chain.body.T_j_f[:3, 3])))
     total = sum(float(body.mass) for body in list(model.inertias)[1:])
     if not (size > 0.0 and total > 0.0):
@@ -142,7 +154,11 @@ def _implausible_masses(chain: Chain, bodies: dict[str, Any], metres: float) -> 
 
 
 def notes_on_states(
-    squares: Array, shapes: Array, groups: Sequence[Sequence[int]], basis: Array, spectrum: Spectrum
+    squares: Array,
+    shapes: Array,
+    groups: Sequence[Sequence[int]],
+    basis: Array,
+    spectrum: Spectrum,
 ) -> Iterator[Note]:
     """Notes on free, unstable, repeated and massless motions.
 
@@ -166,7 +182,9 @@ def notes_on_states(
         yield Note("free-motion", words, values)
     if np.iscomplexobj(squares):
         pairs = np.flatnonzero(np.abs(squares.imag) > 0.0)
-        words = "motions meet and grow as they swing (flutter): the rest state is unstable"
+        words = (
+            "motions meet and grow as they swing (flutter): the rest state is unstable"
+        )
         swing = np.sqrt(squares[pairs]).real / (2 * np.pi)
         values = {"modes": (pairs + 1).tolist(), "frequencies": swing.tolist()}
         yield Note("flutter", words, values)
@@ -236,7 +254,9 @@ class Modes(Result, LabelledResult):
     state: Equilibrium | None = None
 
     def _lines(self) -> list[str]:
-        shown = ", ".join("unstable" if f is None else f"{f:.4g}" for f in plain(self.frequencies))
+        shown = ", ".join(
+            "unstable" if f is None else f"{f:.4g}" for f in plain(self.frequencies)
+        )
         return [
             f"Modes of {self.elastic.name} at {self.elastic.mechanism.frame}, {self.load['words']}",
             f"  frequencies  {shown} Hz",
@@ -271,13 +291,19 @@ class Modes(Result, LabelledResult):
     def held(self) -> PostureStiffness:
         """`result` of a held posture; raises UndefinedError for an equilibrium."""
         if self.result is None:
-            raise UndefinedError("the modes are those of no held posture", code="no-posture")
+            raise UndefinedError(
+                "the modes are those of no held posture", code="no-posture"
+            )
         return self.result
 
     @cached_property
     def _load_with_notes(self) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
         """Load and notes of the rest state, computed when first used."""
-        return _load_at_rest(self.state) if self.result is None else _load_of_posture(self.result)
+        return (
+            _load_at_rest(self.state)
+            if self.result is None
+            else _load_of_posture(self.result)
+        )
 
     @property
     def load(self) -> Mapping[str, Any]:
@@ -294,7 +320,9 @@ class Modes(Result, LabelledResult):
     @cached_property
     def squares(self) -> Array:
         """omega^2 (k,) in 1/s^2, by increasing real part; complex where motions flutter."""
-        return fixed(self.spectrum.squares / self.elastic.units.kilogram)  # F L over kg L^2
+        return fixed(
+            self.spectrum.squares / self.elastic.units.kilogram
+        )  # F L over kg L^2
 
     @cached_property
     def frequencies(self) -> Array:
@@ -315,7 +343,9 @@ class Modes(Result, LabelledResult):
         if np.iscomplexobj(vectors):
             return vectors
         largest = np.argmax(np.abs(vectors) / self._sizes[:, None], axis=0)
-        return fixed(vectors * np.where(np.take_along_axis(vectors, largest[None], 0) < 0, -1, 1))
+        return fixed(
+            vectors * np.where(np.take_along_axis(vectors, largest[None], 0) < 0, -1, 1)
+        )
 
     @cached_property
     def twists(self) -> Array:
@@ -392,7 +422,9 @@ class Modes(Result, LabelledResult):
         return (
             *self._load_with_notes[1],
             *notes_on_masses(self.elastic),
-            *notes_on_states(self.squares, self.shapes, self.groups, self.basis, self.spectrum),
+            *notes_on_states(
+                self.squares, self.shapes, self.groups, self.basis, self.spectrum
+            ),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -410,7 +442,8 @@ class Modes(Result, LabelledResult):
             "stiffness_matrix": self.stiffness,
             "load": {k: v for k, v in self.load.items() if k != "words"},
             "weighed": [
-                {"name": name, "mass": mass} for name, mass in masses_that_move(elastic).items()
+                {"name": name, "mass": mass}
+                for name, mass in masses_that_move(elastic).items()
             ],
         }
         return described("modes", own, elastic.about(), self)
@@ -427,7 +460,9 @@ def _screw_dict(screw: Screw) -> dict[str, Any]:
     }
 
 
-def _load_at_rest(state: Equilibrium | None) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
+def _load_at_rest(
+    state: Equilibrium | None,
+) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
     """Return the load of an equilibrium, and its notes."""
     if state is None:
         return {}, ()
@@ -444,7 +479,9 @@ def _load_at_rest(state: Equilibrium | None) -> tuple[Mapping[str, Any], tuple[N
     )
 
 
-def _load_of_posture(result: PostureStiffness) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
+def _load_of_posture(
+    result: PostureStiffness,
+) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
     """Return the load of a held posture, and the notes of its analysis."""
     W = np.zeros(6) if result.wrench is None else result.wrench
     loaded = result.is_loaded
@@ -457,9 +494,15 @@ def _load_of_posture(result: PostureStiffness) -> tuple[Mapping[str, Any], tuple
         "words": f"under its {result.load.kind} load" if loaded else "unloaded",
     }
     notes = list(result.notes_on_posture)
-    notes = [n for n in notes if n.code not in ("fewer-than-six-freedoms", "near-singular")]
+    notes = [
+        n for n in notes if n.code not in ("fewer-than-six-freedoms", "near-singular")
+    ]
     if loaded and not result._load_is_given:
-        what = "the springs exert" if result.elastic.gravity is None else "springs and weight exert"
+        what = (
+            "the springs exert"
+            if result.elastic.gravity is None
+            else "springs and weight exert"
+        )
         notes.append(
             Note(
                 "load-from-springs",
@@ -561,7 +604,10 @@ def _modes_of_posture(result: PostureStiffness) -> Modes:
     basis = np.diag(columns)
     if posture.closure is not None and reduction.motions is not None:
         stiff = np.abs(H * np.outer(columns, columns)).max(axis=0, initial=0.0)
-        basis = columns[:, None] * numerics.stiffness_scaled_basis(reduction.motions, stiff)[0]
+        basis = (
+            columns[:, None]
+            * numerics.stiffness_scaled_basis(reduction.motions, stiff)[0]
+        )
     terms = terms + _force_roundoff(result) / np.outer(columns, columns)
     K, size = basis.T @ H @ basis, np.abs(basis).T @ terms @ np.abs(basis)
     if not np.isnan(result.energy) and _is_symmetric(result.change_by_load):
@@ -611,7 +657,9 @@ def _modes_of_open_chain(
             noise = _stiffness_roundoff(force, k * columns * columns, W, posture)
             rested = elastic.with_rest_balancing(posture, W)
     pairs = np.outer(columns, columns)
-    return _solved(rested, posture, np.diag(columns), K * pairs, terms * pairs + noise, held=later)
+    return _solved(
+        rested, posture, np.diag(columns), K * pairs, terms * pairs + noise, held=later
+    )
 
 
 def _under_load(
@@ -645,7 +693,9 @@ def _force_roundoff(result: PostureStiffness) -> float:
     """
     columns, reduction = result.posture.coordinate_lengths, result.reduction
     g = np.abs(result.evaluation.gradient * columns)
-    stiff = np.abs(result.evaluation.hessian * np.outer(columns, columns)).max(axis=0, initial=0.0)
+    stiff = np.abs(result.evaluation.hessian * np.outer(columns, columns)).max(
+        axis=0, initial=0.0
+    )
     forces = reduction.multipliers
     if reduction.force is not None:
         forces = np.append(forces, reduction.force)

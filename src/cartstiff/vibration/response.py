@@ -82,7 +82,9 @@ class Damping:
         ratios = real_array(self.ratios, "damping ratios")
         if ratios.ndim > 1 or not np.isfinite(ratios).all() or (ratios < 0.0).any():
             raise InputError(
-                "damping ratios cannot be used", expected="numbers from zero", got=ratios.tolist()
+                "damping ratios cannot be used",
+                expected="numbers from zero",
+                got=ratios.tolist(),
             )
 
     def acts_on(self, elastic: ElasticMechanism) -> bool:
@@ -108,7 +110,9 @@ class Damping:
             )
         omega = np.sqrt(np.maximum(modes.squares.real, 0.0))
         with np.errstate(divide="ignore", invalid="ignore"):
-            more = np.where(omega > 0.0, 0.5 * (self.mass / omega + self.stiffness * omega), 0.0)
+            more = np.where(
+                omega > 0.0, 0.5 * (self.mass / omega + self.stiffness * omega), 0.0
+            )
         return np.broadcast_to(ratios, (count,)) + more
 
 
@@ -159,7 +163,9 @@ def poles(modes: Modes, damping: Damping) -> tuple[Array, Array]:
         )
     T = spectrum.vectors.real if not spectrum.is_complex else np.eye(f)
     inverse = np.linalg.inv(T.T @ modes.mass @ T * modes.elastic.units.kilogram)
-    K, C = (inverse @ T.T @ A @ T for A in (modes.stiffness, damping_matrix(modes, damping)))
+    K, C = (
+        inverse @ T.T @ A @ T for A in (modes.stiffness, damping_matrix(modes, damping))
+    )
     # Time in units in which stiffness and inertia are of the same size.
     scale = float(np.sqrt(np.abs(K).max(initial=0.0))) or 1.0
     A = np.block([[np.zeros((f, f)), np.eye(f)], [-K / scale**2, -C / scale]])
@@ -280,7 +286,9 @@ class FrequencyResponse(Result, LabelledResult):
         if self.frequencies[0] > 0.0:
             size.set_xscale("log")
             phase.xaxis.set_major_formatter("{x:g}")
-            phase.xaxis.set_minor_formatter("{x:g}" if _is_narrow(self.frequencies) else "")
+            phase.xaxis.set_minor_formatter(
+                "{x:g}" if _is_narrow(self.frequencies) else ""
+            )
         size.yaxis.set_major_formatter("{x:.0e}")
         size.set(ylabel=f"{self.kind} [{self.unit}]")
         phase.set(
@@ -373,14 +381,19 @@ def transmissibility(
 
 def motion_at(modes: Modes, point: ArrayLike) -> Array:
     """Return the twist (6, f) at a point (3,) of the body, axes of M, per motion of the basis."""
-    J = se3.adjoint_of_inverse(se3.pose(translation=point)) @ modes.posture.motion.jacobian
+    J = (
+        se3.adjoint_of_inverse(se3.pose(translation=point))
+        @ modes.posture.motion.jacobian
+    )
     return np.asarray(J @ modes.basis)
 
 
 def _checked(frequencies: ArrayLike, damping: Damping | float) -> tuple[Array, Damping]:
     hertz = checked_array(frequencies, ("n",), "frequencies")
     if (hertz < 0.0).any():
-        raise InputError("frequencies cannot be used", expected="Hz from zero", got=hertz.min())
+        raise InputError(
+            "frequencies cannot be used", expected="Hz from zero", got=hertz.min()
+        )
     return hertz, damping if isinstance(damping, Damping) else Damping(damping)
 
 
@@ -388,7 +401,9 @@ def _notes(modes: Modes, damping: Damping) -> tuple[Note, ...]:
     own, elastic = dampers(modes) if damping.dampers else None, modes.elastic
     if own is not None and elastic.damping is not None:
         names = elastic.spring_names
-        acting = {n: float(c) for n, c in zip(names, elastic.damping, strict=False) if c > 0.0}
+        acting = {
+            n: float(c) for n, c in zip(names, elastic.damping, strict=False) if c > 0.0
+        }
         words = "dampers of the mechanism's or the robot's file act beside the damping given: "
         shown = [f"{name} {value:.4g}" for name, value in list(acting.items())[:8]]
         return (Note("dampers-act", words + ", ".join(shown), acting),)
@@ -398,7 +413,9 @@ def _notes(modes: Modes, damping: Damping) -> tuple[Note, ...]:
     return ()
 
 
-def transfer(modes: Modes, hertz: Array, damping: Damping, out: Array, into: Array) -> Array:
+def transfer(
+    modes: Modes, hertz: Array, damping: Damping, out: Array, into: Array
+) -> Array:
     """``out (K - omega^2 M + i omega C)^-1 into`` (N, rows, columns) at N frequencies [Hz].
 
     Parameters
@@ -416,13 +433,17 @@ def transfer(modes: Modes, hertz: Array, damping: Damping, out: Array, into: Arr
     own = dampers(modes) if damping.dampers else None
     by_modes = own is None and not modes.spectrum.is_complex
     with np.errstate(divide="ignore", invalid="ignore"):
-        total = (_by_modes if by_modes else _by_matrices)(modes, omega, damping, out, into)
+        total = (_by_modes if by_modes else _by_matrices)(
+            modes, omega, damping, out, into
+        )
     total = total.reshape(hertz.size, out.shape[0], into.shape[1])
     total[~np.isfinite(total).all(axis=(1, 2))] = np.nan
     return total
 
 
-def _by_modes(modes: Modes, omega: Array, damping: Damping, out: Array, into: Array) -> Array:
+def _by_modes(
+    modes: Modes, omega: Array, damping: Damping, out: Array, into: Array
+) -> Array:
     spectrum, ratios = modes.spectrum, damping.of_modes(modes)
     squares = modes.squares
     right, left = out @ spectrum.vectors, spectrum.left.T @ into
@@ -439,7 +460,9 @@ def _by_modes(modes: Modes, omega: Array, damping: Damping, out: Array, into: Ar
     return np.asarray(total)
 
 
-def _by_matrices(modes: Modes, omega: Array, damping: Damping, out: Array, into: Array) -> Array:
+def _by_matrices(
+    modes: Modes, omega: Array, damping: Damping, out: Array, into: Array
+) -> Array:
     M, C = modes.mass * modes.elastic.units.kilogram, damping_matrix(modes, damping)
     w = omega[:, None, None]
     # Scaled by the stiffness of each motion, so that angles and lengths are comparable.

@@ -29,7 +29,13 @@ from cartstiff import numerics
 from cartstiff.analysis.tolerances import Tolerances, UncertainParameters, check_level
 from cartstiff.arrays import Array, Result, checked_array, plain_dict
 from cartstiff.checked_call import checked
-from cartstiff.errors import CartstiffError, InputError, UndefinedError, checked_kind, one_line
+from cartstiff.errors import (
+    CartstiffError,
+    InputError,
+    UndefinedError,
+    checked_kind,
+    one_line,
+)
 from cartstiff.figures import draw_bars, new_axes, new_figure
 from cartstiff.geometry.differences import derivative_with_error
 from cartstiff.mechanisms.chain import Chain
@@ -78,10 +84,16 @@ class Home:
                 "there has no derivatives",
                 code="neutral",
             )
-        result = subject.elastic_stiffness if isinstance(subject, Equilibrium) else subject
+        result = (
+            subject.elastic_stiffness if isinstance(subject, Equilibrium) else subject
+        )
         if identified is not None:
-            result = replace(result, elastic=replace(result.elastic, identified=identified))
-        self.parameters = UncertainParameters(result, tolerances, reread, self.state is not None)
+            result = replace(
+                result, elastic=replace(result.elastic, identified=identified)
+            )
+        self.parameters = UncertainParameters(
+            result, tolerances, reread, self.state is not None
+        )
         self.nominal: PostureStiffness | Equilibrium = subject
         #: Its stiffness, for an equilibrium with the part of its loads.
         self.result = subject.stiffness if isinstance(subject, Equilibrium) else subject
@@ -165,7 +177,9 @@ class Home:
     ) -> Sensitivities:
         """Return the derivatives by parameters, reusing given ones, and reasons for gaps."""
         if modes is not None and modes.spectrum.is_complex:
-            raise UndefinedError("modes that flutter have no sensitivities", code="flutter")
+            raise UndefinedError(
+                "modes that flutter have no sensitivities", code="flutter"
+            )
         rows: dict[str, Row] = {}
         missing = [] if (left_out := self.parameters.left_out) is None else [left_out]
         for done, name in enumerate(names, 1):
@@ -209,7 +223,10 @@ class Home:
 
         ends = np.cumsum([there.size for there in here])[:-1]
         slopes, errors = (
-            [x.reshape(there.shape) for x, there in zip(np.split(flat, ends), here, strict=True)]
+            [
+                x.reshape(there.shape)
+                for x, there in zip(np.split(flat, ends), here, strict=True)
+            ]
             for flat in derivative_with_error(seen, share * natural)
         )
         dK, dT, dH, dM = slopes
@@ -222,9 +239,15 @@ class Home:
         for x, e, there in zip(slopes, errors, here, strict=True):
             size = max(_largest(x), _largest(there) / natural)
             if size > 0.0:
-                off, effect = max(off, _largest(e) / size), max(effect, _largest(x) / size)
+                off, effect = (
+                    max(off, _largest(e) / size),
+                    max(effect, _largest(x) / size),
+                )
         # Entries below the round-off of their matrix are 0.
-        noise = max(numerics.ROUNDOFF_OF_SUMS, min(off, numerics.NEGLIGIBLE_DIFFERENCE)) / natural
+        noise = (
+            max(numerics.ROUNDOFF_OF_SUMS, min(off, numerics.NEGLIGIBLE_DIFFERENCE))
+            / natural
+        )
         columns = np.repeat([1.0, self.nominal.posture.length], 3)
         energies = np.outer(columns, columns)
         for x, K in zip(dK, here[0], strict=True):
@@ -242,24 +265,33 @@ def _largest(values: Array) -> float:
     return float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
 
 
-def _observed(state: PostureStiffness | Equilibrium, modes: Modes | None) -> tuple[Array, ...]:
+def _observed(
+    state: PostureStiffness | Equilibrium, modes: Modes | None
+) -> tuple[Array, ...]:
     """K^A, K^B, K^K, K^F; pose; K, M on the modes (k, k), moved so that they keep the closures."""
     result = state.stiffness if isinstance(state, Equilibrium) else state
     none = np.full((6, 6), np.nan)
-    each = np.array([none if (K := result.matrices[name]) is None else K for name in MATRICES])
+    each = np.array(
+        [none if (K := result.matrices[name]) is None else K for name in MATRICES]
+    )
     if modes is None:
         return each, state.pose, np.zeros((0, 0)), np.zeros((0, 0))
     if isinstance(state, Equilibrium):
         K, C = state.full_stiffness
     else:
         closure = state.posture.closure
-        K, C = stiffness_under_load(state)[0], None if closure is None else closure.jacobian
+        K, C = (
+            stiffness_under_load(state)[0],
+            None if closure is None else closure.jacobian,
+        )
     M = kinetic_matrix(state.posture, result.elastic.terms(), result.elastic.units)
     M = np.zeros_like(K) if M is None else M
     right, left = modes.basis @ modes.spectrum.vectors, modes.basis @ modes.spectrum.left
     if C is not None and len(C):
         columns = state.posture.coordinate_lengths
-        back = columns[:, None] * np.linalg.pinv((C * columns).astype(float), rcond=numerics.RANK)
+        back = columns[:, None] * np.linalg.pinv(
+            (C * columns).astype(float), rcond=numerics.RANK
+        )
         right, left = right - back @ (C @ right), left - back @ (C @ left)
     return each, state.pose, left.T @ K @ right, left.T @ M @ right
 
@@ -325,7 +357,9 @@ class Sensitivities(Result, LabelledResult):
     def index(self, name: str) -> int:
         """Return the row of a named parameter; raises InputError for another name."""
         if name not in self.names:
-            raise InputError("unknown parameter", expected=", ".join(self.names), got=repr(name))
+            raise InputError(
+                "unknown parameter", expected=", ".join(self.names), got=repr(name)
+            )
         return self.names.index(name)
 
     def row(self, name: str) -> Row | None:
@@ -339,7 +373,9 @@ class Sensitivities(Result, LabelledResult):
     @property
     def relative(self) -> Array:
         """Change (p, k) in Hz for one per cent of each parameter; NaN for parameters of zero."""
-        return 0.01 * np.where(self.values, self.values, np.nan)[:, None] * self.frequencies
+        return (
+            0.01 * np.where(self.values, self.values, np.nan)[:, None] * self.frequencies
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data: derivatives per unit of each parameter, and Hz for one per cent."""
@@ -350,7 +386,9 @@ class Sensitivities(Result, LabelledResult):
                     "name": name,
                     "value": self.values[i],
                     "error": self.errors[i],
-                    "stiffness": {letter: _matrix(dK[i]) for letter, dK in self.stiffness.items()},
+                    "stiffness": {
+                        letter: _matrix(dK[i]) for letter, dK in self.stiffness.items()
+                    },
                     "pose": self.pose[i],
                     "frequencies": self.frequencies[i],
                     "for_one_per_cent": self.relative[i],
@@ -375,9 +413,13 @@ class Sensitivities(Result, LabelledResult):
             Without matplotlib.
         """
         if not self.frequencies.size:
-            raise UndefinedError("nothing has a mass: no frequency changes", code="no-mass")
+            raise UndefinedError(
+                "nothing has a mass: no frequency changes", code="no-mass"
+            )
         change = np.nan_to_num(np.abs(self.relative)).max(axis=1)
-        most = [i for i in np.argsort(-change, kind="stable")[:_MAX_BARS] if change[i] > 0.0]
+        most = [
+            i for i in np.argsort(-change, kind="stable")[:_MAX_BARS] if change[i] > 0.0
+        ]
         figure = new_figure()
         label = "largest change of a frequency for 1 per cent [Hz]"
         draw_bars(figure.subplots(), [self.names[i] for i in most], change[most], label)
@@ -435,7 +477,10 @@ def sensitivities(
 
 def modes_of(subject: PostureStiffness | Equilibrium) -> Modes | None:
     """Return the modes of a result; None if nothing that moves has a mass."""
-    kinds, expected = (PostureStiffness, Equilibrium), "what analyse or equilibrium answers"
+    kinds, expected = (
+        (PostureStiffness, Equilibrium),
+        "what analyse or equilibrium answers",
+    )
     checked_kind(subject, kinds, "posture", expected)
     try:
         return modes(subject)
@@ -487,7 +532,9 @@ class Accuracy(LabelledResult):
     factor: float
     left_out: str | None = None
 
-    def main(self, quantity: str, index: int | tuple[int, ...]) -> list[tuple[str, float]]:
+    def main(
+        self, quantity: str, index: int | tuple[int, ...]
+    ) -> list[tuple[str, float]]:
         """Return the largest contributors to the variance of one number, with their shares."""
         shares = self.shares[quantity].T[index if isinstance(index, int) else index[::-1]]
         order = np.argsort(-np.nan_to_num(shares), kind="stable")[:_MAX_CONTRIBUTORS]
@@ -510,7 +557,8 @@ class Accuracy(LabelledResult):
                 "nominal": self.nominal[quantity],
                 "deviation": sd,
                 "main": [
-                    [{"name": n, "share": x} for n, x in self.main(quantity, i)] for i in diagonal
+                    [{"name": n, "share": x} for n, x in self.main(quantity, i)]
+                    for i in diagonal
                 ],
             }
         pairs = zip(self.names, self.spreads, strict=True)
@@ -593,7 +641,11 @@ def accuracy(
     if modes is not None and modes.spectrum.is_complex:
         modes = None
     return _deviations(
-        Home(subject, tolerances=tolerances or Tolerances()), modes, level, given, progress
+        Home(subject, tolerances=tolerances or Tolerances()),
+        modes,
+        level,
+        given,
+        progress,
     )
 
 
@@ -622,7 +674,10 @@ def _deviations(
         if (K := home.result.matrices[name]) is not None:
             nominal[name], slopes[name] = K, rates
     if modes is not None:
-        nominal["frequencies"], slopes["frequencies"] = modes.frequencies, known.frequencies
+        nominal["frequencies"], slopes["frequencies"] = (
+            modes.frequencies,
+            known.frequencies,
+        )
     deviations, shares = {}, {}
     for quantity, rates in slopes.items():
         x = (rates.T * spreads).T
@@ -674,7 +729,10 @@ class FrequencyInterval(Result, LabelledResult):
         """
         figure, axes = new_axes()
         axes.hlines(range(1, len(self.low) + 1), self.low, self.high, linewidth=4.0)
-        axes.set(xlabel=f"natural frequency [Hz], {100.0 * self.level:g} % interval", ylabel="mode")
+        axes.set(
+            xlabel=f"natural frequency [Hz], {100.0 * self.level:g} % interval",
+            ylabel="mode",
+        )
         axes.locator_params(axis="y", integer=True)
         axes.invert_yaxis()
         return figure
@@ -719,12 +777,18 @@ def intervals(
     tolerances, identified = tolerances or Tolerances(), None
     if compliance_covariance is not None:
         if tolerances.stiffness > 0.0:
-            raise InputError("give a tolerance of the stiffness or a covariance, not both")
+            raise InputError(
+                "give a tolerance of the stiffness or a covariance, not both"
+            )
         names = modes.elastic.spring_names if joints is None else joints
         patterns = tuple(CompliancePattern(name, ((name, name, 1.0),)) for name in names)
         elements = Elements(modes.elastic)
-        compliances = elements.compliance.diagonal()[[elements.index(name) for name in names]]
-        C = checked_array(compliance_covariance, (len(names),) * 2, "covariance of compliances")
+        compliances = elements.compliance.diagonal()[
+            [elements.index(name) for name in names]
+        ]
+        C = checked_array(
+            compliance_covariance, (len(names),) * 2, "covariance of compliances"
+        )
         identified = Identified(patterns, compliances, C)
     home = Home(modes, tolerances=tolerances, identified=identified)
     return _deviations(home, modes, level, given).interval

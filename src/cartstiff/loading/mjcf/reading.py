@@ -41,12 +41,27 @@ from cartstiff.loading.robot_facts import (
 )
 from cartstiff.loading.schema import CoupledSpringModel, LineModel
 from cartstiff.mechanisms.identity import fingerprint, was_read
-from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Piece, Shape, Sphere
+from cartstiff.mechanisms.shapes import (
+    Box,
+    Capsule,
+    Cylinder,
+    MeshFile,
+    Piece,
+    Shape,
+    Sphere,
+)
 from cartstiff.mechanisms.tree import add_joint, primitive
 from cartstiff.mechanisms.tree_building import free_name
 
 #: Pinocchio's workspace takes a second to set up for 200 joints in a row, an hour for 2000.
-LARGEST = {"nv": 200, "nbody": 5000, "nsite": 5000, "ngeom": 20000, "neq": 100, "nkey": 1000}
+LARGEST = {
+    "nv": 200,
+    "nbody": 5000,
+    "nsite": 5000,
+    "ngeom": 20000,
+    "neq": 100,
+    "nkey": 1000,
+}
 _COUNTED = {
     "nv": "coordinates",
     "nbody": "bodies",
@@ -55,7 +70,10 @@ _COUNTED = {
     "neq": "equality constraints",
     "nkey": "keyframes",
 }
-_SUFFIXES = {"mjJNT_BALL": ("x", "y", "z"), "mjJNT_FREE": ("x", "y", "z", "rx", "ry", "rz")}
+_SUFFIXES = {
+    "mjJNT_BALL": ("x", "y", "z"),
+    "mjJNT_FREE": ("x", "y", "z", "rx", "ry", "rz"),
+}
 #: Numbers that must be of moderate size, by their owner.
 _NUMBERS = {
     "body": "body_pos body_quat body_mass body_ipos body_iquat body_inertia body_gravcomp",
@@ -96,7 +114,10 @@ def compile_mjcf(path: Path, where: str) -> dict[str, Any]:
         if lost := re.search(r"Error opening file '([^']*)'", message):
             expected = f"{lost[1]} beside it, as in the repository of the model: fetch its folder"
         raise InputError(
-            "not a usable MJCF", where=where, expected=expected, got=one_line(message, 400)
+            "not a usable MJCF",
+            where=where,
+            expected=expected,
+            got=one_line(message, 400),
         )
     # The data include the contents of included files, and of meshes on which masses depend.
     numbers = {key: value for key, value in data.items() if key != "meshes"}
@@ -156,7 +177,9 @@ class _Compiled:
         taken = {*self.bodies, "world"}
         self.sites: list[str] = []
         for name in _named(data["site_names"], "site"):
-            self.sites.append(name if name not in taken else free_name(f"{name} (site)", taken))
+            self.sites.append(
+                name if name not in taken else free_name(f"{name} (site)", taken)
+            )
             taken.add(self.sites[-1])
         self.coordinates: list[list[str]] = []
         taken = set()
@@ -178,11 +201,15 @@ class _Compiled:
         for kind, fields in _NUMBERS.items():
             for name in fields.split():
                 values = np.array(self.data[name] or [], float)
-                rows = values.reshape(len(values), -1) if values.size else np.zeros((0, 1))
+                rows = (
+                    values.reshape(len(values), -1) if values.size else np.zeros((0, 1))
+                )
                 for i in np.flatnonzero(~(np.abs(rows) <= LARGEST_INPUT).all(axis=1))[:1]:
                     what = f"a position, an armature, a damping or gravity ({name})"
                     if kind:
-                        owner = (owners.get(kind) or self.data[f"{kind}_names"])[i] or str(i + 1)
+                        owner = (owners.get(kind) or self.data[f"{kind}_names"])[
+                            i
+                        ] or str(i + 1)
                         what = f"{kind} {owner!r}: {name.partition('_')[2]}"
                     raise InputError(
                         f"{what} cannot be used",
@@ -197,7 +224,9 @@ class _Compiled:
             if not (np.abs(sizes - 1.0) < numerics.NEGLIGIBLE_DIFFERENCE).all():
                 what = "an orientation" if name.endswith("quat") else "a joint axis"
                 raise InputError(f"{what} has no direction", where=self.where)
-        for j, (name, start) in enumerate(zip(self.joints, self.data["jnt_dofadr"], strict=True)):
+        for j, (name, start) in enumerate(
+            zip(self.joints, self.data["jnt_dofadr"], strict=True)
+        ):
             lower, upper = self.data["jnt_range"][j]
             if not lower <= upper:  # to MuJoCo that means no limits
                 words, got = "range is the wrong way round", f"{lower:g} {upper:g}"
@@ -213,7 +242,9 @@ class _Compiled:
         error = InputError(what, where=self.where, expected=expected, got=got)
         self._leave_out(what, self.coordinates[j], error)
 
-    def _leave_out(self, what: str, names: Iterable[str], error: InputError | None = None) -> None:
+    def _leave_out(
+        self, what: str, names: Iterable[str], error: InputError | None = None
+    ) -> None:
         """Record a part that cannot be used, and the coordinates that it acts on."""
         self.obstacles.append(Obstacle(what, frozenset(names), error=error))
 
@@ -277,7 +308,9 @@ class _Compiled:
     def _has_mass(self, body: int) -> bool:
         return bool(self.data["body_mass"][body] > self.data["no_mass"])
 
-    def _parts(self, j: int, T: Array) -> list[tuple[str, Any, Array, tuple[float, float]]]:
+    def _parts(
+        self, j: int, T: Array
+    ) -> list[tuple[str, Any, Array, tuple[float, float]]]:
         """One-coordinate joints of joint j of a body at T: name, model, placement, limits."""
         data, kind, names = self.data, self.data["jnt_type"][j], self.coordinates[j]
         free, still = (-np.inf, np.inf), np.eye(4)
@@ -300,7 +333,9 @@ class _Compiled:
         step[3 if slide else 0 :][:3] = -axis * data["qpos0"][data["jnt_qposadr"][j]]
         if slide:
             T = T @ se3.pose(translation=-np.array(data["jnt_pos"][j]))
-        make = pin.JointModelPrismaticUnaligned if slide else pin.JointModelRevoluteUnaligned
+        make = (
+            pin.JointModelPrismaticUnaligned if slide else pin.JointModelRevoluteUnaligned
+        )
         limits = free
         if data["jnt_limited"][j] and not self.is_off("LIMIT", "CONSTRAINT"):
             limits = tuple(data["jnt_range"][j])
@@ -326,7 +361,10 @@ class _Compiled:
         return RobotFacts(
             springs=springs,
             passive=tuple(
-                c for own in self.coordinates for c in own if c in (floating | looped) - held
+                c
+                for own in self.coordinates
+                for c in own
+                if c in (floating | looped) - held
             ),
             loose=frozenset(floating - looped),
             actuated=tuple(actuated),
@@ -340,7 +378,11 @@ class _Compiled:
             keyframe=keyframe,
             gravity=gravity if has_gravity else None,
             lifted=tuple(
-                Lifted(self.bodies[b], share * data["body_mass"][b], np.array(data["body_ipos"][b]))
+                Lifted(
+                    self.bodies[b],
+                    share * data["body_mass"][b],
+                    np.array(data["body_ipos"][b]),
+                )
                 for b, share in enumerate(data["body_gravcomp"])
                 if share and self._has_mass(b)
             ),
@@ -368,7 +410,9 @@ class _Compiled:
                 closure = self._closure(e, kind, a, b, values)
                 ends = (self.bodies.index(n) for n in (closure.body_a, closure.body_b))
                 if any(data["body_mocapid"][body] >= 0 for body in ends):
-                    tie = f"tie of {closure.body_a!r} and {closure.body_b!r} (a mocap body)"
+                    tie = (
+                        f"tie of {closure.body_a!r} and {closure.body_b!r} (a mocap body)"
+                    )
                     self.ignored.append(tie)
                 else:
                     closures.append(closure)
@@ -380,11 +424,15 @@ class _Compiled:
                     self._leave_out(error.what, joints, error)
             else:
                 word = kind.removeprefix("mjEQ_").lower()
-                joints = self._tendon_joints(a) if word == "tendon" else self._flex_joints(a)
+                joints = (
+                    self._tendon_joints(a) if word == "tendon" else self._flex_joints(a)
+                )
                 self._leave_out(f"{what} of {word}s", joints)
         return closures, self._followers(couplings)
 
-    def _closure(self, e: int, kind: str, a: int, b: int, values: list[float]) -> FileClosure:
+    def _closure(
+        self, e: int, kind: str, a: int, b: int, values: list[float]
+    ) -> FileClosure:
         data = self.data
         point = kind == "mjEQ_CONNECT"
         if data["eq_objtype"][e] == "mjOBJ_SITE":
@@ -445,7 +493,12 @@ class _Compiled:
                     words = f"joints {follower!r} and {leader!r} are coupled twice"
                     refuse(words, follower, leader)
                     continue
-                follower, leader, factor, offset = leader, follower, 1 / factor, -offset / factor
+                follower, leader, factor, offset = (
+                    leader,
+                    follower,
+                    1 / factor,
+                    -offset / factor,
+                )
             followers[follower] = (leader, factor, offset)
         return followers
 
@@ -486,7 +539,9 @@ class _Compiled:
             if len(own) > 1:
                 kind = "ball" if len(own) == 3 else "free"
                 self._leave_out(f"spring of the {kind} joint {name!r}", own)
-            elif len(coefficients) > 1 or coefficients[0] > 0:  # a negative one is a fault
+            elif (
+                len(coefficients) > 1 or coefficients[0] > 0
+            ):  # a negative one is a fault
                 rest = data["qpos_spring"][data["jnt_qposadr"][j]]
                 springs[own[0]] = FileSpring(tuple(coefficients), rest)
         return springs
@@ -507,7 +562,8 @@ class _Compiled:
                 values = successive_turns(_pose(np.zeros(3), q[start : start + 4]))
             elif kind == "mjJNT_FREE":
                 home, now = (
-                    _pose(np.zeros(3), x[start + 3 : start + 7]) for x in (data["qpos0"], q)
+                    _pose(np.zeros(3), x[start + 3 : start + 7])
+                    for x in (data["qpos0"], q)
                 )
                 turned = successive_turns(se3.inverse(home) @ now)
                 values = np.concatenate([q[start : start + 3], turned])
@@ -535,7 +591,9 @@ class _Compiled:
             )
         ):
             k = 0.0
-            if kind in (0, 1) and len(self.coordinates[target]) == 1:  # joint, joint in parent
+            if (
+                kind in (0, 1) and len(self.coordinates[target]) == 1
+            ):  # joint, joint in parent
                 k = -law[1] * gear[0] ** 2 if bias == "mjBIAS_AFFINE" else 0.0
                 name = self.coordinates[target][0]
                 driven[name] = driven.get(name, 0.0) + max(k, 0.0)
@@ -561,7 +619,9 @@ class _Compiled:
             k, joints = data["tendon_stiffness"][t], self._tendon_joints(t)
             if not (k or any(further[t])) or self.is_off("SPRING", "PASSIVE"):
                 continue
-            part = slice(data["tendon_adr"][t], data["tendon_adr"][t] + data["tendon_num"][t])
+            part = slice(
+                data["tendon_adr"][t], data["tendon_adr"][t] + data["tendon_num"][t]
+            )
             shortest, rest = data["tendon_lengthspring"][t]
             plain = k > 0.0 and not any(further[t]) and (shortest in (0.0, rest))
             if plain and data["wrap_type"][part] == ["mjWRAP_SITE"] * 2:
@@ -573,8 +633,14 @@ class _Compiled:
                     unilateral=shortest < rest,
                 )
                 lines.append((line, joints))
-            elif plain and shortest == rest and set(data["wrap_type"][part]) == {"mjWRAP_JOINT"}:
-                factors = zip(data["wrap_objid"][part], data["wrap_prm"][part], strict=True)
+            elif (
+                plain
+                and shortest == rest
+                and set(data["wrap_type"][part]) == {"mjWRAP_JOINT"}
+            ):
+                factors = zip(
+                    data["wrap_objid"][part], data["wrap_prm"][part], strict=True
+                )
                 coupled.append(
                     self._coupled(name or f"tendon {t + 1}", k, rest, factors, followers)
                 )
@@ -599,11 +665,15 @@ class _Compiled:
                 factor, rest = factor * ratio, rest - factor * offset
             joints[own] = joints.get(own, 0.0) + factor
         acting = {own: factor for own, factor in joints.items() if factor}
-        return CoupledSpringModel.model_construct(name=name, joints=acting, stiffness=k, rest=rest)
+        return CoupledSpringModel.model_construct(
+            name=name, joints=acting, stiffness=k, rest=rest
+        )
 
     def _elastic_bodies(self) -> None:
         """Leave out plugins of bodies that exert forces, and flexible objects."""
-        for b, (name, plugin) in enumerate(zip(self.bodies, self.data["body_plugin"], strict=True)):
+        for b, (name, plugin) in enumerate(
+            zip(self.bodies, self.data["body_plugin"], strict=True)
+        ):
             if plugin >= 0:
                 self._leave_out(f"plugin of body {name!r}", self.names_of(self.above(b)))
         for i, name in enumerate(self.data["flex_names"]):
@@ -648,7 +718,9 @@ class _Compiled:
             if self.joints_of[b] and not self._has_mass(b)
         ]
         if self.data["no_mass"] and bare:
-            weightless.append(f"mass of moving bodies that the file gives none ({_listed(bare)})")
+            weightless.append(
+                f"mass of moving bodies that the file gives none ({_listed(bare)})"
+            )
         return tuple(weightless)
 
     def pieces(self) -> Iterator[Piece]:
@@ -661,21 +733,31 @@ class _Compiled:
             shape: Shape
             if kind in ("MESH", "SDF"):
                 index = data["geom_dataid"][g]
-                mesh = data["meshes"].get(data["mesh_names"][index]) if index >= 0 else None
+                mesh = (
+                    data["meshes"].get(data["mesh_names"][index]) if index >= 0 else None
+                )
                 if mesh is None:
                     continue  # the mesh is in the MJCF file itself
                 x, y, z = mesh["scale"]
                 shape = MeshFile(Path(mesh["file"]), (x, y, z))
                 # MuJoCo places a mesh by its centre and principal axes, not by the file's origin.
-                T = T @ se3.inverse(_pose(data["mesh_pos"][index], data["mesh_quat"][index]))
+                T = T @ se3.inverse(
+                    _pose(data["mesh_pos"][index], data["mesh_quat"][index])
+                )
                 moved = -np.array(mesh["scale"]) * np.array(mesh["refpos"])
-                T = T @ _pose(np.zeros(3), mesh["refquat"]).T @ se3.pose(translation=moved)
+                T = (
+                    T
+                    @ _pose(np.zeros(3), mesh["refquat"]).T
+                    @ se3.pose(translation=moved)
+                )
             elif kind in _SHAPES:
                 shape = _SHAPES[kind](*data["geom_size"][g])
             else:
                 continue
             material = data["geom_matid"][g]
-            r, gr, b, a = data["geom_rgba"][g] if material < 0 else data["mat_rgba"][material]
+            r, gr, b, a = (
+                data["geom_rgba"][g] if material < 0 else data["mat_rgba"][material]
+            )
             yield Piece(self.bodies[data["geom_bodyid"][g]], T, shape, (r, gr, b, a))
 
 

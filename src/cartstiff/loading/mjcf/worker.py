@@ -113,8 +113,12 @@ def _check_includes(path: Path, folder: Path, above: list[Path]) -> None:
         raise ValueError(f"{path.name} includes itself")
     text = read_regular(str(path), _MAX_BYTES)
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
-        raise ValueError(f"XML document types and entities are not supported, in {path.name}")
-    for name in re.findall(rb"<(?:include|model)\b[^>]*?\bfile\s*=\s*[\"']([^\"']*)", text):
+        raise ValueError(
+            f"XML document types and entities are not supported, in {path.name}"
+        )
+    for name in re.findall(
+        rb"<(?:include|model)\b[^>]*?\bfile\s*=\s*[\"']([^\"']*)", text
+    ):
         for near in {folder, path.parent}:
             if (inner := near / os.fsdecode(name)).exists():
                 _check_includes(inner, folder, [*above, path])
@@ -133,19 +137,30 @@ def _reduced(mujoco: Any, spec: Any) -> tuple[dict[str, Any], dict[str, list[str
     for texture in spec.textures:
         texture.file = ""
         texture.cubefiles = [""] * len(texture.cubefiles)
-        texture.builtin, texture.width, texture.height = mujoco.mjtBuiltin.mjBUILTIN_FLAT, 1, 1
+        texture.builtin, texture.width, texture.height = (
+            mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+            1,
+            1,
+        )
     for skin in list(spec.skins):
         spec.delete(skin)
     for field in spec.hfields:
         if field.file:
-            field.file, field.nrow, field.ncol, field.userdata = "", 2, 2, [0.0, 0.0, 1.0, 1.0]
+            field.file, field.nrow, field.ncol, field.userdata = (
+                "",
+                2,
+                2,
+                [0.0, 0.0, 1.0, 1.0],
+            )
     heavy_by_mesh: dict[str, list[Any]] = {}
     for geom in (geoms := list(spec.geoms)):
         # Nothing collides here, so that no hulls are needed.
         geom.contype = geom.conaffinity = 0
         if geom.meshname and _has_mass(mujoco, geom):
             heavy_by_mesh.setdefault(geom.meshname, []).append(geom)
-    fitted = {g.meshname for g in geoms if g.meshname and g.type not in _mesh_types(mujoco)}
+    fitted = {
+        g.meshname for g in geoms if g.meshname and g.type not in _mesh_types(mujoco)
+    }
     files: dict[str, Any] = {}
     lost: dict[str, list[str]] = {}
     for mesh in spec.meshes:
