@@ -18,9 +18,8 @@ from cartstiff import numerics
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.arrays import checked_vector
 from cartstiff.batch.postures import analyse_many
-from cartstiff.errors import CartstiffError, printable
+from cartstiff.errors import CartstiffError, UndefinedError, printable
 from cartstiff.geometry.se3 import Array
-from cartstiff.kinematics.inverse import inverse_kinematics
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import SI, Units, convert_length, engineering, sized
 from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
@@ -39,6 +38,7 @@ from cartstiff.report.analysis import (
     shares_of_parts,
     softest_words,
 )
+from cartstiff.report.better import NONE_FOUND, better_sentences
 from cartstiff.report.layout import placed
 from cartstiff.scene.scales import round_number
 from cartstiff.statics.equilibrium import equilibrium
@@ -46,14 +46,13 @@ from cartstiff.statics.held import displacement_between
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import analyse
 from cartstiff.stiffness.posture import PostureStiffness
+from cartstiff.toolpaths.better import better_posture
 from cartstiff.version import __version__
 
 # Values along the sweep of a coordinate, and how far it goes: rad, or characteristic lengths.
 _COUNT, _REACH = 21, 0.5
 # Shortest arrow of the drawing, in its units.
 _SHORTEST_ARROW = 8.0
-# Random starts of the search for other postures at the same tip pose.
-_STARTS = 16
 _COLOURS = (
     "#2060c0",
     "#c04020",
@@ -107,7 +106,7 @@ def report_page(
         result = load.result(elastic, start)
         analysis = load.analysis(result)
         swept = _swept(elastic, start, load)
-        lines, notes, moved = _answer(elastic, start, load, result, analysis, swept)
+        lines, notes, moved = _answer(elastic, start, load, result, analysis)
         picture = _picture(elastic, result, load)
         legs_shown = _legs(result)
     title = f"{elastic.name}: stiffness at {elastic.mechanism.frame}"
@@ -257,7 +256,6 @@ def _answer(
     load: _Load,
     result: PostureStiffness,
     analysis: dict[str, Any],
-    swept: dict[str, tuple[Array, Array]],
 ) -> tuple[list[str], list[str], Array | None]:
     """The sentences of the answer, everything that was assumed, and how the tip moves in F."""
     lines, shift = [_under(elastic, load, result)], None
@@ -314,7 +312,7 @@ def _answer(
     if state_of["level"] != "good":
         lines.append(f"{state_of['title']}.")
     lines += _softest(result)
-    return [*lines, *_better(elastic, start, load, swept)], list(notes), shift
+    return [*lines, *_better(elastic, start, load)], list(notes), shift
 
 
 def _doubt(elastic: ElasticMechanism) -> str:
@@ -378,104 +376,22 @@ def _softest(result: PostureStiffness) -> list[str]:
     return [f"Softest {softest_words(*known, 'translation', result.units, 'the room')}."]
 
 
-def _better(
-    elastic: ElasticMechanism,
-    start: Array,
-    load: _Load,
-    swept: dict[str, tuple[Array, Array]],
-) -> list[str]:
-    """A better posture at the same tip pose; else the best that differs in one coordinate."""
-    better = [
-        (float(y[i]), name, float(x[i]))
-        for name, (x, y) in swept.items()
-        for i in np.flatnonzero(np.isfinite(y))
-    ]
-    if not better:
+def _better(elastic: ElasticMechanism, start: Array, load: _Load) -> list[str]:
+    """A better posture with the tip where it is, or that there is none."""
+    if load.added is None:
         return []
-    moved = next(iter(swept.values()))[1][_COUNT // 2]
-    here = float(moved) if np.isfinite(moved) else np.inf  # not resisted here
-    if same := _at_same_pose(elastic, start, load, here):
-        return [same]
-    least, name, at = min(better)
-    if not least < 0.99 * here:
-        return ["No single coordinate, moved from here, makes it better by 1 %."]
-    j = elastic.names.index(name)
-    place = _place(elastic, at, elastic.mechanism.coordinates[j].is_length)
-    kind = "joint" if isinstance(elastic.mechanism, Chain) else "coordinate"
-    there = np.where(np.arange(len(start)) == j, at, start)
-    less = _less(elastic, start, there, load)
-    return [
-        f"Better posture (one {kind} changed): {name} at {place} instead, {less}"
-        " (the tip is then at another place)."
-    ] * bool(less)
-
-
-def _less(elastic: ElasticMechanism, start: Array, there: Array, load: _Load) -> str:
-    """How much less the load moves the tip at another posture, by both equilibria; empty if not."""
-    moved = []
-    for q in (start, there):
-        term = load.kind.acting(load.in_room, elastic.mechanism.at(q).pose, "world")
-        try:
-            state = equilibrium(elastic, q, term)
-        except CartstiffError:
-            return ""
-        if state.stable is False:
-            return ""
-        moved.append(float(np.linalg.norm(state.displacement[3:])))
-    here, other = moved
-    return (
-        f"{100 * (1 - other / here):.0f} % less displacement"
-        if other < 0.99 * here
-        else ""
-    )
-
-
-def _at_same_pose(
-    elastic: ElasticMechanism, start: Array, load: _Load, here: float
-) -> str:
-    """The best posture of an arm that leaves the tip where it is; empty where none is better.
-
-    Other branches, a move along the self-motion of a redundant arm, and, where a force acts on the
-    tool's axis, the tool turned about it.
-    """
-    if not isinstance(elastic.mechanism, Chain) or len(start) < 6:
-        return ""
-    turns: list[Literal["none", "z"]] = ["none"]
-    if load.added is not None and not any(load.kind.at[:2]) and not load.added[:3].any():
-        turns.append("z")
-    for free in turns:
-        found = inverse_kinematics(
+    try:
+        found = better_posture(
             elastic,
-            load.pose,
-            _STARTS,
-            free=free,
-            cost=lambda Q: _displacements(elastic, Q, load),
+            start,
+            wrench=load.added,
+            load_kind=load.kind.kind,
+            load_at=load.kind.at,
+            load_axes=load.axes,
         )
-        if not len(found):
-            continue
-        moved = _displacements(elastic, np.asarray(found), load)
-        if not np.isfinite(moved).any() or not np.nanmin(moved) < 0.99 * here:
-            continue
-        q = np.asarray(found)[np.nanargmin(moved)]
-        if not (less := _less(elastic, start, q, load)):
-            continue
-        places = ", ".join(
-            f"{c.name} {_place(elastic, float(x), c.is_length)}"
-            for c, x in zip(elastic.mechanism.coordinates, q, strict=True)
-            if c.name not in links_of_coordinates(elastic)
-        )
-        how = "" if free == "none" else ", the tool turned about its z axis"
-        return (
-            f"Better posture (the tip stays where it is{how}): {places}; {less}. "
-            "Collisions and the floor were not checked."
-        )
-    return ""
-
-
-def _place(elastic: ElasticMechanism, value: float, is_length: bool) -> str:
-    if is_length:
-        return engineering(round(value, 9), elastic.units.length)
-    return f"{round(np.degrees(value), 1) + 0.0:.1f} deg"
+    except UndefinedError:
+        return []
+    return [" ".join(better_sentences(found, elastic)) if found else NONE_FOUND]
 
 
 def _displacements(elastic: ElasticMechanism, Q: Array, load: _Load) -> Array:

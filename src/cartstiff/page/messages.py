@@ -174,6 +174,12 @@ class Sweep(_Request):
     steps: int = Field(default=61, ge=2, le=201)
 
 
+class Better(_Request):
+    """A better posture under the load of the state, as the report has it."""
+
+    do: Literal["better"]
+
+
 class Series(_Request):
     """Principal values along the trajectory that the page was started with."""
 
@@ -232,6 +238,7 @@ Message = (
     | Numbers
     | Result
     | Sweep
+    | Better
     | Series
     | Swing
     | Response

@@ -27,6 +27,7 @@ from cartstiff.mechanisms.platform import Platform
 from cartstiff.page.messages import (
     Analysis,
     Answer,
+    Better,
     Bounds,
     Draw,
     Frame,
@@ -50,9 +51,11 @@ from cartstiff.page.shown import (
 )
 from cartstiff.page.source import Source, changed
 from cartstiff.report.analysis import summary_text
+from cartstiff.report.better import NONE_FOUND, better_sentences
 from cartstiff.scene.swing import swing_of
 from cartstiff.statics.command import analyse_commanded
 from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.toolpaths.better import better_posture
 from cartstiff.version import __version__
 from cartstiff.vibration.modes import modes
 
@@ -193,6 +196,10 @@ class Session:
                 return self._other_frame(message)
             if isinstance(message, Swing):
                 return self._swing(message)
+            if isinstance(message, Better):
+                return Answer(
+                    {"id": message.id, "do": "better", **self._better(message.state)}
+                )
             result = self.result(message.state)
             facts: dict[str, Any]
             if isinstance(message, Numbers):
@@ -389,6 +396,24 @@ class Session:
         answer = analyse_posture(result, connection=state.connection, at=at)
         text = summary_text(answer, self._elastic.units, "full")
         return {"title": f"Analysis of K^{state.connection}", "text": text}
+
+    def _better(self, state: ViewState) -> dict[str, Any]:
+        """Coordinates of a better posture, None where there is none, and what is said of it."""
+        if state.load is None:
+            raise InputError("a better posture needs a load")
+        elastic, q = self._placed(state)
+        found = better_posture(
+            elastic,
+            q,
+            wrench=state.load,
+            load_kind=state.load_kind,
+            load_at=state.acts_at,
+            load_axes=state.load_axes,
+            point=state.point,
+        )
+        if found is None:
+            return {"q": None, "words": [NONE_FOUND]}
+        return {"q": found.q.tolist(), "words": better_sentences(found, elastic)}
 
     def _sweep(self, message: Sweep) -> _Work:
         i, n = message.coordinate, len(self._q)

@@ -9,8 +9,6 @@ import { sway } from "./sway.js";
 // Loads to begin with: a size in the unit of force, and directions in the room.
 const EXAMPLE = 100;
 const EXAMPLES = [["downwards", [0, 0, -1]], ["sideways along x", [1, 0, 0]], ["along y", [0, 1, 0]]];
-// A posture is better if the load moves the point by this share less, as in the report; places of each coordinate that are tried.
-const [BETTER, TRIED] = [0.01, 73];
 
 /** Load, weight and what is taken for granted, in a line. */
 function assumptions(store, moved) {
@@ -22,20 +20,12 @@ function assumptions(store, moved) {
   return `${held}${load} at ${at}: ${result.load.meaning}. ${store.numbers.weighed ?? store.hello.mechanism.weighed}. To first order.`;
 }
 
-/** Go to the posture that differs in one coordinate and at which the load moves the point least; says how much less. */
+/** Go to the better posture that Python finds; resolves with what it says of it. */
 async function better(store) {
-  const state = structuredClone({ ...store.state, ...store.given() });
-  const here = Math.hypot(...store.numbers.moved.displacement);
-  const { sliders, coordinates, platform } = store.hello.mechanism;
-  let best = { deflection: [here] };
-  for (const coordinate of sliders) {
-    const { rows } = await store.insist({ do: "sweep", coordinate, steps: TRIED, state });
-    for (const row of rows) if (row.deflection?.[0] < best.deflection[0]) best = { ...row, coordinate };
-  }
-  const share = 1 - best.deflection[0] / here;
-  if (!(share > BETTER)) return "No single coordinate, moved from here, makes it better by 1 %";
-  store.change({ q: best.q.slice(), moved: best.coordinate });
-  return `Better (one ${platform ? "coordinate" : "joint"} changed, ${coordinates[best.coordinate].name}): ${Math.round(100 * share)} % less displacement; the tip is then at another place (u goes back)`;
+  const { q, words } = await store.ask({ do: "better" });
+  if (!q) return words.join(" ");
+  store.goTo(q);
+  return [...words, "(u goes back.)"].join(" ");
 }
 
 export function deflectionPanel(store) {
@@ -50,12 +40,11 @@ export function deflectionPanel(store) {
   resisted.textContent = "Every small push is resisted";
   apart.title = "Largest difference of two entries, over the square root of the product of the two diagonal entries beside it";
   const search = button("Better posture", async () => {
-    store.searching = search.disabled = true;
+    search.disabled = true;
     const words = await better(store).catch(({ message }) => message);
-    store.searching = search.disabled = false;
+    search.disabled = false;
     found.textContent = words;
-    store.tell("rows", store.rows);
-  }, { class: "quiet", title: "The best posture that differs from this one in one coordinate" });
+  }, { class: "quiet", title: "A posture nearby at which the load moves the tip less, while the tip stays where it is" });
   store.on("state", () => { found.textContent = ""; });
   byId("right").append(el("div", { class: "card moved-card" }, heading("Under this load", search, sway(store)),
     head, found, bars, softest, resisted, apart, doubt, detail, line));
@@ -86,7 +75,7 @@ export function deflectionPanel(store) {
     const { moved, result } = store.numbers;
     const { wrench } = result;
     facts();
-    search.hidden = !store.source.moves || !moved?.resisted || !moved.displacement.some((x) => x);
+    search.hidden = !store.source.live || !store.shown.load || !moved?.resisted || !moved.displacement.some((x) => x);
     for (const node of [bars, detail, line]) node.replaceChildren();
     const say = (kind, ...words) => {
       head.className = `moved-head ${kind}`;

@@ -198,7 +198,7 @@ export function strip(store) {
     plot.node.classList.toggle("stale", series !== null);
     const waits = slow >= SLOW_SWEEPS && !now;
     again.hidden = !waits;
-    if (isPlaying() || waits || store.searching) return;
+    if (isPlaying() || waits) return;
     timer = setTimeout(() => compute(wanted), now ? 0 : 350);
   }
 
