@@ -143,7 +143,7 @@ class _Question:
             outputs=("wrench", "compliance_load"),
         ).arrays
         C, wrench = arrays["compliance_load"], arrays["wrench"]
-        known = np.isfinite(C).all(axis=(1, 2))
+        known = np.asarray(np.isfinite(C).all(axis=(1, 2)))
         C = np.where(known[:, None, None], 0.5 * (C + C.swapaxes(1, 2)), 0.0)
         scaled = np.repeat([self.length, 1.0], 3)
         values = np.linalg.eigvalsh(C * scaled * scaled[:, None])
@@ -311,7 +311,7 @@ def _candidates(
     if isinstance(elastic.mechanism, Platform):
         if may_turn:
             turns = se3.exp(np.outer(_TURNS, np.eye(6)[2]))
-            turned = inverse_kinematics(elastic, question.pose @ turns)
+            turned = inverse_kinematics(elastic, list(question.pose @ turns))
             yield np.vstack(turned), True
         return
 

@@ -73,6 +73,12 @@
  * @property {number} [steps]
  */
 /**
+ * @typedef {object} Better A better posture under the load of the state, as the report has it.
+ * @property {number} id
+ * @property {ViewState} [state]
+ * @property {"better"} do
+ */
+/**
  * @typedef {object} Series Principal values along the trajectory that the page was started with.
  * @property {number} id
  * @property {ViewState} [state]
@@ -131,6 +137,7 @@ export const MESSAGES = {
   numbers: "Numbers",
   result: "Result",
   sweep: "Sweep",
+  better: "Better",
   series: "Series",
   swing: "Swing",
   response: "Response",
@@ -150,6 +157,7 @@ export const FIELDS = {
   Numbers: { id: null, state: "ViewState", do: ["numbers"] },
   Result: { id: null, state: "ViewState", do: ["result"] },
   Sweep: { id: null, state: "ViewState", do: ["sweep"], coordinate: null, steps: null },
+  Better: { id: null, state: "ViewState", do: ["better"] },
   Series: { id: null, state: "ViewState", do: ["series"] },
   Swing: { id: null, state: "ViewState", do: ["swing"], share: null },
   Response: { id: null, state: "ViewState", do: ["response"], ratio: null },
@@ -169,6 +177,7 @@ export const NEEDED = {
   Numbers: ["id", "do"],
   Result: ["id", "do"],
   Sweep: ["id", "do", "coordinate"],
+  Better: ["id", "do"],
   Series: ["id", "do"],
   Swing: ["id", "do"],
   Response: ["id", "do"],
