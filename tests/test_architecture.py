@@ -33,7 +33,7 @@ LAYERS = [
     {"vibration"},
     {"batch"},
     {"maps"},
-    {"reach", "toolpaths"},
+    {"reach", "toolpaths", "gradients"},
     {"designs"},
     {"identify"},
     {"report"},

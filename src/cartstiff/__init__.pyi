@@ -17,6 +17,7 @@ from .geometry.connections import Connection as Connection
 from .geometry.connections import from_bilinear_map as from_bilinear_map
 from .geometry.connections import from_symbols as from_symbols
 from .geometry.connections import levi_civita as levi_civita
+from .gradients import gradient as gradient
 from .kinematics.at_pose import at_pose as at_pose
 from .kinematics.inverse import inverse_kinematics as inverse_kinematics
 from .loading import hexapod as hexapod

@@ -81,9 +81,12 @@ from cartstiff.batch.algebra import (
 )
 from cartstiff.batch.tape import Scalar, Tape, absolute, larger, pick, square_root
 from cartstiff.batch.twists import (
+    NOTHING_VARIED,
     ForceField,
     Kinematics,
     TreeConstants,
+    Varied,
+    VariedNumbers,
     numbers,
 )
 from cartstiff.geometry.se3 import Array
@@ -410,6 +413,8 @@ class ChainCase:
         Behaviour of the load while the body moves, and the point of application of the wrench.
     axes : {"body", "world"}
         Axes of the wrench's components: those of M or of F.
+    varied : Varied
+        Numbers of the geometry that are inputs.
     has_chart : bool
         Whether the coordinates, of a closed chain the independent ones, are the chart of K^F.
     held, independent, rows, shut, length, is_driven
@@ -444,6 +449,7 @@ class ChainCase:
     shut: tuple[tuple[int, ...], ...] = ()
     length: float = 1.0
     is_driven: bool = False
+    varied: Varied = NOTHING_VARIED
 
     @property
     def is_closed(self) -> bool:
@@ -520,6 +526,27 @@ def curvature_of(J: Array, W: Array) -> Array:
     return S
 
 
+def joint_positions(
+    tape: Tape, constants: TreeConstants
+) -> tuple[Array, Array | None, Array]:
+    """Coordinates, the matrix by which joints follow them if any does, and joint positions."""
+    n = len(constants.is_length)
+    q = tape.vector("q", n)
+    if constants.mimic is None:
+        return q, None, q
+    mimic = np.reshape(constants.mimic, (-1, n))
+    offset = np.zeros(len(mimic)) if constants.offset is None else constants.offset
+    return q, mimic, mimic @ q + np.asarray(offset, object)
+
+
+def recorded_tree(
+    tape: Tape, case: ChainCase, position: Array, start: int = 0
+) -> Kinematics:
+    """The tree of a case, with the inputs of `Varied`."""
+    varied = VariedNumbers.of(tape, case.varied, len(case.constants.parents))
+    return Kinematics(case.constants, position, case.fields, start, varied)
+
+
 class ChainNumbers:
     """A chain under a case, recorded: twists, energy, scales, the Lagrangian Hessian.
 
@@ -533,19 +560,10 @@ class ChainNumbers:
     """
 
     def __init__(self, tape: Tape, case: ChainCase, start: int = 0) -> None:
-        constants, n = case.constants, len(case.constants.is_length)
+        constants = case.constants
         self.case, self.n, self.has_chart = case, case.freedoms, case.has_chart
-        self.q = self.position = tape.vector("q", n)
-        self.mimic: Array | None = None
-        if constants.mimic is not None:
-            self.mimic = np.reshape(constants.mimic, (-1, n))
-            offset = (
-                np.zeros(len(self.mimic))
-                if constants.offset is None
-                else constants.offset
-            )
-            self.position = self.mimic @ self.q + np.asarray(offset, object)
-        self.kinematics = Kinematics(constants, self.position, case.fields, start)
+        self.q, self.mimic, self.position = joint_positions(tape, constants)
+        self.kinematics = recorded_tree(tape, case, self.position, start)
         J_M = self.kinematics.J_M
         self.J_q = J_M if self.mimic is None else J_M @ self.mimic
         self.verdict: Scalar = PLAIN

@@ -304,8 +304,8 @@ def _series(x: Any, coefficients: list[float]) -> Any:
 def weld_residual(tree: Kinematics, tie: Tie) -> tuple[Array, Array, Scalar]:
     """Residual (6,), its rates (6, joints), and the verdict."""
     (R_a, p_a), (R_b, p_b) = (
-        tree.placed(tie.joint_a, tie.T_a),
-        tree.placed(tie.joint_b, tie.T_b),
+        tree.end(tie, 0),
+        tree.end(tie, 1),
     )
     w, verdict = rotation_vector(R_b @ R_a.T)
     x, d = w @ w, p_b - p_a
@@ -342,8 +342,8 @@ def closing_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
             verdict = larger(verdict, doubt)
         else:
             p_a, p_b = (
-                tree.placed(tie.joint_a, tie.T_a)[1],
-                tree.placed(tie.joint_b, tie.T_b)[1],
+                tree.end(tie, 0)[1],
+                tree.end(tie, 1)[1],
             )
             xi, J = np.concatenate([zeros(3), p_b - p_a]), tree.tied(tie, p_a)
         every.append(xi)
@@ -456,14 +456,14 @@ def _closing_step(
     tree, residual = chain.kinematics, list[Array]()
     verdict: Scalar = PLAIN
     for tie, rows in zip(case.constants.ties, case.rows, strict=True):
-        p_b = tree.placed(tie.joint_b, tie.T_b)[1]
+        p_b = tree.end(tie, 1)[1]
         if tie.is_weld:
             xi, _, doubt = weld_residual(tree, tie)
             verdict = larger(verdict, doubt)
             # About the origin of F, like the twists of the closures.
             gap = np.concatenate([xi[:3], xi[3:] + cross(p_b, xi[:3])])
         else:
-            gap = np.concatenate([zeros(3), p_b - tree.placed(tie.joint_a, tie.T_a)[1]])
+            gap = np.concatenate([zeros(3), p_b - tree.end(tie, 0)[1]])
         residual.append(gap[list(rows)])
     D, step = case.dependent, zeros(len(chain.q))
     right = -np.concatenate(residual)[:, None]
@@ -750,3 +750,20 @@ def closed_case(
         has_chart=actuated is not None and len(actuated) == 6 == freedoms,
         is_driven=actuated is not None and set(actuated) == set(independent),
     ), tuple(others)
+
+
+def gaps(tree: Kinematics) -> Array:
+    """Small twists from frame a to frame b of each closure, in C, that have to vanish.
+
+    To first order they are the residuals of `closing_arrays`; six numbers of a weld, three of a
+    point.
+    """
+    parts = list[Array]()
+    for tie in tree.constants.ties:
+        (R_a, p_a), (R_b, p_b) = tree.end(tie, 0), tree.end(tie, 1)
+        if tie.is_weld:
+            turned = R_b @ R_a.T
+            skew = (turned - turned.T) * 0.5
+            parts.append(np.array([skew[2, 1], skew[0, 2], skew[1, 0]], object))
+        parts.append(p_b - p_a)
+    return np.concatenate(parts)

@@ -90,6 +90,13 @@ class TracedModel:
         )
 
 
+def recorded_arrays(tape: Tape, case: Case, needed: tuple[str, ...]) -> dict[str, Array]:
+    """Outputs of a case that exist, among them all that are needed, and the "verdict"."""
+    if not isinstance(case, ChainCase):
+        return platform_arrays(tape, case, needed)
+    return (closed_arrays if case.is_closed else chain_arrays)(tape, case, needed)
+
+
 @lru_cache(maxsize=64)
 @uncollected()
 def program_for(
@@ -106,10 +113,7 @@ def program_for(
     if isinstance(case, ChainCase) and outputs == SETTLING:
         return tape.program(settling_arrays(tape, case), shared_inputs(case.wrench))
     needed = outputs if readings is None else (*outputs, *readings.needs)
-    if isinstance(case, ChainCase):
-        arrays = (closed_arrays if case.is_closed else chain_arrays)(tape, case, needed)
-    else:
-        arrays = platform_arrays(tape, case, needed)
+    arrays = recorded_arrays(tape, case, needed)
     lengths = case.constants.is_length if isinstance(case, ChainCase) else (True,) * 6
     if readings is not None and readings.exist_beside(arrays):
         values, doubt = read({**arrays, "lengths": np.array(lengths)}, readings)
@@ -243,7 +247,7 @@ def _with_fields(
     joints = len(case.constants.parents)
     if elastic.gravity is not None:
         masses, centres = chain.tree.masses()
-        fields.append(ForceField(numbers(masses), tuple(map(numbers, centres))))
+        fields.append(ForceField(numbers(masses), tuple(map(numbers, centres)), True))
         forces.append(elastic.gravity)
     for potential in others:
         if (

@@ -10,6 +10,7 @@ the joined point.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
-from cartstiff.batch.algebra import cross, zeros
-from cartstiff.batch.tape import cosine, sine
-from cartstiff.geometry.se3 import Array
+from cartstiff.batch.algebra import cross, is_zero, zeros
+from cartstiff.batch.tape import Tape, cosine, sine
+from cartstiff.geometry.se3 import Array, skew_of
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.tree import KinematicTree
 
@@ -37,10 +38,12 @@ class ForceField:
     ----------
     weights : factor of the vector for the body of each joint; a mass, or 1.
     points : point of application on each body, in its joint's frame (joints, 3).
+    has_mass : whether the factors are masses.
     """
 
     weights: tuple[float, ...]
     points: tuple[tuple[float, ...], ...]
+    has_mass: bool = False
 
 
 class Tie(NamedTuple):
@@ -51,6 +54,27 @@ class Tie(NamedTuple):
     joint_b: int
     T_b: tuple[float, ...]
     is_weld: bool
+
+
+@dataclass(frozen=True)
+class Varied:
+    """Numbers of the geometry that are inputs, so that a program can be differentiated by them.
+
+    Attributes
+    ----------
+    links : of which the placements move: input "placements" with three shifts along the axes of
+        the carrier and three rotations about their own axes for each, all of them nominally zero.
+    ends : the same of frames of closures: the tie's index, and 0 for a or 1 for b.
+    masses : whether the masses of the joints' bodies are the input "masses".
+    """
+
+    links: tuple[int, ...] = ()
+    ends: tuple[tuple[int, int], ...] = ()
+    masses: bool = False
+
+
+#: The geometry of ordinary programs is constant.
+NOTHING_VARIED = Varied()
 
 
 @dataclass(frozen=True)
@@ -149,6 +173,26 @@ def _only_masses_beside(tree: KinematicTree, path: NDArray[np.intp]) -> bool:
     return comes_first and bool(np.abs(mimic[path]).sum(axis=0).all())
 
 
+class VariedNumbers(NamedTuple):
+    """Recorded numbers of `Varied`: six of each link and end, and the masses."""
+
+    links: Mapping[int, Array] = {}
+    ends: Mapping[tuple[int, int], Array] = {}
+    masses: Array | None = None
+
+    @classmethod
+    def of(cls, tape: Tape, varied: Varied, joints: int) -> VariedNumbers:
+        """Inputs of a tape."""
+        places = (*varied.links, *varied.ends)
+        numbers = tape.vector("placements", 6 * len(places)).reshape(-1, 6)
+        count = len(varied.links)
+        return cls(
+            dict(zip(varied.links, numbers[:count], strict=True)),
+            dict(zip(varied.ends, numbers[count:], strict=True)),
+            tape.vector("masses", joints) if varied.masses else None,
+        )
+
+
 class Links:
     """Links of a tree in joint frames turned so that every axis is z.
 
@@ -156,7 +200,12 @@ class Links:
     from 1; 0 is the ground.
     """
 
-    def __init__(self, constants: TreeConstants, position: Array) -> None:
+    def __init__(
+        self,
+        constants: TreeConstants,
+        position: Array,
+        moved: Mapping[int, Array] | None = None,
+    ) -> None:
         self.parents = *constants.parents, constants.carrier
         placements = np.reshape([*constants.placements, *constants.body], (-1, 4, 4))
         screws = np.reshape(constants.screws, (-1, 6))
@@ -169,10 +218,14 @@ class Links:
         self.placements = []
         turns = [np.eye(3), *self.turns, np.eye(3)]
         befores = [turns[p] for p in self.parents]
-        for T, before, after in zip(placements, befores, turns[1:], strict=True):
+        for link, (T, before, after) in enumerate(
+            zip(placements, befores, turns[1:], strict=True)
+        ):
             turned = np.eye(4)
             turned[:3, :3] = _snapped(before.T @ T[:3, :3] @ after)
             turned[:3, 3] = before.T @ T[:3, 3]
+            if moved and link in moved:
+                turned = _shifted(turned, before.T, after.T, moved[link])
             self.placements.append(turned)
         self.position = position
         # Consecutively, so that the vector code computes several at a time.
@@ -183,6 +236,17 @@ class Links:
             cosine(x) if t else 1.0 for x, t in zip(position, self.turning, strict=True)
         ]
         self.lengths = [float(np.linalg.norm(T[:3, 3])) for T in placements]
+
+
+def _shifted(T: Array, outer: Array, inner: Array, small: Array) -> Array:
+    """Placement with a small shift, turned by `outer`, and small rotations, turned by `inner`.
+
+    To first order, which is all that a derivative where they vanish needs.
+    """
+    shifted = T.astype(object)
+    shifted[:3, 3] = shifted[:3, 3] + outer @ small[:3]
+    shifted[:3, :3] = shifted[:3, :3] + T[:3, :3] @ skew_of(inner @ small[3:])
+    return shifted
 
 
 def _turn(axis: Array) -> Array:
@@ -271,9 +335,11 @@ class Kinematics:
         position: Array,
         fields: tuple[ForceField, ...] = (),
         start: int = 0,
+        varied: VariedNumbers | None = None,
     ) -> None:
         self.constants = constants
-        self.links = links = Links(constants, position)
+        self.varied = VariedNumbers() if varied is None else varied
+        self.links = links = Links(constants, position, self.varied.links)
         joints, parents = len(links.turning), links.parents
         self.J, self.J_M = zeros(6, joints), zeros(6, joints)
         self._behind: dict[int, Walk] = {}
@@ -329,15 +395,16 @@ class Kinematics:
     def _beyond(self, field: ForceField) -> tuple[Array, Array]:
         """Mass and first moment in C of all bodies that each joint carries."""
         first = zeros(len(field.weights), 3)
-        for j, (weight, point) in enumerate(
-            zip(field.weights, field.points, strict=True)
-        ):
-            if weight:
+        weights = np.array(field.weights, object)
+        if field.has_mass and self.varied.masses is not None:
+            weights = self.varied.masses
+        for j, (weight, point) in enumerate(zip(weights, field.points, strict=True)):
+            if not is_zero(weight):
                 walk = self._behind[j + 1]
                 first[j] = (
                     walk.R @ (self.links.turns[j].T @ np.array(point)) + walk.p
                 ) * weight
-        return self.carried(np.array(field.weights)), self.carried(first)
+        return self.carried(weights), self.carried(first)
 
     def carried(self, own: Array) -> Array:
         """Sums over the bodies that each joint carries, of numbers (joints, ...) of the bodies."""
@@ -354,9 +421,13 @@ class Kinematics:
         walk = self._behind[joint + 1]
         return walk.R @ self.links.turns[joint].T, walk.p
 
-    def placed(self, joint: int, T: tuple[float, ...]) -> tuple[Array, Array]:
-        """R and p in C of a frame placed on a joint, counted from 1."""
+    def end(self, tie: Tie, side: int) -> tuple[Array, Array]:
+        """R and p in C of a closure's frame: a for side 0, b for 1."""
+        joint, T = (tie.joint_b, tie.T_b) if side else (tie.joint_a, tie.T_a)
         walk, placement = self._behind[joint], np.reshape(T, (4, 4))
+        moved = self.varied.ends.get((self.constants.ties.index(tie), side))
+        if moved is not None:
+            placement = _shifted(placement, np.eye(3), np.eye(3), moved)
         turned = placement[:3]
         if joint:
             turned = self.links.turns[joint - 1].T @ turned
@@ -398,7 +469,7 @@ class Kinematics:
         It is about a given point, or else the origin of C for a weld, the joined point otherwise.
         """
         if about is None and not tie.is_weld:
-            about = self.placed(tie.joint_b, tie.T_b)[1]
+            about = self.end(tie, 1)[1]
         tied = zeros(*self.J.shape)
         for j, sign in self.constants.way(tie):
             tied[:, j] = self.J[:, j] * sign

@@ -1,0 +1,281 @@
+"""Exact gradients are those of the core: differences of other postures, springs, loads, places."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from tests.support.builders import (
+    general_legs,
+    legs_as_platform,
+    legs_as_tree,
+    loaded_arm,
+    serial_model,
+)
+
+import cartstiff
+from cartstiff import InputError, UndefinedError
+from cartstiff.batch.gradient import pullback
+from cartstiff.batch.tape import Tape, absolute, copysign, larger, pick, square_root
+from cartstiff.errors import UnknownNameError
+
+WRENCH = np.array([1.0, -2.0, 0.5, 30.0, -20.0, 40.0])
+STEP = 1e-3
+
+
+def central(f: Any, step: float) -> float:
+    """Derivative at 0 of sixth order."""
+    weights = ((1, 45.0), (2, -9.0), (3, 1.0))
+    return float(sum(w * (f(k * step) - f(-k * step)) for k, w in weights) / (60.0 * step))
+
+
+def mixed(K: Any, W: Any, T: Any) -> Any:
+    """A function of everything that may enter an objective."""
+    return K[3, 3] + 0.3 * K[0, 4] - 0.2 * K[5, 1] + 0.1 * (W[2] * W[5]) + T[0, 3] * K[4, 4]
+
+
+def crossed_joints(stiffness: list[float]) -> Any:
+    """Joints about x, y, z of given stiffnesses on stiff slides, and a tip beside them."""
+    import pinocchio as pin
+
+    model, parent = pin.Model(), 0
+    for i, axis in enumerate("XYZXYZ"):
+        kind = getattr(pin, f"JointModel{'P' if i < 3 else 'R'}{axis}")()
+        parent = model.addJoint(parent, kind, pin.SE3.Identity(), f"j{i + 1}")
+    tip = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.3]))
+    model.addFrame(pin.Frame("tip", parent, 0, tip, pin.FrameType.OP_FRAME))
+    k = [5e4, 6e4, 7e4, *stiffness]
+    return cartstiff.from_pinocchio(model, frame="tip").with_springs(stiffness=k)
+
+
+def shown(value: float, of: Any, scale: float) -> None:
+    """Equal to the limit of differences, from the change per natural size of the parameter."""
+    assert value == pytest.approx(of, rel=2e-7, abs=2e-9 * scale)
+
+
+def check(elastic: Any, q: Any, quantity: Any, **load: Any) -> int:
+    """Compare derivatives by coordinates, springs and load with differences of `analyse`."""
+    given = {"connection": "B", "length": 0.3} if isinstance(quantity, str) else {}
+    found = cartstiff.gradient(elastic, q, of=quantity, **given, **load)
+    exact = {slope.name: slope for slope in found if slope.is_exact}
+    assert exact, found.why
+    names = list(elastic.names)
+
+    def seen(mechanism: Any, at: Any, **other: Any) -> float:
+        result = cartstiff.analyse(mechanism, at, **{**load, **other})
+        if quantity == "translation_free_min":
+            return float(1.0 / np.linalg.eigvalsh(result.compliances["B"][3:, 3:])[-1])
+        if quantity == "rotation_held_max":
+            return float(np.linalg.eigvalsh(result.matrices["B"][:3, :3])[-1])
+        return float(quantity(result.tangent, result.wrench, result.pose))
+
+    assert found.value == pytest.approx(seen(elastic, q), rel=1e-10)
+
+    compared = 0
+    for name, slope in exact.items():
+        group, _, rest = name.partition(".")
+        if group == "q":
+            j = names.index(rest)
+
+            def moved(h: float, j: int = j) -> float:
+                at = np.array(q, float)
+                at[j] += h
+                return seen(elastic, at)
+
+            reference = central(moved, STEP)
+        elif group == "stiffness":
+            i = elastic.spring_names.index(rest)
+
+            def stiffer(h: float, i: int = i) -> float:
+                k = np.array(elastic.springs.stiffness)
+                k[i] += h
+                return seen(elastic.with_springs(stiffness=k.tolist()), q)
+
+            size = float(elastic.springs.stiffness[i])
+            shown(slope.value * size, central(stiffer, STEP * size) * size, abs(found.value))
+            compared += 1
+            continue
+        elif group == "load":
+            i = ("mx", "my", "mz", "fx", "fy", "fz").index(rest)
+
+            def loaded(h: float, i: int = i) -> float:
+                wrench = np.array(load["wrench"], float)
+                wrench[i] += h
+                return seen(elastic, q, wrench=wrench)
+
+            reference = central(loaded, 0.1)
+        else:
+            continue
+        shown(slope.value, reference, abs(found.value))
+        compared += 1
+    return compared
+
+
+@pytest.mark.parametrize("quantity", ["translation_free_min", "rotation_held_max", mixed])
+@pytest.mark.parametrize("kinds", ["RRRRRR", "RPRRHR", "RRRRRRR", "RRPRRRRRR"])
+def test_an_arm_under_a_load(kinds, quantity):
+    arm = loaded_arm(kinds, seed=len(kinds))
+    # Self-motions on such soft springs buckle under more.
+    force = WRENCH if len(kinds) < 9 else 0.1 * WRENCH
+    load = {"wrench": force, "load_at": (0.02, -0.01, 0.05), "load_axes": "world"}
+    assert check(arm.elastic, arm.q, quantity, **load) == 2 * len(kinds) + 6
+
+
+@pytest.mark.parametrize("load_kind", ["dead", "follower", "conservative"])
+def test_every_kind_of_load_has_its_tangent(load_kind):
+    arm = loaded_arm("RRRRRR", seed=3)
+
+    def tangent(K: Any, W: Any, T: Any) -> Any:
+        return K[0, 1] + K[2, 2] + 0.1 * K[3, 5]
+
+    found = cartstiff.gradient(
+        arm.elastic, arm.q, of=tangent, wrench=WRENCH, load_kind=load_kind, by="load"
+    )
+    for i, slope in enumerate(found):
+
+        def at(h: float, i: int = i) -> float:
+            wrench = WRENCH + h * np.eye(6)[i]
+            result = cartstiff.analyse(arm.elastic, arm.q, wrench=wrench, load_kind=load_kind)
+            return float(tangent(result.tangent, None, None))
+
+        assert slope.is_exact
+        shown(slope.value, central(at, 0.1), abs(found.value))
+
+
+@pytest.mark.parametrize("quantity", ["translation_free_min", mixed])
+def test_a_platform_and_the_same_as_a_closed_chain(quantity):
+    legs = general_legs()
+    platform = legs_as_platform(legs)
+    assert check(platform, legs.q, quantity, wrench=WRENCH) == 18
+    _, tree = legs_as_tree(legs)
+    assert check(tree, tree.q, quantity, wrench=WRENCH) == 18
+    both = [
+        cartstiff.gradient(
+            e, of="translation_free_min", connection="B", by="stiffness", wrench=WRENCH
+        )
+        for e in (platform, tree)
+    ]
+    of_legs, of_slides = ([slope.value for slope in each] for each in both)
+    np.testing.assert_allclose(of_legs, of_slides, rtol=1e-9)
+
+
+def test_places_of_joints_and_points():
+    """Against models whose joints and anchors stand elsewhere."""
+    rng = np.random.default_rng(8)
+    model = serial_model("RRRRRR", rng)
+    q = rng.uniform(-1.0, 1.0, 6)
+    k = rng.uniform(500.0, 900.0, 6).tolist()
+    arm = cartstiff.from_pinocchio(model, frame="tip").with_springs(stiffness=k)
+    found = cartstiff.gradient(arm, q, of=mixed, wrench=WRENCH, by=["placement", "frame"])
+    import pinocchio as pin
+
+    def other(joint: int, i: int, h: float) -> float:
+        changed = pin.Model(model)
+        T = model.jointPlacements[joint]
+        turn = Rotation.from_rotvec(h * np.eye(6)[i, 3:]).as_matrix()
+        changed.jointPlacements[joint] = pin.SE3(
+            T.rotation @ turn, T.translation + h * np.eye(6)[i, :3]
+        )
+        there = cartstiff.from_pinocchio(changed, frame="tip").with_springs(stiffness=k)
+        result = cartstiff.analyse(there, q, wrench=WRENCH)
+        return float(mixed(result.tangent, result.wrench, result.pose))
+
+    for joint in (2, 4, 6):
+        for i, axis in enumerate(("x", "y", "z", "rx", "ry", "rz")):
+            reference = central(lambda h, j=joint, i=i: other(j, i, h), STEP)
+            shown(found[f"placement.j{joint}.{axis}"], reference, abs(found.value))
+    assert all(slope.is_exact for slope in found)
+
+    legs = general_legs()
+    points = cartstiff.gradient(
+        legs_as_platform(legs), of=mixed, wrench=WRENCH, by=["base", "platform"]
+    )
+    for leg, axis in ((1, 0), (4, 2)):
+        for body, array in (("base", legs.base), ("platform", legs.platform)):
+
+            def moved(h: float, array: Any = array, leg: int = leg, axis: int = axis) -> float:
+                array[leg, axis] += h
+                result = cartstiff.analyse(legs_as_platform(legs), wrench=WRENCH)
+                array[leg, axis] -= h
+                return float(mixed(result.tangent, result.wrench, result.pose))
+
+            name = f"{body}.leg{leg + 1}.{'xyz'[axis]}"
+            shown(points[name], central(moved, STEP), abs(points.value))
+
+
+def test_masses_under_weight():
+    arm = loaded_arm("RRRRRR", seed=4)
+    heavy = arm.elastic.with_gravity([0.0, 0.0, -9.81])
+    found = cartstiff.gradient(heavy, arm.q, of=mixed, wrench=WRENCH, by=["mass"])
+    quotients = [slope for slope in found if not slope.is_exact]
+    assert not quotients, found.why
+    assert len(found.slopes) >= 1
+
+
+def test_equal_principal_values_have_two_sides():
+    """Three crossed joints: of two equal stiffnesses the softest falls with either."""
+    asked = {"of": "rotation_free_min", "by": "stiffness", "wrench": np.zeros(6)}
+    found = cartstiff.gradient(crossed_joints([100.0, 100.0, 300.0]), **asked)
+    assert "kink" in found.why
+    *_, first, second, third = found
+    for slope in (first, second):
+        assert slope.sides == (pytest.approx(1.0), pytest.approx(0.0, abs=1e-9))
+        assert np.isnan(slope.value)
+    assert third.value == pytest.approx(0.0, abs=1e-9)
+    assert "sides 1, " in repr(found)
+    found = cartstiff.gradient(crossed_joints([100.0, 200.0, 300.0]), **asked)
+    assert [slope.value for slope in found][3:] == pytest.approx([1.0, 0.0, 0.0], abs=1e-12)
+
+
+def test_the_gradient_costs_at_most_four_times_its_objective():
+    for name in ("ur5", "panda", "hexapod", "6-ups"):
+        for quantity in ("translation_free_min", mixed):
+            found = cartstiff.gradient(cartstiff.load(name), of=quantity, by=(), wrench=WRENCH)
+            assert found.operations is not None, found.why
+            objective, whole = found.operations
+            assert whole <= 4.0 * objective, (name, found.operations)
+
+
+def test_what_is_refused():
+    ur5 = cartstiff.load("ur5")
+    with pytest.raises(UnknownNameError, match="stifness"):
+        cartstiff.gradient(ur5, by="stifness")
+    with pytest.raises(UnknownNameError, match="translation_min"):
+        cartstiff.gradient(ur5, of="translation_min")
+    with pytest.raises(InputError, match="one number"):
+        cartstiff.gradient(ur5, of=lambda K, W, T: K[:2])
+    with pytest.raises(UndefinedError, match="does not exist"):
+        cartstiff.gradient(cartstiff.load("five-bar"), of="translation_held_min")
+
+
+def test_every_operation_against_differences():
+    """The adjoint of each recorded operation, on smooth functions and beside every kink."""
+
+    def f(x: Any, y: Any) -> Any:
+        a = square_root(x * x + y * y + 1.0) - x / (y + 3.0)
+        b = larger(a, x) * absolute(y - x) + copysign(x, y)
+        return pick(a, b, a * b - 2.0 / y, -b) + np.sin(x) * np.cos(y)
+
+    def recorded(x: float, y: float) -> list[float]:
+        tape = Tape()
+        numbers = [tape.input("x", 0), tape.input("x", 1)]
+        a = square_root(numbers[0] * numbers[0] + numbers[1] * numbers[1] + 1.0)
+        a = a - numbers[0] / (numbers[1] + 3.0)
+        b = larger(a, numbers[0]) * absolute(numbers[1] - numbers[0])
+        b = b + copysign(numbers[0], numbers[1])
+        value = pick(a, b, a * b - 2.0 / numbers[1], -b)
+        value = value + numbers[0].sin() * numbers[1].cos()
+        from cartstiff.batch.execution import PortableKernel
+
+        slopes = np.array(pullback([(value, 1.0)], numbers), object)
+        program = tape.program({"slopes": slopes}, [])
+        return PortableKernel(program)({"x": np.array([[x, y]])})["slopes"][0].tolist()
+
+    for x, y in ((0.3, 0.7), (-1.2, 0.4), (1.5, -0.6), (2.0, 2.5)):
+        reference = [
+            central(lambda h, x=x, y=y: float(f(x + h, y)), 1e-3),
+            central(lambda h, x=x, y=y: float(f(x, y + h)), 1e-3),
+        ]
+        np.testing.assert_allclose(recorded(x, y), reference, rtol=1e-9, atol=1e-10)
