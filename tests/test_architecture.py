@@ -30,6 +30,7 @@ LAYERS = [
     {"kinematics"},
     {"loading"},
     {"analysis", "statics"},
+    {"answer"},
     {"vibration"},
     {"batch"},
     {"maps"},

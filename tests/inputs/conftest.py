@@ -9,6 +9,7 @@ from tests.support.commands import words as split
 from cartstiff.cli.main import main
 
 KEYS = {
+    "answer",
     "schema",
     "mechanism",
     "frame",

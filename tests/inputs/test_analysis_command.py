@@ -31,16 +31,15 @@ def test_levels():
     assert run("analyse cubic") == short
     head, _, posture = none.rstrip("\n").partition("\n\n")
     assert short.startswith(f"{head}\n\nAnswer\n")
-    assert f"\n\n{posture}" in short
+    assert posture in none
     assert "centre" not in none
-    assert len(short.partition(posture)[2].splitlines()) <= 30
+    assert len(short.splitlines()) <= 55
     for words in (
         "translation, rotation held [N/mm]",
         "translation, rotation free [N/mm]",
         "rotation, translation held [N m/rad]",
-        "softest (free to turn): ",
-        "Centres [mm]",
-        "condition number 4",
+        "Softest (free to turn): ",
+        "Stiffest (free to turn): ",
         "Does the choice of connection matter here?",
     ):
         assert words in short
@@ -56,6 +55,8 @@ def test_levels():
         "determinant",
         "N^6/rad^3",
         "asymmetry of K^A",
+        "Centres [mm]",
+        "condition number 4",
         "point [m]",
         "pitch [m/rad]",
         "Principal compliance",
@@ -167,7 +168,7 @@ def test_target_files(analysis, tmp_path, suffix):
 
 def test_a_posture_without_stiffness():
     out = run("analyse five-bar --added-load 0,0,0,1,0,0")
-    for words in ("Analysis of the compliance", "[mm/N]", "Linear deflection", "does not exist"):
+    for words in ("Analysis of the compliance", "[mm/N]", "under the added load", "does not exist"):
         assert words in out
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cartstiff.analysis.ellipsoids import compliance_ellipsoid, stiffness_ellipsoid
 from cartstiff.analysis.metrics import characteristic_length
-from cartstiff.scene.appearance import MatrixPair
+from cartstiff.analysis.principal import MatrixPair
 
 
 @settings(max_examples=150, deadline=None)

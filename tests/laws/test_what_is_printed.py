@@ -247,13 +247,17 @@ def test_the_answer_comes_first() -> None:
     answer = shown.partition("Answer\n")[2].partition("\n\n")[0]
     result = cartstiff.analyse(cartstiff.load("ur5"), wrench=load)
     moved = np.linalg.norm((np.linalg.inv(result.tangent) @ load)[3:])
-    assert f"The body frame moves {1e3 * moved:.4g} mm under the load" in answer
-    assert "K^load is positive definite" in answer
-    assert "The springs are illustrative, not measured." in answer
-    assert shown.index("Answer") < shown.index("Posture")
+    assert f"The body frame moves {1e3 * moved:.4g} mm under the load, " in answer
+    assert "(to first order, K^load)" in answer
+    assert "Positive definite: every small motion is resisted (K^load)" in answer
+    doubts = shown.partition("Doubts\n")[2].partition("\n\n")[0]
+    assert "the springs are illustrative, not measured" in doubts
+    places = [shown.index(title) for title in ("Answer", "Doubts", "Joints", "Pose", "Load")]
+    assert places == sorted(places)
     shown = runner.invoke(cartstiff_command, ["analyse", "stewart-gough"]).output
     answer = shown.partition("Answer\n")[2].partition("\n\n")[0]
-    assert answer.strip() == "the symmetric part of K^load is indefinite"
+    assert answer.strip().startswith("Indefinite: along some motion the load pushes further away")
+    assert answer.strip().endswith("(the symmetric part of K^load)")
 
 
 def test_springs_are_illustrative_until_all_were_given() -> None:

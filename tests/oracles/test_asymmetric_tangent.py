@@ -7,11 +7,11 @@ import pytest
 
 import cartstiff
 from cartstiff import analyse_posture
+from cartstiff.analysis.principal import block_ellipsoid
 from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
 from cartstiff.page.messages import ViewState
 from cartstiff.page.shown import shown_numbers
 from cartstiff.report.analysis import describe, summary_text
-from cartstiff.scene.appearance import block_ellipsoid
 
 MOMENT = [3.0, -5.0, 2.0, 40.0, -30.0, -120.0]
 U = np.array([0.48, -0.6, 0.64])

@@ -154,6 +154,21 @@ def softest(
     return 1.0 / most, upright(np.asarray(axes, float)[:, 2].tolist()) if is_one else None
 
 
+def stiffest(
+    compliances: ArrayLike, axes: ArrayLike
+) -> tuple[float | None, list[float] | None] | None:
+    """Greatest stiffness, and its direction if it is one, as `softest`.
+
+    The stiffness is None where the structure holds the body along that direction.
+    """
+    least, middle, most = np.asarray(compliances, float).tolist()
+    if not (least >= 0.0 and most > 0.0):
+        return None
+    is_one = middle - least > numerics.NEGLIGIBLE_DIFFERENCE * middle
+    direction = upright(np.asarray(axes, float)[:, 0].tolist()) if is_one else None
+    return (1.0 / least if least > 0.0 else None), direction
+
+
 def _choice(freedom: str, others: str) -> tuple[slice, bool]:
     if freedom not in _BLOCKS:
         raise UnknownNameError("freedom", freedom, _BLOCKS)

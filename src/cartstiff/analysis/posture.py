@@ -100,6 +100,18 @@ def change_from_symmetric(r: PostureStiffness, name: str) -> Array:
     return np.zeros((6, 6)) if base is None or K is None else K - base
 
 
+def is_tangent(r: PostureStiffness, connection: str) -> bool:
+    """Whether K^X is the tangent stiffness under the load, rotations in characteristic lengths."""
+    if connection == "load" or not r.is_loaded:
+        return True
+    changes = np.array(
+        [r.change_by_load - change_from_symmetric(r, connection), r.change_by_load]
+    )
+    per = np.repeat([1.0 / r.posture.length, 1.0], 3)
+    difference, size = (np.abs(changes) * np.outer(per, per)).max(axis=(1, 2))
+    return bool(difference <= numerics.SYMMETRY * size)
+
+
 def deflection_section(
     r: PostureStiffness,
     name: str,
@@ -766,20 +778,13 @@ def _load(r: PostureStiffness, connection: str) -> dict[str, Any] | None:
     if r.wrench is None or not r.is_loaded:
         return None
     moment, force = r.wrench[:3] - np.cross(r.load.at, r.wrench[3:]), r.wrench[3:]
-    changes = np.array(
-        [r.change_by_load - change_from_symmetric(r, connection), r.change_by_load]
-    )
-    per = np.repeat(
-        [1.0 / r.posture.length, 1.0], 3
-    )  # rotations in the unit of translations
-    difference, size = (np.abs(changes) * np.outer(per, per)).max(axis=(1, 2))
     return {
         "kind": r.load.kind,
         "meaning": r.load.words,
         "at": r.load.at,
         "moment": moment,
         "force": force,
-        "is_tangent": bool(difference <= numerics.SYMMETRY * size),
+        "is_tangent": is_tangent(r, connection),
     }
 
 

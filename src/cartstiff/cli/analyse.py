@@ -28,7 +28,10 @@ from cartstiff.cli.output import Progress, json_text, say
 from cartstiff.errors import InputError
 
 if TYPE_CHECKING:
+    from cartstiff.answer.data import Answer
     from cartstiff.cli.tables import Target
+    from cartstiff.geometry.se3 import Array
+    from cartstiff.matrix_names import Letter
     from cartstiff.stiffness.compute import PostureStiffness
 
 
@@ -65,28 +68,58 @@ class Analysis(Reading):
 
         return read_target(self.target)
 
+    @property
+    def matrix(self) -> Letter | None:
+        """The matrix that is analysed; None for the tangent under the load."""
+        own = None if self.wanted is None else self.wanted.connection
+        if own and self.connection not in (None, own):
+            raise InputError(
+                "the target's file names another matrix",
+                where="--connection",
+                expected=own,
+                got=self.connection,
+            )
+        return self.connection or own
+
+    @property
+    def frame(self) -> Array | None:
+        """Pose in M of the frame of the analysis."""
+        if self.report_at is None:
+            return None
+        from cartstiff.geometry.se3 import pose
+
+        return pose(translation=self.report_at)
+
+    def _in_body(
+        self, components: list[float] | None, result: PostureStiffness, world: bool
+    ) -> Any:
+        """Three components, or twice three, in the body's axes."""
+        if components is None or not world:
+            return components
+        import numpy as np
+
+        return (np.reshape(components, (-1, 3)) @ result.pose[:3, :3]).ravel()
+
+    def answer(self, result: PostureStiffness, world: bool) -> Answer:
+        """The answer at a posture; without an analysis only what costs nothing."""
+        import numpy as np
+
+        from cartstiff.answer.posture import answer_at
+
+        with np.errstate(all="ignore"):
+            return answer_at(
+                result,
+                connection=self.matrix,
+                at=self.frame,
+                wrench=self._in_body(self.added_load, result, world),
+            )
+
     def run(self, result: PostureStiffness, world: bool) -> dict[str, Any]:
         """Analyse a result; a terminal shows a progress bar while tolerances are propagated."""
         import numpy as np
 
         from cartstiff.analysis.posture import analyse_posture
-        from cartstiff.geometry.se3 import pose
 
-        def in_body(components: list[float] | None) -> Any:
-            """Three components, or twice three, in the body's axes."""
-            if components is None or not world:
-                return components
-            return (np.reshape(components, (-1, 3)) @ result.pose[:3, :3]).ravel()
-
-        own = None if self.wanted is None else self.wanted.connection
-        connection = self.connection
-        if own and connection not in (None, own):
-            raise InputError(
-                "the target's file names another matrix",
-                where="--connection",
-                expected=own,
-                got=connection,
-            )
         tolerances = None
         if self.tolerance is not None:
             from cartstiff.analysis.tolerances import Tolerances
@@ -103,13 +136,11 @@ class Analysis(Reading):
             try:
                 answer = analyse_posture(
                     result,
-                    connection=connection or own,
+                    connection=self.matrix,
                     length=Metres.in_units(self.length, result.elastic.units),
-                    at=None
-                    if self.report_at is None
-                    else pose(translation=self.report_at),
-                    direction=in_body(self.direction),
-                    wrench=in_body(self.added_load),
+                    at=self.frame,
+                    direction=self._in_body(self.direction, result, world),
+                    wrench=self._in_body(self.added_load, result, world),
                     target=None
                     if self.wanted is None
                     else self.wanted.in_body_frame(result),
@@ -219,6 +250,8 @@ def command(
     json_text(data, setup.mechanism)  # or a refusal, before anything is written
     if reading.level != "none":
         data["analysis"] = reading.run(result, setup.world)
+    answer = reading.answer(result, setup.world)
+    data["answer"] = answer.to_dict()
     if output is not None:
         from cartstiff.report.output import write_json
 
@@ -227,18 +260,18 @@ def command(
     def text() -> str:
         from cartstiff.report.analysis import (
             BALANCING,
-            answer_lines,
             describe,
             summary_text,
         )
 
-        shown, answer = "", list[str]()
+        shown, only = "", None
         if reading.level != "none":
             shown = summary_text(data["analysis"], elastic.units, reading.level)
-            answer = answer_lines(data["analysis"], elastic)
+        if reading.level == "short":
+            only = data["analysis"]["connection"]
         if "as_controller" in data:
             shown = "\n".join([*_matrices_text(data["as_controller"]), shown])
-        lines = [describe(result, shown, answer=answer), *by_parameters]
+        lines = [describe(result, shown, answer=answer, only=only), *by_parameters]
         if not relax and any(note.code == "unbalanced" for note in result.notes):
             lines.append(
                 "  --relax lets the self-motion settle, with the body held where it is"

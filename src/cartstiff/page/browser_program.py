@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from cartstiff.analysis.metrics import characteristic_length
+from cartstiff.answer.doubts import WEIGHTS
+from cartstiff.answer.verdict import RULES
 from cartstiff.arrays import plain
 from cartstiff.batch.chains import ChainCase
 from cartstiff.batch.closed_chains import STEPS
@@ -32,9 +34,9 @@ from cartstiff.mechanisms.limits import (
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.preload import preload_notes
 from cartstiff.notes import assumed_stiffness
-from cartstiff.page.shown import DEFINITE, NEAR, NO_MATRIX
 from cartstiff.potentials.beams import alike
 from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.report.sentences import VERDICTS
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.settled_links import LAST, ROUNDED
@@ -221,9 +223,16 @@ def _unsupported(elastic: ElasticMechanism) -> str | None:
 
 def _shared_words() -> dict[str, Any]:
     return {
-        "definite": {name: list(names) for name, names in DEFINITE.items()},
-        "near": {code: [level, title] for code, level, title in NEAR},
-        "none": {code: [level, title] for code, level, title in NO_MATRIX},
+        "rules": [
+            {
+                "needs": sorted(rule.needs),
+                "level": rule.level,
+                "code": rule.code,
+                "title": VERDICTS[rule.code],
+            }
+            for rule in RULES
+        ],
+        "weights": list(WEIGHTS),
         "kinds": dict(LOAD_KINDS),
         "lengths": {
             "natural": characteristic_length(np.eye(6)).reason,
@@ -252,6 +261,10 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
         },
         "notes": [note.to_dict() for note in elastic.notes],
         "some_assumed": _some_assumed(elastic),
+        "illustrative": {
+            "springs": sorted(elastic.illustrative),
+            "always": _always_illustrative(elastic),
+        },
         "last_notes": [
             note.to_dict()
             for note in (
@@ -284,6 +297,12 @@ def _some_assumed(elastic: ElasticMechanism) -> str | None:
             values: Any = note.values
             return assumed_stiffness(values["stiffness"], ["{}"], ["{}", ""]).message
     return None
+
+
+def _always_illustrative(elastic: ElasticMechanism) -> bool:
+    """Whether springs of the file remain illustrative, whichever of the page's are replaced."""
+    others = len(elastic.parted_terms()[0]) > 1 or not elastic.illustrative
+    return elastic.is_illustrative and others
 
 
 def _doubted_legs(elastic: ElasticMechanism, platform: Platform) -> dict[str, Any] | None:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
 from cartstiff.analysis.posture import analyse_posture
+from cartstiff.answer.posture import verdict_at
 from cartstiff.arrays import checked_vector
 from cartstiff.batch.postures import analyse_many
 from cartstiff.errors import CartstiffError, UndefinedError, printable
@@ -27,7 +28,7 @@ from cartstiff.mechanisms.limits import beyond_limits, limits_of
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.page.export import export_page
-from cartstiff.page.shown import distance_to_singularity, legs, softest_in_room, verdict
+from cartstiff.page.shown import distance_to_singularity, legs, softest_in_room
 from cartstiff.page.source import Source
 from cartstiff.potentials.loads import Load
 from cartstiff.potentials.springs import JointSprings
@@ -40,6 +41,7 @@ from cartstiff.report.analysis import (
 )
 from cartstiff.report.better import NONE_FOUND, better_sentences
 from cartstiff.report.layout import placed
+from cartstiff.report.sentences import VERDICTS
 from cartstiff.scene.scales import round_number
 from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.statics.held import displacement_between
@@ -307,10 +309,9 @@ def _answer(
                 None: f"Whether the equilibrium{where} is stable is not decided.",
             }[state.stable]
         )
-    K = result.tangent if result.is_loaded else result.matrices["B"]
-    state_of = verdict(result, "load", K, analysis["definiteness"])
-    if state_of["level"] != "good":
-        lines.append(f"{state_of['title']}.")
+    state_of = verdict_at(result, "load", analysis["definiteness"])
+    if state_of.level != "good":
+        lines.append(f"{VERDICTS[state_of.code]}.")
     lines += _softest(result)
     return [*lines, *_better(elastic, start, load)], list(notes), shift
 

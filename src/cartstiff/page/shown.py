@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +12,10 @@ from cartstiff.analysis.asymmetry import largest_in_blocks
 from cartstiff.analysis.ellipsoids import Freedom, softest
 from cartstiff.analysis.indices import spectrum
 from cartstiff.analysis.posture import FoundDeflection, deflection_found
+from cartstiff.analysis.principal import MatrixPair, block_ellipsoid, matrix_pair
 from cartstiff.analysis.sections import Notes
+from cartstiff.answer.doubts import doubts_of
+from cartstiff.answer.posture import verdict_at
 from cartstiff.arrays import plain
 from cartstiff.batch.single import QuickPosture
 from cartstiff.errors import UndefinedError
@@ -26,130 +29,13 @@ from cartstiff.mechanisms.limits import limits_of
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.page.messages import ViewState
 from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.scene.appearance import MatrixPair, block_ellipsoid, matrix_pair
+from cartstiff.report.sentences import VERDICTS
 from cartstiff.statics.command import drives
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.posture import StiffnessInFrame
 from cartstiff.stiffness.reduction import scaled_values, values_of_closed
 from cartstiff.vibration.modes import modes
 from cartstiff.vibration.response import frequency_response
-
-Level = Literal["good", "warning", "bad"]
-
-# Notes that say why there is no matrix, the most specific first.
-NO_MATRIX: tuple[tuple[str, Level, str], ...] = (
-    (
-        "constraint-singularity",
-        "bad",
-        "Constraint singularity: branches of motion cross here",
-    ),
-    ("non-regular-redundancy", "bad", "The closures lose rank and block the motion"),
-    ("unbalanced", "bad", "Unbalanced: the arm would move by itself, no wrench holds it"),
-    ("buckled", "bad", "Buckled: the energy has no minimum along the self-motion"),
-    ("strut-buckled", "bad", "A strut has buckled between its flexures"),
-    (
-        "strut-not-found",
-        "bad",
-        "The flexures are bent too far: no balance of a strut was found",
-    ),
-    (
-        "serial-singularity",
-        "bad",
-        "Singular posture: a motion of the end-effector is impossible",
-    ),
-    (
-        "idle-self-motion",
-        "bad",
-        "A self-motion costs no energy, yet moves the end-effector",
-    ),
-    ("actuators-adjusted", "warning", "The loops do not close there: drives have moved"),
-    (
-        "fewer-than-six-freedoms",
-        "warning",
-        "Fewer than six free motions: only the compliance exists",
-    ),
-)
-NEAR: tuple[tuple[str, Level, str], ...] = (
-    ("type-2-singularity", "bad", "Singular posture: the actuators do not hold the body"),
-    ("actuators-adjusted", "warning", "The loops do not close there: drives have moved"),
-    ("near-constraint-singularity", "warning", "The closures nearly repeat each other"),
-    ("singular-stiffness", "warning", "Singular stiffness: one motion costs nothing"),
-    (
-        "near-serial-singularity",
-        "warning",
-        "Near a singularity: one motion is almost impossible",
-    ),
-    (
-        "near-type-2-singularity",
-        "warning",
-        "Near a singularity: one direction is hardly held",
-    ),
-    ("slack", "warning", "Slack cables carry nothing"),
-)
-DEFINITE: dict[str, tuple[Level, str]] = {
-    "positive": ("good", "Positive definite: every motion is resisted"),
-    "positive semidefinite": (
-        "warning",
-        "Positive semidefinite: some motion costs nothing",
-    ),
-    "indefinite": ("bad", "Indefinite: along some motion the load pushes further away"),
-    "negative semidefinite": ("bad", "Not positive along any motion"),
-    "negative": ("bad", "Negative definite: no motion is resisted"),
-    "zero": ("bad", "Zero stiffness"),
-}
-
-
-def verdict(
-    result: PostureStiffness,
-    connection: str,
-    matrix: Array | None,
-    definiteness: str | None,
-) -> dict[str, Any]:
-    """Words and level for the shown stiffness matrix.
-
-    Parameters
-    ----------
-    result : PostureStiffness
-        The posture.
-    connection : str
-        The name of the connection shown.
-    matrix : ndarray or None
-        The stiffness, None where it does not exist.
-    definiteness : str or None
-        Definiteness of its symmetric part.
-
-    Returns
-    -------
-    dict
-        "level" ("good", "warning", "bad"), "title" in one line, "code" of the state or None.
-    """
-    notes = {note.code: note.message for note in result.notes}
-    if matrix is None:
-        for code, level, title in NO_MATRIX:
-            if code in notes:
-                return {"level": level, "title": title, "code": code}
-        if connection == "F" and (reason := notes.get("kf-undefined")):
-            return {
-                "level": "warning",
-                "title": f"No K^F: {reason}",
-                "code": "kf-undefined",
-            }
-        for code, level, title in NEAR:
-            if code in notes:
-                return {"level": level, "title": title, "code": code}
-        return {"level": "bad", "title": "The matrix does not exist here", "code": None}
-    level, title = DEFINITE[definiteness or "zero"]
-    if level == "bad":
-        return {"level": level, "title": title, "code": definiteness}
-    for code, near, words in NEAR:
-        if code in notes:
-            return {"level": near, "title": words, "code": code}
-    return {
-        "level": level,
-        "title": title,
-        "code": None if level == "good" else definiteness,
-    }
-
 
 # Half-ranges of coordinates without limits: angles of a platform, angles of a joint, and lengths
 # as a share of the mechanism's size.
@@ -340,7 +226,7 @@ def shown_numbers(
     dict
         Keys "result", "has_compliance", "position", "frame", "stiffness", "compliance",
         "wrench", "principal", "softest", "indices", "symmetric", "singularity", "legs", "moved",
-        "modes", "verdict"; None for numbers that do not exist.
+        "modes", "verdict", "doubts"; None for numbers that do not exist.
     """
     T = reference_frame(result, state)
     here = result.at(T)
@@ -364,16 +250,21 @@ def shown_numbers(
         "legs": legs(result),
         "moved": _moved(result, state),
         "modes": modes_part(result) if state.mode is not None else None,
-        "verdict": verdict(
-            result,
-            state.connection,
-            here.matrices[state.connection],
-            None if numbers is None else numbers["definiteness"],
-        ),
+        "verdict": verdict_words(result, state.connection, numbers),
+        "doubts": [note.code for note in doubts_of(result.elastic, result.notes)],
     }
     if T is not None:
         answer[state.quantity] = {n: _listed(M) for n, M in shown.items() if n != "+"}
     return answer
+
+
+def verdict_words(
+    result: PostureStiffness, connection: str, indices: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """The verdict on the matrix shown: level, sentence, and its code unless it is good."""
+    found = verdict_at(result, connection, indices and indices["definiteness"])
+    code = None if found.level == "good" else found.code
+    return {"level": found.level, "title": VERDICTS[found.code], "code": code}
 
 
 def reference_frame(result: PostureStiffness, state: ViewState) -> Array | None:

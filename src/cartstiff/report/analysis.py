@@ -10,18 +10,18 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.analysis.asymmetry import is_roundoff
-from cartstiff.analysis.ellipsoids import softest
 from cartstiff.analysis.matrices import PURE
 from cartstiff.analysis.sections import unit_of
+from cartstiff.answer.data import Answer
 from cartstiff.choices import LEVELS
 from cartstiff.errors import check_name, joined, listed
 from cartstiff.geometry import se3
 from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.contract import SI, Units, engineering
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.limits import beyond_limits
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.springs import CoupledSprings
+from cartstiff.report.answer import answer_lines, table_lines
 from cartstiff.report.layout import (
     COSINES,
     body_frame,
@@ -49,39 +49,25 @@ def describe(
     result: PostureStiffness,
     analysis: str = "",
     at_rest: bool = False,
-    answer: Sequence[str] = (),
+    answer: Answer | None = None,
+    only: str | None = None,
 ) -> str:
     """Describe a result, with the text of its analysis before the notes.
 
-    `answer` holds the sentences at the beginning, from `answer_lines`. With `at_rest` the stiffness
-    includes the loads, and W is the additional wrench.
+    The answer and its tables come first. With `at_rest` the stiffness includes the loads, and W is
+    the additional wrench. `only` names the one matrix that is printed.
     """
     elastic = result.elastic
     mechanism, units = elastic.mechanism, elastic.units
     lines = [
         f"{elastic.name}: {mechanism.kind}, {body_frame(mechanism)}, "
         f"matrices in {units.length} and {units.force}",
-        *([] if at_rest else beyond_limits(result.notes)),
-        *answer,
-        "",
-        "Posture",
     ]
-    # Round-off of coordinates as a share of their sizes, larger for those of a closed chain.
-    noise = (
-        numerics.PRINTED_AS_ZERO
-        if result.posture.closure is None
-        else numerics.STALLED_RESIDUAL
-    )
-    sizes = [result.posture.length if c.is_length else 1.0 for c in mechanism.coordinates]
-    q = np.where(np.abs(result.q) <= noise * np.array(sizes), 0.0, result.q)
-    for coordinate, value in zip(mechanism.coordinates, q, strict=True):
-        if coordinate.is_length:
-            own, unit = float(lengths(value, units)), units.shown_length
-            lines.append(f"  {coordinate.name:<28} {own:>12.6g} {unit}")
-        else:
-            lines.append(
-                f"  {coordinate.name:<28} {value:>12.6g} rad {np.degrees(value):>10.4g} deg"
-            )
+    if answer is None:
+        lines += _posture(result)
+    else:
+        lines += answer_lines(answer)
+        lines += [line for shown in answer.tables for line in table_lines(shown)]
     position, angles = result.pose[:3, 3], se3.roll_pitch_yaw(result.pose)
     lines += [
         "",
@@ -112,6 +98,8 @@ def describe(
             "",
         ]
     for names, K in _distinct_matrices(result, at_rest):
+        if only is not None and only not in names:
+            continue
         verdict, skew = "symmetric", K - K.T
         if not is_roundoff(skew, K):
             verdict = f"asymmetric, |K - K^T| up to {skew.max():.4g}"
@@ -127,10 +115,34 @@ def describe(
         lines += _reachable(result, at_rest)
     if analysis:
         lines += analysis.split("\n")
-    if result.notes:
+    doubts = () if answer is None else answer.doubts
+    if notes := [note for note in result.notes if note not in doubts]:
         lines.append("Notes")
-        lines += [f"  {note}" for note in result.notes]
+        lines += [f"  {note}" for note in notes]
     return joined(lines).rstrip()
+
+
+def _posture(result: PostureStiffness) -> list[str]:
+    """The coordinates, one a line."""
+    mechanism, units = result.mechanism, result.units
+    lines = ["", "Posture"]
+    # Round-off of coordinates as a share of their sizes, larger for those of a closed chain.
+    noise = (
+        numerics.PRINTED_AS_ZERO
+        if result.posture.closure is None
+        else numerics.STALLED_RESIDUAL
+    )
+    sizes = [result.posture.length if c.is_length else 1.0 for c in mechanism.coordinates]
+    q = np.where(np.abs(result.q) <= noise * np.array(sizes), 0.0, result.q)
+    for coordinate, value in zip(mechanism.coordinates, q, strict=True):
+        if coordinate.is_length:
+            own, unit = float(lengths(value, units)), units.shown_length
+            lines.append(f"  {coordinate.name:<28} {own:>12.6g} {unit}")
+        else:
+            lines.append(
+                f"  {coordinate.name:<28} {value:>12.6g} rad {np.degrees(value):>10.4g} deg"
+            )
+    return lines
 
 
 def _place(position: Any, size: float, u: Units) -> str:
@@ -255,8 +267,8 @@ def summary_text(
     units : Units, or mapping of str to str
         Keys "length", "force", "angle"; default SI.
     level : {"full", "short", "none"}
-        short: principal stiffnesses, softest direction, centres, condition, verdict on
-        connections, and optional results. full: everything.
+        short: principal stiffnesses, verdict on connections, and optional results. full:
+        everything.
 
     Raises
     ------
@@ -272,16 +284,16 @@ def summary_text(
     full = level == "full"
     lines = _heading(summary, u)
     lines += _principal(summary["ellipsoids"], u, full, summary["length"]["value"])
-    lines += _softest(summary, u)
     lines += _directions(summary["directions"], u, full)
-    lines += _centres(summary, u, full)
-    lines += _indices(summary, u, full)
     if full:
+        lines += _centres(summary, u)
+        lines += _indices(summary, u)
         lines += screw_lines(summary, u)
         lines += mode_lines(summary["modes"], u, summary["length"]["value"])
     lines += _connections(summary, u, full)
     lines += target_lines((summary.get("synthesis") or {}).get("target"), u, full)
-    lines += deflection_lines(summary.get("deflection"), u, full)
+    if full:
+        lines += deflection_lines(summary.get("deflection"), u)
     lines += uncertainty_lines(summary.get("uncertainty"), u, full)
     if summary["notes"]:
         lines += ["", "does not exist here, or not to all digits"]
@@ -333,51 +345,6 @@ def largest_share(deflection: Mapping[str, Any], elastic: ElasticMechanism) -> l
     of = "this" if deflection["kind"] == "joints" else "the energy that this takes"
     each = "each of " if len(alike) > 1 else ""
     return [f"{100 * largest:.0f} % of {of} comes from {each}{listed(alike, most=6)}"]
-
-
-def answer_lines(summary: Mapping[str, Any], elastic: ElasticMechanism) -> list[str]:
-    """Verdict, displacement under the load with its largest share, softest direction."""
-    name, definite, units = summary["connection"], summary["definiteness"], elastic.units
-    lines = ["  The springs are illustrative, not measured."] * elastic.is_illustrative
-    if name is not None and definite is not None:
-        is_tangent = summary.get("load") is None or name == "load"
-        is_stable = (
-            definite.startswith("positive") or summary["symmetrised"] or not is_tangent
-        )
-        part = "the symmetric part of " if summary["symmetrised"] else ""
-        lines.append(f"  {part}K^{name} is {_DEFINITE.get(definite, definite)}")
-        if not is_stable:
-            lines[-1] += ": the posture is not stable"
-        elif definite == "positive":
-            lines[-1] += ": every small motion is resisted"
-    elif name is None and _yields(summary["ellipsoids"]["compliance"]):
-        lines.append(
-            "  The stiffness is negative along a motion: the posture is not stable"
-        )
-    if moved := resisted_deflection(summary):
-        size = engineering(math.hypot(*moved["displacement"]), units.length)
-        what = "This point" if any(moved["point"]) else "The body frame"
-        linear = f"(linear, K^{moved['connection']})"
-        if moved["by"] == "preload":
-            lines += [
-                "  No load is given: the springs need the wrench below to hold the body here;",
-                f"  {what.lower()} moves {size} when that is taken away {linear}",
-            ]
-        else:
-            moves = f"  {what} moves {size} under the {moved['by']} {linear}"
-            lines.append("; ".join([moves, *largest_share(moved, elastic)]))
-    elif (found := summary.get("deflection")) and not any(found["twist"]):
-        lines.append("  The load moves nothing: the structure carries it")
-    lines += _softest(summary, units)
-    return ["", "Answer", *lines] if lines else []
-
-
-def _yields(compliance: Mapping[str, Any]) -> bool:
-    """Whether a load moves the body against itself, where only the compliance exists."""
-    found = (compliance[freedom]["free"] for freedom in _FREEDOMS)
-    return any(
-        e is not None and not e["definiteness"].startswith(("pos", "zero")) for e in found
-    )
 
 
 def _heading(s: Mapping[str, Any], u: Units) -> list[str]:
@@ -485,22 +452,6 @@ def softest_words(
     return f"(free to {free}): {engineering(stiffness, units.stiffness[freedom])} {along} {where}"
 
 
-def _softest(s: Mapping[str, Any], u: Units) -> list[str]:
-    """Describe the softest directions: the largest principal compliances, other freedoms free."""
-    lines, compliance = [], s["ellipsoids"]["compliance"]
-    axes = "these axes" if _is_turned(s) else "the body"
-    for freedom, other in _FREEDOMS.items():
-        e, beside = (compliance[each]["free"] for each in (freedom, other))
-        if s["connection"] is None and e is not None and beside is not None:
-            power = 2 if freedom == "rotation" else -2
-            most = [max(map(abs, part["eigenvalues"])) for part in (e, beside)]
-            if most[0] * s["length"]["value"] ** power < numerics.LOST_ERROR**2 * most[1]:
-                continue  # a note says that the body hardly has this freedom
-        if e is not None and (found := softest(e["eigenvalues"], e["axes"])) is not None:
-            lines.append(f"  softest {softest_words(*found, freedom, u, axes)}")
-    return lines
-
-
 def _is_turned(s: Mapping[str, Any]) -> bool:
     """Whether the analysis is in other axes than the body's."""
     return any(abs(s["frame"][i][j] - (i == j)) > 0 for i in range(3) for j in range(3))
@@ -536,7 +487,7 @@ def _directions(rows: list[Mapping[str, Any]], u: Units, full: bool) -> list[str
     ]
 
 
-def _centres(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
+def _centres(s: Mapping[str, Any], u: Units) -> list[str]:
     if s["centres"] is None:
         return []
     moved = any(r[3] for r in s["frame"][:3])
@@ -565,7 +516,7 @@ def _centres(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
             f"{share(frame['coupling'])} at the point of least coupling ({scale})"
         )
     for what, place in (("normal form", form), ("decoupling frame", frame)):
-        if full and place is not None:
+        if place is not None:
             lines.append(f"  {what}: axes as columns")
             lines += [f"{'':<42} {row(r[:3])}" for r in place["T_m_n"][:3]]
             if what == "normal form":
@@ -577,7 +528,7 @@ def _centres(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
     return lines
 
 
-def _indices(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
+def _indices(s: Mapping[str, Any], u: Units) -> list[str]:
     n = s["indices"]
     if n is None:
         return []
@@ -590,22 +541,21 @@ def _indices(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
         change = f"changes as length^{number(round(n['condition_exponent'], 2))} here"
         lines.append(f"  condition number {number(n['condition_number'])} ({change})")
     lines.append(f"  minimum stiffness {number(per * n['minimum_stiffness'])} {stiff}")
-    if full:
-        shown = "-, not positive" if n["isotropy"] is None else number(n["isotropy"])
-        lines.append(f"  isotropy {shown} (1: equally stiff in all directions)")
-        unit = u.determinant
+    shown = "-, not positive" if n["isotropy"] is None else number(n["isotropy"])
+    lines.append(f"  isotropy {shown} (1: equally stiff in all directions)")
+    unit = u.determinant
+    lines.append(
+        f"  determinant {number(n['determinant'])} {unit} (for any length, frame)"
+    )
+    lines.append(
+        f"  condition of the blocks: translation {number(n['translational_condition'])}, "
+        f"rotation {number(n['rotational_condition'])} (no length enters)"
+    )
+    if n["best_length"] is not None:
         lines.append(
-            f"  determinant {number(n['determinant'])} {unit} (for any length, frame)"
+            f"  best conditioned at length {length_of(n['best_length'], u)}: "
+            f"{number(n['condition_at_best_length'])}"
         )
-        lines.append(
-            f"  condition of the blocks: translation {number(n['translational_condition'])}, "
-            f"rotation {number(n['rotational_condition'])} (no length enters)"
-        )
-        if n["best_length"] is not None:
-            lines.append(
-                f"  best conditioned at length {length_of(n['best_length'], u)}: "
-                f"{number(n['condition_at_best_length'])}"
-            )
     return lines
 
 
@@ -650,11 +600,8 @@ def _connections(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
 
 Section = Mapping[str, Any] | None
 
-#: Shares below this are not listed among the largest.
-_SMALLEST_LISTED_SHARE = 1e-3
 
-
-def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
+def deflection_lines(d: Section, u: Units) -> list[str]:
     """Deflection of the point, and each joint's or leg's share."""
     if d is None:
         return []
@@ -680,13 +627,6 @@ def deflection_lines(d: Section, u: Units, full: bool) -> list[str]:
     else:
         first, meaning = "elongation", "of the energy"
         titles = ["spring", "elongation", "", "share", "change of force"]
-    ranked = sorted(shares, key=lambda s: -abs(s["share"] or 0.0))
-    if not full:
-        main = [
-            s for s in ranked[:3] if abs(s["share"] or 0.0) >= _SMALLEST_LISTED_SHARE
-        ] or ranked[:1]
-        parts = [f"{s['name']} {_share(s['share'])}" for s in main]
-        return [*lines, f"  largest shares {meaning}: {', '.join(parts)}"]
     rows = []
     sizes = [
         max((abs(s[first]) for s in shares if s["is_length"] is kind), default=0.0)

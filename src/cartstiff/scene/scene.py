@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from cartstiff.analysis.deflection import compliance_deflection
 from cartstiff.analysis.ellipsoids import Ellipsoid, Freedom
 from cartstiff.analysis.matrices import symmetric_part
+from cartstiff.analysis.principal import Quantity, block_ellipsoid
 from cartstiff.arrays import checked_vector
 from cartstiff.errors import CartstiffError, UndefinedError
 from cartstiff.geometry import se3
@@ -23,8 +24,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.scene import theme
 from cartstiff.scene.appearance import (
     Appearance,
-    Quantity,
-    block_ellipsoid,
     load_at,
     reference,
     why_missing,

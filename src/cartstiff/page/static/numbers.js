@@ -106,7 +106,9 @@ export function notesCard(store) {
   const card = el("div", { class: "card notes-card" }, notes);
   byId("right").append(card);
   store.on("numbers", () => {
-    const found = store.numbers.result.notes;
+    const { doubts, result } = store.numbers;
+    const rank = ({ code }) => (doubts.includes(code) ? doubts.indexOf(code) : doubts.length);
+    const found = result.notes.toSorted((a, b) => rank(a) - rank(b));
     notes.replaceChildren(...found.map(({ code, message }) => el("li", {}, el("code", {}, code), ` ${message}`)));
     card.hidden = !found.length;
   });

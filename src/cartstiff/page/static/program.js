@@ -283,7 +283,7 @@ export class Program {
       symmetric: { ...asymmetries, "+": asymmetries.A }, singularity: this.distance(m), legs: this.legs(m), moved: this.moved(m, state),
       modes: state.mode === null ? null : { missing: "Modes are computed by `cartstiff view`." },
       softest: softest(here),
-      verdict: this.verdict(numbers?.definiteness, notes, state),
+      verdict: this.verdict(numbers?.definiteness, notes, state, m), doubts: this.doubts(notes, state),
     };
     if (T) answer[state.quantity] = Object.fromEntries(Object.entries(shown).filter(([name]) => name !== "+"));
     return answer;
@@ -498,17 +498,33 @@ export class Program {
     return words.length ? [{ code: "beyond-limits", message: `beyond limits: ${words.join("; ")}${degrees ? ". Degrees? Angles are in radians" : ""}`, values }] : [];
   }
 
-  verdict(kind, notes, state) {
-    const { definite, near } = this.data.words;
-    const codes = notes.map(({ code }) => code);
-    const titled = (table) => Object.entries(table).filter(([code]) => codes.includes(code)).map(([code, [level, title]]) => ({ level, title, code }));
-    if (!kind) {
-      const reason = state.connection === "F" && notes.find(({ code }) => code === "kf-undefined");
-      const own = reason ? [{ level: "warning", title: `No K^F: ${reason.message}`, code: "kf-undefined" }] : [];
-      return [...titled(this.data.words.none), ...own, ...titled(near)][0] ?? { level: "bad", title: "The matrix does not exist here", code: null };
-    }
-    const [level, title] = definite[kind];
-    return (level !== "bad" && titled(near)[0]) || { level, title, code: level === "good" ? null : kind };
+  /** The first rule of `cartstiff.answer.verdict` whose facts hold. */
+  verdict(kind, notes, state, m) {
+    const { connection } = state;
+    const { stiffness } = inFrame(m, null);
+    const facts = new Set([...notes.map(({ code }) => code), kind ? `K ${kind}` : "no matrix"]);
+    if (connection === "F") facts.add("F");
+    if (kind && asymmetry(stiffness[connection])) facts.add("asymmetric");
+    if (kind && !this.isTangent(m, stiffness, connection)) facts.add("not tangent");
+    const { level, title, code } = this.data.words.rules.find(({ needs }) => needs.every((fact) => facts.has(fact)));
+    return { level, title, code: level === "good" ? null : code };
+  }
+
+  /** As `cartstiff.analysis.posture.is_tangent`. */
+  isTangent(m, stiffness, connection) {
+    if (connection === "load" || !this.isLoaded(m)) return true;
+    const sizes = turnsBy(1 / m.length);
+    const less = (M, N) => scaled(M.map((row, i) => row.map((x, j) => x - N[i][j])), sizes);
+    return largest(less(stiffness.load, stiffness[connection])) <= SYMMETRY * largest(less(stiffness.load, stiffness.B));
+  }
+
+  /** Codes of the notes that cast doubt, as `cartstiff.answer.doubts.doubts_of`. */
+  doubts(notes, { stiffness }) {
+    const { names, shared, illustrative: { springs, always }, words: { weights } } = this.data;
+    const replaced = (name) => stiffness && stiffness[names.indexOf(name)] !== shared.stiffness[names.indexOf(name)];
+    const remains = always || !springs.every(replaced);
+    const codes = [...notes.map(({ code }) => code), ...(remains ? ["springs-illustrative"] : [])];
+    return codes.filter((code) => weights.includes(code)).toSorted((a, b) => weights.indexOf(a) - weights.indexOf(b));
   }
 }
 

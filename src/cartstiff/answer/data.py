@@ -1,0 +1,227 @@
+"""An answer as plain data: numbers with units and frames, codes, and no words.
+
+The words are in `cartstiff.report.sentences`; text, JSON, report and page render the same object.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from cartstiff.analysis.ellipsoids import Freedom, Others
+from cartstiff.answer.verdict import Verdict
+from cartstiff.arrays import plain
+from cartstiff.mechanisms.contract import Units
+from cartstiff.notes import Note
+
+Vector = tuple[float, float, float]
+Cause = Literal["load", "preload", "added load"]
+
+
+@dataclass(frozen=True)
+class Load:
+    """The wrench on the body, its behaviour while the body moves, and what acted before it.
+
+    Attributes
+    ----------
+    given : bool
+        Whether it was given; else it is what the springs need to keep this posture.
+    kind : {"dead", "follower", "conservative"}
+        Its behaviour while the body moves.
+    at : tuple of float
+        The point of the body, in M, at which it acts.
+    force, moment : tuple of float
+        Along the axes of F; the moment about that point.
+    gravity : tuple of float or None
+        Acceleration [m/s^2] in F.
+    mass : float
+        Mass [kg] on which gravity acts.
+    before : {"balanced", "given", "partly"} or None
+        How the springs carry weight and payload before the load; see `ElasticMechanism`.
+    """
+
+    given: bool
+    kind: str
+    at: Vector
+    force: Vector
+    moment: Vector
+    gravity: Vector | None
+    mass: float
+    before: str | None
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Translation of a point and rotation [rad] of the body, along the axes of F."""
+
+    translation: Vector
+    rotation: Vector
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """How far a point of the body moves.
+
+    Attributes
+    ----------
+    by : {"load", "preload", "added load"}
+        What moves it; "preload": what is taken away.
+    connection : str
+        The matrix of the first order.
+    point : tuple of float
+        The point in M.
+    first_order : Motion
+        By the compliance.
+    equilibrium : Motion or None
+        Between the equilibria without and with the load, if that was computed.
+    difference : float or None
+        Of the two translations, as a share of the latter.
+    """
+
+    by: Cause
+    connection: str
+    point: Vector
+    first_order: Motion
+    equilibrium: Motion | None = None
+    difference: float | None = None
+
+    @property
+    def is_first_order(self) -> bool:
+        """Whether the first order is said: it is all that is known, or differs by 2 % at most."""
+        return self.difference is None or self.difference <= LARGEST_UNSAID_DIFFERENCE
+
+    @property
+    def said(self) -> Motion:
+        """The displacement that is said first."""
+        if self.is_first_order or self.equilibrium is None:
+            return self.first_order
+        return self.equilibrium
+
+
+#: Difference of first order and equilibrium above which the latter is said.
+LARGEST_UNSAID_DIFFERENCE = 0.02
+
+
+@dataclass(frozen=True)
+class Share:
+    """The part of a joint, compliant link or leg."""
+
+    name: str
+    share: float
+
+
+@dataclass(frozen=True)
+class Shares:
+    """Shares of the first-order displacement, or of its energy.
+
+    Attributes
+    ----------
+    of : {"displacement", "energy"}
+        What the shares add up to, together with the rest.
+    parts : tuple of Share
+        Each joint, compliant link or leg, the largest first.
+    rest : float
+        The share that none of them contributes: that of the load and of other potentials.
+    """
+
+    of: Literal["displacement", "energy"]
+    parts: tuple[Share, ...]
+    rest: float
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """The least or the greatest stiffness against a force, or against a moment.
+
+    Attributes
+    ----------
+    end : {"softest", "stiffest"}
+        Which.
+    freedom : {"translation", "rotation"}
+        Force per displacement, or moment per rotation.
+    others : {"free", "held"}
+        State of the other three freedoms.
+    stiffness : float or None
+        None: the structure holds it.
+    direction : tuple of float or None
+        Unit vector along the axes of F; None if more than one direction has this stiffness.
+    """
+
+    end: Literal["softest", "stiffest"]
+    freedom: Freedom
+    others: Others
+    stiffness: float | None
+    direction: Vector | None
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number with its unit; "1" for a share."""
+
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of cells under the names of their columns: words, quantities, or None for nothing."""
+
+    name: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str | Quantity | None, ...], ...]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer to a question.
+
+    Attributes
+    ----------
+    question : str
+        The command's name.
+    subject, kind, frame : str
+        Name and kind of the mechanism, and the frame of its body.
+    units : Units
+        Units of every number.
+    load : Load or None
+        None in an unbalanced posture.
+    displacement : Displacement or None
+        Of the analysed point; None without a load, and where the body does not resist it.
+    shares : Shares or None
+        Of that displacement.
+    extremes : tuple of Extreme
+        Softest and stiffest directions that exist.
+    verdict : Verdict
+        On the posture, or on what was asked.
+    doubts : tuple of Note
+        The reasons to doubt the answer, the weightiest first.
+    tables : tuple of Table
+        What the answer is read from: joints, legs.
+    """
+
+    question: str
+    subject: str
+    kind: str
+    frame: str
+    units: Units
+    verdict: Verdict
+    load: Load | None = None
+    displacement: Displacement | None = None
+    shares: Shares | None = None
+    extremes: tuple[Extreme, ...] = ()
+    doubts: tuple[Note, ...] = ()
+    tables: tuple[Table, ...] = ()
+
+    def extreme(
+        self, end: str, freedom: Freedom = "translation", others: Others = "free"
+    ) -> Extreme | None:
+        """The extreme of a kind; None if it does not exist."""
+        wanted = (end, freedom, others)
+        return next(
+            (e for e in self.extremes if (e.end, e.freedom, e.others) == wanted), None
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        data: dict[str, Any] = plain(self)
+        return data | {"units": self.units.to_dict()}

@@ -1,0 +1,408 @@
+"""The answer at one posture: what is read from its matrices, the equilibrium, and its notes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any, Literal
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.analysis.asymmetry import is_roundoff
+from cartstiff.analysis.ellipsoids import Freedom, Others, softest, stiffest
+from cartstiff.analysis.indices import spectrum
+from cartstiff.analysis.posture import FoundDeflection, deflection_found, is_tangent
+from cartstiff.analysis.principal import block_ellipsoid, matrix_pair
+from cartstiff.analysis.sections import Notes
+from cartstiff.answer.data import (
+    Answer,
+    Cause,
+    Displacement,
+    Extreme,
+    Load,
+    Motion,
+    Quantity,
+    Share,
+    Shares,
+    Table,
+    Vector,
+)
+from cartstiff.answer.doubts import doubts_of
+from cartstiff.answer.verdict import UNRESOLVED, Verdict, decide, facts_of
+from cartstiff.errors import CartstiffError, UndefinedError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import Units
+from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.limits import Limits
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.notes import Note
+from cartstiff.potentials.beams import Beam
+from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.springs import CoupledSprings, JointSprings
+from cartstiff.statics.equilibrium import equilibrium
+from cartstiff.statics.held import displacement_between
+from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.posture import StiffnessInFrame
+
+_FREEDOMS: tuple[Freedom, Freedom] = ("translation", "rotation")
+_OTHERS: tuple[Others, Others] = ("free", "held")
+#: Decimal places up to which shares are compared.
+_SAME_SHARE = 9
+
+
+def answer_at(
+    result: PostureStiffness,
+    *,
+    connection: str | None = None,
+    at: Array | None = None,
+    wrench: Array | None = None,
+    load_at: Array | None = None,
+    quickly: bool = False,
+) -> Answer:
+    """The answer at a posture.
+
+    Parameters
+    ----------
+    result : PostureStiffness
+        The posture.
+    connection : str, optional
+        Letter of the matrix that is read; default the tangent under a load, without one B.
+    at : ndarray (4, 4), optional
+        ``T_M_N``: the point that moves is the origin of N; default M.
+    wrench : ndarray (6,), optional
+        Wrench added to the load, in the axes of M, whose displacement is said; default the load.
+    load_at : ndarray (3,), optional
+        Point of the body, in M, at which that wrench acts; default the point that moves.
+    quickly : bool
+        Without the equilibrium and without tables, as a page needs it while it is dragged.
+    """
+    here, elastic = result.at(at), result.elastic
+    name = connection or ("load" if result.is_loaded else "B")
+    point = here.T_M_N[:3, 3]
+    acts_at = point if load_at is None else load_at
+    found = deflection_found(result, name, wrench, acts_at, point, Notes())
+    by: Cause = "load" if result._load_is_given else "preload"
+    by = by if wrench is None else "added load"
+    moved, shares, notes = None, None, list(result.notes)
+    if found is not None and is_resisted(here, name, found):
+        moved, shares = (
+            _displacement(result, name, found, by),
+            shares_of(found.shares, elastic),
+        )
+        if by != "preload" and not quickly:
+            moved, more = _beside_equilibrium(result, moved, found)
+            told = {note.code for note in notes}
+            notes += [note for note in more if note.code not in told]
+    verdict = verdict_at(result, name, definiteness_of(here, name))
+    return Answer(
+        question="analyse",
+        subject=elastic.name,
+        kind=elastic.mechanism.kind,
+        frame=elastic.mechanism.frame,
+        units=elastic.units,
+        verdict=verdict,
+        load=load_of(result),
+        displacement=moved,
+        shares=shares,
+        extremes=tuple(extremes_of(result, here, name)),
+        doubts=doubts_of(elastic, notes, verdict),
+        tables=() if quickly else tuple(_tables(result, shares)),
+    )
+
+
+def definiteness_of(here: StiffnessInFrame, connection: str) -> str | None:
+    """Definiteness of the symmetric part of a stiffness; None where it has none."""
+    if (pair := matrix_pair(here, connection)) is None:
+        return None
+    try:
+        return spectrum(pair.K, pair.length.value, pair.C)[2]
+    except UndefinedError:
+        return None
+
+
+def verdict_at(
+    result: PostureStiffness, connection: str, definiteness: str | None
+) -> Verdict:
+    """The verdict on the matrix of a connection, from its definiteness and the notes."""
+    K = result.at().matrices[connection]
+    is_symmetric = K is None or not (K != K.T).any() or is_roundoff(K - K.T, K)
+    facts = facts_of(
+        (note.code for note in result.notes),
+        None if K is None else definiteness or UNRESOLVED,
+        connection,
+        is_tangent=K is None or is_tangent(result, connection),
+        is_symmetric=is_symmetric,
+    )
+    rule = decide(facts)
+    return Verdict(rule.level, rule.code, connection, not is_symmetric)
+
+
+def is_resisted(here: StiffnessInFrame, connection: str, found: FoundDeflection) -> bool:
+    """Whether the body resists a wrench, so that the wrench moves it by a definite amount."""
+    C = here.compliances[connection]
+    is_positive = C is not None and numerics.eigenvalues(C)[0] >= 0.0
+    return bool(is_positive and found.whole.energy >= 0.0)
+
+
+def load_of(result: PostureStiffness) -> Load | None:
+    """The wrench on the body about its own point, along the axes of F, and what acts before it."""
+    if result.wrench is None:
+        return None
+    R, W = result.pose[:3, :3], result.shown_wrench(result.wrench)
+    moment = W[:3] - se3.cross(np.array(result.load.at), W[3:])
+    weighed = gravity_loads(result.elastic)
+    return Load(
+        result._load_is_given,
+        result.load.kind,
+        result.load.at,
+        vector(R @ W[3:]),
+        vector(R @ moment),
+        weighed.acceleration,  # type: ignore[arg-type]
+        sum(weighed.bodies.values()),
+        result.weighed.before,
+    )
+
+
+def vector(values: Array) -> Vector:
+    """Three numbers as plain data."""
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+def _displacement(
+    result: PostureStiffness, connection: str, found: FoundDeflection, cause: Cause
+) -> Displacement:
+    whole, R = found.whole, result.pose[:3, :3]
+    moved = Motion(vector(R @ whole.displacement), vector(R @ whole.twist[:3]))
+    return Displacement(cause, connection, vector(whole.point), moved)
+
+
+def _beside_equilibrium(
+    result: PostureStiffness, moved: Displacement, found: FoundDeflection
+) -> tuple[Displacement, list[Note]]:
+    """The displacement between two equilibria beside its first order, and notes on the latter.
+
+    The load moves the body from its rest at the posture without it, links straight; an added load
+    from the posture, at which the springs balance the load.
+    """
+    if result.wrench is None or not any((*found.whole.wrench, *found.whole.twist)):
+        return moved, []
+    try:
+        if moved.by == "load":
+            start = np.array(result.q)
+            start[sorted(result.mechanism.virtual)] = 0.0
+            state = equilibrium(result.elastic_as_given, start, _acting(result))
+            before = None if state.before is None else state.before.pose
+        else:
+            added = LoadKind("dead", vector(found.acts_at)).acting(
+                found.added, result.pose
+            )
+            held = [_acting(result)] if result.is_loaded else []
+            state = equilibrium(result.elastic, result.q, *held, added)
+            before = result.pose
+    except CartstiffError as error:
+        return moved, [
+            Note("no-equilibrium", f"no equilibrium under the load was found: {error}")
+        ]
+    if state.stable is False or before is None:
+        return moved, list(state.notes)
+    point = np.append(moved.point, 1.0)
+    shift = ((state.pose - before) @ point)[:3]
+    turn = displacement_between(before, state.pose)[:3]
+    far = float(np.linalg.norm(shift))
+    miss = float(np.linalg.norm(shift - moved.first_order.translation))
+    compared = replace(
+        moved,
+        equilibrium=Motion(vector(shift), vector(turn)),
+        difference=miss / far if far > 0.0 else None,
+    )
+    return compared, [] if compared.is_first_order else list(state.notes)
+
+
+def _acting(result: PostureStiffness) -> Potential:
+    """The load of a posture as an energy."""
+    W, at = np.asarray(result.wrench), np.array(result.load.at)
+    given = np.concatenate([W[:3] - se3.cross(at, W[3:]), W[3:]])
+    return result.load.acting(given, result.pose)
+
+
+def parts_of_links(elastic: ElasticMechanism) -> dict[str, str]:
+    """Compliant link of each virtual joint, by its name."""
+    return {
+        elastic.names[j]: potential.link
+        for potential in elastic.potentials
+        if isinstance(potential, (Beam, CoupledSprings)) and potential.link
+        for j in np.ravel(potential.indices)
+    }
+
+
+def shares_of(
+    found: Mapping[str, Any] | None, elastic: ElasticMechanism
+) -> Shares | None:
+    """Shares by joint, link or leg, the largest first; a link's virtual joints are one part.
+
+    None where a share does not exist.
+    """
+    if found is None or not found["shares"]:
+        return None
+    links, summed = parts_of_links(elastic), dict[str, float]()
+    for part in found["shares"]:
+        share = part["share"]
+        if share is None or share != share:
+            return None
+        own = part["name"]
+        name = f"the link {links[own]}" if own in links else own
+        summed[name] = summed.get(name, 0.0) + float(share)
+    of: Literal["displacement", "energy"] = (
+        "displacement" if found["kind"] == "joints" else "energy"
+    )
+    # Equal shares of a symmetric machine stay in the machine's order.
+    parts = sorted(summed.items(), key=lambda part: -round(abs(part[1]), _SAME_SHARE))
+    return Shares(
+        of, tuple(Share(*part) for part in parts), float(found["load_share"] or 0.0)
+    )
+
+
+def extremes_of(
+    result: PostureStiffness,
+    here: StiffnessInFrame,
+    connection: str,
+    others: Iterable[Others] = _OTHERS,
+) -> Iterator[Extreme]:
+    """Softest and stiffest directions of each freedom, where every load is resisted."""
+    R, exist = here.pose[:3, :3], _freedoms_of(result, here, connection)
+    for how, freedom in product(others, _FREEDOMS):
+        # With the others held: they are, by themselves, where the body does not have them.
+        if freedom not in exist or (how == "held" and len(exist) < 2):
+            continue
+        try:
+            shape = block_ellipsoid(here, connection, "compliance", freedom, how)
+        except UndefinedError:
+            continue
+        for end, find in _ENDS.items() if shape is not None else ():
+            if (extreme := find(shape.eigenvalues, R @ shape.axes)) is not None:
+                yield Extreme(end, freedom, how, *extreme)
+
+
+_ENDS: dict[Literal["softest", "stiffest"], Callable[..., Any]] = {
+    "softest": softest,
+    "stiffest": stiffest,
+}
+
+
+def _freedoms_of(
+    result: PostureStiffness, here: StiffnessInFrame, connection: str
+) -> list[Freedom]:
+    """The freedoms that the body truly has: a note says where it hardly has one."""
+    C = here.compliances[connection]
+    if C is None:
+        return []
+    if here.matrices[connection] is not None:
+        return [*_FREEDOMS]
+    rotation, translation = np.abs(np.diag(C)).reshape(2, 3).max(axis=1).tolist()
+    sizes = {"translation": translation, "rotation": rotation * result.length**2}
+    least = numerics.LOST_ERROR**2 * max(sizes.values())
+    return [freedom for freedom in _FREEDOMS if sizes[freedom] > least]
+
+
+def _tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
+    """Legs of a platform, or joints and links: what limits them and what they contribute."""
+    mechanism, u = result.mechanism, result.units
+    row = _Rows.of(result, shares)
+    share = "share" if shares is None else f"share of {shares.of}"
+    if isinstance(mechanism, Platform) and result.leg_lengths is not None:
+        forces = result.tensions
+        each = range(len(result.leg_lengths)) if forces is None else forces.tolist()
+        heads = ("leg", "length", "shortest", "longest", "stiffness", share, "force")
+        rows = tuple(
+            (
+                *row.at(f"leg{i}", length, True),
+                None if forces is None else row.cell(force, u.force),
+            )
+            for i, (length, force) in enumerate(
+                zip(result.leg_lengths.tolist(), each, strict=True), 1
+            )
+        )
+        yield Table("legs", heads, rows)
+    links = parts_of_links(result.elastic)
+    rows = tuple(
+        row.at(c.name, x, c.is_length)
+        for c, x in zip(mechanism.coordinates, _without_roundoff(result), strict=True)
+        if c.name not in links
+    )
+    known = {own for own, *_ in rows}
+    rows += tuple(row.at(name, None, None) for name in row.shares if name not in known)
+    yield Table(
+        "joints", ("joint", "position", "lower", "upper", "stiffness", share), rows
+    )
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Rows of joints and legs by their names."""
+
+    units: Units
+    stiffness: Mapping[str, float]
+    shares: Mapping[str, float]
+    bounds: Mapping[str, tuple[float, float]]
+
+    @classmethod
+    def of(cls, result: PostureStiffness, shares: Shares | None) -> _Rows:
+        elastic, limits = result.elastic, Limits(result.mechanism)
+        stiffness = dict(zip(elastic.spring_names, elastic.stiffnesses, strict=False))
+        if isinstance(elastic.springs, JointSprings):
+            hessian = elastic.springs.evaluate(result.posture).hessian
+            stiffness |= {elastic.names[j]: hessian[j, j] for j in elastic.springs.laws}
+        ends = zip(limits.lower.tolist(), limits.upper.tolist(), strict=True)
+        return cls(
+            elastic.units,
+            stiffness,
+            {} if shares is None else {part.name: part.share for part in shares.parts},
+            dict(zip(limits.names, ends, strict=True)),
+        )
+
+    def at(
+        self, name: str, value: float | None, is_length: bool | None
+    ) -> tuple[str | Quantity | None, ...]:
+        """Name, position or length, its limits, stiffness and share."""
+        unit = self.units.coordinate(bool(is_length))
+        low, high = self.bounds.get(name, (None, None))
+        k = self.stiffness.get(name)
+        spring: str | Quantity | None = "rigid"
+        if k is None or k < np.inf:
+            spring = self.cell(k or None, self.units.spring(bool(is_length)))
+        return (
+            name,
+            self.cell(value, unit),
+            self.cell(low, unit),
+            self.cell(high, unit),
+            spring,
+            self.cell(self.shares.get(name), "1"),
+        )
+
+    @staticmethod
+    def cell(value: float | None, unit: str) -> Quantity | None:
+        """A quantity, or None where there is no number."""
+        is_known = value is not None and np.isfinite(value)
+        return Quantity(float(value), unit) if is_known else None  # type: ignore[arg-type]
+
+
+def _without_roundoff(result: PostureStiffness) -> list[float]:
+    """Coordinates with round-off set to zero, which is larger for those of a closed chain."""
+    share = (
+        numerics.PRINTED_AS_ZERO
+        if result.posture.closure is None
+        else numerics.STALLED_RESIDUAL
+    )
+    sizes = [
+        result.posture.length if c.is_length else 1.0
+        for c in result.mechanism.coordinates
+    ]
+    q: list[float] = np.where(
+        np.abs(result.q) <= share * np.array(sizes), 0.0, result.q
+    ).tolist()
+    return q

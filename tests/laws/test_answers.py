@@ -1,0 +1,135 @@
+"""One answer, whoever renders it: text, JSON, report, page and exported page.
+
+Mechanisms and set-ups are generated; displacements are computed here by virtual work and by the
+rest under the load.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.laws.test_set_ups import SetUp, later, posture
+from tests.support.commands import answer, run
+from tests.support.generated import Arm, close
+
+import cartstiff
+from cartstiff.answer.doubts import WEIGHTS
+from cartstiff.answer.posture import answer_at
+from cartstiff.answer.verdict import RULES
+from cartstiff.page.messages import read_message
+from cartstiff.page.session import Session
+from cartstiff.page.source import Source
+from cartstiff.report.sentences import VERDICTS, answer_sentences, direction_words
+
+SEEDS = [3, *later(0, *range(4, 24))]
+
+
+@pytest.fixture(params=["world", "body"])
+def axes(request):
+    return request.param
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_both_displacements_are_those_of_virtual_work(seed, axes, tmp_path):
+    one = SetUp(Arm.generated(seed), tmp_path, axes, None)
+    q = posture(one.arm, "elsewhere")
+    found = answer("analyse", one.file(), ["--q", ",".join(map(repr, q.tolist()))], one.words(q))
+    said, R = found["answer"]["displacement"], one.arm.pose(q)[:3, :3]
+    linear = R @ (one.arm.compliance(q) @ one.force(q))[3:]
+    close(said["first_order"]["translation"], linear)
+    moved = (one.arm.pose(one.under_load(q)) - one.arm.pose(q))[:3, 3]
+    close(said["equilibrium"]["translation"], moved, 1e-6)
+    miss = np.linalg.norm(moved - linear) / np.linalg.norm(moved)
+    assert said["difference"] == pytest.approx(miss, rel=1e-3, abs=1e-7)
+    shares = found["answer"]["shares"]
+    assert sum(p["share"] for p in shares["parts"]) + shares["rest"] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_text_json_page_and_python_say_the_same(seed, axes, tmp_path):
+    one = SetUp(Arm.generated(seed), tmp_path, axes, None)
+    q = posture(one.arm, "elsewhere")
+    options = ["--q", ",".join(map(repr, q.tolist())), *one.words(q)]
+    elastic = cartstiff.load(one.file())
+    ours = answer_at(cartstiff.analyse(elastic, q, **one.load(q)))
+    printed, text = answer("analyse", one.file(), options), run("analyse", one.file(), options)
+    assert printed["answer"] == json.loads(json.dumps(ours.to_dict()))
+    lines = [line.strip() for line in text.splitlines()]
+    for sentence in answer_sentences(ours):
+        assert sentence in lines
+    shown = page_numbers(elastic, one, q)
+    same_as_page(ours, shown, q)
+
+
+def page_numbers(elastic: Any, one: SetUp, q: np.ndarray) -> dict[str, Any]:
+    state = {
+        "q": q.tolist(),
+        "load": one.wrench(q).tolist(),
+        "load_axes": one.axes,
+        "load_at": one.arm.at.tolist(),
+    }
+    message = read_message(json.dumps({"id": 1, "do": "numbers", "state": state}))
+    found: dict[str, Any] = Session(Source(elastic)).answer(message).data["numbers"]
+    return found
+
+
+def same_as_page(ours: Any, shown: dict[str, Any], q: np.ndarray) -> None:
+    assert shown["verdict"]["level"] == ours.verdict.level
+    assert shown["verdict"]["title"] == VERDICTS[ours.verdict.code]
+    said = [note.code for note in ours.doubts]
+    assert [code for code in shown["doubts"] if code != ours.verdict.code] == said
+    assert shown["moved"]["in_room"] == pytest.approx(
+        ours.displacement.first_order.translation, rel=1e-9
+    )
+    soft = ours.extreme("softest")
+    assert shown["softest"]["stiffness"] == pytest.approx(soft.stiffness, rel=1e-9)
+    shares = {part["name"]: part["share"] for part in shown["moved"]["shares"]}
+    assert shares == pytest.approx({p.name: p.share for p in ours.shares.parts}, abs=1e-12)
+
+
+def test_the_equilibrium_is_said_where_the_first_order_misses_it() -> None:
+    """A five-bar moves by a third more than its compliance says."""
+    found = answer("analyse five-bar --load 0,0,0,0,-500,0")["answer"]["displacement"]
+    linear, moved = (
+        math.hypot(*found[key]["translation"]) for key in ("first_order", "equilibrium")
+    )
+    assert found["difference"] > 0.02
+    elastic = cartstiff.load("five-bar")
+    state = cartstiff.equilibrium(elastic, wrench=[0, 0, 0, 0, -500, 0])
+    assert moved == pytest.approx(np.linalg.norm(state.displacement[3:]), rel=1e-9)
+    text = run("analyse five-bar --load 0,0,0,0,-500,0")
+    assert f"moves {1e3 * moved:.4g} mm" in text
+    assert f"(by the equilibrium; {1e3 * linear:.4g} mm to first order, K^load)" in text
+
+
+def test_every_rule_has_a_sentence_and_the_last_of_a_matrix_are_its_signs() -> None:
+    assert {rule.code for rule in RULES} == set(VERDICTS)
+    assert len(set(WEIGHTS)) == len(WEIGHTS)
+    signs = {f"K {kind}" for kind in ("positive", "positive semidefinite", "indefinite")}
+    assert signs <= {need for rule in RULES for need in rule.needs}
+
+
+@pytest.mark.parametrize(
+    ("direction", "words"),
+    [
+        ((0, 0, 2), "vertical"),
+        ((0.07, 0, 1), "almost vertical, 4 deg off z"),
+        ((0, -1, 0), "horizontal, along y"),
+        ((1, 0.5, 0), "horizontal, 27 deg off x"),
+        ((1, 0.02, 0.1), "almost horizontal, 6 deg off the xy plane, 1 deg off x"),
+        ((1, 0, 1), "45 deg off z towards x"),
+    ],
+)
+def test_directions_have_words(direction, words):
+    assert direction_words(direction) == words
+    assert direction_words(tuple(-x for x in direction)) == words
+
+
+def test_a_motion_has_a_sense():
+    assert direction_words((0, 0, -1), is_line=False) == "vertical downwards"
+    assert direction_words((0, -1, 0), is_line=False) == "horizontal, along -y"
+    assert direction_words((0, 0, -1), is_line=False, is_upright=False) == "along -z"
