@@ -1,4 +1,4 @@
-"""Drawn platforms with driven and passive legs: every door gives one K, wrench and leg forces.
+"""Drawn platforms with driven and passive legs, and arms: every door gives one K and wrench.
 
 The expected forces are found by an own computation from the geometry; K^A is their derivative.
 """
@@ -6,11 +6,14 @@ The expected forces are found by an own computation from the geometry; K^A is th
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from tests.mechanisms.machines import write_file
+from tests.support.generated import Arm
 
 import cartstiff
 from cartstiff import analyse, analyse_many, equilibrium, load, modes
@@ -21,14 +24,12 @@ from cartstiff.maps.sampling import Trajectory
 from cartstiff.page.messages import read_message
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
+from cartstiff.toolpaths.tool_path import ToolPath
 
 HOME = np.array([0.02, -0.01, 0.8, 0.05, -0.1, 0.08])
 AWAY = HOME + np.array([0.05, -0.04, 0.03, 0.05, 0.1, -0.08])
 MASS, CENTRE, FIELD = 30.0, np.array([0.02, 0.01, 0.05]), np.array([0.0, 0.0, -9.81])
 W = np.array([3.0, -2.0, 1.0, 60.0, -40.0, -80.0])
-
-
-AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 class Drawn:
@@ -88,6 +89,95 @@ class Drawn:
         return t
 
 
+def at_every_door(
+    elastic: Any, path: Any, one: Any, q: np.ndarray, wrench: Any, tmp_path: Any
+) -> list[np.ndarray]:
+    """Compare one posture with what other doors say of it; tensions of many postures."""
+    K = one.matrices["B"]
+    close: dict[str, Any] = {"rel": 1e-8, "abs": 1e-8 * np.abs(K).max()}
+    # Many postures, by the program and one by one.
+    tensions = []
+    for backend in ("auto", "engine"):
+        many = analyse_many(
+            elastic, q[None], wrench=wrench, outputs=("B", "wrench", "tensions"), path=backend
+        ).arrays
+        assert many["stiffness_B"][0] == pytest.approx(K, **close)
+        assert many["wrench"][0] == pytest.approx(one.wrench, rel=1e-8, abs=1e-6)
+        tensions.append(many["tensions"][0])
+    # The page.
+    session = Session(Source(elastic))
+    state = {"q": q.tolist(), "load": None if wrench is None else W.tolist()}
+    state = session.start.model_dump() | state | {"load_axes": "body"}
+    answer = session.answer(
+        read_message(json.dumps({"id": 1, "do": "result", "state": state}))
+    ).data["result"]
+    assert answer["stiffness"]["B"] == pytest.approx(K, **close)
+    assert answer["wrench"] == pytest.approx(one.wrench, rel=1e-8, abs=1e-6)
+    # Modes, with the tangent under the load.
+    found = modes(elastic, q, wrench=wrench).frequencies
+    direct = modes(one).frequencies
+    assert found == pytest.approx(direct, rel=1e-9, nan_ok=True)
+    # A map, a study and a path at the same poses.
+    softest = float(np.linalg.eigvalsh(K[3:, 3:])[0])
+    place = tmp_path / f"{q[0]:.3f}.zarr"
+    compute_map(elastic, Trajectory(q[None]), ["translation_held_min"], place, wrench=wrench)
+    mapped = open_map(place).load()["translation_held_min"].values
+    assert mapped.ravel() == pytest.approx([softest], rel=1e-7)
+    ranges = {n: [x - 1e-12, x + 1e-12] for n, x in zip(elastic.names, q.tolist(), strict=True)}
+    study = {
+        "mechanism": str(path),
+        "variables": {"k": {"values": [1.0]}},
+        "poses": {"random": {"ranges": ranges, "count": 1, "seed": 1}},
+        "cases": {"its": {} if wrench is None else {"wrench": W.tolist()}},
+        "objectives": {"soft": {"quantity": "translation_held_min", "case": "its"}},
+    }
+    assert cartstiff.design(study).table("soft").tolist() == pytest.approx([softest], rel=1e-6)
+    wrenches = None if wrench is None else np.array([wrench])
+    taken = cartstiff.optimise_path(
+        elastic,
+        ToolPath(one.pose[None], wrenches, axes="body"),
+        criterion="translation_held_min",
+        connection="B",
+        loaded=wrench is not None,
+        singular=0.0,
+        **({} if one.posture.coordinates_are_pose else {"near": q}),
+    )
+    if np.allclose(taken.q[0], q, atol=1e-6):  # an arm may take another posture there
+        assert taken.values == pytest.approx([softest], rel=1e-6)
+    there = analyse(elastic, taken.q[0], wrench=wrench).matrices["B"][3:, 3:]
+    assert taken.values == pytest.approx([np.linalg.eigvalsh(there)[0]], rel=1e-7)
+    return tensions
+
+
+@pytest.mark.parametrize("weighs", [False, True])
+@pytest.mark.parametrize("loaded", [False, True])
+@pytest.mark.parametrize("seed", [3, 5])
+def test_every_door_of_an_arm(seed, loaded, weighs, tmp_path):
+    """Rest positions in the file are those of drives and springs at every posture."""
+    arm = Arm.generated(seed)
+    file = arm.written(tmp_path)
+    keys = yaml.safe_load(file.read_text())
+    keys["parameters"] = {"k": 1.0}
+    for i, k in enumerate(arm.k.tolist()):
+        rest = float(arm.q[i] + 0.02 * np.cos(i) * (0.1 if arm.slides[i] else 1.0))
+        keys["springs"][f"j{i}"] = {"stiffness": f"={k}*k", "rest": rest}
+    if not weighs:
+        del keys["gravity"], keys["payload"]
+    file.write_text(yaml.safe_dump(keys))
+    elastic = load(file)
+    wrench = W if loaded else None
+    for away in (0.0, 0.02):
+        q = arm.q + away * np.where(arm.slides, 0.1, 1.0)
+        one = analyse(elastic, q, wrench=wrench)
+        spring = arm.k * (q - elastic.springs.rest)
+        own = replace(arm, W=np.zeros(6)).outer(q) * weighs
+        if loaded:  # replaces the rest positions
+            assert one.wrench == pytest.approx(W, rel=1e-9)
+        else:
+            assert one.jacobian.T @ one.wrench == pytest.approx(spring - own, rel=1e-8, abs=1e-7)
+        at_every_door(elastic, file, one, q, wrench, tmp_path)
+
+
 @pytest.mark.parametrize("weighs", [False, True])
 @pytest.mark.parametrize("loaded", [False, True])
 @pytest.mark.parametrize("kind", ["driven", "passive", "mixed"])
@@ -112,44 +202,9 @@ def test_every_door(seed, kind, loaded, weighs, tmp_path):
         here = one.elastic.springs.tensions(one.posture.lines.lengths)
         assert here == pytest.approx(t, rel=1e-9, abs=1e-7)
         assert one.wrench == pytest.approx(expected, rel=1e-9, abs=1e-6)
-        K = one.matrices["B"]
-        close = {"rel": 1e-8, "abs": 1e-8 * np.abs(K).max()}
-        # Many postures, by the program and one by one.
-        for backend in ("auto", "engine"):
-            many = analyse_many(
-                elastic, q[None], wrench=wrench, outputs=("B", "wrench", "tensions"), path=backend
-            ).arrays
-            assert many["stiffness_B"][0] == pytest.approx(K, **close)
-            assert many["wrench"][0] == pytest.approx(one.wrench, rel=1e-8, abs=1e-6)
-            assert many["tensions"][0] == pytest.approx(t, rel=1e-8, abs=1e-6)
-        # The page.
-        session = Session(Source(elastic))
-        state = {"q": q.tolist(), "load": None if wrench is None else W.tolist()}
-        state = session.start.model_dump() | state | {"load_axes": "body"}
-        answer = session.answer(
-            read_message(json.dumps({"id": 1, "do": "result", "state": state}))
-        ).data["result"]
-        assert answer["stiffness"]["B"] == pytest.approx(K, **close)
-        assert answer["wrench"] == pytest.approx(one.wrench, rel=1e-8, abs=1e-6)
-        # Modes, with the tangent under the load.
-        found = modes(elastic, q, wrench=wrench).frequencies
-        direct = modes(one).frequencies
-        assert found == pytest.approx(direct, rel=1e-9, nan_ok=True)
-        # A map, and a study at the same poses.
-        softest = float(np.linalg.eigvalsh(K[3:, 3:])[0])
-        place = tmp_path / f"{q[0]:.3f}.zarr"
-        compute_map(elastic, Trajectory(q[None]), ["translation_held_min"], place, wrench=wrench)
-        mapped = open_map(place).load()["translation_held_min"].values
-        assert mapped.ravel() == pytest.approx([softest], rel=1e-7)
-        ranges = {n: [x - 1e-12, x + 1e-12] for n, x in zip(AXES, q.tolist(), strict=True)}
-        study = {
-            "mechanism": str(path),
-            "variables": {"k": {"values": [1.0]}},
-            "poses": {"random": {"ranges": ranges, "count": 1, "seed": 1}},
-            "cases": {"its": {} if wrench is None else {"wrench": W.tolist()}},
-            "objectives": {"soft": {"quantity": "translation_held_min", "case": "its"}},
-        }
-        assert cartstiff.design(study).table("soft").tolist() == pytest.approx([softest], rel=1e-6)
+        many = at_every_door(elastic, path, one, q, wrench, tmp_path)
+        for tensions in many:
+            assert tensions == pytest.approx(t, rel=1e-8, abs=1e-6)
         # At rest under the wrench that holds it the body stays where it is; a load that replaced
         # rest lengths needs the new ones.
         held = one.elastic if loaded else elastic

@@ -59,3 +59,19 @@ def test_a_spring_of_a_follower_is_refused_with_the_way_out(tmp_path):
     words = re.escape("it follows 'motor' by <mimic>; expected motor, of which it is -0.5 times")
     with pytest.raises(InputError, match=words):
         cartstiff.load(write_file(tmp_path, **keys, springs=springs))
+
+
+def test_actuated_joints_of_several_legs_may_be_followers(tmp_path):
+    """A body on two hands: the follower of the second leg drives that leg's motor."""
+    hand(tmp_path)
+    leg = {"model": "hand.urdf", "frame": "tip"}
+    legs = [leg, {**leg, "grip": {"xyz": [0.0, 0.0, 0.0]}}]
+    found = []
+    for names in (["leg1/wrist", "leg2/motor"], ["leg1/wrist", "leg2/follower", "leg2/motor"]):
+        file = write_file(tmp_path, kind="parallel", legs=legs, actuated=names)
+        found.append(cartstiff.load(file))
+    first, second = found
+    assert second.mechanism.actuated == first.mechanism.actuated
+    named = note(cartstiff.analyse(second), "followers-named")
+    assert named.values["leaders"] == {"leg2/follower": "leg2/motor"}
+    assert "followers-named" not in codes(cartstiff.analyse(first))

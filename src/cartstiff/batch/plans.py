@@ -361,15 +361,15 @@ def _platform_plan(
         tuple(points),
         bool(loose),
     )
-    bounds = springs.bounds(np.zeros(m), np.ones(m, bool))
+    bounds = springs.bounds(np.zeros((1, m)), np.ones(m, bool))
     given = np.zeros(m) if preload is None else preload
     shared = {
         "stiffness": springs.stiffness[None],
         "rest": np.nan_to_num(springs.rest_length)[None],
         "preload": np.nan_to_num(given)[None],
         # Infinite numbers have no place in a page.
-        "least": np.clip(bounds.least, -1.0 / numerics.TINY, None)[None],
-        "most": np.clip(bounds.most, None, 1.0 / numerics.TINY)[None],
+        "least": np.clip(bounds.least, -1.0 / numerics.TINY, None),
+        "most": np.clip(bounds.most, None, 1.0 / numerics.TINY),
     }
     if forces:
         shared["forces"] = np.concatenate(forces)[None]

@@ -109,8 +109,9 @@ class PlatformCase:
         """Whether more than six lines balance a load, so that bounds may choose the tensions.
 
         The program finds the tensions nearest to the given ones. Where these are not within the
-        bounds, others are chosen outside of it (`cartstiff.potentials.tensions`). They are inputs
-        of the program with `is_chosen`: "tensions", below zero for cables that stay slack.
+        bounds, others are chosen outside of it (`cartstiff.potentials.tensions`) from its outputs
+        "nearest" and "null" with `is_chosen`. They are inputs of the same program: "tensions",
+        below zero for cables that stay slack.
         """
         m = self.lines or len(self.points) // 3
         carries = self.derivatives or bool(self.points_of_forces) or self.has_weight
@@ -190,19 +191,19 @@ def platform_arrays(
         if decomposition is None:
             raise ValueError("fewer than six lines carry no chosen wrench")
         asked = -gradient if W is None else W - gradient
+        if m <= 6:
+            given = zeros(m)
+        elif case.rest == "given":
+            given = _tensions(given, cables)
+        # The tensions nearest to the given ones that add the missing wrench.
+        missing, added = asked - lines.T @ given, zeros(m)
+        added[:6] = inverse_R.T @ missing
+        t = given + decomposition.apply(added)
         if case.is_chosen:
-            arrays["asked"] = asked
+            arrays["nearest"], arrays["null"] = t, decomposition.apply(np.eye(m)[:, 6:])
             chosen = tape.vector("tensions", m)
             t, taut = _tensions(chosen, cables), _taut(k, chosen, cables)
         else:
-            if m <= 6:
-                given = zeros(m)
-            elif case.rest == "given":
-                given = _tensions(given, cables)
-            # The tensions nearest to the given ones that add the missing wrench.
-            missing, added = asked - lines.T @ given, zeros(m)
-            added[:6] = inverse_R.T @ missing
-            t = given + decomposition.apply(added)
             verdict = larger(verdict, _bounds_hold(tape, case, t, cables))
         energy = energy + ((t * t / k).sum()) * 0.5
         if W is None:

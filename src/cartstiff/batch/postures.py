@@ -51,7 +51,7 @@ from cartstiff.batch.kernels import (
     reading_kernel,
     run,
 )
-from cartstiff.batch.plans import TracedModel, given_as, plan
+from cartstiff.batch.plans import Case, TracedModel, given_as, plan
 from cartstiff.batch.platforms import PlatformCase
 from cartstiff.batch.quantities import FREQUENCIES, frequency_name
 from cartstiff.batch.readings import READINGS, Readings, frequencies_of, with_masses
@@ -73,6 +73,7 @@ from cartstiff.stiffness.settled_links import settled_coordinates
 from cartstiff.stiffness.tensor import COMPONENTS, with_labels
 
 REGULAR, NOT_ASSEMBLED = "regular", "not-assembled"
+Indices = NDArray[np.intp]
 
 
 def state_of(result: PostureStiffness, outputs: Collection[str] = ()) -> str:
@@ -167,19 +168,57 @@ def _output(result: PostureStiffness, name: str) -> Array | float | None:
 
 #: Factor from a limit beyond which a state is certain.
 _MARGIN = 10.0
+#: Chunk of postures whose tensions are chosen together, so that their rows stay in the cache.
+_TENSIONS_CHUNK = 4096
 
 
-def lost_ranks(
-    elastic: ElasticMechanism,
-    taken: TracedModel,
-    q: Array,
-    loads: Array | None,
-    arrays: Mapping[str, Array],
-    which: NDArray[np.intp],
-    compiled: bool,
-    threads: int,
-    size: int | None,
-) -> tuple[str, NDArray[np.intp], NDArray[np.intp]]:
+@dataclass(frozen=True)
+class Stack:
+    """Postures with their outputs, and what other programs need to fill some of them.
+
+    Attributes
+    ----------
+    elastic, taken : the mechanism, and its recorded arithmetic.
+    q, loads : coordinates (N, n), and the wrench (6,), or (N, 6), if any.
+    arrays : outputs of all postures by name.
+    compiled, threads, size : as of `run`.
+    """
+
+    elastic: ElasticMechanism
+    taken: TracedModel
+    q: Array
+    loads: Array | None
+    arrays: Mapping[str, Array]
+    compiled: bool
+    threads: int
+    size: int | None
+
+    def rows(self, names: Collection[str], which: Indices) -> dict[str, Array]:
+        """Room for some outputs of the postures `which`."""
+        return {
+            name: aligned_empty(len(which), *self.arrays[name].shape[1:])
+            for name in names
+        }
+
+    def fill(
+        self,
+        case: Case,
+        which: Indices,
+        rows: Mapping[str, Array],
+        more: Mapping[str, Array] | None = None,
+    ) -> NDArray[np.bool_]:
+        """Fill `rows` of the postures `which` by another case; which are plainly regular."""
+        other, loads = replace(self.taken, case=case), self.loads
+        verdicts = np.zeros(len(which), np.uint8)
+        if len(which):
+            kernel = kernel_for(case, tuple(rows), len(which), self.compiled)
+            own = loads[which] if loads is not None and loads.ndim == 2 else loads
+            q = self.q[which]
+            run(other, kernel, q, own, rows, verdicts, self.threads, self.size, more)
+        return verdicts == PLAIN
+
+
+def lost_ranks(stack: Stack, which: Indices) -> tuple[str, Indices, Indices]:
     """Fill those of the postures `which` that have certainly lost rank.
 
     Returns
@@ -189,31 +228,19 @@ def lost_ranks(
     filled, unbalanced : ndarray of int
         Some of `which`; the latter have pose, Jacobian and energy only.
     """
-    case = taken.case
+    case, elastic, arrays = stack.taken.case, stack.elastic, stack.arrays
     if not isinstance(case, ChainCase) or case.is_closed or case.settled:
         return "", which[:0], which[:0]
     n = case.freedoms
     state = "fewer-than-six-freedoms" if n < 6 else "serial-singularity"
-    other = replace(taken, case=replace(case, singular=True))
-    names = tuple(name for name in arrays if not name.startswith("stiffness"))
-    kernel = kernel_for(other.case, (*names, "looked_at"), len(which), compiled)
-    rows = {name: aligned_empty(len(which), *arrays[name].shape[1:]) for name in names}
-    looked_at = aligned_empty(len(which), len(kernel.program.outputs["looked_at"]))
-    verdicts = np.zeros(len(which), np.uint8)
-    own = loads[which] if loads is not None and loads.ndim == 2 else loads
-    run(
-        other,
-        kernel,
-        q[which],
-        own,
-        {**rows, "looked_at": looked_at},
-        verdicts,
-        threads,
-        size,
-    )
+    names = [name for name in arrays if not name.startswith("stiffness")]
+    # J, the torques, and the largest stiffness.
+    rows, looked_at = stack.rows(names, which), aligned_empty(len(which), 7 * n + 1)
+    singular = replace(case, singular=True)
+    is_known = stack.fill(singular, which, {**rows, "looked_at": looked_at})
 
     J = looked_at[:, : 6 * n].reshape(-1, 6, n)
-    is_known = (verdicts == PLAIN) & np.isfinite(looked_at).all(axis=1)
+    is_known &= np.isfinite(looked_at).all(axis=1)
     J = np.where(is_known[:, None, None], J, 0.0)
     values = np.linalg.svd(J, compute_uv=False)
     least = RANK * values[:, :1]
@@ -224,7 +251,7 @@ def lost_ranks(
         n >= 6 and is_lost.any()
     ):  # all postures of a body with fewer freedoms, such as a planar arm
         one = which[np.argmax(np.where(is_lost, ranks, -1))]
-        usual = analyse(elastic, q[one]).reduction.usual_rank
+        usual = analyse(elastic, stack.q[one]).reduction.usual_rank
         if usual < 6:
             state = "fewer-than-six-freedoms"
             is_lost &= ranks == usual
@@ -243,68 +270,44 @@ def lost_ranks(
     return state, which[is_lost], which[unbalanced]
 
 
-def by_chosen_tensions(
-    elastic: ElasticMechanism,
-    taken: TracedModel,
-    q: Array,
-    loads: Array | None,
-    arrays: Mapping[str, Array],
-    which: NDArray[np.intp],
-    compiled: bool,
-    threads: int,
-    size: int | None,
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def by_chosen_tensions(stack: Stack, which: Indices) -> tuple[Indices, Indices]:
     """Fill those of the postures `which` at which bounds choose the tensions of many lines.
 
-    One program has the lines and the gradient that they exert, and another one, to which the
-    tensions are inputs, the outputs.
+    One program has the tensions nearest to the given ones and their changes that need no wrench,
+    and has the outputs once the tensions within the bounds are among its inputs.
 
     Returns
     -------
     filled, unbalanced : ndarray of int
         Some of `which`; of the latter only the pose is known.
     """
-    case, springs = taken.case, elastic.springs
-    if not isinstance(case, PlatformCase) or not isinstance(springs, LineSprings):
+    case, springs = stack.taken.case, stack.elastic.springs
+    if not (
+        isinstance(case, PlatformCase)
+        and isinstance(springs, LineSprings)
+        and case.balances_among
+    ):
         return which[:0], which[:0]
-    if not case.balances_among:
-        return which[:0], which[:0]
-    other, m = replace(taken, case=replace(case, is_chosen=True)), len(springs.stiffness)
-    own = loads[which] if loads is not None and loads.ndim == 2 else loads
-
-    def filled(
-        rows: Mapping[str, Array], some: NDArray[np.intp], t: Array
-    ) -> NDArray[np.bool_]:
-        verdicts = np.zeros(len(some), np.uint8)
-        kernel = kernel_for(other.case, tuple(rows), len(some), compiled)
-        load = own[some] if own is not None and own.ndim == 2 else own
-        more = {"tensions": t[some]}
-        run(other, kernel, q[which[some]], load, rows, verdicts, threads, size, more)
-        return verdicts == PLAIN
-
-    everything, t = np.arange(len(which)), np.zeros((len(which), m))
-    shapes = {"actuation": (m, 6), "leg_lengths": (m,), "asked": (6,)}
+    chosen, m = replace(case, is_chosen=True), len(springs.stiffness)
+    shapes = {"leg_lengths": (m,), "nearest": (m,), "null": (m, m - 6)}
     seen = {name: aligned_empty(len(which), *shape) for name, shape in shapes.items()}
-    is_known = filled(seen, everything, t)
-    unbalanced = np.zeros(len(which), bool)
-    with numerics.one_thread():
-        for i in np.flatnonzero(is_known).tolist():
-            lines, lengths, asked = (seen[name][i] for name in shapes)
-            try:
-                t[i] = springs.balancing_tensions(lengths, lines, asked)
-            except InputError:
-                unbalanced[i] = True
-    for name, array in arrays.items():
+    unknown = {"tensions": np.zeros((len(which), m))}
+    some = np.flatnonzero(stack.fill(chosen, which, seen, unknown))
+    parts = np.array_split(some, 1 + len(some) // _TENSIONS_CHUNK)
+    found = [
+        springs.balancing_tensions(*(seen[name][part] for name in shapes))
+        for part in parts
+    ]
+    t, exist = (np.concatenate(each) for each in zip(*found, strict=True))
+    unbalanced, some, t = which[some[~exist]], which[some[exist]], t[exist]
+    for name, array in stack.arrays.items():
         if name != "pose":
-            array[which[unbalanced]] = np.nan
-    some = np.flatnonzero(is_known & ~unbalanced)
-    rows = {
-        name: aligned_empty(len(some), *array.shape[1:]) for name, array in arrays.items()
-    }
-    some, plain = (some, filled(rows, some, t)) if some.size else (some, some)
-    for name, array in arrays.items():
-        array[which[some[plain]]] = rows[name][plain]
-    return which[some[plain]], which[unbalanced]
+            array[unbalanced] = np.nan
+    rows = stack.rows(stack.arrays, some)
+    plain = stack.fill(chosen, some, rows, {"tensions": t})
+    for name, array in stack.arrays.items():
+        array[some[plain]] = rows[name][plain]
+    return some[plain], unbalanced
 
 
 #: State of postures that exceed the number `one_by_one`.
@@ -567,33 +570,15 @@ def analyse_many(
         )
     doubtful = np.flatnonzero(state == FALLBACK)
     lost_state, lost_rank = "", doubtful[:0]
+    compiled = ran == "compiled"
+    stack = Stack(elastic, taken, coordinates, loads, arrays, compiled, count, size)
     if len(doubtful) >= WORTH_RECORDING:
-        lost_state, lost_rank, torn = lost_ranks(
-            elastic,
-            taken,
-            coordinates,
-            loads,
-            arrays,
-            doubtful,
-            ran == "compiled",
-            count,
-            size,
-        )
+        lost_state, lost_rank, torn = lost_ranks(stack, doubtful)
         state[torn] = UNBALANCED
         _clear_still_halves(elastic, arrays, lost_rank)
         doubtful = np.setdiff1d(doubtful, np.concatenate([lost_rank, torn]))
     if len(doubtful):
-        filled, torn = by_chosen_tensions(
-            elastic,
-            taken,
-            coordinates,
-            loads,
-            arrays,
-            doubtful,
-            ran == "compiled",
-            count,
-            size,
-        )
+        filled, torn = by_chosen_tensions(stack, doubtful)
         state[torn] = UNBALANCED
         doubtful = np.setdiff1d(doubtful, np.concatenate([filled, torn]))
     unbalanced = np.flatnonzero(state == UNBALANCED)

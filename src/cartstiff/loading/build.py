@@ -1885,6 +1885,23 @@ def _with_contact(
     return tree
 
 
+def rules_of_followers(
+    description: RobotDescription,
+) -> dict[str, tuple[str, float, float]]:
+    """Leader, factor and offset of the joints that follow another one of the robot."""
+    followers, names = description.facts.followers, set(description.model.names)
+    rules = {name: to_root(name, followers) for name in followers}
+    return {name: rule for name, rule in rules.items() if rule[0] in names and rule[1]}
+
+
+def _leaders_note(leaders: dict[str, str]) -> Note:
+    each = ", ".join(f"{name} follows {leader}" for name, leader in leaders.items())
+    words = (
+        f"joints of the file follow others by <mimic>, which are taken instead: {each}"
+    )
+    return Note("followers-named", words, {"leaders": leaders})
+
+
 def naming_leaders(
     file: Any, description: RobotDescription, notes: list[Note], where: str
 ) -> Any:
@@ -1898,9 +1915,7 @@ def naming_leaders(
     InputError
         For a spring or a zero of a follower, and for places that do not agree.
     """
-    followers, names = description.facts.followers, set(description.model.names)
-    rules = {name: to_root(name, followers) for name in followers}
-    rules = {name: rule for name, rule in rules.items() if rule[0] in names and rule[1]}
+    rules = rules_of_followers(description)
     named = dict.fromkeys((*getattr(file, "actuated", ()), *file.passive, *file.q))
     for key in ("springs", "zeros"):
         for name in rules.keys() & getattr(file, key, {}).keys():
@@ -1928,11 +1943,7 @@ def naming_leaders(
         for key in ("actuated", "passive")
         if key in file.model_fields_set
     }
-    each = ", ".join(f"{name} follows {leader}" for name, leader in led.items())
-    words = (
-        f"joints of the file follow others by <mimic>, which are taken instead: {each}"
-    )
-    notes.append(Note("followers-named", words, {"leaders": led}))
+    notes.append(_leaders_note(led))
     if file.q:
         changed["q"] = q
     return file.model_copy(update=changed)
@@ -1983,6 +1994,7 @@ def build_parallel(
     ends: list[str] = []
     contacts: list[str] = []
     driven: list[str] = []
+    leaders: dict[str, str] = {}
     lines = [*file.lines]
     from cartstiff.loading.legs import drawn_legs, mode_notes
 
@@ -1998,6 +2010,10 @@ def build_parallel(
         if leg.actuator_springs:
             description = with_actuator_springs(description, notes)
         leg = legs[i] = naming_leaders(leg, description, notes, f"{place}, ")
+        leaders |= {
+            prefix + follower: prefix + leader
+            for follower, (leader, _, _) in rules_of_followers(description).items()
+        }
         at = {**description.facts.posture, **leg.q}
         description = replace(description, facts=replace(description.facts, posture=at))
         tree = tree_to(description, [end], leg.locked, f"{place}, ", notes, leg.flexible)
@@ -2041,6 +2057,11 @@ def build_parallel(
         trees.append((prefix, tree, pose_of(leg.base)))
         parts.append(_Part(prefix, leg, description))
         ends.append(end)
+    named = {joint: leaders[joint] for joint in file.actuated if joint in leaders}
+    if named:
+        actuated = [*dict.fromkeys(named.get(joint, joint) for joint in file.actuated)]
+        file = file.model_copy(update={"actuated": actuated})
+        notes.append(_leaders_note(named))
     facts = RobotFacts(
         _prefixed(parts, "description.facts.springs"),
         tuple(_prefixed(parts, "description.facts.passive")),

@@ -7,5 +7,6 @@ from cartstiff.numerics.criteria import *
 from cartstiff.numerics.inverses import *
 from cartstiff.numerics.policy import *
 from cartstiff.numerics.searches import *
+from cartstiff.numerics.shortest import *
 from cartstiff.numerics.spectra import *
 from cartstiff.numerics.threads import *

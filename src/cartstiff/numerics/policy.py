@@ -57,6 +57,9 @@ LARGEST_PAIRED_CONDITION: Final = 1e11
 WELL_CONDITIONED: Final = 4e3
 #: An asymmetry below this share of the block's size counts as round-off.
 SYMMETRY: Final = 1e-9
+#: A row whose part that is independent of others is a smaller share of it counts as dependent:
+#: squares of rows, which have twice as few digits, then determine its part no more.
+DEPENDENT_ROW: Final = 1e-7
 #: An unknown is not part of a direction that the rows leave undetermined if its entry is below
 #: this: measurements have fewer digits.
 NEGLIGIBLE_SHARE: Final = 1e-6

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_array, read_only, real_array
@@ -30,7 +31,12 @@ from cartstiff.potentials.contract import (
 from cartstiff.potentials.contract import (
     LineGeometry as LineGeometry,
 )
-from cartstiff.potentials.tensions import Bounds, nearest_balance, within_bounds
+from cartstiff.potentials.tensions import (
+    Bounds,
+    nearest_balance,
+    null_basis,
+    within_bounds,
+)
 
 
 def _placed(turning: Array, coupling: Array, weight: Array) -> Array:
@@ -360,22 +366,31 @@ class LineSprings(PosePotential):
         pull = self._pull(lengths)
         return np.where(self.cables & (exerted == 0.0) & (pull < 0.0), pull, exerted)
 
-    def balancing_tensions(self, lengths: Array, lines: Array, gradient: Array) -> Array:
-        """Tensions (m,) of `with_rest_balancing` where it chooses those of all lines.
+    def balancing_tensions(
+        self, lengths: Array, nearest: Array, null: Array
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Tensions (p, m) of `with_rest_balancing` where it chooses those of all lines.
 
-        `lengths` (m,) and `lines` (m, 6) are those at the posture. A tension below zero is that of
-        a slack cable that keeps its rest length.
+        Parameters
+        ----------
+        lengths : ndarray (p, m)
+            At the postures.
+        nearest : ndarray (p, m)
+            Balanced tensions nearest to the given ones, without bounds.
+        null : ndarray (p, m, d)
+            Orthonormal bases of the changes that need no wrench.
 
-        Raises
-        ------
-        InputError
-            If no tensions balance the gradient (6,).
+        Returns
+        -------
+        tensions : ndarray (p, m)
+            One below zero is that of a slack cable that keeps its rest length.
+        exist : ndarray of bool (p,)
+            False where a cable would have to push.
         """
-        scaled, scale = _scaled(lines)
-        every = np.ones(len(lengths), bool)
-        given = self.given_tensions(lengths)
-        t = self._balanced(scaled, gradient * scale, every, given, np.zeros(len(lengths)))
-        return self._staying_slack(t, lengths)
+        every = np.ones(lengths.shape[1], bool)
+        largest = np.abs(self.given_tensions(lengths)).max(axis=1)
+        t, exist = within_bounds(null, nearest, self.bounds(nearest, every), largest)
+        return self._staying_slack(t, lengths), exist
 
     def _balanced(
         self, lines: Array, gradient: Array, free: Array, given: Array, fixed: Array
@@ -402,16 +417,17 @@ class LineSprings(PosePotential):
                 got=f"an unbalanced moment of {_length(missed[:3]):.3g} and force of "
                 f"{_length(missed[3:] / size):.3g}, in the file's units",
             )
-        taut: Array | None = tensions
-        if several or self.cables[free].any():
-            bounds = self.bounds(tensions, free)
-            taut = within_bounds(matrix, tensions, bounds, float(np.abs(start).max()))
-        if taut is None:
+        if not several and not self.cables[free].any():
+            return tensions
+        bounds, largest = self.bounds(tensions[None], free), np.abs([start]).max(axis=1)
+        null = null_basis(matrix)[None]
+        taut, exist = within_bounds(null, tensions[None], bounds, largest)
+        if not exist[0]:
             raise InputError(
                 "the cables cannot balance this load at this pose: one would have to push",
                 expected="a load that tensions alone can carry",
             )
-        return taut
+        return np.asarray(taut[0])
 
     def holding(self, lines: Array | None = None) -> Array:
         """Lines (m,) that are to have exactly their preload at a posture, whatever acts.
@@ -439,31 +455,26 @@ class LineSprings(PosePotential):
         return np.nan_to_num(given)
 
     def bounds(self, tensions: Array, which: Array) -> Bounds:
-        """Bounds of lines `which` (m,), for their tensions without a bound.
+        """Bounds (p, ...) of lines `which` (m,), for their tensions (p, ...) without a bound.
 
         Cables keep their least force, else a share of the mean preload, or without one of those
         tensions, if that is possible. Neither that nor limits of drives are for lines with a rest
         length.
         """
         is_open, cables = self.rest_is_free()[which], self.cables[which]
-        own = (
-            np.zeros(0)
-            if self.preload is None
-            else self.preload[which & self.rest_is_free()]
-        )
-        preload = float(np.nan_to_num(own).mean()) if own.size else 0.0
-        mean = (
-            preload
-            if preload > 0.0
-            else float(np.abs(tensions[cables]).mean() if cables.any() else 0.0)
-        )
+        preload = 0.0
+        if self.preload is not None and is_open.any():
+            preload = float(np.nan_to_num(self.preload[which][is_open]).mean())
+        mean = np.full((len(tensions), 1), max(preload, 0.0))
+        if not preload > 0.0 and cables.any():
+            mean = np.abs(tensions[:, cables]).mean(axis=1, keepdims=True)
         kept = np.where(is_open, numerics.TAUT_SHARE * mean, 0.0)
         least = np.full(len(cables), -np.inf) if self.least is None else self.least[which]
         most = np.full(len(cables), np.inf) if self.most is None else self.most[which]
         least = np.where(is_open & (least > 0.0) | ~cables, least, kept)
         return Bounds(
             np.where(is_open | cables, least, -np.inf),
-            np.where(is_open, most, np.inf),
+            np.broadcast_to(np.where(is_open, most, np.inf), least.shape),
             cables,
         )
 

@@ -20,7 +20,7 @@ cost are never taken.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import count, product
 from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
@@ -625,26 +625,6 @@ def criteria() -> dict[str, Quantity]:
     return {name: q for name, q in QUANTITIES.items() if q.better is not None}
 
 
-def ready(elastic: ElasticMechanism) -> ElasticMechanism:
-    """Return the mechanism with free rest positions, which a controller commands at each point.
-
-    Raises
-    ------
-    InputError
-        If there are no springs whose rest positions could be commanded.
-    """
-    if elastic.springs is None:
-        raise InputError(
-            f"{elastic.name} has no springs whose rest positions could be commanded"
-        )
-    springs = elastic.springs
-    if isinstance(elastic.mechanism, Platform) and len(springs.stiffness) != 6:
-        return elastic  # such a platform's preload is a property of its file, not only of the load
-    return replace(
-        elastic, springs=springs.replaced(springs.stiffness, springs.rest * np.nan)
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class PathCost:
     """The criterion of a path.
@@ -652,7 +632,7 @@ class PathCost:
     Attributes
     ----------
     elastic : ElasticMechanism
-        The mechanism, from `ready`.
+        The mechanism, with springs.
     path : ToolPath
         The path, with wrenches or directions if the quantity needs them.
     quantity : Quantity
@@ -1136,8 +1116,9 @@ def optimise_path(
     Parameters
     ----------
     elastic : ElasticMechanism
-        A serial arm or a platform with springs. Its rest positions are commanded, so that at each
-        posture they carry gravity, and with `loaded` the path's wrench as well.
+        A serial arm or a platform with springs. As in `cartstiff.analyse`, those rest positions
+        that are not given are commanded, so that at each posture the springs carry gravity, and
+        with `loaded` all that are driven, so that they carry the path's wrench as well.
     path : ToolPath
         Poses of the body frame M, with wrenches or directions if the criterion needs them.
     free : {"none", "x", "y", "z", "rotation"}
@@ -1209,6 +1190,8 @@ def optimise_path(
     connection = connection or ("load" if loaded else "B")
     if isinstance(mechanism, Chain) and mechanism.closures:
         raise InputError("paths are for serial arms and platforms", got=mechanism.kind)
+    if elastic.springs is None:
+        raise InputError(f"{elastic.name} has no springs, whose stiffness could be best")
     check_name("free rotation", free, get_args(Free))
     check_name("criterion", criterion, criteria())
     if not 0.0 <= singular < 1.0:
@@ -1229,7 +1212,7 @@ def optimise_path(
             expected="loaded as well",
         )
     cost = PathCost(
-        ready(elastic),
+        elastic,
         path,
         criteria()[criterion],
         connection,
