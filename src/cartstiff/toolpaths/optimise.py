@@ -1367,8 +1367,14 @@ class _Search:
                 code="path-near-singular",
                 values={**values, "ratio": best, "threshold": self.singular},
             )
+        springs = elastic.springs
+        is_given = springs is not None and not springs.rest_is_free().any()
+        words = (
+            "; rest positions that are left out of the file are commanded at each point"
+        )
         return UndefinedError(
-            f"{here}: the criterion exists in no posture that reaches it",
+            f"{here}: the criterion exists in no posture that reaches it"
+            + words * (is_given and not self.cost.loaded),
             code="path-without-stiffness",
             values={**values, "ratio": best},
         )
