@@ -6,7 +6,7 @@ import ast
 import math
 import re
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 
 from cartstiff.errors import InputError, UnknownNameError, one_line
 
@@ -138,16 +138,6 @@ class Expression:
         if not math.isfinite(result):
             raise self._none("no finite real number", values)
         return result
-
-    def of_rows(self, columns: Mapping[str, Iterable[float]]) -> list[float]:
-        """Evaluate for rows of values, one column for each name; NaN if there is no real number."""
-        names, found = sorted(self.names), []
-        for row in zip(*(columns[name] for name in names), strict=True):
-            try:
-                found.append(self.value(dict(zip(names, row, strict=True))))
-            except InputError:
-                found.append(math.nan)
-        return found
 
     def _none(self, what: str, values: Mapping[str, float]) -> InputError:
         names = ", ".join(f"{name} = {values[name]:g}" for name in sorted(self.names))

@@ -1,4 +1,4 @@
-"""A map or a study goes on only with what it was begun with: files, options, versions."""
+"""A map goes on only with what it was begun with: files, options, versions."""
 
 from __future__ import annotations
 

@@ -139,7 +139,7 @@ def _spring(spring: Any, metres: float, slides: bool) -> Any:
 def _link(link: Any, metres: float, name: str) -> Any:
     if link.mass is not None:
         raise InputError(
-            "a superelement with a mass matrix is in m",
+            "a link with a mass matrix is in m",
             where=f"key legs.flexible.{name}",
             expected="no units, or no M",
         )

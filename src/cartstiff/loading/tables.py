@@ -402,15 +402,12 @@ def read_rows(
     return Rows(cells.numbers() * (sizes or 1.0), names, cells.place, factors)
 
 
-# Largest number of rows of a measured response.
-_MAX_ROWS = 1_000_000
 _ROUND = re.compile(
     r"\(\s*((?:[mcdu\u00b5\u03bc]?m|in|ft|k?N(?:[ *]?[mcd]?m)?(?:/\w+)?|kg|g|m?s|m?rad|deg|\u00b0))"
     r"\s*\)\s*$"
 )
 # First line of some spreadsheets' tables.
 _SEPARATOR = re.compile(r"sep=[;,\t]?", re.IGNORECASE)
-_SQUARE = str.maketrans("()", "[]")
 _HEAD = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
 #: Factors to SI, by kind of quantity.
 UNITS: Final[Mapping[str, Mapping[str, float]]] = {

@@ -36,8 +36,6 @@ SHORTEST_LINE: Final = 1e-10
 COMPLEX_SHARE: Final = 1e-6
 #: Below this ratio of omega^2 the small ones are taken from the compliance as well.
 SMALL_FREQUENCY_RATIO: Final = 1e-5
-#: Share of the largest eigenvalue above which a stiffness alone determines an eigenvalue.
-RESOLVED_EIGENVALUE: Final = 1e-8
 #: Forms on the motions of closures below this share of the largest vanish: they are products of
 #: motions with an error of the root of `ROUNDOFF_OF_SUMS`.
 VANISHING_FORM: Final = 1e-7

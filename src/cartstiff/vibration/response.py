@@ -221,10 +221,7 @@ class FrequencyResponse(Result, LabelledResult):
         return f"{self.units.length}{per[RESPONSES[self.kind]]}/{self.units.force}"
 
     def to_csv(self, direction: ArrayLike | None = None) -> str:
-        """Columns: frequency, then real and imaginary part along x, y, z or along a direction.
-
-        With a direction, the table is one that `modes --measured` reads.
-        """
+        """Columns: frequency, then real and imaginary part along x, y, z or along a direction."""
         names, columns = ["frequency [Hz]"], [self.frequencies]
         for name, values in self.curves(direction).items():
             names += [f"real_{name} [{self.unit}]", f"imaginary_{name} [{self.unit}]"]
