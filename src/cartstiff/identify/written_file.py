@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import io
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from cartstiff.identify.unknowns import ZERO, Unknowns, placement_of
 from cartstiff.loading.catalogue import bundled
 from cartstiff.loading.mechanism_file import with_parameters
 from cartstiff.loading.schema import PoseModel, place_of, pose_of
-from cartstiff.loading.yaml_file import read_yaml
+from cartstiff.loading.yaml_file import read_yaml, with_scalars
 from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements
@@ -83,15 +83,21 @@ def mechanism_file(result: Identification, data: dict[str, Any], source: str) ->
 
 
 def _yaml(data: dict[str, Any]) -> bytes:
-    from ruamel.yaml import YAML
+    import yaml
 
-    yaml = YAML(typ="safe", pure=True)
-    yaml.default_flow_style = None
-    yaml.width = 100_000  # a text that is folded at a hyphen comes back with a blank
-    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
-    out = io.StringIO()
-    yaml.dump(data, out)
-    return out.getvalue().encode()
+    class Dumper(yaml.SafeDumper):
+        """Puts text in quotes that YAML 1.2 reads as a number."""
+
+    # A text that is folded at a hyphen comes back with a blank.
+    text: str = yaml.dump(
+        data,
+        Dumper=with_scalars(Dumper),
+        default_flow_style=None,
+        width=math.inf,
+        sort_keys=False,
+        allow_unicode=True,
+    )
+    return text.encode()
 
 
 def keys_to_write(

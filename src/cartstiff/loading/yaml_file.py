@@ -8,8 +8,8 @@ import re
 import stat
 from contextlib import suppress
 from copy import deepcopy
-from functools import lru_cache
-from itertools import islice
+from functools import cache, lru_cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -121,18 +121,16 @@ def _in_order(value: Any) -> Any:
 
 @lru_cache(maxsize=32)  # a design study reads the same file for each of its machines
 def _parsed(text: str, where: str) -> tuple[dict[str, Any], Lines]:
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
+    from yaml import YAMLError
 
     _check_directives(text, where)
     if _BRACKETS.search(text):
         raise InputError("YAML is nested too deeply", where=where)
     # Every value but the first follows one of these characters, so that their number is a bound.
     _check_count(sum(map(text.count, ",:\n")) - len(_COMMENTS.findall(text)), where)
-    yaml = YAML(typ="rt", pure=True)
     lines: Lines = {}
     try:
-        documents = list(islice(yaml.compose_all(text), 2))
+        documents = _documents(text)
         if len(documents) != 1 or documents[0] is None:
             raise InputError(
                 "file must hold one YAML document",
@@ -157,6 +155,70 @@ def _parsed(text: str, where: str) -> tuple[dict[str, Any], Lines]:
             got=type(data).__name__,
         )
     return data, lines
+
+
+#: Plain scalars of YAML 1.2 that are no text, and the characters that they begin with.
+_SCALARS = {
+    "null": (r"~|null|Null|NULL|", ["~", "n", "N", ""]),
+    "bool": (r"true|True|TRUE|false|False|FALSE", list("tTfF")),
+    "int": (r"[-+]?(?:[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+)", list("-+0123456789")),
+    "float": (
+        r"[-+]?(?:[0-9]+\.?|[0-9]*\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+        r"|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)",
+        list("-+.0123456789"),
+    ),
+    "merge": (r"<<", ["<"]),
+}
+
+
+def with_scalars(resolver: Any) -> Any:
+    """A class of PyYAML's that reads or writes, made to know the scalars of YAML 1.2."""
+    for kind, (pattern, first) in _SCALARS.items():
+        tag = f"tag:yaml.org,2002:{kind}"
+        resolver.add_implicit_resolver(tag, re.compile(f"(?:{pattern})$"), first)
+    return resolver
+
+
+@cache
+def _loader(pure: bool) -> Any:
+    """A class that composes nodes in Python, which limits their depth; libyaml or Python parses."""
+    from yaml.composer import Composer
+    from yaml.parser import Parser
+    from yaml.reader import Reader
+    from yaml.resolver import BaseResolver
+    from yaml.scanner import Scanner
+
+    class Python(Reader, Scanner, Parser):  # type: ignore[misc]
+        def __init__(self, text: str) -> None:
+            Reader.__init__(self, text)
+            Scanner.__init__(self)
+            Parser.__init__(self)
+
+    events: Any = Python
+    if not pure:
+        with suppress(ImportError):  # a build of PyYAML without libyaml
+            events = import_module("yaml.cyaml").CParser
+
+    class Loader(Composer, events, BaseResolver):  # type: ignore[misc]
+        def __init__(self, text: str) -> None:
+            events.__init__(self, text)
+            Composer.__init__(self)
+            BaseResolver.__init__(self)
+
+    return with_scalars(Loader)
+
+
+def _documents(text: str, pure: bool = False) -> list[Any]:
+    """Root nodes of a text's first two documents."""
+    from yaml import YAMLError
+
+    loader = _loader(pure)(text)
+    try:
+        return [loader.get_node() for _ in range(2) if loader.check_node()]
+    except YAMLError:
+        if pure:
+            raise
+    return _documents(text, pure=True)  # whose errors say which character is wrong
 
 
 def _check_directives(text: str, where: str) -> None:
@@ -252,8 +314,6 @@ def _check_count(count: int, where: str) -> None:
 def _scalar(node: Any, tag: str, place: str) -> Any:
     kind = tag.removeprefix("tag:yaml.org,2002:")
     text = str(node.value)
-    if node.style == ">":  # the parser marks where lines were folded
-        text = text.replace("\a", "")
     # An explicit tag (!!bool abc) may precede any text: it is used only where the text fits.
     if kind == "null" and text in _NULLS:
         return None
