@@ -16,7 +16,7 @@ RUNTIME := $(VENV)/runtime.stamp
 DEV := $(VENV)/dev.stamp
 
 # What a shell has set up for another Python (ROS, say) must not leak into this environment.
-unexport PYTHONPATH PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX
+unexport PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE PIP_USER PIP_TARGET PIP_PREFIX
 # 6x6 matrices gain nothing from threads, and two test processes share two cores.
 export OMP_NUM_THREADS := 1
 

@@ -6,7 +6,6 @@ missing one would be -9e18), complex numbers, masked numbers.
 
 from __future__ import annotations
 
-import csv
 import io
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -492,6 +491,8 @@ def csv_rows(names: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 def csv_line(cells: Iterable[object]) -> str:
     """A line of CSV, with its line end."""
+    import csv
+
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow([_cell(cell) for cell in cells])
     return text.getvalue()

@@ -13,14 +13,16 @@ import json
 import os
 import signal
 import stat
-import subprocess
 import sys
 import sysconfig
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cartstiff.errors import InputError
+
+if TYPE_CHECKING:
+    from subprocess import CompletedProcess
 
 # Longest time [s], also for a process that waits.
 _LONGEST = 60.0
@@ -52,6 +54,8 @@ def answer_of(
     InputError
         If it does not end in time, or crashes.
     """
+    import subprocess
+
     # Python's own modules before files of the same name beside the user's script.
     places = [*(sysconfig.get_path(kind) for kind in ("stdlib", "platstdlib")), *sys.path]
     # One thread only: a process with several cannot enter a network namespace.
@@ -86,7 +90,7 @@ def answer_of(
     return {**data, "payload": payload} if payload else data
 
 
-def _end_of(done: subprocess.CompletedProcess[bytes]) -> str:
+def _end_of(done: CompletedProcess[bytes]) -> str:
     if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
         return "it took too long"
     if done.returncode < 0:

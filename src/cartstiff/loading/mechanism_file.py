@@ -14,7 +14,7 @@ from pathlib import Path
 from string import digits
 from typing import Annotated, Any
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from cartstiff.arrays import checked_number
 from cartstiff.errors import InputError, check_name, one_line
@@ -357,7 +357,9 @@ def _model(kind: str) -> Any:
 
 
 @cache
-def _any_kind() -> TypeAdapter[Any]:
+def _any_kind() -> Any:
+    from pydantic import Field, TypeAdapter
+
     kinds = reduce(or_, map(_model, FILE_KINDS))
     chosen: Any = Annotated[kinds, Field(discriminator="kind")]
     return TypeAdapter(chosen)
@@ -365,7 +367,20 @@ def _any_kind() -> TypeAdapter[Any]:
 
 def json_schema() -> dict[str, Any]:
     """Return the JSON schema of mechanism files of every kind."""
-    return _any_kind().json_schema()
+    from pydantic.json_schema import GenerateJsonSchema
+
+    class WithSections(GenerateJsonSchema):
+        """Writes the models of sections, which are built when a file has them."""
+
+        def function_plain_schema(self, schema: Any) -> dict[str, Any]:
+            model = schema.get("metadata", {}).get("section")
+            if model is None:
+                return super().function_plain_schema(schema)
+            model.model_rebuild()
+            ref = f"{model.__module__}.{model.__qualname__}:{id(model)}"
+            return self.generate_inner({**model.__pydantic_core_schema__, "ref": ref})
+
+    return _any_kind().json_schema(schema_generator=WithSections)
 
 
 @contextmanager

@@ -15,7 +15,17 @@ from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    Self,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+)
 
 import numpy as np
 from pydantic import (
@@ -31,7 +41,7 @@ from pydantic import (
     field_validator,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
+from pydantic_core import PydanticCustomError, core_schema
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
@@ -84,6 +94,33 @@ class FileModel(BaseModel):
 
     # Validators are built when first used: a file uses few of the classes.
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+
+if TYPE_CHECKING:
+    _Section = TypeVar("_Section")
+    #: A section whose model is built when a file has it: most files have few of them.
+    Section = Annotated[_Section, ...]
+else:
+
+    class Section:
+        """A section whose model is built when a file has it: most files have few of them."""
+
+        def __class_getitem__(cls, model):
+            """The model, so marked."""
+            return Annotated[model, cls(model)]
+
+        def __init__(self, model):
+            self.model = model
+
+        def __get_pydantic_core_schema__(self, source, handler):
+            """Check by the model's own validator."""
+
+            def checked(value, info):
+                return self.model.model_validate(value, context=info.context)
+
+            return core_schema.with_info_plain_validator_function(
+                checked, metadata={"section": self.model}
+            )
 
 
 def _file_name(name: Any) -> str:
@@ -361,7 +398,7 @@ class JointSpringModel(FileModel):
         min_length=1,
         max_length=20,
     )
-    table: TablePoints | SpringTableModel | None = keyed(
+    table: TablePoints | Section[SpringTableModel] | None = keyed(
         "pairs [deflection, torque], deflections increasing: straight pieces between them; or "
         "points and pieces",
         None,
@@ -417,7 +454,7 @@ def _or_text(schema: dict[str, Any]) -> None:
 
 
 SpringsByJoint = Annotated[
-    dict[str, JointSpringModel],
+    dict[str, Section[JointSpringModel]],
     WrapValidator(_by_joint_or_name),
     Field(json_schema_extra=_or_text),
 ]
@@ -494,8 +531,8 @@ class FlexibleModel(FileModel):
         min_length=6,
         max_length=6,
     )
-    beam: BeamModel | None = None
-    offset: PoseModel = keyed(
+    beam: Section[BeamModel] | None = None
+    offset: Section[PoseModel] = keyed(
         "place of the spring in the link's frame", PoseModel.model_construct()
     )
 
@@ -540,13 +577,13 @@ class FileWords(FileModel):
     gravity: Vector | None = keyed(
         "acceleration in F, m/s^2 whatever the units; none if absent", None
     )
-    payload: PayloadModel | None = None
+    payload: Section[PayloadModel] | None = None
     parameters: dict[Text, Number | Text] = keyed(
         "names for numbers, or for stiffnesses with their units; wherever a number stands in the "
         "file, a text such as '=2*r*cos(pi/6)' may stand for it",
         {},
     )
-    identified: IdentifiedModel | None = None
+    identified: Section[IdentifiedModel] | None = None
 
 
 class DHUnits(FileModel):
@@ -602,7 +639,9 @@ class DHModel(FileModel):
 
 
 class _Robot(FileModel):
-    dh: DHModel | None = keyed("in place of model: a Denavit-Hartenberg table", None)
+    dh: Section[DHModel] | None = keyed(
+        "in place of model: a Denavit-Hartenberg table", None
+    )
     model: FileName | None = keyed(
         "name of a robot, or path of URDF, xacro or MJCF", None, validate_default=True
     )
@@ -654,7 +693,7 @@ class Joints(_Robot):
         "this file (.csv: joint, stiffness [N m/arcmin])",
         {},
     )
-    coupled_springs: list[CoupledSpringModel] = keyed(
+    coupled_springs: list[Section[CoupledSpringModel]] = keyed(
         "springs on sums of joint positions, as of a differential or a tendon over several joints",
         [],
     )
@@ -663,22 +702,24 @@ class Joints(_Robot):
         False,
     )
     passive: list[Text] = keyed("joints without springs", [])
-    flexible: dict[str, FlexibleModel] = keyed("by link name", {})
+    flexible: dict[str, Section[FlexibleModel]] = keyed("by link name", {})
 
 
 class SerialFile(Joints, FileWords):
     """A serial arm."""
 
     kind: Literal["serial"]
-    base: PoseModel = keyed(
+    base: Section[PoseModel] = keyed(
         "the robot's own base frame B (its root) in F, the room",
         PoseModel.model_construct(),
     )
-    offset: PoseModel = keyed("M in the named frame", PoseModel.model_construct())
+    offset: Section[PoseModel] = keyed(
+        "M in the named frame", PoseModel.model_construct()
+    )
     zeros: dict[str, Number] = keyed(
         "true positions of joints that are commanded to 0", {}
     )
-    lines: list[LineModel] = keyed(
+    lines: list[Section[LineModel]] = keyed(
         "springs and cables between links; where they are and no joint is named under springs or "
         "passive, none but the joints with actuators of their own get an assumed spring",
         [],
