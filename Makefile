@@ -11,7 +11,8 @@ LOCK_ARGS ?=
 
 PY := $(VENV)/bin/python
 # Where a lock carries hashes, pip takes no file without its own.
-PIP := $(PY) -m pip --disable-pip-version-check -qq install
+# What nobody imports is not compiled; what is, is compiled when it is imported.
+PIP := $(PY) -m pip --disable-pip-version-check -qq install --no-compile
 RUNTIME := $(VENV)/runtime.stamp
 DEV := $(VENV)/dev.stamp
 
