@@ -69,8 +69,9 @@ def files() -> list[Path]:
 
 def ways(data: Any, at: Way = ()) -> Iterator[Way]:
     """The way of keys to every value."""
-    inner = data.items() if isinstance(data, dict) else enumerate(data)
-    for key, value in inner if isinstance(data, (dict, list)) else ():
+    if not isinstance(data, (dict, list)):
+        return
+    for key, value in data.items() if isinstance(data, dict) else enumerate(data):
         yield (*at, key)
         yield from ways(value, (*at, key))
 
@@ -235,7 +236,7 @@ def fault(mutant: Mutant, name: str) -> str:
         return "accepted"
     if is_wrong_by_schema(mutant.data):
         return "accepted, against the JSON schema"
-    if mutant.kind == "wrong length" and not {*mutant.at[-2:]} & FREE:
+    if mutant.kind == "wrong length" and mutant.at[-1] not in FREE:
         return "accepted"
     default = _default(mutant.data, mutant.at) if mutant.kind == "dropped" else None
     if default is not None:

@@ -85,7 +85,7 @@ def mechanism_file(result: Identification, data: dict[str, Any], source: str) ->
 def _yaml(data: dict[str, Any]) -> bytes:
     import yaml
 
-    class Dumper(yaml.SafeDumper):
+    class Dumper(yaml.SafeDumper):  # type: ignore[misc]
         """Puts text in quotes that YAML 1.2 reads as a number."""
 
     # A text that is folded at a hyphen comes back with a blank.
