@@ -1,5 +1,7 @@
 """Public names: type checkers and `lazy_loader` read them here."""
 
+from .analysis.comparison import Comparison as Comparison
+from .analysis.comparison import compare as compare
 from .analysis.posture import analyse_posture as analyse_posture
 from .analysis.tolerances import Tolerances as Tolerances
 from .batch.postures import Postures as Postures

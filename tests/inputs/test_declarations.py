@@ -61,6 +61,15 @@ def test_every_option_is_read(command: Command) -> None:
     assert exposed <= read | passed  # as `asdict` hands them on
 
 
+def test_an_option_without_its_value_is_refused(command: Command) -> None:
+    for option in command.params:
+        if isinstance(option, click.Option) and not option.is_flag:
+            needed = [p for p in command.params if isinstance(p, click.Argument) and p.required]
+            words = [*["x"] * len(needed), option.opts[-1]]
+            with pytest.raises(click.BadOptionUsage, match="requires an argument"):
+                command.main(words, standalone_mode=False)
+
+
 def test_help_is_a_line_for_each_option(command: Command) -> None:
     """The help has what is wanted often, a line each; --help-all has every option in full."""
     brief = CliRunner().invoke(command, ["--help"]).output

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -335,3 +336,27 @@ def test_line_springs_without_a_line_are_refused() -> None:
         cartstiff.LineSprings(
             anchors=np.zeros((0, 3)), points=np.zeros((0, 3)), stiffness=[], rest_length=[]
         )
+
+
+def test_results_of_lines_without_a_length_are_displayed_or_refused(tmp_path: Path) -> None:
+    """Base and platform of a platform coincide at its zero pose: no leg has a direction."""
+    points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0, 0], [0, 0.5, 0]]
+    file = tmp_path / "flat.yaml"
+    file.write_text(
+        f"kind: stewart-gough\nbase: {points}\nplatform: {points}\n"
+        "pose: {xyz: [0, 0, 1], rpy: [0, 0, 0]}\nlegs: {stiffness: 1.0e6}\n"
+    )
+    flat, q = cartstiff.load(file), np.zeros(6)
+    for ask in (cartstiff.analyse, cartstiff.modes):
+        with pytest.raises(UndefinedError, match="line 1 has zero length"):
+            ask(flat, q)
+    many = cartstiff.analyse_many(flat, [q, flat.q])
+    assert "zero-length-line" in repr(many)
+    for shown in (
+        replace(flat, q=q),
+        many,
+        cartstiff.workspace(flat, q, directions=8, scan=2),
+        cartstiff.assemble(flat, np.full(6, 1e-9)),
+    ):
+        assert len(repr(shown)) > 10
+        assert getattr(shown, "_repr_html_", lambda: "none")()

@@ -266,7 +266,7 @@ def _parameter(
     option = _Option(
         [*(["-o"] if name == "output" else []), spelling, name],
         type=None if is_flag else kind or hint,
-        is_flag=is_flag,
+        is_flag=is_flag or None,  # False would let the value of an option be left out
         multiple=several or merges,
         callback=_merged if merges else None,
         required=is_needed,

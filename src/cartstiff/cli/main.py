@@ -29,6 +29,10 @@ _COMMANDS = {
         "cartstiff.cli.equilibrium",
         "Where a mechanism comes to rest under a load, and whether it is stable there.",
     ),
+    "compare": (
+        "cartstiff.cli.compare",
+        "Two mechanisms, or one with other parameters, side by side with ratios.",
+    ),
     "view": (
         "cartstiff.cli.view",
         "Open a page in the browser: move the mechanism, see its stiffness.",

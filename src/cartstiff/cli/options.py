@@ -23,7 +23,7 @@ from cartstiff.cli.declare import Command, OptionType, add_once
 from cartstiff.cli.output import Progress, json_text, say
 from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.matrix_names import Letter
-from cartstiff.notes import DOUBTS
+from cartstiff.notes import DOUBTS, Note
 from cartstiff.parsing import parse_numbers
 
 if TYPE_CHECKING:
@@ -534,9 +534,14 @@ class Setup(Load, File, Tool, Posture):
     (`ElasticMechanism.before_load`); the load comes then, `keywords`.
     """
 
-    def read(self) -> tuple[Any, Any]:
-        """Return the elastic mechanism, and its coordinates or None for the default posture."""
+    def read(self, units: Any = None) -> tuple[Any, Any]:
+        """Return the elastic mechanism, and its coordinates or None for the default posture.
+
+        `units` are those of every option and of the result; default those of the file.
+        """
         elastic = self.in_frame(self.frame)
+        if units is not None and elastic.units != units:
+            elastic = self._converted(elastic.units, units)
         q, notes = self._coordinates(elastic)
         elastic = elastic.with_notes(*notes)
         names, joints = elastic.spring_names, elastic.mechanism.joint_names
@@ -554,6 +559,29 @@ class Setup(Load, File, Tool, Posture):
                 _check_range(self.rest, "zero or more")
             rest = self.rest.of(names, joints=joints)
         return elastic.with_springs(stiffness, rest), q
+
+    def _converted(self, own: Any, units: Any) -> Any:
+        """Return the mechanism of a file in `own` units, with its numbers and options in others."""
+        from cartstiff.mechanisms.contract import convert_length
+        from cartstiff.mechanisms.other_units import in_units
+
+        if own.force != units.force:
+            raise InputError(
+                "forces have another unit than those of the first mechanism",
+                where=one_line(self.mechanism),
+                expected=units.force,
+                got=own.force,
+            )
+        factor, _ = convert_length(units, own)
+        tcp, payload = self.tcp, self.payload
+        elastic = self._loaded(
+            self.frame,
+            tcp=tcp and [*(x * factor for x in tcp[:3]), *tcp[3:]],
+            payload=payload and [payload[0], *(x * factor for x in payload[1:])],
+        )
+        words = f"lengths of the file in {own.length} are converted to {units.length}"
+        note = Note("converted-units", words, {"from": own.length, "to": units.length})
+        return in_units(elastic, units.length).with_notes(note)
 
     def command(self, elastic: Any) -> dict[str, float]:
         """Commanded displacement of each drive by --actuate."""

@@ -19,7 +19,7 @@ def json_schema(command: str = "analyse") -> Schema:
     Parameters
     ----------
     command : {"analyse", "equilibrium", "frames", "modes", "identify", "assemble", "workspace", \
-"design", "analysis"}
+"design", "compare", "analysis"}
         The command; "analysis" is the object that ``analyse`` adds under this key.
 
     Returns

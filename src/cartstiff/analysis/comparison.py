@@ -1,0 +1,491 @@
+"""Two mechanisms under one question, side by side, with the ratios of their numbers.
+
+Both are read in the same way: the tangent stiffness under the load, at each one's
+posture. Directions are those of the room, in which both are placed by their own bases;
+the axes of two tools have nothing in common. No number depends on a length by which
+angles are multiplied: the condition number is that at the length where it is least, each
+mechanism's own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.analysis.ellipsoids import Freedom, softest, stiffnesses_on_axes
+from cartstiff.analysis.posture import analyse_posture
+from cartstiff.arrays import Array
+from cartstiff.checked_call import checked
+from cartstiff.described import described
+from cartstiff.errors import InputError, checked_kind
+from cartstiff.figures import new_figure
+from cartstiff.lazily import cached_property
+from cartstiff.mechanisms.contract import Units
+from cartstiff.notes import Note
+from cartstiff.results import LabelledResult
+from cartstiff.stiffness.compute import PostureStiffness
+
+#: Quantities that the answer is about.
+DISPLACEMENT, SOFTEST = "displacement under the load", "softest translation"
+#: Why two numbers have no ratio: where there is none, or one of them is not above zero.
+NoRatio = Literal["first", "second", "both", "sign"]
+
+# Angle [rad] between the directions of a load in the room above which they are different
+# loads.
+_SAME_DIRECTION = 1e-3
+_FREEDOMS: tuple[tuple[Freedom, str], ...] = (
+    ("translation", "along"),
+    ("rotation", "about"),
+)
+# Names of three principal stiffnesses, smallest first.
+_PRINCIPAL = ("softest", "middle", "stiffest")
+
+
+@dataclass(frozen=True)
+class ComparedNumber:
+    """A number of both mechanisms.
+
+    Attributes
+    ----------
+    quantity : str
+        What it is.
+    unit : str
+        Unit of both.
+    first, second : float or None
+        None where it does not exist.
+    """
+
+    quantity: str
+    unit: str
+    first: float | None
+    second: float | None
+
+    @property
+    def because(self) -> NoRatio | None:
+        """Why there is no ratio; None where there is one."""
+        missing = [x is None for x in (self.first, self.second)]
+        if any(missing):
+            return "both" if all(missing) else ("first", "second")[missing.index(True)]
+        is_positive = all(x is not None and x > 0.0 for x in (self.first, self.second))
+        return None if is_positive else "sign"
+
+    @property
+    def ratio(self) -> float | None:
+        """The second over the first; None where one of them is missing or not above zero."""
+        if self.first is None or self.second is None or self.because is not None:
+            return None
+        return self.second / self.first
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {**vars(self), "ratio": self.ratio, "because": self.because}
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """One of the two mechanisms, analysed.
+
+    Attributes
+    ----------
+    label : str
+        Its name for people, another one than that of the other mechanism.
+    result : PostureStiffness
+        From `cartstiff.analyse`.
+    analysis : mapping
+        From `cartstiff.analyse_posture`.
+    """
+
+    label: str
+    result: PostureStiffness
+    analysis: Mapping[str, Any]
+
+    @property
+    def freedoms(self) -> int:
+        """Number of independent motions of the body."""
+        return self.result.reduction.rank
+
+    @property
+    def load(self) -> Array | None:
+        """Given wrench on the body: moment about M's origin and force, in axes of the room."""
+        found = self.analysis["deflection"]
+        if found is None or found["by"] != "load" or self.result.wrench is None:
+            return None
+        return np.ravel(
+            np.reshape(self.result.wrench, (2, 3)) @ self.result.pose[:3, :3].T
+        )
+
+    @property
+    def deflection(self) -> Mapping[str, Any] | None:
+        """Linear deflection under the given load; None where nothing resists it."""
+        found: Mapping[str, Any] | None = self.analysis["deflection"]
+        is_resisted = self.analysis["definiteness"] in (None, "positive")
+        is_of_load = self.load is not None and found is not None and found["energy"] > 0.0
+        return found if is_resisted and is_of_load else None
+
+    @property
+    def motion(self) -> tuple[float | None, float | None]:
+        """Displacement and rotation of M under the given load; round-off of the other is 0."""
+        if self.deflection is None:
+            return None, None
+        moved = math.hypot(*self.deflection["displacement"])
+        turned = math.hypot(*self.deflection["twist"][:3])
+        least, length = numerics.PRINTED_AS_ZERO, self.result.length
+        return (
+            0.0 if moved < least * turned * length else moved,
+            0.0 if turned < least * moved / length else turned,
+        )
+
+    def principal(self, freedom: Freedom) -> list[float | None]:
+        """Principal stiffnesses, smallest first, the other three freedoms without load.
+
+        None along motions that the structure holds, and of no motion where loads are not
+        resisted.
+        """
+        ellipsoids = self.analysis["ellipsoids"]["compliance"]
+        own, other = (
+            ellipsoids[name]["free"]
+            for name in (freedom, *(f for f, _ in _FREEDOMS if f != freedom))
+        )
+        if own is None:
+            return [None] * 3
+        size = max(map(abs, own["eigenvalues"]))
+        if other is not None:
+            power = 2 if freedom == "translation" else -2
+            length = self.result.length
+            size = max(size, max(map(abs, other["eigenvalues"])) * length**power)
+        least = numerics.ROUNDOFF * size
+        each = own["eigenvalues"][::-1]
+        return [None if abs(x) <= least else 1.0 / x for x in each]
+
+    def in_room(self, freedom: Freedom) -> list[float | None]:
+        """Stiffness along, or about, x, y and z of the room, all other freedoms without load."""
+        here, nothing = self.result.at(), np.full((6, 6), np.nan)
+        name = "load" if self.result.is_loaded else "B"
+        K, C = (
+            np.broadcast_to(nothing if M is None else M, (3, 6, 6))
+            for M in here.pair(name, "free")
+        )
+        axes = self.result.pose[
+            :3, :3
+        ]  # row i: axis i of the room along those of the body
+        found = stiffnesses_on_axes(K, C, axes, freedom, "free")
+        return [float(x) if math.isfinite(x) else None for x in found]
+
+    @property
+    def softest_direction(self) -> Array | None:
+        """Direction of the largest displacement under a force, in the room; None if not one."""
+        shape = self.analysis["ellipsoids"]["compliance"]["translation"]["free"]
+        found = None if shape is None else softest(shape["eigenvalues"], shape["axes"])
+        if found is None or found[1] is None:
+            return None
+        return np.asarray(self.result.pose[:3, :3] @ found[1])
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        about = self.result.elastic.about()
+        return {
+            "label": self.label,
+            **{key: value for key, value in about.items() if key != "units"},
+            "q": self.result.q,
+            "pose": self.result.pose,
+            "load": self.load,
+            "freedoms": self.freedoms,
+            "definiteness": self.analysis["definiteness"],
+            "softest_direction": self.softest_direction,
+            "springs_in_doubt": self.result.elastic.springs_in_doubt,
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(LabelledResult):
+    """Two mechanisms side by side.
+
+    Attributes
+    ----------
+    first, second : Compared
+        The mechanisms.
+    """
+
+    command: ClassVar = "compare"
+
+    first: Compared
+    second: Compared
+
+    @property
+    def units(self) -> Units:
+        """Units of every number."""
+        return self.first.result.units
+
+    @property
+    def distance(self) -> float:
+        """Distance between the origins of the body frames."""
+        places = (x.result.pose[:3, 3] for x in (self.first, self.second))
+        return float(np.linalg.norm(np.subtract(*places)))
+
+    @property
+    def softest_angle(self) -> float | None:
+        """Angle [rad] between the softest directions; None if one of them is not one."""
+        directions = self.first.softest_direction, self.second.softest_direction
+        if directions[0] is None or directions[1] is None:
+            return None
+        angle = _angle(directions[0], directions[1])
+        return min(angle, math.pi - angle)  # a direction is a line
+
+    @cached_property
+    def numbers(self) -> tuple[ComparedNumber, ...]:
+        """Every number that both may have."""
+        units, both = self.units, (self.first, self.second)
+
+        def rows() -> Iterator[ComparedNumber]:
+            if any(x.load is not None and x.load.any() for x in both):
+                moved, turned = zip(*(x.motion for x in both), strict=True)
+                yield ComparedNumber(DISPLACEMENT, units.length, *moved)
+                yield ComparedNumber("rotation under the load", units.angle, *turned)
+            for freedom, along in _FREEDOMS:
+                unit = units.stiffness[freedom]
+                names = [f"stiffness {along} {axis} of the room" for axis in "xyz"]
+                names += [f"{name} {freedom}" for name in _PRINCIPAL]
+                pairs = zip(
+                    *([*x.in_room(freedom), *x.principal(freedom)] for x in both),
+                    strict=True,
+                )
+                for name, (a, b) in zip(names, pairs, strict=True):
+                    yield ComparedNumber(name, unit, a, b)
+            indices = [x.analysis["indices"] or {} for x in both]
+            conditions = (x.get("condition_at_best_length") for x in indices)
+            yield ComparedNumber("least condition number", "1", *conditions)
+
+        return tuple(rows())
+
+    @cached_property
+    def shares(self) -> tuple[str, dict[str, list[float | None]]] | None:
+        """What joints or legs share ("displacement", "energy"), and their shares by name.
+
+        None without a load, and where the mechanisms share different things.
+        """
+        found = [x.deflection for x in (self.first, self.second)]
+        kinds = {x["kind"] for x in found if x is not None}
+        if any(x is None or not x["shares"] for x in found) or len(kinds) != 1:
+            return None
+        columns = [{s["name"]: s["share"] for s in x["shares"]} for x in found if x]
+        names = dict.fromkeys(name for column in columns for name in column)
+        of = "displacement" if kinds == {"joints"} else "energy"
+        return of, {name: [column.get(name) for column in columns] for name in names}
+
+    @cached_property
+    def notes(self) -> tuple[Note, ...]:
+        """What is not the same in both; then the notes of each, which begin with its label."""
+        a, b = self.first, self.second
+        notes = list[Note]()
+        if a.freedoms != b.freedoms:
+            notes.append(
+                Note(
+                    "different-freedoms",
+                    f"the body has {a.freedoms} free motions with {a.label} and {b.freedoms} with "
+                    f"{b.label}: what only one of them can do has no ratio",
+                    {"first": a.freedoms, "second": b.freedoms},
+                )
+            )
+        if (turn := self._turn_of_load) > _SAME_DIRECTION:
+            notes.append(
+                Note(
+                    "different-loads",
+                    f"the load has the axes of each body, which differ: in the room it acts "
+                    f"{math.degrees(turn):.4g} deg apart; --world gives both the same",
+                    {"angle": turn},
+                )
+            )
+        known = [[note.to_dict() for note in x.result.notes] for x in (a, b)]
+        for x, others in ((a, known[1]), (b, known[0])):
+            for note in x.result.notes:
+                is_of_both = note.to_dict() in others
+                if not (is_of_both and x is b):
+                    label = "both" if is_of_both else x.label
+                    words = f"{label}: {note.message}"
+                    notes.append(Note(note.code, words, note.values))
+        return tuple(notes)
+
+    @property
+    def _turn_of_load(self) -> float:
+        """Angle [rad] between the forces, or moments, of the load in the room."""
+        a, b = self.first.load, self.second.load
+        if a is None or b is None:
+            return 0.0
+        return max(_angle(a[:3], b[:3]), _angle(a[3:], b[3:]))
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON: the object printed by ``cartstiff compare --json``."""
+        shares = self.shares
+        own = {
+            "first": self.first.to_dict(),
+            "second": self.second.to_dict(),
+            "units": self.units.to_dict(),
+            "numbers": [number.to_dict() for number in self.numbers],
+            "shares": shares
+            and {
+                "of": shares[0],
+                "parts": [
+                    {"name": name, "first": a, "second": b}
+                    for name, (a, b) in shares[1].items()
+                ],
+            },
+            "notes": [note.to_dict() for note in self.notes],
+        }
+        return described("compare", own, self)
+
+    def _lines(self) -> Iterator[str]:
+        yield f"{self.second.label} compared with {self.first.label}: second, first, ratio"
+        for n in self.numbers:
+            values = "  ".join(
+                "-" if x is None else f"{x:.4g}" for x in (n.second, n.first)
+            )
+            ratio = "" if n.ratio is None else f"  x {n.ratio:.4g}"
+            yield f"  {n.quantity} [{n.unit}]  {values}{ratio}"
+
+    def plot(self) -> Any:
+        """Draw the numbers of both as bars, each pair with its ratio.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        InputError
+            If there is nothing that both have.
+        MissingDependencyError
+            Without matplotlib.
+        """
+        units = self.units
+        panels = [
+            (title, unit, per, rows)
+            for title, unit, kind, per in (
+                (
+                    "Displacement",
+                    units.shown_length,
+                    units.length,
+                    units.shown_per_length,
+                ),
+                (
+                    "Stiffness: force over displacement",
+                    f"{units.force}/{units.shown_length}",
+                    units.stiffness["translation"],
+                    1.0 / units.shown_per_length,
+                ),
+                (
+                    "Stiffness: moment over rotation",
+                    units.stiffness["rotation"],
+                    units.stiffness["rotation"],
+                    1.0,
+                ),
+            )
+            if (
+                rows := [
+                    n for n in self.numbers if n.unit == kind and n.ratio is not None
+                ]
+            )
+        ]
+        if not panels:
+            raise InputError("no number of both to draw", got="none that has a ratio")
+        doubts = dict.fromkeys(
+            f"{x.label}: {doubt}"
+            for x in (self.first, self.second)
+            if (doubt := x.result.elastic.springs_in_doubt)
+        )
+        heights = [0.9 + 0.45 * len(rows) for *_, rows in panels]
+        figure = new_figure(7.6, 0.9 + sum(heights), "; ".join(doubts))
+        axes = figure.subplots(len(panels), 1, height_ratios=heights, squeeze=False)[:, 0]
+        for axis, (title, unit, per, rows) in zip(axes, panels, strict=True):
+            _draw_pairs(axis, rows, per, (self.first.label, self.second.label))
+            axis.set_xlabel(f"{title} [{unit}]")
+        figure.legend(
+            *axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2
+        )
+        return figure
+
+
+def _draw_pairs(
+    axis: Any, rows: list[ComparedNumber], per: float, labels: tuple[str, str]
+) -> None:
+    """Draw pairs of bars, the first row at the top, with the ratios behind them."""
+    places = np.arange(len(rows))
+    pairs = np.array([(n.first, n.second) for n in rows], float) * per
+    for i, (label, colour) in enumerate(
+        zip(labels, ("tab:blue", "tab:orange"), strict=True)
+    ):
+        axis.barh(places + 0.4 * i, pairs[:, i], 0.38, color=colour, label=label)
+    for place, n, pair in zip(places, rows, pairs, strict=True):
+        axis.annotate(
+            f" × {n.ratio:.3g}", (pair.max(), place + 0.2), va="center", fontsize="small"
+        )
+    axis.set_yticks(places + 0.2, [n.quantity for n in rows])
+    axis.invert_yaxis()
+    axis.margins(x=0.12)
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+
+
+def _angle(a: Array, b: Array) -> float:
+    """Angle [rad] between two vectors; 0 if one of them is zero."""
+    return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(np.dot(a, b)))
+
+
+@checked
+def compare(
+    first: PostureStiffness,
+    second: PostureStiffness,
+    *,
+    labels: tuple[str, str] | None = None,
+) -> Comparison:
+    """Compare two mechanisms, or one at two postures or with two sets of springs.
+
+    Parameters
+    ----------
+    first, second : PostureStiffness
+        From `cartstiff.analyse`, under the loads that are to be compared. Ratios are the
+        second over the first.
+    labels : (str, str), optional
+        Names for people; default those of the mechanisms, or "first" and "second" if they
+        have the same name.
+
+    Returns
+    -------
+    Comparison
+        Displacement and rotation under the load, stiffness along and about the axes of
+        the room, principal stiffnesses, condition number, and the shares of joints or
+        legs.
+
+    Raises
+    ------
+    InputError
+        If they have different units.
+
+    Examples
+    --------
+    >>> import cartstiff
+    >>> load = {"wrench": [0, 0, 0, 0, 0, -100]}
+    >>> a, b = (cartstiff.load("inclined-hexapod", parameters={"sz": z}) for z in (0.5,
+    0.6)) >>> found = cartstiff.compare(cartstiff.analyse(a, **load), cartstiff.analyse(b,
+    **load)) >>> found.numbers[0].quantity, round(found.numbers[0].ratio, 3)
+    ('displacement under the load', 0.694)
+    """
+    for which, result in (("first", first), ("second", second)):
+        checked_kind(result, PostureStiffness, which, "what cartstiff.analyse answers")
+    if first.units != second.units:
+        raise InputError(
+            "the mechanisms have different units",
+            expected=f"{first.units.length} and {first.units.force} in both",
+            got=f"{second.units.length} and {second.units.force}",
+        )
+    names = labels or (first.elastic.name, second.elastic.name)
+    if labels is None and names[0] == names[1]:
+        names = ("first", "second")
+    return Comparison(
+        Compared(names[0], first, analyse_posture(first)),
+        Compared(names[1], second, analyse_posture(second)),
+    )

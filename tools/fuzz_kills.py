@@ -1,0 +1,287 @@
+"""Commands that end while they write: what is there is old or whole, and the next run clears up.
+
+    python tools/fuzz_kills.py COUNT SEED [COMMAND...]
+
+Each trial starts one of `LINES` in a folder with old files, or without, and ends its process
+
+- after a random part of the time that it takes, by SIGKILL or by Ctrl-C (SIGINT),
+- just before the n-th time that it opens, locks, renames or removes something in the folder,
+- or as soon as a file becomes longer than a random number of bytes.
+
+Then each file must be what it was, or whole; of a map, the parts that are there are those of an
+undisturbed run. Ctrl-C must leave no other file and print no traceback. After the same command has
+run again, the folder has the files of an undisturbed run, and nothing else.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from tools.compare_commands import write_inputs  # noqa: E402
+from tools.fuzz_common import FaultError  # noqa: E402
+
+#: Commands that write, each with every kind of file that it writes.
+LINES = """
+analyse 3-rrr -o out.json
+equilibrium ur5 --load 0,0,0,0,0,-80 --path postures.csv -o out.csv -o out.png -o out.json
+export ur5 -o out.html
+report ur5 --load 0,0,0,0,0,-100 -o out.html
+map ur5 --grid shoulder_lift_joint=-2:0:30,elbow_joint=0.3:2.5:30 \
+ --quantity translation_free_min --chunk 30 -o out.zarr -o out.png -o out.json
+path ur5 edge.csv --free-axis x --load 0,0,0,-80,30,40 -o out.csv -o out.png -o out.json
+modes panda --impedance target.json --ratio 0.7 -o out.yaml -o out.json
+modes ur5 --response 5:100:20 --damping 0.02 --direction 0,0,1 -o out.csv -o out.png
+identify arm.yaml measured.csv --sd dx=0.02mm --sd dy=0.02mm --sd dz=0.02mm \
+ -o out.yaml -o out.png -o out.json
+identify ur5 --plan 4 --force 80 --sd dx=0.02mm --sd dy=0.02mm --sd dz=0.02mm -o out.csv
+workspace hexapod --directions 60 --scan 20 -o out.csv -o out.png -o out.json
+assemble hexapod --all -o out.csv -o out.json
+design front.yaml -o out.csv -o out.png -o out.json
+compare ur5 panda --load 0,0,0,0,0,-100 --world -o out.png -o out.json
+"""
+
+_OLD = b"an old file\n"
+
+# Runs the command line; {at}: end before the so-manieth event, {most}: at the so-manieth byte.
+_RUN = """
+import atexit, os, resource, signal, sys
+at, most, folder = int(sys.argv[1]), int(sys.argv[2]), os.getcwd()
+events = 0
+names = {"os.rename", "os.remove", "os.rmdir", "os.mkdir", "os.truncate", "fcntl.flock"}
+def seen(name, args):
+    global events
+    if name == "open":
+        is_one = isinstance(args[2], int) and args[2] & 3
+    else:
+        is_one = name in names
+    if is_one and name != "fcntl.flock":
+        place = os.fsdecode(args[0]) if isinstance(args[0], (str, bytes, os.PathLike)) else "/"
+        is_one = os.path.abspath(place).startswith(folder)
+    if is_one:
+        events += 1
+        if events == at:
+            os.kill(os.getpid(), signal.SIGKILL)
+sys.addaudithook(seen)
+if most:
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+if not at:
+    atexit.register(lambda: print("events", events, file=sys.stderr))
+sys.argv[1:] = sys.argv[3:]
+from cartstiff.__main__ import main
+main()
+"""
+
+
+@dataclass
+class Line:
+    """A command, what it writes undisturbed, and how long that takes."""
+
+    words: list[str]
+    folder: Path
+    inputs: set[str]
+    whole: dict[str, bytes]
+    #: Files that are not the same in each run, such as pages with times.
+    varying: set[str]
+    seconds: float
+    events: int
+
+    @property
+    def targets(self) -> list[str]:
+        """Names of the files that it writes."""
+        return [word for before, word in pairwise(self.words) if before == "-o"]
+
+
+def contents(folder: Path) -> Iterator[tuple[str, bytes]]:
+    """Files of a folder and of those in it, by name."""
+    for path in sorted(folder.rglob("*")):
+        if path.is_file():
+            yield str(path.relative_to(folder)), path.read_bytes()
+
+
+def started(words: list[str], folder: Path, at: int = 0, most: int = 0) -> subprocess.Popen[bytes]:
+    """A process of the command line, which ends at an event or a byte if they are not 0."""
+    return subprocess.Popen(
+        [sys.executable, "-c", _RUN, str(at), str(most), *words],
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+
+
+def finished(words: list[str], folder: Path) -> tuple[float, int]:
+    """Run a command to its end; its seconds, and the number of its events."""
+    begun = time.perf_counter()
+    process = started(words, folder)
+    _, error = process.communicate()
+    if process.returncode:
+        raise FaultError(f"exit {process.returncode}: {error.decode()[-300:]}")
+    return time.perf_counter() - begun, int(error.split()[-1])
+
+
+def prepared(words: list[str], folder: Path) -> Line:
+    """Run a command twice, undisturbed."""
+    write_inputs(folder)
+    inputs = {name for name, _ in contents(folder)}
+    seconds, events = finished(words, folder)
+    line = Line(words, folder, inputs, dict(contents(folder)), set(), seconds, events)
+    clear(line)
+    line.seconds = min(seconds, finished(words, folder)[0])
+    again = dict(contents(folder))
+    if set(again) != set(line.whole):
+        raise FaultError(f"other files: {sorted(set(again) ^ set(line.whole))}")
+    line.varying = {name for name, data in again.items() if data != line.whole[name]}
+    return line
+
+
+def clear(line: Line) -> None:
+    """Remove everything but the inputs."""
+    for path in line.folder.iterdir():
+        if path.is_dir() and path.suffix == ".zarr":
+            shutil.rmtree(path)
+        elif path.is_file() and path.name not in line.inputs:
+            path.unlink()
+
+
+def is_whole(line: Line, name: str, data: bytes) -> bool:
+    """Whether a file is what an undisturbed run writes, or looks like it where runs differ."""
+    whole = line.whole[name]
+    if name not in line.varying:
+        return data == whole
+    if name.endswith(".json"):
+        try:
+            return bool(json.loads(data).keys() == json.loads(whole).keys())
+        except ValueError:
+            return False
+    return len(data) > 0.9 * len(whole) and data[-16:] == whole[-16:]
+
+
+def check_interrupted(line: Line, olds: set[str]) -> set[str]:
+    """Check what an ended process has left; the names that no run writes."""
+    found = dict(contents(line.folder))
+    if changed := {n for n in line.inputs if found.get(n) != line.whole[n]}:
+        raise FaultError(f"inputs were changed: {changed}")
+    for name in line.targets:
+        if name.endswith(".zarr"):
+            check_map(line, name)
+        elif name not in found and name in olds:
+            raise FaultError(f"{name} is gone")
+        elif name in found and found[name] == _OLD and name in olds:
+            pass
+        elif name in found and not is_whole(line, name, found[name]):
+            raise FaultError(f"{name} is half written: {len(found[name])} bytes")
+    return {name for name in found if name not in line.whole}
+
+
+def check_map(line: Line, name: str) -> None:
+    """What a map has computed is what an undisturbed run computes."""
+    import numpy as np
+
+    from cartstiff.maps import open_map
+
+    place = line.folder / name
+    if not place.exists():
+        return
+    there, whole = open_map(place).load(), open_map(line.folder / f"whole/{name}").load()
+    is_done = there["state"].values != 255
+    if there.attrs["chunks_done"] * 30 != is_done.sum():
+        raise FaultError(f"{name}: {is_done.sum()} postures in {there.attrs['chunks_done']} parts")
+    for variable in whole.data_vars:
+        a, b = (data[variable].values[is_done] for data in (there, whole))
+        if not np.array_equal(a, b, equal_nan=a.dtype.kind == "f"):
+            raise FaultError(f"{name}: other numbers of {variable}")
+
+
+def trial(line: Line, rng: random.Random) -> str:
+    """End one process of a command, look at what is there, and run the command again."""
+    clear(line)
+    olds = {n for n in line.targets if not n.endswith(".zarr") and rng.random() < 0.5}
+    for name in olds:
+        (line.folder / name).write_bytes(_OLD)
+    way = rng.choice(["time", "time", "Ctrl-C", "event", "event", "bytes"])
+    sizes = [len(line.whole[n]) for n in line.whole if n not in line.inputs]
+    process = started(
+        line.words,
+        line.folder,
+        at=rng.randint(1, line.events) if way == "event" else -1,
+        most=rng.randint(1, max(sizes)) if way == "bytes" else 0,
+    )
+    if way in ("time", "Ctrl-C"):
+        try:
+            process.wait(line.seconds * rng.uniform(0.02, 1.05) ** 0.5)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGKILL if way == "time" else signal.SIGINT)
+    error = process.communicate()[1].decode(errors="replace")
+    code = process.returncode
+    left = check_interrupted(line, olds)
+    if way == "Ctrl-C" and (code not in (0, 130, -signal.SIGINT) or "Traceback" in error):
+        raise FaultError(f"Ctrl-C: exit {code}: {error[-300:]}")
+    if way == "Ctrl-C" and left:
+        raise FaultError(f"Ctrl-C has left {left}")
+    finished(line.words, line.folder)
+    found = dict(contents(line.folder))
+    if set(found) != set(line.whole):
+        raise FaultError(f"after the next run: {sorted(set(found) ^ set(line.whole))}")
+    for name in set(found) - line.inputs:
+        if ".zarr" not in name and not is_whole(line, name, found[name]):
+            raise FaultError(f"after the next run {name} is not whole")
+    for name in line.targets:
+        if name.endswith(".zarr"):
+            check_map(line, name)
+    return f"{way}: {'ended before' if code == 0 else 'left parts' if left else 'left no part'}"
+
+
+def main(count: int, seed: int, only: list[str]) -> None:
+    """Print the faults, and how the trials ended by command."""
+    lines = [text.split() for text in LINES.replace("\\\n", "").strip().splitlines()]
+    lines = [words for words in lines if not only or words[0] in only]
+    faults, tally = 0, Counter[str]()
+    with tempfile.TemporaryDirectory() as folder:
+        for at, words in enumerate(lines):
+            line = prepared(words, Path(folder) / str(at))
+            for name in line.targets:
+                if name.endswith(".zarr"):
+                    keep(line, name)
+            for index in range(at, count, len(lines)):
+                try:
+                    state = trial(line, random.Random(f"{seed} {index}"))
+                except FaultError as error:
+                    state, faults = "FAULT", faults + 1
+                    print(f"{index}: {' '.join(words)}: {error}", flush=True)
+                tally[f"{words[0]}, {state}"] += 1
+            print(f"{words[0]}: {line.seconds:.1f} s, {line.events} events", flush=True)
+    for name, number in sorted(tally.items()):
+        print(f"{number:4d}  {name}")
+    print(f"{tally.total()} kills, {faults} faults")
+    sys.exit(bool(faults))
+
+
+def keep(line: Line, name: str) -> None:
+    """Keep the map of an undisturbed run, to compare with."""
+    place = line.folder / "whole" / name
+    shutil.copytree(line.folder / name, place)
+    kept = {str(Path("whole") / k): v for k, v in line.whole.items() if k.startswith(name)}
+    line.inputs |= set(kept)
+    line.whole |= kept
+
+
+if __name__ == "__main__":
+    os.environ |= {"OMP_NUM_THREADS": "1", "PYTHONHASHSEED": "0"}
+    main(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:])
