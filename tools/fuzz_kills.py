@@ -18,17 +18,19 @@ from __future__ import annotations
 import json
 import os
 import random
+import resource
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -58,36 +60,9 @@ compare ur5 panda --load 0,0,0,0,0,-100 --world -o out.png -o out.json
 
 _OLD = b"an old file\n"
 
-# Runs the command line; {at}: end before the so-manieth event, {most}: at the so-manieth byte.
-_RUN = """
-import atexit, os, resource, signal, sys
-at, most, folder = int(sys.argv[1]), int(sys.argv[2]), os.getcwd()
-events = 0
-names = {"os.rename", "os.remove", "os.rmdir", "os.mkdir", "os.truncate", "fcntl.flock"}
-def seen(name, args):
-    global events
-    if name == "open":
-        is_one = isinstance(args[2], int) and args[2] & 3
-    else:
-        is_one = name in names
-    if is_one and name != "fcntl.flock":
-        place = os.fsdecode(args[0]) if isinstance(args[0], (str, bytes, os.PathLike)) else "/"
-        is_one = os.path.abspath(place).startswith(folder)
-    if is_one:
-        events += 1
-        if events == at:
-            os.kill(os.getpid(), signal.SIGKILL)
-sys.addaudithook(seen)
-if most:
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
-if not at:
-    atexit.register(lambda: print("events", events, file=sys.stderr))
-sys.argv[1:] = sys.argv[3:]
-from cartstiff.__main__ import main
-main()
-"""
+_EVENTS = {"os.rename", "os.remove", "os.rmdir", "os.mkdir", "os.truncate", "fcntl.flock"}
+# Exit code of a child whose command was interrupted when it had ended.
+_LATE = 130
 
 
 @dataclass
@@ -116,24 +91,92 @@ def contents(folder: Path) -> Iterator[tuple[str, bytes]]:
             yield str(path.relative_to(folder)), path.read_bytes()
 
 
-def started(words: list[str], folder: Path, at: int = 0, most: int = 0) -> subprocess.Popen[bytes]:
-    """A process of the command line, which ends at an event or a byte if they are not 0."""
-    return subprocess.Popen(
-        [sys.executable, "-c", _RUN, str(at), str(most), *words],
-        cwd=folder,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-    )
+def started(words: list[str], folder: Path, at: int = 0, most: int = 0) -> int:
+    """Start a process of the command line, which ends at an event or a byte if they are not 0.
+
+    It is forked from this one, which has imported what the commands need.
+    """
+    child = os.fork()
+    if child:
+        return child
+    code = 99
+    try:
+        os.chdir(folder)
+        for number, name in ((1, os.devnull), (2, f"../{folder.name}.err")):
+            os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
+        watch(at, most)
+        code = run_command(words)
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+    except KeyboardInterrupt:
+        code = _LATE
+    finally:
+        os._exit(code)
+
+
+def watch(at: int, most: int) -> None:
+    """Count the events of this process in its folder; end it at one of them, or at a byte."""
+    folder, count = str(Path.cwd()), 0
+    log = os.open(f"{folder}.events", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+
+    def seen(name: str, args: tuple[Any, ...]) -> None:
+        nonlocal count
+        if name == "open" and not (isinstance(args[2], int) and args[2] & 3):
+            return  # to be read
+        if name != "open" and name not in _EVENTS:
+            return
+        if name != "fcntl.flock":
+            is_path = isinstance(args[0], (str, bytes, os.PathLike))
+            place = str(Path(os.fsdecode(args[0])).absolute()) if is_path else "/"
+            if not place.startswith(f"{folder}/"):
+                return
+        count += 1
+        os.write(log, b".")
+        if count == at:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    sys.addaudithook(seen)
+    if most:
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+
+
+def run_command(words: list[str]) -> int:
+    """Exit code of the command line."""
+    from cartstiff.cli.main import main as command_line
+
+    try:
+        command_line(words)
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
+def ended(child: int, seconds: float | None = None) -> int | None:
+    """Exit code of a process when it has ended; None if it takes longer."""
+    begun = time.perf_counter()
+    while True:
+        found, status = os.waitpid(child, 0 if seconds is None else os.WNOHANG)
+        if found:
+            return os.waitstatus_to_exitcode(status)
+        if time.perf_counter() - begun > (seconds or 0.0):
+            return None
+        time.sleep(0.001)
+
+
+def said(folder: Path) -> str:
+    """What the last command of a folder said on standard error."""
+    return folder.with_name(f"{folder.name}.err").read_text(errors="replace")
 
 
 def finished(words: list[str], folder: Path) -> tuple[float, int]:
     """Run a command to its end; its seconds, and the number of its events."""
     begun = time.perf_counter()
-    process = started(words, folder)
-    _, error = process.communicate()
-    if process.returncode:
-        raise FaultError(f"exit {process.returncode}: {error.decode()[-300:]}")
-    return time.perf_counter() - begun, int(error.split()[-1])
+    if code := ended(started(words, folder)):
+        raise FaultError(f"exit {code}: {said(folder)[-300:]}")
+    events = folder.with_name(f"{folder.name}.events").stat().st_size
+    return time.perf_counter() - begun, events
 
 
 def prepared(words: list[str], folder: Path) -> Line:
@@ -180,7 +223,7 @@ def check_interrupted(line: Line, olds: set[str]) -> set[str]:
         raise FaultError(f"inputs were changed: {changed}")
     for name in line.targets:
         if name.endswith(".zarr"):
-            check_map(line, name)
+            in_a_child(partial(check_map, line, name))
         elif name not in found and name in olds:
             raise FaultError(f"{name} is gone")
         elif name in found and found[name] == _OLD and name in olds:
@@ -188,6 +231,25 @@ def check_interrupted(line: Line, olds: set[str]) -> set[str]:
         elif name in found and not is_whole(line, name, found[name]):
             raise FaultError(f"{name} is half written: {len(found[name])} bytes")
     return {name for name in found if name not in line.whole}
+
+
+def in_a_child(check: Callable[[], None]) -> None:
+    """Check in a forked process: a thread of Zarr stays in it."""
+    ends = os.pipe()
+    child = os.fork()
+    if not child:
+        fault = ""
+        try:
+            check()
+        except BaseException as error:
+            fault = f"{type(error).__name__}: {error}"
+        os.write(ends[1], fault.encode())
+        os._exit(bool(fault))
+    os.close(ends[1])
+    with os.fdopen(ends[0], "rb") as pipe:
+        fault = pipe.read().decode()
+    if ended(child):
+        raise FaultError(fault)
 
 
 def check_map(line: Line, name: str) -> None:
@@ -217,21 +279,22 @@ def trial(line: Line, rng: random.Random) -> str:
         (line.folder / name).write_bytes(_OLD)
     way = rng.choice(["time", "time", "Ctrl-C", "event", "event", "bytes"])
     sizes = [len(line.whole[n]) for n in line.whole if n not in line.inputs]
-    process = started(
+    child = started(
         line.words,
         line.folder,
-        at=rng.randint(1, line.events) if way == "event" else -1,
+        at=rng.randint(1, line.events) if way == "event" else 0,
         most=rng.randint(1, max(sizes)) if way == "bytes" else 0,
     )
+    code = None
     if way in ("time", "Ctrl-C"):
-        try:
-            process.wait(line.seconds * rng.uniform(0.02, 1.05) ** 0.5)
-        except subprocess.TimeoutExpired:
-            process.send_signal(signal.SIGKILL if way == "time" else signal.SIGINT)
-    error = process.communicate()[1].decode(errors="replace")
-    code = process.returncode
+        code = ended(child, line.seconds * rng.uniform(0.02, 1.05) ** 0.5)
+        if code is None:
+            os.kill(child, signal.SIGKILL if way == "time" else signal.SIGINT)
+    if code is None:
+        code = ended(child)
+    error = said(line.folder)
     left = check_interrupted(line, olds)
-    if way == "Ctrl-C" and (code not in (0, 130, -signal.SIGINT) or "Traceback" in error):
+    if way == "Ctrl-C" and (code not in (0, 130) or "Traceback" in error):
         raise FaultError(f"Ctrl-C: exit {code}: {error[-300:]}")
     if way == "Ctrl-C" and left:
         raise FaultError(f"Ctrl-C has left {left}")
@@ -244,12 +307,22 @@ def trial(line: Line, rng: random.Random) -> str:
             raise FaultError(f"after the next run {name} is not whole")
     for name in line.targets:
         if name.endswith(".zarr"):
-            check_map(line, name)
+            in_a_child(partial(check_map, line, name))
     return f"{way}: {'ended before' if code == 0 else 'left parts' if left else 'left no part'}"
 
 
 def main(count: int, seed: int, only: list[str]) -> None:
     """Print the faults, and how the trials ended by command."""
+    import matplotlib.figure  # noqa: F401
+    import xarray  # noqa: F401
+    import zarr  # noqa: F401
+
+    import cartstiff
+    from cartstiff.cli.main import _COMMANDS, command
+
+    for name in _COMMANDS:
+        command.get_command(None, name)  # type: ignore[arg-type]
+    vars(cartstiff).get("__all__")
     lines = [text.split() for text in LINES.replace("\\\n", "").strip().splitlines()]
     lines = [words for words in lines if not only or words[0] in only]
     faults, tally = 0, Counter[str]()
