@@ -380,9 +380,10 @@ def rest_under_load() -> None:
 
     from cartstiff.potentials.loads import DeadForce
     from cartstiff.statics.equilibrium import equilibrium
+    from cartstiff.stiffness.balance import with_rest_balancing
 
     arm_at_rest = cartstiff.load("ur5")
-    arm_at_rest = arm_at_rest.with_rest_balancing(arm_at_rest.q)
+    arm_at_rest = with_rest_balancing(arm_at_rest, arm_at_rest.q)
     rng = np.random.default_rng(5)
     forces = [DeadForce(rng.normal(size=3) * 100.0) for _ in range(20)]
 

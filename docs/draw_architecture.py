@@ -72,6 +72,7 @@ SMALL = {
     "parsing",
     "results",
     "ros_packages",
+    "units",
     "version",
 }
 WIDTH, HEIGHT, GAP, MARGIN = 320, 52, 34, 20

@@ -21,7 +21,7 @@ PACKAGE = Path(cartstiff.__file__).parent
 LAYERS = [
     {"choices", "errors", "lazily", "matrix_names", "numerics", "version"},
     {"parsing", "expressions", "arrays", "child_process", "ros_packages", "figures", "notebook"},
-    {"checked_call", "described", "notes", "writing"},
+    {"checked_call", "described", "notes", "units", "writing"},
     {"results"},
     {"geometry"},
     {"potentials"},

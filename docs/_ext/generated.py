@@ -44,8 +44,8 @@ from cartstiff.batch.quantities import QUANTITIES
 from cartstiff.cli import main as cli
 from cartstiff.cli.declare import HELP_ALL
 from cartstiff.loading.mechanism_file import json_schema
-from cartstiff.mechanisms.contract import SI
 from cartstiff.report.json_schema import json_schema as output_schema
+from cartstiff.units import SI
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
 from cartstiff.choices import LARGEST_INPUT
-from cartstiff.errors import InputError, one_line, printable
+from cartstiff.errors import InputError, UnknownNameError, one_line, printable
 
 #: Any NumPy array; the stubs cannot follow dtypes through linear algebra.
 Array = NDArray[Any]
@@ -394,6 +394,49 @@ def checked_number(value: object, what: str, *, where: str | None = None) -> flo
     if type(value) is float and isfinite(value):
         return value
     return float(checked_array(value, (), what, where=where, copy=False))  # type: ignore[arg-type]
+
+
+def named_values(
+    numbers: float | Sequence[float] | Mapping[str, float] | ArrayLike,
+    names: Sequence[str],
+    default: ArrayLike,
+    what: str,
+    *,
+    infinite: bool = False,
+) -> Array:
+    """Return values of named coordinates from one number, a sequence, or a mapping of some of them.
+
+    With `infinite`, infinity is allowed, too.
+
+    Raises
+    ------
+    UnknownNameError
+        For a name that is no coordinate.
+    InputError
+        For a wrong count or values that are not finite numbers.
+    """
+    if isinstance(numbers, Mapping):
+        values = np.array(np.broadcast_to(np.asarray(default, float), (len(names),)))
+        for name, value in numbers.items():
+            if name not in names:
+                raise UnknownNameError("joint", str(name), names, where=what)
+            values[names.index(name)] = _number(value, f"{what} of {name}", infinite)
+        return values
+    if not isinstance(numbers, (list, tuple)) and np.ndim(numbers) == 0:
+        return np.full(len(names), _number(numbers, what, infinite))
+    if infinite and isinstance(numbers, (Sequence, np.ndarray)):
+        rigid = np.array([_is_infinite(value) for value in numbers], bool)
+        known = [0.0 if r else value for r, value in zip(rigid, numbers, strict=True)]
+        return np.where(rigid, np.inf, checked_input(known, (len(names),), what))
+    return checked_input(numbers, (len(names),), what)
+
+
+def _number(value: Any, what: str, infinite: bool) -> Any:
+    return np.inf if infinite and _is_infinite(value) else checked_input(value, (), what)
+
+
+def _is_infinite(value: object) -> bool:
+    return isinstance(value, float) and value == np.inf
 
 
 def checked_seed(value: object) -> int:

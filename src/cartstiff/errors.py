@@ -198,6 +198,10 @@ class UndefinedError(CartstiffError):
         super().__init__(message)
 
 
+class NoEnergyError(UndefinedError):
+    """A part of a mechanism that has no stable equilibrium of its own, and so no energy."""
+
+
 class ConvergenceError(CartstiffError):
     """An iteration that ended without an answer.
 

@@ -179,8 +179,8 @@ def test_output_file_holds_the_analysis(workplace):
 
 def test_a_spread_that_does_not_exist_is_a_dash(analysis):
     """A tolerance far beyond its parameter leaves values without a spread, or a spread alone."""
-    from cartstiff.mechanisms.contract import SI
     from cartstiff.report.analysis import uncertainty_lines
+    from cartstiff.units import SI
 
     found = analysis("cubic --tolerance 0.1,0.0001 --length 0.3")["uncertainty"]
     whole = uncertainty_lines(found, SI, full=True)

@@ -9,6 +9,7 @@ from tests.support.commands import outcome
 
 import cartstiff
 from cartstiff.statics.equilibrium import relaxed
+from cartstiff.stiffness.balance import with_rest_balancing
 
 #: The held pose is kept, and lengths are met, to the rounding of a few steps.
 KEPT = 1e-11
@@ -64,7 +65,7 @@ def test_relaxed_leaves_a_balanced_posture_where_it_is(tmp_path):
     path.write_text(_arm())
     arm = cartstiff.load(path).with_springs(stiffness=500.0)
     q = np.array([float(v) for v in Q.split(",")])
-    arm = arm.with_rest_balancing(q, np.array([1.0, 2.0, -1.0, 20.0, -10.0, 5.0]))
+    arm = with_rest_balancing(arm, q, np.array([1.0, 2.0, -1.0, 20.0, -10.0, 5.0]))
     assert np.abs(relaxed(arm, q) - q).max() < 1e-9  # Newton stops on the residual, not on q
 
 

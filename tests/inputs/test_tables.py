@@ -15,7 +15,7 @@ from cartstiff.identify.measurements import (
     table_text,
 )
 from cartstiff.loading.tables import read_rows
-from cartstiff.mechanisms.contract import Units
+from cartstiff.units import Units
 
 
 def table(tmp_path, text, **keys):

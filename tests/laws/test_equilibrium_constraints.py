@@ -15,12 +15,13 @@ from cartstiff.errors import ConvergenceError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.differences import jacobian
 from cartstiff.statics.held import displacement_between
+from cartstiff.stiffness.balance import with_rest_balancing
 
 
 def ur5():
     robot_file("ur_description/urdf/ur5_robot.urdf")
     elastic = cartstiff.load("ur5")
-    return elastic.with_rest_balancing(elastic.q)
+    return with_rest_balancing(elastic, elastic.q)
 
 
 def limited(elastic, **bounds):
@@ -77,7 +78,7 @@ def test_a_pose_held_wholly(name):
     if name != "stewart-gough":
         ur5()
     elastic = cartstiff.load(name)
-    elastic = elastic.with_rest_balancing(elastic.q)
+    elastic = with_rest_balancing(elastic, elastic.q)
     length = elastic.mechanism.at(elastic.q).length
     twist = np.array([0.02, -0.01, 0.03, 0.01 * length, 0.02 * length, -0.01 * length])
     T = elastic.mechanism.at(elastic.q).pose @ se3.exp(twist)

@@ -25,6 +25,7 @@ from cartstiff.geometry.differences import jacobian
 from cartstiff.geometry.se3 import right_jacobian
 from cartstiff.potentials.loads import Scaled
 from cartstiff.statics import problem
+from cartstiff.stiffness.balance import with_rest_balancing
 
 ROBOTS = ("ur5", "panda")
 
@@ -33,13 +34,13 @@ def mechanism(name: str):
     if name in ROBOTS:
         robot_file("ur_description/urdf/ur5_robot.urdf")
     elastic = cartstiff.load(name)
-    return elastic.with_rest_balancing(elastic.q)
+    return with_rest_balancing(elastic, elastic.q)
 
 
 def unloaded_platform():
     """The paper's platform with legs that carry nothing at its pose."""
     elastic = cartstiff.load("stewart-gough")
-    return elastic.with_rest_balancing(elastic.q, np.zeros(6))
+    return with_rest_balancing(elastic, elastic.q, np.zeros(6))
 
 
 def unbalanced(elastic, loads, q) -> float:

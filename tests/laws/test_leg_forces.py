@@ -18,6 +18,7 @@ from cartstiff.page.session import Session
 from cartstiff.page.source import Source
 from cartstiff.reach.workspace import Margins, carried
 from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff.stiffness.balance import with_rest_balancing
 
 FIELD, MASS, COM = np.array([0.0, 0.0, -9.81]), 40.0, np.array([0.03, -0.02, 0.05])
 STRUT = {"fixed": 3.0, "moving": 2.0, "fixed_com": 0.2, "moving_com": 0.15}
@@ -145,7 +146,7 @@ def test_every_command_has_the_forces_of_statics(tmp_path, kind, acting):
         assert [leg["tension"] for leg in legs] == pytest.approx(expected, **near)
 
     # At rest the load has the axes of the start, and the legs their lengths there.
-    chosen = elastic.with_rest_balancing(Q, wrench=W if kind == "cables" and not weighs else None)
+    chosen = with_rest_balancing(elastic, Q, wrench=W if kind == "cables" and not weighs else None)
     rest = cartstiff.equilibrium(chosen, q=Q, wrench=W, limits=False)
     at_rest = chosen.springs.tensions(rest.posture.lines.lengths)
     assert at_rest == pytest.approx(

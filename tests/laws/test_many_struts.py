@@ -12,6 +12,7 @@ from cartstiff.batch.untraced import strut_states
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.mounted_struts import MountedStruts
+from cartstiff.stiffness.balance import with_rest_balancing
 
 WRENCH = np.array([0.1, -0.2, 0.3, 10.0, 20.0, -30.0])
 EACH = np.random.default_rng(2).normal(size=(6, 6)) * [0.2, 0.2, 0.2, 20.0, 20.0, 20.0]
@@ -65,7 +66,7 @@ def test_as_by_the_engine(case):
 
 
 def test_rest_lengths_that_are_given():
-    held = hexapod().with_rest_balancing(hexapod().q, WRENCH)
+    held = with_rest_balancing(hexapod(), hexapod().q, WRENCH)
     assert held.springs.is_complete
     q = postures(held, 0.001)
     (found,) = assert_same(held, q, "portable", outputs=("A", "B", "compliance_B"))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cartstiff.errors import UndefinedError
-from cartstiff.stiffness.reduction import _inverse
+from cartstiff.stiffness.motions import _inverse
 
 
 def test_motions_that_cannot_be_told_apart_are_named():

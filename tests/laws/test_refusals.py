@@ -36,17 +36,18 @@ from cartstiff import (
     load,
     payload,
 )
+from cartstiff.arrays import checked_vector, named_values
 from cartstiff.errors import ConvergenceError, MissingDependencyError, UnknownNameError, one_line
 from cartstiff.geometry.charts import from_pose_function, paper, product_of_exponentials
 from cartstiff.geometry.connections import flat
 from cartstiff.mechanisms.chain import Chain, Closure
-from cartstiff.mechanisms.contract import Units, checked_vector, convert_length, named_values
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree_building import Give, plain_tree
 from cartstiff.potentials.line_springs import line_geometry
 from cartstiff.potentials.springs import PolynomialLaw, TabulatedLaw
 from cartstiff.report.output import write_json
 from cartstiff.stiffness.compute import analyse
+from cartstiff.units import Units, convert_length
 from cartstiff.writing import write_whole
 
 NAN = float("nan")
@@ -197,7 +198,7 @@ def test_torques_out_of_reach():
         saturated.deflection_for(6.0)
     springs = JointSprings([0.0], [NAN], {0: saturated})
     with pytest.raises(InputError, match="never reaches the torque"):
-        springs.with_rest_balancing(_At([0.0]), np.array([6.0]))
+        springs.with_forces(_At([0.0]), np.array([6.0]))
 
 
 @pytest.mark.parametrize(

@@ -34,9 +34,9 @@ from cartstiff.geometry.connections import (
     from_symbols,
     levi_civita,
 )
-from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.stiffness.compute import analyse
 from cartstiff.stiffness.tensor import StiffnessTensor, format_matrix
+from cartstiff.units import Units, convert_length
 
 ROUNDING = 1e-12
 # Ad is squared and its entries reach three: rounding grows by a hundred.

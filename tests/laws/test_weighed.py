@@ -13,7 +13,7 @@ from tests.support import robot_file
 
 import cartstiff
 from cartstiff import DeadForce, compensate, equilibrium, load_curve, payload
-from cartstiff.mechanisms.elastic import gravity_loads
+from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.report.analysis import describe
 from cartstiff.report.statics import describe_curve, describe_equilibrium, describe_path
 

@@ -10,6 +10,7 @@ from tests.support import robot_file, slope
 import cartstiff
 from cartstiff import DeadForce, Held, equilibrium
 from cartstiff.statics.held import displacement_between
+from cartstiff.stiffness.balance import with_rest_balancing
 
 # Mechanism, base load [its unit of force], and the size of the change for the differences.
 CASES = {
@@ -25,7 +26,7 @@ def loaded(name: str):
     if name in ("ur5", "panda"):
         robot_file("ur_description/urdf/ur5_robot.urdf")
     elastic = cartstiff.load(name)
-    return elastic.with_rest_balancing(elastic.q)
+    return with_rest_balancing(elastic, elastic.q)
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -11,6 +11,7 @@ import cartstiff
 from cartstiff import DeadForce, InputError, equilibrium
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry import se3
+from cartstiff.stiffness.balance import with_rest_balancing
 
 # Rounding of six joint angles of size 1, and what it does to a reach of one metre.
 ROUNDED = 1e-14
@@ -69,7 +70,7 @@ def test_springs_over_nine_decades_come_to_rest_where_forty_digits_say(seed):
     stiffness = 10 ** rng.uniform(2.5, 11.5, 6)
     elastic = cartstiff.load("ur5").with_springs(stiffness)
     force = rng.normal(size=3) * 30.0
-    elastic = elastic.with_rest_balancing(elastic.q)
+    elastic = with_rest_balancing(elastic, elastic.q)
     state = equilibrium(elastic, DeadForce(force), limits=False)
     with mp.workdps(40):
         q, tip = exact(elastic, force)
@@ -83,7 +84,7 @@ def test_springs_over_nine_decades_come_to_rest_where_forty_digits_say(seed):
 def test_a_nearly_rigid_joint_does_not_excuse_the_others(rigid):
     robot_file("ur_description/urdf/ur5_robot.urdf")
     elastic = cartstiff.load("ur5").with_springs([rigid, 3e4, 2e4, 5e3, 5e3, 4e3])
-    elastic = elastic.with_rest_balancing(elastic.q)
+    elastic = with_rest_balancing(elastic, elastic.q)
     state = equilibrium(elastic, DeadForce([0.0, 0.0, -100.0]))
     with mp.workdps(40):
         _, tip = exact(elastic, [0.0, 0.0, -100.0])

@@ -24,9 +24,9 @@ from cartstiff import (
     LineSprings,
 )
 from cartstiff.mechanisms.chain import Chain, Closure
-from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree_building import plain_tree
+from cartstiff.units import Units
 from tests.support.oracles import (
     adjoint_reference,
     body_jacobian,

@@ -18,12 +18,12 @@ from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.posture import PostureStiffness
+from cartstiff.units import SI, Units, convert_length
 
 
 @dataclass

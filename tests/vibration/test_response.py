@@ -9,7 +9,7 @@ from tests.support.commands import answer, refuses
 from tests.vibration.test_modes import LENGTH, M_1, K, column
 
 from cartstiff import analyse, load, modes
-from cartstiff.mechanisms.contract import Units, convert_length
+from cartstiff.units import Units, convert_length
 from cartstiff.vibration.response import (
     Damping,
     damping_matrix,

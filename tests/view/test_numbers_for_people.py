@@ -11,11 +11,11 @@ import subprocess
 import pytest
 
 import cartstiff
-from cartstiff.mechanisms.contract import engineering
 from cartstiff.page.files import page_script
 from cartstiff.page.messages import ViewState
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
+from cartstiff.units import engineering
 
 #: Value, unit, digits, what is read.
 READ = [

@@ -25,10 +25,10 @@ from cartstiff.described import described
 from cartstiff.errors import InputError, checked_kind
 from cartstiff.figures import new_figure
 from cartstiff.lazily import cached_property
-from cartstiff.mechanisms.contract import Units
 from cartstiff.notes import Note
 from cartstiff.results import LabelledResult
 from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.units import Units
 
 #: Quantities that the answer is about.
 DISPLACEMENT, SOFTEST = "displacement under the load", "softest translation"

@@ -28,7 +28,7 @@ from cartstiff.arrays import (
 )
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.contract import Units
+from cartstiff.units import Units
 
 #: Units with the names of the units of length and force left open.
 UNITS = Units("{length}", "{force}")

@@ -641,11 +641,9 @@ class UncertainParameters:
 
         `rows` (m, n) is the deflection of each spring per natural coordinate.
         """
-        columns, others = posture.coordinate_lengths, elastic._evaluate_others(posture)
+        columns, others = posture.coordinate_lengths, elastic.evaluate(posture, False)
         W = np.zeros(6) if self.result.wrench is None else self.result.wrench
-        missing = posture.motion.jacobian.T @ W - (
-            0.0 if others is None else others.gradient
-        )
+        missing = posture.motion.jacobian.T @ W - others.gradient
         missing = columns * missing - rows.T @ forces
         if posture.closure is not None:
             _, sizes, N = np.linalg.svd(posture.closure.jacobian * columns)

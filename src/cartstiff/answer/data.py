@@ -11,8 +11,8 @@ from typing import Any, Literal
 from cartstiff.analysis.ellipsoids import Freedom, Others
 from cartstiff.answer.verdict import Verdict
 from cartstiff.arrays import plain
-from cartstiff.mechanisms.contract import Units
 from cartstiff.notes import Note
+from cartstiff.units import Units
 
 Vector = tuple[float, float, float]
 Cause = Literal["load", "preload", "added load"]

@@ -34,8 +34,8 @@ from cartstiff.answer.verdict import UNRESOLVED, Verdict, decide, facts_of
 from cartstiff.errors import CartstiffError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.contract import Units
-from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
@@ -47,6 +47,7 @@ from cartstiff.statics.held import displacement_between
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.posture import StiffnessInFrame
+from cartstiff.units import Units
 
 _FREEDOMS: tuple[Freedom, Freedom] = ("translation", "rotation")
 _OTHERS: tuple[Others, Others] = ("free", "held")

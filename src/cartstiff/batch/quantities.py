@@ -23,8 +23,8 @@ from cartstiff.analysis.matrices import ROTATION, TRANSLATION, UNITS
 from cartstiff.batch.tape import absolute, larger, pick, square_root
 from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import OF_MANY
-from cartstiff.mechanisms.contract import Units
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
+from cartstiff.units import Units
 from cartstiff.vibration.response import Damping
 
 #: Connections whose matrix may be asymmetric.

@@ -27,7 +27,8 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
-from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import deflection_notes, force_notes, limit_notes
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.mechanisms.preload import preload_notes
@@ -38,9 +39,11 @@ from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.stiffness import compute
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
+from cartstiff.stiffness.balance import balanced, with_rest_balancing
+from cartstiff.stiffness.motions import scaled_values
 from cartstiff.stiffness.posture import PostureStiffness
 from cartstiff.stiffness.posture_notes import near_serial, near_type_2
-from cartstiff.stiffness.reduction import Reduction, scaled_values
+from cartstiff.stiffness.reduction import Reduction
 
 if TYPE_CHECKING:
     from cartstiff.batch.execution import OnePosture
@@ -103,13 +106,13 @@ class QuickPosture(PostureStiffness):
         """`elastic` and `evaluation`; for closed chains from the engine, which deflects links."""
         if self._code.is_closed:
             return self._engine.elastic, self._engine.evaluation
-        return self._asked._balanced_with_evaluation(self.posture, self._given)
+        return balanced(self._asked, self.posture, self._given)
 
     @cached_property
     def elastic(self) -> ElasticMechanism:
         """The mechanism with the rest positions that were used."""
         if self.posture.coordinates_are_pose:
-            return self._asked.with_rest_balancing(self.posture, self._given)
+            return with_rest_balancing(self._asked, self.posture, self._given)
         return self._balanced[0]
 
     @cached_property

@@ -23,9 +23,9 @@ from cartstiff.batch.kernels import WORTH_RECORDING, has_package, kernel_for, ru
 from cartstiff.batch.plans import given_as, plan
 from cartstiff.batch.readings import with_masses
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
-from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff.units import Units, convert_length
 from cartstiff.vibration.modes import Modes, modes
 from cartstiff.vibration.response import Damping, poles
 

@@ -110,7 +110,7 @@ def models_command(out: Printed, *, quantities: bool = False) -> None:
 def _quantities() -> tuple[dict[str, Any], list[str]]:
     """Return the table of quantities as plain data and as lines."""
     from cartstiff.batch.quantities import QUANTITIES
-    from cartstiff.mechanisms.contract import SI
+    from cartstiff.units import SI
 
     known = [
         {

@@ -105,7 +105,7 @@ class Table:
     def deviations(self, elastic: Any) -> dict[str, float]:
         """Return the standard deviations of --sd in the mechanism's units."""
         from cartstiff.identify.measurements import MEASURED
-        from cartstiff.mechanisms.contract import SI, convert_length
+        from cartstiff.units import SI, convert_length
 
         spreads = self.keywords["deviations"]
         if not spreads:

@@ -343,7 +343,7 @@ def command(
         )
         raise click.exceptions.Exit(130) from None
     seconds = time.perf_counter() - start
-    from cartstiff.mechanisms.elastic import gravity_loads
+    from cartstiff.mechanisms.gravity_loads import gravity_loads
     from cartstiff.mechanisms.other_units import shown_heads
     from cartstiff.report.maps import describe_map, ranked
 

@@ -91,7 +91,7 @@ def stiffness_of(text: str, where: str) -> float | None:
         return math.inf
     if not re.search(r"^[-+.\d].*[A-Za-df-z]", text):  # an exponent has an e
         return None
-    from cartstiff.mechanisms.contract import GivenStiffness
+    from cartstiff.units import GivenStiffness
 
     return GivenStiffness.read(text, where)
 
@@ -111,7 +111,7 @@ class Metres(float):
     @classmethod
     def in_units(cls, value: float | None, units: Any) -> float | None:
         """Return a length in a mechanism's units; one without a unit of its own is unchanged."""
-        from cartstiff.mechanisms.contract import SI, convert_length
+        from cartstiff.units import SI, convert_length
 
         return value * convert_length(SI, units)[0] if isinstance(value, cls) else value
 
@@ -562,8 +562,8 @@ class Setup(Load, File, Tool, Posture):
 
     def _converted(self, own: Any, units: Any) -> Any:
         """Return the mechanism of a file in `own` units, with its numbers and options in others."""
-        from cartstiff.mechanisms.contract import convert_length
         from cartstiff.mechanisms.other_units import in_units
+        from cartstiff.units import convert_length
 
         if own.force != units.force:
             raise InputError(

@@ -15,9 +15,10 @@ from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.matrix_names import LETTERS
 
 if TYPE_CHECKING:
-    from cartstiff.mechanisms.contract import Mechanism, Units
+    from cartstiff.mechanisms.contract import Mechanism
     from cartstiff.stiffness.compute import PostureStiffness
     from cartstiff.toolpaths.tool_path import ToolPath
+    from cartstiff.units import Units
 
 
 # In the right order, the translation block times the squared length of the mechanism is about as
@@ -71,7 +72,7 @@ class Target:
         """
         import numpy as np
 
-        from cartstiff.mechanisms.contract import Units, convert_length
+        from cartstiff.units import Units, convert_length
 
         if self.frame not in (None, "body", mechanism.frame):
             raise InputError(
@@ -325,8 +326,8 @@ def read_path_file(
 
     from cartstiff.geometry import se3
     from cartstiff.loading.tables import DIRECTION, WRENCH, along_axes, read_rows
-    from cartstiff.mechanisms.contract import SI
     from cartstiff.toolpaths.tool_path import ToolPath
+    from cartstiff.units import SI
 
     where = one_line(str(file))
     units = units or SI

@@ -47,17 +47,14 @@ from cartstiff.maps.quantities import quantity_named
 from cartstiff.maps.run import map_job
 from cartstiff.maps.sampling import Axis, Grid, RandomPostures, Sampling, Trajectory
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import ANGLES, Units, convert_length
-from cartstiff.mechanisms.elastic import (
-    ElasticMechanism,
-    gravity_loads,
-    with_default_gravity,
-)
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.gravity_loads import gravity_loads, with_default_gravity
 from cartstiff.mechanisms.identity import Files
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 from cartstiff.results import LabelledResult
+from cartstiff.units import ANGLES, Units, convert_length
 
 #: Largest number of a design's poses that are analysed singly where stacks cannot decide them.
 MAX_SINGLE_POSES = 8

@@ -34,9 +34,9 @@ from cartstiff.loading.tables import (
     read_cells,
 )
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.units import SI, Units, convert_length
 
 LOAD: Final = ("mx", "my", "mz", "fx", "fy", "fz")
 DISPLACEMENT: Final = ("dx", "dy", "dz")

@@ -18,12 +18,12 @@ from cartstiff.loading.catalogue import bundled
 from cartstiff.loading.mechanism_file import with_parameters
 from cartstiff.loading.schema import PoseModel, place_of, pose_of
 from cartstiff.loading.yaml_file import read_yaml, with_scalars
-from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw
+from cartstiff.units import SI, convert_length
 
 _ROBOTS = (".urdf", ".xml", ".mjcf")
 

@@ -136,7 +136,7 @@ def load(
     if payload is not None:
         loaded = loaded.with_payload(*overrides["payload"])
         if gravity is None:
-            from cartstiff.mechanisms.elastic import with_default_gravity
+            from cartstiff.mechanisms.gravity_loads import with_default_gravity
 
             loaded = with_default_gravity(loaded, overrides["payload"][0])
     body = getattr(loaded.mechanism, "body", None)
@@ -166,7 +166,7 @@ def tool_of(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
     """Check tool, gravity and payload; return them as keys of overrides."""
     from cartstiff.arrays import checked_pose, checked_reach, checked_vector
     from cartstiff.geometry import se3
-    from cartstiff.mechanisms.contract import checked_gravity
+    from cartstiff.units import checked_gravity
 
     keys: dict[str, Any] = {}
     if tcp is not None:

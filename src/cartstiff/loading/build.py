@@ -64,16 +64,10 @@ from cartstiff.loading.schema import (
 )
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.closures import ReferencePosture
-from cartstiff.mechanisms.contract import (
-    SI,
-    Coordinate,
-    Units,
-    convert_length,
-    own_stiffness,
-    rest_of_turns,
-)
-from cartstiff.mechanisms.elastic import ElasticMechanism, adjusted
+from cartstiff.mechanisms.contract import Coordinate
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.flexible_links import Give
+from cartstiff.mechanisms.given_springs import rest_of_turns
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.platform import LegLimits, Platform, Struts
 from cartstiff.mechanisms.tree import FixedFrame, KinematicTree
@@ -94,6 +88,7 @@ from cartstiff.potentials.springs import (
     SpringLaw,
     TabulatedLaw,
 )
+from cartstiff.units import SI, Units, convert_length, own_stiffness
 
 if TYPE_CHECKING:
     from cartstiff.loading.leg_schema import LegModel, ParallelFile
@@ -1977,7 +1972,7 @@ def _assembled(
         raise InputError(f"{error}", expected="a posture near a closed one") from None
     chain.home = ReferencePosture(at.q, chain.held, at.coordinate_lengths)
     if len(named) < len(q):  # else they are where the search starts
-        notes += adjusted(chain, q, at.q, named)
+        notes += chain.adjusted(q, at.q, named)
     return at.q
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from cartstiff.errors import InputError
 from cartstiff.loading.leg_schema import NamedLegs, ParallelFile
-from cartstiff.mechanisms.contract import GivenStiffness
+from cartstiff.units import GivenStiffness
 
 #: Powers of the unit of length in the numbers of entries.
 _ENDS = {"radius": 1, "height": 1, "points": 1}

@@ -28,10 +28,10 @@ from cartstiff.loading.schema import (
     with_findings,
 )
 from cartstiff.loading.yaml_file import Lines
-from cartstiff.mechanisms.contract import SI, GivenStiffness, Units, convert_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.notes import Note
+from cartstiff.units import SI, GivenStiffness, Units, convert_length
 
 #: Keys of a file whose texts are for readers.
 _TEXT_KEYS = ("name", "description", "source")

@@ -10,9 +10,9 @@ from typing import Any
 from cartstiff.errors import InputError, check_name
 from cartstiff.loading.tables import head_of, in_brackets, read_cells
 from cartstiff.loading.yaml_file import read_yaml
-from cartstiff.mechanisms.contract import GivenStiffness
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
+from cartstiff.units import GivenStiffness
 
 #: Meanings of the grades of sets.
 GRADES = {

@@ -49,10 +49,10 @@ from cartstiff.choices import LARGEST_INPUT
 from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.geometry import se3
 from cartstiff.loading.yaml_file import Lines
-from cartstiff.mechanisms.contract import GivenStiffness
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identified import CompliancePattern, Identified
 from cartstiff.notes import Note
+from cartstiff.units import GivenStiffness
 
 #: Module and model of each kind of file: a file imports the classes of its own kind only.
 FILE_KINDS = {

@@ -21,7 +21,8 @@ from cartstiff.arrays import Array, unsafe_cell
 from cartstiff.choices import AXES, Axes
 from cartstiff.errors import InputError, one_line
 from cartstiff.loading.yaml_file import LARGEST, read_text
-from cartstiff.mechanisms.contract import (
+from cartstiff.parsing import parse_numbers
+from cartstiff.units import (
     ANGLES,
     FORCES,
     LENGTHS,
@@ -32,7 +33,6 @@ from cartstiff.mechanisms.contract import (
     convert_length,
     plain_unit,
 )
-from cartstiff.parsing import parse_numbers
 
 
 class Rows(NamedTuple):

@@ -20,7 +20,6 @@ from cartstiff.geometry import se3
 from cartstiff.loading.robot_description import parse_text, parse_xml
 from cartstiff.loading.urdf import numbers_in
 from cartstiff.mechanisms.chain import Chain, Description
-from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.mechanisms.shapes import (
     Box,
     Capsule,
@@ -33,6 +32,7 @@ from cartstiff.mechanisms.shapes import (
 from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.potentials.contract import rescaled
 from cartstiff.ros_packages import package_folders, search_path, where_packages_are
+from cartstiff.units import SI, convert_length
 
 # Largest coordinate in metres, and largest scale of a mesh.
 _MAX_SIZE = 1e6

@@ -12,7 +12,7 @@ from math import ceil, isfinite, prod
 from typing import Any
 
 from cartstiff.maps.sampling import MAX_CHUNK
-from cartstiff.mechanisms.contract import LENGTHS
+from cartstiff.units import LENGTHS
 
 #: Largest number of parts of a map: each has several objects, which are all listed.
 MAX_PARTS = 10**5

@@ -24,11 +24,11 @@ from cartstiff.arrays import (
     checked_number,
     checked_seed,
     checked_vector,
+    named_values,
     real_array,
 )
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UnknownNameError, checked_kind
-from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 
 # Number of random postures drawn from one seed.

@@ -36,6 +36,7 @@ from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.shapes import Piece
 from cartstiff.mechanisms.tree import WORLD, FixedFrame, KinematicTree, TreeState
+from cartstiff.notes import Note
 from cartstiff.numerics import (
     ATTAINABLE_PRECISION,
     LEAST_CLOSURE_RATE,
@@ -483,6 +484,29 @@ class Chain(Mechanism):
             given[..., list(self.virtual)] = False
             given &= (given.sum(axis=-1) < self.tree.n - len(self.virtual))[..., None]
         return given
+
+    def adjusted(
+        self, given: Array, q: Array, named: Sequence[int] | None = None
+    ) -> tuple[Note, ...]:
+        """Return a note on coordinates that closing moved, see `Mechanism.adjusted`."""
+        if not self.closures:
+            return ()
+        meant = set(self.actuated or ()) | set(named or ())
+        if self.actuated is None and named is None and self.home is not None:
+            meant = set(np.flatnonzero(given != self.home.q).tolist())
+        moved = [
+            (c.name, float(given[j]), float(q[j]), self.units.coordinate(c.is_length))
+            for j, c in enumerate(self.coordinates)
+            if j in meant and abs(q[j] - given[j]) > NEGLIGIBLE_DIFFERENCE
+        ]
+        if not moved:
+            return ()
+        each = ", ".join(f"{name} {a:g} -> {b:g} {unit}" for name, a, b, unit in moved)
+        words = (
+            f"the chain does not close with its joints as given, and they moved: {each}"
+        )
+        changes = {name: b - a for name, a, b, _ in moved}
+        return (Note("actuators-adjusted", words, changes),)
 
     def closed_as_given(self, q: Array) -> Array:
         """Close those of coordinates (N, n) of which a part was given (see `given`)."""

@@ -1,303 +1,40 @@
-"""Mechanisms with their springs, gravity and other potentials.
-
-Every report takes the masses on which gravity acts from here.
-"""
+"""Mechanisms with their springs, gravity and other potentials."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import reduce
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff import numerics
 from cartstiff.arrays import (
-    checked_input,
     checked_number,
     checked_reach,
     checked_vector,
     fixed,
+    named_values,
     real_array,
 )
 from cartstiff.errors import InputError, UnknownNameError, checked_kind
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import (
-    EARTH,
-    Mechanism,
-    MechanismPosture,
-    Units,
-    checked_gravity,
-    engineering,
-    named_values,
-    own_stiffness,
-    rest_of_turns,
-)
+from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
+from cartstiff.mechanisms.given_springs import in_own_units, rest_of_turns, with_values
 from cartstiff.mechanisms.identified import Identified
 from cartstiff.notebook import ShownInLines, html_table
 from cartstiff.notes import Note, still_assumed
 from cartstiff.potentials.beams import evaluate_together
-from cartstiff.potentials.contract import Evaluation, Potential
-from cartstiff.potentials.coupled_joints import CoupledJointSprings, least_forces
+from cartstiff.potentials.contract import Evaluation, Potential, nothing, summed
+from cartstiff.potentials.coupled_joints import CoupledJointSprings
 from cartstiff.potentials.gravity import Gravity
 from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.loads import DeadForce, Load, Scaled
+from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.springs import JointSprings, TabulatedLaw
-
-
-def with_values(
-    springs: JointSprings | LineSprings,
-    names: tuple[str, ...],
-    stiffness: float | Mapping[str, float] | ArrayLike | None,
-    rest: float | Mapping[str, float] | ArrayLike | None,
-    undriven: frozenset[int] = frozenset(),
-) -> JointSprings | LineSprings:
-    """Return the springs with other stiffness and rest, see `ElasticMechanism.with_springs`.
-
-    A single stiffness for all joints does not apply to `undriven` coordinates without a spring.
-    """
-    k, passive = springs.stiffness, []
-    if isinstance(springs, JointSprings) and stiffness is not None:
-        passive = np.flatnonzero(springs.is_passive).tolist()
-        k = k.copy()
-        k[list(springs.rigid)] = np.inf
-        if not isinstance(stiffness, (Mapping, list, tuple)) and np.ndim(stiffness) == 0:
-            undriven = undriven - set(np.flatnonzero(k).tolist()) - set(springs.laws)
-            each: dict[str, Any] = {
-                n: stiffness for j, n in enumerate(names) if j not in undriven
-            }
-            if not each:
-                raise InputError(
-                    "no joint is actuated or has a spring, so one stiffness is for none",
-                    where="stiffness",
-                    expected="name=value for the actuated joints, or their names under "
-                    "'actuated' in the file",
-                    got=", ".join(names),
-                )
-            stiffness = each
-        # A number for a joint replaces its nonlinear law as well.
-        named = set(stiffness) if isinstance(stiffness, Mapping) else set(names)
-        laws = {j: law for j, law in springs.laws.items() if names[j] not in named}
-        springs = replace(springs, laws=laws, rigid=frozenset())
-    if stiffness is not None:
-        k = named_values(stiffness, names, k, "stiffness", infinite=True)
-        if np.any(k < 0):
-            raise InputError("stiffness must not be negative", got=k.tolist())
-    rests = springs.rest
-    if rest is not None:
-        rests = named_values(rest, names, rests, "rest")
-        if isinstance(springs, LineSprings) and np.any(rests < 0.0):
-            raise InputError(
-                "rest length is negative",
-                expected="zero or more",
-                got=float(np.nanmin(rests)),
-            )
-        for j in springs.rigid if isinstance(springs, JointSprings) else ():
-            if not isinstance(rest, Mapping) or names[j] in rest:
-                raise InputError(
-                    f"joint {names[j]!r} is rigid and has no rest position",
-                    expected="rest positions by name, of the others",
-                )
-    # Joints that were passive or rigid have no rest position yet.
-    rests = np.where(np.isinf(k), np.nan, rests)
-    if rest is None or isinstance(rest, Mapping):
-        fresh = [
-            j for j in passive if 0.0 < k[j] < np.inf and names[j] not in (rest or {})
-        ]
-        rests[fresh] = np.nan
-    return springs.replaced(k, rests)
-
-
-def spring_torques(
-    elastic: ElasticMechanism,
-    springs: JointSprings,
-    posture: MechanismPosture,
-    gradient: Array,
-    every: bool,
-    size: float,
-) -> Array:
-    """Return the spring torques that balance a gradient together with closure forces.
-
-    Closures carry the part that joints with a known torque (passive, or with a rest position) do
-    not carry. A remaining part is refused if a wrench has to be balanced (`every`; `size` is that
-    of its generalised forces), and left unbalanced otherwise.
-    """
-    chosen = springs.rest_is_free(every)
-    if chosen.all():
-        return gradient
-    known = ~chosen
-    missing = np.where(known, gradient - springs.torque(posture.q), 0.0)
-    if not missing.any():
-        return gradient
-    if posture.closure is not None:
-        sizes = posture.coordinate_lengths
-        _, values, Vt = np.linalg.svd(posture.closure.jacobian * sizes)
-        V, N = np.split(Vt.T, [numerics.rank(values)], axis=1)
-        # The small singular values of V[known] and N[chosen] are the same: one threshold, relative
-        # to the largest of N[chosen], decides on both.
-        largest = [
-            numerics.singular_values(m).max(initial=0.0) for m in (N[chosen], V[known])
-        ]
-        smallest = numerics.RANK * float(largest[0] / max(largest[1], numerics.TINY))
-        forces = np.linalg.lstsq(V[known], (missing * sizes)[known], rcond=smallest)[0]
-        carried = V @ forces / sizes
-        gradient = gradient - carried
-        missing = np.where(known, missing - carried, 0.0)
-    worst = int(np.argmax(np.abs(missing)))
-    size = max(size, float(np.abs(gradient).max()))
-    if (
-        every
-        and abs(missing[worst]) > numerics.BALANCE_TOLERANCE * size + numerics.ROUNDOFF
-    ):
-        raise _unheld(elastic, posture, worst, float(abs(missing[worst])))
-    return gradient
-
-
-def _unheld(
-    elastic: ElasticMechanism, posture: MechanismPosture, j: int, torque: float
-) -> InputError:
-    """Refusal of a wrench that needs a torque at coordinate j, where no rest can be chosen."""
-    unit = elastic.units.effort(elastic.mechanism.coordinates[j].is_length)
-    needed = f"but the wrench needs {engineering(torque, unit)} from it"
-    others = {
-        type(term).__name__
-        for term in elastic.parted_terms()[0]
-        if term is not elastic.springs and term.evaluate(posture).hessian[j].any()
-    }
-    if not others:
-        return InputError(
-            f"{elastic.names[j]} has no spring, {needed}",
-            expected="a stiffness above zero there, or a wrench that does not load it",
-        )
-    words = ", ".join(sorted(others))
-    return InputError(
-        f"{elastic.names[j]} has no spring whose rest position could be chosen, {needed}; "
-        f"the energy that acts there ({words}) keeps its own rest",
-        expected="equilibrium (cartstiff equilibrium), which deflects it, or springs whose rest "
-        "may be chosen: springs or coupled_springs in the file",
-    )
-
-
-# How the springs take the weight before any load, in words.
-_BEFORE_LOAD = {
-    "balanced": "before the load the springs balance it at the posture",
-    "given": "before the load it acts on the springs' given rest positions",
-    "partly": "before the load springs without a rest position balance it at the posture",
-}
-
-
-@dataclass(frozen=True)
-class GravityLoads:
-    """Gravity, and the masses on which it acts.
-
-    Attributes
-    ----------
-    acceleration : tuple of float or None
-        Acceleration of the uniform field, in F; None without gravity.
-    bodies : mapping of str to float
-        Mass [kg] that each joint carries, by the name of its (first) link; the payload of the
-        mechanism's file under "payload". Empty without gravity.
-    massless : tuple of str
-        Moving links without mass, if there is gravity.
-    payload, weight : float
-        Mass [kg] of the payloads among the loads, and their weight, which the loads contain.
-    unit : str
-        The mechanism's unit of force.
-    before : {"balanced", "given", "partly"} or None
-        State before any load, see `ElasticMechanism.before_load`.
-    """
-
-    acceleration: tuple[float, ...] | None
-    bodies: Mapping[str, float]
-    massless: tuple[str, ...]
-    payload: float
-    weight: float
-    unit: str
-    before: Literal["balanced", "given", "partly"] | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON: keys "gravity", "weighed" and "before_load"."""
-        parts = [{"name": name, "mass": mass} for name, mass in self.bodies.items()]
-        if self.payload:
-            parts.append({"name": "payload among the loads", "mass": self.payload})
-        return {
-            "gravity": None if self.acceleration is None else list(self.acceleration),
-            "weighed": parts,
-            "before_load": self.before,
-        }
-
-    @property
-    def text(self) -> str:
-        """One line of text for people."""
-        if self.acceleration is None:
-            words = "Gravity: none"
-        else:
-            field = ", ".join(f"{a:g}" for a in self.acceleration)
-            each = ", ".join(f"{name} {mass:.6g}" for name, mass in self.bodies.items())
-            total = sum(self.bodies.values())
-            words = f"Gravity: ({field}) on {total:.6g} kg" + (
-                f" ({each})" if each else ""
-            )
-            words += f"; {_BEFORE_LOAD[self.before]}" if self.before and total else ""
-        if self.payload:
-            words += (
-                f"; load: payload of {self.payload:.6g} kg, {self.weight:.6g} {self.unit}"
-            )
-        return words
-
-    @property
-    def notes(self) -> list[Note]:
-        """Note on links without mass, where gravity acts."""
-        if not self.massless:
-            return []
-        words = f"gravity acts, and these have no mass: {', '.join(self.massless)}"
-        return [Note("massless", words, {"links": list(self.massless)})]
-
-
-def without_mass(mechanism: Mechanism, masses: Mapping[str, float]) -> tuple[str, ...]:
-    """Links without mass; ends of the joints that closures and contacts have are no links."""
-    parts = [c.name.rpartition(".") for c in mechanism.coordinates]
-    joints = {frame for frame, _, axis in parts if axis in ("x", "y", "z")}
-    return tuple(
-        name for name, mass in masses.items() if not mass > 0.0 and name not in joints
-    )
-
-
-def gravity_loads(
-    elastic: ElasticMechanism, loads: Sequence[Potential] = ()
-) -> GravityLoads:
-    """Return the masses on which gravity acts in a mechanism, and the payloads among its loads."""
-    acting = (*elastic.potentials, *loads)
-    # A load's mass, as its weight, is in the unit of force.
-    hung = [load for load in acting if isinstance(load, DeadForce) and load.mass]
-    payload = sum(load.mass for load in hung) * elastic.units.newtons
-    weight = float(np.linalg.norm(sum((load.force for load in hung), np.zeros(3))))
-    field = None if elastic.gravity is None else tuple(map(float, elastic.gravity))
-    masses = {} if field is None else elastic.mechanism.masses()
-    bodies = {name: mass for name, mass in masses.items() if mass > 0.0}
-    massless = without_mass(elastic.mechanism, masses)
-    unit = elastic.units.force
-    return GravityLoads(
-        field, bodies, massless, payload, weight, unit, elastic.before_load
-    )
-
-
-def with_default_gravity(elastic: ElasticMechanism, hung: float) -> ElasticMechanism:
-    """Return the mechanism with gravity for a payload of `hung` kg that was added to it.
-
-    Without any gravity that of the earth is assumed, along -z of F, and a note says so.
-    """
-    if elastic.gravity is None:
-        words = f"a payload was given and no gravity: (0, 0, -{EARTH:g}) m/s^2 acts"
-        note = Note("gravity-assumed", words, {"gravity": [0.0, 0.0, -EARTH]})
-        elastic = elastic.with_notes(note).with_gravity()
-    notes = [note for note in elastic.notes if note.code != "weightless" or not hung]
-    return replace(elastic, notes=tuple(notes))
+from cartstiff.units import Units, checked_gravity, engineering
 
 
 @dataclass(frozen=True, repr=False)
@@ -566,7 +303,7 @@ class ElasticMechanism(ShownInLines):
         elastic = (
             self if np.array_equal(values, self.q) else self._with_given(values, named)
         )
-        return elastic.with_notes(*adjusted(mechanism, values, posture.q, named)), posture
+        return elastic.with_notes(*mechanism.adjusted(values, posture.q, named)), posture
 
     def _with_given(self, values: Array, named: Sequence[int] | None) -> ElasticMechanism:
         """Limit the note on the default posture to the joints without a given position."""
@@ -616,51 +353,21 @@ class ElasticMechanism(ShownInLines):
                 f"{self.name} has no joint springs",
                 expected="legs or line springs in its file",
             )
-        undriven, given = self.mechanism.undriven, self._own_stiffness(stiffness)
+        undriven, slides = self.mechanism.undriven, dict.fromkeys(self.spring_names, True)
+        if isinstance(self.springs, JointSprings):
+            slides = {c.name: c.is_length for c in self.mechanism.coordinates}
+        given = in_own_units(stiffness, slides, undriven, self.units)
         springs = with_values(self.springs, self.spring_names, given, rest, undriven)
         notes = self.notes if stiffness is None else still_assumed(self.notes, stiffness)
         if rest is not None and isinstance(springs, JointSprings):
             kept = [note for note in notes if note.code != "rest-of-turns"]
             notes = (*kept, *rest_of_turns(self.mechanism.coordinates, springs.rest))
-        if (
-            stiffness is not None
-        ):  # measurements do not apply to springs that are replaced
-            replaced = given if isinstance(given, Mapping) else self.spring_names
-            return replace(
-                self,
-                springs=springs,
-                notes=notes,
-                identified=None,
-                given=self.given.union(replaced),
-            )
-        return replace(self, springs=springs, notes=notes)
-
-    def _own_stiffness(self, given: Any) -> Any:
-        """Stiffnesses, some with units, as numbers in the mechanism's own units."""
-        slides = dict.fromkeys(self.spring_names, True)
-        if not isinstance(self.springs, LineSprings):
-            slides = {c.name: c.is_length for c in self.mechanism.coordinates}
-        if isinstance(given, Mapping):
-            return {
-                n: own_stiffness(
-                    k, self.units, slides.get(n, False), f"stiffness of {n!r}"
-                )
-                for n, k in given.items()
-            }
-        if isinstance(given, (list, tuple)) and len(given) == len(slides):
-            return [
-                own_stiffness(k, self.units, s, f"stiffness of {n!r}")
-                for k, (n, s) in zip(given, slides.items(), strict=True)
-            ]
-        driven = {
-            s for j, s in enumerate(slides.values()) if j not in self.mechanism.undriven
-        }
-        plain = given
-        for is_length in driven or set(slides.values()):
-            plain = own_stiffness(
-                given, self.units, is_length, "stiffness of every joint"
-            )
-        return plain
+        elastic = replace(self, springs=springs, notes=notes)
+        if stiffness is None:
+            return elastic
+        # Measurements do not apply to springs that are replaced.
+        replaced = given if isinstance(given, Mapping) else self.spring_names
+        return replace(elastic, identified=None, given=self.given.union(replaced))
 
     @property
     def spring_names(self) -> tuple[str, ...]:
@@ -768,27 +475,6 @@ class ElasticMechanism(ShownInLines):
             self, mechanism=self.mechanism.with_mass(mass, centre), notes=notes
         )
 
-    def with_rest_balancing(
-        self, at: ArrayLike | MechanismPosture, wrench: ArrayLike | None = None
-    ) -> ElasticMechanism:
-        """Choose open rest positions so that a posture is an equilibrium.
-
-        Without `wrench`, springs that have no rest position carry gravity and the other
-        potentials, and the end-effector is unloaded. With it, all rest positions are chosen so
-        that the springs balance it.
-        """
-        if not self.has_open_rest and wrench is None:
-            return self
-        posture = at if isinstance(at, MechanismPosture) else self.mechanism.at(at)
-        load = None if wrench is None else checked_input(wrench, (6,), "wrench")
-        elastic = self._with_coupled_balancing(posture, load)
-        springs, _ = elastic._balanced_springs(
-            posture, load, elastic._evaluate_others(posture)
-        )
-        return (
-            elastic if springs is elastic.springs else replace(elastic, springs=springs)
-        )
-
     @property
     def has_open_rest(self) -> bool:
         """Whether the rest position of a spring is to be chosen."""
@@ -802,93 +488,12 @@ class ElasticMechanism(ShownInLines):
             term for term in self.potentials if isinstance(term, CoupledJointSprings)
         )
 
-    def _with_coupled_balancing(
-        self, posture: MechanismPosture, wrench: Array | None
-    ) -> ElasticMechanism:
-        """Choose the rest positions of springs that couple joints, as `with_rest_balancing`."""
-        every = wrench is not None
-        if not any(term.rest_is_free(every).any() for term in self.coupled_springs):
-            return self
-        J, sizes = posture.motion.jacobian, posture.coordinate_lengths
-        wanted = np.zeros(J.shape[1]) if wrench is None else J.T.dot(wrench)
-        rest = [
-            term for term in self.terms(springs=False) if term not in self.coupled_springs
-        ]
-        parts = evaluate_together(rest, posture)
-        own = np.zeros(len(wanted))
-        if isinstance(self.springs, JointSprings):
-            chosen = self.springs.rest_is_free(every)
-            k = np.diag(self.springs.evaluate(posture).hessian)
-            own = np.where(chosen, np.where(k > 0.0, k, 1.0), 0.0)
-            wanted = wanted - np.where(chosen, 0.0, self.springs.torque(posture.q))
-        wanted = wanted - sum((part.gradient for part in parts), np.zeros(len(wanted)))
-        free = [term.rest_is_free(every) for term in self.coupled_springs]
-        for term, is_free in zip(self.coupled_springs, free, strict=True):
-            x = term.factors @ posture.q - term.rest
-            wanted = wanted - term.factors.T @ np.where(is_free, 0.0, term.stiffness * x)
-        pairs = list(zip(self.coupled_springs, free, strict=True))
-        closure = posture.closure
-        forces = least_forces(
-            np.concatenate([term.factors[is_free] for term, is_free in pairs]),
-            np.concatenate([term.stiffness[is_free] for term, is_free in pairs]),
-            wanted,
-            own,
-            np.zeros((len(wanted), 0)) if closure is None else closure.jacobian.T,
-            sizes,
-        )
-        potentials, start = list(self.potentials), 0
-        for term, is_free in pairs:
-            each = np.full(len(is_free), np.nan)
-            each[is_free] = forces[start : start + is_free.sum()]
-            start += int(is_free.sum())
-            potentials[potentials.index(term)] = term.with_forces(posture, each)
-        return replace(self, potentials=tuple(potentials))
-
     def at_rest(self, q: Array) -> ElasticMechanism:
         """Return the mechanism with all springs of its joints at rest at coordinates q (n,)."""
         springs = self.springs
         if isinstance(springs, JointSprings):
             springs = replace(springs, rest=q)
         return replace(self, springs=springs)
-
-    def _balanced_springs(
-        self, posture: MechanismPosture, wrench: Array | None, others: Evaluation | None
-    ) -> tuple[JointSprings | LineSprings | None, Array | None]:
-        """Springs that carry the other potentials and, if there is one, a wrench.
-
-        Also the torques (n,) that the springs of joints must have, NaN where these are not chosen.
-        """
-        springs, every = self.springs, wrench is not None
-        if springs is None or (springs.is_complete and not every):
-            return springs, None
-        J = posture.motion.jacobian
-        carried = np.zeros(J.shape[1]) if wrench is None else J.T.dot(wrench)
-        gradient = carried if others is None else carried - others.gradient
-        if not isinstance(springs, JointSprings):
-            return springs.with_rest_balancing(posture, gradient, every=every), None
-        exerted = gradient
-        if not springs.rest_is_free(every).all():
-            size = float(np.abs(carried).max(initial=0.0))
-            gradient = spring_torques(self, springs, posture, gradient, every, size)
-            exerted = np.where(springs.rest_is_free(every), gradient, np.nan)
-        return springs.with_rest_balancing(posture, gradient, every=every), exerted
-
-    def _balanced_with_evaluation(
-        self, posture: MechanismPosture, wrench: Array | None
-    ) -> tuple[ElasticMechanism, Evaluation]:
-        """`with_rest_balancing` and its `evaluate`; the other potentials are evaluated once."""
-        elastic = self._with_coupled_balancing(posture, wrench)
-        others = elastic._evaluate_others(posture)
-        springs, exerted = elastic._balanced_springs(posture, wrench, others)
-        elastic = (
-            elastic if springs is elastic.springs else replace(elastic, springs=springs)
-        )
-        if exerted is None or springs is None:
-            return elastic, elastic._with_springs_added(posture, others)
-        # The chosen torque is exact; computed from a stiff spring's rest position it is rounded.
-        energy, torque, hessian = springs.evaluate(posture)
-        own = Evaluation(energy, np.where(exerted == exerted, exerted, torque), hessian)
-        return elastic, own if others is None else _sum(own, others)
 
     def terms(self, springs: bool = True) -> tuple[Potential, ...]:
         """Return all potentials that act."""
@@ -936,8 +541,8 @@ class ElasticMechanism(ShownInLines):
     def parted_terms(self) -> tuple[list[Potential], list[Potential]]:
         """Return the potentials of the mechanism's own parts, and gravity and loads."""
         terms = self.terms()
-        inner = [term for term in terms if not _is_external(term)]
-        return inner, [term for term in terms if _is_external(term)]
+        inner = [term for term in terms if not term.is_external]
+        return inner, [term for term in terms if term.is_external]
 
     def diagnostics(self, posture: MechanismPosture) -> list[Note]:
         """Return notes on limits of the answer: slack cables, corners of springs, bent beams."""
@@ -968,81 +573,13 @@ class ElasticMechanism(ShownInLines):
             notes.append(Note("spring-corner", words, values))
         return notes
 
-    def evaluate(self, posture: MechanismPosture) -> Evaluation:
+    def evaluate(self, posture: MechanismPosture, springs: bool = True) -> Evaluation:
         """Return energy, gradient and Hessian of all potentials at a posture."""
-        return self._with_springs_added(posture, self._evaluate_others(posture))
-
-    def _evaluate_others(self, posture: MechanismPosture) -> Evaluation | None:
-        """Sum of all potentials but the springs; None without any."""
-        terms = self.terms(springs=False)
-        return reduce(_sum, evaluate_together(terms, posture)) if terms else None
-
-    def line_springs_and_rest(
-        self, posture: MechanismPosture
-    ) -> tuple[Array, Array, Array] | None:
-        """Return lines g (m, 6) from ground to body, their k (m,), and the rest of the Hessian.
-
-        None where the coordinates are not the body's pose, or no lines hold it.
-        """
-        if not posture.coordinates_are_pose:
-            return None
-        lines, k, rest = list[Array](), list[Array](), np.zeros((6, 6))
-        for term in self.terms():
-            held = type(term) is LineSprings and (term.frame_a, term.frame_b)
-            if isinstance(term, LineSprings) and held == ("world", "body"):
-                g, stiffness, turning = term.lines_and_rest(posture)
-                lines.append(g)
-                k.append(stiffness)
-                rest = rest + turning
-            else:
-                rest = rest + term.evaluate(posture).hessian
-        return (np.concatenate(lines), np.concatenate(k), rest) if lines else None
-
-    def _with_springs_added(
-        self, posture: MechanismPosture, others: Evaluation | None
-    ) -> Evaluation:
-        if self.springs is not None:
-            own = self.springs.evaluate(posture)
-            return own if others is None else _sum(own, others)
-        if others is not None:
-            return others
-        n = posture.motion.jacobian.shape[1]
-        return Evaluation(0.0, np.zeros(n), np.zeros((n, n)))
-
-
-def adjusted(
-    mechanism: Mechanism, given: Array, q: Array, named: Sequence[int] | None = None
-) -> tuple[Note, ...]:
-    """Return a note on coordinates that closures moved from given values (n,) to q (n,).
-
-    Only coordinates that were named or are actuated are considered; without any, those that differ
-    from the mechanism's reference posture.
-    """
-    if not isinstance(mechanism, Chain) or not mechanism.closures:
-        return ()
-    meant = set(mechanism.actuated or ()) | set(named or ())
-    if mechanism.actuated is None and named is None and mechanism.home is not None:
-        meant = set(np.flatnonzero(given != mechanism.home.q).tolist())
-    moved = [
-        (
-            c.name,
-            float(given[j]),
-            float(q[j]),
-            mechanism.units.length if c.is_length else "rad",
-        )
-        for j, c in enumerate(mechanism.coordinates)
-        if j in meant and abs(q[j] - given[j]) > numerics.NEGLIGIBLE_DIFFERENCE
-    ]
-    if not moved:
-        return ()
-    words = ", ".join(f"{name} {a:g} -> {b:g} {unit}" for name, a, b, unit in moved)
-    return (
-        Note(
-            "actuators-adjusted",
-            f"the chain does not close with its joints as given, and they moved: {words}",
-            {name: b - a for name, a, b, _ in moved},
-        ),
-    )
+        others = evaluate_together(self.terms(springs=False), posture)
+        acting = [summed(others)] if others else []
+        if springs and self.springs is not None:
+            acting.insert(0, self.springs.evaluate(posture))
+        return summed(acting or [nothing(posture.motion.jacobian.shape[1])])
 
 
 def checked_elastic(source: object) -> ElasticMechanism:
@@ -1055,14 +592,3 @@ def checked_elastic(source: object) -> ElasticMechanism:
         expected=f"cartstiff.load({shown})",
         got=type(source).__name__,
     )
-
-
-def _is_external(term: Potential) -> bool:
-    """Whether a potential is that of gravity or of a load."""
-    while isinstance(term, Scaled):
-        term = term.potential
-    return isinstance(term, Gravity | Load)
-
-
-def _sum(a: Evaluation, b: Evaluation) -> Evaluation:
-    return Evaluation(a.energy + b.energy, a.gradient + b.gradient, a.hessian + b.hessian)

@@ -28,8 +28,9 @@ import pinocchio as pin
 from cartstiff import version as own
 from cartstiff.errors import InputError, one_line
 from cartstiff.mechanisms.chain import Description
-from cartstiff.mechanisms.contract import Mechanism, Units
+from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.numerics import ROUNDOFF_OF_SUMS, UNCOUPLED
+from cartstiff.units import Units
 
 if TYPE_CHECKING:
     from cartstiff.mechanisms.elastic import ElasticMechanism

@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import Mechanism, engineering
+from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
+from cartstiff.units import engineering
 
 #: Round-off of a quantity at its limit, relative to the quantity or to its natural size.
 _ROUNDOFF = numerics.LIMIT_SLACK

@@ -15,13 +15,14 @@ import pinocchio as pin
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import Coordinate, Mechanism, Units, convert_length
+from cartstiff.mechanisms.contract import Coordinate, Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.potentials.contract import rescaled
 from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.units import Units, convert_length
 
 
 def in_units(elastic: ElasticMechanism, length: str) -> ElasticMechanism:
@@ -32,7 +33,7 @@ def in_units(elastic: ElasticMechanism, length: str) -> ElasticMechanism:
     elastic : ElasticMechanism
         An arm, a closed chain, or a platform.
     length : str
-        A name of `cartstiff.mechanisms.contract.LENGTHS`.
+        A name of `cartstiff.units.LENGTHS`.
 
     Raises
     ------

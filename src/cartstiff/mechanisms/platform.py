@@ -41,13 +41,7 @@ from cartstiff.errors import (
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.mechanisms.contract import (
-    SI,
-    Coordinate,
-    Mechanism,
-    MechanismPosture,
-    Units,
-)
+from cartstiff.mechanisms.contract import Coordinate, Mechanism, MechanismPosture
 from cartstiff.potentials.contract import IDENTITY, POSE, Evaluation, SecondOrderMap
 from cartstiff.potentials.line_springs import (
     LineGeometry,
@@ -55,6 +49,7 @@ from cartstiff.potentials.line_springs import (
     second_derivative,
 )
 from cartstiff.potentials.loads import DeadForce, held_force
+from cartstiff.units import SI, Units
 
 
 @dataclass(frozen=True, eq=False)

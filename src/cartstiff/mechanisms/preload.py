@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cartstiff.mechanisms.contract import engineering
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
+from cartstiff.units import engineering
 
 
 def preload_notes(elastic: ElasticMechanism, is_loaded: bool) -> list[Note]:

@@ -25,7 +25,8 @@ from cartstiff.batch.untraced import segment_program
 from cartstiff.choices import LOAD_KINDS
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.closures import LONGEST_STEP, MOST_STEPS
-from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import (
     MAX_RELATIVE_DEFLECTION,
     Limits,

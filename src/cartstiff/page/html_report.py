@@ -22,8 +22,8 @@ from cartstiff.batch.postures import analyse_many
 from cartstiff.errors import CartstiffError, UndefinedError, printable
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import SI, Units, convert_length, engineering, sized
-from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import beyond_limits, limits_of
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.tree import FixedFrame
@@ -49,6 +49,7 @@ from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import analyse
 from cartstiff.stiffness.posture import PostureStiffness
 from cartstiff.toolpaths.better import better_posture
+from cartstiff.units import SI, Units, convert_length, engineering, sized
 from cartstiff.version import __version__
 
 # Values along the sweep of a coordinate, and how far it goes: rad, or characteristic lengths.

@@ -14,14 +14,13 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.analysis.posture import analyse_posture
-from cartstiff.arrays import checked_pose
+from cartstiff.arrays import checked_pose, named_values
 from cartstiff.batch.single import analyse
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.following import Follower
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.page.messages import (

@@ -24,7 +24,8 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Coordinate
-from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import limits_of
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.page.messages import ViewState
@@ -32,8 +33,8 @@ from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.report.sentences import VERDICTS
 from cartstiff.statics.command import drives
 from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.motions import scaled_values, values_of_closed
 from cartstiff.stiffness.posture import StiffnessInFrame
-from cartstiff.stiffness.reduction import scaled_values, values_of_closed
 from cartstiff.vibration.modes import modes
 from cartstiff.vibration.response import frequency_response
 

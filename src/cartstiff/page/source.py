@@ -13,15 +13,16 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cartstiff.arrays import named_values
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.tables import named_unit, read_cells, read_rows
-from cartstiff.mechanisms.contract import LENGTHS, SI, Units, named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identity import fingerprint
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.parsing import parse_numbers
+from cartstiff.units import LENGTHS, SI, Units
 
 if TYPE_CHECKING:
     from cartstiff.reach.workspace import Workspace

@@ -8,7 +8,7 @@ covector. A potential returns energy, gradient and Hessian in the same coordinat
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, is_dataclass, replace
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
@@ -62,6 +62,23 @@ class Evaluation(NamedTuple):
     hessian: Array
 
 
+def summed(parts: Sequence[Evaluation]) -> Evaluation:
+    """Sum of one or more evaluations, in their order."""
+    total = parts[0]
+    for part in parts[1:]:
+        total = Evaluation(
+            total.energy + part.energy,
+            total.gradient + part.gradient,
+            total.hessian + part.hessian,
+        )
+    return total
+
+
+def nothing(n: int) -> Evaluation:
+    """Evaluation of no energy in n coordinates."""
+    return Evaluation(0.0, np.zeros(n), np.zeros((n, n)))
+
+
 class LineGeometry(NamedTuple):
     """Lengths (m,), unit vectors (m, 3) in frame b, and line coordinates g (m, 6)."""
 
@@ -79,6 +96,14 @@ class Posture(Protocol):
 
     def relative(self, frame_a: str, frame_b: str) -> tuple[Array, SecondOrderMap]:
         """Pose ``T_a_b`` and its map, twists being those of b against a in components of b."""
+
+    @property
+    def closure(self) -> SecondOrderMap | None:
+        """Map to the closure residual, or None for a mechanism without closures."""
+
+    @property
+    def coordinate_lengths(self) -> Array:
+        """1 for angles, the characteristic length for distances: natural sizes (n,)."""
 
     def legs(self, anchors: Array, points: Array) -> LineGeometry | None:
         """Lines from the ground to the body that the posture has cached for these very arrays."""
@@ -122,6 +147,8 @@ def _times(value: Any, a: float, power: Any) -> Any:
 class Potential(ABC):
     """A potential energy of a mechanism."""
 
+    #: Whether it is a load or the weight, and not a part of the mechanism.
+    is_external: ClassVar[bool] = False
     #: See `rescaled`; None: the potential cannot be converted to other units.
     length_powers: ClassVar[Mapping[str, Any] | None] = None
 

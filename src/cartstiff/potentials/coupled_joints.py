@@ -6,6 +6,7 @@ r_i of the sums; MuJoCo calls such a spring a fixed tendon.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -90,6 +91,50 @@ class CoupledJointSprings(Potential):
         """
         rest = self.factors @ posture.q - forces / self.stiffness
         return replace(self, rest=np.where(np.isnan(forces), self.rest, rest))
+
+
+def balancing(
+    coupled: Sequence[CoupledJointSprings],
+    posture: Posture,
+    gradient: Array,
+    own: Array,
+    every: bool,
+) -> list[CoupledJointSprings]:
+    """The springs with the rest positions that balance a gradient with joints and closures.
+
+    Parameters
+    ----------
+    coupled : sequence of CoupledJointSprings
+        All of a mechanism.
+    posture, every
+        As of `JointSprings.with_rest_balancing`.
+    gradient, own : ndarray, shape (n,)
+        What they, the springs of joints and the closures have to balance, and the stiffness of the
+        springs of joints, see `least_forces`.
+    """
+    free = [term.rest_is_free(every) for term in coupled]
+    for term, is_free in zip(coupled, free, strict=True):
+        x = term.factors @ posture.q - term.rest
+        known = np.where(is_free, 0.0, term.stiffness * x)
+        gradient = gradient - term.factors.T @ known
+    closure = posture.closure
+    forces = least_forces(
+        np.concatenate([term.factors[f] for term, f in zip(coupled, free, strict=True)]),
+        np.concatenate(
+            [term.stiffness[f] for term, f in zip(coupled, free, strict=True)]
+        ),
+        gradient,
+        own,
+        np.zeros((len(own), 0)) if closure is None else closure.jacobian.T,
+        posture.coordinate_lengths,
+    )
+    found, start = list[CoupledJointSprings](), 0
+    for term, is_free in zip(coupled, free, strict=True):
+        each = np.full(len(is_free), np.nan)
+        each[is_free] = forces[start : start + is_free.sum()]
+        start += int(is_free.sum())
+        found.append(term.with_forces(posture, each))
+    return found
 
 
 def least_forces(

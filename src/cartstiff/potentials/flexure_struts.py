@@ -25,7 +25,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff.errors import InputError, NoEnergyError
 from cartstiff.geometry import se3
 from cartstiff.geometry.jets import cosines_of, sines_of
 from cartstiff.geometry.se3 import Array
@@ -382,13 +382,13 @@ class FlexureStruts(LineSprings):
         at = self.solve(T_a_b[None], self.rest_length[None])
         first = int(np.argmin((at.is_found & at.is_stable)[0])) + 1
         if not at.is_found.all():
-            raise UndefinedError(
+            raise NoEnergyError(
                 f"the flexures of strut {first} find no balance: they are bent too far",
                 code="strut-not-found",
                 values={"strut": first},
             )
         if not at.is_stable.all():
-            raise UndefinedError(
+            raise NoEnergyError(
                 f"strut {first} has buckled: between its flexures it gives way by itself, and what "
                 "is left is no stiffness of a balance that lasts",
                 code="strut-buckled",

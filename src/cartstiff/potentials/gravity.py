@@ -18,6 +18,8 @@ class Gravity(Potential):
         For example (0, 0, -9.81) m/s^2.
     """
 
+    is_external = True
+
     acceleration: Array
 
     def evaluate(self, posture: Posture) -> Evaluation:

@@ -62,6 +62,8 @@ class Load(Potential):
         The frame that carries the load; "body" is the frame of interest M.
     """
 
+    is_external = True
+
     frame_b: str
 
     @abstractmethod
@@ -325,6 +327,11 @@ class Scaled(Potential):
 
     potential: Potential
     factor: float
+
+    @property
+    def is_external(self) -> bool:  # type: ignore[override]
+        """Whether the potential is a load or the weight."""
+        return self.potential.is_external
 
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and derivative, times the factor."""

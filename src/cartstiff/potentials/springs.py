@@ -6,7 +6,7 @@ Energy Phi = sum_j U_j(q_j - r_j) with rest positions r; torque U_j', stiffness 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from math import pi
 from typing import Any, Literal, NamedTuple, Self
@@ -276,7 +276,7 @@ class JointSprings(Potential):
         with a nonlinear law.
     rest : ndarray, shape (n,)
         Rest positions; NaN where they are to be chosen so that the springs balance the load at
-        the posture (see `with_rest_balancing`).
+        the posture.
     laws : mapping of int to SpringLaw
         Nonlinear springs by coordinate index.
     rigid : frozenset of int
@@ -339,6 +339,43 @@ class JointSprings(Potential):
             torque[j] = 0.0 if np.isnan(self.rest[j]) else law.evaluate(float(x[j]))[1]
         return torque
 
+    def beside_closures(
+        self, posture: Posture, gradient: Array, size: float, every: bool = False
+    ) -> tuple[Array, Array]:
+        """The part of a gradient that closures leave to the springs, and what no spring has of it.
+
+        Closures carry, as far as they can, what joints with a known torque do not carry: those that
+        are passive, or whose rest position is not to be chosen.
+
+        Returns
+        -------
+        gradient, left : ndarray, shape (n,) each
+            What is left is zero where it is negligible beside the largest gradient and `size`.
+        """
+        chosen, closure = self.rest_is_free(every), posture.closure
+        left = np.zeros(len(gradient))
+        if not chosen.all():
+            left = np.where(chosen, 0.0, gradient - self.torque(posture.q))
+        if not left.any():
+            return gradient, left
+        if closure is not None:
+            known, sizes = ~chosen, posture.coordinate_lengths
+            _, values, Vt = np.linalg.svd(closure.jacobian * sizes)
+            V, N = np.split(Vt.T, [numerics.rank(values)], axis=1)
+            # The small singular values of V[known] and N[chosen] are the same: one threshold,
+            # relative to the largest of N[chosen], decides on both.
+            largest = [
+                numerics.singular_values(m).max(initial=0.0)
+                for m in (N[chosen], V[known])
+            ]
+            smallest = numerics.RANK * float(largest[0] / max(largest[1], numerics.TINY))
+            forces = np.linalg.lstsq(V[known], (left * sizes)[known], rcond=smallest)[0]
+            carried = V @ forces / sizes
+            gradient, left = gradient - carried, np.where(known, left - carried, 0.0)
+        size = max(size, float(np.abs(gradient).max()))
+        least = numerics.BALANCE_TOLERANCE * size + numerics.ROUNDOFF
+        return gradient, np.where(np.abs(left) > least, left, 0.0)
+
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, torques and tangent stiffnesses."""
         x = posture.q - self.rest
@@ -361,33 +398,44 @@ class JointSprings(Potential):
         """The same springs with other stiffnesses and rest positions."""
         return replace(self, stiffness=stiffness, rest=rest)
 
-    def with_rest_balancing(
-        self, posture: Posture, gradient: Array, every: bool = False
-    ) -> JointSprings:
-        """The same springs with rest positions at which they exert torques at a posture.
+    def with_forces(self, posture: Posture, forces: Array) -> JointSprings:
+        """The same springs with rest positions at which they exert torques (n,) at a posture.
 
-        Parameters
-        ----------
-        posture : Posture
-            Posture of the torques.
-        gradient : ndarray, shape (n,)
-            Required dPhi/dq at the posture; entries of joints without a spring are ignored.
-        every : bool
-            Choose all rest positions, not just those still open.
+        Where a torque is NaN the rest position stays; those of joints without a spring are ignored.
 
         Raises
         ------
         InputError
             If a spring's law never reaches its torque.
         """
-        chosen = self.rest_is_free(every)
+        chosen = ~self.is_passive & ~np.isnan(forces)
         rest = self.rest.copy()
         for j, law in self.laws.items():
             if chosen[j]:
-                rest[j] = posture.q[j] - law.deflection_for(float(gradient[j]))
+                rest[j] = posture.q[j] - law.deflection_for(float(forces[j]))
                 chosen[j] = False
-        rest[chosen] = posture.q[chosen] - gradient[chosen] / self.stiffness[chosen]
+        rest[chosen] = posture.q[chosen] - forces[chosen] / self.stiffness[chosen]
         return replace(self, rest=rest)
+
+
+def unheld(joint: str, torque: str, others: Collection[str]) -> InputError:
+    """Refusal of a load that needs a torque at a joint where no rest position can be chosen.
+
+    `others` are the kinds of energy that act on the joint.
+    """
+    needed = f"but the wrench needs {torque} from it"
+    if not others:
+        return InputError(
+            f"{joint} has no spring, {needed}",
+            expected="a stiffness above zero there, or a wrench that does not load it",
+        )
+    words = ", ".join(sorted(others))
+    return InputError(
+        f"{joint} has no spring whose rest position could be chosen, {needed}; "
+        f"the energy that acts there ({words}) keeps its own rest",
+        expected="equilibrium (cartstiff equilibrium), which deflects it, or springs whose rest "
+        "may be chosen: springs or coupled_springs in the file",
+    )
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,8 @@ from cartstiff.kinematics.joint_poses import JointPoses
 from cartstiff.kinematics.legs import Search
 from cartstiff.kinematics.platform_assembly import PathCount, poses_of_lengths
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic, gravity_loads
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notebook import ShownInLines
@@ -36,6 +37,7 @@ from cartstiff.notes import Note
 from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.results import LabelledResult
 from cartstiff.statics.equilibrium import equilibrium
+from cartstiff.stiffness.balance import with_rest_balancing
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.vibration.modes import modes
 
@@ -110,7 +112,7 @@ def at_rest_with(
     if not isinstance(elastic.springs, FlexureStruts):
         return stiffness(q), ()
     if not elastic.springs.is_complete:
-        at_home = elastic.with_rest_balancing(home).springs
+        at_home = with_rest_balancing(elastic, home).springs
         moved = lengths - elastic.mechanism.at(home).lines.lengths  # type: ignore[attr-defined]
         elastic = elastic.with_springs(rest=at_home.rest + moved)  # type: ignore[union-attr]
     try:

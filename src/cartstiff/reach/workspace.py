@@ -65,7 +65,8 @@ from cartstiff.kinematics.at_pose import COORDINATES, at_poses
 from cartstiff.kinematics.legs import Leg, legs_of
 from cartstiff.kinematics.rods import rod_of
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic, gravity_loads
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note

@@ -17,7 +17,6 @@ from cartstiff.choices import LEVELS
 from cartstiff.errors import check_name, joined, listed
 from cartstiff.geometry import se3
 from cartstiff.matrix_names import MATRICES
-from cartstiff.mechanisms.contract import SI, Units, engineering
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.springs import CoupledSprings
@@ -38,6 +37,7 @@ from cartstiff.report.layout import (
 )
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.tensor import format_matrix
+from cartstiff.units import SI, Units, engineering
 
 _SAME = "they are the same here"
 

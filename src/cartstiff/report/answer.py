@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from cartstiff.answer.data import Answer, Quantity, Table
-from cartstiff.mechanisms.contract import engineering
 from cartstiff.notes import DOUBTS
 from cartstiff.report.layout import table
 from cartstiff.report.sentences import answer_sentences, percent
+from cartstiff.units import engineering
 
 
 def answer_lines(answer: Answer) -> list[str]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cartstiff.mechanisms.contract import Units, engineering
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.report.analysis import links_of_coordinates
 from cartstiff.toolpaths.better import USEFUL_GAIN, BetterPosture, Change
+from cartstiff.units import Units, engineering
 
 #: What is said where none is offered.
 NONE_FOUND = (

@@ -13,7 +13,6 @@ from cartstiff.analysis.comparison import (
     Comparison,
 )
 from cartstiff.errors import joined
-from cartstiff.mechanisms.contract import Units, engineering
 from cartstiff.report.analysis import _shown_unit, largest_share
 from cartstiff.report.layout import (
     body_frame,
@@ -25,6 +24,7 @@ from cartstiff.report.layout import (
     table,
     vector,
 )
+from cartstiff.units import Units, engineering
 
 _NO_RATIO = {"both": "does not exist with either", "sign": "is zero or negative"}
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from cartstiff.designs.run import Designs
 from cartstiff.errors import joined
-from cartstiff.mechanisms.elastic import gravity_loads
+from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.report.layout import body_frame, note_lines, number, table
 
 #: Largest number of reasons listed.

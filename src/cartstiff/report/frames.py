@@ -11,12 +11,13 @@ from cartstiff.arrays import plain
 from cartstiff.described import described
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import Units
-from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.report.layout import body_frame, length_of, lengths, placed, vector
+from cartstiff.units import Units
 
 
 def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:

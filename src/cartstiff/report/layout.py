@@ -11,8 +11,9 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.contract import Mechanism, Units
+from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.notes import Note
+from cartstiff.units import Units
 
 #: Size for the round-off of components of unit vectors, so that those below 1e-9 are shown as 0.
 COSINES = numerics.REPORTED_ERROR / numerics.PRINTED_AS_ZERO

@@ -12,10 +12,10 @@ from cartstiff.figures import figure_content
 from cartstiff.maps.pictures import draw_map
 from cartstiff.maps.reading import map_of_mechanism, quantities_of, quantity_of, summary
 from cartstiff.maps.store import MapFile
-from cartstiff.mechanisms.contract import Units, engineering
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.report.analysis import BALANCING
 from cartstiff.report.layout import body_frame, length_of, number, table
+from cartstiff.units import Units, engineering
 
 
 def describe_map(

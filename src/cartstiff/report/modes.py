@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.choices import AXES_WORDS, ORDERS
 from cartstiff.errors import joined, one_line
-from cartstiff.mechanisms.contract import Units, convert_length
 from cartstiff.report.layout import (
     COSINES,
     body_frame,
@@ -22,6 +21,7 @@ from cartstiff.report.layout import (
     vector,
 )
 from cartstiff.stiffness.tensor import format_matrix
+from cartstiff.units import Units, convert_length
 
 if TYPE_CHECKING:
     from cartstiff.vibration.controllers import Impedance

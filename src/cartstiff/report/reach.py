@@ -11,7 +11,8 @@ from cartstiff import numerics
 from cartstiff.arrays import csv_rows, plain
 from cartstiff.errors import joined
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.other_units import shown, shown_heads
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note

@@ -9,7 +9,7 @@ from cartstiff import numerics
 from cartstiff.answer.data import Answer, Displacement, Extreme, Shares, Vector
 from cartstiff.answer.verdict import ASYMMETRIC, NOT_TANGENT, Verdict
 from cartstiff.errors import listed
-from cartstiff.mechanisms.contract import Units, engineering
+from cartstiff.units import Units, engineering
 
 #: What a verdict's code says.
 VERDICTS: dict[str, str] = {

@@ -12,7 +12,7 @@ import numpy as np
 from cartstiff.choices import AXES_WORDS
 from cartstiff.errors import joined
 from cartstiff.mechanisms.contract import MechanismPosture
-from cartstiff.mechanisms.elastic import gravity_loads
+from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import beyond_limits
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.notes import Note

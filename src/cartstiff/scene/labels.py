@@ -8,10 +8,10 @@ from io import BytesIO
 from typing import Any
 
 from cartstiff.errors import imported, printable
-from cartstiff.mechanisms.contract import engineering
 from cartstiff.scene import theme as themes
 from cartstiff.scene.objects import sprite
 from cartstiff.scene.viewer import ViewerNode
+from cartstiff.units import engineering
 
 #: Height of a letter's box in dots, and of a label on the screen at unit distance.
 _DOTS = 30

@@ -20,6 +20,7 @@ from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.stiffness.applied_load import checked_load
+from cartstiff.stiffness.balance import with_rest_balancing
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 
 
@@ -63,7 +64,7 @@ def commanded(
     elastic, posture = elastic.placed(q)
     at = posture.q
     steps = checked_command(elastic, command)
-    elastic = elastic.with_rest_balancing(at)
+    elastic = with_rest_balancing(elastic, at)
     springs = elastic.springs
     if not isinstance(springs, (JointSprings, LineSprings)):
         raise InputError(f"{elastic.name} has no springs to command", where="command")

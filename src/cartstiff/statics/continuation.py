@@ -29,12 +29,8 @@ from cartstiff.checked_call import checked
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.figures import new_axes
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.elastic import (
-    ElasticMechanism,
-    GravityLoads,
-    checked_elastic,
-    gravity_loads,
-)
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.mechanisms.gravity_loads import GravityLoads, gravity_loads
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.notes import Note
 from cartstiff.numerics import FREE_MOTION_STIFFNESS
@@ -59,6 +55,7 @@ from cartstiff.statics.small_motions import (
     vibrations,
 )
 from cartstiff.stiffness.applied_load import checked_load
+from cartstiff.stiffness.balance import with_rest_balancing
 from cartstiff.stiffness.compute import SCHEMA
 
 # Newton steps back to the curve, and the longest of them in natural units.
@@ -735,7 +732,7 @@ def load_curve(
     elastic, posture = elastic.placed(q)
     refuse_springs_far_apart(elastic)
     limits, before_load = contact_limits(elastic, posture), elastic.before_load
-    elastic, q = elastic.with_rest_balancing(posture), posture.q
+    elastic, q = with_rest_balancing(elastic, posture), posture.q
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
     if wrench is not None:
         loads = (*loads, kind.acting(wrench, posture.pose, load_axes))

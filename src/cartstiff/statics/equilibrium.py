@@ -41,6 +41,7 @@ from cartstiff.statics.rest import Equilibrium as Equilibrium
 from cartstiff.statics.rest import Reactions as Reactions
 from cartstiff.statics.small_motions import divergence
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, checked_load
+from cartstiff.stiffness.balance import with_rest_balancing
 
 
 def relaxed(elastic: ElasticMechanism, q: ArrayLike | None = None) -> Array:
@@ -158,7 +159,7 @@ def equilibrium(
     original, start = elastic.placed(q)
     refuse_springs_far_apart(original)
     q = start.q
-    elastic = original.with_rest_balancing(start)
+    elastic = with_rest_balancing(original, start)
     if held is not None:
         held = (held if isinstance(held, Held) else Held(held)).at_start(start)
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)

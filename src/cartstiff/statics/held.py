@@ -19,8 +19,9 @@ from cartstiff.arrays import checked_number, is_pose, real_array
 from cartstiff.errors import InputError, check_name, checked_kind
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.contract import MechanismPosture, Units
+from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.potentials.contract import SecondOrderMap
+from cartstiff.units import Units
 
 #: Names of the components, rotations first.
 COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")

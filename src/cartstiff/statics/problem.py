@@ -42,8 +42,13 @@ from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings, second_derivative
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.held import Held
-from cartstiff.stiffness.closures import decompose
-from cartstiff.stiffness.leg_length_basis import ByLengths, by_lengths
+from cartstiff.stiffness.balance import with_rest_balancing
+from cartstiff.stiffness.leg_length_basis import (
+    ByLengths,
+    by_lengths,
+    line_springs_and_rest,
+)
+from cartstiff.stiffness.motions import decompose
 
 # Costs in postures of one coordinate: the largest of a search, the least of a posture, and that of
 # each beam or strut, whose own equilibrium is computed in every posture.
@@ -279,7 +284,7 @@ def _rests_at(elastic: ElasticMechanism, start: MechanismPosture) -> bool:
     """Whether the forces balance at a posture, closures aside."""
     springs = elastic.springs
     if isinstance(springs, LineSprings) and springs.holding().any():
-        elastic = elastic.with_rest_balancing(start)
+        elastic = with_rest_balancing(elastic, start)
     elif elastic.has_open_rest:
         return True
     energy, lengths = elastic.evaluate(start), start.coordinate_lengths
@@ -513,7 +518,7 @@ class System:
             lam = carried / units
             H = H + to_constraints.curvature(lam) * columns[:, None] * columns
         reach = self._reach(point.posture)
-        lines = self.elastic.line_springs_and_rest(point.posture)
+        lines = line_springs_and_rest(self.elastic, point.posture)
         legs = None if constraints is not None else self._by_lengths(point, lines)
         own_rounding: Array | float = 0.0
         if legs is not None:
@@ -591,7 +596,7 @@ class System:
         """
         elastic, posture = self.elastic, point.posture
         springs = elastic.springs
-        legs = self._by_lengths(point, elastic.line_springs_and_rest(posture))
+        legs = self._by_lengths(point, line_springs_and_rest(elastic, posture))
         if legs is None or type(springs) is not LineSprings or self.held is not None:
             return elastic
         lengths = springs.geometry(posture).lengths

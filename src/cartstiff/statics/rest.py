@@ -26,8 +26,9 @@ from cartstiff.described import described
 from cartstiff.errors import ConvergenceError, UndefinedError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
-from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements, law_of
+from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.identified import CompliancePattern
 from cartstiff.mechanisms.limits import (
     deflection_notes,
@@ -59,8 +60,9 @@ from cartstiff.statics.small_motions import (
     unstable_up_to,
     vibrations,
 )
-from cartstiff.stiffness.compute import PostureStiffness, reduced_at
+from cartstiff.stiffness.posture import PostureStiffness
 from cartstiff.stiffness.posture_notes import near_constraint
+from cartstiff.stiffness.reduction import reduced_at
 from cartstiff.stiffness.tensor import StiffnessTensor, codes_of, numbers_text
 
 

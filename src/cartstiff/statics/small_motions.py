@@ -35,12 +35,13 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.contract import MechanismPosture, Units, convert_length
+from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.notes import Note
 from cartstiff.numerics import FREE_MOTION_STIFFNESS
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import DeadForce, Scaled
 from cartstiff.statics.problem import Balance, Point
+from cartstiff.units import Units, convert_length
 
 #: Reason for no statement.
 MASSLESS = Note(

@@ -30,13 +30,10 @@ from cartstiff.errors import (
     UnknownNameError,
 )
 from cartstiff.figures import new_figure
+from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.elastic import (
-    ElasticMechanism,
-    GravityLoads,
-    checked_elastic,
-    gravity_loads,
-)
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.mechanisms.gravity_loads import GravityLoads, gravity_loads
 from cartstiff.mechanisms.limits import finite, limit_notes, limits_of
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
@@ -47,8 +44,9 @@ from cartstiff.statics.equilibrium import Equilibrium, equilibrium
 from cartstiff.statics.held import Held, displacement_between, displacement_heads
 from cartstiff.statics.problem import System
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, checked_load
-from cartstiff.stiffness.closures import decomposed
+from cartstiff.stiffness.balance import with_rest_balancing
 from cartstiff.stiffness.compute import SCHEMA
+from cartstiff.stiffness.motions import decomposed
 from cartstiff.stiffness.settled_links import settled
 
 
@@ -287,8 +285,8 @@ def compensate(
         rest = _balancing_rest(elastic, here, acting, index)
         taught = _balancing_rest(elastic, under_weight, (), index)
         posture = elastic.mechanism.at(force_free)
-        nothing = np.zeros(posture.motion.jacobian.shape[1])
-        unbent = springs.with_rest_balancing(posture, nothing, every=True).rest
+        alone = replace(straight, potentials=())
+        unbent = _springs(with_rest_balancing(alone, posture, np.zeros(6))).rest
         naive, program = (
             (taught, under_weight) if against == "load" else (unbent, force_free)
         )
@@ -417,7 +415,12 @@ def _with_links_at_rest(
 ) -> Array:
     """Posture (n,) that has a pose while compliant links carry their part of loads and weight."""
     try:
-        posture = settled(elastic, elastic.mechanism.at(q), loads, target)
+        posture = settled(
+            elastic,
+            elastic.mechanism.at(q),
+            loads,
+            lambda at: se3.log(se3.inverse(at.pose) @ target),
+        )
     except ConvergenceError as error:
         raise ConvergenceError(
             f"point {index + 1}: {error.what}",
@@ -436,12 +439,12 @@ def _balancing_rest(
     if isinstance(
         elastic.springs, LineSprings
     ):  # as under a load: near their preload, if possible
-        balanced = elastic.with_potential(*loads).with_rest_balancing(
-            posture, np.zeros(6)
+        balanced = with_rest_balancing(
+            elastic.with_potential(*loads), posture, np.zeros(6)
         )
     else:
         free = _commanded(elastic, np.full(len(elastic.spring_names), np.nan))
-        balanced = free.with_potential(*loads).with_rest_balancing(posture)
+        balanced = with_rest_balancing(free.with_potential(*loads), posture)
     springs = _springs(balanced)
     acting = balanced.evaluate(posture)
     left = acting.gradient * columns

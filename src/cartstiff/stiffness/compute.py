@@ -3,30 +3,30 @@ r"""From an elastic mechanism at a posture to the stiffness matrices under every
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.arrays import checked_flag, checked_input, fixed
+from cartstiff.arrays import checked_flag, checked_input
 from cartstiff.checked_call import checked
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff.errors import InputError, NoEnergyError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.notes import Note
-from cartstiff.potentials.contract import Evaluation, SecondOrderMap
+from cartstiff.potentials.contract import Evaluation
 from cartstiff.stiffness.applied_load import (
     DEAD_AT_ORIGIN,
     LoadKind,
     checked_load,
     wrench_in_body,
 )
-from cartstiff.stiffness.leg_length_basis import leg_length_basis
+from cartstiff.stiffness.balance import balanced
+from cartstiff.stiffness.motions import scaled_values
 from cartstiff.stiffness.posture import SCHEMA as SCHEMA
 from cartstiff.stiffness.posture import PostureStiffness as PostureStiffness
-from cartstiff.stiffness.reduction import Reduction, rank_nearby, reduce_to, scaled_values
+from cartstiff.stiffness.reduction import Reduction, reduced_at
 from cartstiff.stiffness.settled_links import settled
 
 
@@ -108,10 +108,15 @@ def analyse(
         force = wrench_in_body(force, posture.pose, kind.at, load_axes)
     try:
         result = analyse_at(elastic, posture, force, kind)
-    except UndefinedError as error:
-        if strict or not error.code.startswith("strut-"):
+    except NoEnergyError as error:
+        if strict:
             raise
-        return _without_energy(elastic, posture, error, kind)
+        values, n = scaled_values(posture), posture.motion.jacobian.shape[1]
+        nothing = Evaluation(np.nan, np.full(n, np.nan), np.full((n, n), np.nan))
+        reduction = Reduction.of_state(Note.of(error), values, n, rank=len(values))
+        return PostureStiffness(
+            elastic, posture.q, posture, nothing, reduction, load=kind
+        )
     if strict and result.reduction.stiffness is None:
         raise result.reduction.undefined()
     return result
@@ -125,11 +130,11 @@ def analyse_at(
 ) -> PostureStiffness:
     """`analyse` at a closed posture; `force` (6,) is the wrench in M, if any."""
     asked = elastic
-    elastic, energy = asked._balanced_with_evaluation(posture, force)
+    elastic, energy = balanced(asked, posture, force)
     reduction = reduced_at(elastic, posture, energy, posture.closure, force)
     return PostureStiffness(
         elastic,
-        fixed(posture.q),
+        posture.q,
         posture,
         energy,
         reduction,
@@ -137,40 +142,4 @@ def analyse_at(
         _load_is_given=force is not None and any(force.tolist()),
         _asked=asked,
         _rest_is_chosen=force is not None,
-    )
-
-
-def reduced_at(
-    elastic: ElasticMechanism,
-    posture: MechanismPosture,
-    energy: Evaluation,
-    closure: SecondOrderMap | None,
-    force: Array | None,
-) -> Reduction:
-    """The reduction of an energy at a posture to the end-effector, under constraints."""
-    sizes, by_lengths = (
-        posture.coordinate_lengths,
-        partial(leg_length_basis, elastic, posture),
-    )
-    nearby = partial(rank_nearby, elastic.mechanism, posture)
-    return reduce_to(
-        posture.motion, energy, closure, posture.length, sizes, force, by_lengths, nearby
-    )
-
-
-def _without_energy(
-    elastic: ElasticMechanism,
-    posture: MechanismPosture,
-    error: UndefinedError,
-    load: LoadKind,
-) -> PostureStiffness:
-    """Result for a posture in which a strut has no stable equilibrium: no energy is known."""
-    n = posture.motion.jacobian.shape[1]
-    nothing = Evaluation(np.nan, np.full(n, np.nan), np.full((n, n), np.nan))
-    state = Note.of(error)
-    values = scaled_values(posture)
-    rank, usual = len(values), min(6, n)
-    reduction = Reduction(None, None, np.zeros(0), values, rank, n, usual, states=[state])
-    return PostureStiffness(
-        elastic, fixed(posture.q), posture, nothing, reduction, load=load
     )

@@ -22,6 +22,7 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness.free_motions import FreeMotions
 
 
@@ -37,7 +38,7 @@ def leg_length_basis(
     posture : MechanismPosture
         Posture whose coordinates are the pose.
     """
-    parts = elastic.line_springs_and_rest(posture)
+    parts = line_springs_and_rest(elastic, posture)
     if parts is None:
         return None
     lines, k, rest = parts
@@ -55,6 +56,28 @@ def leg_length_basis(
         springs=(lines, k),
         error=numerics.EPSILON * basis.condition,
     )
+
+
+def line_springs_and_rest(
+    elastic: ElasticMechanism, posture: MechanismPosture
+) -> tuple[Array, Array, Array] | None:
+    """Lines g (m, 6) from ground to body, their k (m,), and the rest of the Hessian.
+
+    None where the coordinates are not the body's pose, or no lines hold it.
+    """
+    if not posture.coordinates_are_pose:
+        return None
+    lines, k, rest = list[Array](), list[Array](), np.zeros((6, 6))
+    for term in elastic.terms():
+        held = type(term) is LineSprings and (term.frame_a, term.frame_b)
+        if isinstance(term, LineSprings) and held == ("world", "body"):
+            g, stiffness, turning = term.lines_and_rest(posture)
+            lines.append(g)
+            k.append(stiffness)
+            rest = rest + turning
+        else:
+            rest = rest + term.evaluate(posture).hessian
+    return (np.concatenate(lines), np.concatenate(k), rest) if lines else None
 
 
 class ByLengths(NamedTuple):

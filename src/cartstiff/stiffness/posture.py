@@ -35,8 +35,9 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.connections import BI_INVARIANT, NAMED, Connection
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.mechanisms.contract import Mechanism, MechanismPosture, Units
-from cartstiff.mechanisms.elastic import ElasticMechanism, GravityLoads, gravity_loads
+from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.gravity_loads import GravityLoads, gravity_loads
 from cartstiff.mechanisms.limits import tensions_of
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.mechanisms.preload import preload_notes
@@ -62,6 +63,7 @@ from cartstiff.stiffness.tensor import (
     matrix_html,
     numbers_text,
 )
+from cartstiff.units import Units
 
 SCHEMA = "cartstiff/1"
 
@@ -222,6 +224,9 @@ class PostureStiffness(LabelledResult):
     _before_load: Literal["balanced", "given", "partly"] | None = None
     #: Whether a given wrench determined the rest positions.
     _rest_is_chosen: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q", fixed(self.q))
 
     def _lines(self) -> list[str]:
         elastic, W = self.elastic, self.wrench

@@ -9,10 +9,12 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
-from cartstiff.mechanisms.elastic import ElasticMechanism, gravity_loads
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import deflection_notes, force_notes, limit_notes
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
+from cartstiff.stiffness.leg_length_basis import line_springs_and_rest
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import norm, without_cancelled
 
@@ -226,7 +228,7 @@ def error_of_chosen_forces(
     ratio = numerics.ratio(np.asarray(near[0].values["singular_values"]))
     if inverse is None or not ratio > 0.0:
         return 0.0
-    parts = elastic.line_springs_and_rest(posture)
+    parts = line_springs_and_rest(elastic, posture)
     B = np.eye(len(energy.hessian)) if free.basis is None else free.basis
     added = (
         free.hessian - B.T @ energy.hessian @ B if parts is None else B.T @ parts[2] @ B

@@ -6,7 +6,6 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
-from cartstiff.potentials.contract import Evaluation
 
 #: Relative error of the direction of a spring.
 _DIRECTION_ERROR = 16.0 * numerics.EPSILON
@@ -48,9 +47,9 @@ def norm(array: Array) -> float:
     return float(np.vdot(array, array)) ** 0.5
 
 
-def symmetric_part(matrix: Array, energy: Evaluation) -> Array:
+def symmetric_part(matrix: Array, has_energy: bool) -> Array:
     """Symmetric part of a matrix if the forces have a potential, else the matrix."""
-    if energy.energy != energy.energy or numerics.is_symmetric(matrix):
+    if not has_energy or numerics.is_symmetric(matrix):
         return matrix
     return 0.5 * (matrix + matrix.T)
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from cartstiff import numerics
 from cartstiff.errors import ConvergenceError
-from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import MechanismPosture
@@ -16,7 +15,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.beams import evaluate_together
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.springs import JointSprings
-from cartstiff.stiffness.closures import decompose
+from cartstiff.stiffness.motions import decompose
 
 #: Largest number of steps.
 STEPS = 60
@@ -42,9 +41,7 @@ def settled_coordinates(elastic: ElasticMechanism) -> Array:
     ):
         return np.zeros(0, int)
     free = springs.is_passive.copy()
-    for (
-        term
-    ) in elastic.coupled_springs:  # their rest positions are chosen, as those of springs
+    for term in elastic.coupled_springs:  # their rest is chosen, as that of springs
         free[term.factors.any(axis=0)] = False
     return np.flatnonzero(free)
 
@@ -53,7 +50,7 @@ def settled(
     elastic: ElasticMechanism,
     posture: MechanismPosture,
     loads: Sequence[Potential],
-    target: Array | None = None,
+    away: Callable[[MechanismPosture], Array] | None = None,
 ) -> MechanismPosture:
     r"""The posture with its links deflected so that they carry loads.
 
@@ -68,9 +65,10 @@ def settled(
         The mechanism, and where the search starts.
     loads : sequence of Potential
         They act besides the mechanism's own potentials.
-    target : ndarray (4, 4), optional
-        Pose ``T_F_M`` at rest. Coordinates with springs move as well then: the steps that keep the
-        balance bring the body as near to it as they can, which ends there if there are enough.
+    away : callable, optional
+        Twist (6,) of M from its pose at a posture to that at rest. Coordinates with springs move as
+        well then: the steps that keep the balance bring the body as near to that pose as they can,
+        and it ends there if there are enough.
 
     Raises
     ------
@@ -96,7 +94,7 @@ def settled(
             if lam.size:
                 H = H + closure.curvature(lam) * np.outer(sizes, sizes)
         stiff = max(float(np.abs(H).max()), numerics.TINY)
-        moving = free if target is None else np.arange(sizes.size)
+        moving = free if away is None else np.arange(sizes.size)
         system = np.block(
             [
                 [H[np.ix_(free, moving)] / stiff, C[:, free].T],
@@ -105,13 +103,12 @@ def settled(
         )
         right = -np.concatenate([gradient[free] / stiff, r])
         solution = np.linalg.lstsq(system, right, rcond=numerics.ROUNDOFF_OF_SUMS)[0]
-        if target is not None:
-            away = se3.log(se3.inverse(posture.pose) @ target)
+        if away is not None:
             scale = np.repeat([1.0, 1.0 / posture.length], 3)
             rates = np.zeros((6, system.shape[1]))
             rates[:, moving] = scale[:, None] * posture.motion.jacobian * sizes
             keeping = decompose(system).N
-            left = scale * away - rates @ solution
+            left = scale * away(posture) - rates @ solution
             solution = (
                 solution
                 + keeping @ np.linalg.lstsq(rates @ keeping, left, numerics.RANK)[0]
@@ -123,9 +120,7 @@ def settled(
         move = np.zeros(sizes.size)
         move[moving] = step * sizes[moving] * min(1.0, LONGEST / max(largest, LAST))
         posture = elastic.mechanism.at(posture.q + move)
-        if (
-            largest <= LAST
-        ):  # the step is taken: on a stiff link it still changes the force
+        if largest <= LAST:  # the step is taken: on a stiff link it changes the force
             return posture
     if largest <= ROUNDED:
         return posture

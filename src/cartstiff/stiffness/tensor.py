@@ -26,9 +26,9 @@ from cartstiff.errors import InputError, UndefinedError, checked_kind, imported
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED, Connection, Field
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.contract import SI, Units, convert_length
 from cartstiff.notebook import html_table
 from cartstiff.notes import Note
+from cartstiff.units import SI, Units, convert_length
 from cartstiff.writing import write_whole
 
 #: Names along the axes of matrices: components of wrenches, and of motions.

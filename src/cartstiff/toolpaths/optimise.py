@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from cartstiff import numerics
-from cartstiff.arrays import Array, checked_seed, csv_text, plain_dict
+from cartstiff.arrays import Array, checked_seed, csv_text, named_values, plain_dict
 from cartstiff.batch.postures import analyse_many
 from cartstiff.batch.quantities import QUANTITIES, Quantity, Settings
 from cartstiff.batch.vibrations import ManyModes
@@ -46,7 +46,6 @@ from cartstiff.geometry import se3
 from cartstiff.kinematics.joint_poses import SAME, Free, JointPoses, PlatformPoses
 from cartstiff.maps.quantities import choose_quantities, evaluate
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import named_values
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.mechanisms.platform import Platform

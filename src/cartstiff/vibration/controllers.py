@@ -24,9 +24,9 @@ from cartstiff.choices import Axes, Order
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.figures import draw_bars, new_figure
 from cartstiff.geometry.connections import NAMED
-from cartstiff.mechanisms.contract import SI, convert_length
 from cartstiff.results import LabelledResult
 from cartstiff.stiffness.tensor import StiffnessTensor
+from cartstiff.units import SI, convert_length
 from cartstiff.vibration.modes import Modes
 
 

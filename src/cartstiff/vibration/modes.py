@@ -27,8 +27,9 @@ from cartstiff.described import described
 from cartstiff.errors import InputError, UndefinedError, checked_kind
 from cartstiff.figures import new_axes
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import LENGTHS, MechanismPosture
-from cartstiff.mechanisms.elastic import ElasticMechanism, without_mass
+from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.gravity_loads import without_mass
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam
@@ -38,8 +39,10 @@ from cartstiff.results import LabelledResult
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.statics.small_motions import Spectrum, kinetic_matrix, spectrum_of
 from cartstiff.stiffness.applied_load import LoadKind, checked_load, wrench_in_body
+from cartstiff.stiffness.balance import with_rest_balancing
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.stiffness.tensor import codes_of
+from cartstiff.units import LENGTHS
 
 # Bounds of the mass [kg] over the cube of the summed lengths of the links [m]. Robot arms are
 # between 1 and 200, a solid block of steel is 7850; beyond these bounds a unit is mistaken (grams,
@@ -655,7 +658,7 @@ def _modes_of_open_chain(
             K = 0.5 * (K + K.T) if _is_symmetric(D) else K
             force = np.abs(posture.motion.jacobian.T @ W) * columns
             noise = _stiffness_roundoff(force, k * columns * columns, W, posture)
-            rested = elastic.with_rest_balancing(posture, W)
+            rested = with_rest_balancing(elastic, posture, W)
     pairs = np.outer(columns, columns)
     return _solved(
         rested, posture, np.diag(columns), K * pairs, terms * pairs + noise, held=later

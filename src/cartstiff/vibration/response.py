@@ -37,12 +37,12 @@ from cartstiff.choices import RESPONSES
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.figures import new_figure
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.contract import Units
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.notes import Note
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.results import LabelledResult
+from cartstiff.units import Units
 from cartstiff.vibration.modes import Modes
 
 

@@ -46,6 +46,7 @@ from cartstiff.results import LabelledResult
 from cartstiff.statics.equilibrium import again
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.statics.small_motions import kinetic_matrix
+from cartstiff.stiffness.balance import with_rest_balancing
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.tensor import COMPONENTS
 from cartstiff.vibration.modes import Modes, modes, stiffness_under_load
@@ -136,7 +137,7 @@ class Home:
         elastic = self.parameters.mechanism(values)
         if elastic.has_open_rest:
             chosen = self.parameters.posture_of(elastic, self.state.start.q)
-            elastic = elastic.with_rest_balancing(elastic.mechanism.closed(chosen))
+            elastic = with_rest_balancing(elastic, elastic.mechanism.closed(chosen))
         return again(self.state, elastic, start)
 
     def row(self, name: str, modes: Modes | None) -> Row:
