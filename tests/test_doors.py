@@ -8,7 +8,7 @@ import inspect
 from tests import doors
 
 #: Imports past the doors when the list was made; a lower number replaces it as they go.
-MOST_STRANGERS = 173
+MOST_STRANGERS = 172
 
 
 def test_no_new_import_passes_the_doors() -> None:
@@ -33,5 +33,5 @@ def test_every_door_exists_and_says_what_it_is() -> None:
 
 
 def test_an_import_inside_a_function_counts() -> None:
-    inside = doors.PACKAGE / "loading" / "build.py"
-    assert any(module == "cartstiff.mechanisms.platform" for module, _ in doors.imported(inside))
+    inside = doors.PACKAGE / "loading" / "postures.py"
+    assert any(module == "cartstiff.kinematics.joint_poses" for module, _ in doors.imported(inside))

@@ -14,7 +14,7 @@ PACKAGE = Path(cartstiff.__file__).parent
 SMALL, LARGE = 1e-3, 1e5
 ALLOWED = {
     "cli/view.py": "bytes to megabytes",
-    "loading/build.py": "joints without limits",
+    "loading/postures.py": "joints without limits",
     "loading/mesh_worker.py": "metres of which no robot has so many",
     "loading/mjcf/worker.py": "a mass in kg that stands for none",
     "loading/visuals.py": "metres of which no robot has so many",

@@ -30,10 +30,12 @@ import numpy as np
 
 import cartstiff
 from cartstiff.errors import CartstiffError, InputError
-from cartstiff.loading.build import tree_to
+from cartstiff.loading.assembly import Part
+from cartstiff.loading.joints import cut
 from cartstiff.loading.mjcf import reading as mjcf
 from cartstiff.loading.mjcf import worker as mjcf_worker
-from cartstiff.loading.robot_description import read_robot_description
+from cartstiff.loading.readers import read_robot_description
+from cartstiff.loading.schema import SerialFile
 
 #: Chains of some ten products of matrices of doubles, in metres.
 ROUNDING = 1e-10
@@ -74,7 +76,6 @@ def differences(path: Path, seed: int = 0) -> list[str]:
     model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
     description = read_robot_description(path)
-    facts = description.facts
     found: list[str] = []
 
     def compare(what: str, got: Any, expected: Any) -> None:
@@ -90,17 +91,18 @@ def differences(path: Path, seed: int = 0) -> list[str]:
 
     # All joints of the tree as Pinocchio would have them, without couplings.
     names = list(description.model.names)[1:]
-    free = [n for n in names if n not in facts.followers and n not in facts.locked]
-    tree = tree_to(description, None, {}, str(path), [])
+    free = [n for n in names if n not in description.followers and n not in description.locked]
+    file = SerialFile.model_construct(kind="serial", model=str(path))
+    tree = cut(Part.of(file, description, kind="closed-chain")).tree
     compare("coordinates", len(tree.coordinates), len(free))
-    held = set(facts.locked)
+    held = set(description.locked)
     moving = [b for b in range(1, model.nbody) if moves(model, b, held)]
     rng = np.random.default_rng(seed)
     for _ in range(3):
         q = rng.uniform(-1.5, 1.5, len(free))
-        values = dict(zip(free, q, strict=True)) | facts.locked
-        for _ in facts.followers:
-            for follower, (leader, factor, offset) in facts.followers.items():
+        values = dict(zip(free, q, strict=True)) | description.locked
+        for _ in description.followers:
+            for follower, (leader, factor, offset) in description.followers.items():
                 if leader in values:
                     values[follower] = factor * values[leader] + offset
         data.qpos[:] = position(model, names, values)
@@ -132,11 +134,11 @@ def differences(path: Path, seed: int = 0) -> list[str]:
             p = data.xpos[model.site_bodyid[s]] + R_b @ model.site_pos[s]
             compare(f"position of site {name}", state.pose(at)[:3, 3], p)
             compare(f"orientation of site {name}", state.pose(at)[:3, :3], R_b @ R.reshape(3, 3))
-        if not facts.weightless:
+        if not description.weightless:
             g = np.array([1.0, -2.0, 3.0])
             energy = -sum(model.body_mass[b] * g @ data.xipos[b] for b in moving)
             compare("potential energy", state.gravity(g).energy, energy)
-    if not facts.weightless:
+    if not description.weightless:
         mass = sum(b.mass for b in list(tree.model.inertias)[1:])
         compare("mass", mass, sum(model.body_mass[b] for b in moving))
     off = model.opt.disableflags
@@ -153,7 +155,7 @@ def differences(path: Path, seed: int = 0) -> list[str]:
             strict=True,
         )
     }
-    folded = {_leader(f, facts.followers) for f in facts.followers}
+    folded = {_leader(f, description.followers) for f in description.followers}
     for j in range(model.njnt):
         count = {0: 6, 1: 3}.get(int(model.jnt_type[j]), 1)
         own, rest = rest[:count], rest[count:]
@@ -162,9 +164,9 @@ def differences(path: Path, seed: int = 0) -> list[str]:
         limited = model.jnt_limited[j] and has_limits
         expected = tuple(model.jnt_range[j]) if limited else (-np.inf, np.inf)
         compare(f"limits of {own[0]}", limits[own[0]], expected)
-        spring = facts.springs.get(own[0])
+        spring = description.springs.get(own[0])
         k = model.jnt_stiffness[j] if not off & mujoco.mjtDisableBit.mjDSBL_SPRING else 0.0
-        if own[0] in folded or own[0] in facts.followers or k < 0.0:  # negative: refused
+        if own[0] in folded or own[0] in description.followers or k < 0.0:  # negative: refused
             continue
         compare(f"stiffness of {own[0]}", spring.coefficients[0] if spring else 0.0, k)
         if spring and k:
@@ -173,7 +175,7 @@ def differences(path: Path, seed: int = 0) -> list[str]:
     weighs = bool(g.any()) and not off & mujoco.mjtDisableBit.mjDSBL_GRAVITY
     compare(
         "gravity",
-        np.zeros(3) if facts.gravity is None else facts.gravity,
+        np.zeros(3) if description.gravity is None else description.gravity,
         g if weighs else np.zeros(3),
     )
     active = 0
@@ -183,8 +185,8 @@ def differences(path: Path, seed: int = 0) -> list[str]:
             for e in range(model.neq)
             if int(model.eq_type[e]) in (0, 1) and not to_mocap(model, e)  # connect, weld
         )
-    compare("closures", len(facts.closures), active)
-    found += closure_differences(model, data, tree, facts, position)
+    compare("closures", len(description.closures), active)
+    found += closure_differences(model, data, tree, description, position)
     return found
 
 
@@ -213,10 +215,12 @@ def _leader(name: str, followers: Any) -> str:
     return name
 
 
-def closure_differences(model: Any, data: Any, tree: Any, facts: Any, position: Any) -> list[str]:
+def closure_differences(
+    model: Any, data: Any, tree: Any, description: Any, position: Any
+) -> list[str]:
     """The gaps of ties, as MuJoCo measures them at a random posture."""
     del position
-    if not facts.closures or facts.followers or facts.locked:
+    if not description.closures or description.followers or description.locked:
         return []
     if any(to_mocap(model, e) for e in range(model.neq)):
         return []
@@ -228,14 +232,14 @@ def closure_differences(model: Any, data: Any, tree: Any, facts: Any, position: 
     mujoco.mj_forward(model, data)
     state = tree.at(q)
     gaps = []
-    for tie in facts.closures:
+    for tie in description.closures:
         T_a = state.pose(tree.frames[tie.body_a]) @ tie.T_a
         T_b = state.pose(tree.frames[tie.body_b]) @ tie.T_b
         gaps.append(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3]))
     kinds = mujoco.mjtConstraint.mjCNSTR_EQUALITY
     rows = data.efc_pos[: data.nefc][data.efc_type[: data.nefc] == kinds]
     expected, at = [], 0
-    for tie in facts.closures:
+    for tie in description.closures:
         expected.append(np.linalg.norm(rows[at : at + 3]))
         at += 3 if tie.type == "point" else 6
     if rows.size == 0:

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from cartstiff.loading.robot_description import read_robot_description
+from cartstiff.loading.readers import read_robot_description
 from cartstiff.loading.ros import Ros
 
 pytest.importorskip("xacro")

@@ -15,7 +15,7 @@ from tests.support.memory import megabytes_of_children
 
 from cartstiff.errors import InputError
 from cartstiff.loading import ros
-from cartstiff.loading.robot_description import read_robot_description
+from cartstiff.loading.readers import read_robot_description
 from cartstiff.loading.ros import Ros
 
 pytest.importorskip("xacro")

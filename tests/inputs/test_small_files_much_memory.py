@@ -129,7 +129,7 @@ def test_the_limits_are_those_of_the_reference():
     from cartstiff.loading import (
         mesh_worker,
         meshes,
-        robot_description,
+        readers,
         tables,
         urdf,
         xacro_worker,
@@ -148,7 +148,7 @@ def test_the_limits_are_those_of_the_reference():
     shown = {
         "1 GiB": map_request._LARGEST_FILE / 1024**3,
         "64 MiB": meshes._LARGEST / 1024**2,
-        "64 MiB |": robot_description._MAX_BYTES / 1024**2,
+        "64 MiB |": readers._MAX_BYTES / 1024**2,
         "40 000": yaml_file.MOST_VALUES,
         "| 200 |": tree.MOST_COORDINATES,
         "of which 200 move": urdf.MOST_MOVING,

@@ -403,12 +403,12 @@ def test_a_hand_alone_is_all_fingers(accepted):
     ],
 )
 def test_default_frame_of_example_robots(name, frame, tmp_path):
-    from cartstiff.loading.build import default_frame
-    from cartstiff.loading.robot_description import read_robot_description
+    from cartstiff.loading.frames import default_frame
+    from cartstiff.loading.readers import read_robot_description
 
     path = example_robots()[name]
     assert path is not None
-    assert default_frame(read_robot_description(path).model)[0] == frame
+    assert default_frame(read_robot_description(path))[0] == frame
 
 
 def test_limits_that_look_like_degrees_are_named(tmp_path):

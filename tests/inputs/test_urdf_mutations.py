@@ -8,9 +8,11 @@ import pinocchio as pin
 import pytest
 
 from cartstiff.errors import InputError
-from cartstiff.loading.build import tree_to
+from cartstiff.loading.assembly import Part
 from cartstiff.loading.catalogue import bundled_files, example_robots
-from cartstiff.loading.robot_description import read_robot_description
+from cartstiff.loading.joints import cut
+from cartstiff.loading.readers import read_robot_description
+from cartstiff.loading.schema import SerialFile
 
 # Products of a few dozen rotations, each right to 1e-16.
 ROUNDING = 1e-12
@@ -79,16 +81,17 @@ def check_against_pinocchio(path, rng, capfd):
     capfd.readouterr()
     description = read_robot_description(path)
     assert capfd.readouterr() == ("", "")
-    for obstacle in description.facts.obstacles:  # refused for each frame that the joint moves
+    for obstacle in description.obstacles:  # refused for each frame that the joint moves
         assert obstacle.error is not None
         raise obstacle.error
     try:
         model = pin.buildModelFromXML(for_pinocchio(path.read_text(encoding="utf-8")))
     except ValueError:
         return False
-    tree = tree_to(description, None, {}, "file", [])
+    file = SerialFile.model_construct(kind="serial", model="file")
+    tree = cut(Part.of(file, description, kind="closed-chain")).tree
     names = [str(n) for n in list(model.names)[1:]]
-    leaders = description.facts.followers
+    leaders = description.followers
     q = rng.uniform(-1, 1, tree.n)
     given = dict(zip((c.name for c in tree.coordinates), q.tolist(), strict=True))
     for follower, (leader, factor, offset) in leaders.items():

@@ -225,7 +225,8 @@ def _ros_keys(arguments: Any, folders: Any) -> dict[str, Any]:
 
 def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanism:
     """Load a mechanism by its name or path, or from XML text."""
-    from cartstiff.loading.ros import ROBOT_FILES, is_description_name
+    from cartstiff.loading.readers import robot_files
+    from cartstiff.loading.ros import is_description_name
     from cartstiff.loading.yaml_file import read_yaml
 
     text = str(source)
@@ -248,7 +249,7 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
     suffix = path.suffix.lower()
     if suffix in (".yaml", ".yml"):
         return from_data(*read_yaml(path), path, overrides)
-    if suffix in ROBOT_FILES:
+    if suffix in robot_files():
         return _from_robot(str(path), path.stem.removesuffix(".urdf"), overrides)
     robots = example_robots()
     if text in robots or (is_description_name(text) and not exists):
@@ -269,8 +270,10 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
 
 
 def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMechanism:
-    from cartstiff.loading.build import chain_of, described, with_overrides
     from cartstiff.loading.mechanism_file import places_in
+    from cartstiff.loading.overrides import with_overrides
+    from cartstiff.loading.passes import one_robot
+    from cartstiff.loading.readers import robot_of
     from cartstiff.loading.schema import SerialFile
 
     where = "XML text" if model.lstrip().startswith("<") else one_line(model)
@@ -285,15 +288,15 @@ def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMech
     alone = SerialFile.model_construct(kind="serial", model=model)
     with places_in(where):
         serial = with_overrides(alone, overrides)
-        description = described(serial, None)
+        robot = robot_of(serial, None)
         notes = []
-        if (field := description.facts.gravity) is not None and serial.gravity is None:
+        if (field := robot.gravity) is not None and serial.gravity is None:
             gravity = field.tolist()
             serial = serial.model_copy(update={"gravity": gravity})
             shown = ", ".join(f"{g:g}" for g in gravity)
             words = f"gravity ({shown}) m/s^2 acts, as the file says"
             notes.append(Note("gravity-of-file", words, {"gravity": gravity}))
-        return chain_of(description, serial, name, reader_notes=notes, alone=True)
+        return one_robot(robot, serial, name, notes, alone=True)
 
 
 def file_reader(

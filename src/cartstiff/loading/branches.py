@@ -7,7 +7,7 @@ frame is then one leg, and its answer is that of a serial arm.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -15,7 +15,8 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.errors import listed
-from cartstiff.loading.robot_facts import RobotFacts
+from cartstiff.loading.assembly import Part
+from cartstiff.loading.frames import FEET, hand_joints, is_finger
 from cartstiff.mechanisms.tree_building import find_frame
 from cartstiff.notes import Note
 
@@ -23,68 +24,50 @@ from cartstiff.notes import Note
 _listed = partial(listed, most=6)
 #: Two equal chains of more joints are arms of one body.
 _MOST_OF_PAIR = 3
-#: Legs of walking machines, as fingers of hands, are alike and hold no common body.
-FEET = re.compile("foot|toe", re.IGNORECASE)
 #: Fewest joints that make chains comparable; so many without a distance between them are one, too.
 _FEWEST_JOINTS, _FEWEST_WITHOUT_LENGTH = 2, 4
 
 
-def notes_on_branches(
-    model: Any,
-    facts: RobotFacts,
-    kept: Collection[str],
-    frame: str,
-    fingers: Collection[str],
-    idle: Collection[str],
-) -> list[Note]:
-    """Return notes on joints that do not act on a frame and might be expected to.
-
-    Parameters
-    ----------
-    model : pinocchio.Model
-        The whole robot.
-    facts : RobotFacts
-        Its springs, couplings and actuators.
-    kept : collection of str
-        Coordinates of the mechanism.
-    frame : str
-        The frame of interest.
-    fingers : collection of str
-        Joints of hands, of which nobody expects that they hold the frame.
-    idle : collection of str
-        Joints that have springs in the mechanism file and do not move the frame.
-    """
-    names = [name for name in list(model.names)[1:] if name not in fingers]
-    away = [name for name in names if name not in kept and name not in facts.followers]
-    own = (n for n in away if n in facts.springs and n not in idle)
-    notes = idle_springs([*idle, *own], frame)
-    if FEET.search(frame) or "hand" in str(model.name).lower():
-        return notes
-    chains = equal_chains(model, int(find_frame(model, frame).parentJoint))
+def beside(part: Part) -> Part:
+    """Add notes on joints that do not act on the frame and might be expected to."""
+    if part.number:
+        return part.noting(idle_springs(part.idle, part.frame, part.says("")))
+    robot, frame, kept = part.robot, part.frame, part.tree.names
+    # Nobody expects of a hand's joints that they hold the frame.
+    hands = hand_joints(robot)
+    names = [
+        n for n in list(robot.model.names)[1:] if n not in hands and not is_finger(n)
+    ]
+    away = [n for n in names if n not in kept and n not in robot.followers]
+    own = (n for n in away if n in robot.springs and n not in part.idle)
+    notes = idle_springs([*part.idle, *own], frame)
+    if FEET.search(frame) or "hand" in str(robot.model.name).lower():
+        return part.noting(notes)
     chains = [
         chain
-        for chain in chains
-        if set(fingers).isdisjoint(chain) and chain[0] not in kept
+        for chain in equal_chains(
+            robot.model, int(find_frame(robot.model, frame).parentJoint)
+        )
+        if {*names}.issuperset(chain) and chain[0] not in kept
     ]
-    beside = [name for chain in chains for name in chain]
-    is_short_pair = (
-        len(chains) == 1 and len(beside) <= _MOST_OF_PAIR and set(away) == set(beside)
-    )
-    driven = [name for name in away if name in facts.actuated]
-    undriven = [name for name in kept if name in names and name not in facts.actuated]
-    if len(chains) >= 2 or is_short_pair:
-        message = f"{frame!r} is at the end of one of {len(chains) + 1} equal chains"
+    joints = [name for chain in chains for name in chain]
+    is_short_pair = len(chains) == 1 and len(joints) <= _MOST_OF_PAIR
+    driven = [name for name in away if name in robot.actuated]
+    undriven = [n for n in kept if n in names and n not in robot.actuated]
+    if len(chains) >= 2 or (is_short_pair and {*away} == {*joints}):
+        words = f"{frame!r} is at the end of one of {len(chains) + 1} equal chains"
     elif 0 < len(driven) <= len(undriven):
-        beside = driven
-        message = f"no actuator drives {_listed(undriven)} on the chain to {frame!r}"
+        joints = driven
+        words = f"no actuator drives {_listed(undriven)} on the chain to {frame!r}"
     else:
-        return notes
-    message += (
-        f", and joints beside it do not act: {_listed(beside)}. If they hold the same body in the "
-        "real machine, this is the answer of one leg alone: name its loops under 'closures' in a "
-        "mechanism file of kind closed-chain"
+        return part.noting(notes)
+    words += (
+        f", and joints beside it do not act: {_listed(joints)}. If they hold the same body in "
+        "the real machine, this is the answer of one leg alone: name its loops under "
+        "'closures' in a mechanism file of kind closed-chain"
     )
-    return [*notes, Note("open-loops", message, {"frame": frame, "joints": beside})]
+    values = {"frame": frame, "joints": joints}
+    return part.noting([*notes, Note("open-loops", words, values)])
 
 
 def idle_springs(joints: Sequence[str], frame: str, place: str = "") -> list[Note]:

@@ -21,8 +21,7 @@ from pydantic import ValidationError
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
-from cartstiff.loading.robot_description import RobotDescription
-from cartstiff.loading.robot_facts import RobotFacts
+from cartstiff.loading.description import RobotDescription
 from cartstiff.loading.schema import DHJoint, DHModel, first_error
 from cartstiff.loading.tables import UNITS, head_of, read_cells
 from cartstiff.mechanisms.tree import add_joint
@@ -151,10 +150,8 @@ def dh_description(table: DHModel, folder: Path, floating: bool) -> RobotDescrip
         model.addFrame(_frame(link, joint, T))
     if not any(row.type != "fixed" for row in rows):
         raise InputError("robot has no movable joints", where="key dh.joints")
-    facts = RobotFacts(
-        weightless=("masses of the links, which a DH table does not have",)
-    )
-    return RobotDescription(None, model, facts, ())
+    weightless = ("masses of the links, which a DH table does not have",)
+    return RobotDescription(model, pieces=(), weightless=weightless)
 
 
 def _frame(name: str, joint: int, T: Array) -> Any:

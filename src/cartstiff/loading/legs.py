@@ -14,8 +14,8 @@ from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
+from cartstiff.loading.description import RobotDescription
 from cartstiff.loading.leg_schema import LegEndsModel, LegModel, NamedLegs, ParallelFile
-from cartstiff.loading.robot_description import RobotDescription
 from cartstiff.loading.schema import (
     JointSpringModel,
     PoseModel,
@@ -27,6 +27,125 @@ from cartstiff.mechanisms.leg_shapes import Family, LegShape, frame_along, turns
 from cartstiff.notes import Note
 
 _Z = np.array([0.0, 0.0, 1.0])
+
+
+class _Layout:
+    """Where the legs of an entry by name stand, and which way their axes point.
+
+    Attributes
+    ----------
+    entry : NamedLegs
+    leg : str
+        Place of the entry with a comma, for messages, where the file has several.
+    base, platform : list of ndarray (3,)
+        First joints in F, last joints in P.
+    mirrored : list of bool
+        Whether each leg is the mirror image of the next one.
+    """
+
+    def __init__(self, entry: NamedLegs, leg: str) -> None:
+        self.entry, self.leg = entry, leg
+        rings = (entry.base, entry.platform)
+        is_drawn = any(r.points is not None or r.angles is not None for r in rings)
+        count = entry.symmetry or (1 if is_drawn else 3)
+        #: Rotations (n, 3, 3) about z of the n equal parts.
+        self.parts = turns(_Z, 2.0 * np.pi * np.arange(count) / count)
+        # The two legs of a pair of the base end at the neighbouring pairs of the platform.
+        turn = np.pi / 3.0 if entry.turn is None else entry.turn
+        self.base, self.mirrored = self._points(entry.base, (0.0, 0.0), -1.0)
+        middles = turn - 2.0 * np.pi / 3.0, turn
+        self.platform, _ = self._points(entry.platform, middles, 1.0)
+        if len(self.platform) != len(self.base):
+            raise InputError(
+                "base and platform differ in number",
+                where=self.key("platform"),
+                expected=f"{len(self.base)} joints as on the base",
+                got=len(self.platform),
+            )
+        self.frames = self._frames()
+
+    def key(self, name: str) -> str:
+        """Place of a key, for messages."""
+        return f"{self.leg}key legs.{name}"
+
+    def each(self, key: str, row: bool = False) -> list[Any]:
+        """Value of a key for each leg."""
+        value = getattr(self.entry, key)
+        return one_each(value, len(self.base), self.key(key), row=row)
+
+    def _points(
+        self, ring: LegEndsModel, middles: tuple[float, float], side: float
+    ) -> tuple[list[Array], list[bool]]:
+        """Points of base or platform, and whether each leg is the mirror image of the next one.
+
+        The first two legs are at these middles of pairs, on this side of the first of them.
+        """
+        if ring.points is not None:
+            own, flips = np.array(ring.points, float), [False] * len(ring.points)
+        else:
+            angles, flips = ring.angles or [0.0], [False] * len(ring.angles or [0.0])
+            if (half := ring.half_angle) is not None:
+                angles = [middles[0] + side * half, middles[1] - side * half]
+                flips = [True, False]
+            a, radius = np.array(angles), ring.radius or 0.0
+            height = np.full(len(a), ring.height)
+            own = np.stack([radius * np.cos(a), radius * np.sin(a), height], axis=1)
+        return [R @ p for R in self.parts for p in own], flips * len(self.parts)
+
+    def _frames(self) -> list[Array]:
+        """Frame of each leg: x radial on a circle; else the axes of F, turned with the symmetry."""
+        if self.entry.base.points is None:
+            return [turns(_Z, np.asarray(np.arctan2(p[1], p[0]))) for p in self.base]
+        count = len(self.base) // len(self.parts)
+        return list(np.repeat(self.parts, count, axis=0))
+
+    def directions(self, key: str, value: Any) -> list[Array]:
+        """Unit vectors in F, one for each leg."""
+        frames, is_word = self.frames, isinstance(value, str)
+        if is_word:
+            words = {"radial": [1, 0, 0], "tangential": [0, 1, 0], "vertical": [0, 0, 1]}
+            if value != "vertical":
+                frames = [self._radial(p, self.key(key)) for p in self.base]
+            # With -y as its axis a positive angle raises a crank that points outwards.
+            turned = key != "rail" and value == "tangential"
+            value = [0, -1, 0] if turned else words[value]
+        one = is_word or not isinstance(value[0], list)
+        # An axis of rotation is reversed in a mirror.
+        mirror = np.array([1.0, -1.0, 1.0]) * (1.0 if key == "rail" else -1.0)
+        directions, m = [], len(self.base)
+        for k, entry in enumerate(one_each(value, m, self.key(key), row=True)):
+            v = np.array(entry, float)
+            size = float(np.linalg.norm(v))
+            if size < numerics.TINY:
+                raise InputError("a direction has no length", where=self.key(key))
+            v = v / size * (mirror if one and self.mirrored[k] else 1.0)
+            directions.append(frames[k] @ v if one else v)
+        return directions
+
+    def _radial(self, p: Array, where: str) -> Array:
+        """Frame at a point with x away from the z axis."""
+        if np.hypot(p[0], p[1]) <= self.least:
+            raise InputError(
+                "a joint on the z axis has no radial and no tangential direction",
+                where=where,
+                expected="vertical, or a vector",
+            )
+        return turns(_Z, np.arctan2(p[1], p[0]))
+
+    @property
+    def least(self) -> float:
+        """Distance that counts as none."""
+        return numerics.NEGLIGIBLE_DISTANCE * float(np.abs(self.base).max())
+
+    def along(self, k: int, axis: Array) -> Array:
+        """Direction in which a crank points at zero: across its axis, level, outwards."""
+        level = np.cross(_Z, axis)
+        size = float(np.linalg.norm(level))
+        along = self.frames[k][:, 0]
+        if size > numerics.NEGLIGIBLE_DISTANCE:
+            along = level / size
+        is_inwards = along @ (self.base[k] * [1.0, 1.0, 0.0]) < -self.least
+        return -along if is_inwards else along
 
 
 def drawn(
@@ -46,71 +165,37 @@ def drawn(
     Raises
     ------
     InputError
-        For counts that do not fit, legs that do not reach, and poses at which the joints of such
-        legs could not be put together.
+        For counts that do not fit, legs that do not reach, and poses at which the joints of
+        such legs could not be put together.
     """
-    base, mirrored = _points(entry, entry.base)
-    # The two legs of a pair of the base end at the neighbouring pairs of the platform.
-    turn = np.pi / 3.0 if entry.turn is None else entry.turn
-    platform, _ = _points(entry, entry.platform, (turn - 2.0 * np.pi / 3.0, turn))
-    m = len(base)
-    if len(platform) != m:
-        raise InputError(
-            "base and platform differ in number",
-            where=f"{leg}key legs.platform",
-            expected=f"{m} joints as on the base",
-            got=len(platform),
-        )
-    letters = _without_free_spin(entry.chain)
-    family: Family = (
-        "strut" if letters[1] in "PC" else "rail" if letters[0] == "P" else "crank"
-    )
-    middle = letters[0] if family == "strut" else letters[1]
-    frames = _frames(entry, base)
-    planar = set(entry.chain) <= set("RP")
-    axes = _directions(
-        entry.axis or ("vertical" if planar else "tangential"),
-        "axis",
-        base,
-        frames,
-        mirrored,
-        leg,
-    )
-    at_body = axes
+    layout, letters = _Layout(entry, leg), _without_free_spin(entry.chain)
+    family: Family = "crank"
+    if letters[1] in "PC":
+        family = "strut"
+    elif letters[0] == "P":
+        family = "rail"
+    default = "vertical" if set(entry.chain) <= set("RP") else "tangential"
+    axes = at_body = layout.directions("axis", entry.axis or default)
     if is_skew := entry.end_axis is not None:
-        at_body = _directions(entry.end_axis, "end_axis", base, frames, mirrored, leg)
-    rails = _directions(entry.rail or "vertical", "rail", base, frames, mirrored, leg)
-    rods, cranks, modes = (
-        one_each(getattr(entry, key), m, f"{leg}key legs.{key}")
-        for key in ("rod", "crank", "mode")
-    )
+        at_body = layout.directions("end_axis", entry.end_axis)
+    rails = layout.directions("rail", entry.rail or "vertical")
+    rods, cranks, modes = map(layout.each, ("rod", "crank", "mode"))
     R = T_F_P[:3, :3]
     shapes = []
-    for k in range(m):
-        B = R @ platform[k] + T_F_P[:3, 3]
-        axis, along = axes[k], rails[k]
-        if family == "crank":
-            level = np.cross(_Z, axis)
-            size = float(np.linalg.norm(level))
-            along = (
-                level / size if size > numerics.NEGLIGIBLE_DISTANCE else frames[k][:, 0]
-            )
-            least = numerics.NEGLIGIBLE_DISTANCE * float(np.abs(base).max())
-            if along @ (base[k] * [1.0, 1.0, 0.0]) < -least:
-                along = -along  # at zero a crank points outwards
+    for k, (A, end) in enumerate(zip(layout.base, layout.platform, strict=True)):
         shape = LegShape(
             family,
-            middle,
+            letters[0] if family == "strut" else letters[1],
             letters[1] == "C",
             letters[2:],
-            base[k],
-            along,
-            axis,
+            A,
+            layout.along(k, axes[k]) if family == "crank" else rails[k],
+            axes[k],
             R @ at_body[k],
             cranks[k] or 0.0,
             rods[k] or 0.0,
             0.0,
-            se3.pose(R, B),
+            se3.pose(R, R @ end + T_F_P[:3, 3]),
         )
         sign, other = _root(shape, modes[k])
         shapes.append((_at_home(shape, sign, f"leg {k + 1}", leg, is_skew), other))
@@ -199,103 +284,8 @@ def _at_home(shape: LegShape, sign: int, name: str, leg: str, is_skew: bool) -> 
 def _without_free_spin(chain: str) -> str:
     """Chain in which a universal joint replaces one of the two balls of a rod."""
     i = 0 if chain[1] == "P" else 1
-    return (
-        chain[:i] + "U" + chain[i + 1 :]
-        if chain[i] == "S" and chain.endswith("S")
-        else chain
-    )
-
-
-def _points(
-    entry: NamedLegs, ring: LegEndsModel, middles: tuple[float, float] | None = None
-) -> tuple[list[Array], list[bool]]:
-    """Points of base or platform, and whether each leg is the mirror image of the next one.
-
-    The first two legs belong to one pair, or to two pairs with given middles.
-    """
-    own: list[Array]
-    flips = [False]
-    if ring.points is not None:
-        own = [np.array(p, float) for p in ring.points]
-        flips *= len(own)
-    else:
-        angles = ring.angles or [0.0]
-        flips *= len(angles)
-        if ring.half_angle is not None:
-            half, flips = ring.half_angle, [True, False]
-            angles = (
-                [-half, half]
-                if middles is None
-                else [middles[0] + half, middles[1] - half]
-            )
-        radius = ring.radius or 0.0
-        own = [
-            np.array([radius * np.cos(a), radius * np.sin(a), ring.height])
-            for a in angles
-        ]
-    steps = _symmetry_turns(entry)
-    return [R @ p for R in steps for p in own], flips * len(steps)
-
-
-def _symmetry_turns(entry: NamedLegs) -> Array:
-    """Rotations (n, 3, 3) about z of the n equal parts."""
-    rings = (entry.base, entry.platform)
-    is_drawn = any(ring.points is not None or ring.angles is not None for ring in rings)
-    count = entry.symmetry or (1 if is_drawn else 3)
-    return turns(_Z, 2.0 * np.pi * np.arange(count) / count)
-
-
-def _frames(entry: NamedLegs, base: list[Array]) -> list[Array]:
-    """Frame of each leg: x radial on a circle; else the axes of F, turned with the symmetry."""
-    if entry.base.points is None:
-        return [turns(_Z, np.asarray(np.arctan2(p[1], p[0]))) for p in base]
-    steps = _symmetry_turns(entry)
-    return list(np.repeat(steps, len(base) // len(steps), axis=0))
-
-
-def _directions(
-    value: Any,
-    key: str,
-    base: list[Array],
-    frames: list[Array],
-    mirrored: list[bool],
-    leg: str,
-) -> list[Array]:
-    """Unit vectors in F, one for each leg."""
-    m, is_word = len(base), isinstance(value, str)
-    if is_word:
-        words = {"radial": [1, 0, 0], "tangential": [0, 1, 0], "vertical": [0, 0, 1]}
-        if value != "vertical":
-            frames = [_radial(p, base, f"{leg}key legs.{key}") for p in base]
-        # With -y as its axis a positive angle raises a crank that points outwards.
-        value = [0, -1, 0] if key != "rail" and value == "tangential" else words[value]
-    one = is_word or not isinstance(value[0], list)
-    directions = []
-    for k, entry in enumerate(one_each(value, m, f"{leg}key legs.{key}", row=True)):
-        v = np.array(entry, float)
-        size = float(np.linalg.norm(v))
-        if size < numerics.TINY:
-            raise InputError("a direction has no length", where=f"{leg}key legs.{key}")
-        v = v / size
-        if one and mirrored[k]:  # an axis of rotation is reversed in a mirror
-            v = v * (
-                np.array([-1.0, 1.0, -1.0])
-                if key != "rail"
-                else np.array([1.0, -1.0, 1.0])
-            )
-        directions.append(frames[k] @ v if one else v)
-    return directions
-
-
-def _radial(p: Array, base: list[Array], where: str) -> Array:
-    """Frame at a point with x away from the z axis."""
-    if np.hypot(p[0], p[1]) <= numerics.NEGLIGIBLE_DISTANCE * float(np.abs(base).max()):
-        raise InputError(
-            "a joint on the z axis has no radial and no tangential direction",
-            where=where,
-            expected="vertical, or a vector",
-        )
-    return turns(_Z, np.arctan2(p[1], p[0]))
+    both = chain[i] == "S" and chain.endswith("S")
+    return f"{chain[:i]}U{chain[i + 1 :]}" if both else chain
 
 
 #: Frame at the end of a leg, with the body's directions at home.
@@ -423,7 +413,22 @@ def leg_model(shape: LegShape) -> tuple[Any, list[str]]:
 def with_drawn_legs(file: ParallelFile) -> ParallelFile:
     """Return the file with a drawn leg for each leg by name; itself where it has none."""
     entries = file.legs if isinstance(file.legs, list) else [file.legs]
-    if not any(isinstance(entry, NamedLegs) for entry in entries):
+    named = [isinstance(entry, NamedLegs) for entry in entries]
+    if file.units.force != "N":
+        raise InputError(
+            "cannot be used",
+            where="key units.force",
+            expected="N",
+            got=repr(file.units.force),
+        )
+    if file.units.length != "m" and not all(named):
+        raise InputError(
+            "units are for legs by name: the files of robots are in m",
+            where="key units",
+            expected="m and N, or no units",
+            got=file.units.length,
+        )
+    if not any(named):
         return file
     if file.pose is None:
         raise InputError(
@@ -477,41 +482,22 @@ def mode_notes(legs: Iterable[LegModel]) -> list[Note]:
 
 def _legs(entry: NamedLegs, T_F_P: Array, leg: str) -> list[tuple[LegModel, list[str]]]:
     """Drawn legs of an entry by name, with their driven joints."""
-    shapes = drawn(entry, T_F_P, leg)
-    m = len(shapes)
-    stiffness, limits, diameters = (
-        one_each(getattr(entry, key), m, f"{leg}key legs.{key}", row=key == "limits")
-        for key in ("stiffness", "limits", "diameter")
-    )
-    legs = []
-    each = zip(shapes, stiffness, limits, diameters, strict=True)
-    for (shape, other), k, limit, diameter in each:
+    shapes, legs = drawn(entry, T_F_P, leg), []
+    each = {
+        key: one_each(getattr(entry, key), len(shapes), f"{leg}key legs.{key}", row=row)
+        for key, row in (("stiffness", False), ("limits", True), ("diameter", False))
+    }
+    for k, (shape, other) in enumerate(shapes):
         model, names = leg_model(shape)
         main = "crank" if shape.family == "crank" else "slide"
         actuated = [main] if entry.actuated is None else entry.actuated
-        others = [name for name in names if name != main]
-        for key, entries, known in (
-            ("actuated", actuated, names),
-            ("springs", entry.springs, names),
-            ("turns", entry.turns, others),
-        ):
-            for name in entries:
-                check_name("joint", name, known, f"{leg}key legs.{key}")
-        limited = {name: ("turns", pair) for name, pair in entry.turns.items()}
-        if limit is not None:
-            limited[main] = "limits", limit
-        lower, upper = (
-            np.array(model.lowerPositionLimit),
-            np.array(model.upperPositionLimit),
-        )
-        for name, (key, pair) in limited.items():
-            check_limits(pair, f"{leg}key legs.{key}", "[least, most]")
-            lower[names.index(name)], upper[names.index(name)] = pair
-        model.lowerPositionLimit, model.upperPositionLimit = lower, upper
+        _check_names(entry, actuated, names, main, leg)
+        _limit(entry, model, names, {main: each["limits"][k]}, leg)
         springs = dict(entry.springs)
         for name in actuated:
-            if k is not None:
-                springs.setdefault(name, JointSpringModel(stiffness=k))
+            if each["stiffness"][k] is not None:
+                spring = JointSpringModel(stiffness=each["stiffness"][k])
+                springs.setdefault(name, spring)
             elif name not in springs:
                 raise InputError(
                     f"driven joint {name!r} has no spring",
@@ -528,7 +514,33 @@ def _legs(entry: NamedLegs, T_F_P: Array, leg: str) -> list[tuple[LegModel, list
             q={main: shape.home},
             flexible=entry.flexible,
         )
-        description = RobotDescription(None, model)
-        drawing = DrawnLeg(description, shape, tuple(names), main, diameter, other)
+        robot, diameter = RobotDescription(model), each["diameter"][k]
+        drawing = DrawnLeg(robot, shape, tuple(names), main, diameter, other)
         legs.append((model_of_leg.drawn(drawing), [n for n in names if n in actuated]))
     return legs
+
+
+def _check_names(
+    entry: NamedLegs, actuated: list[str], names: list[str], main: str, leg: str
+) -> None:
+    """Refuse names of joints that a leg does not have."""
+    others = [name for name in names if name != main]
+    keys = {"actuated": actuated, "springs": entry.springs, "turns": entry.turns}
+    for key, named in keys.items():
+        for name in named:
+            known = others if key == "turns" else names
+            check_name("joint", name, known, f"{leg}key legs.{key}")
+
+
+def _limit(
+    entry: NamedLegs, model: Any, names: list[str], main: dict[str, Any], leg: str
+) -> None:
+    """Set the limits of a leg's joints: those of `turns`, and of the driven one."""
+    lower = np.array(model.lowerPositionLimit)
+    upper = np.array(model.upperPositionLimit)
+    for key, limits in (("turns", entry.turns), ("limits", main)):
+        for name, pair in limits.items():
+            if pair is not None:
+                check_limits(pair, f"{leg}key legs.{key}", "[least, most]")
+                lower[names.index(name)], upper[names.index(name)] = pair
+    model.lowerPositionLimit, model.upperPositionLimit = lower, upper

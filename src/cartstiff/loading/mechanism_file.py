@@ -22,14 +22,12 @@ from cartstiff.expressions import Expression, is_name
 from cartstiff.loading.schema import (
     FILE_KINDS,
     NamedSprings,
-    UnitsModel,
     first_error,
     place_of,
     with_findings,
 )
 from cartstiff.loading.yaml_file import Lines
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.other_units import in_units
 from cartstiff.notes import Note
 from cartstiff.units import SI, GivenStiffness, Units, convert_length
 
@@ -407,26 +405,23 @@ def mechanism_of(
     file: Any, parameters: Parameters, path: Path, overrides: dict[str, Any]
 ) -> ElasticMechanism:
     """Build the mechanism of a checked file."""
-    from cartstiff.loading import build
+    from cartstiff.loading.overrides import with_overrides
     from cartstiff.loading.plausible import file_notes
 
     name = file.name or path.stem
-    own = SI
     if file.kind == "parallel":
         from cartstiff.loading.legs import with_drawn_legs
 
-        if file.units != UnitsModel():
-            own = Units(file.units.length, file.units.force)
-            file, overrides = _in_metres(file, overrides)
         file = with_drawn_legs(file)
-    file = build.with_overrides(file, overrides)
+    file = with_overrides(file, overrides)
     if file.kind in ("stewart-gough", "springs"):
-        elastic = build.build_platform(file, name)
+        from cartstiff.loading.platforms import build_platform
+
+        elastic = build_platform(file, name)
     else:
-        make = build.build_parallel if file.kind == "parallel" else build.build_chain
-        elastic = make(file, path.parent, name)
-    if own != SI:
-        elastic = in_units(elastic, own.length)
+        from cartstiff.loading.passes import build
+
+        elastic = build(file, path.parent, name)
     if isinstance(named := getattr(file, "springs", None), NamedSprings):
         from cartstiff.loading.published import with_named_springs
 
@@ -437,16 +432,3 @@ def mechanism_of(
     if file.identified is None:
         return elastic
     return with_findings(elastic, file.identified)
-
-
-def _in_metres(file: Any, overrides: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """Return a file of legs by name and its overrides with lengths in metres."""
-    from cartstiff.loading.leg_units import in_metres
-
-    metres, _ = convert_length(Units(file.units.length), SI)
-    file = in_metres(file, metres)
-    if (T := overrides.get("tcp")) is not None:
-        T = T.copy()
-        T[:3, 3] *= metres
-        overrides = {**overrides, "tcp": T}
-    return file, overrides

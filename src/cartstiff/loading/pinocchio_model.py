@@ -18,11 +18,15 @@ from cartstiff.arrays import Array, checked_vector
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
-from cartstiff.loading.build import as_closed_chain, chain_of, with_overrides
+from cartstiff.loading.description import (
+    Followers,
+    RobotDescription,
+    successive_turns,
+)
 from cartstiff.loading.mechanism_file import places_in
-from cartstiff.loading.robot_description import RobotDescription
-from cartstiff.loading.robot_facts import Followers, RobotFacts, successive_turns
-from cartstiff.loading.schema import ClosureModel, SerialFile
+from cartstiff.loading.overrides import with_overrides
+from cartstiff.loading.passes import one_robot
+from cartstiff.loading.schema import ClosedChainFile, ClosureModel, SerialFile
 from cartstiff.loading.visuals import geometry_pieces
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree import expansion, standing
@@ -84,7 +88,7 @@ def from_pinocchio(
     name : str, optional
         Name of the mechanism; default the model's.
     overrides : mapping, optional
-        Other keys of `cartstiff.loading.build.with_overrides`: "tcp", "gravity".
+        Other keys of `cartstiff.loading.overrides.with_overrides`: "tcp", "gravity".
 
     Raises
     ------
@@ -119,9 +123,7 @@ def from_pinocchio(
     pieces, words = ([], []) if visual is None else geometry_pieces(model, visual, name)
     notes += [Note("not-shown", word) for word in words]
     held = frozenset() if floating else _hold_root(own, model, configuration, notes)
-    description = RobotDescription(
-        None, own, RobotFacts(followers=mimics), tuple(pieces), held
-    )
+    description = RobotDescription(own, pieces=tuple(pieces), held=held, followers=mimics)
     posture = {} if configuration is None else _positions(model, configuration, mimics)
     posture = {joint: value for joint, value in posture.items() if joint not in locked}
     if not ties and actuated:
@@ -131,10 +133,11 @@ def from_pinocchio(
             expected="closures=[pinocchio.RigidConstraintModel(...)]",
         )
     with places_in(where):
-        file: Any = with_overrides(_empty_file().model_copy(update={"model": name}), keys)
+        says: dict[str, Any] = {"model": name}
         if ties:
-            file = as_closed_chain(file, closures=ties, actuated=list(actuated))
-        return chain_of(description, file, name, posture, notes)
+            says |= {"closures": ties, "actuated": list(actuated)}
+        file = with_overrides(_empty_file(bool(ties)).model_copy(update=says), keys)
+        return one_robot(description, file, name, notes, posture=posture)
 
 
 def _configuration(
@@ -164,8 +167,10 @@ def _configuration(
 
 
 @cache
-def _empty_file() -> SerialFile:
+def _empty_file(closed: bool) -> SerialFile | ClosedChainFile:
     """File with defaults only, which take long to make."""
+    if closed:
+        return ClosedChainFile.model_construct(kind="closed-chain", model="")
     return SerialFile.model_construct(kind="serial", model="")
 
 

@@ -20,8 +20,6 @@ from cartstiff.errors import (
 from cartstiff.notes import Note
 from cartstiff.ros_packages import own_folder, search_path, where_packages_are
 
-#: Endings of robot descriptions.
-ROBOT_FILES = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
 _SPACE = re.compile(r"""xmlns:\w+\s*=\s*["'][^"']*xacro/?["']""")
 _ELEMENT = re.compile(r"<xacro:|\$[({]")
 

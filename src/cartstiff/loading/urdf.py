@@ -25,17 +25,17 @@ from cartstiff import numerics
 from cartstiff.choices import LARGEST_INPUT
 from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
-from cartstiff.loading.plausible import large_angles, large_lengths
-from cartstiff.loading.robot_facts import (
+from cartstiff.loading.description import (
     FileClosure,
     FileSpring,
     Followers,
     Obstacle,
-    RobotFacts,
+    RobotDescription,
     on_leaders,
     to_root,
     turned_axes,
 )
+from cartstiff.loading.plausible import large_angles, large_lengths
 from cartstiff.notes import Note
 
 _MAX_JOINTS = 2000
@@ -129,7 +129,7 @@ class _Robot:
     carrier : dict of str to (str, str)
         Joint and parent link of each link that has them.
     springs, mimics, planar_axes, closures, obstacles, notes
-        As in `RobotFacts`.
+        As in `RobotDescription`.
     actuated : set of str
         Joints that an actuator drives.
     """
@@ -644,14 +644,19 @@ def retype_joints(root: ET.Element, kinds: Mapping[str, str], where: str) -> Non
             )
 
 
-def prepare_urdf(root: ET.Element, where: str) -> RobotFacts:
-    """Check a URDF, change it to what Pinocchio needs, and return the facts that Pinocchio drops.
+def read_urdf(
+    root: ET.Element, where: str, floating: bool, joint_types: Mapping[str, str]
+) -> RobotDescription:
+    """Check a URDF, change it to what Pinocchio needs, and read it.
+
+    With `floating` the root is free in F; `joint_types` are those of `retype_joints`.
 
     Raises
     ------
     InputError
         One line with the file and the element that is wrong.
     """
+    retype_joints(root, joint_types, where)
     refuse = partial(InputError, where=where)
     if any(e.tag.startswith("{") and "xacro" in e.tag for e in root.iter()):
         raise refuse(
@@ -691,7 +696,16 @@ def prepare_urdf(root: ET.Element, where: str) -> RobotFacts:
     fixed = {name for name, joint in joints.items() if joint.get("type") == "fixed"}
     looped = {j for closure in robot.closures for j in closure.joints}
     free = looped - springs.keys() - robot.actuated - fixed - held.keys()
-    return RobotFacts(
+    loose = (
+        frozenset(n for n, j in joints.items() if j.get("type") == "floating") - looped
+    )
+    free_root = (pin.JointModelFreeFlyer(), "root") if floating and not loose else ()
+    try:
+        model = pin.buildModelFromXML(_moving_parts(root), *free_root)
+    except Exception as error:
+        raise InputError("not a usable URDF", where=where, got=str(error)) from None
+    return RobotDescription(
+        model,
         springs=springs,
         passive=tuple(name for name in joints if name in free),
         actuated=tuple(name for name in joints if name in robot.actuated),
@@ -699,11 +713,21 @@ def prepare_urdf(root: ET.Element, where: str) -> RobotFacts:
         locked=held,
         closures=tuple(robot.closures),
         planar_axes=robot.planar_axes,
-        loose=frozenset(n for n, j in joints.items() if j.get("type") == "floating")
-        - looped,
+        loose=loose,
         notes=tuple(robot.notes),
         obstacles=(*robot.obstacles, *curved),
     )
+
+
+def _moving_parts(root: ET.Element) -> str:
+    """URDF of links with their masses and of joints: the C++ parser may complain about the rest."""
+    kept = ET.Element("robot", root.attrib)
+    for part in root:
+        if part.tag == "joint":
+            kept.append(part)
+        elif part.tag == "link":
+            ET.SubElement(kept, "link", part.attrib).extend(part.findall("inertial"))
+    return ET.tostring(kept, encoding="unicode")
 
 
 def _texts(element: ET.Element) -> dict[str, str]:

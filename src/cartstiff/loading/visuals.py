@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff.errors import CartstiffError, InputError, one_line
 from cartstiff.geometry import se3
-from cartstiff.loading.robot_description import parse_text, parse_xml
+from cartstiff.loading.readers import parse_text, parse_xml
 from cartstiff.loading.urdf import numbers_in
 from cartstiff.mechanisms.chain import Chain, Description
 from cartstiff.mechanisms.shapes import (

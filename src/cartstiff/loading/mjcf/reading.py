@@ -26,19 +26,19 @@ from cartstiff.child_process import answer_of
 from cartstiff.choices import LARGEST_INPUT
 from cartstiff.errors import InputError, MissingDependencyError, listed, one_line
 from cartstiff.geometry import se3
-from cartstiff.loading.mjcf import worker
-from cartstiff.loading.robot_facts import (
+from cartstiff.loading.description import (
     POSITION_ACTUATORS,
     FileClosure,
     FileSpring,
     Followers,
     Lifted,
     Obstacle,
-    RobotFacts,
+    RobotDescription,
     on_leaders,
     successive_turns,
     to_root,
 )
+from cartstiff.loading.mjcf import worker
 from cartstiff.loading.schema import CoupledSpringModel, LineModel
 from cartstiff.mechanisms.identity import fingerprint, was_read
 from cartstiff.mechanisms.shapes import (
@@ -125,10 +125,8 @@ def compile_mjcf(path: Path, where: str) -> dict[str, Any]:
     return data
 
 
-def read_mjcf(
-    path: Path, where: str | None = None
-) -> tuple[pin.Model, RobotFacts, tuple[Piece, ...]]:
-    """Read an MJCF file: its Pinocchio model, the other facts, and the shapes of its bodies.
+def read_mjcf(path: Path, where: str | None = None) -> RobotDescription:
+    """Read an MJCF file.
 
     The coordinate of a hinge or slide is MuJoCo's own position. The coordinates of a free body are
     the position of its origin in F and three successive turns x, y, z from its orientation in the
@@ -142,8 +140,7 @@ def read_mjcf(
         Without the package mujoco.
     """
     where = where or one_line(str(path))
-    compiled = _Compiled(compile_mjcf(path, where), where)
-    return compiled.model(), compiled.facts(), tuple(compiled.pieces())
+    return _Compiled(compile_mjcf(path, where), where).description(path)
 
 
 class _Compiled:
@@ -341,8 +338,8 @@ class _Compiled:
             limits = tuple(data["jnt_range"][j])
         return [(names[0], make(axis), T @ se3.exp(step), limits)]
 
-    def facts(self) -> RobotFacts:
-        """Return everything beside the model."""
+    def description(self, path: Path) -> RobotDescription:
+        """Return the model and everything beside it."""
         data = self.data
         actuated = self._actuators()
         springs = self._springs()
@@ -358,7 +355,10 @@ class _Compiled:
         looped = {c for tie in closures for c in tie.joints}
         floating = {c for own in self.coordinates if len(own) == 6 for c in own}
         self._ignore_parts()
-        return RobotFacts(
+        return RobotDescription(
+            self.model(),
+            path,
+            tuple(self.pieces()),
             springs=springs,
             passive=tuple(
                 c

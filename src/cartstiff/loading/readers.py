@@ -1,4 +1,4 @@
-"""Read robot descriptions: a Pinocchio model and the facts beside it.
+"""Read robots: each format has a reader, which returns a `RobotDescription`.
 
 Pinocchio's parsers answer some malformed files with messages on the terminal, silence, or worse.
 A URDF is therefore checked before Pinocchio reads it (`urdf`); MuJoCo reads MJCF (`mjcf`), and
@@ -9,65 +9,42 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
-
-import pinocchio as pin
+from typing import Any
 
 from cartstiff.errors import InputError, one_line
-from cartstiff.loading.robot_facts import RobotFacts
-from cartstiff.loading.ros import Ros, expanded_xacro, is_xacro
-from cartstiff.loading.urdf import prepare_urdf, retype_joints
+from cartstiff.loading.catalogue import example_robot
+from cartstiff.loading.description import RobotDescription
+from cartstiff.loading.ros import (
+    Ros,
+    described_robot,
+    expanded_xacro,
+    is_description_name,
+    is_xacro,
+)
+from cartstiff.loading.urdf import read_urdf
 from cartstiff.loading.yaml_file import read_text
-from cartstiff.mechanisms.chain import Description
 from cartstiff.mechanisms.identity import was_read
 from cartstiff.notes import Note
 
-if TYPE_CHECKING:
-    from cartstiff.mechanisms.shapes import Piece
+#: Endings of the formats in XML, which are told apart by their first tag.
+XML_FILES = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
+#: Readers of other formats by the ending in lower case: they take the path, and its name for
+#: messages.
+FORMATS: dict[str, Callable[[Path, str], RobotDescription]] = {}
 
 _MAX_BYTES = 64 * 1024 * 1024
 # Largest number of elements: each takes a hundred bytes or more of memory; robots have thousands.
 _MAX_TAGS = 1_000_000
 
 
-@dataclass(frozen=True)
-class RobotDescription:
-    """A Pinocchio model and the other facts of its file.
-
-    Attributes
-    ----------
-    path : Path or None
-        The file, if there is one.
-    model : pinocchio.Model
-        As Pinocchio reads it, all joints free.
-    facts : RobotFacts
-        Springs, closures, couplings, gravity, posture.
-    pieces : tuple of Piece or None
-        Shapes of the links, where they are not read from the file.
-    held : frozenset of str
-        Joints that stay at their neutral position.
-    text : str or None
-        The XML, where it differs from the file's contents.
-    packages : tuple of Path
-        Folders in which package:// names are searched first.
-    """
-
-    path: Path | None
-    model: Any
-    facts: RobotFacts = field(default_factory=RobotFacts)
-    pieces: tuple[Piece, ...] | None = None
-    held: frozenset[str] = frozenset()
-    text: str | None = None
-    packages: tuple[Path, ...] = ()
-
-    def shown(self, prefix: str = "") -> Description:
-        """Return how its links look; `prefix` precedes their names."""
-        return Description(self.path, prefix, self.pieces, self.text, self.packages)
+def robot_files() -> tuple[str, ...]:
+    """Return the endings of the files that hold a robot."""
+    return (*XML_FILES, *FORMATS)
 
 
 def read_robot_description(
@@ -77,7 +54,7 @@ def read_robot_description(
     where: str | None = None,
     joint_types: Mapping[str, str] = MappingProxyType({}),
 ) -> RobotDescription:
-    """Read a URDF, xacro or MJCF file; with `floating` the root of a URDF is free in F.
+    """Read a robot's file; with `floating` the root of a URDF is free in F.
 
     Parameters
     ----------
@@ -98,6 +75,17 @@ def read_robot_description(
         One line with the file and the element that is wrong.
     """
     ros, where = ros or Ros(), where or one_line(str(path))
+    if (read := FORMATS.get(path.suffix.lower())) is not None:
+        robot = read(path, where)
+        of_urdf = {"joint_types": joint_types, "xacro arguments": ros.arguments}
+        for what, given in of_urdf.items():
+            if given:
+                raise InputError(
+                    f"{what} are of a URDF", where=where, got=", ".join(given)
+                )
+        if floating and not robot.loose:
+            raise InputError("has no free root", where=where, expected="no key floating")
+        return robot
     text = read_text(path, _MAX_BYTES)
     root = parse_text(text, where)
     expanded, notes = None, list[Note]()
@@ -118,52 +106,68 @@ def read_robot_description(
             expected="no --xacro-arg",
             got=", ".join(ros.arguments),
         )
+    if root.tag == "robot":
+        robot = read_urdf(root, where, floating, joint_types)
+        notes = [*robot.notes, *notes]
+        return replace(
+            robot, path=path, notes=tuple(notes), text=expanded, packages=ros.packages
+        )
+    got = f"<{one_line(root.tag, 40)}>"
     if root.tag == "sdf":
         raise InputError(
             "SDF files are not read",
             where=where,
             expected="URDF or MJCF, as the robot's maker offers it or a converter writes it",
         )
-    if root.tag == "robot":
-        retype_joints(root, joint_types, where)
-        facts = prepare_urdf(root, where)
-        facts = replace(facts, notes=(*facts.notes, *notes))
-        try:
-            root_joint = (
-                (pin.JointModelFreeFlyer(), "root")
-                if floating and not facts.loose
-                else ()
-            )
-            model = pin.buildModelFromXML(_moving_parts(root), *root_joint)
-        except Exception as error:
-            raise InputError("not a usable URDF", where=where, got=str(error)) from None
-        return RobotDescription(path, model, facts, text=expanded, packages=ros.packages)
     if joint_types:
-        raise InputError(
-            "joint_types are of a URDF", where=where, got=f"<{one_line(root.tag, 40)}>"
-        )
+        raise InputError("joint_types are of a URDF", where=where, got=got)
     if root.tag == "mujoco" and expanded is None:
         from cartstiff.loading.mjcf.reading import read_mjcf
 
-        model, facts, pieces = read_mjcf(path, where)
-        return RobotDescription(path, model, facts, pieces)
+        return read_mjcf(path, where)
     raise InputError(
         "not a robot description",
         where=where,
         expected="<robot> (URDF) or <mujoco> (MJCF)",
-        got=f"<{one_line(root.tag, 40)}>",
+        got=got,
     )
 
 
-def _moving_parts(root: ET.Element) -> str:
-    """URDF of links with their masses and of joints: the C++ parser may complain about the rest."""
-    kept = ET.Element("robot", root.attrib)
-    for part in root:
-        if part.tag == "joint":
-            kept.append(part)
-        elif part.tag == "link":
-            ET.SubElement(kept, "link", part.attrib).extend(part.findall("inertial"))
-    return ET.tostring(kept, encoding="unicode")
+def robot_of(entry: Any, beside: Path | None, floating: bool = False) -> RobotDescription:
+    """Read the robot of a `model:` or `dh:` entry; paths are relative to the mechanism file."""
+    if entry.dh is not None:
+        if entry.xacro or entry.package_path:
+            raise InputError(
+                "xacro arguments and package paths belong to robots by model"
+            )
+        from cartstiff.loading.dh import dh_description
+
+        return dh_description(entry.dh, beside or Path(), floating)
+    folder = beside or Path()
+    packages = tuple(folder / Path(name).expanduser() for name in entry.package_path)
+    for name, package in zip(entry.package_path, packages, strict=True):
+        if not package.is_dir():
+            raise InputError(
+                "no such folder", where="key package_path", got=one_line(name)
+            )
+    named = tuple(map(Path, entry.named_folders))
+    model, ros = entry.model or "", Ros(packages, dict(entry.xacro), named)
+    if model.lstrip().startswith("<"):
+        return described_text(model, floating, ros)
+    path = folder / Path(model).expanduser()
+    if path.suffix.lower() not in robot_files() and not path.is_file():
+        if is_description_name(model):
+            path, more = described_robot(model)
+            ros = Ros(
+                (*ros.packages, *more.packages),
+                {**more.arguments, **ros.arguments},
+                (*named, *more.packages),
+            )
+        else:
+            path = example_robot(model)
+    return read_robot_description(
+        path, floating, ros, joint_types=getattr(entry, "joint_types", {})
+    )
 
 
 def described_text(
@@ -177,7 +181,7 @@ def described_text(
     return replace(
         description,
         path=None,
-        text=description.text or text if description.pieces is None else None,
+        text=(description.text or text) if description.pieces is None else None,
     )
 
 

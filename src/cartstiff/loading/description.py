@@ -1,24 +1,31 @@
-"""Facts of a robot's file beside kinematics and masses: springs, loops, couplings, posture."""
+"""The description of a robot that readers of all formats return, and its parts."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
+from cartstiff.mechanisms.chain import Description
 from cartstiff.mechanisms.leg_shapes import frame_along
 from cartstiff.notes import Note
 
 if TYPE_CHECKING:
     from cartstiff.loading.schema import CoupledSpringModel, LineModel
+    from cartstiff.mechanisms.shapes import Piece
 
 #: Begins the description of actuators that are springs on request.
 POSITION_ACTUATORS = "position actuators of joints"
+
+
+Followers = dict[str, tuple[str, float, float]]
+"""Follower -> (leader, factor, offset): position = factor * leader's + offset."""
 
 
 @dataclass(frozen=True)
@@ -120,11 +127,25 @@ class Lifted:
 
 
 @dataclass(frozen=True)
-class RobotFacts:
-    """Facts of a robot's file beside kinematics and masses.
+class RobotDescription:
+    """A robot as a reader returns it, whatever the format: lengths in m, angles in rad, kg, N.
+
+    Bodies, joints, frames and masses are Pinocchio's; everything else stands beside them.
 
     Attributes
     ----------
+    model : pinocchio.Model
+        As the file has it, all joints free.
+    path : Path or None
+        The file, if there is one.
+    pieces : tuple of Piece or None
+        Shapes of the links, where they are not read from the file.
+    held : frozenset of str
+        Joints that stay at their neutral position.
+    text : str or None
+        The XML, where it differs from the file's contents.
+    packages : tuple of Path
+        Folders in which package:// names are searched first.
     springs : dict of str to FileSpring
         Springs by coordinate.
     passive : tuple of str
@@ -166,6 +187,12 @@ class RobotFacts:
         Descriptions of bodies without mass, and of missing meshes on which masses depend.
     """
 
+    model: Any
+    path: Path | None = None
+    pieces: tuple[Piece, ...] | None = None
+    held: frozenset[str] = frozenset()
+    text: str | None = None
+    packages: tuple[Path, ...] = ()
     springs: dict[str, FileSpring] = field(default_factory=dict)
     passive: tuple[str, ...] = ()
     loose: frozenset[str] = frozenset()
@@ -173,7 +200,7 @@ class RobotFacts:
     lines: tuple[tuple[LineModel, frozenset[str]], ...] = ()
     coupled: tuple[CoupledSpringModel, ...] = ()
     actuators: dict[str, float] = field(default_factory=dict)
-    followers: dict[str, tuple[str, float, float]] = field(default_factory=dict)
+    followers: Followers = field(default_factory=dict)
     locked: dict[str, float] = field(default_factory=dict)
     closures: tuple[FileClosure, ...] = ()
     posture: dict[str, float] = field(default_factory=dict)
@@ -186,9 +213,14 @@ class RobotFacts:
     ignored: tuple[str, ...] = ()
     weightless: tuple[str, ...] = ()
 
+    @property
+    def leaders(self) -> Followers:
+        """The joint that leads each follower in the end, with factor and offset."""
+        return {name: to_root(name, self.followers) for name in self.followers}
 
-Followers = dict[str, tuple[str, float, float]]
-"""Follower -> (leader, factor, offset): position = factor * leader's + offset."""
+    def shown(self, prefix: str = "") -> Description:
+        """Return how its links look; `prefix` precedes their names."""
+        return Description(self.path, prefix, self.pieces, self.text, self.packages)
 
 
 def successive_turns(T: Array) -> Array:
