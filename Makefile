@@ -11,7 +11,7 @@ LOCK_ARGS ?=
 
 PY := $(VENV)/bin/python
 # Where a lock carries hashes, pip takes no file without its own.
-# What nobody imports is not compiled; what is, is compiled when it is imported.
+# What nobody imports is not compiled; what is, is compiled when it is imported. Locks are whole: --no-deps.
 PIP := $(PY) -m pip --disable-pip-version-check -qq install --no-compile
 RUNTIME := $(VENV)/runtime.stamp
 DEV := $(VENV)/dev.stamp
@@ -47,13 +47,13 @@ $(RUNTIME): requirements.lock pyproject.toml src/cartstiff/version.py
 	$(check_python)
 	@echo "Installing cartstiff and its locked dependencies into $(VENV)/ (a few minutes at first)"
 	@[ -x $(PY) ] || $(PYTHON) -m venv --clear $(VENV)
-	@$(PIP) -r requirements.lock
+	@$(PIP) --no-deps -r requirements.lock
 	@$(PIP) --no-deps --no-build-isolation -e .
 	@touch $@
 
 $(DEV): requirements-dev.lock $(RUNTIME)
 	@echo "Installing the development tools into $(VENV)/"
-	@$(PIP) -r requirements-dev.lock
+	@$(PIP) --no-deps -r requirements-dev.lock
 	@$(PY) -m pip check
 	@touch $@
 

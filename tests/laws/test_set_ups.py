@@ -102,9 +102,11 @@ class SetUp:
 
     def settled(self, rest: np.ndarray, forces: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """Where springs with these rest positions balance forces: a contraction, as k is large."""
-        q = rest
+        q, before = rest, np.full_like(rest, np.inf)
         for _ in range(60):
-            q = rest + forces(q) / self.arm.k
+            if np.abs(q - before).max() < 1e-15:
+                break
+            q, before = rest + forces(q) / self.arm.k, q
         return q
 
     def force(self, q: np.ndarray) -> np.ndarray:
