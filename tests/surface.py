@@ -64,9 +64,13 @@ def file_keys() -> list[str]:
 
 def json_keys() -> dict[str, list[str]]:
     """Keys of the JSON of each command, by dotted name."""
-    from cartstiff.described import kinds_of, output_keys
+    from cartstiff.described import TABLES, kinds_of
 
-    return {command: sorted(kinds_of(command)) for command in output_keys()}
+    parts = ("analysis.", "answer.")  # tables of their own
+    return {
+        table: sorted(key for key in kinds_of(table) if not key.startswith(parts))
+        for table in TABLES
+    }
 
 
 def note_codes() -> list[str]:

@@ -1,96 +1,22 @@
 """The form of an analysis: content of each key, with unit, frame and meaning.
 
-It is defined by the table `sections.yaml`: JSON schema, its documentation page, the numbers that
-have an uncertainty and the units of numbers in maps follow from there. The tables of the commands'
-keys (`cartstiff.described`) have the same form.
+It is defined by the table `described/analysis.yaml` (`cartstiff.described`): the numbers that have
+an uncertainty and the units of numbers in maps follow from there.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
-from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
-from cartstiff.analysis.matrices import BY_BLOCK, BY_SOFT_BLOCK, UNITS, Definiteness
+from cartstiff.analysis.matrices import BY_BLOCK, BY_SOFT_BLOCK, UNITS
 from cartstiff.arrays import Array
-from cartstiff.described import read_keys
+from cartstiff.described import schema
 from cartstiff.errors import UndefinedError
 from cartstiff.notes import Note
-
-Schema = dict[str, Any]
-_KINDS = {
-    "number": "number",
-    "integer": "integer",
-    "flag": "boolean",
-    "text": "string",
-    "list": "array",
-    "object": "object",
-    "by name": "object",
-}
-_FORM = re.compile(r"([a-z ]+?)(\?)?(?: (\d+))?(?: (\d+|n))?")
-_CHOICE = re.compile(r"one of(\?)? (.*)")
-#: Kinds of lists, and their entries.
-_LISTS: dict[str, Schema] = {
-    "numbers": {"type": "number"},
-    "numbers or null": {"type": ["number", "null"]},
-    "integers": {"type": "integer"},
-    "texts": {"type": "string"},
-    "flags": {"type": "boolean"},
-}
-
-
-def object_schema(keys: Schema, own: Schema) -> Schema:
-    """JSON Schema of an object with exactly these keys."""
-    return {
-        **own,
-        "properties": {
-            key.removesuffix("?"): _entry(entry) for key, entry in keys.items()
-        },
-        "required": [key for key in keys if not key.endswith("?")],
-        "additionalProperties": False,
-    }
-
-
-def _entry(entry: Any) -> Schema:
-    """The schema of one entry of a table."""
-    if isinstance(entry, str):
-        return _kind(entry)
-    own = _kind(entry.get("is", "object"))
-    if "each" in entry:
-        is_list = entry["is"].startswith("list")
-        return own | {
-            "items" if is_list else "additionalProperties": _entry(entry["each"])
-        }
-    return object_schema({key: value for key, value in entry.items() if key != "is"}, own)
-
-
-def _kind(text: str) -> Schema:
-    """The schema of a kind and its words, such as ``numbers? 6 | moment, force``."""
-    kind, *more = (part.strip() for part in text.split("|"))
-    about = {
-        k: v for k, v in zip(("description", "unit", "varies"), more, strict=False) if v
-    }
-    if kind == "any":
-        return about
-    if kind.startswith("always "):
-        return {"const": kind.removeprefix("always ")} | about
-    if kind.startswith("signs"):
-        kind = f"one of{kind.removeprefix('signs')} {', '.join(get_args(Definiteness))}"
-    if choice := _CHOICE.fullmatch(kind):
-        return {"enum": [*choice[2].split(", "), *([None] if choice[1] else [])]} | about
-    name, null, rows, columns = _FORM.fullmatch(kind).groups()  # type: ignore[union-attr]
-    json_type: str = _KINDS.get(name, "array")
-    schema: Schema = {"type": [json_type, "null"] if null else json_type} | about
-    if name in _LISTS:
-        schema["items"] = _LISTS[name]
-    if name.startswith("matrix"):
-        row = name.replace("matrix", "numbers")
-        schema["items"] = _kind(row if columns == "n" else f"{row} {columns}")
-    return schema | ({"minItems": int(rows), "maxItems": int(rows)} if rows else {})
 
 
 class Notes:
@@ -121,7 +47,7 @@ def section(path: str, *sources: object) -> dict[str, Any] | None:
     """
     if sources[0] is None:
         return None
-    node = schema()
+    node = schema("analysis")
     for key in path.split("."):
         node = node["properties"][key]
     keys = node.get("items", node)["properties"]
@@ -129,13 +55,6 @@ def section(path: str, *sources: object) -> dict[str, Any] | None:
         key: next((getattr(x, key) for x in sources if hasattr(x, key)), None)
         for key in keys
     }
-
-
-@cache
-def schema() -> Schema:
-    """JSON Schema of an analysis (draft 2020-12), without references."""
-    keys = read_keys(Path(__file__).with_name("sections.yaml"))
-    return object_schema(keys, {"type": "object"})
 
 
 @cache
@@ -153,7 +72,7 @@ def varying() -> tuple[tuple[str, bool, bool], ...]:
                 yield from walk(value, here, rows)
                 yield from walk(value.get("items", {}), here, True)
 
-    return tuple(walk(schema(), "", False))
+    return tuple(walk(schema("analysis"), "", False))
 
 
 def unit_of(path: str) -> str:
@@ -161,7 +80,7 @@ def unit_of(path: str) -> str:
 
     Entries of matrices have the unit of their block; a value without a single unit is "mixed".
     """
-    node, unit, keys = schema(), "", path.split(".")
+    node, unit, keys = schema("analysis"), "", path.split(".")
     for i, key in enumerate(keys):
         rows = node.get("items", {})
         if key.isdigit():

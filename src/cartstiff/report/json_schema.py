@@ -1,14 +1,9 @@
-"""JSON Schema of what the commands print with ``--json``, from the table of `cartstiff.described`.
-
-The analysis adds its own description (`cartstiff.analysis.sections`).
-"""
+"""JSON Schema of what commands print with ``--json``, from the tables of `cartstiff.described`."""
 
 from __future__ import annotations
 
-from cartstiff.analysis.sections import Schema, object_schema
-from cartstiff.analysis.sections import schema as schema_of_analysis
-from cartstiff.described import output_keys
-from cartstiff.errors import UnknownNameError
+from cartstiff.described import TABLES, Schema, schema
+from cartstiff.errors import check_name
 
 _DRAFT = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
 
@@ -19,8 +14,8 @@ def json_schema(command: str = "analyse") -> Schema:
     Parameters
     ----------
     command : {"analyse", "equilibrium", "frames", "modes", "identify", "assemble", "workspace", \
-"design", "compare", "analysis"}
-        The command; "analysis" is the object that ``analyse`` adds under this key.
+"design", "compare", "analysis", "answer"}
+        The command; "analysis" and "answer" are the objects that ``analyse`` has under these keys.
 
     Returns
     -------
@@ -32,18 +27,9 @@ def json_schema(command: str = "analyse") -> Schema:
     UnknownNameError
         For another command.
     """
-    if command == "analysis":
-        return _DRAFT | schema_of_analysis()
-    table = output_keys()
-    if command not in table:
-        raise UnknownNameError("command", command, [*table, "analysis"])
-    keys = table[command]
-    if command == "equilibrium":
-        keys = table["analyse"] | keys
-    schema = object_schema(keys, {"type": "object"}) | {
-        "description": f"Output of cartstiff {command} --json"
-    }
-    if command in ("analyse", "equilibrium"):
-        words = {"description": "unless --analysis none"}
-        schema["properties"]["analysis"] = schema_of_analysis() | words
-    return _DRAFT | schema
+    check_name("command", command, TABLES)
+    return (
+        _DRAFT
+        | schema(command)
+        | {"description": f"Output of cartstiff {command} --json"}
+    )
