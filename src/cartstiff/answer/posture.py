@@ -284,7 +284,9 @@ def extremes_of(
             shape = block_ellipsoid(here, connection, "compliance", freedom, how)
         except UndefinedError:
             continue
-        for end, find in _ENDS.items() if shape is not None else ():
+        if shape is None:
+            continue
+        for end, find in _ENDS.items():
             if (extreme := find(shape.eigenvalues, R @ shape.axes)) is not None:
                 yield Extreme(end, freedom, how, *extreme)
 

@@ -71,7 +71,7 @@ class Analysis(Reading):
     @property
     def matrix(self) -> Letter | None:
         """The matrix that is analysed; None for the tangent under the load."""
-        own = None if self.wanted is None else self.wanted.connection
+        own: Any = None if self.wanted is None else self.wanted.connection
         if own and self.connection not in (None, own):
             raise InputError(
                 "the target's file names another matrix",

@@ -263,7 +263,8 @@ def verdict_words(
     result: PostureStiffness, connection: str, indices: Mapping[str, Any] | None
 ) -> dict[str, Any]:
     """The verdict on the matrix shown: level, sentence, and its code unless it is good."""
-    found = verdict_at(result, connection, indices and indices["definiteness"])
+    definiteness = None if indices is None else indices["definiteness"]
+    found = verdict_at(result, connection, definiteness)
     code = None if found.level == "good" else found.code
     return {"level": found.level, "title": VERDICTS[found.code], "code": code}
 
