@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.machining import planar
+from tests.view.test_report import HEAVY
 
 import cartstiff
 from cartstiff import InputError, ToolPath, optimise_path
 from cartstiff.errors import UnknownNameError
+from cartstiff.report.statics import describe_optimised_path
 from cartstiff.toolpaths.optimise import NEARBY
 
 POINTS = np.column_stack([np.linspace(0.45, 0.3, 3), np.linspace(0.2, 0.35, 3)])
@@ -31,6 +35,45 @@ def test_near_a_posture(sign):
     assert np.abs(found.q - posture).max() <= NEARBY + 1e-12
     assert found.to_dict()["configuration"]["near"] == NEARBY
     assert "within 90 deg" in found.configuration
+
+
+def heavy_arm():
+    """An arm of the size of a KR210, whose joints turn by 183 deg, at a usual posture."""
+    wide = HEAVY.replace("lower='-2' upper='2'", "lower='-3.2' upper='3.2'")
+    arm = cartstiff.load(f"{wide}</robot>", stiffness=1e6)
+    return replace(arm, q=np.array([0.0, -0.4, 0.5, 0.0, 0.6, 0.0]))
+
+
+@pytest.mark.parametrize("free", ["none", "x"])
+def test_a_path_begins_near_the_posture(free):
+    """The stiffest way is backwards over the head, which nobody wants who did not ask for it."""
+    arm = heavy_arm()
+    poses = np.repeat(arm.mechanism.at(arm.q).pose[None], 5, axis=0)
+    poses[:, 1, 3] += np.linspace(-0.2, 0.2, 5)
+    path = ToolPath(poses, [0, 0, 0, 0, 0, -1000.0], axes="world")
+    best = optimise_path(arm, path, free=free, samples=12, near="anywhere")
+    found = optimise_path(arm, path, free=free, samples=12)
+    assert best.worst < found.worst
+    assert np.abs(best.q[0] - arm.q).max() > 1.9
+    assert np.abs(found.q[0] - arm.q).max() <= NEARBY + 1e-9
+    said = f"it begins within {np.degrees(np.abs(found.q[0] - arm.q).max()):.3g} deg"
+    assert said in found.configuration
+    # The nearest limit, by the joints' own limits.
+    away = np.minimum(found.q + 3.2, 3.2 - found.q)
+    point, joint = np.unravel_index(np.argmin(away), away.shape)
+    limit = found.summary()["nearest_limit"]
+    assert (limit["name"], limit["point"]) == (arm.names[joint], point + 1)
+    assert limit["distance"] == pytest.approx(away.min())
+    text = describe_optimised_path(found)
+    assert f"nearest to a limit: {limit['name']} at point {point + 1}, " in text
+    assert f"{np.degrees(away.min()):.4g} deg from it" in text
+
+
+def test_a_path_that_is_far_begins_at_the_nearest():
+    """No posture of the first point is near the arm's: the path is followed all the same."""
+    arm = replace(planar.arm(), q=np.array([3.0, 2.5, 2.5]))
+    found = optimise_path(arm, PATH, free="z", samples=12)
+    assert np.isfinite(found.values).all()
 
 
 def test_progress_comes_to_its_end():

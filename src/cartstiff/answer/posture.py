@@ -37,7 +37,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import Limits
-from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
@@ -314,23 +313,10 @@ def _freedoms_of(
 
 def _tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
     """Legs of a platform, or joints and links: what limits them and what they contribute."""
-    mechanism, u = result.mechanism, result.units
+    yield from drive_tables(result, shares)
     row = _Rows.of(result, shares)
     share = "share" if shares is None else f"share of {shares.of}"
-    if isinstance(mechanism, Platform) and result.leg_lengths is not None:
-        forces = result.tensions
-        each = range(len(result.leg_lengths)) if forces is None else forces.tolist()
-        heads = ("leg", "length", "shortest", "longest", "stiffness", share, "force")
-        rows = tuple(
-            (
-                *row.at(f"leg{i}", length, True),
-                None if forces is None else row.cell(force, u.force),
-            )
-            for i, (length, force) in enumerate(
-                zip(result.leg_lengths.tolist(), each, strict=True), 1
-            )
-        )
-        yield Table("legs", heads, rows)
+    mechanism = result.mechanism
     links = parts_of_links(result.elastic)
     rows = tuple(
         row.at(c.name, x, c.is_length)
@@ -342,6 +328,26 @@ def _tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
     yield Table(
         "joints", ("joint", "position", "lower", "upper", "stiffness", share), rows
     )
+
+
+def drive_tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
+    """Legs of a platform, or drives of a closed chain: limits, margins and forces."""
+    row, drives = _Rows.of(result, shares), result.drives
+    if not drives:
+        return
+    share = "share" if shares is None else f"share of {shares.of}"
+    rows = tuple(
+        (
+            *row.at(drive.name, drive.position, drive.is_length),
+            row.cell(drive.margin, result.units.coordinate(drive.is_length)),
+            row.cell(drive.force, result.units.effort(drive.is_length)),
+        )
+        for drive in drives
+    )
+    name, heads = "drives", ("drive", "position", "lower", "upper")
+    if result.leg_lengths is not None:
+        name, heads = "legs", ("leg", "length", "shortest", "longest")
+    yield Table(name, (*heads, "stiffness", share, "to the limit", "force"), rows)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from cartstiff.analysis.asymmetry import is_roundoff
 from cartstiff.analysis.matrices import PURE
 from cartstiff.analysis.sections import unit_of
 from cartstiff.answer.data import Answer
+from cartstiff.answer.posture import drive_tables
 from cartstiff.choices import LEVELS
 from cartstiff.errors import check_name, joined, listed
 from cartstiff.geometry import se3
@@ -64,6 +65,9 @@ def describe(
         f"matrices in {units.length} and {units.force}",
     ]
     if answer is None:
+        lines += [
+            line for shown in drive_tables(result, None) for line in table_lines(shown)
+        ]
         lines += _posture(result)
     else:
         lines += answer_lines(answer)
@@ -221,27 +225,34 @@ def _distinct_matrices(
 
 
 def _reachable(result: PostureStiffness, at_rest: bool) -> list[str]:
-    """Describe the stiffness on the possible motions where the 6x6 matrix does not exist."""
-    motions, K = result.reduction.reachable, result.reduction.reachable_stiffness
-    if motions is None or K is None:
-        return []
-    rank = motions.shape[1]
-    if rank == 0:
+    """The stiffness along the motions of a body of fewer than six freedoms."""
+    found, units = result.task_axes, result.elastic.units
+    if found is None:
         return ["No motion exists: no compliant part moves the body", ""]
-    loaded = result.is_loaded and not at_rest
-    what = "Stiffness K^B" if loaded else "Stiffness"
-    lines = [
-        f"{what} on the {rank} motion(s) that exist, as twists (rotation, translation)"
-    ]
-    lines += [f"  {i + 1}: {wide_row(twist)}" for i, twist in enumerate(motions.T)]
-    lines += [*format_matrix(K, [""] * rank).split("\n"), ""]
-    change = motions.T @ result.change_by_load @ motions
-    if loaded and np.abs(change).max() > numerics.SYMMETRY * np.abs(K).max():
-        lines.append(
-            "K^load on them: the stiffness against a small added wrench under the load"
+    is_turn = [name not in ("x", "y", "z") for name in found.names]
+    shown = ", ".join(found.names)
+    lines = [f"Stiffness along {shown} of {found.axes}, all motions that exist"]
+    if not found.is_pure:
+        lines[0] = (
+            f"Stiffness along {shown} of {found.axes}; the body's other motions follow from these"
         )
-        lines += [*format_matrix(K + change, [""] * rank).split("\n"), ""]
-    return lines
+    row_units = [
+        ", ".join(
+            units.blocks[("r" if i else "t") + ("r" if j else "t")]
+            for j in sorted(set(is_turn))
+        )
+        for i in is_turn
+    ]
+    lines += format_matrix(found.stiffness, row_units).split("\n")
+    change = found.tangent - found.stiffness
+    most = numerics.SYMMETRY * np.abs(found.stiffness).max()
+    if result.is_loaded and not at_rest and np.abs(change).max() > most:
+        lines.append("K^load: against a small added wrench under the load")
+        lines += format_matrix(found.tangent, row_units).split("\n")
+    if not found.is_pure:
+        lines.append(f"  motion (rotation, translation) at a unit rate of {shown}")
+        lines += [f"  {wide_row(twist)}" for twist in found.motions.T]
+    return [*lines, ""]
 
 
 _FREEDOMS = {"translation": "rotation", "rotation": "translation"}

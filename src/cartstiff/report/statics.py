@@ -342,6 +342,7 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
         "",
         f"worst at point {facts['worst_point']}; smallest over largest singular value at least "
         f"{facts['smallest_ratio']:.3g}",
+        _nearest_limit(result),
         result.configuration,
         result.collisions,
         "",
@@ -366,6 +367,20 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
     angle = units.shown_angle
     of_slides = f"; {units.shown_length} for {', '.join(slides)}" if slides else ""
     return joined([*lines, f"  coordinates in {angle}{of_slides}"])
+
+
+def _nearest_limit(result: OptimisedPath) -> str:
+    """The joint or leg that comes nearest to a limit along the path."""
+    found, units = result.nearest_limit, result.elastic.units
+    if found is None:
+        return "no limits are known"
+    per, unit = units.shown_per_length, units.shown_length
+    if found["is_angle"]:
+        per, unit = units.shown_per_radian, units.shown_angle
+    return (
+        f"nearest to a limit: {found['name']} at point {found['point']}, "
+        f"{per * found['distance']:.4g} {unit} from it, at {per * found['value']:.4g} {unit}"
+    )
 
 
 def _axes_of_loads(result: OptimisedPath) -> list[str]:

@@ -46,6 +46,7 @@ from cartstiff.potentials.contract import Evaluation
 from cartstiff.results import LabelledResult
 from cartstiff.stiffness import posture_notes
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind
+from cartstiff.stiffness.drives import Drive, drives_of
 from cartstiff.stiffness.flat_chart import (
     FlatChart,
     flat_chart,
@@ -54,6 +55,7 @@ from cartstiff.stiffness.flat_chart import (
 )
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import exceeds_roundoff, shown_wrench, without_cancelled
+from cartstiff.stiffness.task_axes import TaskAxes, task_axes
 from cartstiff.stiffness.tensor import (
     BlockUnits,
     Compliance,
@@ -478,6 +480,26 @@ class PostureStiffness(LabelledResult):
         """Tensions (m,) of a platform's legs, see `cartstiff.mechanisms.limits.tensions_of`."""
         return tensions_of(self.elastic, self.posture)
 
+    @cached_property
+    def drives(self) -> tuple[Drive, ...]:
+        """The legs of a platform, or the drives of a closed chain, with limits and forces."""
+        return drives_of(self.elastic, self.posture, self.leg_lengths, self.tensions)
+
+    @cached_property
+    def task_axes(self) -> TaskAxes | None:
+        """The stiffness along the motions of a body that has fewer than six; None if it has six."""
+        found = self.reduction
+        if found.stiffness is not None or found.reachable_stiffness is None:
+            return None
+        assert found.reachable is not None
+        return task_axes(
+            found.reachable,
+            found.reachable_stiffness,
+            self.change_by_load,
+            self.pose[:3, :3],
+            self.length,
+        )
+
     @property
     def length(self) -> float:
         """Characteristic length of the posture, see `MechanismPosture.length`."""
@@ -691,6 +713,11 @@ class PostureStiffness(LabelledResult):
         return {
             "schema": SCHEMA,
             **self.elastic.about(),
+            **(
+                {"legs": [drive.to_dict() for drive in self.drives]}
+                if self.drives
+                else {}
+            ),
             "order": se3.ANGULAR_LINEAR,
             "q": self.q.tolist(),
             "pose": self.pose.tolist(),
@@ -701,6 +728,7 @@ class PostureStiffness(LabelledResult):
             "energy": None if np.isnan(self.energy) else self.energy,
             "stored_energy": None if np.isnan(self.stored_energy) else self.stored_energy,
             **self.coupled_springs_as_dict(),
+            **({} if self.task_axes is None else {"task_axes": self.task_axes.to_dict()}),
             "stiffness": {name: plain(K) for name, K in self.matrices.items()},
             "compliance": {name: plain(C) for name, C in self.compliances.items()},
             "notes": [note.to_dict() for note in self.notes],

@@ -47,6 +47,7 @@ from cartstiff.kinematics.joint_poses import SAME, Free, JointPoses, PlatformPos
 from cartstiff.maps.quantities import choose_quantities, evaluate
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
@@ -227,6 +228,8 @@ class Steps:
 PathSolver = JointPoses | PlatformPoses
 #: Largest distance of revolute joints from a required posture (rad).
 NEARBY = 0.5 * np.pi
+# Where the first point has no such posture, so many times as far as the nearest is near.
+_LITTLE_FARTHER = 1.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -850,6 +853,37 @@ class OptimisedPath(LabelledResult):
         """Change of the coordinates from each point to the next (m - 1, n)."""
         return np.diff(self.q, axis=0)
 
+    @property
+    def nearest_limit(self) -> dict[str, Any] | None:
+        """The joint, or quantity of a leg, that comes nearest to a limit, relative to its range.
+
+        Keys "name", "distance" to the limit (below zero beyond it), "is_angle", "value" and
+        "point", from 1; None without limits.
+        """
+        limits = Limits(self.elastic.mechanism)
+        if not len(limits):
+            return None
+        values = limits.values(self.q, self.poses)
+        distances = np.minimum(values - limits.lower, limits.upper - values)
+        ranges = limits.upper - limits.lower
+        sizes = np.where(
+            np.isfinite(ranges), ranges, np.where(limits.are_angles, np.pi, self.length)
+        )
+        point, j = np.unravel_index(np.argmin(distances / sizes), distances.shape)
+        return {
+            "name": limits.names[j],
+            "distance": float(distances[point, j]),
+            "value": float(values[point, j]),
+            "is_angle": bool(limits.are_angles[j]),
+            "point": int(point) + 1,
+        }
+
+    @property
+    def begins_at(self) -> float:
+        """Largest distance [rad] of a turning joint of the first posture from the mechanism's."""
+        turning = [not c.is_length for c in self.elastic.mechanism.coordinates]
+        return float(np.abs(self.q[0] - self.elastic.q)[turning].max(initial=0.0))
+
     def summary(self) -> dict[str, Any]:
         """Worst and mean of the criterion, optimised and with a constant choice; largest steps."""
         largest = np.abs(self.steps).max(axis=0, initial=0.0)
@@ -859,6 +893,7 @@ class OptimisedPath(LabelledResult):
             "mean": float(self.values.mean()),
             "smallest_ratio": float(self.ratios.min()),
             "largest_step": dict(zip(self.elastic.names, largest.tolist(), strict=True)),
+            "nearest_limit": self.nearest_limit,
             "constant": None,
         }
         if self.constant is not None:
@@ -885,6 +920,11 @@ class OptimisedPath(LabelledResult):
         else:
             words += (
                 "; steps through singularities, where configurations meet, were allowed"
+            )
+        if isinstance(self.elastic.mechanism, Chain) and self.nearby is None:
+            words += (
+                f"; it begins within {np.degrees(self.begins_at):.3g} deg of the posture "
+                "before the path"
             )
         if self.nearby is not None:
             words += f"; all joints within {np.degrees(self.nearby):.3g} deg of the given posture"
@@ -1107,7 +1147,7 @@ def optimise_path(
     refine: bool = True,
     damping: Damping | float = 0.0,
     ranges: Mapping[str, tuple[float, float]] | None = None,
-    near: Mapping[str, float] | ArrayLike | None = None,
+    near: Mapping[str, float] | ArrayLike | Literal["anywhere"] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> OptimisedPath:
     r"""Postures of best stiffness along a path.
@@ -1164,8 +1204,10 @@ def optimise_path(
         For the criteria ``damping_1`` ..., as in `compute_map`.
     ranges : mapping of str to (low, high), optional
         Ranges of joints besides their limits.
-    near : mapping or array_like (n,), optional
-        A posture near which the path stays: all revolute joints within `NEARBY` of it.
+    near : mapping or array_like (n,) or "anywhere", optional
+        A posture near which the path stays: all revolute joints within `NEARBY` of it. Without it
+        the path of an arm begins so near to `elastic.q`, or at the nearest postures that there
+        are, if it can be followed from there; with "anywhere" it begins at the best.
     progress : callable, optional
         Called with (done, total) steps of the search.
 
@@ -1201,6 +1243,12 @@ def optimise_path(
         raise InputError(
             "smoothness cannot be used", expected="0 or more", got=smoothness
         )
+    start = None
+    if isinstance(near, str):
+        check_name("posture nearby", near, ("anywhere",))
+        near = None
+    elif near is None and isinstance(mechanism, Chain):
+        start = elastic.q
     solver = path_solver(elastic, ranges, near)
     grid = choices_of(solver, free, redundant, samples, list(elastic.names))
     load = checked_load(load_kind, load_at, "body", given=path.wrenches is not None)
@@ -1235,6 +1283,7 @@ def optimise_path(
         singular,
         smoothness,
         advance,
+        start,
     )
     candidates = layers(solver, path.poses, grid, starts, seed, advance=advance)
     q, constant = search.among(candidates)
@@ -1299,7 +1348,9 @@ class _Search:
     singular: float
     smoothness: float
     advance: Callable[[], None]
+    start: Array | None
     price: float = 0.0
+    reach: float = np.inf
 
     @property
     def solver(self) -> PathSolver:
@@ -1329,10 +1380,17 @@ class _Search:
         self.price = self.smoothness * float(
             np.mean([layer.cost.min() for layer in layers])
         )
-        way = self._way(layers)
+        # Near are postures within `NEARBY`; else those that are little farther than the nearest.
+        away = self._away(layers[0], self.solver.periodic)[np.isfinite(layers[0].cost)]
+        self.reach = max(NEARBY, _LITTLE_FARTHER * float(away.min()))
+        begun = [self._begun(layers[0], self.solver.periodic), *layers[1:]]
+        way = self._way(begun)
+        if isinstance(way, UndefinedError) and self.start is not None:
+            self.start = None  # the path cannot be followed from near there
+            begun, way = layers, self._way(layers)
         if isinstance(way, UndefinedError):
             raise way
-        return way[0], self._constant(layers, [c.cell for c in candidates])
+        return way[0], self._constant(begun, [c.cell for c in candidates])
 
     def _impossible(self, point: int, ratios: Array) -> UndefinedError:
         """Return the error for a point (counted from 0) without any usable candidate."""
@@ -1412,6 +1470,7 @@ class _Search:
         """
         periodic = self.solver.periodic.copy()
         while True:
+            layers = [self._begun(layers[0], periodic), *layers[1:]]
             costs, steps = [layer.cost for layer in layers], self.steps(layers, periodic)
             way, reached = best_way(costs, steps, self.objective)
             if way is None:
@@ -1427,6 +1486,23 @@ class _Search:
             periodic = periodic & ~wound
             layers = [self._all_turns(layer, wound) for layer in layers]
 
+    def _away(self, layer: Judged, periodic: Array) -> Array:
+        """Largest distance (c,) of a turning joint from the start; zero without one."""
+        if self.start is None:
+            return np.zeros(len(layer.q))
+        turning = np.array(
+            [not c.is_length for c in self.cost.elastic.mechanism.coordinates]
+        )
+        turning &= self.solver.movable
+        away = layer.q - self.start
+        away = np.where(periodic, away - 2 * np.pi * np.round(away / (2 * np.pi)), away)
+        return np.asarray(np.abs(away[:, turning]).max(axis=1, initial=0.0))
+
+    def _begun(self, layer: Judged, periodic: Array) -> Judged:
+        """The first layer, with infinite costs of postures that are not near the start."""
+        is_near = self._away(layer, periodic) <= self.reach
+        return layer._replace(cost=np.where(is_near, layer.cost, np.inf))
+
     def _turned_on(self, q: Array, periodic: Array) -> tuple[Array, Array]:
         """Unwrap the coordinates; also return the joints whose limits forbid that."""
         q = np.where(periodic, np.unwrap(q, axis=0), q)
@@ -1437,7 +1513,9 @@ class _Search:
             most = np.floor((high - q[:, j].max()) / (2 * np.pi) + numerics.ROUNDOFF)
             wound[j] = least > most
             if not wound[j]:
-                q[:, j] += 2 * np.pi * np.clip(0.0, least, most)
+                back = 0.0 if self.start is None else self.start[j] - q[0, j]
+                turns = np.clip(np.round(back / (2 * np.pi)), least, most)
+                q[:, j] += 2 * np.pi * turns
         return q, wound
 
     def _all_turns(self, layer: Judged, joints: Array) -> Judged:
