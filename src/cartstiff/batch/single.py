@@ -30,7 +30,6 @@ from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import deflection_notes, force_notes, limit_notes
-from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.mechanisms.preload import preload_notes
 from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam, evaluate_together
@@ -120,11 +119,7 @@ class QuickPosture(PostureStiffness):
         """Kinematics at q."""
         posture = self._asked.mechanism.at(self.q)
         lengths, lines = self.leg_lengths, self._recorded("actuation")
-        if (
-            isinstance(posture, PlatformPosture)
-            and lengths is not None
-            and lines is not None
-        ):
+        if posture.coordinates_are_pose and lengths is not None and lines is not None:
             lines = lines.reshape(-1, 6)
             posture.lines = LineGeometry(lengths, lines[:, 3:], lines)
         return posture
@@ -241,14 +236,12 @@ class QuickPosture(PostureStiffness):
     def _diagnostics(self) -> list[Note]:
         """Notes of deflected links, of cables, and of more than six lines."""
         springs = self._asked.springs
-        if isinstance(springs, LineSprings) and (
-            springs.unilateral or len(springs.stiffness) > 6
-        ):
+        if springs is not None and (springs.unilateral or springs.is_redundant):
             return self.elastic.diagnostics(self.posture)
         if not self._code.bends:
             return []
-        beams = [term for term in self._asked.terms() if isinstance(term, Beam)]
-        evaluate_together(beams, self.posture)  # each beam caches its result
+        bent = [term for term in self._asked.potentials if term.members]
+        evaluate_together(bent, self.posture)  # each beam caches its result
         return self._asked.diagnostics(self.posture)
 
     @property
