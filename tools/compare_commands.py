@@ -217,16 +217,17 @@ design study.yaml --json
 design front.yaml --tcp 0,0,0.05 --payload 2 --gravity 0,0,-9.81 --json
 design front.yaml --load 0,0,0,0,0,-100 --load-at 0,0,0.1 --world --load-kind follower
 design sampled.yaml -o designs.csv --json
-<<<<<<< HEAD
-=======
 compare ur5 ur10 --load 0,0,0,0,0,-100 --world
 compare inclined-hexapod --with sz=0.6 --load 0,0,0,0,0,-500 --json
 compare hexapod stewart-gough --load 10,0,0,0,0,-100 --load-at 0,0,0.1 --tcp 0,0,0.05 --json
+compare ur5 ur10 --springs ../inputs/springs.csv --frame tool0 --json
+compare stewart-simscape stewart-simscape --lengths 0.085,0.085,0.085,0.085,0.085,0.086 --json
+compare inclined-hexapod --with sz=0.6 --pose 0,0,0.01,0,0.1,0 --pose-of M --json
+compare {_XACRO} arm.xacro --stiffness 1000 --rest 0,0.1
 compare five-bar 3-rrr --load 0,0,0,0,10,0 --world --load-kind follower -o both.json
 compare arm.yaml --set k=9000 --with k=12000 --q 0,-0.5,1 --payload 2 --gravity 0,0,-9.81 --json
 compare ur5 panda --load 0,0,0,0,0,-100
 compare delta
->>>>>>> 8d8ee5c3 (compare: two mechanisms, or one with other parameters, side by side with ratios)
 frames {_UR5} --springs ../inputs/springs.csv
 frames panda --frame panda_hand --tcp 0,0,0.1 --payload 2 --gravity 0,0,-9.81 --json
 frames 6-pus --stiffness 1e6
