@@ -6,7 +6,8 @@ from .analysis.posture import analyse_posture as analyse_posture
 from .analysis.tolerances import Tolerances as Tolerances
 from .batch.postures import Postures as Postures
 from .batch.postures import analyse_many as analyse_many
-from .batch.single import analyse as analyse
+from .batch.program import Program as Program
+from .batch.program import record as record
 from .designs.run import design as design
 from .errors import CartstiffError as CartstiffError
 from .errors import InputError as InputError
@@ -63,6 +64,7 @@ from .statics.held import Held as Held
 from .statics.rest import Equilibrium as Equilibrium
 from .statics.toolpath import compensate as compensate
 from .stiffness.compute import PostureStiffness as PostureStiffness
+from .stiffness.compute import analyse as analyse
 from .stiffness.tensor import Compliance as Compliance
 from .stiffness.tensor import StiffnessTensor as StiffnessTensor
 from .toolpaths.optimise import optimise_path as optimise_path

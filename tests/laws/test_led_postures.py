@@ -105,7 +105,7 @@ def test_cells_of_a_grid_move_little_from_one_to_the_next(name, span, count, lea
 
 
 def test_all_ways_lead_to_the_same_posture():
-    """The engine, recorded steps, machine code asked for again and again, and a map."""
+    """The engine, recorded steps, a program, and a map."""
     elastic = cartstiff.load("delta")
     motors = list(elastic.mechanism.actuated)
     rng = np.random.default_rng(1)
@@ -118,8 +118,8 @@ def test_all_ways_lead_to_the_same_posture():
     single = Assembler(elastic, elastic.q, [], "auto", 64).together(q)
     assert single[1].all()
     np.testing.assert_allclose(single[0], many.q, atol=CLOSE)
-    for _ in range(2):  # machine code answers from the 200th question on
-        one = np.array([cartstiff.analyse(elastic, row).q for row in q])
+    program = cartstiff.record(elastic, "pose")
+    one = np.array([program(row).q for row in q])
     np.testing.assert_allclose(one, many.q, atol=CLOSE)
 
 

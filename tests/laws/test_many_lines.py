@@ -9,10 +9,7 @@ import pytest
 
 import cartstiff
 from cartstiff import LineSprings, analyse_many
-from cartstiff.batch import single
 from cartstiff.batch.plans import plan
-from cartstiff.batch.single import QuickPosture
-from cartstiff.stiffness import compute
 
 pytest.importorskip("llvmlite")
 
@@ -139,16 +136,12 @@ def test_a_line_between_points_that_meet_is_left_to_the_engine():
     assert fast.counts() == engine.counts() == {"regular": COUNT - 1, "zero-length-line": 1}
 
 
-def test_what_is_asked_often_is_answered_by_them_too():
+def test_a_program_has_them_too():
     elastic, q = with_lines("ur5")
-    elastic = replace(elastic, potentials=elastic.potentials[1:])  # a slack cable has a remark
-    for i in range(single.COMPILED_AT):
-        cartstiff.analyse(elastic, q[i % COUNT], wrench=LOAD)
-    quick = cartstiff.analyse(elastic, q[3], wrench=LOAD)
-    engine = compute.analyse(elastic, q[3], wrench=LOAD)
-    assert isinstance(quick, QuickPosture)
-    assert not isinstance(engine, QuickPosture)
-    assert [n.code for n in quick.notes] == [n.code for n in engine.notes]
-    for letter, K in engine.matrices.items():
-        np.testing.assert_allclose(quick.matrices[letter], K, rtol=0, atol=1e-12 * np.abs(K).max())
-    assert quick.energy == pytest.approx(engine.energy, rel=1e-13)
+    program = cartstiff.record(elastic, ["A", "B", "K", "energy"], loaded=True)
+    answer, engine = program(q[3], LOAD), cartstiff.analyse(elastic, q[3], wrench=LOAD)
+    assert answer.is_plain
+    for letter in "ABK":
+        K = engine.matrices[letter]
+        np.testing.assert_allclose(answer[letter], K, rtol=0, atol=1e-12 * np.abs(K).max())
+    assert answer.energy == pytest.approx(engine.energy, rel=1e-13)

@@ -13,8 +13,7 @@ from tests.mechanisms.machines import write_file
 from tests.mechanisms.test_chains_by_letters import CHAINS
 
 import cartstiff
-from cartstiff.mechanisms.clearances import distances_of_segments
-from cartstiff.mechanisms.limits import Limits
+from cartstiff.mechanisms.limits import Limits, distances_of_segments
 
 POSE = [0.05, 0.02, 0.8, 0.05, 0.02, 0.1]
 

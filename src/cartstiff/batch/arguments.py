@@ -81,7 +81,8 @@ def checked_count(what: str, value: object) -> int | None:
     return int(value)
 
 
-def _shape(name: str, count: int, n: int, legs: int = 0) -> tuple[int, ...]:
+def shape_of(name: str, count: int, n: int, legs: int = 0) -> tuple[int, ...]:
+    """Shape of an output at `count` postures of n coordinates."""
     sizes: dict[str, tuple[int, ...]] = {
         "pose": (4, 4),
         "jacobian": (6, n),
@@ -103,7 +104,7 @@ def arrays_for(
     for name, array in own.items():
         if name not in names:
             raise UnknownNameError("output", str(name), names, where="out")
-        _check_writable(name, array, _shape(name, *shape))
+        _check_writable(name, array, shape_of(name, *shape))
     _check_apart(own, inputs)
     return with_room(names, own, shape)
 
@@ -113,7 +114,7 @@ def with_room(
 ) -> dict[str, Array]:
     """The given arrays, and new ones for the other names."""
     return {
-        name: arrays[name] if name in arrays else aligned_empty(*_shape(name, *shape))
+        name: arrays[name] if name in arrays else aligned_empty(*shape_of(name, *shape))
         for name in names
     }
 

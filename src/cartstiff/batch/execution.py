@@ -39,7 +39,7 @@ HELPERS = "const withSign=(x,y)=>y<0||Object.is(y,-0)?-Math.abs(x):Math.abs(x);"
 _LONGEST_EXPRESSION = 160
 
 
-class _Language(NamedTuple):
+class Language(NamedTuple):
     """Templates of a language for operations, for numbers and for naming a value."""
 
     words: Mapping[str, str]
@@ -65,7 +65,7 @@ def _javascript_number(value: float) -> str:
     return f"({text})" if text.startswith("-") else text
 
 
-_JAVASCRIPT = _Language(
+JAVASCRIPT = Language(
     {
         **_ARITHMETIC,
         "sqrt": "Math.sqrt({})",
@@ -79,7 +79,7 @@ _JAVASCRIPT = _Language(
     _javascript_number,
     "const {}={};",
 )
-_PYTHON = _Language(
+PYTHON = Language(
     {
         **_ARITHMETIC,
         **{name: f"{name}({{}})" for name in ("sqrt", "abs", "sin", "cos")},
@@ -90,7 +90,7 @@ _PYTHON = _Language(
     lambda value: f"({value!r})" if math.isfinite(value) else f"float({str(value)!r})",
     "{}={}",
 )
-_NUMPY = _PYTHON._replace(words={**_PYTHON.words, "pick": "where({}<{},{},{})"})
+_NUMPY = PYTHON._replace(words={**PYTHON.words, "pick": "where({}<{},{},{})"})
 #: Functions that the two call, besides those of Python.
 _ON_NUMBERS = {name: getattr(math, name) for name in ("sqrt", "copysign", "sin", "cos")}
 _ON_ARRAYS = {
@@ -119,7 +119,7 @@ def _placed(program: Program) -> tuple[dict[str, tuple[int, int]], list[int]]:
     return {name: places[steps] for name, steps in program.outputs.items()}, ends
 
 
-def _written(program: Program, language: _Language) -> _Source:
+def written(program: Program, language: Language) -> _Source:
     """A program as source; `arrays` has the name of each input array in it.
 
     Values that are read once are written where they are read; operations keep their order.
@@ -167,7 +167,7 @@ def javascript(program: Program) -> tuple[str, dict[str, tuple[int, int]]]:
     places : dict of str to (int, int)
         Start and end of each output.
     """
-    lines, outputs, places, arrays = _written(program, _JAVASCRIPT)
+    lines, outputs, places, arrays = written(program, JAVASCRIPT)
     head = "".join(
         f"const {short}=i[{json.dumps(name)}];" for name, short in arrays.items()
     )
@@ -176,10 +176,10 @@ def javascript(program: Program) -> tuple[str, dict[str, tuple[int, int]]]:
 
 
 def _python(
-    program: Program, language: _Language, functions: Mapping[str, Any]
+    program: Program, language: Language, functions: Mapping[str, Any]
 ) -> tuple[Callable[..., list[Any]], list[str], dict[str, slice]]:
     """A Python function of lists, the names of these, and the outputs' places in its result."""
-    lines, outputs, places, arrays = _written(program, language)
+    lines, outputs, places, arrays = written(program, language)
     if language is _NUMPY:  # free the memory of arrays after their last use
         last = {
             name: i
@@ -477,7 +477,7 @@ class PrintedPosture(OnePosture):
 
     def __init__(self, program: Program, shared: Mapping[str, Array]) -> None:
         self.program = program
-        self._function, self._names, self.at = _python(program, _PYTHON, _ON_NUMBERS)
+        self._function, self._names, self.at = _python(program, PYTHON, _ON_NUMBERS)
         self._shared = {name: rows.ravel().tolist() for name, rows in shared.items()}
         self._nothing = np.full(max(place.stop for place in self.at.values()), np.nan)
 

@@ -21,6 +21,7 @@ from cartstiff.batch.closed_chains import (
     settles,
     settling_arrays,
 )
+from cartstiff.batch.own_outputs import OwnOutputs
 from cartstiff.batch.platforms import PlatformCase, platform_arrays
 from cartstiff.batch.readings import Readings, read
 from cartstiff.batch.tape import Program, Tape, larger, uncollected
@@ -100,12 +101,15 @@ def recorded_arrays(tape: Tape, case: Case, needed: tuple[str, ...]) -> dict[str
 @lru_cache(maxsize=64)
 @uncollected()
 def program_for(
-    case: Case, outputs: tuple[str, ...], readings: Readings | None = None
+    case: Case,
+    outputs: tuple[str, ...],
+    readings: Readings | None = None,
+    own: OwnOutputs | None = None,
 ) -> Program:
     """Program of the existing outputs of a case and of the verdict on the posture; cached.
 
     With `readings`, if all that they need exists, its outputs are instead "readings" and "pose",
-    and the verdict is still that on all outputs.
+    and the verdict is still that on all outputs. With `own` it has a user's outputs as well.
     """
     tape = Tape()
     if isinstance(case, ChainCase) and outputs == CLOSING:
@@ -113,6 +117,8 @@ def program_for(
     if isinstance(case, ChainCase) and outputs == SETTLING:
         return tape.program(settling_arrays(tape, case), shared_inputs(case.wrench))
     needed = outputs if readings is None else (*outputs, *readings.needs)
+    if own:
+        needed = (*needed, "length")
     arrays = recorded_arrays(tape, case, needed)
     lengths = case.constants.is_length if isinstance(case, ChainCase) else (True,) * 6
     if readings is not None and readings.exist_beside(arrays):
@@ -120,6 +126,12 @@ def program_for(
         arrays["verdict"][0] = larger(arrays["verdict"][0], doubt)
         arrays["readings"] = values
         outputs = ("pose", "readings")
+    if own is not None and all(name in arrays for name in own.needs):
+        length = arrays["length"][0] if "length" in arrays else case.length
+        found, doubt = own.record(arrays, length)
+        arrays["verdict"][0] = larger(arrays["verdict"][0], doubt)
+        arrays |= found
+        outputs = (*outputs, *own.names)
     kept = {name: arrays[name] for name in (*outputs, "verdict") if name in arrays}
     return tape.program(kept, shared_inputs(case.wrench))
 

@@ -34,7 +34,6 @@ from cartstiff.batch.algebra import (
     largest,
     limited,
     norm_squared,
-    noteworthy,
     reflections,
     taut_stiffness,
     upper_inverse,
@@ -43,7 +42,6 @@ from cartstiff.batch.algebra import (
 from cartstiff.batch.tape import Scalar, Tape, absolute, larger, pick
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.limits import MAX_RELATIVE_DEFLECTION
 from cartstiff.mechanisms.platform import Struts
 from cartstiff.potentials.line_springs import lines_of_many, second_derivative
 from cartstiff.potentials.loads import held_force
@@ -244,10 +242,6 @@ def platform_arrays(
     )
     verdict = larger(verdict, holds_soft_directions(K_B, wanted))
     arrays["verdict"] = np.array([verdict], object)
-    if "noteworthy" in wanted and decomposition is not None and "compliance_B" in arrays:
-        near, lost = noteworthy(squared_condition, (K_B, arrays["compliance_B"]))
-        doubt = largest(t / k / lengths) * (1.0 / MAX_RELATIVE_DEFLECTION)
-        arrays["noteworthy"] = np.array([near, lost, doubt], object)
     return arrays
 
 

@@ -15,7 +15,7 @@ import gc
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, final
 
 import numpy as np
@@ -200,6 +200,10 @@ class Program:
     inputs: tuple[Input, ...]
     outputs: dict[str, tuple[int, ...]]
     shared: frozenset[str]
+
+    def with_outputs(self, outputs: dict[str, tuple[int, ...]]) -> Program:
+        """The same operations with other outputs."""
+        return replace(self, outputs=outputs)
 
     @property
     def size(self) -> int:

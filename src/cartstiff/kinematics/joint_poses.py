@@ -35,9 +35,11 @@ from cartstiff import numerics
 from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
+from cartstiff.mechanisms.platform import Platform
 
 
 class ManyPoses(NamedTuple):
@@ -71,7 +73,11 @@ class Kinematics:
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
         self.n = len(mechanism.coordinates)
-        self.is_product = mechanism.is_open_tree
+        self.is_product = (
+            isinstance(mechanism, Chain)
+            and not mechanism.closures
+            and mechanism.tree.mimic is None
+        )
         if self.is_product:
             at_zero = mechanism.at(np.zeros(self.n))
             self._at_zero = at_zero.pose
@@ -152,11 +158,11 @@ class PlatformPoses:
     """
 
     def __init__(self, elastic: ElasticMechanism, limits: bool = True) -> None:
-        if not elastic.mechanism.coordinates_are_pose:
+        if not isinstance(elastic.mechanism, Platform):
             raise InputError("not a platform", got=elastic.mechanism.kind)
         self.platform = elastic.mechanism
         self.kinematics = Kinematics(self.platform)
-        self.length = self.platform.at(elastic.q).length
+        self.length = self.platform.length
         self.sizes = np.array([self.length] * 3 + [1.0] * 3)
         self.start = np.array(elastic.q, float)
         self.lower, self.upper = np.full(6, -np.inf), np.full(6, np.inf)
@@ -296,7 +302,7 @@ class JointPoses:
 
     def __init__(self, elastic: ElasticMechanism, limits: bool = True) -> None:
         mechanism = elastic.mechanism
-        if mechanism.coordinates_are_pose:
+        if not isinstance(mechanism, Chain):
             raise InputError(
                 "inverse kinematics is for mechanisms made of joints", got=mechanism.kind
             )
@@ -316,9 +322,9 @@ class JointPoses:
     def _periodic(self) -> Array:
         mechanism = self.kinematics.mechanism
         turns = np.array([c.type == "revolute" for c in mechanism.coordinates])
-        if (mimic := mechanism.mimic) is not None:
+        if isinstance(mechanism, Chain) and mechanism.tree.mimic is not None:
             # A mimic joint need not return with its leader.
-            turns &= np.abs(mimic).sum(axis=0) == 1.0
+            turns &= np.abs(mechanism.tree.mimic).sum(axis=0) == 1.0
         periodic: Array = turns & (
             self.upper - self.lower >= 2 * np.pi - numerics.NEGLIGIBLE_DIFFERENCE
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,23 +13,24 @@ from cartstiff.arrays import Array, named_values
 from cartstiff.errors import InputError
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.notes import Note
-from cartstiff.potentials.springs import Springs
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.springs import JointSprings
 from cartstiff.units import Units, own_stiffness
 
 
 def with_values(
-    springs: Springs,
+    springs: JointSprings | LineSprings,
     names: tuple[str, ...],
     stiffness: float | Mapping[str, float] | ArrayLike | None,
     rest: float | Mapping[str, float] | ArrayLike | None,
     undriven: frozenset[int] = frozenset(),
-) -> Springs:
+) -> JointSprings | LineSprings:
     """Return the springs with other stiffness and rest, see `ElasticMechanism.with_springs`.
 
     A single stiffness for all joints does not apply to `undriven` coordinates without a spring.
     """
     k, passive = springs.stiffness, []
-    if stiffness is not None:
+    if isinstance(springs, JointSprings) and stiffness is not None:
         passive = np.flatnonzero(springs.is_passive).tolist()
         k = k.copy()
         k[list(springs.rigid)] = np.inf
@@ -48,7 +50,8 @@ def with_values(
             stiffness = each
         # A number for a joint replaces its nonlinear law as well.
         named = set(stiffness) if isinstance(stiffness, Mapping) else set(names)
-        springs = springs.linear([j for j, name in enumerate(names) if name in named])
+        laws = {j: law for j, law in springs.laws.items() if names[j] not in named}
+        springs = replace(springs, laws=laws, rigid=frozenset())
     if stiffness is not None:
         k = named_values(stiffness, names, k, "stiffness", infinite=True)
         if np.any(k < 0):
@@ -56,13 +59,13 @@ def with_values(
     rests = springs.rest
     if rest is not None:
         rests = named_values(rest, names, rests, "rest")
-        if np.any(rests < springs.least_rest):
+        if isinstance(springs, LineSprings) and np.any(rests < 0.0):
             raise InputError(
                 "rest length is negative",
                 expected="zero or more",
                 got=float(np.nanmin(rests)),
             )
-        for j in springs.rigid:
+        for j in springs.rigid if isinstance(springs, JointSprings) else ():
             if not isinstance(rest, Mapping) or names[j] in rest:
                 raise InputError(
                     f"joint {names[j]!r} is rigid and has no rest position",

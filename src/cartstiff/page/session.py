@@ -15,12 +15,13 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.arrays import checked_pose, named_values
-from cartstiff.batch.single import analyse
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.following import Follower
+from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.platform import Platform
 from cartstiff.page.messages import (
     Analysis,
     Answer,
@@ -51,7 +52,7 @@ from cartstiff.report.analysis import summary_text
 from cartstiff.report.better import NONE_FOUND, better_sentences
 from cartstiff.scene.swing import swing_of
 from cartstiff.statics.command import analyse_commanded
-from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.toolpaths.better import better_posture
 from cartstiff.version import __version__
 from cartstiff.vibration.modes import modes
@@ -276,7 +277,7 @@ class Session:
             raise InputError(
                 "no such coordinate", where="moved", expected=f"below {len(q)}", got=moved
             )
-        if mechanism.closures:
+        if isinstance(mechanism, Chain) and mechanism.closures:
             hold = None if moved is None or mechanism.actuated is not None else [moved]
             if (
                 hold is not None or not is_left
@@ -330,7 +331,7 @@ class Session:
         state, followed, mechanism = message.state, None, self._elastic.mechanism
         start = self._q if state.q is None else state.q
         if message.lengths is not None:
-            if not len(mechanism.points):
+            if not isinstance(mechanism, Platform):
                 raise InputError("is for platforms", where="lengths", expected="towards")
             start = mechanism.forward_kinematics(
                 message.lengths, mechanism.checked(start)

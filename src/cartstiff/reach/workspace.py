@@ -45,7 +45,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations, product
-from typing import Any, ClassVar, Literal, NamedTuple, cast
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -205,14 +205,13 @@ class LegMargins(PoseMargins):
         self, elastic: ElasticMechanism, pose: Array, through: bool = False
     ) -> None:
         chain, legs = elastic.mechanism, legs_of(elastic, limits=False, poses=QuickPoses)
-        if legs is None:
+        if not isinstance(chain, Chain) or legs is None:
             raise InputError(
                 "workspaces are found for platforms, and for bodies on legs or cables",
                 expected="for an arm, a map of random postures (`cartstiff map --random`)",
                 got=chain.kind,
             )
         super().__init__(elastic, float(chain.at(elastic.q).length))
-        chain = cast(Chain, chain)  # others have no such legs
         self.chain, self.legs, self.is_quick = chain, legs, bool(chain.legs)
         actuated = frozenset(chain.actuated or ())
         self.rods = {
@@ -327,9 +326,10 @@ CarriedLoad = tuple[LoadKind, Array, Literal["body", "world"]]
 def limits_forces(elastic: ElasticMechanism) -> bool:
     """Whether a load affects the limits: for cables, and for legs with `force`."""
     platform, springs = elastic.mechanism, elastic.springs
-    if springs is None or not len(platform.points):
+    if not isinstance(platform, Platform) or not isinstance(springs, LineSprings):
         return False
-    return bool(springs.unilateral) or platform.tension_limits is not None
+    limits = platform.leg_limits
+    return bool(springs.unilateral) or (limits is not None and limits.forces is not None)
 
 
 def lines_at(platform: Platform, poses: Array) -> tuple[Array, Array]:
@@ -423,18 +423,17 @@ class Margins(PoseMargins):
         sign: float = 0.0,
         tensions: Distribution = "any",
     ) -> None:
-        if elastic.springs is None or not len(elastic.mechanism.points):
+        platform, springs = elastic.mechanism, elastic.springs
+        if not isinstance(platform, Platform) or not isinstance(springs, LineSprings):
             raise InputError(
                 "workspaces are found for platforms and bodies on cables",
                 got=elastic.mechanism.kind,
             )
-        platform = cast(Platform, elastic.mechanism)
-        springs = cast(LineSprings, elastic.springs)
         super().__init__(elastic, platform.length)
         self.platform, self.springs, self.sign = platform, springs, sign
         self.load, self.tensions = load, tensions
         m = len(platform.points)
-        self.forces = platform.tension_limits
+        self.forces = None if platform.leg_limits is None else platform.leg_limits.forces
         if self.forces is None and springs.unilateral:
             self.forces = np.column_stack(
                 [np.where(springs.cables, 0.0, -np.inf), [np.inf] * m]
@@ -472,7 +471,7 @@ class Margins(PoseMargins):
                 expected="legs.force",
                 got=tensions,
             )
-        self.is_slow = self.is_spread or springs.gives_aside
+        self.is_slow = self.is_spread or isinstance(springs, FlexureStruts)
 
     def solved(self, poses: Array) -> Array:
         """Return placeholders: a platform's limits follow from its poses alone."""
@@ -499,10 +498,9 @@ class Margins(PoseMargins):
                     }
         if self.sign and lines.shape[1] == 6:
             margins["singularity"] = self.sign * numerics.determinants(lines)
-        if self.springs.gives_aside:
+        if isinstance(self.springs, FlexureStruts):
             every = np.column_stack([limited, *margins.values()])
-            struts = cast(FlexureStruts, self.springs)
-            margins["flexures"] = self._strut_margins(poses, every, struts)
+            margins["flexures"] = self._strut_margins(poses, every, self.springs)
         return margins
 
     @staticmethod
@@ -1401,7 +1399,7 @@ def workspace(
             "axes": load_axes,
         }
     margins: PoseMargins
-    if not elastic.mechanism.coordinates_are_pose:
+    if isinstance(elastic.mechanism, Chain):
         if wrench is not None or tensions != "any":
             raise InputError(
                 "is for limits of forces, which legs made of joints do not have",

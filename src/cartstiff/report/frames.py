@@ -11,10 +11,11 @@ from cartstiff.arrays import plain
 from cartstiff.described import described
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.gravity_loads import gravity_loads
-from cartstiff.potentials.springs import Springs
+from cartstiff.mechanisms.platform import Platform
+from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.springs import JointSprings
 from cartstiff.report.layout import body_frame, length_of, lengths, placed, vector
 from cartstiff.units import Units
 
@@ -46,9 +47,9 @@ def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:
         answer["closures"] = [
             {"frames": [c.frame_a, c.frame_b], "type": c.type} for c in mechanism.closures
         ]
-    if mechanism.coordinates_are_pose:
+    if isinstance(mechanism, Platform):
         answer["joints"] = [_body(mechanism)]
-    if len(mechanism.points) and elastic.springs is not None:
+    if isinstance(elastic.springs, LineSprings):
         answer["legs"] = _legs(mechanism, elastic.springs)
     gravity = gravity_loads(elastic).to_dict()
     return described("frames", answer, elastic.about(), gravity, elastic)
@@ -109,11 +110,11 @@ def _joints(elastic: ElasticMechanism, chain: Chain) -> list[dict[str, Any]]:
 def _spring(elastic: ElasticMechanism, k: int) -> dict[str, Any] | None:
     """Spring of a coordinate; None for a passive joint."""
     springs = elastic.springs
-    if springs is None:
+    if not isinstance(springs, JointSprings):
         return None
     if k in springs.rigid:
         return {"stiffness": None, "rest": None, "law": False, "rigid": True}
-    if springs.has_coordinate(len(elastic.names))[k]:
+    if k in springs.laws or springs.stiffness[k] > 0.0:
         return {
             "stiffness": None if k in springs.laws else float(springs.stiffness[k]),
             "rest": plain(springs.rest[k]),
@@ -123,7 +124,7 @@ def _spring(elastic: ElasticMechanism, k: int) -> dict[str, Any] | None:
     return None
 
 
-def _body(platform: Mechanism) -> dict[str, Any]:
+def _body(platform: Platform) -> dict[str, Any]:
     return {
         "name": "body",
         "parent": None,
@@ -141,17 +142,19 @@ def _body(platform: Mechanism) -> dict[str, Any]:
     }
 
 
-def _legs(mechanism: Mechanism, springs: Springs) -> list[dict[str, Any]]:
-    limits = list(mechanism.bounds.values()) or [(0.0, np.inf)] * len(springs.stiffness)
-    (frame_a, anchors), (frame_b, points) = springs.attachments()
+def _legs(mechanism: Any, springs: LineSprings) -> list[dict[str, Any]]:
+    known = mechanism.limits if isinstance(mechanism, Platform) else None
+    limits = (
+        np.array([(0.0, np.inf)] * len(springs.stiffness)) if known is None else known
+    )
     return [
         {
             "name": f"leg{i + 1}",
-            "frames": [frame_a, frame_b],
-            "from": anchors[i].tolist(),
-            "to": points[i].tolist(),
+            "frames": [springs.frame_a, springs.frame_b],
+            "from": np.asarray(springs.anchors)[i].tolist(),
+            "to": np.asarray(springs.points)[i].tolist(),
             "stiffness": float(k),
-            "rest": plain(springs.rest[i]),
+            "rest": plain(springs.rest_length[i]),
             "preload": None if springs.preload is None else plain(springs.preload[i]),
             "shortest": plain(limits[i][0]),
             "longest": plain(limits[i][1]),

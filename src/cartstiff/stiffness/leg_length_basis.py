@@ -22,6 +22,7 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness.free_motions import FreeMotions
 
 
@@ -68,8 +69,9 @@ def line_springs_and_rest(
         return None
     lines, k, rest = list[Array](), list[Array](), np.zeros((6, 6))
     for term in elastic.terms():
-        if (own := term.lines_and_rest(posture)) is not None:
-            g, stiffness, turning = own
+        held = type(term) is LineSprings and (term.frame_a, term.frame_b)
+        if isinstance(term, LineSprings) and held == ("world", "body"):
+            g, stiffness, turning = term.lines_and_rest(posture)
             lines.append(g)
             k.append(stiffness)
             rest = rest + turning
