@@ -15,11 +15,13 @@ import pytest
 from tests.laws.test_set_ups import SetUp, later, posture
 from tests.support.commands import answer, run
 from tests.support.generated import Arm, close
+from tests.view.test_export import held
 
 import cartstiff
 from cartstiff.answer.doubts import WEIGHTS
 from cartstiff.answer.posture import answer_at
 from cartstiff.answer.verdict import RULES
+from cartstiff.page.export import export_page
 from cartstiff.page.messages import read_message
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
@@ -133,3 +135,23 @@ def test_a_motion_has_a_sense():
     assert direction_words((0, 0, -1), is_line=False) == "vertical downwards"
     assert direction_words((0, -1, 0), is_line=False) == "horizontal, along -y"
     assert direction_words((0, 0, -1), is_line=False, is_upright=False) == "along -z"
+
+
+def test_a_page_says_the_sentences_of_the_command(tmp_path):
+    """Live, in its full analysis, and in the file that is exported."""
+    load, elastic = [0.0, 0.0, 0.0, 0.0, -500.0, 0.0], cartstiff.load("five-bar")
+    lines = [line.strip() for line in run("analyse five-bar --load 0,0,0,0,-500,0").splitlines()]
+    session = Session(Source(elastic))
+    state = {"load": load}
+    live, analysis = (
+        session.answer(read_message(json.dumps({"id": 1, "do": do, "state": state}))).data
+        for do in ("answer", "analysis")
+    )
+    file = held(export_page(Source(elastic, load=np.array(load))))[0]["said"]
+    ours = answer_at(cartstiff.analyse(elastic, wrench=load))
+    for found in (live, file):
+        assert found["answer"] == json.loads(json.dumps(ours.to_dict()))
+        assert found["sentences"] == answer_sentences(ours)
+        assert found["settled"] in lines
+    assert all(sentence in lines for sentence in live["sentences"])
+    assert analysis["text"].startswith("\n".join(live["sentences"]))

@@ -19,7 +19,7 @@ from cartstiff.page.browser_program import BrowserProgram, browser_program
 from cartstiff.page.files import page_document
 from cartstiff.page.messages import Answer, ViewState
 from cartstiff.page.picture import PageScene
-from cartstiff.page.session import PictureMaker, Session
+from cartstiff.page.session import PictureMaker, Session, said
 from cartstiff.page.source import Source
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.version import __version__
@@ -96,6 +96,7 @@ def export_page(
         )
         analysis["title"] += f" in the posture of the file, q = {at}"
         data["analysis"] = analysis
+        data["said"] = said(base, shown)
     script = "" if isinstance(program, str) else program.script
     return page_document(
         Answer(data, commands).pack(), f"{elastic.name} · cartstiff", script

@@ -206,6 +206,12 @@ class Analysis(_Request):
     do: Literal["analysis"]
 
 
+class Said(_Request):
+    """The answer at a posture in sentences, its displacement checked by the equilibrium."""
+
+    do: Literal["answer"]
+
+
 class Export(_Request):
     """The page at this state as one file; the rest of the page's state is in `address`."""
 
@@ -243,6 +249,7 @@ Message = (
     | Swing
     | Response
     | Analysis
+    | Said
     | Export
     | Frame
     | Bounds

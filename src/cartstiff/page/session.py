@@ -14,6 +14,7 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.analysis.posture import analyse_posture
+from cartstiff.answer.posture import answer_at
 from cartstiff.arrays import checked_pose, named_values
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
@@ -33,6 +34,7 @@ from cartstiff.page.messages import (
     Numbers,
     Response,
     Result,
+    Said,
     Series,
     Sweep,
     Swing,
@@ -50,6 +52,7 @@ from cartstiff.page.shown import (
 from cartstiff.page.source import Source, changed
 from cartstiff.report.analysis import summary_text
 from cartstiff.report.better import NONE_FOUND, better_sentences
+from cartstiff.report.sentences import answer_sentences, displacement_words
 from cartstiff.scene.swing import swing_of
 from cartstiff.statics.command import analyse_commanded
 from cartstiff.stiffness.compute import PostureStiffness, analyse
@@ -210,6 +213,8 @@ class Session:
                 facts = response_curves(result, message.state, message.ratio)
             elif isinstance(message, Analysis):
                 facts = self.analysis(result, message.state)
+            elif isinstance(message, Said):
+                facts = said(result, message.state)
             else:
                 raise InputError(
                     "this question takes many postures", expected="`work`", got=message.do
@@ -389,11 +394,13 @@ class Session:
         )
 
     def analysis(self, result: PostureStiffness, state: ViewState) -> dict[str, str]:
-        """The analysis of the shown matrix at the reference point, as text."""
+        """The answer and the analysis of the shown matrix at the reference point, as text."""
         at = se3.pose(np.eye(3), state.point)
-        answer = analyse_posture(result, connection=state.connection, at=at)
-        text = summary_text(answer, self._elastic.units, "full")
-        return {"title": f"Analysis of K^{state.connection}", "text": text}
+        analysis = analyse_posture(result, connection=state.connection, at=at)
+        text = summary_text(analysis, self._elastic.units, "full")
+        lines = said(result, state)["sentences"]
+        title = f"Analysis of K^{state.connection}"
+        return {"title": title, "text": "\n".join([*lines, "", text])}
 
     def _better(self, state: ViewState) -> dict[str, Any]:
         """Coordinates of a better posture, None where there is none, and what is said of it."""
@@ -481,6 +488,20 @@ class Session:
             for i in self._elastic.commanded
             if abs(reached[i] - wanted[i]) > _REACHED * max(1.0, abs(wanted[i]))
         ]
+
+
+def said(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
+    """The answer at the reference point, as the command has it, and its sentences.
+
+    "settled" is that on the equilibrium, None where the first order says the same.
+    """
+    own = None if state.connection == "load" else state.connection
+    found = answer_at(result, connection=own, at=se3.pose(np.eye(3), state.point))
+    moved, settled = found.displacement, None
+    if moved is not None and not moved.is_first_order:
+        settled = next(displacement_words(found))
+    sentences = answer_sentences(found)
+    return {"answer": found.to_dict(), "sentences": sentences, "settled": settled}
 
 
 def _seen_from(state: ViewState, T: Array) -> ViewState:

@@ -166,9 +166,8 @@ def share_words(shares: Shares) -> str:
     ]
     words = f"{percent(shares.parts[0].share)} of {of} comes from {each}{listed(alike, most=6)}"
     if abs(shares.rest) >= SMALLEST_SAID_REST:
-        words += (
-            f"; {percent(shares.rest)} from the load and other potentials, from no joint"
-        )
+        rest = percent(shares.rest)
+        words += f"; the load and other potentials, no joint, contribute {rest}"
     return words
 
 

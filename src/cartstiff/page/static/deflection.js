@@ -9,6 +9,8 @@ import { sway } from "./sway.js";
 // Loads to begin with: a size in the unit of force, and directions in the room.
 const EXAMPLE = 100;
 const EXAMPLES = [["downwards", [0, 0, -1]], ["sideways along x", [1, 0, 0]], ["along y", [0, 1, 0]]];
+// Milliseconds after which a state rests.
+const RESTS = 400;
 
 /** Load, weight and what is taken for granted, in a line. */
 function assumptions(store, moved) {
@@ -36,6 +38,21 @@ export function deflectionPanel(store) {
   const examples = EXAMPLES.map(([words, way]) => button(words, () => store.change({ load: [0, 0, 0, ...way.map((x) => x && EXAMPLE * x)], load_axes: "world" }),
     { title: `A force of ${EXAMPLE} ${words} in the room; then drag the arrow, or type numbers on the left` }));
   store.on("hello", () => { examples[0].textContent = `Add ${EXAMPLE} ${store.unit("force")} downwards`; });
+  const settled = el("p", { class: "fact settled", hidden: true });
+  let asked = null;
+  /** What the library says of the equilibrium, where it differs from the first order; asked for when the state rests. */
+  async function settle() {
+    const mine = structuredClone(store.shown);
+    asked = mine;
+    settled.hidden = true;
+    if (!store.shown.load?.some((x) => x)) return;
+    await new Promise((resolve) => setTimeout(resolve, RESTS));
+    if (asked !== mine) return;
+    const found = await store.ask({ do: "answer", state: mine }).catch(() => null);
+    if (asked !== mine || !found?.settled) return;
+    settled.textContent = found.settled;
+    settled.hidden = false;
+  }
   const [softest, resisted, apart, doubt, found] = ["softest", "resisted", "apart", "doubt", "found"].map((name) => el("p", { class: `fact ${name}` }));
   resisted.textContent = "Every small push is resisted";
   apart.title = "Largest difference of two entries, over the square root of the product of the two diagonal entries beside it";
@@ -47,7 +64,7 @@ export function deflectionPanel(store) {
   }, { class: "quiet", title: "A posture nearby at which the load moves the tip less, while the tip stays where it is" });
   store.on("state", () => { found.textContent = ""; });
   byId("right").append(el("div", { class: "card moved-card" }, heading("Under this load", search, sway(store)),
-    head, found, bars, softest, resisted, apart, doubt, detail, line));
+    head, settled, found, bars, softest, resisted, apart, doubt, detail, line));
 
   /** What is true with a load or without: the softest direction, whether a push is resisted, whether A or K matters, how sure the springs are. */
   function facts() {
@@ -75,6 +92,7 @@ export function deflectionPanel(store) {
     const { moved, result } = store.numbers;
     const { wrench } = result;
     facts();
+    settle();
     search.hidden = !store.source.live || !store.shown.load || !moved?.resisted || !moved.displacement.some((x) => x);
     for (const node of [bars, detail, line]) node.replaceChildren();
     const say = (kind, ...words) => {

@@ -105,6 +105,12 @@
  * @property {"analysis"} do
  */
 /**
+ * @typedef {object} Said The answer at a posture in sentences, its displacement checked by the equilibrium.
+ * @property {number} id
+ * @property {ViewState} [state]
+ * @property {"answer"} do
+ */
+/**
  * @typedef {object} Export The page at this state as one file; the rest of the page's state is in `address`.
  * @property {number} id
  * @property {ViewState} [state]
@@ -142,6 +148,7 @@ export const MESSAGES = {
   swing: "Swing",
   response: "Response",
   analysis: "Analysis",
+  answer: "Said",
   export: "Export",
   frame: "Frame",
   bounds: "Bounds",
@@ -162,6 +169,7 @@ export const FIELDS = {
   Swing: { id: null, state: "ViewState", do: ["swing"], share: null },
   Response: { id: null, state: "ViewState", do: ["response"], ratio: null },
   Analysis: { id: null, state: "ViewState", do: ["analysis"] },
+  Said: { id: null, state: "ViewState", do: ["answer"] },
   Export: { id: null, state: "ViewState", do: ["export"], address: null },
   Frame: { id: null, state: "ViewState", do: ["frame"], name: null, kept: "ViewState" },
   Bounds: { id: null, state: "ViewState", do: ["bounds"] },
@@ -182,6 +190,7 @@ export const NEEDED = {
   Swing: ["id", "do"],
   Response: ["id", "do"],
   Analysis: ["id", "do"],
+  Said: ["id", "do"],
   Export: ["id", "do"],
   Frame: ["id", "do", "name"],
   Bounds: ["id", "do"],

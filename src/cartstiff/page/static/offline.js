@@ -13,6 +13,8 @@ const ON_THE_WAY = [0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1];
 // Steps of the way to a pose, and halvings of a way that legs do not go to its end.
 const MOST_STEPS = 30;
 const HALVINGS = 14;
+// Keys of a state on which an answer depends.
+const ASKED = ["q", "connection", "point", "stiffness", "load", "load_axes", "load_kind", "load_at", "gravity", "payload", "command"];
 
 /** What the sources in a file share: commands by number, one answer to each question. */
 class FileSource {
@@ -59,6 +61,18 @@ class FileSource {
     });
   }
 
+  /** Whether a state differs from that of the file in one of some keys. */
+  differs(state, keys) {
+    const { state: own } = this.data.hello;
+    return keys.some((key) => JSON.stringify(state[key]) !== JSON.stringify(own[key]));
+  }
+
+  /** The sentences that were exported: those of other states are the library's. */
+  said(state) {
+    if (this.differs(state, ASKED)) throw new Error(this.cannot);
+    return this.data.said;
+  }
+
   answer(message) {
     const { id, state, do: what } = message;
     if (what === "draw") return this.draw(id, state, message);
@@ -89,6 +103,7 @@ export class ComputingSource extends FileSource {
       sweep: () => this.sweep(coordinate, state),
       series: () => ({ seconds: 0, at: data.hello.trajectory.time, rows: data.trajectory.map((q) => this.row(q, state)) }),
       analysis: () => data.analysis,
+      answer: () => this.said(state),
     };
   }
 
@@ -158,15 +173,13 @@ export class PostureSource extends FileSource {
   }
 
   draw(id, state) {
-    const { state: own } = this.data.hello;
-    const differs = Object.keys(own).some((key) => !["theme", "mode", "moved"].includes(key) && JSON.stringify(state[key]) !== JSON.stringify(own[key]));
-    if (differs) throw new Error(this.cannot);
+    if (this.differs(state, Object.keys(this.data.hello.state).filter((key) => !["theme", "mode", "moved"].includes(key)))) throw new Error(this.cannot);
     return [{ id, do: "draw", numbers: this.data.posture.numbers, legend: this.data.legend, followed: null }, this.themed(state.theme)];
   }
 
-  answers() {
+  answers({ state }) {
     const { posture: { numbers, result }, hello: { bounds }, analysis } = this.data;
-    return { numbers: () => ({ numbers }), result: () => ({ result }), bounds: () => ({ bounds }), analysis: () => analysis };
+    return { numbers: () => ({ numbers }), result: () => ({ result }), bounds: () => ({ bounds }), analysis: () => analysis, answer: () => this.said(state) };
   }
 }
 
