@@ -146,7 +146,7 @@ def parallel_arm(folder, tilt):
     return cartstiff.load(write_urdf(folder, *joints, name=f"arm{tilt:g}"), stiffness=1e4)
 
 
-@pytest.mark.parametrize("tilt", [1e-8, 1e-6])
+@pytest.mark.parametrize("tilt", [1e-8, 1e-6, 2e-5])
 def test_a_body_that_turns_by_a_tilt_of_its_axes_says_so(tmp_path, tilt):
     q = [0.4, 0.3]
     exact, tilted = (cartstiff.analyse(parallel_arm(tmp_path, t), q) for t in (0.0, tilt))

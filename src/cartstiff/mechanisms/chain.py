@@ -40,6 +40,7 @@ from cartstiff.notes import Note
 from cartstiff.numerics import (
     ATTAINABLE_PRECISION,
     LEAST_CLOSURE_RATE,
+    LOST_ERROR,
     NEGLIGIBLE_DIFFERENCE,
     NEGLIGIBLE_DISTANCE,
     ROUNDOFF,
@@ -86,13 +87,16 @@ def _mean_distance(jacobian: Array, reach: float) -> float | None:
     """Root mean square distance of axes from the origin; None without axes and if all meet it.
 
     A coordinate that turns the body by less than `NEGLIGIBLE_DISTANCE` has no axis: joints with
-    opposite turns, as in a parallelogram, turn the body by round-off only.
+    opposite turns, as in a parallelogram, turn the body by round-off only. Nor has one that turns
+    it by less than `LOST_ERROR` about an axis as many times beyond the reach: parallel axes that
+    are not quite so in the file would make a length of kilometres.
     """
     turning, moments = _HALVES.dot(jacobian * jacobian).tolist()
+    small, far = LOST_ERROR**2, (reach / LOST_ERROR) ** 2
     axes = [
         (t, m)
         for t, m in zip(turning, moments, strict=True)
-        if t > NEGLIGIBLE_DISTANCE**2
+        if t > NEGLIGIBLE_DISTANCE**2 and not (t < small and m > far * t)
     ]
     if not axes:
         return None
