@@ -1,9 +1,9 @@
 """Public names: type checkers and `lazy_loader` read them here."""
 
-from .analysis.comparison import Comparison as Comparison
-from .analysis.comparison import compare as compare
 from .analysis.posture import analyse_posture as analyse_posture
 from .analysis.tolerances import Tolerances as Tolerances
+from .answer.comparison import Comparison as Comparison
+from .answer.comparison import compare as compare
 from .batch.postures import Postures as Postures
 from .batch.postures import analyse_many as analyse_many
 from .batch.program import Program as Program

@@ -72,7 +72,7 @@ def command(
 
     import numpy as np
 
-    from cartstiff.analysis.comparison import compare
+    from cartstiff.answer.comparison import compare
     from cartstiff.stiffness.compute import analyse
 
     with np.errstate(all="ignore"):  # what is not finite is refused as a whole

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from cartstiff.analysis.comparison import (
+from cartstiff.answer.comparison import (
     DISPLACEMENT,
     SOFTEST,
     Compared,
@@ -13,7 +13,8 @@ from cartstiff.analysis.comparison import (
     Comparison,
 )
 from cartstiff.errors import joined
-from cartstiff.report.analysis import _shown_unit, largest_share
+from cartstiff.notes import DOUBTS
+from cartstiff.report.analysis import _shown_unit
 from cartstiff.report.layout import (
     body_frame,
     length_of,
@@ -24,8 +25,10 @@ from cartstiff.report.layout import (
     table,
     vector,
 )
+from cartstiff.report.sentences import share_words, title
 from cartstiff.units import Units, engineering
 
+_BY = {"first order": "to first order", "equilibrium": "by the equilibria"}
 _NO_RATIO = {"both": "does not exist with either", "sign": "is zero or negative"}
 
 
@@ -41,6 +44,9 @@ def describe_comparison(comparison: Comparison) -> str:
         "Answer",
         *(f"  {sentence}" for sentence in _answer(comparison)),
     ]
+    # The weightiest doubts are the first sentences of every command.
+    if doubts := [note for note in comparison.doubts if note.code not in DOUBTS]:
+        lines += ["", "Doubts", *(f"  {note}" for note in doubts)]
     compared = [n for n in comparison.numbers if n.ratio is not None]
     if compared:
         titles = ["", a.label, b.label, "ratio"]
@@ -51,7 +57,9 @@ def describe_comparison(comparison: Comparison) -> str:
     if any(None not in values for values in parts.values()):
         rows = [[name, *map(percent, values)] for name, values in parts.items()]
         lines += ["", *table([f"shares of the {of}", a.label, b.label], rows)]
-    return joined([*lines, *note_lines(comparison.notes)])
+    return joined(
+        [*lines, *note_lines(n for n in comparison.notes if n not in comparison.doubts)]
+    )
 
 
 def _about(x: Compared, units: Units) -> str:
@@ -65,7 +73,7 @@ def _loads(comparison: Comparison) -> list[str]:
     """The load along the axes of the room; that of each, if they differ."""
     units, found = comparison.units, list[str]()
     for x in (comparison.first, comparison.second):
-        if x.load is not None and x.load.any():
+        if x.load is not None:
             force = f"force {vector(x.load[3:], 4)} {units.force}"
             moment = f"moment {vector(x.load[:3], 4)} {units.moment}"
             found.append(f"{force}, {moment}, along the axes of the room")
@@ -79,18 +87,18 @@ def _answer(comparison: Comparison) -> Iterator[str]:
     """The displacement, with the largest shares, and the softest direction."""
     a, b = comparison.first, comparison.second
     for x in (a, b):
-        if doubt := x.result.elastic.springs_in_doubt:
-            yield f"{x.label}: {doubt[0].lower()}{doubt[1:]}"
+        if x.answer.verdict.level != "good":
+            yield f"{x.label}: {title(x.answer.verdict)}"
     by_name = {n.quantity: n for n in comparison.numbers}
     moved, soft = by_name.get(DISPLACEMENT), by_name[SOFTEST]
     if moved is not None and moved.ratio is not None:
         yield (
-            f"Under the load {b.label} moves {number(moved.ratio, 3)} times as far as {a.label} "
-            f"(linear): {_both(moved)}"
+            f"Under the load {b.label} moves {number(moved.ratio, 3)} times as far as "
+            f"{a.label} ({_BY[comparison.displacement_by or 'first order']}): {_both(moved)}"
         )
         for x in (a, b):
-            for words in largest_share(x.deflection or {}, x.result.elastic):
-                yield f"{x.label}: {words}"
+            if x.shares is not None:
+                yield f"{x.label}: {share_words(x.shares)}"
     if soft.ratio is not None:
         yield (
             f"Along its softest direction (free to turn) {b.label} is "

@@ -1,28 +1,29 @@
 """Two mechanisms under one question, side by side, with the ratios of their numbers.
 
-Both are read in the same way: the tangent stiffness under the load, at each one's
-posture. Directions are those of the room, in which both are placed by their own bases;
-the axes of two tools have nothing in common. No number depends on a length by which
-angles are multiplied: the condition number is that at the length where it is least, each
-mechanism's own.
+Both are read by `answer_at`, each at its posture. Directions are those of the room, in
+which both are placed by their own bases; the axes of two tools have nothing in common. No
+number depends on a length by which angles are multiplied: the condition number is that at
+the length where it is least, each mechanism's own.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.analysis.ellipsoids import Freedom, softest, stiffnesses_on_axes
-from cartstiff.analysis.posture import analyse_posture
+from cartstiff.analysis.ellipsoids import Freedom, stiffnesses_on_axes
+from cartstiff.analysis.indices import best_conditioned_length
+from cartstiff.answer.data import Answer, Displacement, Motion, Shares
+from cartstiff.answer.posture import answer_at
 from cartstiff.arrays import Array
 from cartstiff.checked_call import checked
 from cartstiff.described import described
-from cartstiff.errors import InputError, checked_kind
+from cartstiff.errors import InputError, UndefinedError, checked_kind
 from cartstiff.figures import new_figure
 from cartstiff.lazily import cached_property
 from cartstiff.notes import Note
@@ -42,8 +43,7 @@ _FREEDOMS: tuple[tuple[Freedom, str], ...] = (
     ("translation", "along"),
     ("rotation", "about"),
 )
-# Names of three principal stiffnesses, smallest first.
-_PRINCIPAL = ("softest", "middle", "stiffest")
+_ENDS = ("softest", "stiffest")
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class ComparedNumber:
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """One of the two mechanisms, analysed.
+    """One of the two mechanisms, with its answer.
 
     Attributes
     ----------
@@ -96,13 +96,13 @@ class Compared:
         Its name for people, another one than that of the other mechanism.
     result : PostureStiffness
         From `cartstiff.analyse`.
-    analysis : mapping
-        From `cartstiff.analyse_posture`.
+    answer : Answer
+        What is said about it.
     """
 
     label: str
     result: PostureStiffness
-    analysis: Mapping[str, Any]
+    answer: Answer
 
     @property
     def freedoms(self) -> int:
@@ -111,83 +111,67 @@ class Compared:
 
     @property
     def load(self) -> Array | None:
-        """Given wrench on the body: moment about M's origin and force, in axes of the room."""
-        found = self.analysis["deflection"]
-        if found is None or found["by"] != "load" or self.result.wrench is None:
+        """Given moment about M's origin, and force, along the axes of F; None without them."""
+        W = self.result.wrench
+        if W is None or self.answer.load is None or not self.answer.load.given:
             return None
-        return np.ravel(
-            np.reshape(self.result.wrench, (2, 3)) @ self.result.pose[:3, :3].T
-        )
+        load = np.ravel(np.reshape(W, (2, 3)) @ self.result.pose[:3, :3].T)
+        return load if load.any() else None
 
     @property
-    def deflection(self) -> Mapping[str, Any] | None:
-        """Linear deflection under the given load; None where nothing resists it."""
-        found: Mapping[str, Any] | None = self.analysis["deflection"]
-        is_resisted = self.analysis["definiteness"] in (None, "positive")
-        is_of_load = self.load is not None and found is not None and found["energy"] > 0.0
-        return found if is_resisted and is_of_load else None
+    def displacement(self) -> Displacement | None:
+        """Displacement under the given load; None where it is not resisted."""
+        moved = self.answer.displacement
+        return None if self.load is None or moved is None else moved
 
     @property
-    def motion(self) -> tuple[float | None, float | None]:
-        """Displacement and rotation of M under the given load; round-off of the other is 0."""
-        if self.deflection is None:
+    def shares(self) -> Shares | None:
+        """What contributes to that displacement."""
+        return None if self.displacement is None else self.answer.shares
+
+    def motion(self, at_rest: bool) -> Motion | None:
+        """That displacement, between the equilibria or to first order; None without one."""
+        moved = self.displacement
+        if moved is None:
+            return None
+        return moved.equilibrium if at_rest else moved.first_order
+
+    def size(self, motion: Motion | None) -> tuple[float | None, float | None]:
+        """Displacement and rotation of a motion; round-off of the other is 0."""
+        if motion is None:
             return None, None
-        moved = math.hypot(*self.deflection["displacement"])
-        turned = math.hypot(*self.deflection["twist"][:3])
+        moved, turned = math.hypot(*motion.translation), math.hypot(*motion.rotation)
         least, length = numerics.PRINTED_AS_ZERO, self.result.length
         return (
             0.0 if moved < least * turned * length else moved,
             0.0 if turned < least * moved / length else turned,
         )
 
-    def principal(self, freedom: Freedom) -> list[float | None]:
-        """Principal stiffnesses, smallest first, the other three freedoms without load.
-
-        None along motions that the structure holds, and of no motion where loads are not
-        resisted.
-        """
-        ellipsoids = self.analysis["ellipsoids"]["compliance"]
-        own, other = (
-            ellipsoids[name]["free"]
-            for name in (freedom, *(f for f, _ in _FREEDOMS if f != freedom))
-        )
-        if own is None:
-            return [None] * 3
-        size = max(map(abs, own["eigenvalues"]))
-        if other is not None:
-            power = 2 if freedom == "translation" else -2
-            length = self.result.length
-            size = max(size, max(map(abs, other["eigenvalues"])) * length**power)
-        least = numerics.ROUNDOFF * size
-        each = own["eigenvalues"][::-1]
-        return [None if abs(x) <= least else 1.0 / x for x in each]
-
     def in_room(self, freedom: Freedom) -> list[float | None]:
-        """Stiffness along, or about, x, y and z of the room, all other freedoms without load."""
+        """Stiffness along, or about, x, y and z of F, all other freedoms without load."""
         here, nothing = self.result.at(), np.full((6, 6), np.nan)
-        name = "load" if self.result.is_loaded else "B"
         K, C = (
             np.broadcast_to(nothing if M is None else M, (3, 6, 6))
-            for M in here.pair(name, "free")
+            for M in here.pair(self.answer.verdict.connection, "free")
         )
-        axes = self.result.pose[
-            :3, :3
-        ]  # row i: axis i of the room along those of the body
+        axes = self.result.pose[:3, :3]  # row i: axis i of F along those of the body
         found = stiffnesses_on_axes(K, C, axes, freedom, "free")
         return [float(x) if math.isfinite(x) else None for x in found]
 
     @property
-    def softest_direction(self) -> Array | None:
-        """Direction of the largest displacement under a force, in the room; None if not one."""
-        shape = self.analysis["ellipsoids"]["compliance"]["translation"]["free"]
-        found = None if shape is None else softest(shape["eigenvalues"], shape["axes"])
-        if found is None or found[1] is None:
+    def condition(self) -> float | None:
+        """Least condition number over all characteristic lengths."""
+        K, C = self.result.at().pair(self.answer.verdict.connection, "held")
+        try:
+            best = None if K is None else best_conditioned_length(K, C)
+        except UndefinedError:
             return None
-        return np.asarray(self.result.pose[:3, :3] @ found[1])
+        return None if best is None else float(best.condition_at_best_length)
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         about = self.result.elastic.about()
+        verdict, soft = self.answer.verdict, self.answer.extreme("softest")
         return {
             "label": self.label,
             **{key: value for key, value in about.items() if key != "units"},
@@ -195,8 +179,8 @@ class Compared:
             "pose": self.result.pose,
             "load": self.load,
             "freedoms": self.freedoms,
-            "definiteness": self.analysis["definiteness"],
-            "softest_direction": self.softest_direction,
+            "verdict": {"level": verdict.level, "code": verdict.code},
+            "softest_direction": None if soft is None else soft.direction,
             "springs_in_doubt": self.result.elastic.springs_in_doubt,
         }
 
@@ -230,37 +214,49 @@ class Comparison(LabelledResult):
     @property
     def softest_angle(self) -> float | None:
         """Angle [rad] between the softest directions; None if one of them is not one."""
-        directions = self.first.softest_direction, self.second.softest_direction
-        if directions[0] is None or directions[1] is None:
+        a, b = (x.answer.extreme("softest") for x in (self.first, self.second))
+        if a is None or b is None or a.direction is None or b.direction is None:
             return None
-        angle = _angle(directions[0], directions[1])
+        angle = _angle(np.array(a.direction), np.array(b.direction))
         return min(angle, math.pi - angle)  # a direction is a line
+
+    @cached_property
+    def displacement_by(self) -> Literal["first order", "equilibrium"] | None:
+        """How both displacements were computed; None unless both exist.
+
+        By the equilibria where one of them is far from first order, and both are known.
+        """
+        a, b = self.first.displacement, self.second.displacement
+        if a is None or b is None:
+            return None
+        is_far = not (a.is_first_order and b.is_first_order)
+        are_known = a.equilibrium is not None and b.equilibrium is not None
+        return "equilibrium" if is_far and are_known else "first order"
 
     @cached_property
     def numbers(self) -> tuple[ComparedNumber, ...]:
         """Every number that both may have."""
+        return tuple(self._numbers())
+
+    def _numbers(self) -> Iterator[ComparedNumber]:
         units, both = self.units, (self.first, self.second)
-
-        def rows() -> Iterator[ComparedNumber]:
-            if any(x.load is not None and x.load.any() for x in both):
-                moved, turned = zip(*(x.motion for x in both), strict=True)
-                yield ComparedNumber(DISPLACEMENT, units.length, *moved)
-                yield ComparedNumber("rotation under the load", units.angle, *turned)
-            for freedom, along in _FREEDOMS:
-                unit = units.stiffness[freedom]
-                names = [f"stiffness {along} {axis} of the room" for axis in "xyz"]
-                names += [f"{name} {freedom}" for name in _PRINCIPAL]
-                pairs = zip(
-                    *([*x.in_room(freedom), *x.principal(freedom)] for x in both),
-                    strict=True,
-                )
-                for name, (a, b) in zip(names, pairs, strict=True):
-                    yield ComparedNumber(name, unit, a, b)
-            indices = [x.analysis["indices"] or {} for x in both]
-            conditions = (x.get("condition_at_best_length") for x in indices)
-            yield ComparedNumber("least condition number", "1", *conditions)
-
-        return tuple(rows())
+        if any(x.load is not None for x in both):
+            at_rest = self.displacement_by == "equilibrium"
+            sizes = (x.size(x.motion(at_rest)) for x in both)
+            moved, turned = zip(*sizes, strict=True)
+            yield ComparedNumber(DISPLACEMENT, units.length, *moved)
+            yield ComparedNumber("rotation under the load", units.angle, *turned)
+        for freedom, along in _FREEDOMS:
+            unit = units.stiffness[freedom]
+            a, b = (x.in_room(freedom) for x in both)
+            for axis, first, second in zip("xyz", a, b, strict=True):
+                name = f"stiffness {along} {axis} of the room"
+                yield ComparedNumber(name, unit, first, second)
+            for end in _ENDS:
+                found = (x.answer.extreme(end, freedom) for x in both)
+                values = (None if e is None else e.stiffness for e in found)
+                yield ComparedNumber(f"{end} {freedom}", unit, *values)
+        yield ComparedNumber("least condition number", "1", *(x.condition for x in both))
 
     @cached_property
     def shares(self) -> tuple[str, dict[str, list[float | None]]] | None:
@@ -268,47 +264,48 @@ class Comparison(LabelledResult):
 
         None without a load, and where the mechanisms share different things.
         """
-        found = [x.deflection for x in (self.first, self.second)]
-        kinds = {x["kind"] for x in found if x is not None}
-        if any(x is None or not x["shares"] for x in found) or len(kinds) != 1:
+        a, b = self.first.shares, self.second.shares
+        if a is None or b is None or a.of != b.of:
             return None
-        columns = [{s["name"]: s["share"] for s in x["shares"]} for x in found if x]
+        columns = [{part.name: part.share for part in x.parts} for x in (a, b)]
         names = dict.fromkeys(name for column in columns for name in column)
-        of = "displacement" if kinds == {"joints"} else "energy"
-        return of, {name: [column.get(name) for column in columns] for name in names}
+        return a.of, {name: [column.get(name) for column in columns] for name in names}
+
+    @cached_property
+    def doubts(self) -> tuple[Note, ...]:
+        """Reasons to doubt one of the answers, which begin with its label, or both."""
+        return self._of_both(self.first.answer.doubts, self.second.answer.doubts)
+
+    def _of_both(self, a: tuple[Note, ...], b: tuple[Note, ...]) -> tuple[Note, ...]:
+        """Notes of both mechanisms: what is the same once."""
+        first, second = ([note.to_dict() for note in notes] for notes in (a, b))
+        labels = (self.first.label, self.second.label)
+        named = [("both" if n.to_dict() in second else labels[0], n) for n in a]
+        named += [(labels[1], n) for n in b if n.to_dict() not in first]
+        return tuple(Note(n.code, f"{who}: {n.message}", n.values) for who, n in named)
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
-        """What is not the same in both; then the notes of each, which begin with its label."""
+        """What is not the same in both, the doubts, and the other notes of each."""
         a, b = self.first, self.second
-        notes = list[Note]()
+        own = list[Note]()
         if a.freedoms != b.freedoms:
-            notes.append(
-                Note(
-                    "different-freedoms",
-                    f"the body has {a.freedoms} free motions with {a.label} and {b.freedoms} with "
-                    f"{b.label}: what only one of them can do has no ratio",
-                    {"first": a.freedoms, "second": b.freedoms},
-                )
+            words = (
+                f"the body has {a.freedoms} free motions with {a.label} and {b.freedoms} "
+                f"with {b.label}: what only one of them can do has no ratio"
             )
+            values = {"first": a.freedoms, "second": b.freedoms}
+            own.append(Note("different-freedoms", words, values))
         if (turn := self._turn_of_load) > _SAME_DIRECTION:
-            notes.append(
-                Note(
-                    "different-loads",
-                    f"the load has the axes of each body, which differ: in the room it acts "
-                    f"{math.degrees(turn):.4g} deg apart; --world gives both the same",
-                    {"angle": turn},
-                )
+            words = (
+                "the load has the axes of each body, which differ: in the room it acts "
+                f"{math.degrees(turn):.4g} deg apart; --world gives both the same"
             )
-        known = [[note.to_dict() for note in x.result.notes] for x in (a, b)]
-        for x, others in ((a, known[1]), (b, known[0])):
-            for note in x.result.notes:
-                is_of_both = note.to_dict() in others
-                if not (is_of_both and x is b):
-                    label = "both" if is_of_both else x.label
-                    words = f"{label}: {note.message}"
-                    notes.append(Note(note.code, words, note.values))
-        return tuple(notes)
+            own.append(Note("different-loads", words, {"angle": turn}))
+        others = self._of_both(a.result.notes, b.result.notes)
+        told = {(note.code, note.message) for note in self.doubts}
+        rest = (note for note in others if (note.code, note.message) not in told)
+        return (*own, *self.doubts, *rest)
 
     @property
     def _turn_of_load(self) -> float:
@@ -486,6 +483,6 @@ def compare(
     if labels is None and names[0] == names[1]:
         names = ("first", "second")
     return Comparison(
-        Compared(names[0], first, analyse_posture(first)),
-        Compared(names[1], second, analyse_posture(second)),
+        Compared(names[0], first, answer_at(first)),
+        Compared(names[1], second, answer_at(second)),
     )
