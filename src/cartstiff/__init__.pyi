@@ -20,7 +20,9 @@ from .geometry.connections import Connection as Connection
 from .geometry.connections import from_bilinear_map as from_bilinear_map
 from .geometry.connections import from_symbols as from_symbols
 from .geometry.connections import levi_civita as levi_civita
-from .gradients import gradient as gradient
+from .gradients.gradient import gradient as gradient
+from .gradients.matrices import accuracy as accuracy
+from .gradients.matrices import sensitivities as sensitivities
 from .kinematics.at_pose import at_pose as at_pose
 from .kinematics.inverse import inverse_kinematics as inverse_kinematics
 from .loading import hexapod as hexapod
@@ -72,5 +74,3 @@ from .toolpaths.tool_path import ToolPath as ToolPath
 from .version import __version__ as __version__
 from .vibration.modes import Modes as Modes
 from .vibration.modes import modes as modes
-from .vibration.sensitivities import accuracy as accuracy
-from .vibration.sensitivities import sensitivities as sensitivities

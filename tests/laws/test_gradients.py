@@ -279,3 +279,26 @@ def test_every_operation_against_differences():
             central(lambda h, x=x, y=y: float(f(x, y + h)), 1e-3),
         ]
         np.testing.assert_allclose(recorded(x, y), reference, rtol=1e-9, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "hexapod", "6-ups"])
+@pytest.mark.parametrize("wrench", [None, WRENCH])
+def test_sensitivities_are_exact_and_those_of_the_core(name, wrench, monkeypatch):
+    """All matrices, the pose and the frequencies, against difference quotients."""
+    from cartstiff.gradients import matrices
+
+    result = cartstiff.analyse(cartstiff.load(name), wrench=wrench)
+    home = matrices.Home(result)
+    modes = matrices.modes_of(result)
+    names = list(home.parameters.nominal)
+    exact = matrices._exact_rows(home, names, modes)
+    assert len(exact) == len(names)
+    for parameter in names[:: max(1, len(names) // 6)]:
+        row, reference = exact[parameter], home.row(parameter, modes)
+        size = home.parameters.size(parameter)
+        for got, wanted, scale in (
+            (row.matrices, reference.matrices, np.abs(result.matrices["B"]).max()),
+            (row.pose, reference.pose, result.posture.length),
+            (row.squares, reference.squares, np.abs(row.squares).max(initial=1.0) * size),
+        ):
+            np.testing.assert_allclose(got * size, wanted * size, rtol=1e-6, atol=1e-7 * scale)

@@ -11,10 +11,10 @@ from tests.support import loaded_arm
 from tests.support.commands import answer
 from tests.vibration.test_modes import LENGTH, M_1, K, column
 
-from cartstiff import analyse, load, modes
+from cartstiff import accuracy, analyse, load, modes, sensitivities
 from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
-from cartstiff.vibration.sensitivities import accuracy, intervals, sensitivities
+from cartstiff.vibration.sensitivities import intervals
 
 #: Two rounds of central differences.
 DIFFERENCES = 1e-5

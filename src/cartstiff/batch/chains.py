@@ -329,18 +329,19 @@ def kinetic(bodies: Bodies, kinematics: Kinematics) -> Array:
     J, joints = kinematics.J, kinematics.J.shape[1]
     centres = np.reshape(bodies.centres, (joints, 3))
     moments = np.reshape(bodies.moments, (joints, 3, 3))
+    masses = np.array(bodies.masses, object)
+    if kinematics.varied.masses is not None:
+        masses = kinematics.varied.masses
     first, second = zeros(joints, 3), zeros(joints, 3, 3)
-    for j, own in enumerate(bodies.masses):
-        if own or moments[j].any():
+    for j, own in enumerate(masses):
+        if not is_zero(own) or moments[j].any():
             R, p = kinematics.behind(j)
             c = R @ centres[j] + p
             first[j] = c * own
             second[j] = (
                 congruence(R.T, moments[j]) + (np.eye(3) * (c @ c) - np.outer(c, c)) * own
             )
-    mass, first, second = map(
-        kinematics.carried, (np.array(bodies.masses), first, second)
-    )
+    mass, first, second = map(kinematics.carried, (masses, first, second))
     M = zeros(joints, joints)
     for b in range(joints):
         turn, shift = J[:3, b], J[3:, b]

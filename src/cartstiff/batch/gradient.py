@@ -17,16 +17,17 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.batch.algebra import PLAIN
 from cartstiff.batch.chains import ChainCase, joint_positions, recorded_tree
 from cartstiff.batch.closed_chains import gaps
 from cartstiff.batch.execution import PortableKernel
-from cartstiff.batch.plans import TracedModel, recorded_arrays
+from cartstiff.batch.plans import Case, recorded_arrays
 from cartstiff.batch.tape import (
+    Input,
     Number,
-    Program,
     Scalar,
     Tape,
     copysign,
@@ -148,120 +149,128 @@ def _value(tape: Tape, step: int) -> Scalar:
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """An objective at one posture and its derivatives by every input of the recorded arithmetic.
+    """Objectives at one posture and their derivatives by every input of the recorded arithmetic.
 
     Attributes
     ----------
-    value : float
-        The objective.
+    values : ndarray (m,)
+        The objectives.
     by : dict of str to ndarray
-        Derivatives by the components of each input array.
+        Derivatives (m, ...) by the components of each input array.
     closing : dict of str to ndarray, optional
         Of a closed chain: derivatives (r, ...) of the closures' residuals by the same components.
-    kinks : int
+    kinks : ndarray (m,) of int
         Number of choices that depend on equal numbers: principal values that coincide, lines that
         are about to go slack.
-    size, whole : int
-        Number of operations of the objective, and with all derivatives.
     """
 
-    value: float
+    values: Array
     by: Mapping[str, Array]
     closing: Mapping[str, Array] | None
-    kinks: int
-    size: int
-    whole: int
+    kinks: NDArray[np.intp]
 
 
 #: Two numbers that differ by a smaller share are equal.
 _TIE = numerics.NEGLIGIBLE_DIFFERENCE
-#: An objective on recorded numbers: from the arrays of `analyse_many` to a number and its verdict.
-Objective = Callable[[Mapping[str, Array]], tuple[Scalar, Scalar]]
+#: Objectives on recorded numbers: from the arrays of `analyse_many` to numbers (m,) and a verdict.
+Objective = Callable[[Mapping[str, Array]], tuple[Sequence[Scalar], Scalar]]
 
 
-def slopes(
-    taken: TracedModel,
-    needed: tuple[str, ...],
-    objective: Objective,
-    q: Array,
-    wrench: Array | None,
-) -> Slopes | None:
-    """Record an objective with its derivatives and run it at one posture.
+class Differentiated:
+    """Objectives with their derivatives, recorded once and run at any posture of a case.
+
+    Each objective takes a row: its weight is 1 there, and the others' are 0.
 
     Parameters
     ----------
-    taken : TracedModel
-        The recorded arithmetic of the mechanism.
+    case : ChainCase or PlatformCase
+        The recorded arithmetic, with the geometry that is varied.
     needed : tuple of str
-        Outputs that the objective reads.
+        Outputs that the objectives read.
     objective : callable
-    q : ndarray (n,)
-        Coordinates, which close a chain.
-    wrench : ndarray (6,), optional
-        As the case of `taken` takes it.
 
-    Returns
-    -------
-    Slopes or None
-        None if an output does not exist, or where the posture is not plainly regular.
+    Attributes
+    ----------
+    size, whole : int
+        Number of operations of the objectives, and with all derivatives.
+
+    Raises
+    ------
+    KeyError
+        If an output does not exist.
     """
-    given = {name: np.atleast_2d(row) for name, row in taken.shared.items()}
-    given["q"] = q[None]
-    if wrench is not None:
-        given["wrench"] = wrench[None]
-    with uncollected():
-        tape = Tape()
-        try:
-            arrays = recorded_arrays(tape, taken.case, needed)
-            value, verdict = objective(arrays)
-        except KeyError:
+
+    def __init__(self, case: Case, needed: tuple[str, ...], objective: Objective) -> None:
+        with uncollected():
+            tape = Tape()
+            arrays = recorded_arrays(tape, case, needed)
+            values, verdict = objective(arrays)
+            known = {"values": np.array([*values], object)}
+            known["verdict"] = np.array([larger(arrays["verdict"][0], verdict)], object)
+            self.inputs, self.count = tuple(tape.inputs), len(known["values"])
+            self.size = tape.program(known, []).size
+            weights: Sequence[Scalar] = [1.0]
+            if self.count != 1:
+                weights = list(tape.vector("weights", self.count))
+            choices = list[tuple[Scalar, Scalar, Scalar]]()
+            numbers = [tape.input(*each) for each in self.inputs]
+            parts = pullback(list(zip(values, weights, strict=True)), numbers, choices)
+            known["slopes"] = np.array(parts, object)
+            known["choices"] = np.array(choices, object).reshape(-1)
+            program = tape.program(known, [])
+        self.whole = program.size
+        self._kernel = PortableKernel(program)
+        is_closed = isinstance(case, ChainCase) and case.is_closed
+        self._closing = _Closing(case) if is_closed else None
+
+    def at(self, given: Mapping[str, Array]) -> Slopes | None:
+        """Objectives and derivatives from input arrays (1, ...) by name.
+
+        None where the posture is not plainly regular.
+        """
+        rows = {name: np.tile(row, (self.count, 1)) for name, row in given.items()}
+        found = self._kernel({**rows, "weights": np.eye(self.count)})
+        if not self.count or found["verdict"][0, 0] != PLAIN:
             return None
-        inputs = [tape.input(*each) for each in tuple(tape.inputs)]
-        known = {name: np.array([x], object) for name, x in (("value", value),)}
-        known["verdict"] = np.array([larger(arrays["verdict"][0], verdict)], object)
-        size = tape.program(known, []).size
-        choices = list[tuple[Scalar, Scalar, Scalar]]()
-        known["slopes"] = np.array(pullback([(value, 1.0)], inputs, choices), object)
-        known["choices"] = np.array(choices, object).reshape(-1)
-        program = tape.program(known, [])
-    found = _run(program, given)
-    numbers = np.concatenate([found["value"], found["slopes"]])
-    if found["verdict"][0] != PLAIN or not np.isfinite(numbers).all():
-        return None
-    by = {name: np.zeros(given[name].shape[1]) for name in given}
-    for (name, component), slope in zip(tape.inputs, found["slopes"], strict=True):
-        by[name][component] = slope
-    closing = _closing(taken, given) if taken.is_closed else None
-    x, y, adjoint = found["choices"].reshape(-1, 3).T
-    is_kink = np.abs(x - y) <= _TIE * np.maximum(np.abs(x), np.abs(y))
-    kinks = int((is_kink & (adjoint != 0.0)).sum())
-    return Slopes(float(found["value"][0]), by, closing, kinks, size, program.size)
+        values, slopes = found["values"][0], found["slopes"]
+        if not (np.isfinite(values).all() and np.isfinite(slopes).all()):
+            return None
+        x, y, adjoint = np.moveaxis(found["choices"].reshape(self.count, -1, 3), 2, 0)
+        is_kink = np.abs(x - y) <= _TIE * np.maximum(np.abs(x), np.abs(y))
+        kinks = (is_kink & (adjoint != 0.0)).sum(axis=1)
+        closing = None if self._closing is None else self._closing.at(given)
+        return Slopes(values, _by_array(self.inputs, slopes, given), closing, kinks)
 
 
-def _closing(taken: TracedModel, given: Mapping[str, Array]) -> dict[str, Array]:
-    """Derivatives of the closures' residuals by all inputs, one run with a row for each."""
-    case = taken.case
-    if not isinstance(case, ChainCase):
-        raise TypeError(case)
-    with uncollected():
-        tape = Tape()
-        _, _, position = joint_positions(tape, case.constants)
-        residuals = gaps(recorded_tree(tape, case, position))
-        weights = tape.vector("weights", len(residuals))
-        inputs = [tape.input(*each) for each in tuple(tape.inputs)]
-        parts = pullback(list(zip(residuals, weights, strict=True)), inputs)
-        program = tape.program({"slopes": np.array(parts, object)}, [])
-    rows = len(residuals)
-    many = {name: np.tile(row, (rows, 1)) for name, row in given.items()}
-    found = PortableKernel(program)({**many, "weights": np.eye(rows)})["slopes"]
-    by = {name: np.zeros((rows, row.shape[1])) for name, row in given.items()}
-    for (name, component), column in zip(tape.inputs, found.T, strict=True):
-        if name in by:
-            by[name][:, component] = column
+class _Closing:
+    """Derivatives of the residuals of a closed chain's closures by all inputs."""
+
+    def __init__(self, case: Case) -> None:
+        if not isinstance(case, ChainCase):
+            raise TypeError(case)
+        with uncollected():
+            tape = Tape()
+            _, _, position = joint_positions(tape, case.constants)
+            residuals = gaps(recorded_tree(tape, case, position))
+            self.inputs, self.count = tuple(tape.inputs), len(residuals)
+            weights = tape.vector("weights", self.count)
+            numbers = [tape.input(*each) for each in self.inputs]
+            parts = pullback(list(zip(residuals, weights, strict=True)), numbers)
+            program = tape.program({"slopes": np.array(parts, object)}, [])
+        self._kernel = PortableKernel(program)
+
+    def at(self, given: Mapping[str, Array]) -> dict[str, Array]:
+        """Derivatives (r, ...) by the components of each input array."""
+        rows = {name: np.tile(row, (self.count, 1)) for name, row in given.items()}
+        slopes = self._kernel({**rows, "weights": np.eye(self.count)})["slopes"]
+        return _by_array(self.inputs, slopes, given)
+
+
+def _by_array(
+    inputs: Sequence[Input], slopes: Array, given: Mapping[str, Array]
+) -> dict[str, Array]:
+    """Derivatives (m, ...) by input array, from those by each input (m, inputs)."""
+    by = {name: np.zeros((len(slopes), row.shape[1])) for name, row in given.items()}
+    for (name, component), column in zip(inputs, slopes.T, strict=True):
+        by[name][:, component] = column
     return by
-
-
-def _run(program: Program, given: Mapping[str, Array]) -> dict[str, Array]:
-    """Outputs of a program at one posture."""
-    found = PortableKernel(program)(given)
-    return {name: rows[0] for name, rows in found.items()}

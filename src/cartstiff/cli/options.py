@@ -787,7 +787,7 @@ class Parameters:
         each stiffness, mass, length and parameter of the file.
     """
 
-    API: ClassVar = ("vibration/sensitivities.py accuracy tolerance=tolerances",)
+    API: ClassVar = ("gradients/matrices.py accuracy tolerance=tolerances",)
 
     sensitivities: bool = False
     tolerance: Tolerance = None
@@ -809,9 +809,9 @@ class Parameters:
         if not (self.sensitivities or is_uncertain):
             return []
         from cartstiff.analysis.tolerances import Tolerances
+        from cartstiff.gradients.matrices import accuracy, sensitivities
         from cartstiff.report import modes as words
         from cartstiff.vibration.modes import Modes
-        from cartstiff.vibration.sensitivities import accuracy, sensitivities
 
         def reread(values: Any) -> Any:
             told = {**(setup.parameters or {}), **values}

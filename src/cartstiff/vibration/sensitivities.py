@@ -28,7 +28,6 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.analysis.tolerances import Tolerances, UncertainParameters, check_level
 from cartstiff.arrays import Array, Result, checked_array, plain_dict
-from cartstiff.checked_call import checked
 from cartstiff.errors import (
     CartstiffError,
     InputError,
@@ -173,10 +172,10 @@ class Home:
         self,
         names: Sequence[str],
         modes: Modes | None,
-        given: Sensitivities | None,
+        given: Mapping[str, Row],
         progress: Callable[[int, int], None] | None,
     ) -> Sensitivities:
-        """Return the derivatives by parameters, reusing given ones, and reasons for gaps."""
+        """Return the derivatives by parameters, some given, and reasons for gaps."""
         if modes is not None and modes.spectrum.is_complex:
             raise UndefinedError(
                 "modes that flutter have no sensitivities", code="flutter"
@@ -185,8 +184,7 @@ class Home:
         missing = [] if (left_out := self.parameters.left_out) is None else [left_out]
         for done, name in enumerate(names, 1):
             try:
-                row = None if given is None else given.row(name)
-                rows[name] = self.row(name, modes) if row is None else row
+                rows[name] = given.get(name) or self.row(name, modes)
             except CartstiffError as error:
                 missing.append(f"{name} is not varied: {one_line(str(error), 200)}")
             if progress is not None:
@@ -230,6 +228,21 @@ class Home:
             ]
             for flat in derivative_with_error(seen, share * natural)
         )
+        return self.row_of(name, slopes, errors, modes)
+
+    def row_of(
+        self,
+        name: str,
+        slopes: Sequence[Array],
+        errors: Sequence[Array],
+        modes: Modes | None,
+    ) -> Row:
+        """Derivatives by one parameter, what is below round-off 0.
+
+        `slopes` are those of the matrices (4, 6, 6), of the pose (4, 4), and of K and M on the
+        modes (k, k); `errors` their errors.
+        """
+        here, natural = self._observed(modes), self.parameters.size(name)
         dK, dT, dH, dM = slopes
         R = self.nominal.pose[:3, :3]
         turn = dT[:3, :3] @ R.T
@@ -363,13 +376,11 @@ class Sensitivities(Result, LabelledResult):
             )
         return self.names.index(name)
 
-    def row(self, name: str) -> Row | None:
-        """Return all derivatives by a parameter; None if it is missing."""
-        if name not in self.names:
-            return None
-        i = self.names.index(name)
-        matrices = np.array([self.stiffness[letter][i] for letter in MATRICES])
-        return Row(matrices, self.pose[i], self.squares[i], float(self.errors[i]))
+    def rows(self) -> dict[str, Row]:
+        """Return all derivatives by each parameter."""
+        each = np.stack([self.stiffness[letter] for letter in MATRICES], axis=1)
+        zipped = zip(each, self.pose, self.squares, self.errors.tolist(), strict=True)
+        return dict(zip(self.names, (Row(*row) for row in zipped), strict=True))
 
     @property
     def relative(self) -> Array:
@@ -429,51 +440,6 @@ class Sensitivities(Result, LabelledResult):
 
 def _matrix(values: Array) -> Array | None:
     return values if np.isfinite(values).all() else None
-
-
-@checked
-def sensitivities(
-    subject: Modes | PostureStiffness | Equilibrium,
-    *,
-    geometry: bool = True,
-    reread: Callable[[Mapping[str, float]], ElasticMechanism] | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> Sensitivities:
-    """Derivatives of stiffness, pose and frequencies by every parameter.
-
-    Parameters
-    ----------
-    subject : Modes, PostureStiffness or Equilibrium
-        A held posture, or an equilibrium.
-    geometry : bool
-        Whether placements of joints, or points of platforms, are varied.
-    reread : callable, optional
-        Function from values of the file's parameters to the mechanism, for derivatives by these:
-        ``lambda values: cartstiff.load(file, parameters=values)``.
-    progress : callable, optional
-        Called with (done, total) parameters.
-
-    Raises
-    ------
-    UndefinedError
-        For modes that flutter, whose complex frequencies have no derivative here, and for a posture
-        without any stiffness.
-
-    Examples
-    --------
-    >>> import cartstiff
-    >>> known = cartstiff.sensitivities(cartstiff.analyse(cartstiff.load("stewart-gough")))
-    >>> float(known.stiffness["K"][known.index("stiffness.leg1"), 5, 5].round(3))
-    0.496
-    """
-    modes = subject if isinstance(subject, Modes) else modes_of(subject)
-    home = Home(subject, reread)
-    names = [
-        name
-        for name in home.parameters.nominal
-        if geometry or name.partition(".")[0] in ("stiffness", "mass")
-    ]
-    return home.derivatives(names, modes, None, progress)
 
 
 def modes_of(subject: PostureStiffness | Equilibrium) -> Modes | None:
@@ -595,74 +561,20 @@ class Accuracy(LabelledResult):
         return figure
 
 
-@checked
-def accuracy(
-    subject: Modes | PostureStiffness | Equilibrium,
-    tolerances: Tolerances | None = None,
-    *,
-    level: float | None = None,
-    given: Sensitivities | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> Accuracy:
-    """Standard deviations of pose, stiffness and frequencies from tolerances, to first order.
-
-    Parameters
-    ----------
-    subject : Modes, PostureStiffness or Equilibrium
-        A held posture, whose rest positions follow; or an equilibrium, whose pose has an error as
-        well.
-    tolerances : Tolerances, optional
-        Standard deviations: relative of every spring stiffness, absolute of every length and
-        rotation [rad] of the geometry. Without one of the stiffness, measured springs have their
-        own. The answer has what follows from them, and what contributes most.
-    level : float, optional
-        Probability between 0 and 1; default that of the measured springs, else 0.95.
-    given : Sensitivities, optional
-        Sensitivities of `subject`, if already computed.
-    progress : callable, optional
-        Called with (done, total) parameters.
-
-    Raises
-    ------
-    InputError
-        For a level outside (0, 1).
-    UndefinedError
-        If no parameter has a tolerance.
-
-    Examples
-    --------
-    >>> import cartstiff
-    >>> from cartstiff.analysis.tolerances import Tolerances
-    >>> state = cartstiff.equilibrium(cartstiff.load("stewart-gough"), wrench=[0, 0, 0, 0, 0, -50])
-    >>> spread = cartstiff.accuracy(state, Tolerances(length=0.01))
-    >>> spread.deviations["pose"][3:].round(3).tolist()
-    [0.046, 0.043, 0.019]
-    """
-    modes = subject if isinstance(subject, Modes) else modes_of(subject)
-    if modes is not None and modes.spectrum.is_complex:
-        modes = None
-    return _deviations(
-        Home(subject, tolerances=tolerances or Tolerances()),
-        modes,
-        level,
-        given,
-        progress,
-    )
-
-
-def _deviations(
+def deviations_of(
     home: Home,
     modes: Modes | None,
     level: float | None,
-    given: Sensitivities | None,
+    rows: Mapping[str, Row],
     progress: Callable[[int, int], None] | None = None,
 ) -> Accuracy:
+    """Standard deviations of all parameters with a tolerance; `rows` are known derivatives."""
     if level is None:
         identified = home.parameters.result.elastic.identified
         level = 0.95 if identified is None else identified.level
     check_level(level)
     named, R = home.parameters.named, home.parameters.correlation
-    known = home.derivatives(list(named), modes, given, progress)
+    known = home.derivatives(list(named), modes, rows, progress)
     if not known.names:
         raise UndefinedError(known.left_out or "", code="no-parameters")
     varied = np.array([name in known.names for name in named])
@@ -792,4 +704,5 @@ def intervals(
         )
         identified = Identified(patterns, compliances, C)
     home = Home(modes, tolerances=tolerances, identified=identified)
-    return _deviations(home, modes, level, given).interval
+    rows = {} if given is None else given.rows()
+    return deviations_of(home, modes, level, rows).interval

@@ -1,19 +1,12 @@
-r"""Exact gradients of stiffness by the numbers of a mechanism.
+"""The gradient of one number of the stiffness by the numbers of the mechanism.
 
-At a held posture, with the load kept and rest positions following, the derivative of an objective y
-by a parameter p is the partial one of the recorded arithmetic (`cartstiff.batch.gradient`). In a
-closed chain the coordinates D that are not held move with p, so that the closures c stay met:
-
-    dy/dp = y_p - y_q S (C_D S)^+ c_p,      C_D = dc/dq_D,
-
-S being the natural sizes of the coordinates. What is not recorded, and postures that are not
-plainly regular, have one difference quotient of the mechanism analysed again; the result says
-which.
+What is not recorded, and postures that are not plainly regular, have one difference quotient of the
+mechanism analysed again; the result says which.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -24,29 +17,22 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
 from cartstiff.arrays import Array, Result, checked_input
-from cartstiff.batch.chains import ChainCase
-from cartstiff.batch.gradient import Objective, Slopes, slopes
-from cartstiff.batch.plans import TracedModel, plan
-from cartstiff.batch.platforms import PlatformCase
-from cartstiff.batch.quantities import Quantity, Settings
-from cartstiff.batch.readings import READINGS, Readings, RecordedSource
-from cartstiff.batch.tape import square_root
-from cartstiff.batch.twists import Varied
+from cartstiff.batch.gradient import Differentiated
+from cartstiff.batch.quantities import Settings
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
     CartstiffError,
-    InputError,
     UndefinedError,
     UnknownNameError,
     one_line,
 )
 from cartstiff.figures import draw_bars, new_figure
 from cartstiff.geometry.differences import derivative_with_error
-from cartstiff.maps.quantities import choose_quantities, evaluate
+from cartstiff.gradients.exact import LOAD, Recorded, free_coordinates, rests_are_given
+from cartstiff.gradients.objectives import Asked, OfFunction, OfQuantity, OwnObjective
+from cartstiff.maps.quantities import choose_quantities
 from cartstiff.maps.run import default_length
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.platform import Platform
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 
 #: Least agreement of the recorded objective with the core's, as a share.
@@ -57,12 +43,6 @@ _ONE_SIDED_STEP = 1e-3
 #: Relative error of a difference quotient, and difference of both sides, from which on there is a
 #: kink.
 _KINKED = numerics.REPORTED_ERROR
-#: A function of the stiffness (6, 6) of the connection, the wrench (6,) and the pose (4, 4).
-OwnObjective = Callable[[Any, Any, Any], Any]
-#: Component of each named parameter in an input array, by array.
-_Names = dict[str, dict[str, int]]
-_XYZ, _RXYZ = ("x", "y", "z"), ("rx", "ry", "rz")
-_LOAD = ("mx", "my", "mz", "fx", "fy", "fz")
 
 
 @dataclass(frozen=True)
@@ -281,164 +261,17 @@ def gradient(
         if quantity.asks == "length" and length is None:
             length = default_length(mechanism, connection, **load)
             settings = replace(settings, length=length)
-        asked: _Asked = _OfQuantity(quantity, settings, mechanism)
+        asked: Asked = OfQuantity(quantity, settings, mechanism)
     else:
-        asked = _OfFunction(of, settings)
+        asked = OfFunction(of, settings)
     return _Question(result, asked, load).gradient(by)
-
-
-# -- objectives -------------------------------------------------------------------------------
-
-
-class _Asked:
-    """An objective on the numbers of an analysis, and on recorded ones."""
-
-    name: str
-    unit: str
-    #: Outputs that it reads.
-    needed: tuple[str, ...]
-
-    def seen(self, result: PostureStiffness) -> float:
-        """Its value at an analysed posture; NaN where it does not exist."""
-        raise NotImplementedError
-
-    def recorded(self, arrays: Mapping[str, Array], lengths: Array) -> tuple[Any, Any]:
-        """Its value on recorded numbers and the verdict on it; KeyError without an output."""
-        raise NotImplementedError
-
-
-class _OfQuantity(_Asked):
-    """A quantity of the table."""
-
-    def __init__(
-        self, quantity: Quantity, settings: Settings, elastic: ElasticMechanism
-    ) -> None:
-        self._quantity, self._settings = quantity, settings
-        self.name, self.unit = quantity.name, quantity.unit_in(elastic.units)
-        self._readings = Readings((quantity.name,), settings)
-        self.needed = self._readings.needs
-
-    def seen(self, result: PostureStiffness) -> float:
-        quantity, settings = self._quantity, self._settings
-        arrays = {
-            name: _output(result, name)[None] for name in quantity.outputs(settings)
-        }
-        arrays |= {name: _output(result, name)[None] for name in ("pose", "wrench")}
-        lengths = np.array([c.is_length for c in result.elastic.mechanism.coordinates])
-        return float(evaluate([quantity], arrays, settings, lengths)[quantity.name][0])
-
-    def recorded(self, arrays: Mapping[str, Array], lengths: Array) -> tuple[Any, Any]:
-        reading = READINGS[self.name]
-        source = RecordedSource({**arrays, "lengths": lengths}, self._readings)
-        value = reading.function(source)
-        if reading.root == 2:
-            value = square_root(value)
-        elif reading.root != 1:
-            raise KeyError(self.name)
-        return value, source.verdict
-
-
-class _OfFunction(_Asked):
-    """A function of stiffness, wrench and pose."""
-
-    def __init__(self, function: OwnObjective, settings: Settings) -> None:
-        self._function, self._connection = function, settings.connection
-        self._load = settings.load
-        self.name, self.unit = getattr(function, "__name__", "objective"), ""
-        own = "B" if self._connection == "load" else self._connection
-        self.needed = (f"stiffness_{own}", "wrench", "pose")
-
-    def seen(self, result: PostureStiffness) -> float:
-        K = _output(result, f"stiffness_{self._connection}")
-        W, pose = _output(result, "wrench"), _output(result, "pose")
-        value = np.asarray(self._function(K, W, pose), float)
-        if value.shape != ():
-            raise InputError(
-                "the objective is not one number", expected="shape ()", got=value.shape
-            )
-        return float(value)
-
-    def recorded(self, arrays: Mapping[str, Array], lengths: Array) -> tuple[Any, Any]:  # noqa: ARG002
-        W = arrays["wrench"]
-        if self._connection == "load":
-            K = arrays["stiffness_B"] + self._load.change(W)
-        else:
-            K = arrays[f"stiffness_{self._connection}"]
-        return self._function(K, W, arrays["pose"]), 0.0
-
-
-def _output(result: PostureStiffness, name: str) -> Array:
-    """An output of `analyse_many` at one analysed posture; NaN where it does not exist."""
-    kind, _, letter = name.partition("_")
-    here = result.at()
-    found = {
-        "stiffness": here.matrices,
-        "compliance": here.compliances,
-    }
-    value = (
-        found[kind][letter]
-        if kind in found
-        else {
-            "pose": result.pose,
-            "wrench": result.wrench,
-            "energy": np.array([result.energy]),
-            "jacobian": result.posture.motion.jacobian,
-        }[name]
-    )
-    shape = (6,) if name == "wrench" else (6, 6)
-    return np.full(shape, np.nan) if value is None else np.asarray(value)
-
-
-def _varied_chain(
-    chain: Chain, case: ChainCase, own: Mapping[str, float]
-) -> tuple[ChainCase, _Names]:
-    """A chain's arithmetic with placements and masses as inputs, and their names."""
-    tree, names = chain.tree, _Names()
-    path = list(range(tree.model.njoints - 1))
-    if not chain.closures:
-        path = [int(j) for j in tree.path(0, chain.body.joint).order]
-    places = [f"placement.{tree.model.names[j + 1]}" for j in path] + ["frame"]
-    links = tuple(i for i, name in enumerate(places) if f"{name}.x" in own)
-    found = [places[i] for i in links]
-    ends = list[tuple[int, int]]()
-    for tie, closure in enumerate(chain.closures):
-        for side, frame in enumerate((closure.frame_a, closure.frame_b)):
-            if f"closure.{frame}.x" in own:
-                ends.append((tie, side))
-                found.append(f"closure.{frame}")
-    names["placements"] = {
-        f"{name}.{axis}": 6 * i + k
-        for i, name in enumerate(found)
-        for k, axis in enumerate((*_XYZ, *_RXYZ))
-        if f"{name}.{axis}" in own
-    }
-    has_masses = bool(case.fields) and case.fields[0].has_mass
-    if has_masses:
-        at = {j: i for i, j in enumerate(path)}
-        names["masses"] = {
-            f"mass.{name}": at[j - 1]
-            for j, name in tree.links().items()
-            if j - 1 in at and f"mass.{name}" in own
-        }
-    varied = Varied(links, tuple(ends), has_masses)
-    return replace(case, varied=varied), names
-
-
-def _decomposed(C: Array, columns: list[int]) -> tuple[Array, Array, Array]:
-    """Singular value decomposition of columns of a matrix, without what is zero."""
-    U, values, Vt = np.linalg.svd(C[:, columns], full_matrices=False)
-    rank = int((values > numerics.RANK * values[0]).sum())
-    return U[:, :rank], values[:rank], Vt[:rank]
-
-
-# -- one question -----------------------------------------------------------------------------
 
 
 class _Question:
     """An objective at an analysed posture, with its parameters."""
 
     def __init__(
-        self, result: PostureStiffness, asked: _Asked, load: Mapping[str, Any]
+        self, result: PostureStiffness, asked: Asked, load: Mapping[str, Any]
     ) -> None:
         self.result, self.asked, self.load = result, asked, load
         self.elastic = result.elastic_as_given
@@ -454,21 +287,13 @@ class _Question:
     def nominal(self) -> dict[str, float]:
         """Values of all parameters by name."""
         names, q = self.elastic.names, self.result.q
-        held = self._free_coordinates
+        held = free_coordinates(self.result)
         given = {f"q.{names[j]}": float(q[j]) for j in held}
         given |= self.parameters.nominal
         if self.load["wrench"] is not None:
-            each = zip(_LOAD, np.ravel(self.load["wrench"]), strict=True)
+            each = zip(LOAD, np.ravel(self.load["wrench"]), strict=True)
             given |= {f"load.{name}": float(x) for name, x in each}
         return given
-
-    @property
-    def _free_coordinates(self) -> list[int]:
-        """Coordinates that can be chosen: of a closed chain those that are held."""
-        chain, n = self.mechanism, len(self.elastic.names)
-        if isinstance(chain, Chain) and chain.closures:
-            return sorted(chain.held)
-        return [j for j in range(n) if j not in self.mechanism.virtual]
 
     def gradient(self, by: str | Iterable[str] | None) -> Gradient:
         """Derivatives by the parameters whose names begin so."""
@@ -488,8 +313,7 @@ class _Question:
                 found.append(self._quotient(slope))
             except CartstiffError as refused:
                 missing.append(f"no derivative by {name}: {one_line(str(refused), 160)}")
-        sizes = None if self._slopes is None else (self._slopes.size, self._slopes.whole)
-        asked = self.asked
+        asked, sizes = self.asked, self._operations
         return Gradient(
             asked.name, self.value, asked.unit, tuple(found), tuple(missing), why, sizes
         )
@@ -527,116 +351,36 @@ class _Question:
 
     def _exact(self) -> tuple[dict[str, float], str]:
         """Exact derivatives by name, and the reason why there is none."""
-        self._slopes: Slopes | None = None
+        self._operations: tuple[int, int] | None = None
         self._is_kink = False
-        wrench = self.load["wrench"]
-        given = None if wrench is None else np.asarray(wrench, float)
-        axes = self.load["load_axes"]
-        if given is None and self.elastic.springs is not None and self._rests_are_given:
-            # What holds a posture with given rest positions is kept like a load.
-            given, axes = self.result.wrench, "body"
-        taken = plan(self.elastic, "none" if given is None else "each")
-        if isinstance(taken, str):
-            return {}, f"nothing is recorded: {taken}"
-        if taken.untraced or taken.settles:
-            return {}, "nothing is recorded: energies beside the recorded ones act"
-        taken, names = self._varied(taken.under(self.result.load, axes))
         lengths = np.array([c.is_length for c in self.mechanism.coordinates])
-        objective: Objective = lambda arrays: self.asked.recorded(arrays, lengths)  # noqa: E731
-        found = slopes(taken, self.asked.needed, objective, self.result.q, given)
+
+        def objective(arrays: Mapping[str, Array]) -> tuple[list[Any], Any]:
+            value, verdict = self.asked.recorded(arrays, lengths)
+            return [value], verdict
+
+        wrench, axes = (self.load[name] for name in ("wrench", "load_axes"))
+        own, load = self.parameters.nominal, self.result.load
+        recorded = Recorded.of(self.result, own, wrench, load, axes)
+        if isinstance(recorded, str):
+            return {}, f"nothing is recorded: {recorded}"
+        try:
+            program = Differentiated(recorded.case, self.asked.needed, objective)
+        except KeyError as missing:
+            return {}, f"nothing is recorded: {missing.args[0]} is not among its outputs"
+        found = program.at(recorded.given)
         if found is None:
-            return {}, "the posture is not plainly regular, or nothing is recorded of it"
-        if abs(found.value - self.value) > _SAME * abs(self.value):
-            return (
-                {},
-                "the recorded arithmetic answers for another choice of rest positions",
-            )
-        self._slopes = found
-        if found.kinks:
+            return {}, "the posture is not plainly regular"
+        if abs(found.values[0] - self.value) > _SAME * abs(self.value):
+            return {}, "the recorded arithmetic chooses other rest positions"
+        self._operations = program.size, program.whole
+        if found.kinks[0]:
             self._is_kink = True
             return {}, (
                 "at a kink: two numbers that the objective chooses from are equal here, such as "
                 "principal values; each side has its derivative"
             )
-        return self._named(found, names), ""
-
-    @property
-    def _rests_are_given(self) -> bool:
-        springs = self.elastic.springs
-        return springs is not None and not np.isnan(springs.rest).all()
-
-    def _varied(self, taken: TracedModel) -> tuple[TracedModel, _Names]:
-        """The arithmetic with the geometry as inputs, and names of the inputs' components."""
-        own = self.parameters.nominal
-        names = _Names()
-        names["q"] = {f"q.{self.elastic.names[j]}": j for j in self._free_coordinates}
-        names["wrench"] = {f"load.{x}": i for i, x in enumerate(_LOAD)}
-        springs = enumerate(self.elastic.spring_names)
-        names["stiffness"] = {
-            name: i for i, x in springs if (name := f"stiffness.{x}") in own
-        }
-        case, shared = taken.case, dict(taken.shared)
-        if isinstance(case, PlatformCase) and isinstance(self.mechanism, Platform):
-            platform = self.mechanism
-            if not case.lines:
-                m = len(platform.anchors)
-                case = replace(case, anchors=(), points=(), length=1.0, lines=m)
-                shared["anchors"] = platform.anchors.reshape(1, -1)
-                shared["points"] = platform.points.reshape(1, -1)
-                shared["length"] = np.array([[float(platform.length)]])
-            if case.rest == "given" and (forces := self.result.tensions) is not None:
-                case = replace(case, rest="preload")
-                shared["preload"] = forces[None]
-            for body, array in (("base", "anchors"), ("platform", "points")):
-                names[array] = {
-                    f"{body}.leg{i // 3 + 1}.{_XYZ[i % 3]}": i
-                    for i in range(3 * case.lines)
-                }
-        elif isinstance(case, ChainCase) and isinstance(self.mechanism, Chain):
-            case, more = _varied_chain(self.mechanism, case, own)
-            places = len(case.varied.links) + len(case.varied.ends)
-            shared["placements"] = np.zeros((1, 6 * places))
-            if case.varied.masses:
-                shared["masses"] = np.array([case.fields[0].weights])
-            names |= more
-        return replace(taken, case=case, shared=shared), names
-
-    def _named(self, found: Slopes, names: _Names) -> dict[str, float]:
-        """Derivatives by name, the closures kept."""
-        by = {name: slope.copy() for name, slope in found.by.items()}
-        if found.closing is not None:
-            by = self._closed(found)
-        if isinstance(self.mechanism, Platform) and "points" in by:
-            # Points are given in P, the recorded ones in M.
-            R_P_M = self.mechanism.T_P_M[:3, :3]
-            by["points"] = (by["points"].reshape(-1, 3) @ R_P_M.T).ravel()
-        return {
-            name: float(by[array][i])
-            for array, components in names.items()
-            if array in by
-            for name, i in components.items()
-        }
-
-    def _closed(self, found: Slopes) -> dict[str, Array]:
-        """Derivatives with the coordinates that are not held moving to keep the closures."""
-        chain, closing = self.mechanism, found.closing
-        if not isinstance(chain, Chain) or closing is None:
-            raise TypeError(chain)
-        sizes = self.result.posture.coordinate_lengths
-        moving = [j for j in range(len(sizes)) if j not in chain.rigid]
-        D = [j for j in moving if j not in chain.held]
-        # Closures may be redundant: their combinations that move nothing stay met.
-        (U, values, Vt), needed = (
-            _decomposed(closing["q"] * sizes, js) for js in (D, moving)
-        )
-        if len(values) < len(needed[1]):
-            # The held coordinates do not leave enough: all of them move.
-            (U, values, Vt), D = needed, moving
-        weight = (found.by["q"][D] * sizes[D]) @ Vt.T / values
-        return {
-            name: slope - weight @ (U.T @ closing[name])
-            for name, slope in found.by.items()
-        }
+        return {name: float(x[0]) for name, x in recorded.named(found).items()}, ""
 
     # -- by analysing again
 
@@ -700,13 +444,17 @@ class _Question:
             q = self.result.q.copy()
             q[self.elastic.names.index(rest)] += change
             load = self.load
-            if load["wrench"] is None and self._rests_are_given:
+            if load["wrench"] is None and rests_are_given(self.result):
                 load = {**load, "wrench": self.result.wrench, "load_axes": "body"}
             return self.asked.seen(analyse(self.elastic, q, **load))
         if group == "load":
             wrench = np.array(self.load["wrench"], float)
-            wrench[_LOAD.index(rest)] += change
+            wrench[LOAD.index(rest)] += change
             again = {**self.load, "wrench": wrench}
             return self.asked.seen(analyse(self.elastic, self.result.q, **again))
-        value = self.parameters.value(name) + change
-        return self.asked.seen(self.parameters.at({name: value}))
+        values = {name: self.parameters.value(name) + change}
+        if self.load["wrench"] is None:
+            return self.asked.seen(self.parameters.at(values))
+        elastic = self.parameters.mechanism(values)
+        q = self.parameters.posture_of(elastic)
+        return self.asked.seen(analyse(elastic, q, **self.load))

@@ -1,0 +1,1 @@
+"""Exact derivatives of stiffness by the numbers of a mechanism."""
