@@ -117,129 +117,189 @@ class PlatformCase:
         return m > 6 and (is_chosen or (self.rest == "open" and carries))
 
 
+class PlatformNumbers:
+    """A body on lines under a case, recorded: lines, energy of all else, tensions, wrench.
+
+    Attributes
+    ----------
+    T, geometry : ``T_F_M`` (4, 4), and the lines in it.
+    length : characteristic length.
+    k, cables : stiffnesses (m,) of the lines, and which of them only pull.
+    gradient, hessian : of all but the lines.
+    energy : of all that acts.
+    is_alone : whether nothing but the lines acts.
+    decomposition, inverse_R : ``G = Q R`` of six or more lines G (m, 6), and R^-1.
+    squared_condition : bound on that of the lines, 0 for fewer than six.
+    tensions, taut, W : tensions and stiffnesses (m,) of the lines, zero for slack cables; wrench.
+    chosen : outputs from which tensions are chosen outside of the program, if they are.
+    verdict : on all of these.
+    """
+
+    def __init__(self, tape: Tape, case: PlatformCase) -> None:
+        self.case = case
+        self._measure(tape)
+        self._others(tape)
+        self._decompose()
+        self._pull(tape)
+
+    def _measure(self, tape: Tape) -> None:
+        """Set the pose and the lines; begin the verdict."""
+        case, q = self.case, tape.vector("q", 6)
+        anchors = np.reshape(case.anchors, (-1, 3))
+        points = np.reshape(case.points, (-1, 3))
+        self.length: Scalar = case.length
+        if case.lines:
+            anchors = tape.vector("anchors", 3 * case.lines).reshape(-1, 3)
+            points = tape.vector("points", 3 * case.lines).reshape(-1, 3)
+            self.length = tape.input("length", 0)
+        self.points, m = points, len(points)
+        self.k = tape.vector("stiffness", m)
+        self.cables = np.broadcast_to(case.unilateral, m)
+        T, T_P_M = zeros(4, 4), np.reshape(case.T_P_M, (4, 4))
+        R_P = se3.rotation_by_angles(q[3:])
+        T[:3, :3], T[3, 3] = R_P @ T_P_M[:3, :3], 1.0
+        T[:3, 3] = R_P @ T_P_M[:3, 3] + q[:3]
+        self.T, self.geometry = T, lines_of_many(T, anchors, points)
+        size = _SHORTEST_LINE * larger(largest(anchors), largest(points))
+        self.verdict: Scalar = limited(largest(q[3:]), LARGEST_ANGLE)
+        for length in self.geometry.lengths:
+            self.verdict = larger(self.verdict, pick(size, length, PLAIN, FALLBACK))
+
+    def _others(self, tape: Tape) -> None:
+        """Set energy, gradient and Hessian of all but the lines."""
+        case, T = self.case, self.T
+        energy: Any = 0.0
+        gradient, hessian = zeros(6), zeros(6, 6)
+        if case.derivatives:
+            energy = tape.input("energies", 0)
+            gradient = tape.vector("gradients", 6)
+            hessian = from_lower(tape.vector("hessians", 36).reshape(6, 6))
+        forces = tape.vector("forces", 3 * len(case.points_of_forces)).reshape(-1, 3)
+        for force, point in zip(forces, case.points_of_forces, strict=True):
+            in_body, at = force @ T[:3, :3], np.array(point)
+            g, H = held_force(in_body, at)
+            energy = energy - in_body @ at - force @ T[:3, 3]
+            gradient, hessian = gradient + g, hessian + H
+        if case.legs is not None and case.has_weight:
+            per_kg = tape.vector("weight", 3)
+            E, g, H = case.legs.gravity(self.geometry, self.points, T, per_kg)
+            energy, gradient, hessian = energy + E, gradient + g, hessian + H
+        self.energy, self.gradient, self.hessian = energy, gradient, hessian
+        self.is_alone = not (case.derivatives or case.points_of_forces or case.has_weight)
+
+    def _decompose(self) -> None:
+        """Decompose six or more lines; add the verdict on their condition."""
+        self.decomposition, self.inverse_R = None, zeros(6, 6)
+        self.squared_condition: Scalar = 0.0
+        if len(self.k) < 6:
+            return
+        self.decomposition = reflections(self.geometry.lines)
+        R = self.decomposition.R
+        inverse = self.inverse_R = upper_inverse(R)
+        forward = norm_squared(R[:, :3]) + norm_squared(R[:, 3:] * self.length)
+        backward = norm_squared(inverse[:3]) + norm_squared(
+            inverse[3:] * (1.0 / self.length)
+        )
+        self.squared_condition = forward * backward
+        limit = limited(self.squared_condition, JACOBIAN_CONDITION**2)
+        self.verdict = larger(self.verdict, limit)
+
+    def _pull(self, tape: Tape) -> None:
+        """Set tensions and wrench, add their energy, and the verdict on bounds of the tensions."""
+        case, k, m, lines = self.case, self.k, len(self.k), self.geometry.lines
+        given, stretch = zeros(m), zeros(m)
+        self.taut, self.chosen = k, dict[str, Array]()
+        W = given_wrench(tape, case, lambda: self.T)
+        if case.rest == "preload":
+            given = tape.vector("preload", m)
+        elif case.rest == "given":
+            stretch = self.geometry.lengths - tape.vector("rest", m)
+            given = k * stretch
+        holds = case.rest == "preload" and m <= 6  # else the lines balance one another
+        balances = case.rest == "preload" and not holds
+        if W is not None or balances or (case.rest == "open" and not self.is_alone):
+            self.W = zeros(6) if W is None else W
+            asked = -self.gradient if W is None else W - self.gradient
+            t = self._balancing(tape, asked, given)
+            self.energy = self.energy + ((t * t / k).sum()) * 0.5
+        elif case.rest == "open":
+            t, self.W = zeros(m), zeros(6)
+        else:
+            t = given
+            if holds:
+                self.energy = self.energy + ((t * t / k).sum()) * 0.5
+            else:
+                self.taut = _taut(k, stretch, self.cables)
+                t = self.taut * stretch
+                self.energy = self.energy + (t @ stretch) * 0.5
+            self.W = t @ lines + self.gradient
+        self.tensions = t
+
+    def _balancing(self, tape: Tape, asked: Array, given: Array) -> Array:
+        """Tensions (m,) nearest to the given ones that exert a wrench, or chosen ones."""
+        m, cables = len(self.k), self.cables
+        if self.decomposition is None:
+            raise ValueError("fewer than six lines carry no chosen wrench")
+        if m <= 6:
+            given = zeros(m)
+        elif self.case.rest == "given":
+            given = _tensions(given, cables)
+        missing, added = asked - self.geometry.lines.T @ given, zeros(m)
+        added[:6] = self.inverse_R.T @ missing
+        t = given + self.decomposition.apply(added)
+        if not self.case.is_chosen:
+            bounds = _bounds_hold(tape, self.case, t, cables)
+            self.verdict = larger(self.verdict, bounds)
+            return t
+        others = self.decomposition.apply(np.eye(m)[:, 6:])
+        self.chosen = {"nearest": t, "null": others}
+        chosen = tape.vector("tensions", m)
+        t = _tensions(chosen, cables)
+        self.taut = _taut(self.k, chosen, cables)
+        return t
+
+    def turning(self, tensions: Array) -> Array:
+        """Second derivative (6, 6) of the lines' lengths times their tensions."""
+        return second_derivative(self.geometry, self.points, tensions)
+
+    def kinetic(self) -> Array:
+        """Mass matrix (6, 6) of the body with its legs."""
+        M = np.reshape(self.case.inertia, (6, 6)).astype(object)
+        if self.case.legs is not None:
+            M = M + self.case.legs.mass_matrix(self.geometry, self.points)
+        return M
+
+
 def platform_arrays(
     tape: Tape, case: PlatformCase, wanted: Collection[str]
 ) -> dict[str, Array]:
     """Outputs that exist, among them all that are wanted, and the "verdict" on the posture."""
-    q = tape.vector("q", 6)
-    anchors = np.reshape(case.anchors, (-1, 3))
-    points = np.reshape(case.points, (-1, 3))
-    natural: Scalar = case.length
-    if case.lines:
-        anchors = tape.vector("anchors", 3 * case.lines).reshape(-1, 3)
-        points = tape.vector("points", 3 * case.lines).reshape(-1, 3)
-        natural = tape.input("length", 0)
-    m = len(points)
-    k = tape.vector("stiffness", m)
-    cables = np.broadcast_to(case.unilateral, m)
-    T, T_P_M = zeros(4, 4), np.reshape(case.T_P_M, (4, 4))
-    R_P = se3.rotation_by_angles(q[3:])
-    T[:3, :3], T[:3, 3], T[3, 3] = R_P @ T_P_M[:3, :3], R_P @ T_P_M[:3, 3] + q[:3], 1.0
-    geometry = lines_of_many(T, anchors, points)
-    lengths, _, lines = geometry
-    size = _SHORTEST_LINE * larger(largest(anchors), largest(points))
-    verdict: Scalar = limited(largest(q[3:]), LARGEST_ANGLE)
-    for length in lengths:
-        verdict = larger(verdict, pick(size, length, PLAIN, FALLBACK))
-
-    energy: Any = 0.0
-    gradient, hessian = zeros(6), zeros(6, 6)
-    if case.derivatives:
-        energy = tape.input("energies", 0)
-        gradient = tape.vector("gradients", 6)
-        hessian = from_lower(tape.vector("hessians", 36).reshape(6, 6))
-    forces = tape.vector("forces", 3 * len(case.points_of_forces)).reshape(-1, 3)
-    for force, point in zip(forces, case.points_of_forces, strict=True):
-        in_body, at = force @ T[:3, :3], np.array(point)
-        g, H = held_force(in_body, at)
-        energy = energy - in_body @ at - force @ T[:3, 3]
-        gradient, hessian = gradient + g, hessian + H
-    if case.legs is not None and case.has_weight:
-        per_kg = tape.vector("weight", 3)
-        E, g, H = case.legs.gravity(geometry, points, T, per_kg)
-        energy, gradient, hessian = energy + E, gradient + g, hessian + H
-    alone = not (case.derivatives or case.points_of_forces or case.has_weight)
-
-    arrays: dict[str, Array] = {"actuation": lines, "leg_lengths": np.array(lengths)}
-    decomposition, inverse_R = None, zeros(6, 6)
-    squared_condition: Scalar = 0.0
-    if m >= 6:
-        decomposition = reflections(lines)
-        inverse_R = upper_inverse(decomposition.R)
-        R_norm = norm_squared(decomposition.R[:, :3]) + norm_squared(
-            decomposition.R[:, 3:] * natural
-        )
-        inverse_norm = norm_squared(inverse_R[:3]) + norm_squared(
-            inverse_R[3:] * (1.0 / natural)
-        )
-        squared_condition = R_norm * inverse_norm
-        verdict = larger(verdict, limited(squared_condition, JACOBIAN_CONDITION**2))
-    # Tensions and stretches of the lines, and the wrench.
-    taut = k
-    W = given_wrench(tape, case, lambda: T)
-    given, stretch = zeros(m), zeros(m)
-    if case.rest == "preload":
-        given = tape.vector("preload", m)
-    elif case.rest == "given":
-        stretch = lengths - tape.vector("rest", m)
-        given = k * stretch
-    holds = case.rest == "preload" and m <= 6  # else the lines balance one another
-    balances = case.rest == "preload" and not holds
-    if W is not None or balances or (case.rest == "open" and not alone):
-        if decomposition is None:
-            raise ValueError("fewer than six lines carry no chosen wrench")
-        asked = -gradient if W is None else W - gradient
-        if m <= 6:
-            given = zeros(m)
-        elif case.rest == "given":
-            given = _tensions(given, cables)
-        # The tensions nearest to the given ones that add the missing wrench.
-        missing, added = asked - lines.T @ given, zeros(m)
-        added[:6] = inverse_R.T @ missing
-        t = given + decomposition.apply(added)
-        if case.is_chosen:
-            arrays["nearest"], arrays["null"] = t, decomposition.apply(np.eye(m)[:, 6:])
-            chosen = tape.vector("tensions", m)
-            t, taut = _tensions(chosen, cables), _taut(k, chosen, cables)
-        else:
-            verdict = larger(verdict, _bounds_hold(tape, case, t, cables))
-        energy = energy + ((t * t / k).sum()) * 0.5
-        if W is None:
-            W = zeros(6)
-    elif case.rest == "open":
-        t, W = zeros(m), zeros(6)
-    elif holds:
-        t = given
-        energy = energy + ((t * t / k).sum()) * 0.5
-        W = t @ lines + gradient
-    else:
-        taut = _taut(k, stretch, cables)
-        t = taut * stretch
-        energy = energy + (t @ stretch) * 0.5
-        W = t @ lines + gradient
-
-    pulled = (lines.T * taut) @ lines
-    K_B = pulled + second_derivative(geometry, points, t) + hessian
+    body = PlatformNumbers(tape, case)
+    lengths, _, lines = body.geometry
+    t, W = body.tensions, body.W
+    arrays: dict[str, Array] = {
+        "actuation": lines,
+        "leg_lengths": np.array(lengths),
+        **body.chosen,
+    }
+    pulled = (lines.T * body.taut) @ lines
+    K_B = pulled + body.turning(t) + body.hessian
     stiffness = connections(K_B, W, case.load)
-    if m == 6 and decomposition is not None:
-        arrays["jacobian"] = decomposition.apply(inverse_R.T).T
-        if alone:
-            stiffness["F"] = pulled
-        else:
-            mu = arrays["jacobian"].T @ W
-            stiffness["F"] = K_B - second_derivative(geometry, points, mu)
-    arrays.update(pose=T, wrench=W, energy=np.array([energy], object), tensions=t)
+    if len(t) == 6 and body.decomposition is not None:
+        arrays["jacobian"] = body.decomposition.apply(body.inverse_R.T).T
+        stiffness["F"] = pulled
+        if not body.is_alone:
+            stiffness["F"] = K_B - body.turning(arrays["jacobian"].T @ W)
+    energy = np.array([body.energy], object)
+    arrays.update(pose=body.T, wrench=W, energy=energy, tensions=t)
     arrays.update({f"stiffness_{name}": K for name, K in stiffness.items()})
     if case.inertia:
-        M = np.reshape(case.inertia, (6, 6)).astype(object)
-        M = M if case.legs is None else M + case.legs.mass_matrix(geometry, points)
-        arrays |= {"kinetic": M, "lagrangian": K_B, "motion": np.eye(6)}
-    condition = add_compliances(arrays, stiffness, wanted, natural)
-    verdict = larger(verdict, limited(condition, STIFFNESS_CONDITION**2))
+        arrays |= {"kinetic": body.kinetic(), "lagrangian": K_B, "motion": np.eye(6)}
+    condition = add_compliances(arrays, stiffness, wanted, body.length)
+    verdict = larger(body.verdict, limited(condition, STIFFNESS_CONDITION**2))
     # Near type 2 the forces of actuators, and their part of the stiffness, are less accurate.
-    verdict = larger(
-        verdict, limited(condition * squared_condition, _MAX_CONDITION_PRODUCT**2)
-    )
+    product = condition * body.squared_condition
+    verdict = larger(verdict, limited(product, _MAX_CONDITION_PRODUCT**2))
     verdict = larger(verdict, holds_soft_directions(K_B, wanted))
     arrays["verdict"] = np.array([verdict], object)
     return arrays
