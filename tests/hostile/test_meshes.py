@@ -186,7 +186,7 @@ def shapes(tmp_path_factory):
 )
 def test_a_bad_shape_is_a_note_and_a_placeholder(shapes, shape):
     arm = cartstiff.load(robot(shapes, ["<mesh filename='good.obj'/>", shape]))
-    picture = ChainPicture(Drawn(), arm.mechanism, 1.0, theme.LIGHT)
+    picture = ChainPicture(Drawn(), arm, 1.0, theme.LIGHT)
     assert picture.notes[0].startswith(("link b: ", "no picture of"))
     assert "sticks between the joints" in picture.notes[-1]
     assert cartstiff.analyse(arm).wrench.tolist() == [0.0] * 6

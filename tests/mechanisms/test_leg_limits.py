@@ -13,7 +13,8 @@ from tests.mechanisms.machines import write_file
 from tests.mechanisms.test_chains_by_letters import CHAINS
 
 import cartstiff
-from cartstiff.mechanisms.limits import Limits, distances_of_segments
+from cartstiff.mechanisms.clearances import distances_of_segments
+from cartstiff.mechanisms.limits import Limits
 
 POSE = [0.05, 0.02, 0.8, 0.05, 0.02, 0.1]
 

@@ -152,7 +152,7 @@ def test_what_parts_the_loops_has_no_derivative():
         assert name in known.left_out
     placements = UncertainParameters(result, Tolerances(1.0, 1.0, 1.0))._placements
     for name in placements.misfits:  # each, a little larger, leaves a gap at every posture near
-        moved = placements.with_parameters({name: placements._all[name] + 1e-6})
+        moved = placements.mechanism.with_numbers({name: placements._all[name] + 1e-6})
         try:
             far = np.abs(moved.closed(result.q).q - result.q).max()
         except ConvergenceError:
@@ -175,7 +175,7 @@ def test_moved_frames_of_a_weld_turn_the_body_of_the_other_leg():
     placements = UncertainParameters(result, Tolerances(1.0, 1.0, 1.0))._placements
     T = se3.pose(translation=[1e-3, 0.0, 0.0])
     name = "closure.body of leg 2"
-    moved = placements.with_parameters({f"{name}.x": placements._all[f"{name}.x"] + 1e-3})
+    moved = placements.mechanism.with_numbers({f"{name}.x": placements._all[f"{name}.x"] + 1e-3})
     before, after = (c.placement("body of leg 2").T_j_f for c in (chain, moved))
     assert np.allclose(after[:3, 3] - before[:3, 3], T[:3, 3], atol=1e-15)
     assert np.abs(moved.closed(q).residual).max() < 1e-12

@@ -77,12 +77,7 @@ from cartstiff.errors import (
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED
 from cartstiff.matrix_names import LETTERS
-from cartstiff.mechanisms.platform import PlatformPosture
-from cartstiff.potentials.beams import Beam
-from cartstiff.potentials.coupled_joints import CoupledJointSprings
-from cartstiff.potentials.flexure_struts import FlexureStruts
-from cartstiff.potentials.line_springs import LineSprings, second_derivative
-from cartstiff.potentials.springs import CoupledSprings, JointSprings
+from cartstiff.potentials.line_springs import second_derivative
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.posture import StiffnessInFrame, inverse_pair
 
@@ -212,17 +207,7 @@ def _about_origin(point: Array, force: Array) -> Array:
 
 def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]:
     """Each joint's or leg's part, with its name and unit kind."""
-    springs, posture = r.elastic_as_given.springs, r.posture
-    if not isinstance(springs, LineSprings) or springs.unilateral:
-        springs = r.elastic.springs  # these depend on their rest positions
-    if isinstance(springs, FlexureStruts):
-        raise UndefinedError(
-            "the flexures deflect too, not only the legs", code="no-shares"
-        )
-    if isinstance(posture, PlatformPosture) and isinstance(springs, LineSprings):
-        k = np.where(springs.is_taut(posture.lines.lengths), springs.stiffness, 0.0)
-        legs = spring_shares(posture.lines.lines @ whole.twist, k, whole)
-        return _of_springs(r.elastic_as_given.spring_names, [True] * len(k), legs)
+    posture = r.posture
     coordinates = r.elastic.mechanism.coordinates
     if posture.closure is None and not posture.coordinates_are_pose:
         J = posture.motion.jacobian
@@ -242,32 +227,28 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
             "share": part,
         }
         return {"kind": "joints", "shares": _rows(columns), "load_share": 0.0}
-    motion = r.motion_under(whole.wrench, change_from_symmetric(r, name))
+    elastic = r.elastic_as_given
+    if posture.coordinates_are_pose:
+        motion = whole.twist
+        if elastic.springs is not None and elastic.springs.unilateral:
+            elastic = r.elastic  # what is slack depends on rest lengths
+    else:
+        elastic = r.elastic
+        motion = r.motion_under(whole.wrench, change_from_symmetric(r, name))
     found: list[tuple[str, bool | None, float, float]] = []
-    if isinstance(springs, JointSprings):
-        each = zip(
-            coordinates, np.diag(springs.evaluate(posture).hessian), motion, strict=False
-        )
-        found += [(c.name, c.is_length, k, x) for c, k, x in each if k]
-    for link in r.elastic.potentials:
-        if isinstance(link, CoupledJointSprings):
-            slides = [
-                all(c.is_length for c, f in zip(coordinates, row, strict=True) if f)
-                for row in link.factors
-            ]
-            sums = link.factors @ motion
-            found += zip(
-                link.names, slides, link.stiffness.tolist(), sums.tolist(), strict=True
-            )
-        if not isinstance(link, (CoupledSprings, Beam)):
+    for own in elastic.parts(posture):
+        x = own.rows @ motion
+        if own.whole:
+            # Along its own deflection a link is one spring, of that much turn and displacement.
+            size = float(np.linalg.norm(x)) or 1.0
+            found.append((own.whole, None, float(x @ own.stiffness @ x) / size**2, size))
             continue
-        # Along its own deflection a link is one spring, of that much turn and displacement.
-        at = link.indices.ravel()
-        x = motion[at]
-        size = float(np.linalg.norm(x)) or 1.0
-        hessian = link.evaluate(posture).hessian[np.ix_(at, at)]
-        label = f"{link.link or coordinates[at[0]].name} (link)"
-        found.append((label, None, float(x @ hessian @ x) / size**2, size))
+        k = own.stiffness.diagonal().tolist()
+        found += zip(own.names, own.slides, k, x.tolist(), strict=True)
+    if (
+        not posture.coordinates_are_pose
+    ):  # slack cables are shown, joints without a spring not
+        found = [part for part in found if part[2]]
     if not found:
         raise UndefinedError("no springs share the deflection", code="no-shares")
     names, are_lengths, stiffness, elongations = zip(*found, strict=True)
@@ -316,17 +297,15 @@ def target_section(
     for term in r.elastic.terms(springs=False):
         _, g, h = term.evaluate(posture)
         gradient, hessian = gradient + g, hessian + h
-    if isinstance(posture, PlatformPosture) and isinstance(springs, LineSprings):
-        J = r.jacobian
-        if isinstance(springs, FlexureStruts):
-            J = None
-        if J is None or len(posture.lines.lengths) != 6:
+    if (lines := posture.lines) is not None and springs is not None:
+        J = None if springs.gives_aside else r.jacobian
+        if J is None or len(lines.lengths) != 6:
             raise UndefinedError(
                 "leg stiffnesses follow from a stiffness only for six independent legs",
                 code="kf-undefined",
             )
-        tension = np.linalg.solve(posture.lines.lines.T, W - gradient)
-        own = second_derivative(posture.lines, r.elastic.mechanism.points, tension)  # type: ignore[attr-defined]
+        tension = np.linalg.solve(lines.lines.T, W - gradient)
+        own = second_derivative(lines, r.elastic.mechanism.points, tension)
         joint_springs = joint_stiffness(K, J, W, load_term=-J.T @ (own + hessian) @ J)
         names, torque, lengths = r.elastic.spring_names, tension, [True] * 6
     elif posture.closure is None and not posture.coordinates_are_pose:

@@ -31,24 +31,11 @@ from cartstiff import numerics
 from cartstiff.arrays import Array, checked_array, checked_number, read_only
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.kinematics.placements import Placements
-from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.elements import (
-    Elements,
-    stiffnesses_beside,
-    with_stiffnesses_beside,
-)
+from cartstiff.mechanisms.elements import Elements
 from cartstiff.mechanisms.identified import quantile
-from cartstiff.mechanisms.platform import Platform, PlatformPosture
-from cartstiff.potentials.flexure_struts import FlexureStruts
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.springs import JointSprings
-from cartstiff.potentials.strut_numbers import (
-    strut_numbers,
-    with_strut_numbers,
-    with_strut_points,
-)
+from cartstiff.potentials.contract import Number
 from cartstiff.stiffness.compute import PostureStiffness, analyse, analyse_at
 
 Results = Mapping[str, ArrayLike] | ArrayLike
@@ -277,9 +264,10 @@ def propagate_first_order(
     )
 
 
-_XYZ = ("x", "y", "z")
 #: Prefix of the names of the file's parameters.
 _FILE = "parameter."
+# Order of the groups of numbers: all others, those of the geometry, are third.
+_ORDER = {"stiffness": 0, "mass": 1, "offset": 3, "rest": 4}
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,6 +293,28 @@ class UncertainParameters:
     at_rest: bool = False
 
     @cached_property
+    def numbers(self) -> dict[str, Number]:
+        """The numbers that may vary, of springs, masses, geometry, and rest positions, in order.
+
+        Not those without derivatives (see `Placements`); rest positions with `at_rest` only.
+        """
+        elastic = self.result.elastic
+        own, fixed = elastic.numbers(), elastic.mechanism.numbers().keys()
+        rests = {f"rest.{n}" for n in elastic.spring_names} if self.at_rest else set()
+
+        def varies(name: str, number: Number) -> bool:
+            group, _, rest = name.partition(".")
+            if group == "rest":
+                return name in rests and f"stiffness.{rest}" in own
+            if group == "mass" or name not in fixed:
+                return not number.is_positive or number.value > 0.0
+            return name in self._placements.numbers
+
+        kept = [name for name, number in own.items() if varies(name, number)]
+        kept.sort(key=lambda name: _ORDER.get(name.partition(".")[0], 2))
+        return {name: own[name] for name in kept}
+
+    @cached_property
     def nominal(self) -> dict[str, float]:
         """Values of all parameters by name, whatever their tolerance.
 
@@ -312,16 +322,12 @@ class UncertainParameters:
         stay; of legs all alike), the geometry's names of `named`, "rest.<spring>" and
         "parameter.<name>".
         """
-        elastic = self.result.elastic
-        springs = self._stiffnesses | stiffnesses_beside(elastic)
-        given = {f"stiffness.{name}": k for name, k in springs.items()}
-        given |= {f"mass.{name}": m for name, m in self._masses.items()}
-        given |= self._geometry | self._rests
-        if self.reread is not None:
-            given |= {
-                f"{_FILE}{name}": float(x) for name, x in elastic.parameters.items()
-            }
-        return given
+        given = {name: number.value for name, number in self.numbers.items()}
+        if self.reread is None:
+            return given
+        return given | {
+            f"{_FILE}{n}": float(x) for n, x in self.result.elastic.parameters.items()
+        }
 
     def value(self, name: str) -> float:
         """Nominal value of a parameter of `nominal` or of `named`."""
@@ -330,73 +336,17 @@ class UncertainParameters:
 
     def size(self, name: str) -> float:
         """Natural size of a parameter's changes, in its unit."""
-        group = name.partition(".")[0]
-        if group in ("stiffness", "mass"):
-            return abs(self.nominal[name])
-        if group == "parameter":
-            return abs(self.nominal[name]) or 1.0
-        if group in ("compliance", "coefficient"):
-            return abs(self.value(name)) or self.named[name].deviation
+        if name not in self.numbers:
+            unit = 1.0 if name.startswith(_FILE) else self.named[name].deviation
+            return abs(self.value(name)) or unit
+        if self.numbers[name].is_positive:
+            return abs(self.value(name))
         return 1.0 if self.is_angle(name) else self.result.posture.length
 
     def is_angle(self, name: str) -> bool:
         """Whether a parameter of the geometry, or a rest position, is an angle."""
-        group, _, rest = name.partition(".")
-        if group == "rest":
-            elastic = self.result.elastic
-            if not isinstance(elastic.springs, JointSprings):
-                return False
-            return not elastic.mechanism.coordinates[elastic.names.index(rest)].is_length
-        return Placements.is_angle(name)
-
-    @cached_property
-    def _stiffnesses(self) -> dict[str, float]:
-        """Stiffnesses of the linear springs that act."""
-        elastic = self.result.elastic
-        if elastic.springs is None:
-            return {}
-        if isinstance(elastic.springs, FlexureStruts):
-            return {
-                n.removeprefix("stiffness."): k
-                for n, k in self._of_struts.items()
-                if n.startswith("stiffness.") and k > 0.0
-            }
-        laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
-        each = zip(elastic.spring_names, elastic.springs.stiffness.tolist(), strict=True)
-        return {
-            name: k
-            for i, (name, k) in enumerate(each)
-            if 0.0 < k < np.inf and i not in laws
-        }
-
-    @cached_property
-    def _of_struts(self) -> dict[str, float]:
-        elastic = self.result.elastic
-        if not isinstance(elastic.springs, FlexureStruts):
-            return {}
-        return strut_numbers(elastic.springs, elastic.spring_names)
-
-    @cached_property
-    def _rests(self) -> dict[str, float]:
-        elastic = self.result.elastic
-        if not self.at_rest or elastic.springs is None:
-            return {}
-        each = zip(elastic.spring_names, elastic.springs.rest.tolist(), strict=True)
-        return {
-            f"rest.{name}": x for name, x in each if name in self._stiffnesses and x == x
-        }
-
-    @cached_property
-    def _masses(self) -> dict[str, float]:
-        mechanism = self.result.elastic.mechanism
-        if isinstance(mechanism, Chain):
-            own, _ = mechanism.tree.masses()
-            links = mechanism.tree.links().items()
-            return {
-                name: float(own[j - 1]) for j, name in sorted(links) if own[j - 1] > 0.0
-            }
-        masses = mechanism.masses() if isinstance(mechanism, Platform) else {}
-        return {name: mass for name, mass in masses.items() if mass > 0.0}
+        number = self.numbers.get(name)
+        return number is not None and not (number.is_positive or number.length)
 
     @cached_property
     def named(self) -> dict[str, Tolerance]:
@@ -411,8 +361,9 @@ class UncertainParameters:
         elastic, t = self.result.elastic, self.tolerances
         given: dict[str, Tolerance] = {}
         if t.stiffness > 0:
-            for name, k in (self._stiffnesses | stiffnesses_beside(elastic)).items():
-                given[f"stiffness.{name}"] = Tolerance(k, t.stiffness * k)
+            for name, k in self.nominal.items():
+                if name.startswith("stiffness."):
+                    given[name] = Tolerance(k, t.stiffness * k)
         if t.stiffness == 0 and (known := elastic.identified) is not None:
             spread = np.sqrt(known.covariance.diagonal())
             for label, pattern, c, s in zip(
@@ -420,10 +371,10 @@ class UncertainParameters:
             ):
                 lower = 0.0 if pattern.is_diagonal else -np.inf
                 given[label] = Tolerance(float(c), float(s), lower=lower)
-        for name, value in (self._geometry | self._rests).items():
+        for name, number in self.numbers.items():
             deviation = t.angle if self.is_angle(name) else t.length
-            if deviation > 0:
-                given[name] = Tolerance(value, deviation)
+            if deviation > 0 and not number.is_positive:
+                given[name] = Tolerance(number.value, deviation)
         if not given:
             raise UndefinedError(
                 "no parameter of this mechanism has a tolerance", code="no-parameters"
@@ -470,37 +421,16 @@ class UncertainParameters:
         )
 
     @cached_property
-    def _geometry(self) -> dict[str, float]:
-        mechanism = self.result.elastic.mechanism
-        if isinstance(mechanism, Platform):
-            offsets = {
-                n: x for n, x in self._of_struts.items() if n.startswith("offset.")
-            }
-            return {
-                f"{body}.leg{i + 1}.{axis}": float(x)
-                for body, points in (
-                    ("base", mechanism.anchors),
-                    ("platform", mechanism.points_P),
-                )
-                for i, point in enumerate(points)
-                for axis, x in zip(_XYZ, point, strict=True)
-            } | offsets
-        return {} if self._placements is None else self._placements.numbers
-
-    @cached_property
-    def _placements(self) -> Placements | None:
-        elastic, posture = self.result.elastic, self.result.posture
-        chain = elastic.mechanism
-        if not isinstance(chain, Chain) or not isinstance(posture, ChainPosture):
-            return None
+    def _placements(self) -> Placements:
+        elastic = self.result.elastic
         is_on_base = elastic.gravity is not None or bool(elastic.potentials)
-        return Placements(chain, posture, is_on_base)
+        return Placements(elastic.mechanism, self.result.posture, is_on_base)
 
     @property
     def left_out(self) -> str | None:
         """Message on numbers of the geometry that are not varied though they have a tolerance."""
         asked = self.tolerances.length > 0 or self.tolerances.angle > 0
-        return self._placements.words if asked and self._placements is not None else None
+        return self._placements.words if asked else None
 
     def at(
         self,
@@ -532,37 +462,7 @@ class UncertainParameters:
         }
         if parameters and self.reread is not None:
             elastic = self.reread(parameters)
-        if isinstance(elastic.springs, FlexureStruts):
-            struts = with_strut_numbers(elastic.springs, elastic.spring_names, values)
-            rest = np.array(
-                [
-                    values.get(f"rest.{name}", x)
-                    for name, x in zip(
-                        elastic.spring_names, struts.rest_length, strict=True
-                    )
-                ]
-            )
-            elastic = replace(elastic, springs=struts.replaced(struts.stiffness, rest))
-        elif elastic.springs is not None:
-            k, rest = np.array(elastic.springs.stiffness), np.array(elastic.springs.rest)
-            for i, name in enumerate(elastic.spring_names):
-                k[i] = values.get(f"stiffness.{name}", k[i])
-                rest[i] = values.get(f"rest.{name}", rest[i])
-            elastic = replace(elastic, springs=elastic.springs.replaced(k, rest))
-        others = {
-            n.removeprefix("stiffness."): x
-            for n, x in values.items()
-            if n.startswith("stiffness.")
-        }
-        elastic = with_stiffnesses_beside(elastic, others)
-        elastic = self._placed_at(self._measured_springs(elastic, values), values)
-        masses = {n: values[f"mass.{n}"] for n in self._masses if f"mass.{n}" in values}
-        mechanism = elastic.mechanism
-        return (
-            replace(elastic, mechanism=mechanism.with_masses(masses))
-            if masses
-            else elastic
-        )
+        return self._measured_springs(elastic, values).with_numbers(values)
 
     def posture_of(self, elastic: ElasticMechanism, q: Array | None = None) -> Array:
         """Coordinates q, by default the nominal ones; if these are the file's, its present ones."""
@@ -581,45 +481,28 @@ class UncertainParameters:
             else q
         )
         mechanism, springs = elastic.mechanism, elastic.springs
-        if by_all and isinstance(mechanism, Chain):
-            posture: MechanismPosture = mechanism.closed(q, hold=())
-        else:
-            posture = mechanism.closed(q)
-        if isinstance(springs, FlexureStruts):
+        posture = mechanism.closed(q, hold=() if by_all else None)
+        if springs is None or nominal is None:
+            return analyse(elastic, posture.q)
+        if springs.gives_aside:
             W = self.result.wrench
             return analyse(elastic, posture.q, wrench=np.zeros(6) if W is None else W)
-        if isinstance(springs, JointSprings) and isinstance(nominal, JointSprings):
-            if posture.closure is None:
-                return analyse(elastic, posture.q, wrench=self.result.wrench)
-            active = (springs.stiffness > 0) & np.isfinite(springs.stiffness)
-            active[list(springs.laws)] = False
-            before, x, forces = there.q, posture.q, nominal.torque(there.q)
-            rows = np.diag(posture.coordinate_lengths)
-        elif (
-            isinstance(springs, LineSprings)
-            and isinstance(nominal, LineSprings)
-            and isinstance(posture, PlatformPosture)
-            and isinstance(there, PlatformPosture)
-        ):
-            before, x = there.lines.lengths, posture.lines.lengths
-            active = springs.stiffness > 0
-            if nominal.unilateral:
-                active &= nominal.is_taut(before)
-            forces, rows = (
-                nominal.tensions(before),
-                posture.lines.lines * posture.coordinate_lengths,
-            )
-        else:
-            return analyse(elastic, posture.q)
+        if posture.closure is None and not posture.coordinates_are_pose:
+            return analyse(elastic, posture.q, wrench=self.result.wrench)
+        active = (springs.stiffness > 0) & np.isfinite(springs.stiffness)
+        active[list(springs.laws)] = False
+        active &= nominal.taut(there)
+        before, x = nominal.positions(there), springs.positions(posture)
+        forces = nominal.pull(there)
+        rows = springs.rows(posture) * posture.coordinate_lengths
         asked, loaded = self.result.elastic_as_given, self.result._load_is_given
         is_open = np.isnan(nominal.rest if asked.springs is None else asked.springs.rest)
         if not (loaded or is_open.any()):
             forces = forces + self._change(elastic, posture, rows, forces, active)
         rest = nominal.rest + x - before
         rest[active] = x[active] - forces[active] / springs.stiffness[active]
-        if isinstance(springs, JointSprings):
-            for j, law in springs.laws.items():
-                rest[j] = x[j] - law.deflection_for(float(forces[j]))
+        for j, law in springs.laws.items():
+            rest[j] = x[j] - law.deflection_for(float(forces[j]))
         if loaded or is_open.any():  # `analyse` distributes the load among the springs
             rest[is_open] = np.nan
             elastic = replace(elastic, springs=springs.replaced(springs.stiffness, rest))
@@ -654,31 +537,3 @@ class UncertainParameters:
             rows[active].T, missing, rcond=numerics.ROUNDOFF
         )[0]
         return change
-
-    def _placed_at(
-        self, elastic: ElasticMechanism, values: Mapping[str, float]
-    ) -> ElasticMechanism:
-        """The mechanism with other geometry; itself if none is named."""
-        geometry = self._geometry
-        if not any(name in geometry for name in values):
-            return elastic
-        mechanism = elastic.mechanism
-        if isinstance(mechanism, Platform):
-            moved = [
-                values.get(n, x)
-                for n, x in geometry.items()
-                if not n.startswith("offset.")
-            ]
-            platform = mechanism.with_points(*np.array(moved).reshape(2, -1, 3))
-            elastic = replace(elastic, mechanism=platform)
-            springs, ends = elastic.springs, (platform.anchors, platform.points)
-            if isinstance(springs, FlexureStruts):
-                elastic = replace(elastic, springs=with_strut_points(springs, *ends))
-            elif isinstance(springs, LineSprings):
-                elastic = replace(
-                    elastic, springs=replace(springs, anchors=ends[0], points=ends[1])
-                )
-            return elastic
-        if self._placements is None:
-            return elastic
-        return replace(elastic, mechanism=self._placements.with_parameters(values))

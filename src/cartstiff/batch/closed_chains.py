@@ -82,7 +82,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.springs import CoupledSprings, JointSprings
+from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.settled_links import (
     LAST,
@@ -665,7 +665,7 @@ def closed_case(
         else:
             others.append(potential)
     springs = elastic.springs
-    own = ~springs.is_passive if isinstance(springs, JointSprings) else np.zeros(n, bool)
+    own = np.zeros(n, bool) if springs is None else springs.has_coordinate(n)
     springy = {
         *np.flatnonzero(own).tolist(),
         *(j for at, _ in still for j in at),

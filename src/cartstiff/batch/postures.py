@@ -19,7 +19,7 @@ import os
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -63,7 +63,6 @@ from cartstiff.errors import (
     UnknownNameError,
 )
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.numerics import BALANCE_TOLERANCE, RANK, ROUNDOFF
 from cartstiff.potentials.line_springs import LineSprings
@@ -281,12 +280,8 @@ def by_chosen_tensions(stack: Stack, which: Indices) -> tuple[Indices, Indices]:
     filled, unbalanced : ndarray of int
         Some of `which`; of the latter only the pose is known.
     """
-    case, springs = stack.taken.case, stack.elastic.springs
-    if not (
-        isinstance(case, PlatformCase)
-        and isinstance(springs, LineSprings)
-        and case.balances_among
-    ):
+    case, springs = stack.taken.case, cast(LineSprings, stack.elastic.springs)
+    if not isinstance(case, PlatformCase) or not case.balances_among:
         return which[:0], which[:0]
     chosen, m = replace(case, is_chosen=True), len(springs.stiffness)
     shapes = {"leg_lengths": (m,), "nearest": (m,), "null": (m, m - 6)}
@@ -514,8 +509,7 @@ def analyse_many(
         If `path` is "compiled" and llvmlite is not installed.
     """
     coordinates = checked_q(checked_elastic(elastic), q)
-    if isinstance(elastic.mechanism, Chain):
-        coordinates = elastic.mechanism.closed_as_given(coordinates)
+    coordinates = elastic.mechanism.closed_as_given(coordinates)
     loads = checked_wrench(elastic, wrench, len(coordinates))
     names = checked_names(outputs)
     count = checked_count("threads", threads) or os.cpu_count() or 1

@@ -70,7 +70,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.potentials.loads import DeadForce, Scaled
 from cartstiff.vibration.response import Damping
 
 #: Largest number of rows for which all eigenvalues are recorded.
@@ -585,10 +584,7 @@ _Case = ChainCase | PlatformCase
 
 def with_masses(elastic: ElasticMechanism, case: _Case) -> _Case | None:
     """The case with all masses; None if some are not recorded, or if there are none."""
-    if any(
-        isinstance(p, Scaled) or (isinstance(p, DeadForce) and p.mass)
-        for p in elastic.potentials
-    ):
+    if any(p.payload is not None for p in elastic.potentials):
         return None
     mechanism = elastic.mechanism
     if isinstance(mechanism, Platform) and isinstance(case, PlatformCase):

@@ -68,7 +68,6 @@ from cartstiff.batch.tape import (
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import Mechanism
-from cartstiff.mechanisms.platform import Platform
 from cartstiff.potentials.beams import SERIES, Beam, Section, alike
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.flexure_struts import (
@@ -613,9 +612,7 @@ class UntracedTerms:
         sums: _Sums,
     ) -> None:
         energies, gradients, hessians, verdicts = sums
-        if not isinstance(self.mechanism, Platform):
-            raise TypeError("struts are those of a platform")
-        poses = se3.from_roll_pitch_yaw(q[:, :3], q[:, 3:]) @ self.mechanism.T_P_M
+        poses = se3.from_roll_pitch_yaw(q[:, :3], q[:, 3:]) @ self.mechanism.frame_offset
         borne = -gradients - self._of_forces(poses)
         if wrench is not None:
             borne += wrench_in_body(wrench, poses, self.load.at, self.axes)

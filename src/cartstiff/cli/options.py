@@ -633,11 +633,9 @@ class Setup(Load, File, Tool, Posture):
         if self.pose is not None and self.q is not None:
             raise InputError("give --q or --pose, not both")
         if self.lengths is not None:
-            from cartstiff.mechanisms.platform import Platform
-
             if self.q is not None or self.pose is not None:
                 raise InputError("give --lengths or a pose, not both")
-            if not isinstance(mechanism, Platform):
+            if not len(mechanism.points):
                 raise InputError("is for platforms", where="--lengths", expected="--q")
             if len(self.lengths) != len(elastic.spring_names):
                 raise InputError(

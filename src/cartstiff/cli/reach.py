@@ -79,11 +79,10 @@ def assemble_command(
     cartstiff assemble five-bar --all -o modes.csv
     """
     elastic, q = replace(setup, lengths=None).read()
-    from cartstiff.mechanisms.platform import Platform
     from cartstiff.reach.assembly import assemble
     from cartstiff.report.reach import assembly_csv, describe_assembly
 
-    if setup.lengths is not None and not isinstance(elastic.mechanism, Platform):
+    if setup.lengths is not None and not len(elastic.mechanism.points):
         raise InputError("is for platforms", where="--lengths", expected="--q")
     with Progress("starts") as bar:
         modes = assemble(

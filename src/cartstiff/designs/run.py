@@ -46,12 +46,10 @@ from cartstiff.maps.job import STATES, MapJob
 from cartstiff.maps.quantities import quantity_named
 from cartstiff.maps.run import map_job
 from cartstiff.maps.sampling import Axis, Grid, RandomPostures, Sampling, Trajectory
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.gravity_loads import gravity_loads, with_default_gravity
 from cartstiff.mechanisms.identity import Files
 from cartstiff.mechanisms.other_units import in_units
-from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 from cartstiff.results import LabelledResult
 from cartstiff.units import ANGLES, Units, convert_length
@@ -280,8 +278,9 @@ class StudyEvaluator:
         self, elastic: ElasticMechanism, case: Case, quantities: list[str]
     ) -> MapJob:
         mechanism = elastic.mechanism
-        if isinstance(mechanism, Platform):
-            elastic = replace(elastic, mechanism=mechanism.as_one_of_many())
+        shared = mechanism.as_one_of_many()
+        if shared is not mechanism:
+            elastic = replace(elastic, mechanism=shared)
         sampling = self._sampling(elastic)
         keywords = case.keywords()
         if all(quantity_named(name).asks != "length" for name in quantities):
@@ -292,10 +291,10 @@ class StudyEvaluator:
         total = self.study.size * max(sampling.size, PREPARATION_POSES)
         path = lasting_path(elastic, kind, job.outputs, total)
         # Only the code of platforms serves all designs; else it must pay for itself in one design.
-        if path == "compiled" and not isinstance(mechanism, Platform):
+        if path == "compiled" and not shared.is_one_of_many:
             path = "portable" if sampling.size < 5000 else path
         # Stacks leave the choice of cables' tensions to one analysis after the other.
-        is_chosen = isinstance(mechanism, Platform) and len(mechanism.anchors) > 6
+        is_chosen = len(mechanism.points) > 6
         return replace(job, path=path, one_by_one=None if is_chosen else MAX_SINGLE_POSES)
 
     def _measured(self, elastic: ElasticMechanism) -> dict[str, float]:
@@ -363,7 +362,7 @@ class StudyEvaluator:
 def _are_poses(elastic: ElasticMechanism, given: Iterable[str]) -> bool:
     """Whether coordinates are those of the pose of a body on legs."""
     chain, names = elastic.mechanism, set(given)
-    is_closed = isinstance(chain, Chain) and bool(chain.closures)
+    is_closed = bool(chain.closures)
     return is_closed and bool(names) and names <= set(COORDINATES) - set(elastic.names)
 
 

@@ -59,7 +59,6 @@ from cartstiff.identify.unknowns import (
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identified import CompliancePattern, Identified, quantile
 from cartstiff.notes import Note
-from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.results import LabelledResult
 
 #: Probability under the model below which a test is significant.
@@ -768,12 +767,13 @@ def _cables(result: Identification) -> Iterator[Note]:
     """Note on cables, which the fit takes as bars, and rows in which the load slackens them."""
     elastic = result.elastic
     names: list[str] = []
-    if isinstance(elastic.springs, LineSprings) and elastic.springs.unilateral:
+    if elastic.springs is not None and elastic.springs.unilateral:
         own = zip(elastic.spring_names, elastic.springs.cables, strict=True)
         names += [name for name, only in own if only]
-    lines = [p for p in elastic.potentials if isinstance(p, LineSprings)]
-    taut_only = [only for p in lines for only in p.cables]
-    names += [f"line{i + 1}" for i, only in enumerate(taut_only) if only]
+    for term, own_names in elastic.labelled():
+        if (lines := term.drawn(elastic.mechanism.at(elastic.q))) is not None:
+            both = zip(own_names, lines.are_cables, strict=True)
+            names += [name for name, only in both if only]
     if not names:
         return
     pushed: dict[str, list[int]] = {}

@@ -33,9 +33,7 @@ from cartstiff.loading.tables import (
     is_table,
     read_cells,
 )
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.platform import Platform
 from cartstiff.units import SI, Units, convert_length
 
 LOAD: Final = ("mx", "my", "mz", "fx", "fy", "fz")
@@ -689,7 +687,7 @@ def _postures(
             if not coordinate.is_length and not column.declared:
                 _check_angle(name, values, coordinate.lower, coordinate.upper, cells)
     needed = [j for j in elastic.commanded if j not in mechanism.rigid]
-    if isinstance(mechanism, Platform) and not is_given.any():
+    if mechanism.coordinates_are_pose and not is_given.any():
         needed = []  # it is at the file's pose
     if not is_given[needed].all():
         heads = [f"q_{n}" if n in MEASURED else n for n in elastic.names]
@@ -733,7 +731,7 @@ def assembled(elastic: ElasticMechanism, q: Array) -> tuple[Array, float]:
         If the chain cannot be closed.
     """
     mechanism = elastic.mechanism
-    if not isinstance(mechanism, Chain) or not mechanism.closures:
+    if not mechanism.closures:
         return q, 0.0
     motors = elastic.commanded
     closed = mechanism.closed(q, named=motors).q

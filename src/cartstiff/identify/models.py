@@ -32,16 +32,11 @@ from cartstiff.identify.measurements import (
     wrenches,
 )
 from cartstiff.identify.unknowns import Offsets, Unknowns, offsets_of
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.elements import Elements
-from cartstiff.mechanisms.platform import Platform
-from cartstiff.potentials.beams import Beam
-from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.coupled_joints import CoupledJointSprings
+from cartstiff.mechanisms.elements import Elements, laws_of
 from cartstiff.potentials.gravity import Gravity
-from cartstiff.potentials.loads import DeadForce, DeadWrench, Load, Scaled
-from cartstiff.potentials.springs import CoupledSprings, JointSprings, SpringLaw
+from cartstiff.potentials.loads import DeadForce, DeadWrench, Load
+from cartstiff.potentials.springs import SpringLaw
 from cartstiff.statics.equilibrium import in_stages
 from cartstiff.statics.newton import Solution, solve
 from cartstiff.statics.problem import System
@@ -57,34 +52,20 @@ def unloaded(elastic: ElasticMechanism, q: Array | None = None) -> ElasticMechan
     open.
     """
     inner = tuple(
-        replace(p, rest=p.rest + np.nan) if isinstance(p, CoupledJointSprings) else p
-        for p in elastic.potentials
-        if not isinstance(p, (Load, Scaled)) or _is_lift(p)
+        p.with_open_rest() for p in elastic.potentials if p.lifted or not p.is_external
     )
     springs = elastic.springs
     if springs is None:
         return replace(elastic, potentials=inner)
     rest = np.full(len(springs.stiffness), np.nan)
-    if isinstance(springs, JointSprings):
-        k, rigid = springs.stiffness.copy(), list(springs.rigid)
-        rest = rest if q is None else q.copy()
-        k[rigid], rest[rigid] = np.inf, np.nan
-        springs = JointSprings(k, rest, springs.laws)
-    else:
-        if q is not None:  # a platform's posture has lines
-            rest = getattr(elastic.mechanism.at(q), "lines").lengths  # noqa: B009
-        springs = replace(springs.replaced(springs.stiffness, rest), unilateral=False)
-    return replace(elastic, springs=springs, potentials=inner)
+    if q is not None:
+        rest = springs.positions(elastic.mechanism.at(q))
+    return replace(elastic, springs=springs.unloaded(rest), potentials=inner)
 
 
 def at_rest(elastic: ElasticMechanism) -> ElasticMechanism:
     """The mechanism with all rest positions open, without gravity and loads."""
     return unloaded(elastic).with_gravity(None)
-
-
-def _is_lift(term: Potential) -> bool:
-    """Whether a potential is the force of gravity compensation."""
-    return isinstance(term, DeadForce) and bool(term.lifted)
 
 
 # Bound on the parameters whose forces a model keeps.
@@ -116,22 +97,24 @@ class Model:
     def _rest(self) -> ElasticMechanism:
         elastic = at_rest(self.unknowns.elements.elastic)
         springs = elastic.springs
-        if isinstance(springs, JointSprings) and springs.laws and is_open_chain(elastic):
+        if springs is not None and springs.laws and is_open_chain(elastic):
             k = springs.stiffness.copy()
             k[list(springs.laws)] = 1.0  # any value: these are no elements
-            elastic = replace(elastic, springs=JointSprings(k, np.full(len(k), np.nan)))
+            springs = springs.linear(springs.laws).replaced(k, np.full(len(k), np.nan))
+            elastic = replace(elastic, springs=springs)
         return elastic
 
     @cached_property
     def _is_open(self) -> bool:
         """Whether the forces are the Jacobian's rows: an open chain of springs."""
-        return isinstance(self._rest.springs, JointSprings) and is_open_chain(self._rest)
+        return self._rest.springs is not None and is_open_chain(self._rest)
 
     @property
     def is_linear(self) -> bool:
         """Whether the prediction is linear in the parameters."""
         mechanism = self._rest.mechanism
-        legs = isinstance(mechanism, Platform) and len(self.unknowns.elements.names) == 6
+        count = len(self.unknowns.elements.names)
+        legs = mechanism.coordinates_are_pose and count == 6
         return legs or (
             self._is_open and not any(u.law for u in self.unknowns.parameters)
         )
@@ -189,7 +172,8 @@ class Model:
         elastic, (q, _) = self.unknowns.elements.elastic, self._distinct
         if elastic.gravity is None:
             return np.zeros((len(q), elastic.mechanism.at(q[0]).motion.jacobian.shape[1]))
-        acting = [Gravity(elastic.gravity), *filter(_is_lift, elastic.potentials)]
+        lifts = [p for p in elastic.potentials if p.lifted]
+        acting = [Gravity(elastic.gravity), *lifts]
         postures = [elastic.mechanism.at(x) for x in q]
         return np.array(
             [-sum(term.evaluate(at).gradient for term in acting) for at in postures]
@@ -314,9 +298,8 @@ class Model:
 def is_open_chain(elastic: ElasticMechanism) -> bool:
     """Whether the torque of each joint follows from the load alone: no loops, no other springs."""
     mechanism = elastic.mechanism
-    alone = (CoupledSprings, Beam, Load, Scaled)
-    others = any(not isinstance(p, alone) for p in elastic.potentials)
-    return isinstance(mechanism, Chain) and not mechanism.closures and not others
+    others = any(not (p.is_external or p.members) for p in elastic.potentials)
+    return not (mechanism.coordinates_are_pose or mechanism.closures or others)
 
 
 def derivatives(
@@ -472,8 +455,7 @@ def needs_equilibrium(elastic: ElasticMechanism) -> bool:
 
     In closed chains, and beside lines, they depend on the deflections of all springs.
     """
-    laws = isinstance(elastic.springs, JointSprings) and bool(elastic.springs.laws)
-    return laws and not is_open_chain(elastic)
+    return bool(laws_of(elastic)) and not is_open_chain(elastic)
 
 
 def model_of(unknowns: Unknowns, measured: Measurements, loaded: bool = False) -> Model:

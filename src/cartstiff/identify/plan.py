@@ -52,7 +52,6 @@ from cartstiff.identify.unknowns import (
 )
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identified import quantile
-from cartstiff.mechanisms.platform import Platform
 from cartstiff.results import LabelledResult
 
 _AXES = ("x", "y", "z")
@@ -187,8 +186,9 @@ def _ranges(
     looped = bool(mechanism.closures)
     for j in elastic.commanded:
         c = mechanism.coordinates[j]
-        if isinstance(mechanism, Platform):
-            width = _TILT if not c.is_length else _SHIFT * mechanism.length
+        if mechanism.coordinates_are_pose:
+            reach = mechanism.at(elastic.q).length
+            width = _TILT if not c.is_length else _SHIFT * reach
             low[j], high[j] = elastic.q[j] - width, elastic.q[j] + width
             continue
         width = 0.5 * mechanism.at(elastic.q).length if c.is_length else _RANGE

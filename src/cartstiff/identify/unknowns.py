@@ -15,15 +15,10 @@ from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.identify.measurements import POSITION, TURN, Measurements, Observations
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.elements import Elements, law_of, with_coefficients
+from cartstiff.mechanisms.elements import Elements, law_of, laws_of, with_coefficients
 from cartstiff.mechanisms.identified import BEAM, CompliancePattern
-from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.springs import (
-    CoupledSprings,
-    JointSprings,
-    PolynomialLaw,
     SpringLaw,
 )
 
@@ -150,8 +145,7 @@ class Unknowns:
     def laws(self, theta: Array) -> dict[str, SpringLaw]:
         """Nonlinear springs by joint, with the sought coefficients replaced by these."""
         elastic = with_coefficients(self.elements.elastic, self._coefficients(theta))
-        laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
-        return {elastic.names[j]: law for j, law in laws.items()}
+        return {elastic.names[j]: law for j, law in laws_of(elastic).items()}
 
     def _coefficients(self, theta: Array) -> dict[tuple[str, int], float]:
         return {
@@ -207,7 +201,7 @@ def unknowns_of(
 def zeros_of(elastic: ElasticMechanism) -> list[str]:
     """Names of the zeros that can be sought: those of an open chain's joints."""
     mechanism = elastic.mechanism
-    is_open = isinstance(mechanism, Chain) and not mechanism.closures
+    is_open = not (mechanism.closures or mechanism.coordinates_are_pose)
     return [f"{name}{ZERO}" for name in mechanism.joint_names] if is_open else []
 
 
@@ -270,8 +264,7 @@ def _expanded(
 
 def _polynomials(elastic: ElasticMechanism) -> list[str]:
     """Joints with polynomial springs."""
-    laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
-    return [elastic.names[j] for j, law in laws.items() if isinstance(law, PolynomialLaw)]
+    return [elastic.names[j] for j, law in laws_of(elastic).items() if law.powers]
 
 
 def _made(elastic: ElasticMechanism, elements: Elements, word: str) -> list[Unknown]:
@@ -290,9 +283,7 @@ def _made(elastic: ElasticMechanism, elements: Elements, word: str) -> list[Unkn
 def _refuse_of_beam(elastic: ElasticMechanism, name: str, where: str) -> None:
     """Refuse one axis of a beam: a beam's compliance is a multiple of its own."""
     for potential in elastic.potentials:
-        if isinstance(potential, Beam) and name in _links(elastic).get(
-            potential.link, ()
-        ):
+        if potential.is_scaled and name in _links(elastic).get(potential.link, ()):
             raise InputError(
                 f"{name!r}: one axis of a beam has no stiffness of its own",
                 where=where,
@@ -303,18 +294,18 @@ def _refuse_of_beam(elastic: ElasticMechanism, name: str, where: str) -> None:
 def _of_law(elastic: ElasticMechanism, name: str) -> list[Unknown]:
     """Parameters of a polynomial spring: its coefficients in the file."""
     law = law_of(elastic, name)
-    if not law.coefficients[0] > 0.0:
+    if not law.powers[0] > 0.0:
         raise InputError(
             "a polynomial spring that is sought needs a first coefficient",
             where=f"--unknown {name}",
             expected="above zero",
-            got=law.coefficients[0],
+            got=law.powers[0],
         )
     j = elastic.names.index(name)
     unit = elastic.units.spring(elastic.mechanism.coordinates[j].is_length)
     first = CompliancePattern(name, (), (name, 1))
-    unknowns = [Unknown(first, unit, 1.0 / law.coefficients[0])]
-    for power, c in enumerate(law.coefficients[1:], start=2):
+    unknowns = [Unknown(first, unit, 1.0 / law.powers[0])]
+    for power, c in enumerate(law.powers[1:], start=2):
         if c != 0.0:
             pattern = CompliancePattern(f"{name} x^{power}", (), (name, power))
             unknowns.append(Unknown(pattern, f"{unit}^{power}", c))
@@ -325,10 +316,8 @@ def _links(elastic: ElasticMechanism) -> dict[str, list[str]]:
     """Flexible links, with the names of their virtual joints."""
     links = {}
     for potential in elastic.potentials:
-        if isinstance(potential, (CoupledSprings, Beam)):
-            members = [
-                elastic.names[j] for j in np.asarray(potential.indices).reshape(-1)
-            ]
+        if potential.members:
+            members = [elastic.names[j] for j in potential.members]
             links[potential.link or members[0].rpartition(".")[0]] = members
     return links
 
@@ -340,7 +329,7 @@ def _of_link(elastic: ElasticMechanism, elements: Elements, word: str) -> list[U
     at = [elements.index(m) for m in members]
     C = elements.compliance[np.ix_(at, at)]
     for potential in elastic.potentials:
-        if isinstance(potential, Beam) and potential.link == name:
+        if potential.is_scaled and potential.link == name:
             if form:
                 _refuse_of_beam(elastic, members[0], f"--unknown {word}")
             entries = tuple(

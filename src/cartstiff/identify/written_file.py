@@ -19,10 +19,8 @@ from cartstiff.loading.mechanism_file import with_parameters
 from cartstiff.loading.schema import PoseModel, place_of, pose_of
 from cartstiff.loading.yaml_file import read_yaml, with_scalars
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.elements import Elements
+from cartstiff.mechanisms.elements import Elements, laws_of
 from cartstiff.mechanisms.other_units import in_units
-from cartstiff.potentials.beams import Beam
-from cartstiff.potentials.springs import CoupledSprings, JointSprings, PolynomialLaw
 from cartstiff.units import SI, convert_length
 
 _ROBOTS = (".urdf", ".xml", ".mjcf")
@@ -294,11 +292,10 @@ def _put_joints(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) 
     ):  # of a published set: written joint by joint
         holder["springs"] = {}
     springs = holder.setdefault("springs", {})
-    laws = elastic.springs.laws if isinstance(elastic.springs, JointSprings) else {}
-    for j, law in laws.items():
+    for j, law in laws_of(elastic).items():
         entry = springs.get(elastic.names[j].removeprefix(prefix))
-        if isinstance(law, PolynomialLaw) and isinstance(entry, dict):
-            entry["polynomial"] = list(law.coefficients)
+        if law.powers and isinstance(entry, dict):
+            entry["polynomial"] = list(law.powers)
     for j, name in enumerate(elastic.names):
         short = name.removeprefix(prefix)
         if (
@@ -341,16 +338,10 @@ def _put_contact(holder: dict[str, Any], joint: str, stiffness: float) -> bool:
 
 def _put_links(holder: dict[str, Any], elastic: ElasticMechanism, prefix: str) -> None:
     for potential in elastic.potentials:
-        if not isinstance(potential, (CoupledSprings, Beam)):
+        if not potential.members:
             continue
         link = potential.link.removeprefix(prefix)
         entry = holder.get("flexible", {}).get(link)
         if entry is None or not potential.link.startswith(prefix):
             continue
-        if isinstance(potential, CoupledSprings):
-            K: Array = potential.matrix[se3.SWAP][:, se3.SWAP]
-            entry["stiffness"] = K.tolist()
-        else:
-            beam = entry["beam"]
-            factor = potential.section.torsion / (beam["G"] * beam["J"])
-            beam["E"], beam["G"] = beam["E"] * factor, beam["G"] * factor
+        entry |= potential.in_file(entry)

@@ -29,7 +29,6 @@ from cartstiff.kinematics.rods import rod_of
 from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
-from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 
 #: Coordinates of a pose: the position, and angles about fixed axes.
@@ -82,10 +81,9 @@ def at_pose(
     wanted = checked_vector(pose, 6, "pose")
     T_P_M = np.eye(4) if tool is None or of == "M" else checked_pose(tool, "tool")
     chain = checked_elastic(elastic).mechanism
-    if isinstance(chain, Platform):
+    if chain.coordinates_are_pose:
         if of == "M":
-            T = se3.from_roll_pitch_yaw(wanted[:3], wanted[3:]) @ se3.inverse(chain.T_P_M)
-            wanted = np.concatenate([T[:3, 3], se3.roll_pitch_yaw(T)])
+            wanted = chain.coordinates_of(se3.from_roll_pitch_yaw(wanted[:3], wanted[3:]))
         return wanted, ()
     search = _Search(elastic, T_P_M, "pose")
     moved = np.abs(_difference(wanted, search.coordinates(search.start))) / search.sizes
@@ -140,7 +138,7 @@ def at_poses(
         The independent coordinates of the pose, which the body has; the others follow.
     """
     wanted = checked_array(poses, ("N", 6), "poses")
-    if isinstance(checked_elastic(elastic).mechanism, Platform):
+    if checked_elastic(elastic).mechanism.coordinates_are_pose:
         return wanted, list(range(6))
     search = _Search(elastic, np.eye(4), "poses")
     search.given = given

@@ -14,7 +14,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.joint_poses import Free, JointPoses, pose_errors
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
-from cartstiff.mechanisms.platform import Platform
 
 # Halvings of the distance to a pose that a platform's legs do not reach.
 _HALVINGS = 12
@@ -80,8 +79,8 @@ class Follower:
             If a closed chain does not assemble.
         """
         stopped: tuple[str, ...]
-        if isinstance(self._mechanism, Platform):
-            coordinates, stopped = self._platform(self._mechanism, q, T_wanted)
+        if self._mechanism.coordinates_are_pose:
+            coordinates, stopped = self._platform(q, T_wanted)
         else:
             coordinates = self._joints(q, T_wanted, turning)
             stopped = self._beyond(coordinates, np.eye(4), numerics.NEGLIGIBLE_DISTANCE)
@@ -98,9 +97,9 @@ class Follower:
             q_new = np.array(self._mechanism.closed(q_new).q)
         return q_new
 
-    def _platform(
-        self, platform: Platform, q: Array, T: Array
-    ) -> tuple[Array, tuple[str, ...]]:
+    def _platform(self, q: Array, T: Array) -> tuple[Array, tuple[str, ...]]:
+        platform = self._mechanism
+
         def near(pose: Array) -> Array:
             """Coordinates of a pose, its angles on the turn of q."""
             coordinates = np.array(platform.coordinates_of(pose))
@@ -109,7 +108,7 @@ class Follower:
             )
             return coordinates
 
-        start = platform.pose_of(q)
+        start = platform.at(q).pose
         best, stopped = near(T), self._beyond(q, start, 0.0)
         if stopped:  # from beyond a limit it may return
             return best, stopped

@@ -17,7 +17,6 @@ from cartstiff.kinematics.joint_poses import Free as Free
 from cartstiff.kinematics.joint_poses import JointPoses, PlatformPoses
 from cartstiff.kinematics.legs import Branches, Search, legs_of, searched, working_modes
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.mechanisms.platform import Platform
 
 #: Bound on the listed combinations of the legs' solutions, the nearest to the first start.
 MOST_LISTED = 4096
@@ -122,7 +121,7 @@ def inverse_kinematics(
     for index, T in enumerate(wanted):
         if not is_pose(T):
             raise InputError(f"pose {index + 1} is not a rigid motion", got=T.tolist())
-    if isinstance(checked_elastic(elastic).mechanism, Platform):
+    if checked_elastic(elastic).mechanism.coordinates_are_pose:
         q, good = PlatformPoses(elastic, limits).solve(wanted, np.empty((len(wanted), 6)))
         branches = [
             Branches(

@@ -35,11 +35,9 @@ from cartstiff import numerics
 from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits
-from cartstiff.mechanisms.platform import Platform
 
 
 class ManyPoses(NamedTuple):
@@ -73,11 +71,7 @@ class Kinematics:
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
         self.n = len(mechanism.coordinates)
-        self.is_product = (
-            isinstance(mechanism, Chain)
-            and not mechanism.closures
-            and mechanism.tree.mimic is None
-        )
+        self.is_product = mechanism.is_open_tree
         if self.is_product:
             at_zero = mechanism.at(np.zeros(self.n))
             self._at_zero = at_zero.pose
@@ -158,11 +152,11 @@ class PlatformPoses:
     """
 
     def __init__(self, elastic: ElasticMechanism, limits: bool = True) -> None:
-        if not isinstance(elastic.mechanism, Platform):
+        if not elastic.mechanism.coordinates_are_pose:
             raise InputError("not a platform", got=elastic.mechanism.kind)
         self.platform = elastic.mechanism
         self.kinematics = Kinematics(self.platform)
-        self.length = self.platform.length
+        self.length = self.platform.at(elastic.q).length
         self.sizes = np.array([self.length] * 3 + [1.0] * 3)
         self.start = np.array(elastic.q, float)
         self.lower, self.upper = np.full(6, -np.inf), np.full(6, np.inf)
@@ -302,7 +296,7 @@ class JointPoses:
 
     def __init__(self, elastic: ElasticMechanism, limits: bool = True) -> None:
         mechanism = elastic.mechanism
-        if not isinstance(mechanism, Chain):
+        if mechanism.coordinates_are_pose:
             raise InputError(
                 "inverse kinematics is for mechanisms made of joints", got=mechanism.kind
             )
@@ -322,9 +316,9 @@ class JointPoses:
     def _periodic(self) -> Array:
         mechanism = self.kinematics.mechanism
         turns = np.array([c.type == "revolute" for c in mechanism.coordinates])
-        if isinstance(mechanism, Chain) and mechanism.tree.mimic is not None:
+        if (mimic := mechanism.mimic) is not None:
             # A mimic joint need not return with its leader.
-            turns &= np.abs(mechanism.tree.mimic).sum(axis=0) == 1.0
+            turns &= np.abs(mimic).sum(axis=0) == 1.0
         periodic: Array = turns & (
             self.upper - self.lower >= 2 * np.pi - numerics.NEGLIGIBLE_DIFFERENCE
         )

@@ -34,7 +34,6 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.mechanisms.tree_building import part_of
-from cartstiff.potentials.springs import JointSprings
 
 
 @dataclass(frozen=True)
@@ -460,10 +459,9 @@ def _leg(
     )
     solver = poses(ElasticMechanism(elastic.name, part, elastic.q[columns]), limits)
     distinguishing = set(chain.actuated or ())
-    if isinstance(elastic.springs, JointSprings):
-        springs = elastic.springs
-        distinguishing |= set(np.flatnonzero(springs.stiffness).tolist()) | springs.rigid
-        distinguishing |= set(springs.laws)
+    if (springs := elastic.springs) is not None:
+        sprung = np.flatnonzero(springs.has_coordinate(len(chain.coordinates)))
+        distinguishing |= set(sprung.tolist()) | springs.rigid
     compared = np.array([i for c, i in index.items() if c in distinguishing], int)
     real = tuple(c for c in columns.tolist() if c not in chain.virtual)
     closed = next((known for known in chain.legs if known.columns == real), None)

@@ -1,13 +1,7 @@
-"""The geometry of a chain as numbers: its joints, its body frame, its closures' frames.
-
-A placement is six numbers: three coordinates, and three rotations about its own axes, nominally
-zero. Those of joints are against their predecessors; virtual joints are within a link and have
-none. Of frames that share a point in a closure the rotations do not matter.
-"""
+"""The geometry of a mechanism as numbers, and which of them have derivatives."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,39 +9,34 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
-from cartstiff.geometry import se3
-from cartstiff.mechanisms.chain import Chain, ChainPosture
-from cartstiff.mechanisms.tree import FixedFrame
+from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 
 #: Begin the names of placements.
 PLACED = ("placement", "frame", "closure")
-_XYZ, _RXYZ = ("x", "y", "z"), ("rx", "ry", "rz")
+_RXYZ = ("rx", "ry", "rz")
 
 
 @dataclass(frozen=True, eq=False)
 class Placements:
-    """Placements of a chain near a posture.
+    """Placements, or points, of a mechanism near a posture.
 
     Attributes
     ----------
-    chain : Chain
+    mechanism : Mechanism
         Never modified.
-    posture : ChainPosture
+    posture : MechanismPosture
         Its posture.
     is_on_base : bool
         Whether the place of the base matters.
     """
 
-    chain: Chain
-    posture: ChainPosture
+    mechanism: Mechanism
+    posture: MechanismPosture
     is_on_base: bool
 
     @cached_property
     def numbers(self) -> dict[str, float]:
-        """Names and values, without `misfits`.
-
-        "placement.<joint>.x" to ".rz", "frame.x" to ".rz", "closure.<frame>.x" to ".rz".
-        """
+        """Names and values, without `misfits`, see `Mechanism.numbers`."""
         return {name: x for name, x in self._all.items() if name not in self.misfits}
 
     @staticmethod
@@ -72,14 +61,16 @@ class Placements:
         names = []
         for name, x in self._all.items():
             step = numerics.DIFFERENCE_STEP * (1.0 if self.is_angle(name) else length)
-            more, less = (
-                held @ self.with_parameters({name: x + s}).at(self.posture.q).residual
-                for s in (step, -step)
-            )
+            more, less = (held @ self._residual({name: x + s}) for s in (step, -step))
             gap = np.abs(more - less).max() / (2.0 * numerics.DIFFERENCE_STEP)
             if gap > numerics.NEGLIGIBLE_STEP * max(1.0, length):
                 names.append(name)
         return tuple(names)
+
+    def _residual(self, values: dict[str, float]) -> Array:
+        residual = self.mechanism.with_numbers(values).at(self.posture.q).residual
+        assert residual is not None  # it has closures
+        return residual
 
     @property
     def words(self) -> str | None:
@@ -92,76 +83,10 @@ class Placements:
             f"closes. They are {', '.join(self.misfits)}"
         )
 
-    def with_parameters(self, values: Mapping[str, float]) -> Chain:
-        """The chain with other numbers; names that are not its own are ignored."""
-        poses = {}
-        for name in dict.fromkeys(
-            key.rpartition(".")[0] for key in values if key in self._all
-        ):
-            T = self._places[name]
-            turn = [values.get(f"{name}.{axis}", 0.0) for axis in _RXYZ]
-            at = [
-                values.get(f"{name}.{axis}", x)
-                for axis, x in zip(_XYZ, T[:3, 3], strict=True)
-            ]
-            R = se3.exp(np.array([*turn, 0.0, 0.0, 0.0]))[:3, :3]
-            poses[name] = se3.pose(T[:3, :3] @ R, np.array(at))
-        frame = poses.pop("frame", self.chain.body.T_j_f)
-        ends = {
-            name.removeprefix("closure."): FixedFrame(at.joint, poses.pop(name))
-            for name, at in self._ends.items()
-            if name in poses
-        }
-        joints = {self._joints[name]: T for name, T in poses.items()}
-        return self.chain.with_placements(joints, frame, ends)
-
     @cached_property
     def _all(self) -> dict[str, float]:
-        return {
-            f"{name}.{axis}": float(x)
-            for name, T in self._places.items()
-            for axis, x in zip((*_XYZ, *_RXYZ), (*T[:3, 3], 0.0, 0.0, 0.0), strict=True)
-            if axis in _XYZ or name not in self._points
-        }
-
-    @cached_property
-    def _joints(self) -> dict[str, int]:
-        """Joints whose placement matters."""
-        chain, tree = self.chain, self.chain.tree
-        joints = list(range(1, tree.model.njoints))
-        if not chain.closures:
-            joints = tree.support(chain.body.joint)[0 if self.is_on_base else 1 :]
-        within = {chain.coordinates[i].name for i in chain.virtual}
-        names = tree.model.names
-        return {f"placement.{names[j]}": j for j in joints if names[j] not in within}
-
-    @cached_property
-    def _ends(self) -> dict[str, FixedFrame]:
-        """Frames of the closures."""
-        names = (name for c in self.chain.closures for name in (c.frame_a, c.frame_b))
-        return {
-            f"closure.{name}": self.chain.placement(name)
-            for name in names
-            if name not in ("body", "world")
-        }
-
-    @cached_property
-    def _points(self) -> set[str]:
-        closures = self.chain.closures
-        points, welds = (
-            {
-                f"closure.{n}"
-                for c in closures
-                if c.type == kind
-                for n in (c.frame_a, c.frame_b)
-            }
-            for kind in ("point", "weld")
-        )
-        return points - welds
-
-    @cached_property
-    def _places(self) -> dict[str, Array]:
-        placements = self.chain.tree.placements()
-        joints = {name: placements[j - 1] for name, j in self._joints.items()}
-        ends = {name: np.asarray(at.T_j_f) for name, at in self._ends.items()}
-        return {**joints, "frame": np.asarray(self.chain.body.T_j_f), **ends}
+        """All numbers but masses, and the place of the base where it does not matter."""
+        root = "" if self.is_on_base else self.mechanism.root
+        left_out = ("mass.", f"placement.{root}.") if root else ("mass.",)
+        own = self.mechanism.numbers().items()
+        return {name: x.value for name, x in own if not name.startswith(left_out)}

@@ -332,7 +332,7 @@ def _check_coefficient(
             where=where,
             expected="one of both",
         )
-    c = law_of(elastic, name, where).coefficients
+    c = law_of(elastic, name, where).powers
     if power > len(c) or (power == 1 and not c[0] > 0.0):
         raise InputError(
             f"{entry.name!r} is no coefficient of the spring",

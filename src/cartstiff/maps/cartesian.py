@@ -26,7 +26,6 @@ from cartstiff.maps.sampling import (
     checked_axes,
     grid_indices,
 )
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 
 #: Choice of the posture on a self-motion: nearest to the base posture, or best in the map's first
@@ -154,7 +153,7 @@ class CartesianGrid(Sampling):
         """Return the solver: compiled for large maps, and the same for all parts of a map."""
         if self._quick is None or self._quick[0] is not elastic:
             solver = None
-            if isinstance(elastic.mechanism, Chain) and not self.legs:
+            if not (self.legs or elastic.mechanism.coordinates_are_pose):
                 every = prod(self.shape[:3]) * (1 + self.count)
                 solver = (QuickPoses if every >= _COMPILED_FROM else JointPoses)(elastic)
             self._quick = elastic, solver

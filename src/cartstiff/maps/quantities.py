@@ -44,7 +44,6 @@ from cartstiff.batch.vibrations import ManyModes
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.platform import Platform
 
 
 def on_finite(
@@ -365,7 +364,7 @@ def choose_quantities(
                 f"the quantity {name} needs damping", got="no ratio, no dampers"
             )
         mechanism = elastic.mechanism
-        lines = len(mechanism.points) if isinstance(mechanism, Platform) else 6
+        lines = len(mechanism.points) or 6
         if "jacobian" in quantity.needs and (mechanism.closures or lines != 6):
             raise InputError(
                 f"the quantity {name} is not defined for a mechanism with closures, or lines "
@@ -382,7 +381,7 @@ def _manipulability_unit(elastic: ElasticMechanism) -> str:
     """Unit of the product of singular values: each joint counts in its own unit."""
     mechanism = elastic.mechanism
     slides = sum(c.is_length for c in mechanism.coordinates)
-    if isinstance(mechanism, Platform):
+    if mechanism.coordinates_are_pose:
         slides = 6  # what moves are the legs
     elif len(mechanism.coordinates) < 6 or (slides and len(mechanism.coordinates) > 6):
         return "mixed, of rad and {length}"

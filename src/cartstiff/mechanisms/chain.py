@@ -24,6 +24,7 @@ from cartstiff.errors import ConvergenceError, InputError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
+from cartstiff.mechanisms.clearances import clearances
 from cartstiff.mechanisms.closures import (
     LONGEST_STEP,
     ClosureState,
@@ -32,7 +33,12 @@ from cartstiff.mechanisms.closures import (
     held_map,
 )
 from cartstiff.mechanisms.closures import Closure as Closure
-from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
+from cartstiff.mechanisms.contract import (
+    Mechanism,
+    MechanismPosture,
+    Quantities,
+    Skeleton,
+)
 from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.shapes import Piece
 from cartstiff.mechanisms.tree import WORLD, FixedFrame, KinematicTree, TreeState
@@ -46,7 +52,15 @@ from cartstiff.numerics import (
     ROUNDOFF,
     least_change,
 )
-from cartstiff.potentials.contract import IDENTITY, POSE, Evaluation, SecondOrderMap
+from cartstiff.potentials.contract import (
+    IDENTITY,
+    POSE,
+    Evaluation,
+    Number,
+    SecondOrderMap,
+    rescaled,
+)
+from cartstiff.units import Units
 
 
 @dataclass(frozen=True)
@@ -79,6 +93,8 @@ class Description:
         return "the robot" if self.path is None else self.path.name
 
 
+#: Ends of the names of a placement's numbers: its coordinates, and turns about its axes.
+PLACE_AXES = ("x", "y", "z", "rx", "ry", "rz")
 # Sums up the angular and the linear components.
 _HALVES = np.repeat(np.eye(2), 3, axis=1)
 
@@ -158,6 +174,24 @@ class ChainPosture(MechanismPosture):
     def joint_poses(self, joints: Sequence[int]) -> Array:
         """Return the poses ``T_F_j`` (m, 4, 4) of some joints of the tree."""
         return self._state.joint_poses(joints)
+
+    def pose_of_frame(self, name: str) -> Array:
+        """Return the pose ``T_F_b`` of a frame, without its map."""
+        return self._state.pose(self._chain.placement(name))
+
+    def drawn(self) -> Skeleton:
+        """From joint to joint to M, and to the frames of the closures; all joints."""
+        chain, state, supports = self._chain, self._state, self._chain.tree.model.supports
+        ends = [
+            chain.body,
+            *(chain.placement(f) for c in chain.closures for f in (c.frame_a, c.frame_b)),
+        ]
+        origins = self.joint_poses(range(chain.tree.model.njoints))[:, :3, 3]
+        paths = [
+            np.vstack([origins[list(supports[end.joint])], state.pose(end)[:3, 3]])
+            for end in ends
+        ]
+        return Skeleton(paths, np.vstack([self.pose[:3, 3], origins]))
 
     def relative(self, frame_a: str, frame_b: str) -> tuple[Array, SecondOrderMap]:
         """Return the pose ``T_a_b`` and its map."""
@@ -293,7 +327,7 @@ class Chain(Mechanism):
         if actuated is not None:
             self.selection = np.eye(tree.n)[list(actuated)]
         self.virtual = frozenset(virtual)
-        self.held = sorted({*(actuated or ()), *virtual})
+        self.held: list[int] = sorted({*(actuated or ()), *virtual})
         driven = range(tree.n) if actuated is None else actuated
         self.undriven = self.virtual | (frozenset(range(tree.n)) - frozenset(driven))
         self.is_length = np.array([c.is_length for c in tree.coordinates], bool)
@@ -358,6 +392,8 @@ class Chain(Mechanism):
     @property
     def frames_of_body(self) -> list[str]:
         """Names of the frames on the link that carries M, its own among them."""
+        if self.kind not in ("serial", "closed-chain"):
+            return [self.frame]
         joint = self.body.joint
         names = [name for name, place in self.tree.frames.items() if place.joint == joint]
         return names if self.frame in names else [self.frame, *names]
@@ -414,6 +450,132 @@ class Chain(Mechanism):
         carriers = self.tree.links()
         bare = {carriers[j]: own for j, (_, own) in self.payload.items() if j in carriers}
         return masses | bare | {"payload": sum(hung for hung, _ in self.payload.values())}
+
+    @property
+    def is_open_tree(self) -> bool:  # type: ignore[override]
+        """Whether it has neither closures nor joints that follow others."""
+        return not self.closures and self.mimic is None
+
+    @property
+    def mimic(self) -> Array | None:  # type: ignore[override]
+        """That of the tree."""
+        return self.tree.mimic
+
+    def screws(self) -> Array:
+        """Return those of the tree."""
+        return self.tree.screws()
+
+    @property
+    def root(self) -> str:  # type: ignore[override]
+        """The first joint on the way to M."""
+        joints = [] if self.closures else self.tree.support(self.body.joint)
+        return str(self.tree.model.names[joints[0]]) if joints else ""
+
+    @property
+    def reach(self) -> float | None:  # type: ignore[override]
+        """Sum of the ways between the joints of an arm, and to M."""
+        if self.kind != "serial":
+            return None
+        model, body = self.tree.model, self.body
+        joints = [int(j) for j in model.supports[body.joint] if j]
+        ways = [model.jointPlacements[j].translation for j in joints[1:]]
+        return float(sum(map(np.linalg.norm, [*ways, body.T_j_f[:3, 3]])))
+
+    def quantities(self) -> list[Quantities]:
+        """Return the distances of the rods of legs with diameters."""
+        legs = self.legs
+        if not any(leg.diameter for leg in legs):
+            return []
+
+        def ends(q: Array, pose: Array) -> tuple[Array, Array]:
+            starts, ends = zip(*(leg.rod(q, pose) for leg in legs), strict=True)
+            return np.stack(starts, axis=-2), np.stack(ends, axis=-2)
+
+        anchors = np.array([leg.shape.anchor for leg in legs])
+        points = np.array([leg.T_M_end[:3, 3] for leg in legs])
+        are_fixed = np.array([leg.shape.family == "strut" for leg in legs])
+        diameters = [leg.diameter for leg in legs]
+        return [clearances(diameters, anchors, points, are_fixed, ends)]
+
+    def numbers(self) -> dict[str, Number]:
+        """Return placements of joints, of M and of the closures' frames, and masses of links.
+
+        "placement.JOINT.x" to ".rz", "frame.x" to ".rz", "closure.FRAME.x" to ".rz", each against
+        what carries it, rotations about its own axes and nominally zero; "mass.LINK". Virtual
+        joints are within a link, and of frames that share a point the rotations do not matter.
+        """
+        welded = {
+            f for c in self.closures if c.type == "weld" for f in (c.frame_a, c.frame_b)
+        }
+        found = dict[str, Number]()
+        for name, (_, T) in self._placed().items():
+            group, _, frame = name.partition(".")
+            count = 3 if group == "closure" and frame not in welded else 6
+            values = [*T[:3, 3].tolist(), 0.0, 0.0, 0.0][:count]
+            for axis, x in zip(PLACE_AXES, values, strict=False):
+                found[f"{name}.{axis}"] = Number(x, float(axis in "xyz"))
+        own, _ = self.tree.masses()
+        for j, name in sorted(self.tree.links().items()):
+            if own[j - 1] > 0.0:
+                found[f"mass.{name}"] = Number(float(own[j - 1]), is_positive=True)
+        return found
+
+    def with_numbers(self, values: Mapping[str, float]) -> Chain:
+        """Return the chain with some of `numbers` changed; other names are ignored."""
+        joints, ends = dict[int, Array](), dict[str, FixedFrame]()
+        frame, masses, placed = self.body.T_j_f, dict[str, float](), self._placed()
+        for name in dict.fromkeys(key.rpartition(".")[0] for key in values):
+            if name not in placed:
+                continue
+            joint, T = placed[name]
+            nominal = [*T[:3, 3].tolist(), 0.0, 0.0, 0.0]
+            each = zip(PLACE_AXES, nominal, strict=True)
+            x = np.array([values.get(f"{name}.{axis}", own) for axis, own in each])
+            R = se3.exp(np.array([*x[3:], 0.0, 0.0, 0.0]))[:3, :3]
+            T = se3.pose(T[:3, :3] @ R, x[:3])
+            group, _, end = name.partition(".")
+            if group == "placement":
+                joints[joint] = T
+            elif group == "closure":
+                ends[end] = FixedFrame(joint, T)
+            else:
+                frame = T
+        is_moved = joints or ends or frame is not self.body.T_j_f
+        other = self.with_placements(joints, frame, ends) if is_moved else self
+        group = "mass."
+        masses = {
+            n.removeprefix(group): x for n, x in values.items() if n.startswith(group)
+        }
+        return other.with_masses(masses) if masses else other
+
+    def _placed(self) -> dict[str, tuple[int, Array]]:
+        """Joint and placement on it of what has a place, by its name; of joints their own."""
+        tree, model = self.tree, self.tree.model
+        joints = list(range(1, model.njoints))
+        if not self.closures:
+            joints = tree.support(self.body.joint)
+        within = {self.coordinates[i].name for i in self.virtual}
+        places = tree.placements()
+        found = {
+            f"placement.{name}": (j, places[j - 1])
+            for j in joints
+            if (name := str(model.names[j])) not in within
+        }
+        found["frame"] = (self.body.joint, np.asarray(self.body.T_j_f))
+        for name in (n for c in self.closures for n in (c.frame_a, c.frame_b)):
+            if name not in ("body", "world"):
+                at = self.placement(name)
+                found[f"closure.{name}"] = (at.joint, np.asarray(at.T_j_f))
+        return found
+
+    def in_units(self, a: float, units: Units) -> Chain:
+        """Return the chain with lengths times `a`."""
+        other: Chain = rescaled(self, a)
+        other.units = units
+        vars(other).pop("ties", None)
+        other.tree = self.tree.in_units(a)
+        other.coordinates = other.tree.coordinates
+        return other
 
     def at(self, q: ArrayLike) -> ChainPosture:
         """Return the posture at coordinates q (n,)."""

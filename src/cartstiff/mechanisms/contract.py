@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import Array, checked_input, fixed
-from cartstiff.errors import InputError
+from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.notes import Note
-from cartstiff.potentials.contract import Evaluation, LineGeometry, SecondOrderMap
+from cartstiff.potentials.contract import (
+    NO_POINTS,
+    Evaluation,
+    LineGeometry,
+    Number,
+    SecondOrderMap,
+)
 from cartstiff.units import SI, Units
 
 
@@ -30,6 +37,26 @@ class Coordinate:
     def is_length(self) -> bool:
         """Whether the coordinate is a distance."""
         return self.type == "prismatic"
+
+    def times(self, a: float) -> Coordinate:
+        """Return it with a unit of length that is `a` times as small."""
+        a = a if self.is_length else 1.0
+        return replace(self, lower=a * self.lower, upper=a * self.upper)
+
+
+class Skeleton(NamedTuple):
+    """What a picture of a mechanism shows at a posture.
+
+    Attributes
+    ----------
+    paths : list of ndarray (k, 3)
+        Lines in F from point to point: along the joints to the tip, or along each leg.
+    points : ndarray (m, 3)
+        Points in F that a picture has to hold.
+    """
+
+    paths: list[Array]
+    points: Array
 
 
 class MechanismPosture(ABC):
@@ -59,6 +86,25 @@ class MechanismPosture(ABC):
     def relative(self, frame_a: str, frame_b: str) -> tuple[Array, SecondOrderMap]:
         """Return the pose ``T_a_b`` and its map."""
 
+    #: The lines from the ground to the body that hold it, in M; None without.
+    lines: LineGeometry | None = None
+
+    def pose_of_frame(self, name: str) -> Array:
+        """Return the pose ``T_F_b`` of a frame, without its map."""
+        return self.pose if name == "body" else self.relative("world", name)[0]
+
+    def drawn(self) -> Skeleton:
+        """Return what a picture shows, by default a line from the base to M."""
+        at = self.pose[:3, 3]
+        return Skeleton([np.array([np.zeros(3), at])], at[None])
+
+    def map_of_bounded(self, which: Sequence[int]) -> SecondOrderMap:
+        """Return the map to some (k,) of what `Mechanism.bounds` limits."""
+        n = self.motion.jacobian.shape[1]
+        rows = np.zeros((len(which), n))
+        rows[np.arange(len(which)), which] = 1.0
+        return SecondOrderMap(rows, lambda _: np.zeros((n, n)))
+
     def legs(self, anchors: Array, points: Array) -> LineGeometry | None:  # noqa: ARG002
         """Return lines from ground to body that are known for these very arrays; or None."""
         return None
@@ -81,6 +127,21 @@ class MechanismPosture(ABC):
     @abstractmethod
     def chart(self) -> SecondOrderMap | str:
         """Return the map to the six coordinates of K^F, or the reason why there is none."""
+
+
+class Quantities(NamedTuple):
+    """Limited quantities other than coordinates and the lengths of lines.
+
+    Attributes
+    ----------
+    rows : list of (str, float, float, bool)
+        Name, lower and upper limit of each, and whether it is an angle.
+    values : callable
+        ``values(q, pose)`` (..., k) at coordinates q (..., n) and poses (..., 4, 4) of M.
+    """
+
+    rows: list[tuple[str, float, float, bool]]
+    values: Callable[[Array, Array], Array]
 
 
 class Mechanism(ABC):
@@ -114,6 +175,29 @@ class Mechanism(ABC):
     actuated: tuple[int, ...] | None = None
     #: Loop closures of a chain.
     closures: tuple[Any, ...] = ()
+    #: Coordinates that `closed` holds if the others can close the mechanism.
+    held: Sequence[int] = ()
+    #: Whether the coordinates are the pose of the body, (x, y, z, roll, pitch, yaw).
+    coordinates_are_pose: bool = False
+    #: Ends (m, 3) of the lines that hold the body, in F and in M; none for joints.
+    anchors: Array = NO_POINTS
+    points: Array = NO_POINTS
+    #: Whether these are legs of a robot, not springs that may be soft.
+    has_legs: bool = False
+    #: Whether its joints form a tree without closures, each with a coordinate of its own.
+    is_open_tree: bool = False
+    #: Positions of the joints (m, n) per coordinate, where some follow others; else None.
+    mimic: Array | None = None
+    #: The file's posture, closed, of a chain with closures.
+    home: Any = None
+    #: Name of a joint whose placement moves the whole mechanism against F alone.
+    root: str = ""
+    #: Sum of the ways along an arm to M; None for others.
+    reach: float | None = None
+    #: Least and largest tension (m, 2) of each such line; None without limits.
+    tension_limits: Array | None = None
+    #: Whether it is one of many that share a program and differ in their points.
+    is_one_of_many: bool = False
 
     def with_rigid(self, rigid: frozenset[int]) -> Mechanism:
         """Return the mechanism with other rigid coordinates.
@@ -205,6 +289,81 @@ class Mechanism(ABC):
         raise InputError(
             f"mechanisms of kind {self.kind} have no masses", got=dict(masses)
         )
+
+    def quantities(self) -> list[Quantities]:
+        """Return what has limits beside `bounds`, as angles of ball joints."""
+        return []
+
+    def bounded(self, q: Array, pose: Array) -> Array:  # noqa: ARG002
+        """Return what `bounds` limits, (..., k), at coordinates (..., n) and poses (..., 4, 4)."""
+        return q
+
+    def coordinates_of(self, T_F_M: ArrayLike) -> Array:  # noqa: ARG002
+        """Return coordinates (..., 6) from poses of M, where these are the same.
+
+        Raises
+        ------
+        InputError
+            If `coordinates_are_pose` is false.
+        """
+        raise InputError("coordinates are no pose", got=self.kind)
+
+    def closed_as_given(self, q: Array) -> Array:
+        """Close those of coordinates (N, n) of which a part was given; none without closures."""
+        return q
+
+    def forward_kinematics(self, lengths: ArrayLike, start: ArrayLike) -> Array:  # noqa: ARG002
+        """Return coordinates near `start` at which the lines that hold the body have lengths.
+
+        Raises
+        ------
+        InputError
+            Without such lines.
+        """
+        raise InputError("leg lengths are for platforms", got=self.kind)
+
+    def as_one_of_many(self) -> Self:
+        """Return a copy for computing many that differ in their points, where that is quicker."""
+        return self
+
+    def numbers(self) -> dict[str, Number]:
+        """Return the numbers that can be changed, by name: masses, placements, points."""
+        return {}
+
+    def with_numbers(self, values: Mapping[str, float]) -> Self:  # noqa: ARG002
+        """Return the mechanism with some of `numbers` changed."""
+        return self
+
+    def in_units(self, a: float, units: Units) -> Self:
+        """Return the same with all lengths times `a`; by default those of `numbers`.
+
+        Raises
+        ------
+        InputError
+            If it has none.
+        """
+        if not (own := self.numbers()):
+            raise InputError(
+                "is not converted to other units", where="units", got=self.kind
+            )
+        each = {name: x.value * a**x.length for name, x in own.items()}
+        other = copy(self.with_numbers(each))
+        other.units = units
+        other.coordinates = tuple(c.times(a) for c in self.coordinates)
+        return other
+
+    @property
+    def frames_of_body(self) -> list[str]:
+        """Names of the frames that may take the place of M, the present one among them."""
+        return [self.frame]
+
+    def with_frame(self, name: str) -> Mechanism:
+        """Return the mechanism with M at another of `frames_of_body`."""
+        raise UnknownNameError("frame", name, self.frames_of_body)
+
+    def screws(self) -> Array:
+        """Return the twists (m, 6) of the joints of a tree, each in its own frame."""
+        return np.zeros((0, 6))
 
     def displaced(self, q: Array, step: Array) -> Array:
         """Return coordinates after a small step in the coordinates of the derivatives."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,19 +22,23 @@ from cartstiff.arrays import (
 from cartstiff.errors import InputError, UnknownNameError, checked_kind
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.given_springs import in_own_units, rest_of_turns, with_values
 from cartstiff.mechanisms.identified import Identified
 from cartstiff.notebook import ShownInLines, html_table
 from cartstiff.notes import Note, still_assumed
 from cartstiff.potentials.beams import evaluate_together
-from cartstiff.potentials.contract import Evaluation, Potential, nothing, summed
+from cartstiff.potentials.contract import (
+    Evaluation,
+    Number,
+    Parts,
+    Potential,
+    nothing,
+    summed,
+)
 from cartstiff.potentials.coupled_joints import CoupledJointSprings
 from cartstiff.potentials.gravity import Gravity
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.potentials.springs import JointSprings, TabulatedLaw
+from cartstiff.potentials.springs import Springs
 from cartstiff.units import Units, checked_gravity, engineering
 
 
@@ -77,7 +82,7 @@ class ElasticMechanism(ShownInLines):
     name: str
     mechanism: Mechanism
     q: Array
-    springs: JointSprings | LineSprings | None = None
+    springs: Springs | None = None
     potentials: tuple[Potential, ...] = ()
     gravity: Array | None = None
     notes: tuple[Note, ...] = ()
@@ -97,9 +102,7 @@ class ElasticMechanism(ShownInLines):
             "a Mechanism; cartstiff.load reads one",
         )
         object.__setattr__(self, "q", fixed(real_array(self.q)))
-        rigid = (
-            self.springs.rigid if isinstance(self.springs, JointSprings) else frozenset()
-        )
+        rigid = frozenset() if self.springs is None else self.springs.rigid
         if rigid != self.mechanism.rigid:
             object.__setattr__(self, "mechanism", self.mechanism.with_rigid(rigid))
 
@@ -121,12 +124,8 @@ class ElasticMechanism(ShownInLines):
         tables = html_table([("posture", 2)], rows)
         if self.springs is not None:
             rigid = self.mechanism.rigid
-            slides = [c.is_length for c in self.mechanism.coordinates]
-            if isinstance(self.springs, LineSprings):
-                slides = [True] * len(self.spring_names)
-            shown = zip(
-                self.spring_names, self.springs.stiffness.tolist(), slides, strict=True
-            )
+            own, k = self.spring_names, self.springs.stiffness.tolist()
+            shown = zip(own, k, self.slides, strict=True)
             springs = [
                 (f"{n} [{self.units.spring(s)}]", "rigid" if i in rigid else f"{k:.6g}")
                 for i, (n, k, s) in enumerate(shown)
@@ -246,14 +245,8 @@ class ElasticMechanism(ShownInLines):
                 "gravity acts on no mass: no moving link has one, and there is no payload"
             )
             notes.append(Note("weightless", words, {"gravity": gravity.tolist()}))
-        potentials = tuple(
-            replace(
-                term, force=-term.lifted * (np.zeros(3) if gravity is None else gravity)
-            )
-            if isinstance(term, DeadForce) and term.lifted
-            else term
-            for term in self.potentials
-        )
+        acts = np.zeros(3) if gravity is None else gravity
+        potentials = tuple(term.under_gravity(acts) for term in self.potentials)
         return replace(self, gravity=gravity, potentials=potentials, notes=tuple(notes))
 
     def about(self) -> dict[str, Any]:
@@ -353,13 +346,12 @@ class ElasticMechanism(ShownInLines):
                 f"{self.name} has no joint springs",
                 expected="legs or line springs in its file",
             )
-        undriven, slides = self.mechanism.undriven, dict.fromkeys(self.spring_names, True)
-        if isinstance(self.springs, JointSprings):
-            slides = {c.name: c.is_length for c in self.mechanism.coordinates}
+        undriven = self.mechanism.undriven
+        slides = dict(zip(self.spring_names, self.slides, strict=True))
         given = in_own_units(stiffness, slides, undriven, self.units)
         springs = with_values(self.springs, self.spring_names, given, rest, undriven)
         notes = self.notes if stiffness is None else still_assumed(self.notes, stiffness)
-        if rest is not None and isinstance(springs, JointSprings):
+        if rest is not None and not all(self.slides):
             kept = [note for note in notes if note.code != "rest-of-turns"]
             notes = (*kept, *rest_of_turns(self.mechanism.coordinates, springs.rest))
         elastic = replace(self, springs=springs, notes=notes)
@@ -372,9 +364,57 @@ class ElasticMechanism(ShownInLines):
     @property
     def spring_names(self) -> tuple[str, ...]:
         """Names of the springs: the coordinates', or leg1, leg2, ... for lines."""
-        if isinstance(self.springs, LineSprings):
-            return tuple(f"leg{i + 1}" for i in range(len(self.springs.stiffness)))
-        return self.names
+        if self.springs is None:
+            return self.names
+        return self.springs.names_in(self.mechanism.coordinates)
+
+    @property
+    def slides(self) -> list[bool]:
+        """Whether each of `spring_names` deflects by a distance."""
+        coordinates, springs = self.mechanism.coordinates, self.springs
+        own = [c.is_length for c in coordinates]
+        return own if springs is None else springs.slides_in(coordinates)
+
+    def labelled(self) -> list[tuple[Potential, Sequence[str]]]:
+        """Return the potentials beside the springs, with the names of their parts."""
+        found, count = list[tuple[Potential, Sequence[str]]](), Counter[str]()
+        for term in self.potentials:
+            names = term.labels(count[term.stem])
+            count[term.stem] += len(names)
+            found.append((term, names))
+        return found
+
+    def parts(self, posture: MechanismPosture) -> list[Parts]:
+        """Return what deflects in springs and potentials, in their order."""
+        every = self.labelled()
+        if self.springs is not None:
+            every.insert(0, (self.springs, self.spring_names))
+        coordinates = self.mechanism.coordinates
+        each = (term.parts(posture, coordinates, names) for term, names in every)
+        return [parts for parts in each if parts is not None]
+
+    def numbers(self) -> dict[str, Number]:
+        """Return the numbers that `with_numbers` changes, by name.
+
+        "stiffness.SPRING", "rest.SPRING", a factor "stiffness.LINK (link)", and those of the
+        mechanism: "mass.LINK", "placement.JOINT.x", "base.leg1.x"; see `Mechanism.numbers`.
+        """
+        found, springs = dict[str, Number](), self.springs
+        if springs is not None:
+            found |= springs.numbers(self.spring_names, self.slides)
+        for term, names in self.labelled():
+            found |= term.numbers(names)
+        return found | self.mechanism.numbers()
+
+    def with_numbers(self, values: Mapping[str, float]) -> ElasticMechanism:
+        """Return the mechanism with some of `numbers` changed; other names are ignored."""
+        springs, mechanism = self.springs, self.mechanism.with_numbers(values)
+        if springs is not None:
+            springs = springs.with_numbers(values, self.spring_names)
+            if mechanism.points is not self.mechanism.points:
+                springs = springs.at_points(mechanism.anchors, mechanism.points)
+        terms = tuple(term.with_numbers(values, names) for term, names in self.labelled())
+        return replace(self, mechanism=mechanism, springs=springs, potentials=terms)
 
     @property
     def commanded(self) -> list[int]:
@@ -386,9 +426,10 @@ class ElasticMechanism(ShownInLines):
         if mechanism.closures and mechanism.actuated is not None:
             return list(mechanism.actuated)
         own = [j for j in range(len(self.names)) if j not in mechanism.virtual]
-        if not mechanism.closures or not isinstance(springs, JointSprings):
+        if not mechanism.closures or springs is None:
             return own
-        return [j for j in own if not springs.is_passive[j]] or own
+        sprung = springs.has_coordinate(len(self.names))
+        return [j for j in own if sprung[j]] or own
 
     @property
     def stiffnesses(self) -> list[float]:
@@ -421,13 +462,8 @@ class ElasticMechanism(ShownInLines):
             for p in self._acting()
             for side in ("frame_a", "frame_b")
         }
-        if isinstance(mechanism, Chain) and mechanism.kind in ("serial", "closed-chain"):
-            fixed_to |= {
-                frame for c in mechanism.closures for frame in (c.frame_a, c.frame_b)
-            }
-            if "body" not in fixed_to:
-                return mechanism.frames_of_body
-        return [mechanism.frame]
+        fixed_to |= {f for c in mechanism.closures for f in (c.frame_a, c.frame_b)}
+        return [mechanism.frame] if "body" in fixed_to else mechanism.frames_of_body
 
     def with_frame(self, name: str) -> ElasticMechanism:
         """Return the mechanism with M at another frame of `frames_of_body`.
@@ -439,9 +475,7 @@ class ElasticMechanism(ShownInLines):
         UnknownNameError
             For any other name.
         """
-        if name not in (known := self.frames_of_body) or not isinstance(
-            self.mechanism, Chain
-        ):
+        if name not in (known := self.frames_of_body):
             raise UnknownNameError("frame", name, known)
         notes = tuple(
             n for n in self.notes if n.code not in ("default-frame", "ambiguous-frame")
@@ -491,9 +525,7 @@ class ElasticMechanism(ShownInLines):
     def at_rest(self, q: Array) -> ElasticMechanism:
         """Return the mechanism with all springs of its joints at rest at coordinates q (n,)."""
         springs = self.springs
-        if isinstance(springs, JointSprings):
-            springs = replace(springs, rest=q)
-        return replace(self, springs=springs)
+        return replace(self, springs=None if springs is None else springs.at_rest(q))
 
     def terms(self, springs: bool = True) -> tuple[Potential, ...]:
         """Return all potentials that act."""
@@ -514,7 +546,7 @@ class ElasticMechanism(ShownInLines):
             return True
         if not all(term.rest_is_free().all() for term in self.coupled_springs):
             return True
-        if isinstance(self.springs, LineSprings) and self.springs.holding().any():
+        if self.springs.holding().any():
             return True
         return bool(np.any((self.springs.stiffness > 0.0) & ~np.isnan(self.springs.rest)))
 
@@ -532,10 +564,7 @@ class ElasticMechanism(ShownInLines):
             or not (may := self.springs.rest_is_free(every=True)).any()
         ):
             return None
-        free = self.springs.rest_is_free()
-        if isinstance(self.springs, LineSprings):
-            free &= ~self.springs.holding()
-        free = free[may]
+        free = (self.springs.rest_is_free() & ~self.springs.holding())[may]
         return "balanced" if free.all() else "partly" if free.any() else "given"
 
     def parted_terms(self) -> tuple[list[Potential], list[Potential]]:
@@ -552,11 +581,11 @@ class ElasticMechanism(ShownInLines):
     def _corners(self, q: Array) -> list[Note]:
         """Return a note on each spring that is at a corner of its table."""
         springs, notes = self.springs, list[Note]()
-        if not isinstance(springs, JointSprings):
+        if springs is None:
             return notes
         for j, law in springs.laws.items():
             x = float(q[j] - springs.rest[j])
-            if not isinstance(law, TabulatedLaw) or (corner := law.corner_at(x)) is None:
+            if (corner := law.corner_at(x)) is None:
                 continue
             c, name = self.mechanism.coordinates[j], self.spring_names[j]
             unit = self.units.length if c.is_length else "rad"

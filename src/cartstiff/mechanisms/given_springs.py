@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,24 +12,23 @@ from cartstiff.arrays import Array, named_values
 from cartstiff.errors import InputError
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.notes import Note
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.springs import JointSprings
+from cartstiff.potentials.springs import Springs
 from cartstiff.units import Units, own_stiffness
 
 
 def with_values(
-    springs: JointSprings | LineSprings,
+    springs: Springs,
     names: tuple[str, ...],
     stiffness: float | Mapping[str, float] | ArrayLike | None,
     rest: float | Mapping[str, float] | ArrayLike | None,
     undriven: frozenset[int] = frozenset(),
-) -> JointSprings | LineSprings:
+) -> Springs:
     """Return the springs with other stiffness and rest, see `ElasticMechanism.with_springs`.
 
     A single stiffness for all joints does not apply to `undriven` coordinates without a spring.
     """
     k, passive = springs.stiffness, []
-    if isinstance(springs, JointSprings) and stiffness is not None:
+    if stiffness is not None:
         passive = np.flatnonzero(springs.is_passive).tolist()
         k = k.copy()
         k[list(springs.rigid)] = np.inf
@@ -50,8 +48,7 @@ def with_values(
             stiffness = each
         # A number for a joint replaces its nonlinear law as well.
         named = set(stiffness) if isinstance(stiffness, Mapping) else set(names)
-        laws = {j: law for j, law in springs.laws.items() if names[j] not in named}
-        springs = replace(springs, laws=laws, rigid=frozenset())
+        springs = springs.linear([j for j, name in enumerate(names) if name in named])
     if stiffness is not None:
         k = named_values(stiffness, names, k, "stiffness", infinite=True)
         if np.any(k < 0):
@@ -59,13 +56,13 @@ def with_values(
     rests = springs.rest
     if rest is not None:
         rests = named_values(rest, names, rests, "rest")
-        if isinstance(springs, LineSprings) and np.any(rests < 0.0):
+        if np.any(rests < springs.least_rest):
             raise InputError(
                 "rest length is negative",
                 expected="zero or more",
                 got=float(np.nanmin(rests)),
             )
-        for j in springs.rigid if isinstance(springs, JointSprings) else ():
+        for j in springs.rigid:
             if not isinstance(rest, Mapping) or names[j] in rest:
                 raise InputError(
                     f"joint {names[j]!r} is rigid and has no rest position",

@@ -12,7 +12,6 @@ from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.loads import DeadForce
 from cartstiff.units import EARTH
 
 # How the springs take the weight before any load, in words.
@@ -106,7 +105,7 @@ def gravity_loads(
     """Return the masses on which gravity acts in a mechanism, and the payloads among its loads."""
     acting = (*elastic.potentials, *loads)
     # A load's mass, as its weight, is in the unit of force.
-    hung = [load for load in acting if isinstance(load, DeadForce) and load.mass]
+    hung = [own for load in acting if (own := load.payload) is not None]
     payload = sum(load.mass for load in hung) * elastic.units.newtons
     weight = float(np.linalg.norm(sum((load.force for load in hung), np.zeros(3))))
     field = None if elastic.gravity is None else tuple(map(float, elastic.gravity))

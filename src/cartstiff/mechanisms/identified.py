@@ -15,8 +15,6 @@ from cartstiff.errors import InputError
 
 #: Suffix of parameters that are shares of a beam's own compliance.
 BEAM = " (beam)"
-#: Suffix of factors on the stiffness of compliant links.
-LINK = " (link)"
 
 
 def quantile(level: float, degrees: float = np.inf) -> float:

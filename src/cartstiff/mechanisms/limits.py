@@ -7,11 +7,9 @@ use.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from copy import copy
-from functools import partial
-from itertools import combinations
-from typing import NamedTuple, Protocol
+from typing import Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -19,14 +17,10 @@ from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.leg_shapes import PlacedLeg
-from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.springs import JointSprings
+from cartstiff.potentials.springs import Springs
 from cartstiff.units import engineering
 
 #: Round-off of a quantity at its limit, relative to the quantity or to its natural size.
@@ -53,151 +47,6 @@ class _Placed(Protocol):
     def pose(self) -> Array: ...
 
 
-class _Quantities(NamedTuple):
-    """Limited quantities of legs other than coordinates and lengths.
-
-    Attributes
-    ----------
-    rows : list of (str, float, float, bool)
-        Name, lower and upper limit of each, and whether it is an angle.
-    values : callable
-        ``values(q, pose)`` (..., k) at coordinates q (..., n) and poses (..., 4, 4) of M.
-    """
-
-    rows: list[tuple[str, float, float, bool]]
-    values: Callable[[Array, Array], Array]
-
-
-#: Ends (..., m, 3) in F of straight rods: those at the ground, and those at the body.
-_Ends = Callable[[Array, Array], tuple[Array, Array]]
-
-
-def _quantities_of_legs(mechanism: Mechanism) -> list[_Quantities]:
-    """Angles of the joints of a platform's legs, and distances of rods of any legs."""
-    found: list[_Quantities] = []
-    if isinstance(mechanism, Platform) and mechanism.leg_limits is not None:
-        limits = mechanism.leg_limits
-        for where, axes, angles in (
-            ("base", limits.base_axes, limits.base_angles),
-            ("platform", limits.platform_axes, limits.platform_angles),
-        ):
-            if axes is not None and angles is not None:
-                rows = [
-                    (f"angle of leg{i} at the {where}", 0.0, float(angle), True)
-                    for i, angle in enumerate(angles, start=1)
-                ]
-                found.append(_Quantities(rows, partial(_tilts, mechanism, axes, where)))
-        if limits.diameters is not None:
-            places = mechanism.anchors, mechanism.points
-            ends = partial(_ends_of_lines, mechanism)
-            are_fixed = np.ones(len(mechanism.points), bool)
-            found.append(_clearances(limits.diameters.tolist(), *places, are_fixed, ends))
-    legs = mechanism.legs if isinstance(mechanism, Chain) else ()
-    if any(leg.diameter for leg in legs):
-        anchors = np.array([leg.shape.anchor for leg in legs])
-        points = np.array([leg.T_M_end[:3, 3] for leg in legs])
-        are_fixed = np.array([leg.shape.family == "strut" for leg in legs])
-        diameters, ends = [leg.diameter for leg in legs], partial(_ends_of_rods, legs)
-        found.append(_clearances(diameters, anchors, points, are_fixed, ends))
-    return found
-
-
-def _ends_of_lines(platform: Platform, q: Array, pose: Array) -> tuple[Array, Array]:  # noqa: ARG001
-    ends = platform.points @ pose[..., :3, :3].swapaxes(-1, -2) + pose[..., None, :3, 3]
-    return np.broadcast_to(platform.anchors, ends.shape), ends
-
-
-def _ends_of_rods(
-    legs: Sequence[PlacedLeg], q: Array, pose: Array
-) -> tuple[Array, Array]:
-    starts, ends = zip(*(leg.rod(q, pose) for leg in legs), strict=True)
-    return np.stack(starts, axis=-2), np.stack(ends, axis=-2)
-
-
-def _tilts(platform: Platform, axes: Array, where: str, q: Array, pose: Array) -> Array:
-    """Angles (..., m) of lines from axes (m, 3) at their "base", or in M at the "platform"."""
-    starts, ends = _ends_of_lines(platform, q, pose)
-    along = ends - starts
-    along = along / np.maximum(
-        np.linalg.norm(along, axis=-1, keepdims=True), numerics.TINY
-    )
-    if where == "platform":
-        along, axes = -along, axes @ pose[..., :3, :3].swapaxes(-1, -2)
-    across = np.linalg.norm(np.cross(along, axes), axis=-1)  # exact for small angles, too
-    return np.asarray(np.arctan2(across, (along * axes).sum(axis=-1)))
-
-
-def _clearances(
-    diameters: Sequence[float | None],
-    anchors: Array,
-    points: Array,
-    are_fixed: NDArray[np.bool_],
-    ends: _Ends,
-) -> _Quantities:
-    """Distances of rods with diameters: at least the mean of the two.
-
-    Rods that end at one point of the body, or fixed ones that start at one point, have no such
-    limit. `points` (m, 3) are those of the body.
-    """
-    same = numerics.NEGLIGIBLE_DISTANCE * max(np.abs(anchors).max(), np.abs(points).max())
-    rows, pairs = [], []
-    for (i, a), (j, b) in combinations(enumerate(diameters), 2):
-        meet = np.abs(points[i] - points[j]).max() <= same or (
-            are_fixed[i]
-            and are_fixed[j]
-            and np.abs(anchors[i] - anchors[j]).max() <= same
-        )
-        if a and b and not meet:
-            rows.append(
-                (f"distance of leg{i + 1} and leg{j + 1}", 0.5 * (a + b), np.inf, False)
-            )
-            pairs.append((i, j))
-    return _Quantities(
-        rows, partial(_distances, np.array(pairs, np.intp).reshape(-1, 2), ends)
-    )
-
-
-def _distances(pairs: NDArray[np.intp], ends: _Ends, q: Array, pose: Array) -> Array:
-    (first, second), (starts, ends_there) = pairs.T, ends(q, pose)
-    return distances_of_segments(
-        starts[..., first, :],
-        ends_there[..., first, :],
-        starts[..., second, :],
-        ends_there[..., second, :],
-    )
-
-
-def distances_of_segments(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Return the least distances (...) of segments from a to b and from c to d, arrays (..., 3).
-
-    It is the least distance of the lines, where that is within both segments; else that of an end.
-    """
-    u, v, w = b - a, d - c, a - c
-    uu, vv, uv = (u * u).sum(-1), (v * v).sum(-1), (u * v).sum(-1)
-    uw, vw = (u * w).sum(-1), (v * w).sum(-1)
-    across = uu * vv - uv * uv
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = (uv * vw - vv * uw) / across
-        t = (uu * vw - uv * uw) / across
-        inside = (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1) & (across > 0)
-        lines = np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
-    ends = [
-        _to_segment(a, c, v),
-        _to_segment(b, c, v),
-        _to_segment(c, a, u),
-        _to_segment(d, a, u),
-    ]
-    least = np.minimum.reduce(ends)
-    return np.where(inside, np.minimum(np.where(inside, lines, np.inf), least), least)
-
-
-def _to_segment(point: Array, start: Array, along: Array) -> Array:
-    away = point - start
-    square = np.maximum((along * along).sum(-1), numerics.TINY)
-    share = np.clip((away * along).sum(-1) / square, 0.0, 1.0)
-    return np.asarray(np.linalg.norm(away - share[..., None] * along, axis=-1))
-
-
 class Limits:
     """Limits of a mechanism's coordinates, or of a platform's legs.
 
@@ -220,8 +69,8 @@ class Limits:
         Coordinates, or legs, that are limited.
     are_angles : ndarray of bool (m,)
         Which are angles: of joints that turn, and of joints of a platform's legs.
-    legs : Platform or None
-        The platform with limited legs.
+    legs : Mechanism or None
+        That with limited legs.
     left_out : ndarray of int (m,)
         -1 where the lower, 1 where the upper bound is left out, see `leaving_out`.
     """
@@ -229,7 +78,7 @@ class Limits:
     def __init__(
         self, mechanism: Mechanism, ignore: bool = False, *, contacts: bool = False
     ) -> None:
-        self.legs = mechanism if isinstance(mechanism, Platform) else None
+        self.legs = mechanism if len(mechanism.points) else None
         turns = {c.name: c.type == "revolute" for c in mechanism.coordinates}
         bounds = [
             (name, *pair, turns.get(name, False))
@@ -239,7 +88,7 @@ class Limits:
             not ignore and bool(np.isfinite(pair).any()) for _, *pair, _ in bounds
         ]
         self.columns = np.flatnonzero(are_finite)
-        self._more = [] if contacts or ignore else _quantities_of_legs(mechanism)
+        self._more = [] if contacts or ignore else mechanism.quantities()
         rows = [bounds[j] for j in self.columns]
         rows += [row for quantities in self._more for row in quantities.rows]
         self.names = tuple(name for name, *_ in rows)
@@ -253,13 +102,8 @@ class Limits:
 
     def values(self, q: Array, pose: Array) -> Array:
         """Return the quantities (..., m) at coordinates q (..., n) and poses (..., 4, 4) of M."""
-        if self.legs is None:
-            own = np.asarray(q[..., self.columns])
-        else:
-            starts, ends = _ends_of_lines(self.legs, q, pose)
-            own = np.asarray(
-                np.linalg.norm((ends - starts)[..., self.columns, :], axis=-1)
-            )
+        every = q if self.legs is None else self.legs.bounded(q, pose)
+        own = np.asarray(every[..., self.columns])
         parts = [own, *(quantities.values(q, pose) for quantities in self._more)]
         return np.concatenate(parts, axis=-1) if self._more else own
 
@@ -349,7 +193,7 @@ def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[
     large: dict[str, float] = {}
     largest = max(map(abs, posture.q.tolist()), default=0.0)
     # Joints may turn several times; the angles of a pose rarely do.
-    plausible = 2.0 * _TURN if limits.legs is None else _TURN
+    plausible = _TURN if mechanism.coordinates_are_pose else 2.0 * _TURN
     if largest > plausible:
         large = {
             c.name: x
@@ -393,11 +237,9 @@ def tensions_of(elastic: ElasticMechanism, posture: _Placed) -> Array | None:
     Legs without a rest length have NaN.
     """
     springs = elastic.springs
-    if not isinstance(springs, LineSprings) or not isinstance(
-        elastic.mechanism, Platform
-    ):
+    if springs is None or not len(elastic.mechanism.points):
         return None
-    return springs.tensions(springs.lengths_at(posture.pose))
+    return springs.pull_at(posture.q, posture.pose)
 
 
 def forces_beyond(bounds: Array, tensions: Array) -> NDArray[np.bool_]:
@@ -417,14 +259,11 @@ def force_notes(elastic: ElasticMechanism, posture: _Placed) -> list[Note]:
     posture : MechanismPosture
         Anything with `q` and `pose`.
     """
-    platform = elastic.mechanism
-    if not isinstance(platform, Platform) or platform.leg_limits is None:
-        return []
-    bounds, tensions = platform.leg_limits.forces, tensions_of(elastic, posture)
+    bounds, tensions = elastic.mechanism.tension_limits, tensions_of(elastic, posture)
     if bounds is None or tensions is None:
         return []
     beyond = [
-        (f"force of leg{i + 1}", float(tensions[i]), platform.units.force, *bounds[i])
+        (f"force of leg{i + 1}", float(tensions[i]), elastic.units.force, *bounds[i])
         for i in np.flatnonzero(forces_beyond(bounds, tensions))
     ]
     return [_note_beyond("", beyond, code="force-limits")] if beyond else []
@@ -444,17 +283,19 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
         Its coordinates.
     """
     springs, chain, units = elastic.springs, elastic.mechanism, elastic.units
-    if isinstance(chain, Platform) and isinstance(springs, LineSprings):
-        return _stretched(elastic, chain, springs, q)
-    if not isinstance(springs, JointSprings) or not isinstance(chain, Chain):
+    if springs is None:
         return []
+    if len(chain.points):
+        return _stretched(elastic, springs, q)
     # Rigid joints and free joints have no spring torque at any position.
-    torque = springs.torque(q)
+    if not (torque := springs.torque(q)).any():
+        return []
+    is_length = np.array([c.is_length for c in chain.coordinates], bool)
     x = np.where(np.isnan(springs.rest) | (torque == 0.0), 0.0, q - springs.rest)
     x[list(chain.undriven)] = 0.0
-    if not chain.has_lengths and np.abs(x).sum() <= MAX_WIND_UP:
+    if not is_length.any() and np.abs(x).sum() <= MAX_WIND_UP:
         return []  # the deflection of the tip is small as well
-    wound = np.flatnonzero((np.abs(x) > MAX_WIND_UP) & ~chain.is_length)
+    wound = np.flatnonzero((np.abs(x) > MAX_WIND_UP) & ~is_length)
     wound = wound[np.argsort(-np.abs(x[wound]))]
     parts = [
         f"joint {chain.names[j]!r} winds up by {np.degrees(abs(x[j])):.3g} deg under "
@@ -466,14 +307,7 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
         len(wound) > 3
     )
     values: dict[str, object] = {"wind_up": {chain.names[j]: float(x[j]) for j in wound}}
-    if chain.kind == "serial":
-        model, body = chain.tree.model, chain.body
-        ways = [
-            model.jointPlacements[int(j)].translation
-            for j in model.supports[body.joint]
-            if j
-        ]
-        reach = float(sum(map(np.linalg.norm, [*ways[1:], body.T_j_f[:3, 3]])))
+    if (reach := chain.reach) is not None:
         moved = float(np.linalg.norm((chain.at(q).pose - chain.at(q - x).pose)[:3, 3]))
         if moved > MAX_RELATIVE_DEFLECTION * reach > 0.0:
             sizes = (engineering(x, units.length, 3) for x in (moved, reach))
@@ -485,22 +319,20 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
     return [Note("implausible-deflection", f"{words}3438 N m/rad)?", values)]
 
 
-def stretch_is_doubted(platform: Platform, springs: LineSprings) -> NDArray[np.bool_]:
+def stretch_is_doubted(mechanism: Mechanism, springs: Springs) -> NDArray[np.bool_]:
     """Which lines (m,) are legs or cables of a robot: springs without a platform may be soft."""
-    return np.asarray(springs.cables | (platform.kind == "stewart-gough"))
+    return np.asarray(springs.cables | mechanism.has_legs)
 
 
-def _stretched(
-    elastic: ElasticMechanism, platform: Platform, springs: LineSprings, q: Array
-) -> list[Note]:
+def _stretched(elastic: ElasticMechanism, springs: Springs, q: Array) -> list[Note]:
     """Note on stretched legs of a platform, and cables, as `deflection_notes`."""
     if springs.balanced_at is None:
         return []
-    lengths, units = springs.lengths_at(platform.at(q).pose), elastic.units
-    tensions = springs.tensions(lengths)
+    posture, units = elastic.mechanism.at(q), elastic.units
+    lengths, tensions = springs.positions(posture), springs.pull(posture)
     x = tensions / springs.stiffness
     is_long = np.abs(x) > MAX_RELATIVE_DEFLECTION * lengths
-    long = np.flatnonzero(stretch_is_doubted(platform, springs) & is_long)
+    long = np.flatnonzero(stretch_is_doubted(elastic.mechanism, springs) & is_long)
     if not long.size:
         return []
     long = long[np.argsort(-np.abs(x[long]))]

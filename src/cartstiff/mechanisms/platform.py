@@ -19,7 +19,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
+from functools import partial
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,8 +42,22 @@ from cartstiff.errors import (
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.mechanisms.contract import Coordinate, Mechanism, MechanismPosture
-from cartstiff.potentials.contract import IDENTITY, POSE, Evaluation, SecondOrderMap
+from cartstiff.mechanisms.clearances import clearances, tilts
+from cartstiff.mechanisms.contract import (
+    Coordinate,
+    Mechanism,
+    MechanismPosture,
+    Quantities,
+    Skeleton,
+)
+from cartstiff.potentials.contract import (
+    IDENTITY,
+    POSE,
+    Evaluation,
+    Number,
+    SecondOrderMap,
+    rescaled,
+)
 from cartstiff.potentials.line_springs import (
     LineGeometry,
     line_geometry,
@@ -310,7 +325,7 @@ class PlatformPosture(MechanismPosture):
         return carried, mass, first / mass if mass > 0.0 else np.zeros(3)
 
     @cached_property
-    def lines(self) -> LineGeometry:
+    def lines(self) -> LineGeometry:  # type: ignore[override]
         """Lengths, directions and line coordinates of the legs, in the body frame."""
         return line_geometry(self.pose, self._platform.anchors, self._platform.points)
 
@@ -318,6 +333,23 @@ class PlatformPosture(MechanismPosture):
         """Return the platform's own `lines` for its own anchors and points."""
         own = self._platform
         return self.lines if anchors is own.anchors and points is own.points else None
+
+    def map_of_bounded(self, which: Sequence[int]) -> SecondOrderMap:
+        """The map to the lengths of some legs."""
+        lines, points = self.lines, self._platform.points
+
+        def curvature(multipliers: Array) -> Array:
+            weights = np.zeros(len(points))
+            np.add.at(weights, which, multipliers)
+            return second_derivative(lines, points, weights)
+
+        return SecondOrderMap(lines.lines[which], curvature)
+
+    def drawn(self) -> Skeleton:
+        """The legs, and the way round the body's points."""
+        starts, ends = self._platform.ends_of_lines(self.q, self.pose)
+        legs = [np.array(pair) for pair in zip(starts, ends, strict=True)]
+        return Skeleton([*legs, np.vstack([ends, ends[:1]])], np.vstack([starts, ends]))
 
     @property
     def actuation(self) -> Array:  # type: ignore[override]
@@ -364,6 +396,7 @@ class Platform(Mechanism):
         Limits other than the lengths; its platform axes in the frame of interest.
     """
 
+    coordinates_are_pose = True
     length_powers: ClassVar = {
         **dict.fromkeys(
             ("anchors", "points", "points_P", "mass_centre", "limits", "length"), 1
@@ -423,8 +456,6 @@ class Platform(Mechanism):
         )
         self.struts = struts
         self.leg_limits = leg_limits
-        #: Whether it is one of many platforms that share a program and differ in their points.
-        self.is_one_of_many = False
         self.coordinates = tuple(
             Coordinate(name, "prismatic" if i < 3 else "revolute")
             for i, name in enumerate(_POSE)
@@ -451,14 +482,14 @@ class Platform(Mechanism):
         """Weight (3,) of the body in F, in the unit of force, under a field in m/s^2."""
         return self.mass / self.units.newtons * acceleration
 
-    def as_one_of_many(self) -> Platform:
+    def as_one_of_many(self) -> Self:
         """Return a copy for computing many platforms that differ in their points."""
         other = copy(self)
         other.is_one_of_many = True
         other.close()
         return other
 
-    def with_points(self, base: ArrayLike, platform: ArrayLike) -> Platform:
+    def with_points(self, base: ArrayLike, platform: ArrayLike) -> Self:
         """Return the platform with other anchors in F and other points of the body in P."""
         other, T_M_P = copy(self), se3.inverse(self.T_P_M)
         other.anchors = checked_array(base, None, "base points")
@@ -495,7 +526,7 @@ class Platform(Mechanism):
         masses = {self.frame: self.mass}
         return masses if self.struts is None else masses | {"legs": self.struts.mass}
 
-    def with_mass(self, mass: float, centre: Array) -> Platform:
+    def with_mass(self, mass: float, centre: Array) -> Self:
         """Return the platform with a point mass [kg] added at a point of M."""
         other = copy(self)
         other.mass = self.mass + mass
@@ -505,7 +536,7 @@ class Platform(Mechanism):
         other.close()
         return other
 
-    def with_masses(self, masses: Mapping[str, float]) -> Platform:
+    def with_masses(self, masses: Mapping[str, float]) -> Self:
         """Return the platform with other masses [kg], by its frame's name and "legs"."""
         own = masses.get(self.frame, self.mass) - self.mass
         other = self.with_mass(own, self.mass_centre)
@@ -517,6 +548,81 @@ class Platform(Mechanism):
                 fixed=share * self.struts.fixed,
                 moving=share * self.struts.moving,
             )
+        return other
+
+    @property
+    def has_legs(self) -> bool:  # type: ignore[override]
+        """Whether the lines are legs of a robot."""
+        return self.kind == "stewart-gough"
+
+    @property
+    def tension_limits(self) -> Array | None:  # type: ignore[override]
+        """Least and largest tension (m, 2) of each leg."""
+        return None if self.leg_limits is None else self.leg_limits.forces
+
+    def ends_of_lines(self, q: Array, pose: Array) -> tuple[Array, Array]:  # noqa: ARG002
+        """Return the ends (..., m, 3) in F of the legs at poses (..., 4, 4) of M."""
+        turn, at = pose[..., :3, :3].swapaxes(-1, -2), pose[..., None, :3, 3]
+        ends = self.points @ turn + at
+        return np.broadcast_to(self.anchors, ends.shape), ends
+
+    def bounded(self, q: Array, pose: Array) -> Array:
+        """Return the lengths (..., m) of the legs."""
+        starts, ends = self.ends_of_lines(q, pose)
+        return np.asarray(np.linalg.norm(ends - starts, axis=-1))
+
+    def quantities(self) -> list[Quantities]:
+        """Return the angles of the legs' joints, and distances of legs."""
+        limits, found = self.leg_limits, list[Quantities]()
+        if limits is None:
+            return found
+        for where, axes, angles in (
+            ("base", limits.base_axes, limits.base_angles),
+            ("platform", limits.platform_axes, limits.platform_angles),
+        ):
+            if axes is not None and angles is not None:
+                rows = [
+                    (f"angle of leg{i} at the {where}", 0.0, float(angle), True)
+                    for i, angle in enumerate(angles, start=1)
+                ]
+                values = partial(tilts, self.ends_of_lines, axes, where)
+                found.append(Quantities(rows, values))
+        if limits.diameters is not None:
+            places, fixed = (self.anchors, self.points), np.ones(len(self.points), bool)
+            diameters, ends = limits.diameters.tolist(), self.ends_of_lines
+            found.append(clearances(diameters, *places, fixed, ends))
+        return found
+
+    def numbers(self) -> dict[str, Number]:
+        """Return "base.LEG.x" and "platform.LEG.x", points in F and in P, and masses."""
+        points = {
+            f"{body}.leg{i}.{axis}": Number(x, 1.0)
+            for body, own in (("base", self.anchors), ("platform", self.points_P))
+            for i, point in enumerate(own.tolist(), start=1)
+            for axis, x in zip("xyz", point, strict=True)
+        }
+        masses = {n: m for n, m in self.masses().items() if m > 0.0}
+        return points | {
+            f"mass.{n}": Number(m, is_positive=True) for n, m in masses.items()
+        }
+
+    def with_numbers(self, values: Mapping[str, float]) -> Self:
+        """Return the platform with some of `numbers` changed."""
+        own = {n: x.value for n, x in self.numbers().items() if not n.startswith("mass.")}
+        other = self
+        if not values.keys().isdisjoint(own):
+            moved = [values.get(name, x) for name, x in own.items()]
+            other = other.with_points(*np.array(moved).reshape(2, -1, 3))
+        masses = {
+            n.removeprefix("mass."): x for n, x in values.items() if n.startswith("mass.")
+        }
+        return other.with_masses(masses) if masses else other
+
+    def in_units(self, a: float, units: Units) -> Self:
+        """Return the platform with lengths times `a`."""
+        other: Self = rescaled(self, a)
+        other.units = units
+        other.close()
         return other
 
     def leg_lengths(self, q: ArrayLike) -> Array:

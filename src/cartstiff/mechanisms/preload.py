@@ -11,8 +11,6 @@ import numpy as np
 
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.springs import JointSprings
 from cartstiff.units import engineering
 
 
@@ -27,32 +25,20 @@ def preload_notes(elastic: ElasticMechanism, is_loaded: bool) -> list[Note]:
         Whether rest positions are chosen so that the springs balance a given wrench.
     """
     springs = elastic.springs
-    if isinstance(springs, LineSprings):
-        return _notes_on_lines(elastic, springs, is_loaded)
-    if not isinstance(springs, JointSprings) or not is_loaded:
+    if springs is None:
         return []
-    given = springs.rest_is_free(every=True) & ~springs.rest_is_free()
-    names = [name for name, own in zip(elastic.names, given, strict=True) if own]
-    if not names:
-        return []
-    return [_replaced("rest positions", names, "their joints")]
-
-
-def _notes_on_lines(
-    elastic: ElasticMechanism, springs: LineSprings, is_loaded: bool
-) -> list[Note]:
     held = springs.holding()
     if is_loaded:
-        is_fixed = ~springs.rest_is_free()
+        is_fixed = springs.rest_is_free(every=True) & ~springs.rest_is_free()
         if isinstance(springs.driven, tuple):  # springs that nothing drives keep theirs
             is_fixed &= np.array(springs.driven)
-        for what, own in (("preload", held), ("rest lengths", is_fixed)):
+        rest, whose = springs.rest_words
+        for what, own in (("preload", held), (rest, is_fixed)):
             if own.any():
                 names = [n for n, x in zip(elastic.spring_names, own, strict=True) if x]
-                is_spread = len(springs.stiffness) > 6
-                return [
-                    _shifted(names) if is_spread else _replaced(what, names, "these legs")
-                ]
+                if springs.is_redundant:
+                    return [_shifted(names)]
+                return [_replaced(what, names, whose)]
         return []
     if not held.any() or springs.preload is None:
         return []

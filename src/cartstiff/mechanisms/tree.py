@@ -25,7 +25,7 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import SWAP, Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import Coordinate
-from cartstiff.potentials.contract import POSE, Evaluation, SecondOrderMap
+from cartstiff.potentials.contract import POSE, Evaluation, SecondOrderMap, rescaled
 
 #: Largest number for a tree. Pinocchio's workspace grows with its cube: 200 take 0.3 GB, 600 7 GB.
 MOST_COORDINATES = 200
@@ -439,6 +439,27 @@ class KinematicTree:
             for T, x in zip(self.placements(), self.screws() * z[:, None], strict=True)
         ]
         return self.changed(dict(enumerate(moved, start=1)))
+
+    def in_units(self, a: float) -> KinematicTree:
+        """Return the tree with all lengths times `a`; masses stay in kg."""
+        model = self.model.copy()
+        slides = np.zeros(model.njoints, bool)
+        for j in range(1, model.njoints):
+            slides[j] = model.joints[j].shortname().startswith("JointModelP")
+            model.jointPlacements[j].translation *= a
+            body = model.inertias[j]
+            model.inertias[j] = pin.Inertia(
+                body.mass, a * body.lever, a * a * body.inertia
+            )
+        sizes = np.where(slides[1:], a, 1.0)
+        model.armature = np.asarray(model.armature) * np.where(slides[1:], 1.0, a * a)
+        mimic, offset = self.mimic, None
+        if mimic is not None:
+            own = np.array([a if c.is_length else 1.0 for c in self.coordinates])
+            mimic, offset = mimic * sizes[:, None] / own, self.offset * sizes
+        coordinates = tuple(c.times(a) for c in self.coordinates)
+        frames = {name: rescaled(p, a) for name, p in self.frames.items()}
+        return KinematicTree(model, coordinates, frames, mimic, offset)
 
     def with_mass(self, at: FixedFrame, mass: float, point: Array) -> KinematicTree:
         """Return the tree with a point mass [kg] at a point (3,) of a frame."""

@@ -23,7 +23,6 @@ from cartstiff.batch.execution import HELPERS, javascript
 from cartstiff.batch.plans import CLOSING, SETTLING, TracedModel, plan, program_for
 from cartstiff.batch.untraced import segment_program
 from cartstiff.choices import LOAD_KINDS
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.closures import LONGEST_STEP, MOST_STEPS
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.gravity_loads import gravity_loads
@@ -32,11 +31,9 @@ from cartstiff.mechanisms.limits import (
     Limits,
     stretch_is_doubted,
 )
-from cartstiff.mechanisms.platform import Platform
 from cartstiff.mechanisms.preload import preload_notes
 from cartstiff.notes import assumed_stiffness
 from cartstiff.potentials.beams import alike
-from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.report.sentences import VERDICTS
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import PostureStiffness
@@ -207,15 +204,16 @@ def _chain_closure(
 def _unsupported(elastic: ElasticMechanism) -> str | None:
     """Return why the browser cannot compute this mechanism; None if it can."""
     springs, mechanism = elastic.springs, elastic.mechanism
-    if isinstance(mechanism, Chain) and mechanism.closures and mechanism.actuated is None:
+    if mechanism.closures and mechanism.actuated is None:
         return "a closed chain whose drives have no names is assembled posture by posture"
     if mechanism.rigid:
         return "a rigid joint has no stiffness that could be set here"
     if elastic.identified is not None:
         return "intervals of measured springs come from the library"
-    if isinstance(springs, LineSprings) and springs.unilateral:
+    if springs is not None and springs.unilateral:
         return "its cables may be slack"
-    if isinstance(mechanism, Platform) and mechanism.leg_limits is not None:
+    is_limited = mechanism.quantities() or mechanism.tension_limits is not None
+    if mechanism.coordinates_are_pose and is_limited:
         return "its legs have limits besides their lengths"
     if springs is None:
         return "it has no springs of its own"
@@ -247,7 +245,7 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
     limits = Limits(mechanism)
     chart = [note for note in result.notes if note.code == "kf-undefined"]
     described = {
-        "platform": isinstance(mechanism, Platform),
+        "platform": mechanism.coordinates_are_pose,
         "may_be_loaded": elastic.may_be_loaded,
         "names": list(elastic.spring_names),
         "are_lengths": [c.is_length for c in mechanism.coordinates],
@@ -278,15 +276,15 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
     for key, is_loaded in (("rest_notes", False), ("loaded_rest_notes", True)):
         described[key] = [note.to_dict() for note in preload_notes(elastic, is_loaded)]
     described["reach"] = result.posture.length
-    if isinstance(mechanism, Platform):
-        bounds = mechanism.limits
+    if mechanism.coordinates_are_pose:
+        bounds = [list(pair) for pair in mechanism.bounds.values()]
         described |= {
             "anchors": mechanism.anchors.tolist(),
             "points": mechanism.points.tolist(),
-            "length": float(mechanism.length),
-            "T_P_M": mechanism.T_P_M.tolist(),
-            "leg_limits": None if bounds is None else bounds.tolist(),
-            "doubted": _doubted_legs(elastic, mechanism),
+            "length": float(result.posture.length),
+            "T_P_M": mechanism.frame_offset.tolist(),
+            "leg_limits": bounds or None,
+            "doubted": _doubted_legs(elastic),
         }
     return described
 
@@ -306,14 +304,15 @@ def _always_illustrative(elastic: ElasticMechanism) -> bool:
     return elastic.is_illustrative and others
 
 
-def _doubted_legs(elastic: ElasticMechanism, platform: Platform) -> dict[str, Any] | None:
+def _doubted_legs(elastic: ElasticMechanism) -> dict[str, Any] | None:
     """Return the legs whose stretch is doubted from a share of their length on, with units."""
     springs, units = elastic.springs, elastic.units
-    if not isinstance(springs, LineSprings):
+    if springs is None:
         return None
+    doubted = stretch_is_doubted(elastic.mechanism, springs)
     return {
-        "rest_is_open": bool(np.isnan(springs.rest_length).any()),
-        "legs": np.flatnonzero(stretch_is_doubted(platform, springs)).tolist(),
+        "rest_is_open": bool(np.isnan(springs.rest).any()),
+        "legs": np.flatnonzero(doubted).tolist(),
         "share": MAX_RELATIVE_DEFLECTION,
         "names": list(elastic.spring_names),
         "force": units.force,

@@ -21,17 +21,13 @@ from cartstiff.arrays import checked_vector
 from cartstiff.batch.postures import analyse_many
 from cartstiff.errors import CartstiffError, UndefinedError, printable
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import beyond_limits, limits_of
-from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.page.export import export_page
 from cartstiff.page.shown import distance_to_singularity, legs, softest_in_room
 from cartstiff.page.source import Source
 from cartstiff.potentials.loads import Load
-from cartstiff.potentials.springs import JointSprings
 from cartstiff.report.analysis import (
     largest_share,
     links_of_coordinates,
@@ -350,7 +346,7 @@ def _under(elastic: ElasticMechanism, load: _Load, result: PostureStiffness) -> 
             much = engineering(float(np.linalg.norm(size)), unit)
             parts.append(f"a {kind} of {much} along ({along}) of {of}")
     acting = " and ".join(parts) or "no load"
-    springs = "joints" if isinstance(elastic.mechanism, Chain) else "legs"
+    springs = "legs" if len(elastic.mechanism.points) else "joints"
     holds = (
         f"the springs of its {springs}" if load.held is None else "the wrench named below"
     )
@@ -473,27 +469,8 @@ def _skeleton(
 
     With the force on the tip, the tip's displacement, enlarged, and a scale bar.
     """
-    mechanism = elastic.mechanism
-    posture = mechanism.at(q)
-    lines: list[Array] = []
-    if isinstance(mechanism, Chain):
-        state, tree = mechanism.tree.at(q), mechanism.tree
-        ends = [mechanism.body]
-        ends += [
-            tree.placement(f) for c in mechanism.closures for f in (c.frame_a, c.frame_b)
-        ]
-        for end in ends:
-            way = [FixedFrame(int(j), np.eye(4)) for j in tree.model.supports[end.joint]]
-            places = [
-                state.pose(frame)[:3, 3] if frame.joint else np.zeros(3) for frame in way
-            ]
-            lines.append(np.array([*places, state.pose(end)[:3, 3]]))
-    elif isinstance(mechanism, Platform):
-        points = mechanism.points @ posture.pose[:3, :3].T + posture.pose[:3, 3]
-        lines = [np.array([a, b]) for a, b in zip(mechanism.anchors, points, strict=True)]
-        lines.append(np.vstack([points, points[:1]]))
-    if not lines:
-        return ""
+    posture = elastic.mechanism.at(q)
+    lines = posture.drawn().paths
     every = np.vstack(lines)
     low, size = (
         every.min(axis=0),
@@ -608,7 +585,7 @@ def _joints(result: PostureStiffness, q: Array, analysis: dict[str, Any]) -> str
     deflection = resisted_deflection(analysis)
     shares, links = shares_of_parts(deflection, elastic), links_of_coordinates(elastic)
     springs = dict(zip(elastic.spring_names, elastic.stiffnesses, strict=False))
-    if isinstance(elastic.springs, JointSprings):
+    if elastic.springs is not None and elastic.springs.laws:
         hessian = elastic.springs.evaluate(result.posture).hessian
         springs |= {elastic.names[j]: hessian[j, j] for j in elastic.springs.laws}
 

@@ -20,9 +20,7 @@ from cartstiff.errors import CartstiffError, InputError, UndefinedError, Unknown
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.kinematics.following import Follower
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.platform import Platform
 from cartstiff.page.messages import (
     Analysis,
     Answer,
@@ -282,7 +280,7 @@ class Session:
             raise InputError(
                 "no such coordinate", where="moved", expected=f"below {len(q)}", got=moved
             )
-        if isinstance(mechanism, Chain) and mechanism.closures:
+        if mechanism.closures:
             hold = None if moved is None or mechanism.actuated is not None else [moved]
             if (
                 hold is not None or not is_left
@@ -336,7 +334,7 @@ class Session:
         state, followed, mechanism = message.state, None, self._elastic.mechanism
         start = self._q if state.q is None else state.q
         if message.lengths is not None:
-            if not isinstance(mechanism, Platform):
+            if not len(mechanism.points):
                 raise InputError("is for platforms", where="lengths", expected="towards")
             start = mechanism.forward_kinematics(
                 message.lengths, mechanism.checked(start)

@@ -21,14 +21,11 @@ from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import MATRICES
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import Coordinate
+from cartstiff.mechanisms.contract import Coordinate, Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import limits_of
-from cartstiff.mechanisms.platform import Platform
 from cartstiff.page.messages import ViewState
-from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.report.sentences import VERDICTS
 from cartstiff.statics.command import drives
 from cartstiff.stiffness.compute import PostureStiffness
@@ -57,7 +54,6 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array) -> dict[str, Any]:
     mechanism, units = elastic.mechanism, elastic.units
     ranges = slider_ranges(elastic, q)
     springs = elastic.springs
-    lines = isinstance(springs, LineSprings)
     coordinates = [
         {
             "name": c.name,
@@ -71,10 +67,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array) -> dict[str, Any]:
         for c, (lower, upper) in zip(mechanism.coordinates, ranges, strict=True)
     ]
     stiffness = elastic.stiffnesses
-    spring_units = [
-        units.spring(lines or bool(c["is_length"]))
-        for c in (coordinates if not lines else [{}] * len(stiffness))
-    ]
+    spring_units = [units.spring(slides) for slides in elastic.slides]
     driven = () if springs is None else drives(elastic)
     assumed = elastic.assumed_springs
     doubts = dict.fromkeys(assumed, "assumed")
@@ -95,7 +88,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array) -> dict[str, Any]:
                 "stiffness": plain(k),
                 "unit": unit,
                 "driven": name in driven,
-                "nonlinear": i in getattr(springs, "laws", ()),
+                "nonlinear": springs is not None and i in springs.laws,
                 "doubt": doubts.get(name),
             }
             for i, (name, k, unit) in enumerate(
@@ -109,7 +102,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array) -> dict[str, Any]:
         "weighed": gravity_loads(elastic).text,
         "gravity": None if elastic.gravity is None else elastic.gravity.tolist(),
         "size": float(mechanism.at(q).length),
-        "platform": isinstance(mechanism, Platform),
+        "platform": mechanism.coordinates_are_pose,
         "connections": [
             {"name": name, "title": matrix.name, "meaning": matrix.sentence}
             for name, matrix in MATRICES.items()
@@ -120,33 +113,28 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array) -> dict[str, Any]:
 def _joints(elastic: ElasticMechanism) -> list[int]:
     """The coordinate that moves each joint of the tree."""
     mechanism = elastic.mechanism
-    if not isinstance(mechanism, Chain):
-        return []
-    mimic = mechanism.tree.mimic
+    mimic = mechanism.mimic
     if mimic is None:
-        return list(range(len(mechanism.coordinates)))
+        return list(range(len(mechanism.screws())))
     return np.abs(mimic).argmax(axis=1).tolist()
 
 
 def _axes(elastic: ElasticMechanism) -> list[list[float]]:
     """The line along or about which each joint of the tree moves, in the joint's own frame."""
-    mechanism = elastic.mechanism
-    if not isinstance(mechanism, Chain):
-        return []
-    screws = mechanism.tree.screws()
+    screws = elastic.mechanism.screws()
     return [(s[:3] if s[:3].any() else s[3:]).tolist() for s in screws]
 
 
 def slider_ranges(elastic: ElasticMechanism, q: Array) -> list[tuple[float, float]]:
     """Ends of every slider: limits, where a leg reaches one, else a range about q."""
     mechanism = elastic.mechanism
-    size = mechanism.at(q).length
-    is_platform = False
-    if isinstance(mechanism, Platform):
-        is_platform, size = True, float(np.mean(mechanism.leg_lengths(q)))
+    posture, is_platform = mechanism.at(q), mechanism.coordinates_are_pose
+    size = posture.length
+    if posture.lines is not None:
+        size = float(np.mean(posture.lines.lengths))
     pairs = zip(mechanism.coordinates, q, strict=True)
     ranges = [_range(c, float(x), size, is_platform) for c, x in pairs]
-    if isinstance(mechanism, Platform) and len(limits_of(mechanism)):
+    if is_platform and len(limits_of(mechanism)):
         ranges = [
             _within_strokes(mechanism, q, i, size, own) for i, own in enumerate(ranges)
         ]
@@ -158,14 +146,14 @@ _SAMPLES, _DIVISIONS = 201, 3
 
 
 def _within_strokes(
-    platform: Platform, q: Array, i: int, size: float, own: tuple[float, float]
+    platform: Mechanism, q: Array, i: int, size: float, own: tuple[float, float]
 ) -> tuple[float, float]:
     """Ends of coordinate i of a platform's pose q (6,): where the first leg reaches a limit.
 
     The other coordinates stay; a limit that is exceeded at q does not count. `own` is the range
     without limits, used where none is reached within twice `size` or a quarter of a turn.
     """
-    limits, pose = limits_of(platform), platform.pose_of(q)
+    limits, pose = limits_of(platform), platform.at(q).pose
     limits = limits.leaving_out(limits.side(limits.values(q, pose), size))
     reach = 2.0 * size if platform.coordinates[i].is_length else 0.5 * np.pi
     ends = list(own)
@@ -174,7 +162,7 @@ def _within_strokes(
         for _ in range(_DIVISIONS):
             steps = np.linspace(near, far, _SAMPLES)
             Q = q + steps[:, None] * (np.arange(6) == i)
-            T = se3.from_roll_pitch_yaw(Q[:, :3], Q[:, 3:]) @ platform.T_P_M
+            T = se3.from_roll_pitch_yaw(Q[:, :3], Q[:, 3:]) @ platform.frame_offset
             beyond = limits.exceeded(limits.values(Q, T))
             if not beyond.any():
                 break
@@ -454,12 +442,12 @@ def _ratio(kind: str, values: Array, wanted: int) -> dict[str, Any]:
 
 def legs(result: PostureStiffness) -> list[dict[str, Any]] | None:
     """Lengths, limits and tensions of a platform's lines."""
-    lengths, tensions, platform = result.leg_lengths, result.tensions, result.mechanism
-    if lengths is None or not isinstance(platform, Platform):
+    lengths, tensions = result.leg_lengths, result.tensions
+    if lengths is None:
         return None
-    limits = platform.limits
+    limits = list(result.mechanism.bounds.values())
     nothing: list[None] = [None] * len(lengths)
-    lower, upper = (nothing, nothing) if limits is None else plain(np.transpose(limits))
+    lower, upper = plain(np.transpose(limits)) if limits else (nothing, nothing)
     pulls = nothing if tensions is None else plain(tensions)
     return [
         {"length": length, "tension": tension, "lower": low, "upper": high}

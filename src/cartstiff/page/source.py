@@ -20,7 +20,6 @@ from cartstiff.loading.tables import named_unit, read_cells, read_rows
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identity import fingerprint
 from cartstiff.mechanisms.limits import Limits
-from cartstiff.mechanisms.platform import Platform
 from cartstiff.parsing import parse_numbers
 from cartstiff.units import LENGTHS, SI, Units
 
@@ -372,11 +371,7 @@ def _bounds_in_words(elastic: ElasticMechanism) -> dict[str, tuple[str]]:
             f"{name}, least": (f"{low:.4g} {unit}",),
             f"{name}, most": (f"{high:.4g} {unit}",),
         }
-    forces = (
-        mechanism.leg_limits.forces
-        if isinstance(mechanism, Platform) and mechanism.leg_limits is not None
-        else None
-    )
+    forces = mechanism.tension_limits
     for i, pair in enumerate(() if forces is None else forces.tolist(), start=1):
         for side, bound in zip(("least", "most"), pair, strict=True):
             words[f"force of leg{i}, {side}"] = (f"{bound:.4g} {elastic.units.force}",)

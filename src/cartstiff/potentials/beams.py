@@ -19,11 +19,11 @@ ends, and the axial force, the end moments and the tangent stiffness are its der
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import pi
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from cartstiff import numerics
 from cartstiff.geometry.jets import Jet, variables
 from cartstiff.geometry.se3 import Array, read_only
 from cartstiff.notes import Note
-from cartstiff.potentials.contract import Evaluation, Posture, Potential
+from cartstiff.potentials.contract import Evaluation, Number, Posture, Potential
 from cartstiff.potentials.segment_shapes import (
     deformations,
     internal_twist,
@@ -171,6 +171,9 @@ class Beam(Potential):
     mass: float = 0.0
 
     length_powers: ClassVar = {"length": 1, "section": 0}
+    stem: ClassVar = "coupled springs "
+    cost = 16
+    is_scaled = True
 
     def __post_init__(self) -> None:
         indices = np.array(self.indices, int).reshape(-1, 6)
@@ -181,6 +184,43 @@ class Beam(Potential):
     def _straight(self) -> Array:
         """Hessian (m, 6, 6) of the undeformed beam."""
         return read_only(self._evaluated(np.zeros(self.indices.shape)).hessians)
+
+    @property
+    def members(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The coordinates of all segments."""
+        return tuple(self.indices.ravel().tolist())
+
+    @property
+    def own_stiffness(self) -> Array:
+        """Hessian (6 m, 6 m) of the undeformed beam."""
+        straight = self._straight
+        K = np.zeros((len(straight), 6, len(straight), 6))
+        K[range(len(straight)), :, range(len(straight))] = straight
+        return K.reshape(6 * len(straight), -1)
+
+    def with_compliance(self, compliance: Array) -> Beam:
+        """The same, stiffer by a factor: a beam's compliance is a multiple of its own."""
+        own = np.linalg.inv(self.own_stiffness)
+        return self.times(float(np.trace(own) / np.trace(compliance)))
+
+    def times(self, factor: float) -> Beam:
+        """The same, stiffer by a factor."""
+        return replace(self, section=self.section.times(factor))
+
+    def in_file(self, entry: Mapping[str, Any]) -> dict[str, Any]:
+        """E and G of the beam, by which its torsion is its own."""
+        beam = entry["beam"]
+        factor = self.section.torsion / (beam["G"] * beam["J"])
+        return {"beam": {**beam, "E": beam["E"] * factor, "G": beam["G"] * factor}}
+
+    def numbers(self, names: Sequence[str]) -> dict[str, Number]:
+        """A factor on its stiffness."""
+        return {f"stiffness.{names[0]}": Number(1.0, is_positive=True)}
+
+    def with_numbers(self, values: Mapping[str, float], names: Sequence[str]) -> Beam:
+        """The same, stiffer by a factor."""
+        factor = values.get(f"stiffness.{names[0]}", 1.0)
+        return self if factor == 1.0 else self.times(factor)
 
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and Hessian."""

@@ -15,6 +15,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 
+from cartstiff.arrays import read_only
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
 from cartstiff.notes import Note
@@ -105,6 +106,9 @@ class Posture(Protocol):
     def coordinate_lengths(self) -> Array:
         """1 for angles, the characteristic length for distances: natural sizes (n,)."""
 
+    def pose_of_frame(self, name: str) -> Array:
+        """Pose ``T_F_b`` of a frame, without its map."""
+
     def legs(self, anchors: Array, points: Array) -> LineGeometry | None:
         """Lines from the ground to the body that the posture has cached for these very arrays."""
 
@@ -112,6 +116,8 @@ class Posture(Protocol):
         """Potential energy of all masses in a uniform field, with derivatives."""
 
 
+#: Points of a mechanism without lines.
+NO_POINTS = read_only(np.zeros((0, 3)))
 #: Powers of the unit of length in the entries of a pose.
 POSE = np.outer([1, 1, 1, 0], [0, 0, 0, 1])
 
@@ -144,13 +150,133 @@ def _times(value: Any, a: float, power: Any) -> Any:
     return value * a**power
 
 
+#: Ends the names of flexible links among those of parts.
+LINK = " (link)"
+
+
+class Number(NamedTuple):
+    """A number of a mechanism or a potential that can be changed.
+
+    Attributes
+    ----------
+    value : float
+        In the mechanism's units.
+    length, force : float
+        Powers of the units of length and force in its unit.
+    is_positive : bool
+        Whether it can only be above zero.
+    """
+
+    value: float
+    length: float = 0.0
+    force: float = 0.0
+    is_positive: bool = False
+
+
+class Named(Protocol):
+    """A coordinate, as potentials need it."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+    @property
+    def is_length(self) -> bool:
+        """Whether it is a distance."""
+
+
+class Parts(NamedTuple):
+    """The m deflections x(q) in which a potential stores energy, at a posture.
+
+    The potential's gradient is ``rows^T forces``, its Hessian ``rows^T stiffness rows`` with the
+    curvature of x.
+
+    Attributes
+    ----------
+    names : sequence of str
+        Name of each deflection: "elbow", "leg2", "forearm.px".
+    slides : sequence of bool
+        Which are distances.
+    rows : ndarray (m, n)
+        Deflection per coordinate rate.
+    stiffness : ndarray (m, m)
+        Tangent stiffness.
+    forces : ndarray (m,)
+        Forces; NaN for springs without a rest position.
+    whole : str
+        Name of the one thing that deflects so, as a link; "" if each deflection has its own spring.
+    """
+
+    names: Sequence[str]
+    slides: Sequence[bool]
+    rows: Array
+    stiffness: Array
+    forces: Array
+    whole: str = ""
+
+
+class Payload(NamedTuple):
+    """A mass whose weight a load is.
+
+    Attributes
+    ----------
+    mass : float
+        In the unit of force per m/s^2.
+    force, point : ndarray (3,)
+        Its weight in F, and its place in the frame that carries it.
+    frame : str
+        That frame.
+    """
+
+    mass: float
+    force: Array
+    point: Array
+    frame: str
+
+
+class Drawn(NamedTuple):
+    """Lines (m) that a potential stretches from `starts` to `ends` (m, 3) in F.
+
+    Attributes
+    ----------
+    tensions : ndarray (m,)
+        NaN where they are not known.
+    is_taut, are_cables : ndarray of bool (m,)
+        Lines that carry force, and lines that cannot push.
+    """
+
+    starts: Array
+    ends: Array
+    tensions: Array
+    is_taut: Array
+    are_cables: Array
+
+
 class Potential(ABC):
-    """A potential energy of a mechanism."""
+    """A potential energy of a mechanism.
+
+    All but `evaluate` has a default, so that a user's own energy has shares, units and pictures.
+    """
 
     #: Whether it is a load or the weight, and not a part of the mechanism.
     is_external: ClassVar[bool] = False
     #: See `rescaled`; None: the potential cannot be converted to other units.
     length_powers: ClassVar[Mapping[str, Any] | None] = None
+    #: Numbered, the name of what has none of its own.
+    stem: ClassVar[str] = "energy "
+    #: Coordinates that deflect together as one part, as those of a flexible link, and its name.
+    members: tuple[int, ...] = ()
+    link: str = ""
+    #: Whether its stiffness is known but for a factor, as that of a beam.
+    is_scaled: bool = False
+    #: The mass whose weight it is.
+    payload: Payload | None = None
+    #: The mass [kg] whose weight it carries, as gravity compensation does.
+    lifted: float = 0.0
+    #: Time of one evaluation, in that of a coordinate.
+    cost: int = 0
+    #: Distance from F's origin of the farthest point of F that a line ties the body to.
+    farthest_anchor: float = 0.0
 
     def __init_subclass__(cls, **kwargs: object) -> None:
         super().__init_subclass__(**kwargs)
@@ -173,8 +299,10 @@ class Potential(ABC):
         if self.length_powers is not None:
             scaled: Self = rescaled(self, a)
             return scaled
-        if a == 1.0:
-            return self
+        own = self.numbers(self.labels(0))
+        if a == 1.0 or own:
+            each = {name: x.value * a**x.length for name, x in own.items()}
+            return self.with_numbers(each, self.labels(0))
         raise InputError(
             "is not converted to other units", where="units", got=type(self).__name__
         )
@@ -189,6 +317,79 @@ class Potential(ABC):
     def diagnostics(self, posture: Posture) -> list[Note]:  # noqa: ARG002
         """Notes on limits of the result at a posture; none by default."""
         return []
+
+    def labels(self, first: int) -> Sequence[str]:
+        """Names of its parts, after `first` parts with the same `stem`; by default it is one."""
+        return [f"{self.link or f'{self.stem}{first + 1}'}{LINK * bool(self.members)}"]
+
+    def numbers(self, names: Sequence[str]) -> dict[str, Number]:  # noqa: ARG002
+        """Its numbers that can be changed, with `names` of its parts; none by default."""
+        return {}
+
+    def with_numbers(self, values: Mapping[str, float], names: Sequence[str]) -> Self:  # noqa: ARG002
+        """The same with some of `numbers` changed."""
+        return self
+
+    def parts(
+        self, posture: Posture, coordinates: Sequence[Named], names: Sequence[str]
+    ) -> Parts | None:
+        """What deflects; by default the coordinates that it acts on, together as one part.
+
+        None for loads.
+        """
+        if self.is_external:
+            return None
+        _, gradient, hessian = self.evaluate(posture)
+        own = np.asarray(self.members or np.flatnonzero(hessian.any(axis=0)), int)
+        return Parts(
+            [coordinates[j].name for j in own],
+            [coordinates[j].is_length for j in own],
+            np.eye(len(gradient))[own],
+            hessian[np.ix_(own, own)],
+            gradient[own],
+            names[0],
+        )
+
+    @property
+    def own_stiffness(self) -> Array | None:
+        """Stiffness (m, m) of its undeflected `parts`; None if it is no number of its own."""
+        return None
+
+    def with_compliance(self, compliance: Array) -> Self:  # noqa: ARG002
+        """The same with another compliance (m, m) of its undeflected parts."""
+        return self
+
+    def drawn(self, posture: Posture) -> Drawn | None:  # noqa: ARG002
+        """Lines to draw at a posture; none by default."""
+        return None
+
+    def in_file(self, entry: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002
+        """The keys of a link's `entry` in a mechanism file that its numbers change."""
+        return {}
+
+    def with_open_rest(self) -> Self:
+        """The same with rest positions that are to be chosen, if it has some."""
+        return self
+
+    def conservative(self, posture: Posture) -> Potential | None:  # noqa: ARG002
+        """A load with a potential that is the same at a posture; None if there is none."""
+        return None
+
+    def wrench_on(self, frame: str, T_F_b: Array) -> Array | None:  # noqa: ARG002
+        """Wrench (6,) of a load on a frame at a pose, in its components; None if on another."""
+        return None
+
+    def attachments(self) -> Sequence[tuple[str, Array]]:
+        """Frames to which its lines are fixed, each with the points (m, 3) there."""
+        return ()
+
+    def under_gravity(self, acceleration: Array) -> Self:  # noqa: ARG002
+        """The same in another uniform field (3,), which gravity compensation follows."""
+        return self
+
+    def lines_and_rest(self, posture: Posture) -> tuple[Array, Array, Array] | None:  # noqa: ARG002
+        """Lines g (m, 6) from ground to body, their k (m,), and the rest of K^B; None without."""
+        return None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,7 @@ from cartstiff import numerics
 from cartstiff.arrays import checked_array
 from cartstiff.errors import InputError
 from cartstiff.geometry.se3 import Array
-from cartstiff.potentials.contract import Evaluation, Posture, Potential
+from cartstiff.potentials.contract import Evaluation, Named, Parts, Posture, Potential
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +57,21 @@ class CoupledJointSprings(Potential):
         if np.any(self.stiffness <= 0.0):
             raise InputError("stiffness of a coupled spring must be above zero")
 
+    def labels(self, first: int) -> tuple[str, ...]:  # noqa: ARG002
+        """The names."""
+        return self.names
+
+    def parts(
+        self, posture: Posture, coordinates: Sequence[Named], names: Sequence[str]
+    ) -> Parts:
+        """The sums."""
+        slides = [
+            all(c.is_length for c, f in zip(coordinates, row, strict=True) if f)
+            for row in self.factors
+        ]
+        forces = self.stiffness * (self.factors @ posture.q - self.rest)
+        return Parts(names, slides, self.factors, np.diag(self.stiffness), forces)
+
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and Hessian."""
         x = self.factors @ posture.q - self.rest
@@ -83,6 +98,10 @@ class CoupledJointSprings(Potential):
     def rest_is_free(self, every: bool = False) -> Array:
         """Rest positions to be chosen (m,): those not given, or all."""
         return np.isnan(self.rest) | every
+
+    def with_open_rest(self) -> CoupledJointSprings:
+        """The same springs, all of whose rest positions are to be chosen."""
+        return replace(self, rest=self.rest + np.nan)
 
     def with_forces(self, posture: Posture, forces: Array) -> CoupledJointSprings:
         """The same springs with rest positions at which they exert forces (m,) at a posture.

@@ -19,18 +19,34 @@ for (1). The strut has buckled if H is not positive on the motions that leave it
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.errors import InputError, NoEnergyError
+from cartstiff.errors import InputError, NoEnergyError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.jets import cosines_of, sines_of
 from cartstiff.geometry.se3 import Array
-from cartstiff.potentials.contract import POSE, Evaluation, PosePotential, Posture
+from cartstiff.potentials.contract import (
+    POSE,
+    Evaluation,
+    Named,
+    Number,
+    Parts,
+    PosePotential,
+    Posture,
+)
 from cartstiff.potentials.line_springs import LineSprings, lines_of_many
+
+_ENDS = ("lower", "upper")
+
+
+def _name(end: str, word: str) -> str:
+    return f"offset.{end}" if word == "offset" else f"stiffness.{end}.{word}"
+
 
 #: Index of the sliding coordinate.
 SLIDE = 6
@@ -115,6 +131,7 @@ class FlexureStruts(LineSprings):
     feet: Array
     made: Array
 
+    gives_aside = True
     length_powers: ClassVar = {
         **LineSprings.length_powers,
         "feet": POSE,
@@ -175,6 +192,84 @@ class FlexureStruts(LineSprings):
             made=made,
             home=se3.inverse(T_F_M) @ home,
         )
+
+    @property
+    def cost(self) -> int:  # type: ignore[override]
+        """That of their searches."""
+        return 64 * len(self.made)
+
+    def numbers(
+        self,
+        names: Sequence[str],
+        slides: Sequence[bool] | None = None,  # noqa: ARG002
+    ) -> dict[str, Number]:
+        """Springs and rest lengths of the struts, and the flexures at either end of all.
+
+        "stiffness.LEG", "stiffness.lower.bending", "offset.upper"; rigid parts have no number.
+        """
+        found = {
+            f"stiffness.{n}": Number(k, -1.0, 1.0, True)
+            for n, k in zip(names, self.slides.tolist(), strict=True)
+        }
+        for end in _ENDS:
+            flexure: Flexure = getattr(self, end)
+            powers = flexure.length_powers
+            for word, x in flexure._asdict().items():
+                is_place = word == "offset"
+                power = powers.get(word, 0.0)
+                found[_name(end, word)] = Number(x, power, not is_place, not is_place)
+        rest = zip(names, self.rest_length.tolist(), strict=True)
+        found |= {f"rest.{n}": Number(x, 1.0) for n, x in rest}
+        return {name: x for name, x in found.items() if np.isfinite(x.value)}
+
+    def with_numbers(self, values: Mapping[str, float], names: Sequence[str]) -> Self:
+        """The same with some of `numbers` changed."""
+        own = self.numbers(names)
+        if values.keys().isdisjoint(own):
+            return self
+        at = {name: values.get(name, x.value) for name, x in own.items()}
+        slides = [at.get(f"stiffness.{name}", np.inf) for name in names]
+        rest = [at.get(f"rest.{name}", np.nan) for name in names]
+        lower, upper = (
+            Flexure(
+                **{
+                    word: at.get(_name(end, word), x)
+                    for word, x in getattr(self, end)._asdict().items()
+                }
+            )
+            for end in _ENDS
+        )
+        soft = 1.0 / lower.axial + 1.0 / upper.axial
+        stiffness = 1.0 / (1.0 / np.array(slides) + soft)
+        other = replace(self, lower=lower, upper=upper)
+        return other.replaced(stiffness, np.array(rest))
+
+    def at_points(self, anchors: Array, points: Array) -> Self:
+        """Struts made at the same pose of the body between other points; rest lengths stay."""
+        ends = np.array(self.feet)
+        ends[:, :3, 3] += self.made[:, None] * ends[:, :3, 2]
+        T_F_M = (ends @ se3.inverse(self.home))[0]
+        joints, rest = (self.lower, self.upper), self.rest_length
+        other = FlexureStruts.between(anchors, points, T_F_M, self.slides, *joints, rest)
+        own = ("anchors", "points", "feet", "home", "made")
+        return replace(self, **{name: getattr(other, name) for name in own})
+
+    def parts(
+        self,
+        posture: Posture,  # noqa: ARG002
+        coordinates: Sequence[Named],  # noqa: ARG002
+        names: Sequence[str],  # noqa: ARG002
+    ) -> Parts:
+        """Undefined: see the error."""
+        what = "the flexures deflect too, not only the legs"
+        raise UndefinedError(what, code="no-shares")
+
+    def lines_and_rest(self, posture: Posture) -> None:
+        """None: their forces are not along lines."""
+
+    def shifted(self, posture: Posture, which: Sequence[int], less: Array) -> Self:  # noqa: ARG002
+        """The same: their forces follow from rest lengths."""
+        return self
 
     @property
     def _soft(self) -> float:

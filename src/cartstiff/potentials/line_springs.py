@@ -10,8 +10,9 @@ all in components of B: g = (b x u, u), W = t g and, with D = [-[b]x, I],
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,9 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import (
+    Drawn,
     Evaluation,
+    Named,
     PosePotential,
     Posture,
     pulled_back,
@@ -31,6 +34,7 @@ from cartstiff.potentials.contract import (
 from cartstiff.potentials.contract import (
     LineGeometry as LineGeometry,
 )
+from cartstiff.potentials.springs import Springs
 from cartstiff.potentials.tensions import (
     Bounds,
     nearest_balance,
@@ -102,7 +106,7 @@ def second_derivative(geometry: LineGeometry, points: Array, weights: Array) -> 
 
 
 @dataclass(frozen=True, kw_only=True)
-class LineSprings(PosePotential):
+class LineSprings(PosePotential, Springs):
     """Line springs between frames a and b.
 
     Attributes
@@ -144,6 +148,9 @@ class LineSprings(PosePotential):
     most: Array | None = None
     balanced_at: tuple[Array, Array, Array] | None = None
 
+    stem: ClassVar = "line"
+    rest_words: ClassVar = ("rest lengths", "these legs")
+    least_rest = 0.0
     length_powers: ClassVar = {
         "anchors": 1,
         "points": 1,
@@ -207,10 +214,87 @@ class LineSprings(PosePotential):
         what = f"line springs: {name}: wrong count"
         return InputError(what, expected=expected, got=f"shape {got}")
 
+    def labels(self, first: int) -> list[str]:
+        """As "line1", "line2"."""
+        return [f"line{first + i}" for i in range(1, len(self.stiffness) + 1)]
+
+    def names_in(self, coordinates: Sequence[Named]) -> tuple[str, ...]:  # noqa: ARG002
+        """As "leg1", "leg2"."""
+        return tuple(f"leg{i}" for i in range(1, len(self.stiffness) + 1))
+
+    def slides_in(self, coordinates: Sequence[Named]) -> list[bool]:  # noqa: ARG002
+        """All lines deflect by a distance."""
+        return [True] * len(self.stiffness)
+
+    def positions(self, posture: Posture) -> Array:
+        """The lengths."""
+        return self.geometry(posture).lengths
+
+    def pull(self, posture: Posture) -> Array:
+        """The tensions."""
+        return self.tensions(self.positions(posture))
+
+    def rows(self, posture: Posture) -> Array:
+        """Change of the lengths per coordinate rate (m, n)."""
+        _, to_pose = posture.relative(self.frame_a, self.frame_b)
+        return self.geometry(posture).lines @ to_pose.jacobian
+
+    def pull_at(self, q: Array, pose: Array) -> Array:  # noqa: ARG002
+        """The tensions of lines from F to M."""
+        return self.tensions(self.lengths_at(pose))
+
+    def taut(self, posture: Posture) -> Array:
+        """Lines (m,) that carry force at a posture."""
+        return self.is_taut(self.positions(posture))
+
     @property
-    def cables(self) -> Array:
-        """Which lines (m,) cannot push."""
-        return np.full(self.stiffness.shape, self.unilateral)
+    def is_redundant(self) -> bool:  # type: ignore[override]
+        """Whether they are more than six."""
+        return len(self.stiffness) > 6
+
+    def unloaded(self, positions: Array) -> Self:
+        """The same with these rest lengths; cables are bars."""
+        return replace(self.replaced(self.stiffness, positions), unilateral=False)
+
+    def at_points(self, anchors: Array, points: Array) -> Self:
+        """The same between other points; stiffnesses and rest lengths stay."""
+        return replace(self, anchors=anchors, points=points)
+
+    def tangent(self, posture: Posture) -> Array:
+        """Stiffnesses, zero for slack cables."""
+        return self._taut(self.positions(posture))
+
+    def of_coordinates(self, count: int) -> Array:
+        """No coordinate has a spring of its own."""
+        return np.zeros(count)
+
+    def attachments(self) -> list[tuple[str, Array]]:
+        """Both ends."""
+        return [(self.frame_a, self.anchors), (self.frame_b, self.points)]
+
+    def drawn(self, posture: Posture) -> Drawn:
+        """The lines."""
+        starts, ends = (
+            points @ T[:3, :3].T + T[:3, 3]
+            for frame, points in self.attachments()
+            for T in (posture.pose_of_frame(frame),)
+        )
+        lengths = np.linalg.norm(ends - starts, axis=1)
+        is_taut = self.is_taut(lengths)
+        return Drawn(starts, ends, self.tensions(lengths), is_taut, self.cables)
+
+    @property
+    def farthest_anchor(self) -> float:  # type: ignore[override]
+        """Of lines to F."""
+        return float(np.abs(self.anchors).max()) if self.frame_a == "world" else 0.0
+
+    def shifted(self, posture: Posture, which: Sequence[int], less: Array) -> LineSprings:
+        """The same with the tensions of some lines reduced at a posture, not their lengths."""
+        lengths = self.geometry(posture).lengths
+        tensions = self.tensions(lengths)
+        tensions[which] -= less
+        given = tensions if self.balanced_at is None else self.balanced_at[2]
+        return replace(self, balanced_at=(lengths, tensions, given))
 
     def tensions(self, lengths: Array) -> Array:
         """Tension k (l - l0) of each line; zero for a slack cable."""
@@ -291,11 +375,11 @@ class LineSprings(PosePotential):
         return notes
 
     @property
-    def rest(self) -> Array:
+    def rest(self) -> Array:  # type: ignore[override]
         """Rest lengths (m,)."""
         return self.rest_length
 
-    def replaced(self, stiffness: Array, rest: Array) -> LineSprings:
+    def replaced(self, stiffness: Array, rest: Array) -> Self:
         """The same lines with other stiffnesses and rest lengths; new ones replace a preload."""
         preload = self.preload
         if preload is not None:
@@ -304,11 +388,6 @@ class LineSprings(PosePotential):
         return replace(
             self, stiffness=stiffness, rest_length=rest, preload=preload, balanced_at=None
         )
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether every line has a rest length."""
-        return not self.rest_is_free().any()
 
     def rest_is_free(self, every: bool = False) -> Array:
         """Rest lengths to be chosen (m,): those not given, or all."""
@@ -519,8 +598,10 @@ class LineSprings(PosePotential):
             K += second_derivative(geometry, self.points, t)
         return 0.5 * float(t.dot(stretch)), t.dot(geometry.lines), K
 
-    def lines_and_rest(self, posture: Posture) -> tuple[Array, Array, Array]:
-        """Lines g (m, 6), stiffnesses k (m,), and the part of the tensions, K^B - sum k g g^T."""
+    def lines_and_rest(self, posture: Posture) -> tuple[Array, Array, Array] | None:
+        """Lines g (m, 6) from F to M, stiffnesses k (m,), and the rest of K^B: the tensions'."""
+        if (self.frame_a, self.frame_b) != ("world", "body"):
+            return None
         geometry = self.geometry(posture)
         rest = second_derivative(geometry, self.points, self.tensions(geometry.lengths))
         return geometry.lines, self._taut(geometry.lengths), rest

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -37,7 +37,7 @@ from cartstiff.checked_call import checked
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.potentials.contract import Evaluation, Posture, Potential
+from cartstiff.potentials.contract import Evaluation, Payload, Posture, Potential
 
 
 def _keep(load: Load, **sizes: int) -> None:
@@ -73,6 +73,17 @@ class Load(Potential):
     def parted(self, T_F_b: Array) -> tuple[float, Array] | None:  # noqa: ARG002
         """Energy of all but the moment, and the moment (3,) in b; None if that is not all."""
         return None
+
+    def conservative(self, posture: Posture) -> Potential:
+        """The semitangential wrench that is the same at a posture."""
+        T_F_b = posture.pose_of_frame(self.frame_b)
+        R = T_F_b[:3, :3]
+        wrench = -(self.on_pose(T_F_b)[1].reshape(2, 3) @ R.T).ravel()
+        return SemitangentialWrench(wrench, R, self.frame_b)
+
+    def wrench_on(self, frame: str, T_F_b: Array) -> Array | None:
+        """The wrench, if it acts on that frame."""
+        return -self.on_pose(T_F_b)[1] if frame == self.frame_b else None
 
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and (for loads without a potential unsymmetric) derivative."""
@@ -178,6 +189,17 @@ class DeadForce(Load):
     def on_pose(self, T_F_b: Array) -> tuple[float, Array, Array]:
         """Energy, alpha = -(c x R^T f, R^T f), and its K^A."""
         return _dead_force(T_F_b, self.force, np.asarray(self.point))
+
+    @property
+    def payload(self) -> Payload | None:  # type: ignore[override]
+        """The mass whose weight it is."""
+        if not self.mass:
+            return None
+        return Payload(self.mass, self.force, np.asarray(self.point), self.frame_b)
+
+    def under_gravity(self, acceleration: Array) -> DeadForce:
+        """The same force, or that which carries its mass in another field."""
+        return replace(self, force=-self.lifted * acceleration) if self.lifted else self
 
 
 @dataclass(frozen=True)
@@ -330,8 +352,14 @@ class Scaled(Potential):
 
     @property
     def is_external(self) -> bool:  # type: ignore[override]
-        """Whether the potential is a load or the weight."""
+        """Whether the potential is."""
         return self.potential.is_external
+
+    @property
+    def payload(self) -> Payload | None:  # type: ignore[override]
+        """The potential's whole mass, with the multiple of its weight."""
+        whole = self.potential.payload
+        return None if whole is None else whole._replace(force=self.factor * whole.force)
 
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and derivative, times the factor."""

@@ -14,8 +14,9 @@ terms of S_W within T'.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar, NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
-from cartstiff.potentials.contract import POSE
+from cartstiff.potentials.contract import POSE, Number, Posture
 from cartstiff.potentials.flexure_struts import (
     ROUNDINGS,
     FlexureStruts,
@@ -33,6 +34,8 @@ from cartstiff.potentials.flexure_struts import (
 )
 from cartstiff.potentials.line_springs import lines_of_many
 
+#: Names of the springs of base and platform, with their attributes.
+_MOUNTS = {"stiffness.base (link)": "base", "stiffness.platform (link)": "tip"}
 _MAX_STEPS = 40
 #: Newton steps for rest lengths, which start close to them.
 _WINDING_STEPS = 6
@@ -82,6 +85,25 @@ class MountedStruts(FlexureStruts):
 
     length_powers: ClassVar = {**FlexureStruts.length_powers, "base": 0, "tip": 0}
 
+    def numbers(
+        self, names: Sequence[str], slides: Sequence[bool] | None = None
+    ) -> dict[str, Number]:
+        """Those of the struts, and a factor on the spring of each compliant body."""
+        return super().numbers(names, slides) | {
+            name: Number(1.0, is_positive=True)
+            for name, end in _MOUNTS.items()
+            if getattr(self, end) is not None
+        }
+
+    def with_numbers(self, values: Mapping[str, float], names: Sequence[str]) -> Self:
+        """The same with some of `numbers` changed."""
+        mounts: dict[str, Any] = {
+            end: Mount(mount.place, values.get(name, 1.0) * mount.stiffness)
+            for name, end in _MOUNTS.items()
+            if (mount := getattr(self, end))
+        }
+        return replace(super().with_numbers(values, names), **mounts)
+
     @staticmethod
     def of(struts: FlexureStruts, base: Mount | None, tip: Mount | None) -> MountedStruts:
         """The same struts between springs."""
@@ -95,6 +117,10 @@ class MountedStruts(FlexureStruts):
         return super().lengths_at(
             self._at_rest_in(T_a_b[None], self.rest_length[None]).T[0]
         )
+
+    def positions(self, posture: Posture) -> Array:
+        """The lengths, see `lengths_at`."""
+        return self.lengths_at(posture.relative(self.frame_a, self.frame_b)[0])
 
     def wound(self, T_a_b: Array, tensions: Array) -> Array:
         """Rest lengths (N, m) of struts with tensions (m,), with base and platform deflected."""

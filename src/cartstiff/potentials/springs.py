@@ -6,10 +6,11 @@ Energy Phi = sum_j U_j(q_j - r_j) with rest positions r; torque U_j', stiffness 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import pi
-from typing import Any, Literal, NamedTuple, Self
+from types import MappingProxyType
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -20,7 +21,14 @@ from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.notes import Note
-from cartstiff.potentials.contract import Evaluation, Posture, Potential
+from cartstiff.potentials.contract import (
+    Evaluation,
+    Named,
+    Number,
+    Parts,
+    Posture,
+    Potential,
+)
 
 # Least share of a link's Euler load for a note that a 6x6 spring neglects it: the deflection is too
 # small by about that share.
@@ -29,6 +37,13 @@ _NOTED_COMPRESSION = 0.05
 
 class SpringLaw(ABC):
     """Torque of a spring as a function of its deflection x."""
+
+    #: Coefficients c_1, c_2, ... of a polynomial; of other laws none.
+    powers: tuple[float, ...] = ()
+
+    def corner_at(self, x: float) -> Corner | None:  # noqa: ARG002
+        """The corner at a deflection, where the stiffness jumps; None elsewhere."""
+        return None
 
     @abstractmethod
     def evaluate(self, x: Any) -> tuple[Any, Any, Any]:
@@ -67,6 +82,11 @@ class PolynomialLaw(SpringLaw):
     """
 
     coefficients: tuple[float, ...]
+
+    @property
+    def powers(self) -> tuple[float, ...]:  # type: ignore[override]
+        """The coefficients."""
+        return self.coefficients
 
     def __post_init__(self) -> None:
         if not self.coefficients or not np.all(np.isfinite(self.coefficients)):
@@ -265,8 +285,210 @@ class TabulatedLaw(SpringLaw):
         return 0.5 * (low + high)
 
 
+class Springs(Potential):
+    """Springs whose rest positions can be chosen: one per coordinate, or along lines.
+
+    The defaults are those of one spring per coordinate.
+
+    Attributes
+    ----------
+    stiffness, rest : ndarray (m,)
+        Of each spring; NaN for rest positions that are to be chosen.
+    laws : mapping of int to SpringLaw
+        Nonlinear springs by number.
+    rigid : frozenset of int
+        Rigid ones.
+    unilateral : bool or tuple of bool (m,)
+        Springs that cannot push.
+    driven : bool or tuple of bool (m,)
+        Springs that a drive moves: all, or some of them.
+    preload, balanced_at
+        Given tensions of driven lines, and those that were chosen, see `LineSprings`.
+    """
+
+    stiffness: Array
+    rest: Array
+    laws: Mapping[int, SpringLaw] = MappingProxyType({})
+    rigid: frozenset[int] = frozenset()
+    unilateral: bool | tuple[bool, ...] = False
+    driven: bool | tuple[bool, ...] = False
+    preload: Array | None = None
+    balanced_at: tuple[Array, Array, Array] | None = None
+    #: What rest positions are called, and whose they are.
+    rest_words: ClassVar[tuple[str, str]] = ("rest positions", "their joints")
+    #: Smallest rest position.
+    least_rest: float = -np.inf
+    #: Whether a load leaves a choice of the springs' forces.
+    is_redundant: bool = False
+    #: Whether they give in other directions than their own, as flexures do.
+    gives_aside: bool = False
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every spring has a rest position."""
+        return not self.rest_is_free().any()
+
+    @property
+    def is_passive(self) -> Array:
+        """Which of them are no springs (m,)."""
+        return np.zeros(len(self.stiffness), bool)
+
+    @property
+    def cables(self) -> Array:
+        """Which of them cannot push (m,)."""
+        return np.full(self.stiffness.shape, self.unilateral)
+
+    @abstractmethod
+    def rest_is_free(self, every: bool = False) -> Array:
+        """Rest positions to be chosen (m,): those not given, or all."""
+
+    @abstractmethod
+    def replaced(self, stiffness: Array, rest: Array) -> Self:
+        """The same springs with other stiffnesses and rest positions."""
+
+    def with_forces(self, posture: Posture, forces: Array) -> Self:  # noqa: ARG002
+        """The same with rest positions of coordinates' springs at which they exert forces (n,)."""
+        return self
+
+    def with_rest_balancing(
+        self, posture: Posture, gradient: Array, every: bool = False
+    ) -> Self:
+        """The same with rest positions at which they exert a gradient (n,) at a posture."""
+        chosen = np.where(self.rest_is_free(every), gradient, np.nan)
+        return self.with_forces(posture, chosen)
+
+    @abstractmethod
+    def tangent(self, posture: Posture) -> Array:
+        """Tangent stiffness of each (m,) at a posture."""
+
+    def labels(self, first: int) -> Sequence[str]:  # noqa: ARG002
+        """None: those of coordinates beside the mechanism's own have no names."""
+        return ()
+
+    def names_in(self, coordinates: Sequence[Named]) -> tuple[str, ...]:
+        """Name of each spring of a mechanism with these coordinates."""
+        return tuple(c.name for c in coordinates)
+
+    def slides_in(self, coordinates: Sequence[Named]) -> list[bool]:
+        """Whether each spring of such a mechanism deflects by a distance."""
+        return [c.is_length for c in coordinates]
+
+    def positions(self, posture: Posture) -> Array:
+        """Where each spring is (m,): its deflection is the difference to `rest`."""
+        return posture.q
+
+    def rows(self, posture: Posture) -> Array:
+        """Change of `positions` per coordinate rate (m, n)."""
+        return np.eye(len(posture.q))
+
+    def torque(self, q: Array) -> Array:
+        """Torque of each coordinate's own spring (n,); zero without one."""
+        return np.zeros_like(q)
+
+    def pull(self, posture: Posture) -> Array:
+        """Force of each spring (m,) at a posture."""
+        return self.torque(posture.q)
+
+    def pull_at(self, q: Array, pose: Array) -> Array:  # noqa: ARG002
+        """`pull` of a mechanism's own springs at coordinates (n,) and a pose of M."""
+        return self.torque(q)
+
+    def of_coordinates(self, count: int) -> Array:  # noqa: ARG002
+        """Stiffness of each coordinate's own spring (n,); zero without one, or with a law."""
+        return self.stiffness
+
+    def has_coordinate(self, count: int) -> Array:
+        """Which coordinates (n,) have a spring of their own."""
+        own = self.of_coordinates(count) > 0.0
+        own[list(self.laws)] = True
+        return own
+
+    def taut(self, posture: Posture) -> Array:  # noqa: ARG002
+        """Springs (m,) that carry force at a posture."""
+        return np.ones(len(self.stiffness), bool)
+
+    def holding(self, lines: Array | None = None) -> Array:  # noqa: ARG002
+        """Springs (m,) that are to keep a given force at a posture, whatever acts."""
+        return np.zeros(len(self.stiffness), bool)
+
+    def linear(self, which: Container[int]) -> Self:  # noqa: ARG002
+        """The same without the laws of some springs, and with none rigid."""
+        return self
+
+    def with_laws(self, laws: Mapping[int, SpringLaw]) -> Self:  # noqa: ARG002
+        """The same with other laws, where it can have some."""
+        return self
+
+    def at_rest(self, q: Array) -> Self:  # noqa: ARG002
+        """The same with springs of coordinates at rest at q (n,)."""
+        return self
+
+    def unloaded(self, positions: Array) -> Self:
+        """The same at rest at `positions` (m,), NaN where these are open; cables are bars."""
+        return self.replaced(self.stiffness, positions)
+
+    def at_points(self, anchors: Array, points: Array) -> Self:  # noqa: ARG002
+        """The same between other points of F and of M; springs of coordinates have none."""
+        return self
+
+    def shifted(self, posture: Posture, which: Sequence[int], less: Array) -> Self:  # noqa: ARG002
+        """The same with the tensions of some springs reduced, where that is a number they have."""
+        return self
+
+    @property
+    def _linear(self) -> list[int]:
+        own = np.flatnonzero(~self.is_passive).tolist()
+        return [i for i in own if i not in self.laws]
+
+    def parts(
+        self, posture: Posture, coordinates: Sequence[Named], names: Sequence[str]
+    ) -> Parts:
+        """Each spring; slack cables have neither stiffness nor force."""
+        names = names or self.names_in(coordinates)
+        own = np.flatnonzero(~self.is_passive).tolist()
+        slides = self.slides_in(coordinates)
+        k, forces = self.tangent(posture), self.pull(posture)
+        which = [names[i] for i in own], [slides[i] for i in own]
+        return Parts(*which, self.rows(posture)[own], np.diag(k[own]), forces[own])
+
+    def numbers(
+        self, names: Sequence[str], slides: Sequence[bool] | None = None
+    ) -> dict[str, Number]:
+        """Stiffnesses of linear springs, and rest positions that are known; lines slide."""
+        linear = self._linear if names else []
+        own = [(i, names[i], slides is None or slides[i]) for i in linear]
+        k, rest = self.stiffness.tolist(), self.rest.tolist()
+        found = {
+            f"stiffness.{name}": Number(k[i], -1.0 if is_length else 1.0, 1.0, True)
+            for i, name, is_length in own
+        }
+        known = [each for each in own if rest[each[0]] == rest[each[0]]]
+        return found | {f"rest.{n}": Number(rest[i], float(x)) for i, n, x in known}
+
+    def with_numbers(self, values: Mapping[str, float], names: Sequence[str]) -> Self:
+        """The same with other stiffnesses, "stiffness.NAME", and rest positions, "rest.NAME"."""
+        if not names:
+            return self
+        k, rest = (
+            [values.get(f"{word}.{n}", x) for n, x in zip(names, own, strict=True)]
+            for word, own in (("stiffness", self.stiffness), ("rest", self.rest))
+        )
+        return self.replaced(np.array(k), np.array(rest))
+
+    @property
+    def own_stiffness(self) -> Array:
+        """Diagonal of the linear springs' stiffnesses, slack cables among them."""
+        return np.diag(self.stiffness[self._linear])
+
+    def with_compliance(self, compliance: Array) -> Self:
+        """The same with other linear springs."""
+        k = self.stiffness.copy()
+        k[self._linear] = 1.0 / np.diag(compliance)
+        return self.replaced(k, self.rest)
+
+
 @dataclass(frozen=True)
-class JointSprings(Potential):
+class JointSprings(Springs):
     """One spring per coordinate.
 
     Attributes
@@ -326,6 +548,23 @@ class JointSprings(Potential):
         passive[list(self.laws)] = False
         passive.flags.writeable = False
         return passive
+
+    def tangent(self, posture: Posture) -> Array:
+        """Diagonal of the Hessian."""
+        return self.evaluate(posture).hessian.diagonal()
+
+    def linear(self, which: Container[int]) -> JointSprings:
+        """The same without the laws of some joints, and with none rigid."""
+        laws = {j: law for j, law in self.laws.items() if j not in which}
+        return replace(self, laws=laws, rigid=frozenset())
+
+    def with_laws(self, laws: Mapping[int, SpringLaw]) -> JointSprings:
+        """The same with other laws."""
+        return replace(self, laws=laws)
+
+    def at_rest(self, q: Array) -> JointSprings:
+        """The same at rest at q (n,)."""
+        return replace(self, rest=q)
 
     def rest_is_free(self, every: bool = False) -> Array:
         """Rest positions to be chosen (n,): those not given, or all."""
@@ -456,11 +695,43 @@ class CoupledSprings(Potential):
     matrix: Array
     link: str = ""
 
+    stem: ClassVar = "coupled springs "
+
     def __post_init__(self) -> None:
         for name, kind in (("indices", int), ("matrix", float)):
             array = np.array(getattr(self, name), kind)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+
+    @property
+    def members(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The coordinates."""
+        return tuple(self.indices.tolist())
+
+    @property
+    def own_stiffness(self) -> Array:
+        """K."""
+        return self.matrix
+
+    def in_file(self, entry: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002
+        """The matrix, rotations before translations."""
+        return {"stiffness": self.matrix[se3.SWAP][:, se3.SWAP].tolist()}
+
+    def with_compliance(self, compliance: Array) -> CoupledSprings:
+        """The same with ``K = C^-1``."""
+        K = np.linalg.inv(compliance)
+        return replace(self, matrix=0.5 * (K + K.T))
+
+    def numbers(self, names: Sequence[str]) -> dict[str, Number]:
+        """A factor on its stiffness."""
+        return {f"stiffness.{names[0]}": Number(1.0, is_positive=True)}
+
+    def with_numbers(
+        self, values: Mapping[str, float], names: Sequence[str]
+    ) -> CoupledSprings:
+        """The same, stiffer by a factor."""
+        factor = values.get(f"stiffness.{names[0]}", 1.0)
+        return self if factor == 1.0 else replace(self, matrix=factor * self.matrix)
 
     def evaluate(self, posture: Posture) -> Evaluation:
         """Energy, gradient and Hessian."""

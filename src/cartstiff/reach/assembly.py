@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,7 +34,6 @@ from cartstiff.mechanisms.limits import limit_notes
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notebook import ShownInLines
 from cartstiff.notes import Note
-from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.results import LabelledResult
 from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.stiffness.balance import with_rest_balancing
@@ -109,11 +108,12 @@ def at_rest_with(
     near q. If no equilibrium is found, the result is that at q, with a note. `stiffness` is
     `analyse` at a pose, under the load.
     """
-    if not isinstance(elastic.springs, FlexureStruts):
+    springs, lines = elastic.springs, elastic.mechanism.at(home).lines
+    if springs is None or lines is None or not springs.gives_aside:
         return stiffness(q), ()
-    if not elastic.springs.is_complete:
+    if not springs.is_complete:
         at_home = with_rest_balancing(elastic, home).springs
-        moved = lengths - elastic.mechanism.at(home).lines.lengths  # type: ignore[attr-defined]
+        moved = lengths - lines.lengths
         elastic = elastic.with_springs(rest=at_home.rest + moved)  # type: ignore[union-attr]
     try:
         return equilibrium(elastic, q=q, iterations=_EQUILIBRIUM_STEPS).stiffness, ()
@@ -441,8 +441,12 @@ def assemble(
         load_at=load_at,
         load_axes=load_axes,
     )
-    if isinstance(mechanism, Platform):
-        if wrench is not None and isinstance(elastic.springs, FlexureStruts):
+    if mechanism.coordinates_are_pose:
+        if (
+            wrench is not None
+            and elastic.springs is not None
+            and elastic.springs.gives_aside
+        ):
             raise InputError(
                 "struts with flexures leave the mode under a load",
                 where="wrench",
@@ -454,18 +458,20 @@ def assemble(
                 got=mechanism.kind,
                 expected="neither starts nor seed: a platform needs none",
             )
-        return _of_platform(elastic, mechanism, lengths, values, every, stiffness)
+        platform = cast(Platform, mechanism)
+        return _of_platform(elastic, platform, lengths, values, every, stiffness)
     if lengths is not None:
         raise InputError("leg lengths are for platforms", got=mechanism.kind)
-    if not isinstance(mechanism, Chain) or not mechanism.closures:
+    if not mechanism.closures:
         raise InputError(
             "assembly modes exist for closed chains and platforms",
             got=mechanism.kind,
             expected="for an arm, the branches of its inverse kinematics (inverse_kinematics)",
         )
     starts = _DEFAULT_STARTS if starts is None else starts
+    chain = cast(Chain, mechanism)
     return _of_chain(
-        elastic, mechanism, values, starts, seed or 0, every, stiffness, progress
+        elastic, chain, values, starts, seed or 0, every, stiffness, progress
     )
 
 
@@ -477,7 +483,8 @@ def _of_platform(
     every: bool,
     stiffness: _Stiffness,
 ) -> AssemblyModes:
-    if platform.kind != "stewart-gough" and getattr(elastic.springs, "unilateral", False):
+    unilateral = elastic.springs is not None and elastic.springs.unilateral
+    if unilateral and not platform.has_legs:
         raise InputError(
             "cables do not hold a body by their lengths alone",
             expected="six legs that push and pull",

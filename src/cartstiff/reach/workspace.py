@@ -45,7 +45,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations, product
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -205,13 +205,14 @@ class LegMargins(PoseMargins):
         self, elastic: ElasticMechanism, pose: Array, through: bool = False
     ) -> None:
         chain, legs = elastic.mechanism, legs_of(elastic, limits=False, poses=QuickPoses)
-        if not isinstance(chain, Chain) or legs is None:
+        if legs is None:
             raise InputError(
                 "workspaces are found for platforms, and for bodies on legs or cables",
                 expected="for an arm, a map of random postures (`cartstiff map --random`)",
                 got=chain.kind,
             )
         super().__init__(elastic, float(chain.at(elastic.q).length))
+        chain = cast(Chain, chain)  # others have no such legs
         self.chain, self.legs, self.is_quick = chain, legs, bool(chain.legs)
         actuated = frozenset(chain.actuated or ())
         self.rods = {
@@ -326,10 +327,9 @@ CarriedLoad = tuple[LoadKind, Array, Literal["body", "world"]]
 def limits_forces(elastic: ElasticMechanism) -> bool:
     """Whether a load affects the limits: for cables, and for legs with `force`."""
     platform, springs = elastic.mechanism, elastic.springs
-    if not isinstance(platform, Platform) or not isinstance(springs, LineSprings):
+    if springs is None or not len(platform.points):
         return False
-    limits = platform.leg_limits
-    return bool(springs.unilateral) or (limits is not None and limits.forces is not None)
+    return bool(springs.unilateral) or platform.tension_limits is not None
 
 
 def lines_at(platform: Platform, poses: Array) -> tuple[Array, Array]:
@@ -423,17 +423,18 @@ class Margins(PoseMargins):
         sign: float = 0.0,
         tensions: Distribution = "any",
     ) -> None:
-        platform, springs = elastic.mechanism, elastic.springs
-        if not isinstance(platform, Platform) or not isinstance(springs, LineSprings):
+        if elastic.springs is None or not len(elastic.mechanism.points):
             raise InputError(
                 "workspaces are found for platforms and bodies on cables",
                 got=elastic.mechanism.kind,
             )
+        platform = cast(Platform, elastic.mechanism)
+        springs = cast(LineSprings, elastic.springs)
         super().__init__(elastic, platform.length)
         self.platform, self.springs, self.sign = platform, springs, sign
         self.load, self.tensions = load, tensions
         m = len(platform.points)
-        self.forces = None if platform.leg_limits is None else platform.leg_limits.forces
+        self.forces = platform.tension_limits
         if self.forces is None and springs.unilateral:
             self.forces = np.column_stack(
                 [np.where(springs.cables, 0.0, -np.inf), [np.inf] * m]
@@ -471,7 +472,7 @@ class Margins(PoseMargins):
                 expected="legs.force",
                 got=tensions,
             )
-        self.is_slow = self.is_spread or isinstance(springs, FlexureStruts)
+        self.is_slow = self.is_spread or springs.gives_aside
 
     def solved(self, poses: Array) -> Array:
         """Return placeholders: a platform's limits follow from its poses alone."""
@@ -498,9 +499,10 @@ class Margins(PoseMargins):
                     }
         if self.sign and lines.shape[1] == 6:
             margins["singularity"] = self.sign * numerics.determinants(lines)
-        if isinstance(self.springs, FlexureStruts):
+        if self.springs.gives_aside:
             every = np.column_stack([limited, *margins.values()])
-            margins["flexures"] = self._strut_margins(poses, every, self.springs)
+            struts = cast(FlexureStruts, self.springs)
+            margins["flexures"] = self._strut_margins(poses, every, struts)
         return margins
 
     @staticmethod
@@ -1399,7 +1401,7 @@ def workspace(
             "axes": load_axes,
         }
     margins: PoseMargins
-    if isinstance(elastic.mechanism, Chain):
+    if not elastic.mechanism.coordinates_are_pose:
         if wrench is not None or tensions != "any":
             raise InputError(
                 "is for limits of forces, which legs made of joints do not have",

@@ -19,8 +19,6 @@ from cartstiff.errors import check_name, joined, listed
 from cartstiff.geometry import se3
 from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.potentials.beams import Beam
-from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.report.answer import answer_lines, table_lines
 from cartstiff.report.layout import (
     COSINES,
@@ -324,8 +322,8 @@ def links_of_coordinates(elastic: ElasticMechanism) -> dict[str, str]:
     return {
         elastic.names[j]: potential.link
         for potential in elastic.potentials
-        if isinstance(potential, (Beam, CoupledSprings)) and potential.link
-        for j in np.ravel(potential.indices)
+        if potential.link
+        for j in potential.members
     }
 
 

@@ -11,11 +11,10 @@ from cartstiff.arrays import plain
 from cartstiff.described import described
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.gravity_loads import gravity_loads
-from cartstiff.mechanisms.platform import Platform
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.springs import JointSprings
+from cartstiff.potentials.springs import Springs
 from cartstiff.report.layout import body_frame, length_of, lengths, placed, vector
 from cartstiff.units import Units
 
@@ -47,9 +46,9 @@ def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:
         answer["closures"] = [
             {"frames": [c.frame_a, c.frame_b], "type": c.type} for c in mechanism.closures
         ]
-    if isinstance(mechanism, Platform):
+    if mechanism.coordinates_are_pose:
         answer["joints"] = [_body(mechanism)]
-    if isinstance(elastic.springs, LineSprings):
+    if len(mechanism.points) and elastic.springs is not None:
         answer["legs"] = _legs(mechanism, elastic.springs)
     gravity = gravity_loads(elastic).to_dict()
     return described("frames", answer, elastic.about(), gravity, elastic)
@@ -110,11 +109,11 @@ def _joints(elastic: ElasticMechanism, chain: Chain) -> list[dict[str, Any]]:
 def _spring(elastic: ElasticMechanism, k: int) -> dict[str, Any] | None:
     """Spring of a coordinate; None for a passive joint."""
     springs = elastic.springs
-    if not isinstance(springs, JointSprings):
+    if springs is None:
         return None
     if k in springs.rigid:
         return {"stiffness": None, "rest": None, "law": False, "rigid": True}
-    if k in springs.laws or springs.stiffness[k] > 0.0:
+    if springs.has_coordinate(len(elastic.names))[k]:
         return {
             "stiffness": None if k in springs.laws else float(springs.stiffness[k]),
             "rest": plain(springs.rest[k]),
@@ -124,7 +123,7 @@ def _spring(elastic: ElasticMechanism, k: int) -> dict[str, Any] | None:
     return None
 
 
-def _body(platform: Platform) -> dict[str, Any]:
+def _body(platform: Mechanism) -> dict[str, Any]:
     return {
         "name": "body",
         "parent": None,
@@ -142,19 +141,17 @@ def _body(platform: Platform) -> dict[str, Any]:
     }
 
 
-def _legs(mechanism: Any, springs: LineSprings) -> list[dict[str, Any]]:
-    known = mechanism.limits if isinstance(mechanism, Platform) else None
-    limits = (
-        np.array([(0.0, np.inf)] * len(springs.stiffness)) if known is None else known
-    )
+def _legs(mechanism: Mechanism, springs: Springs) -> list[dict[str, Any]]:
+    limits = list(mechanism.bounds.values()) or [(0.0, np.inf)] * len(springs.stiffness)
+    (frame_a, anchors), (frame_b, points) = springs.attachments()
     return [
         {
             "name": f"leg{i + 1}",
-            "frames": [springs.frame_a, springs.frame_b],
-            "from": np.asarray(springs.anchors)[i].tolist(),
-            "to": np.asarray(springs.points)[i].tolist(),
+            "frames": [frame_a, frame_b],
+            "from": anchors[i].tolist(),
+            "to": points[i].tolist(),
             "stiffness": float(k),
-            "rest": plain(springs.rest_length[i]),
+            "rest": plain(springs.rest[i]),
             "preload": None if springs.preload is None else plain(springs.preload[i]),
             "shortest": plain(limits[i][0]),
             "longest": plain(limits[i][1]),

@@ -14,7 +14,6 @@ from cartstiff.geometry import se3
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.other_units import shown, shown_heads
-from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 from cartstiff.reach.assembly import AssemblyMode, AssemblyModes
 from cartstiff.reach.workspace import Workspace
@@ -60,7 +59,7 @@ def describe_assembly(modes: AssemblyModes) -> str:
             f"min K: smallest eigenvalue of the tangent stiffness, angles times the body's length "
             f"[{units.stiffness['translation']}]",
         ]
-        if isinstance(elastic.mechanism, Platform):
+        if elastic.mechanism.coordinates_are_pose:
             lines.append("det: of the legs' lines, moments over that length")
         own = {note.code: note for mode in modes for note in mode.notes}
         known = {note.code for note in modes.notes}
@@ -82,7 +81,7 @@ def _with(modes: AssemblyModes, code: str) -> str:
 
 
 def _table(modes: AssemblyModes) -> list[str]:
-    of_legs = isinstance(modes.elastic.mechanism, Platform)
+    of_legs = modes.elastic.mechanism.coordinates_are_pose
     swing = any(mode.frequencies is not None for mode in modes)
     names = shown_heads(modes.elastic) if of_legs else _pose_names(modes.elastic)
     titles = ["", *names, "residual", "min K", "stable"]
@@ -122,13 +121,13 @@ def _pose_names(elastic: ElasticMechanism) -> list[str]:
 
 def _place(mode: AssemblyMode, elastic: ElasticMechanism) -> list[float]:
     """Return a platform's coordinates or a chain's pose of M in shown units; round-off is 0."""
-    if isinstance(elastic.mechanism, Platform):
+    if elastic.mechanism.coordinates_are_pose:
         q = mode.q
     else:
         q = np.append(mode.pose[:3, 3], se3.roll_pitch_yaw(mode.pose))
     sizes = np.repeat([elastic.mechanism.at(mode.q).length, 1.0], 3)
     q = np.where(np.abs(q) < numerics.PRINTED_AS_ZERO * sizes, 0.0, q)
-    if isinstance(elastic.mechanism, Platform):
+    if elastic.mechanism.coordinates_are_pose:
         return shown(elastic, q).tolist()
     q[:3] *= elastic.units.shown_per_length
     q[3:] *= elastic.units.shown_per_radian
@@ -242,7 +241,7 @@ def describe_workspace(reached: Workspace) -> str:
     if reached.singularity is not None:
         ratio, place = reached.singularity
         of, over = "legs' lines", "moments"
-        if elastic.mechanism.kind not in ("stewart-gough", "springs"):
+        if not elastic.mechanism.coordinates_are_pose:
             of, over = "passive joints' twists that meet in the body", "lengths"
         lines += [
             f"Nearest to singular that was found: smallest over largest singular value of the {of} "

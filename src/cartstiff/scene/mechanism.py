@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import sqrt
 from typing import Any, cast
 
@@ -18,7 +19,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform, PlatformPosture
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape
 from cartstiff.mechanisms.tree import FixedFrame
-from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.contract import Drawn, Potential
 from cartstiff.scene import objects, theme
 from cartstiff.scene.objects import Y_TO_Z
 from cartstiff.scene.scales import Tension
@@ -124,15 +125,14 @@ class PlatformPicture:
     def __init__(
         self,
         node: ViewerNode,
-        platform: Platform,
-        cables: bool,
+        elastic: ElasticMechanism,
         size: float,
         look: theme.Theme,
-        reference: Array,
         *,
         ghost: bool = False,
     ) -> None:
-        self._platform = platform
+        self._platform = platform = cast(Platform, elastic.mechanism)
+        cables = elastic.springs is not None and bool(elastic.springs.unilateral)
         self.notes: list[str] = []
         radius, thick = 0.011 * size, 0.025 * size
         self._body = node["body"]
@@ -164,8 +164,8 @@ class PlatformPicture:
             if made is not None:
                 node["base"]["plate"].set_object(made)
             self._balls(node["base"], anchors, 0.017 * size, look.joint)
-        legs = platform.kind == "stewart-gough"
-        lengths = platform.leg_lengths(reference)
+        legs = platform.has_legs
+        lengths = platform.leg_lengths(elastic.q)
         shortest = (
             lengths.min() if platform.limits is None else platform.limits[:, 0].min()
         )
@@ -241,16 +241,14 @@ class ChainPicture:
     ----------
     node : ViewerNode
         Where it is drawn, in the mechanism's own unit of length.
-    chain : Chain
-        The mechanism.
+    elastic : ElasticMechanism
+        The mechanism; springs between its links are shown by the stick figure.
     size : float
         Its size, in its unit: how thick sticks are.
     look : Theme
         Colours of sticks.
     ghost : bool
         Translucent and in one colour.
-    lines : tuple of LineSprings
-        Springs between links, for the stick figure.
 
     Attributes
     ----------
@@ -261,13 +259,13 @@ class ChainPicture:
     def __init__(
         self,
         node: ViewerNode,
-        chain: Chain,
+        elastic: ElasticMechanism,
         size: float,
         look: theme.Theme,
         *,
         ghost: bool = False,
-        lines: tuple[LineSprings, ...] = (),
     ) -> None:
+        chain = cast(Chain, elastic.mechanism)
         self._chain, self._size, self._theme, self._ghost = chain, size, look, ghost
         self._node = node
         self._boxes: list[tuple[FixedFrame, Array]] = []
@@ -284,7 +282,7 @@ class ChainPicture:
             self.notes.append(self._missing[0] + others)
         self._sliders: list[tuple[ViewerNode, FixedFrame, Array, FixedFrame]] = []
         if self.notes or not any(shown):
-            self._sticks(lines)
+            self._sticks(elastic.potentials)
             if self.notes:
                 self.notes.append("sticks between the joints are drawn instead")
         self._moving = sorted(j for j in self._joints if j > 0)
@@ -370,7 +368,7 @@ class ChainPicture:
             colour = theme.hex_of(mesh.colour)
         return theme.shade(colour, self._ghost, opacity)
 
-    def _sticks(self, lines: tuple[LineSprings, ...]) -> None:
+    def _sticks(self, lines: Sequence[Potential]) -> None:
         size, look, ghost, chain = self._size, self._theme, self._ghost, self._chain
         link, knuckle = theme.shade(look.link, ghost), theme.shade(look.joint, ghost)
         radius = 0.012 * size
@@ -436,42 +434,54 @@ def _geometries(
 
 def extent(elastic: ElasticMechanism, posture: MechanismPosture) -> Array:
     """Points (n, 3) in F that a picture has to hold: origins of joints, anchors, the body frame."""
-    points = [posture.pose[:3, 3]]
-    mechanism = elastic.mechanism
-    if isinstance(mechanism, Platform):
-        R, p = posture.pose[:3, :3], posture.pose[:3, 3]
-        points = [*mechanism.anchors, *(mechanism.points @ R.T + p)]
-    elif isinstance(mechanism, Chain) and isinstance(posture, ChainPosture):
-        count = mechanism.tree.model.njoints
-        points += [posture.pose_at(FixedFrame(j, np.eye(4)))[:3, 3] for j in range(count)]
-    points += [
-        end for ends in _lines(elastic, posture) for pair in ends[1:] for end in pair
-    ]
-    return np.array(points)
+    lines = _lines(elastic, posture)
+    ends = [points for own in lines for points in (own.starts, own.ends)]
+    return np.vstack([posture.drawn().points, *ends])
 
 
-def _lines(
-    elastic: ElasticMechanism, posture: MechanismPosture
-) -> list[tuple[LineSprings, Array, Array]]:
-    """Line springs beside the mechanism's own, with their end points (m, 3) in F."""
-    lines = []
-    for term in elastic.potentials:
-        if isinstance(term, LineSprings):
-            ends = []
-            for frame, points in (
-                (term.frame_a, term.anchors),
-                (term.frame_b, term.points),
-            ):
-                T = _pose(elastic, posture, frame)
-                ends.append(points @ T[:3, :3].T + T[:3, 3])
-            lines.append((term, ends[0], ends[1]))
-    return lines
+def _lines(elastic: ElasticMechanism, posture: MechanismPosture) -> list[Drawn]:
+    """Lines beside the mechanism's own."""
+    each = (term.drawn(posture) for term in elastic.potentials)
+    return [own for own in each if own is not None]
 
 
-def _pose(elastic: ElasticMechanism, posture: MechanismPosture, frame: str) -> Array:
-    if isinstance(posture, ChainPosture) and isinstance(elastic.mechanism, Chain):
-        return posture.pose_at(elastic.mechanism.placement(frame))
-    return posture.relative("world", frame)[0]
+class PathsPicture:
+    """Draws the lines of `MechanismPosture.drawn`, for a kind of mechanism of the user's own."""
+
+    def __init__(
+        self,
+        node: ViewerNode,
+        elastic: ElasticMechanism,
+        size: float,
+        look: theme.Theme,  # noqa: ARG002
+        *,
+        ghost: bool = False,
+    ) -> None:
+        self.notes: list[str] = []
+        starts, _ = self._ends(elastic.mechanism.at(elastic.q))
+        self._lines = LinesPicture(node["paths"], len(starts), 0.012 * size, ghost=ghost)
+
+    @staticmethod
+    def _ends(posture: MechanismPosture) -> tuple[Array, Array]:
+        """Ends (n, 3) of each piece of a path."""
+        paths = posture.drawn().paths
+        return np.vstack([p[:-1] for p in paths]), np.vstack([p[1:] for p in paths])
+
+    def move(self, posture: MechanismPosture) -> None:
+        """Draw the paths at a posture."""
+        self._lines.move(*self._ends(posture))
+
+    def corners(self, _: MechanismPosture) -> Array:
+        """No boxes."""
+        return np.zeros((0, 3))
+
+    def facts(self) -> dict[str, Any]:
+        """No facts."""
+        return {}
+
+
+# Pictures that show more than paths.
+_PICTURES: dict[type, Any] = {Platform: PlatformPicture, Chain: ChainPicture}
 
 
 class MechanismPicture:
@@ -496,49 +506,37 @@ class MechanismPicture:
     ) -> None:
         self.node = node
         self._elastic = elastic
-        mechanism, own = elastic.mechanism, elastic.springs
-        lines = tuple(
-            term for term in elastic.potentials if isinstance(term, LineSprings)
-        )
-        self._own: Any = None  # takes postures of its own kind of mechanism
-        if isinstance(mechanism, Platform):
-            cables = isinstance(own, LineSprings) and bool(own.unilateral)
-            self._own = PlatformPicture(
-                node, mechanism, cables, size, look, elastic.q, ghost=ghost
-            )
-        elif isinstance(mechanism, Chain):
-            self._own = ChainPicture(
-                node, mechanism, size, look, ghost=ghost, lines=lines
-            )
-        missing = [f"a {mechanism.kind} mechanism has no picture of its own"]
-        self.notes: list[str] = missing if self._own is None else self._own.notes
+        kind = next((k for k in type(elastic.mechanism).__mro__ if k in _PICTURES), None)
+        picture = PathsPicture if kind is None else _PICTURES[kind]
+        self._own: Any = picture(node, elastic, size, look, ghost=ghost)
+        self.notes: list[str] = self._own.notes
         self._lines = [
             LinesPicture(
                 node[f"springs {i + 1}"],
-                len(term.points),
+                len(own.starts),
                 0.004 * size,
-                cables=bool(term.unilateral),
+                cables=bool(own.are_cables.any()),
                 ghost=ghost,
             )
-            for i, term in enumerate(lines)
+            for i, own in enumerate(_lines(elastic, elastic.mechanism.at(elastic.q)))
         ]
 
     def move(self, posture: MechanismPosture) -> None:
         """Put everything where it is at a posture."""
-        if self._own is not None:
-            self._own.move(posture)
-        for picture, (_, starts, ends) in zip(
-            self._lines, _lines(self._elastic, posture), strict=True
-        ):
-            picture.move(starts, ends)
+        self._own.move(posture)
+        lines = _lines(self._elastic, posture)
+        for picture, own in zip(self._lines, lines, strict=True):
+            picture.move(own.starts, own.ends)
 
     def corners(self, posture: MechanismPosture) -> Array:
         """Corners (n, 3) in F of boxes around the links' meshes; none for other pictures."""
-        return np.zeros((0, 3)) if self._own is None else self._own.corners(posture)
+        corners: Array = self._own.corners(posture)
+        return corners
 
     def facts(self) -> dict[str, Any]:
         """Facts for a viewer that moves the picture itself."""
-        return {} if self._own is None else self._own.facts()
+        facts: dict[str, Any] = self._own.facts()
+        return facts
 
     def draw(self, result: PostureStiffness) -> dict[str, Any] | None:
         """Move to a result's posture and colour lines by their tension; returns what colours mean.
@@ -555,15 +553,14 @@ class MechanismPicture:
         tensions, lengths = result.tensions, result.leg_lengths
         if tensions is not None and lengths is not None:
             own, taut = self._elastic.springs, None
-            if isinstance(own, LineSprings) and own.unilateral:  # else every line is taut
-                own = cast(LineSprings, result.elastic.springs)  # with its rest lengths
-                taut = own.is_taut(lengths)
+            if own is not None and own.unilateral:  # else every line is taut
+                own = result.elastic.springs  # with its rest lengths
+                taut = None if own is None else own.taut(posture)
             answer = {"unit": unit, **self._own.paint(tensions, taut)}
         if self._lines:
             answer["lines"] = []
-            terms = _lines(result.elastic, posture)
-            for picture, (term, starts, ends) in zip(self._lines, terms, strict=True):
-                sizes = np.linalg.norm(ends - starts, axis=1)
-                carried = picture.carry(term.tensions(sizes), term.is_taut(sizes))
+            lines = _lines(result.elastic, posture)
+            for picture, drawn in zip(self._lines, lines, strict=True):
+                carried = picture.carry(drawn.tensions, drawn.is_taut)
                 answer["lines"].append({"unit": unit, **carried})
         return answer or None

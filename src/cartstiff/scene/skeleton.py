@@ -6,7 +6,7 @@ joint of the tree.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -14,14 +14,14 @@ from cartstiff import numerics
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.contract import Potential
 
 # Parts of a free joint: they are no links.
 _FREE = (".x", ".y", ".z", ".rx", ".ry", ".rz")
 
 
 def links_of(
-    chain: Chain, lines: tuple[LineSprings, ...] = ()
+    chain: Chain, lines: Sequence[Potential] = ()
 ) -> Iterator[tuple[int, Array]]:
     """Yield the joint that each link is fixed to, and the link's points (n, 3) in its frame.
 
@@ -50,10 +50,7 @@ def links_of(
             yield joint, np.array(ends)
             ends = []
         for line in lines:
-            for frame, anchors in (
-                (line.frame_a, line.anchors),
-                (line.frame_b, line.points),
-            ):
+            for frame, anchors in line.attachments():
                 placed = chain.placement(frame)
                 if placed.joint == joint and frame != "world":
                     ends += list(anchors @ placed.T_j_f[:3, :3].T + placed.T_j_f[:3, 3])

@@ -9,7 +9,6 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.errors import CartstiffError, InputError
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.scene.mechanism import extent
 from cartstiff.vibration.modes import Modes
@@ -73,7 +72,7 @@ def swing_of(modes: Modes, number: int, share: float = 0.05, count: int = 17) ->
     postures: list[MechanismPosture] = []
     for phase in np.linspace(-1.0, 1.0, count + 1 - count % 2):
         there = mechanism.displaced(q, phase * reach * shape)
-        if isinstance(mechanism, Chain) and mechanism.closures:
+        if mechanism.closures:
             try:  # closures bend the motion
                 postures.append(mechanism.closed(there))
                 continue

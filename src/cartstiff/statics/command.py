@@ -15,8 +15,7 @@ from cartstiff.errors import InputError, check_name, checked_kind
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.notes import Note
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.springs import JointSprings
+from cartstiff.potentials.springs import Springs
 from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.stiffness.applied_load import checked_load
@@ -66,9 +65,9 @@ def commanded(
     steps = checked_command(elastic, command)
     elastic = with_rest_balancing(elastic, at)
     springs = elastic.springs
-    if not isinstance(springs, (JointSprings, LineSprings)):
+    if springs is None:
         raise InputError(f"{elastic.name} has no springs to command", where="command")
-    rigid = springs.rigid if isinstance(springs, JointSprings) else frozenset()
+    rigid = springs.rigid
     shifts = {n: x for n, x in steps.items() if names.index(n) not in rigid}
     rigid_steps = {names.index(n): x for n, x in steps.items() if names.index(n) in rigid}
     moved = elastic.with_springs(
@@ -161,7 +160,7 @@ def analyse_commanded(
 def drives(elastic: ElasticMechanism) -> tuple[str, ...]:
     """Names of the drives: joints with a spring, or the legs of a platform on lines."""
     names, springs = elastic.spring_names, elastic.springs
-    undriven = _undriven(springs) if isinstance(springs, JointSprings) else set()
+    undriven = set() if springs is None else _undriven(springs)
     return tuple(n for j, n in enumerate(names) if j not in undriven)
 
 
@@ -196,7 +195,7 @@ def checked_command(
     return steps
 
 
-def _undriven(springs: JointSprings) -> set[int]:
+def _undriven(springs: Springs) -> set[int]:
     return set(np.flatnonzero(springs.is_passive).tolist()) - springs.rigid
 
 

@@ -24,7 +24,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.loads import Load, Scaled, SemitangentialWrench
+from cartstiff.potentials.loads import Scaled
 from cartstiff.statics.continuation import load_curve, start_and_loads
 from cartstiff.statics.held import Held
 from cartstiff.statics.newton import Solution, solve
@@ -267,11 +267,8 @@ def _from_rest(system: System, q: Array, iterations: int) -> Solution | None:
     for load, kept in zip(system.loads, is_kept, strict=True):
         if kept:
             similar.append(load)
-        elif isinstance(load, Load):
-            T_F_b, _ = start.relative("world", load.frame_b)
-            R = T_F_b[:3, :3]
-            wrench = -(load.on_pose(T_F_b)[1].reshape(2, 3) @ R.T).ravel()
-            similar.append(SemitangentialWrench(wrench, R, load.frame_b))
+        elif (like := load.conservative(start)) is not None:
+            similar.append(like)
     try:
         rest = solve(
             System(system.elastic, similar, system.held, system.limits),

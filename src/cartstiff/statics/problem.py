@@ -33,14 +33,9 @@ from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, limit_notes, limits_of
-from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.notes import Note
 from cartstiff.numerics import EPSILON, FREE_MOTION_STIFFNESS, eigenvalues, invert
-from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Evaluation, Potential, SecondOrderMap
-from cartstiff.potentials.flexure_struts import FlexureStruts
-from cartstiff.potentials.line_springs import LineSprings, second_derivative
-from cartstiff.potentials.springs import JointSprings
 from cartstiff.statics.held import Held
 from cartstiff.stiffness.balance import with_rest_balancing
 from cartstiff.stiffness.leg_length_basis import (
@@ -52,7 +47,7 @@ from cartstiff.stiffness.motions import decompose
 
 # Costs in postures of one coordinate: the largest of a search, the least of a posture, and that of
 # each beam or strut, whose own equilibrium is computed in every posture.
-_MAX_SEARCH_COST, _MIN_POSTURE_COST, _BEAM_COST, _STRUT_COST = 150_000, 20, 16, 64
+_MAX_SEARCH_COST, _MIN_POSTURE_COST = 150_000, 20
 # Postures that every search may evaluate. Successful ones evaluate some hundred at most.
 _MIN_POSTURES = 300
 
@@ -72,12 +67,8 @@ _budget: ContextVar[_Budget | None] = ContextVar("budget", default=None)
 
 def cost(elastic: ElasticMechanism) -> int:
     """Cost of one posture, in postures of one coordinate."""
-    springs = elastic.springs
-    beams = sum(isinstance(potential, Beam) for potential in elastic.potentials)
-    struts = len(springs.stiffness) if isinstance(springs, FlexureStruts) else 0
-    return (
-        _MIN_POSTURE_COST + len(elastic.names) + _BEAM_COST * beams + _STRUT_COST * struts
-    )
+    terms = sum(term.cost for term in elastic.terms())
+    return _MIN_POSTURE_COST + len(elastic.names) + terms
 
 
 @contextmanager
@@ -283,7 +274,7 @@ def contact_limits(elastic: ElasticMechanism, start: MechanismPosture) -> Limits
 def _rests_at(elastic: ElasticMechanism, start: MechanismPosture) -> bool:
     """Whether the forces balance at a posture, closures aside."""
     springs = elastic.springs
-    if isinstance(springs, LineSprings) and springs.holding().any():
+    if springs is not None and springs.holding().any():
         elastic = with_rest_balancing(elastic, start)
     elif elastic.has_open_rest:
         return True
@@ -331,19 +322,7 @@ def constraint(
     values = limits.values(posture.q, posture.pose)[where]
     residual = values - np.array([bound(limits, c) for c in contacts])
     columns = limits.columns[where]
-    if isinstance(posture, PlatformPosture) and limits.legs is not None:
-        lines, points = posture.lines, limits.legs.points
-
-        def curvature(multipliers: Array) -> Array:
-            weights = np.zeros(len(points))
-            np.add.at(weights, columns, multipliers)
-            return second_derivative(lines, points, weights)
-
-        return residual, SecondOrderMap(lines.lines[columns], curvature)
-    n = posture.motion.jacobian.shape[1]
-    rows = np.zeros((len(where), n))
-    rows[np.arange(len(where)), columns] = 1.0
-    return residual, SecondOrderMap(rows, lambda _: np.zeros((n, n)))
+    return residual, posture.map_of_bounded(columns.tolist())
 
 
 #: Lines g (m, 6) that hold a body, their stiffnesses (m,), the remainder of the Hessian.
@@ -367,10 +346,9 @@ def refuse_springs_far_apart(elastic: ElasticMechanism) -> None:
     springs = elastic.springs
     if springs is None or not springs.stiffness.any():
         return
-    k, slides = springs.stiffness, np.ones(len(springs.stiffness), bool)
+    k, slides = springs.stiffness, elastic.slides
     natural, cure = k, "stiffnesses nearer to each other: lines cannot be rigid"
-    if isinstance(springs, JointSprings):
-        slides = np.array([c.is_length for c in elastic.mechanism.coordinates], bool)
+    if springs.of_coordinates(len(elastic.names)).any():
         natural = k * elastic.mechanism.at(elastic.q).coordinate_lengths ** 2
         cure = "the stiff one made rigid (stiffness: rigid)"
     stiff = int(natural.argmax())
@@ -378,7 +356,7 @@ def refuse_springs_far_apart(elastic: ElasticMechanism) -> None:
     if natural[stiff] <= numerics.LARGEST_STIFFNESS_RATIO * natural[soft]:
         return
     shown = [
-        f"{elastic.spring_names[i]} with {k[i]:.3g} {elastic.units.spring(bool(slides[i]))}"
+        f"{elastic.spring_names[i]} with {k[i]:.3g} {elastic.units.spring(slides[i])}"
         for i in (stiff, soft)
     ]
     raise InputError(
@@ -566,8 +544,8 @@ class System:
         if lines is not None:
             force += np.abs(N.T @ (lines[0] * columns).T) @ lines[1] * posture.length
         springs = self.elastic.springs
-        if isinstance(springs, JointSprings):
-            force += np.abs(N.T) @ (springs.stiffness * columns**2)
+        if springs is not None:
+            force += np.abs(N.T) @ (springs.of_coordinates(len(columns)) * columns**2)
         return force
 
     def _by_lengths(self, point: Point, parts: Lines | None) -> ByLengths | None:
@@ -597,26 +575,20 @@ class System:
         elastic, posture = self.elastic, point.posture
         springs = elastic.springs
         legs = self._by_lengths(point, line_springs_and_rest(elastic, posture))
-        if legs is None or type(springs) is not LineSprings or self.held is not None:
+        if legs is None or springs is None or self.held is not None:
             return elastic
-        lengths = springs.geometry(posture).lengths
         unbalanced = legs.motions.T @ (
             point.evaluation.gradient * posture.coordinate_lengths
         )
-        tensions = springs.tensions(lengths)
-        tensions[legs.leading] -= unbalanced / posture.length
-        given = tensions if springs.balanced_at is None else springs.balanced_at[2]
+        less = unbalanced / posture.length
         return replace(
-            elastic, springs=replace(springs, balanced_at=(lengths, tensions, given))
+            elastic, springs=springs.shifted(posture, legs.leading.tolist(), less)
         )
 
     @cached_property
     def _farthest_anchor(self) -> float:
         """Distance from F's origin of the farthest point that a line holds the body to."""
-        lines = [
-            t for t in self.terms if isinstance(t, LineSprings) and t.frame_a == "world"
-        ]
-        return max((float(np.abs(t.anchors).max()) for t in lines), default=0.0)
+        return max((term.farthest_anchor for term in self.terms), default=0.0)
 
     def _reach(self, posture: MechanismPosture) -> float:
         """Largest coordinate in natural units, at least 1; their rounding is proportional to it."""
@@ -641,10 +613,11 @@ class System:
     def _step_weights(self) -> Array | float:
         """Motion of each coordinate (n,) under equal forces; the softest: 1."""
         springs = self.elastic.springs
-        if not isinstance(springs, JointSprings) or not springs.stiffness.any():
+        own = None if springs is None else springs.of_coordinates(len(self.elastic.names))
+        if own is None or not own.any():
             return 1.0
         lengths = self.elastic.mechanism.at(self.elastic.q).coordinate_lengths
-        k = np.asarray(springs.stiffness * lengths**2)
+        k = np.asarray(own * lengths**2)
         softest = float(k[k > 0.0].min())
         return np.sqrt(softest / np.maximum(k, softest))
 

@@ -39,8 +39,6 @@ from cartstiff.mechanisms.limits import (
 from cartstiff.notes import Note
 from cartstiff.numerics import FREE_MOTION_STIFFNESS
 from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.loads import Load
-from cartstiff.potentials.springs import JointSprings
 from cartstiff.results import LabelledResult
 from cartstiff.statics.continuation import load_curve
 from cartstiff.statics.held import displacement_between
@@ -126,10 +124,11 @@ def motion_by_compliance(
             name, power = parameter.law
             j, law = elements.elastic.names.index(name), law_of(elements.elastic, name)
             springs = elements.elastic.springs
-            x = float(posture.q[j] - getattr(springs, "rest")[j])  # noqa: B009 - it has a law
+            assert springs is not None  # it has a law
+            x = float(posture.q[j] - springs.rest[j])
             x0 = 0.0 if chosen is None else float(chosen.deflections[j])
             lost = x**power - x0**power * law.evaluate(x)[2] / law.evaluate(x0)[2]
-            forces[j, p] -= lost * (-(law.coefficients[0] ** 2) if power == 1 else 1.0)
+            forces[j, p] -= lost * (-(law.powers[0] ** 2) if power == 1 else 1.0)
     return motion_under_forces(posture, balance, forces)
 
 
@@ -147,7 +146,7 @@ def chosen_forces(
         ]
         open_ = np.array([name in chosen for name in elements.names], bool)
     deflections, own = np.zeros(len(start.q)), balanced.springs
-    if isinstance(springs, JointSprings) and isinstance(own, JointSprings):
+    if springs is not None and own is not None and own.has_coordinate(len(start.q)).any():
         deflections = np.where(springs.rest_is_free(), start.q - own.rest, 0.0)
     return InitialForces(np.where(open_, elements.forces(start), 0.0), deflections)
 
@@ -710,9 +709,10 @@ class Equilibrium(Result, LabelledResult):
             return None
         W = np.zeros(6)
         for load in self.loads:
-            if not isinstance(load, Load) or load.frame_b != "body":
+            own = load.wrench_on("body", self.pose)
+            if own is None:
                 return None
-            W -= load.on_pose(self.pose)[1]
+            W = W + own
         return W
 
     @cached_property

@@ -39,7 +39,6 @@ from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.notes import Note
 from cartstiff.numerics import FREE_MOTION_STIFFNESS
 from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.loads import DeadForce, Scaled
 from cartstiff.statics.problem import Balance, Point
 from cartstiff.units import Units, convert_length
 
@@ -210,15 +209,11 @@ def kinetic_matrix(
     """
     mass = posture.mass_matrix()
     for term in terms:
-        load: Potential = term
-        factor = 1.0
-        while isinstance(load, Scaled):
-            factor, load = factor * load.factor, load.potential
-        if not (isinstance(load, DeadForce) and load.mass > 0.0):
+        load = term.payload
+        if load is None or load.mass <= 0.0:
             continue
-        _, to_frame = posture.relative("world", load.frame_b)
-        J = to_frame.jacobian
-        arm = np.asarray(load.point)
+        _, to_frame = posture.relative("world", load.frame)
+        J, arm = to_frame.jacobian, load.point
         velocity = J[3:] + np.cross(J[:3], arm, axis=0)
         if mass is None:
             mass = np.zeros((J.shape[1], J.shape[1]))

@@ -37,8 +37,7 @@ from cartstiff.mechanisms.gravity_loads import GravityLoads, gravity_loads
 from cartstiff.mechanisms.limits import finite, limit_notes, limits_of
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.springs import JointSprings
+from cartstiff.potentials.springs import Springs
 from cartstiff.results import LabelledResult
 from cartstiff.statics.equilibrium import Equilibrium, equilibrium
 from cartstiff.statics.held import Held, displacement_between, displacement_heads
@@ -436,9 +435,7 @@ def _balancing_rest(
     """Rest positions at which the springs, and the closures, balance all other forces at q."""
     posture = elastic.mechanism.at(q)
     columns = posture.coordinate_lengths
-    if isinstance(
-        elastic.springs, LineSprings
-    ):  # as under a load: near their preload, if possible
+    if posture.coordinates_are_pose:  # as under a load: near their preload, if possible
         balanced = with_rest_balancing(
             elastic.with_potential(*loads), posture, np.zeros(6)
         )
@@ -468,7 +465,7 @@ def _balancing_rest(
     return springs.rest
 
 
-def _springs(elastic: ElasticMechanism) -> JointSprings | LineSprings:
+def _springs(elastic: ElasticMechanism) -> Springs:
     if elastic.springs is None:  # refused at the start
         raise InputError(
             f"{elastic.name} has no springs whose rest positions could be commanded"

@@ -22,7 +22,6 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.stiffness.free_motions import FreeMotions
 
 
@@ -69,9 +68,8 @@ def line_springs_and_rest(
         return None
     lines, k, rest = list[Array](), list[Array](), np.zeros((6, 6))
     for term in elastic.terms():
-        held = type(term) is LineSprings and (term.frame_a, term.frame_b)
-        if isinstance(term, LineSprings) and held == ("world", "body"):
-            g, stiffness, turning = term.lines_and_rest(posture)
+        if (own := term.lines_and_rest(posture)) is not None:
+            g, stiffness, turning = own
             lines.append(g)
             k.append(stiffness)
             rest = rest + turning

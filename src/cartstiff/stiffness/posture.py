@@ -39,7 +39,6 @@ from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.gravity_loads import GravityLoads, gravity_loads
 from cartstiff.mechanisms.limits import tensions_of
-from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.mechanisms.preload import preload_notes
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
@@ -472,8 +471,8 @@ class PostureStiffness(LabelledResult):
     @property
     def leg_lengths(self) -> Array | None:
         """Lengths (m,) of a platform's legs; None for other mechanisms."""
-        posture = self.posture
-        return posture.lines.lengths if isinstance(posture, PlatformPosture) else None
+        lines = self.posture.lines
+        return None if lines is None else lines.lengths
 
     @property
     def tensions(self) -> Array | None:

@@ -9,12 +9,10 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.beams import evaluate_together
 from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.motions import decompose
 
 #: Largest number of steps.
@@ -34,13 +32,9 @@ def settled_coordinates(elastic: ElasticMechanism) -> Array:
     Empty if no link is compliant.
     """
     chain, springs = elastic.mechanism, elastic.springs
-    if (
-        not isinstance(chain, Chain)
-        or not chain.virtual
-        or not isinstance(springs, JointSprings)
-    ):
+    if not chain.virtual or springs is None:
         return np.zeros(0, int)
-    free = springs.is_passive.copy()
+    free = ~springs.has_coordinate(len(chain.coordinates))
     for term in elastic.coupled_springs:  # their rest is chosen, as that of springs
         free[term.factors.any(axis=0)] = False
     return np.flatnonzero(free)

@@ -29,10 +29,8 @@ from cartstiff.errors import CartstiffError, InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.kinematics.inverse import inverse_kinematics
 from cartstiff.kinematics.joint_poses import Free, JointPoses
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import Limits
-from cartstiff.mechanisms.platform import Platform
 from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import analyse
@@ -308,7 +306,7 @@ def _candidates(
     # A load along axes of the body turns with the tool, unless it lies on the axis.
     is_kept = load_axes == "world" or np.allclose(in_body[:2], 0.0)
     may_turn = is_kept and not any(at[:2]) and not question.wrench[:3].any()
-    if isinstance(elastic.mechanism, Platform):
+    if elastic.mechanism.coordinates_are_pose:
         if may_turn:
             turns = se3.exp(np.outer(_TURNS, np.eye(6)[2]))
             turned = inverse_kinematics(elastic, list(question.pose @ turns))
@@ -382,7 +380,7 @@ def _described(
     relative = se3.inverse(question.pose) @ elastic.mechanism.at(q).pose
     sizes = elastic.mechanism.at(start).coordinate_lengths
     moved = np.abs(q - start) / sizes
-    is_chain = isinstance(elastic.mechanism, Chain)
+    is_chain = not elastic.mechanism.coordinates_are_pose
     return BetterPosture(
         start,
         q,

@@ -45,11 +45,9 @@ from cartstiff.figures import new_figure
 from cartstiff.geometry import se3
 from cartstiff.kinematics.joint_poses import SAME, Free, JointPoses, PlatformPoses
 from cartstiff.maps.quantities import choose_quantities, evaluate
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.other_units import shown
-from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 from cartstiff.numerics import NEAR_SINGULARITY
 from cartstiff.potentials.line_springs import line_geometry
@@ -371,7 +369,7 @@ def path_solver(
     near: Mapping[str, float] | ArrayLike | None,
 ) -> PathSolver:
     """Return the solver of postures within the given ranges."""
-    if isinstance(elastic.mechanism, Platform):
+    if elastic.mechanism.coordinates_are_pose:
         if ranges or near is not None:
             raise InputError(
                 "ranges and a posture nearby are for joints",
@@ -700,7 +698,7 @@ class PathCost:
         answers = analyse_many(self.elastic, q, wrench=load, outputs=outputs, **acting)
         platform = self.elastic.mechanism
         lengths = np.array([c.is_length for c in platform.coordinates])
-        if isinstance(platform, Platform):  # the Jacobian's columns are the legs'
+        if len(platform.points):  # the Jacobian's columns are the legs'
             lengths = np.ones(len(platform.points), bool)
         for point in np.unique(points):
             rows = points == point
@@ -713,7 +711,7 @@ class PathCost:
                 self.quantity.name
             ]
         jacobian = answers["jacobian"]
-        if isinstance(platform, Platform) and len(platform.points) != 6:  # no square one
+        if len(platform.points) not in (0, 6):  # no square one
             lines = [
                 line_geometry(T, platform.anchors, platform.points).lines for T in poses
             ]
@@ -1229,7 +1227,7 @@ def optimise_path(
     mechanism = checked_elastic(elastic).mechanism
     checked_kind(path, ToolPath, "path", "a ToolPath")
     connection = connection or ("load" if loaded else "B")
-    if isinstance(mechanism, Chain) and mechanism.closures:
+    if mechanism.closures:
         raise InputError("paths are for serial arms and platforms", got=mechanism.kind)
     if elastic.springs is None:
         raise InputError(f"{elastic.name} has no springs, whose stiffness could be best")

@@ -33,8 +33,6 @@ from cartstiff.mechanisms.gravity_loads import without_mass
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.potentials.springs import JointSprings
 from cartstiff.results import LabelledResult
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.statics.small_motions import Spectrum, kinetic_matrix, spectrum_of
@@ -55,7 +53,7 @@ def masses_that_move(elastic: ElasticMechanism) -> dict[str, float]:
     masses = {
         name: mass for name, mass in elastic.mechanism.masses().items() if mass > 0.0
     }
-    hung = sum(p.mass for p in elastic.potentials if isinstance(p, DeadForce))
+    hung = sum(own.mass for p in elastic.potentials if (own := p.payload) is not None)
     if hung > 0.0:
         masses["payload among the loads"] = hung * elastic.units.newtons
     return masses
@@ -625,13 +623,12 @@ def is_plain(elastic: ElasticMechanism) -> bool:
     """
     springs, chain = elastic.springs, elastic.mechanism
     return (
-        isinstance(springs, JointSprings)
-        and isinstance(chain, Chain)
-        and not (chain.closures or chain.rigid or chain.tree.mimic is not None)
-        and not (springs.laws or elastic.potentials)
+        springs is not None
+        and chain.is_open_tree
+        and not (chain.rigid or springs.laws or elastic.potentials)
         and elastic.gravity is None
         and bool(np.isnan(springs.rest).all())
-        and bool((springs.stiffness > 0.0).all())
+        and bool((springs.of_coordinates(len(chain.coordinates)) > 0.0).all())
     )
 
 
@@ -644,7 +641,7 @@ def _modes_of_open_chain(
     """Return the modes where `is_plain`: ``K_q = diag(k) - S_W + J^T D J``, D the load's part."""
     elastic, posture = elastic.placed(q)
     columns, springs = posture.coordinate_lengths, elastic.springs
-    k = springs.stiffness if isinstance(springs, JointSprings) else columns * np.nan
+    k = columns * np.nan if springs is None else springs.of_coordinates(len(columns))
     later = partial(analyse, elastic, posture.q, **load)
     rested, K = elastic.at_rest(posture.q.copy()), np.diag(k)
     noise = 0.0

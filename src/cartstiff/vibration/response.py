@@ -38,9 +38,7 @@ from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.figures import new_figure
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.platform import PlatformPosture
 from cartstiff.notes import Note
-from cartstiff.potentials.springs import JointSprings
 from cartstiff.results import LabelledResult
 from cartstiff.units import Units
 from cartstiff.vibration.modes import Modes
@@ -121,13 +119,10 @@ def dampers(modes: Modes) -> Array | None:
     elastic, posture = modes.elastic, modes.posture
     if elastic.damping is None:
         return None
-    if isinstance(elastic.springs, JointSprings):
-        full = np.diag(elastic.damping)
-    elif isinstance(posture, PlatformPosture):
-        lines = posture.lines.lines
-        full = (lines.T * elastic.damping) @ lines
-    else:
+    if elastic.springs is None:
         return None
+    rows = elastic.springs.rows(posture)
+    full = (rows.T * elastic.damping) @ rows
     return np.asarray(modes.basis.T @ full @ modes.basis)
 
 

@@ -37,7 +37,6 @@ from cartstiff.errors import (
 )
 from cartstiff.figures import draw_bars, new_axes, new_figure
 from cartstiff.geometry.differences import derivative_with_error
-from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements
 from cartstiff.mechanisms.identified import CompliancePattern, Identified, quantile
@@ -100,7 +99,7 @@ class Home:
         self._here: tuple[Array, ...] | None = None
         mechanism = subject.elastic.mechanism
         #: Coordinates of a closed chain that are held, if the others can close it.
-        self._held = list(mechanism.held) if isinstance(mechanism, Chain) else []
+        self._held = list(mechanism.held)
         self._seen: dict[float, Array] = {}
 
     def at(self, name: str, change: float) -> PostureStiffness | Equilibrium:
