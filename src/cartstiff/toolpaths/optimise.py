@@ -919,7 +919,8 @@ class OptimisedPath(LabelledResult):
             words += (
                 "; steps through singularities, where configurations meet, were allowed"
             )
-        if isinstance(self.elastic.mechanism, Chain) and self.nearby is None:
+        is_pose = self.elastic.mechanism.coordinates_are_pose
+        if not is_pose and self.nearby is None:
             words += (
                 f"; it begins within {np.degrees(self.begins_at):.3g} deg of the posture "
                 "before the path"
@@ -1245,7 +1246,7 @@ def optimise_path(
     if isinstance(near, str):
         check_name("posture nearby", near, ("anywhere",))
         near = None
-    elif near is None and isinstance(mechanism, Chain):
+    elif near is None and not mechanism.coordinates_are_pose:
         start = elastic.q
     solver = path_solver(elastic, ranges, near)
     grid = choices_of(solver, free, redundant, samples, list(elastic.names))
