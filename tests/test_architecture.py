@@ -185,6 +185,26 @@ def test_import_is_light():
     assert loaded.isdisjoint(HEAVY), sorted(loaded & set(HEAVY))
 
 
+def test_a_posture_without_a_load_starts_with_little():
+    """Neither page nor searches nor words are loaded, and of models those that the file has."""
+    pytest.importorskip("example_robot_data")
+    code = (
+        "import sys, json; from cartstiff.cli.main import main\n"
+        "try: main(['analyse', 'ur5', '--json'])\n"
+        "except SystemExit: pass\n"
+        "from cartstiff.loading import schema\n"
+        "models = [m.__name__ for m in schema._models(schema.FileModel)\n"
+        "          if m.__pydantic_complete__]\n"
+        "print(json.dumps([sorted(sys.modules), models]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    modules, models = json.loads(done.stdout.splitlines()[-1])
+    needless = ("cartstiff.page", "cartstiff.statics", "cartstiff.scene", "cartstiff.batch")
+    needless += ("cartstiff.report.analysis", "scipy", "ruamel", "tornado", "pydantic.type_adapter")
+    assert [m for m in modules if m.startswith(needless)] == []
+    assert {"SerialFile", "JointSpringModel"} == set(models)
+
+
 def test_names_of_the_package_load_when_used():
     for name in cartstiff.__all__:
         assert getattr(cartstiff, name) is not None

@@ -41,8 +41,6 @@ from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.springs import CoupledSprings, JointSprings
-from cartstiff.statics.equilibrium import equilibrium
-from cartstiff.statics.held import displacement_between
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.posture import StiffnessInFrame
@@ -191,6 +189,10 @@ def _beside_equilibrium(
     """
     if result.wrench is None or not any((*found.whole.wrench, *found.whole.twist)):
         return moved, []
+    # A posture without a load needs no search.
+    from cartstiff.statics.equilibrium import equilibrium
+    from cartstiff.statics.held import displacement_between
+
     try:
         if moved.by == "load":
             start = np.array(result.q)
