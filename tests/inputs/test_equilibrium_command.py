@@ -15,6 +15,7 @@ from cartstiff.statics.equilibrium import equilibrium
 
 ROBOTS = {"ur5", "panda"}
 MORE = {
+    "answer",
     "residual",
     "stable",
     "iterations",

@@ -19,6 +19,7 @@ from tests.view.test_export import held
 
 import cartstiff
 from cartstiff.answer.doubts import WEIGHTS
+from cartstiff.answer.equilibrium import STABILITY
 from cartstiff.answer.posture import answer_at
 from cartstiff.answer.verdict import RULES
 from cartstiff.page.export import export_page
@@ -103,13 +104,19 @@ def test_the_equilibrium_is_said_where_the_first_order_misses_it() -> None:
     elastic = cartstiff.load("five-bar")
     state = cartstiff.equilibrium(elastic, wrench=[0, 0, 0, 0, -500, 0])
     assert moved == pytest.approx(np.linalg.norm(state.displacement[3:]), rel=1e-9)
+    said = answer("equilibrium five-bar --load 0,0,0,0,-500,0")["answer"]
+    assert said["displacement"]["equilibrium"] == found["equilibrium"]
+    assert said["verdict"]["code"] == "stable"
     text = run("analyse five-bar --load 0,0,0,0,-500,0")
+    rest = run("equilibrium five-bar --load 0,0,0,0,-500,0")
+    assert f"moves {1e3 * moved:.4g} mm under the load" in rest
     assert f"moves {1e3 * moved:.4g} mm" in text
     assert f"(by the equilibrium; {1e3 * linear:.4g} mm to first order, K^load)" in text
 
 
 def test_every_rule_has_a_sentence_and_the_last_of_a_matrix_are_its_signs() -> None:
-    assert {rule.code for rule in RULES} == set(VERDICTS)
+    codes = {rule.code for rule in RULES} | {code for _, code in STABILITY.values()}
+    assert codes == set(VERDICTS)
     assert len(set(WEIGHTS)) == len(WEIGHTS)
     signs = {f"K {kind}" for kind in ("positive", "positive semidefinite", "indefinite")}
     assert signs <= {need for rule in RULES for need in rule.needs}

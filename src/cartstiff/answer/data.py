@@ -70,8 +70,8 @@ class Displacement:
         The matrix of the first order.
     point : tuple of float
         The point in M.
-    first_order : Motion
-        By the compliance.
+    first_order : Motion or None
+        By the compliance, if that was computed.
     equilibrium : Motion or None
         Between the equilibria without and with the load, if that was computed.
     difference : float or None
@@ -81,21 +81,22 @@ class Displacement:
     by: Cause
     connection: str
     point: Vector
-    first_order: Motion
+    first_order: Motion | None
     equilibrium: Motion | None = None
     difference: float | None = None
 
     @property
     def is_first_order(self) -> bool:
         """Whether the first order is said: it is all that is known, or differs by 2 % at most."""
+        if self.first_order is None:
+            return False
         return self.difference is None or self.difference <= LARGEST_UNSAID_DIFFERENCE
 
     @property
     def said(self) -> Motion:
         """The displacement that is said first."""
-        if self.is_first_order or self.equilibrium is None:
-            return self.first_order
-        return self.equilibrium
+        both = self.first_order, self.equilibrium
+        return next(m for m in both[:: 1 if self.is_first_order else -1] if m is not None)
 
 
 #: Difference of first order and equilibrium above which the latter is said.

@@ -175,8 +175,8 @@ def _displacement(
     result: PostureStiffness, connection: str, found: FoundDeflection, cause: Cause
 ) -> Displacement:
     whole, R = found.whole, result.pose[:3, :3]
-    moved = Motion(vector(R @ whole.displacement), vector(R @ whole.twist[:3]))
-    return Displacement(cause, connection, vector(whole.point), moved)
+    first = Motion(vector(R @ whole.displacement), vector(R @ whole.twist[:3]))
+    return Displacement(cause, connection, vector(whole.point), first)
 
 
 def _beside_equilibrium(
@@ -216,7 +216,7 @@ def _beside_equilibrium(
     shift = ((state.pose - before) @ point)[:3]
     turn = displacement_between(before, state.pose)[:3]
     far = float(np.linalg.norm(shift))
-    miss = float(np.linalg.norm(shift - moved.first_order.translation))
+    miss = float(np.linalg.norm(shift - result.pose[:3, :3] @ found.whole.displacement))
     compared = replace(
         moved,
         equilibrium=Motion(vector(shift), vector(turn)),

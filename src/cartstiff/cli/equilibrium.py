@@ -162,7 +162,9 @@ def command(
         )
         if not acting and against_gravity is None:
             state = _with_payload_noted(state, setup.payload)
-        data = state.to_dict()
+        from cartstiff.answer.equilibrium import answer_of_equilibrium
+
+        data = state.to_dict() | {"answer": answer_of_equilibrium(state).to_dict()}
         more = parameters.add(state, setup, data, lambda e: moved(e)[0])
         out.show(
             data,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from cartstiff.errors import check_name, joined, listed
 from cartstiff.geometry import se3
 from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.notes import Note
 from cartstiff.report.answer import answer_lines, table_lines
 from cartstiff.report.layout import (
     COSINES,
@@ -50,11 +51,13 @@ def describe(
     at_rest: bool = False,
     answer: Answer | None = None,
     only: str | None = None,
+    told: Collection[Note] = (),
 ) -> str:
     """Describe a result, with the text of its analysis before the notes.
 
     The answer and its tables come first. With `at_rest` the stiffness includes the loads, and W is
-    the additional wrench. `only` names the one matrix that is printed.
+    the additional wrench. `only` names the one matrix that is printed. `told` are notes that were
+    said before.
     """
     elastic = result.elastic
     mechanism, units = elastic.mechanism, elastic.units
@@ -117,8 +120,8 @@ def describe(
         lines += _reachable(result, at_rest)
     if analysis:
         lines += analysis.split("\n")
-    doubts = () if answer is None else answer.doubts
-    if notes := [note for note in result.notes if note not in doubts]:
+    told = told if answer is None else answer.doubts
+    if notes := [note for note in result.notes if note not in told]:
         lines.append("Notes")
         lines += [f"  {note}" for note in notes]
     return joined(lines).rstrip()

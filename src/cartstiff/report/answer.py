@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from cartstiff.answer.data import Answer, Quantity, Table
+from cartstiff.answer.posture import answer_at
 from cartstiff.notes import DOUBTS
 from cartstiff.report.layout import table
 from cartstiff.report.sentences import answer_sentences, percent
+from cartstiff.stiffness.posture import PostureStiffness
 from cartstiff.units import engineering
 
 
@@ -22,6 +26,14 @@ def answer_lines(answer: Answer) -> list[str]:
         if lines
         for line in ("", title, *(f"  {line}" for line in lines))
     ]
+
+
+def displayed(result: PostureStiffness) -> list[str]:
+    """A posture's answer in a notebook, under its name."""
+    with np.errstate(all="ignore"):
+        answer = answer_at(result)
+    name = f"Stiffness of {answer.subject} ({answer.kind}) at {answer.frame}"
+    return [name, *answer_lines(answer)]
 
 
 def table_lines(shown: Table) -> list[str]:

@@ -38,7 +38,12 @@ VERDICTS: dict[str, str] = {
     "near-serial-singularity": "Near a singularity: one motion is almost impossible",
     "near-type-2-singularity": "Near a singularity: one direction is hardly held",
     "slack": "Slack cables carry nothing",
+    "stable": "The equilibrium is stable",
+    "unstable": "The equilibrium is NOT stable: the load pushes the body away",
+    "undecided": "Whether the equilibrium is stable is not decided by definiteness: see the notes",
 }
+#: Verdicts on more than one matrix.
+_OF_NO_MATRIX = ("stable", "unstable", "undecided")
 _NO_STABILITY = {
     NOT_TANGENT: "it is not the tangent under this load and decides no stability",
     ASYMMETRIC: "along some motion the load pushes further away; as it has no potential, this "
@@ -64,6 +69,8 @@ ALONG, ALMOST = 1.0, 20.0
 
 def title(verdict: Verdict) -> str:
     """The sentence of a verdict, with the matrix that was read."""
+    if verdict.code in _OF_NO_MATRIX:
+        return VERDICTS[verdict.code]
     part = "the symmetric part of " if verdict.symmetrised else ""
     return f"{VERDICTS[verdict.code]} ({part}K^{verdict.connection})"
 
@@ -119,7 +126,7 @@ def displacement_words(answer: Answer) -> Iterator[str]:
     moved, units = answer.displacement, answer.units
     if moved is None:
         return
-    if not any((*moved.first_order.translation, *moved.first_order.rotation)):
+    if not any((*moved.said.translation, *moved.said.rotation)):
         yield "The load moves nothing: the structure carries it"
         return
     what = "This point" if any(moved.point) else "The body frame"
@@ -149,6 +156,8 @@ def _moves(moved: Displacement, answer: Answer) -> str:
 def _beside(moved: Displacement, units: Units) -> str:
     """What the displacement was computed from, and the other value where they differ."""
     linear = f"to first order, K^{moved.connection}"
+    if moved.first_order is None:
+        return " (by the equilibrium)"
     if moved.is_first_order:
         return f" ({linear})"
     far = engineering(math.hypot(*moved.first_order.translation), units.length)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cartstiff.answer.equilibrium import answer_of_equilibrium
 from cartstiff.choices import AXES_WORDS
 from cartstiff.errors import joined
 from cartstiff.mechanisms.contract import MechanismPosture
@@ -17,6 +18,7 @@ from cartstiff.mechanisms.limits import beyond_limits
 from cartstiff.mechanisms.other_units import shown
 from cartstiff.notes import Note
 from cartstiff.report.analysis import describe
+from cartstiff.report.answer import answer_lines
 from cartstiff.report.layout import body_frame, length_of, number, row, table, wide_row
 
 if TYPE_CHECKING:
@@ -45,11 +47,12 @@ def _sizes(posture: MechanismPosture) -> tuple[float, float]:
 def describe_equilibrium(state: Equilibrium) -> str:
     """Describe an equilibrium, and its stiffness with the loads included."""
     units, mm = state.elastic.units, state.elastic.units.shown_per_length
+    answer = answer_of_equilibrium(state)
     lines = [
         f"Equilibrium: {_STABLE[state.stable]}, residual {state.residual:.2g} (relative) after "
         f"{state.iterations} step(s)",
         _softest(state),
-        *(f"  {line}" for line in beyond_limits(state.notes)),
+        *answer_lines(answer),
         "",
         *_displacements(state),
     ]
@@ -73,7 +76,7 @@ def describe_equilibrium(state: Equilibrium) -> str:
             f"  force        {wide_row(W[3:])} {units.force}",
         ]
     lines += [*_reactions(state), "", "Stiffness there, loads included", ""]
-    lines += describe(state.stiffness, at_rest=True).split("\n")
+    lines += describe(state.stiffness, at_rest=True, told=answer.doubts).split("\n")
     return joined(lines)
 
 
