@@ -59,7 +59,9 @@ def _codes(data):
 def test_a_loaded_mechanism(mechanism):
     _needs(mechanism)
     data = answer(f"equilibrium {mechanism} --load", LOADS[mechanism], "--world")
-    assert set(data) == set(cartstiff.analyse(cartstiff.load("cubic")).to_dict()) | MORE
+    of_some = {"legs", "task_axes"}
+    expected = set(cartstiff.analyse(cartstiff.load("cubic")).to_dict()) | MORE
+    assert set(data) - of_some == expected - of_some
     assert data["stable"] is True
     assert data["residual"] < 1e-9
     assert min(data["eigenvalues"]) > 0
