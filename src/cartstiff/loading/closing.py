@@ -167,7 +167,7 @@ class _Closing:
 
     def add_entry(self, entry: ClosureModel, i: int) -> None:
         """Add a file's entry; without points a frame is tied to "world" where it is at q."""
-        place, tree = f"closure {i + 1}", self.tree
+        place, tree = f"key closures.{i + 1}", self.tree
         for frame in entry.frames:
             check_name("frame", frame, tree.frames, place)
         a, b = entry.frames

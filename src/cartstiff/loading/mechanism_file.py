@@ -387,16 +387,15 @@ def places_in(where: str, place: Callable[[Place], str] | None = None) -> Iterat
     try:
         yield
     except InputError as error:
-        match = re.fullmatch(
-            r"(?:leg (\d+)(?:, |$))?(?:key ([\w.-]+))?", error.where or ""
-        )
+        match = re.fullmatch(r"(?:leg (\d+)(?:, |$))?(?:key (.+))?", error.where or "")
         if match is None:
             if where in (error.where or ""):
                 raise
             raise error.at(where) from None
         leg, key = match.groups()
-        at: Place = () if leg is None else ("legs", int(leg) - 1)
-        at += () if key is None else tuple(key.split("."))
+        way = [] if leg is None else ["legs", leg]
+        way += [] if key is None else key.split(".")
+        at = tuple(int(part) - 1 if part.isdigit() else part for part in way)
         own = f"{where}, {error.where}" if error.where else where
         raise error.moved_to(place(at) if place and at else own) from None
 

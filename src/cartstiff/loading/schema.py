@@ -258,48 +258,30 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
     """
     from cartstiff.mechanisms.elements import Elements
 
-    elements, beyond = Elements(elastic), {*elastic.beyond}
-    patterns, values, kept = [], [], []
+    elements, beyond, where = Elements(elastic), {*elastic.beyond}, "key identified"
+    P, kept = len(model.compliances), dict[int, CompliancePattern]()
     for i, entry in enumerate(model.compliances):
         law = entry.polynomial
         pairs = entry.elements or ([] if law else [(entry.name, entry.name, 1.0)])
         pairs = [pair for pair in pairs if beyond.isdisjoint(pair[:2])]
-        if not pairs and (law is None or law[0] in beyond):
-            continue
-        kept.append(i)
-        pattern = CompliancePattern(entry.name, tuple(pairs), law)
-        if law is not None:
-            _check_coefficient(elastic, law, entry)
-        for a, b, weight in pairs:
-            row, column = elements.index(a, "identified"), elements.index(b, "identified")
-            C, own = elements.compliance, entry.value * weight
-            tolerance = _COMPLIANCE_TOLERANCE * np.sqrt(C[row, row] * C[column, column])
-            if not pattern.is_share and abs(C[row, column] - own) > tolerance:
-                raise InputError(
-                    f"compliance of {entry.name!r} is not that of the file's spring",
-                    where="identified",
-                    expected=f"{C[row, column]:.6g}, or no key "
-                    "'identified' with springs that were changed",
-                    got=f"{own:.6g}",
-                )
-        patterns.append(pattern)
-        values.append(entry.value)
+        if pairs or (law is not None and law[0] not in beyond):
+            kept[i] = pattern = CompliancePattern(entry.name, tuple(pairs), law)
+            _check_found(elastic, elements, pattern, entry)
     names = {*elements.names, *(entry.name for entry in model.compliances)}
     at_least = {name: k for name, k in model.at_least.items() if name not in beyond}
     for name in at_least:
-        check_name("spring", name, names, "identified.at_least")
-    P = len(model.compliances)
+        check_name("spring", name, names, f"{where}.at_least")
     if [len(row) for row in model.covariance] != [P] * P:
         raise InputError(
             "covariance has the wrong shape",
-            where="identified",
+            where=where,
             expected=f"{P} rows of {P} numbers",
         )
     undetermined = [name for name in model.undetermined if name not in beyond]
     identified = Identified(
-        tuple(patterns),
-        np.array(values),
-        np.array(model.covariance).reshape(P, P)[np.ix_(kept, kept)],
+        tuple(kept.values()),
+        np.array([model.compliances[i].value for i in kept]),
+        np.array(model.covariance).reshape(P, P)[np.ix_([*kept], [*kept])],
         model.degrees,
         model.level,
         model.rows,
@@ -319,20 +301,37 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
     return elastic.with_notes(note)
 
 
-def _check_coefficient(
-    elastic: ElasticMechanism, law: tuple[str, int], entry: FoundModel
+def _check_found(
+    elastic: ElasticMechanism,
+    elements: Any,
+    pattern: CompliancePattern,
+    entry: FoundModel,
 ) -> None:
-    """Refuse a polynomial's coefficient that differs from the file's spring."""
+    """Refuse a measured compliance, or coefficient, that is not that of the file's springs."""
     from cartstiff.mechanisms.elements import coefficient, law_of
 
-    (name, power), where = law, "identified"
-    if entry.elements is not None:
-        raise InputError(
-            f"{entry.name!r} has elements and a polynomial",
-            where=where,
-            expected="one of both",
-        )
-    c = law_of(elastic, name, where).powers
+    where, changed = (
+        "key identified",
+        "or no key 'identified' with springs that were changed",
+    )
+    law = entry.polynomial
+    if law is not None and entry.elements is not None:
+        what = f"{entry.name!r} has elements and a polynomial"
+        raise InputError(what, where=where, expected="one of both")
+    for a, b, weight in pattern.entries:
+        row, column = (elements.index(name, where) for name in (a, b))
+        C, own = elements.compliance, entry.value * weight
+        tolerance = _COMPLIANCE_TOLERANCE * np.sqrt(C[row, row] * C[column, column])
+        if not pattern.is_share and abs(C[row, column] - own) > tolerance:
+            raise InputError(
+                f"compliance of {entry.name!r} is not that of the file's spring",
+                where=where,
+                expected=f"{C[row, column]:.6g}, {changed}",
+                got=f"{own:.6g}",
+            )
+    if law is None:
+        return
+    power, c = law[1], law_of(elastic, law[0], where).powers
     if power > len(c) or (power == 1 and not c[0] > 0.0):
         raise InputError(
             f"{entry.name!r} is no coefficient of the spring",
@@ -345,7 +344,7 @@ def _check_coefficient(
         raise InputError(
             f"value of {entry.name!r} is not that of the file's spring",
             where=where,
-            expected=f"{own:.6g}, or no key 'identified' with springs that were changed",
+            expected=f"{own:.6g}, {changed}",
             got=f"{entry.value:.6g}",
         )
 
