@@ -11,7 +11,16 @@ from tools.fuzz_maps import crafted_map, resealed, whole_map
 
 import cartstiff
 from cartstiff.errors import InputError
-from cartstiff.maps import Axis, Grid, compute_map, draw_map, open_map, store, summary
+from cartstiff.maps import (
+    Axis,
+    Grid,
+    RandomPostures,
+    compute_map,
+    draw_map,
+    open_map,
+    store,
+    summary,
+)
 from cartstiff.maps.store import MapFile
 from cartstiff.page.source import read_cloud
 
@@ -103,3 +112,21 @@ def test_a_whole_number_too_large_for_a_float_is_refused(tmp_path):
     resealed(file)
     with pytest.raises(InputError, match=r"description of the map cannot be used; .*a number"):
         open_map(file)
+
+
+@pytest.mark.parametrize("name", ["0x10", "springs"])
+def test_a_map_of_a_mechanism_with_other_parts_is_not_continued(tmp_path, monkeypatch, name):
+    """The identity may name parts of a mechanism that none has."""
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "m.zarr"
+    shutil.copytree(whole_map()[0], file)
+    root = json.loads((file / "zarr.json").read_text())
+    about = json.loads(root["attributes"]["description"])
+    about["mechanism"][name] = "other"
+    root["attributes"]["description"] = json.dumps(about)
+    (file / "zarr.json").write_text(json.dumps(root))
+    resealed(file)
+    arm = cartstiff.load("ur5")
+    places = RandomPostures(12, 5, arm.q - 0.3, arm.q + 0.3)
+    with pytest.raises(InputError, match=f"map of another mechanism, with other {name}"):
+        compute_map(arm, places, ["translation_free_min", "condition"], file, length=0.2)

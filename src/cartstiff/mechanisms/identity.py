@@ -176,8 +176,9 @@ def require_same(
             continue
         part, a, b = difference
         if key == "mechanism":
+            words = _PARTS.get(part, one_line(part))  # the file may name any part
             raise InputError(
-                f"the file holds the {what} of another mechanism, with other {_PARTS[part]}",
+                f"the file holds the {what} of another mechanism, with other {words}",
                 where=where,
                 expected=f"the same mechanism, {anew}",
             )
