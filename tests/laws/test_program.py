@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import pickle
 import shutil
 import subprocess
@@ -172,6 +173,7 @@ def test_refusals():
         ("ur5", ["B", "compliance_load", "pose"], True),
         ("stewart-gough", ["K", "compliance_B", "wrench"], False),
         ("6-pus", ["compliance_B", "pose"], False),
+        ("panda", ["compliance_B"], False),
     ],
 )
 def test_c_is_the_program(name, outputs, loaded, tmp_path):
@@ -179,7 +181,10 @@ def test_c_is_the_program(name, outputs, loaded, tmp_path):
     if compiler is None:
         pytest.skip("no C compiler")
     elastic = cartstiff.load(name)
-    program = cartstiff.record(elastic, outputs, loaded=loaded)
+    inputs = ("stiffness",) if name == "panda" else ()
+    program = cartstiff.record(elastic, outputs, loaded=loaded, inputs=inputs)
+    more = [1.1 * elastic.springs.stiffness] if inputs else []
+    numbers = dict(zip(inputs, more, strict=True))
     source = program.source("c", "stiffness")
     assert f"  0: {elastic.names_with_units[0]}" in source
     file, library = tmp_path / "stiffness.c", tmp_path / "stiffness.so"
@@ -192,9 +197,9 @@ def test_c_is_the_program(name, outputs, loaded, tmp_path):
     plain = 0
     for q in postures(elastic, 1000, 0.05):
         here = q.copy()
-        arrays = [here, *[LOAD] * loaded, out]
+        arrays = [here, *[LOAD] * loaded, *more, out]
         refused = function(*(array.ctypes.data_as(doubles) for array in arrays))
-        answer = program(q, *[LOAD] * loaded)
+        answer = program(q, *[LOAD] * loaded, **numbers)
         assert bool(refused) is not answer.is_plain
         if answer.is_plain:
             plain += 1
@@ -203,3 +208,31 @@ def test_c_is_the_program(name, outputs, loaded, tmp_path):
             assert (np.abs(out - found) <= 1e-13 * np.concatenate(sizes)).all()
             assert np.abs(here - answer.q).max() <= 1e-13
     assert plain > 500
+
+
+@pytest.mark.parametrize("language", ["python", "javascript"])
+def test_other_languages_are_the_program(language):
+    arm = cartstiff.load("ur5")
+    program = cartstiff.record(arm, ["B", "wrench"], loaded=True)
+    source, q = program.source(language, "stiffness"), postures(arm, 1, 0.1)[0]
+    answer = program(q, LOAD)
+    expected = np.concatenate([answer.B.ravel(), answer.wrench])
+    straight = arm.q.copy()
+    straight[4] = 0.0
+    if language == "python":
+        known: dict[str, Any] = {}
+        exec(source, known)
+        is_plain, found = known["stiffness"](q.tolist(), LOAD.tolist())
+        assert is_plain
+        assert not known["stiffness"](straight.tolist(), LOAD.tolist())[0]
+    else:
+        if (node := shutil.which("node")) is None:
+            pytest.skip("no node")
+        calls = f"[{q.tolist()},{straight.tolist()}].map(q=>stiffness(q,{LOAD.tolist()}))"
+        text = f"{source};console.log(JSON.stringify({calls}))"
+        printed = subprocess.run(
+            [node, "-"], input=text, capture_output=True, check=True, text=True
+        )
+        found, refused = json.loads(printed.stdout)
+        assert refused is None
+    close(np.array(found), expected, 1e-13)

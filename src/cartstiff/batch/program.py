@@ -387,16 +387,15 @@ class Program:
         if taken.is_closed and language != "c":
             raise InputError("no source: the chain is closed in steps", expected="c")
         name = name or re.sub(r"\W", "_", f"stiffness_of_{self.elastic.name}")
-        if self.inputs:
-            raise InputError("no source: its springs are inputs", expected="no inputs")
         exist = [n for n in self.names if n in tape.outputs]
         steps = tuple(step for n in exist for step in tape.outputs[n])
         tape = tape.with_outputs({"record": steps, "verdict": tape.outputs["verdict"]})
+        shared = {n: row for n, row in taken.shared.items() if n not in self.inputs}
         if language == "c":
             closing = program_for(taken.case, CLOSING) if taken.is_closed else None
-            return c_source(tape, taken.shared, self._facts(exist), name, closing)
+            return c_source(tape, shared, self._facts(exist), name, closing)
         write = python_source if language == "python" else javascript_source
-        return write(tape, taken.shared, self._facts(exist), name)
+        return write(tape, shared, self._facts(exist), name)
 
     def _facts(self, exist: Sequence[str]) -> Facts:
         """Names, shapes and units of what goes in and comes out."""
@@ -419,7 +418,8 @@ class Program:
             f"in {units.length}, {units.force} and rad; twists and wrenches: rotation first"
         )
         title = f"{', '.join(exist)} of {self.elastic.name} at a posture"
-        return Facts(title, self.elastic.names_with_units, wrench, lines)
+        inputs = {name: len(usual) for name, usual in self._usual.items()}
+        return Facts(title, self.elastic.names_with_units, wrench, inputs, lines)
 
     # -- many postures -------------------------------------------------------------------------
 

@@ -38,13 +38,21 @@ class Facts(NamedTuple):
     title : what the function computes.
     coordinates : names with units.
     wrench : names with units, and axes and point; empty without a load.
+    inputs : numbers of the springs that the function takes, and their count.
     outputs : lines on each output: shape and unit.
     """
 
     title: str
     coordinates: Sequence[str]
     wrench: Sequence[str]
+    inputs: Mapping[str, int]
     outputs: Sequence[str]
+
+    @property
+    def arguments(self) -> dict[str, int]:
+        """What the function takes, and its size."""
+        wrench = {"wrench": 6} if self.wrench else {}
+        return {"q": len(self.coordinates), **wrench, **self.inputs}
 
 
 def _c_number(value: float) -> str:
@@ -98,10 +106,11 @@ def c_source(
     n, size = len(facts.coordinates), len(program.outputs["record"])
     body, read = _c_body(program, shared)
     verdict = body.pop()
-    arguments = [f"double q[{n}]" if closing else f"const double q[{n}]"]
-    arguments += ["const double wrench[6]"] * bool(facts.wrench)
+    arguments = [f"const double {name}[{m}]" for name, m in facts.arguments.items()]
+    if closing is not None:
+        arguments[0] = f"double q[{n}]"
     parts = [_comment(facts, name, closing is not None), "#include <math.h>", "", _LARGER]
-    calls = [f"  (void){x};" for x in ("q", "wrench") if x in arguments and x not in read]
+    calls = [f"  (void){array};" for array in facts.arguments if array not in read]
     if closing is not None:
         parts += ["", *_c_closing(closing, name, n)]
         calls.append(f"  if ({name}_close(q)) return 1;")
@@ -168,7 +177,7 @@ def python_source(
 ) -> str:
     """A Python function of numbers: whether the posture is plainly regular, and the record."""
     lines, outputs, _, arrays = written(program, PYTHON)
-    names = ["q", *["wrench"] * bool(facts.wrench)]
+    names = [*facts.arguments]
     heads = [
         f"{short} = {np.ravel(shared[array]).tolist() if array in shared else array}"
         for array, short in arrays.items()
@@ -176,17 +185,19 @@ def python_source(
     *record, verdict = outputs
     body = [*heads, *lines, f"return {verdict} == {PLAIN!r}, [{', '.join(record)}]"]
     words = "\n    ".join(_words(facts, name, is_closed=False)[:-1])
-    return "\n".join(
-        [
-            "from math import copysign, cos, sin, sqrt",
-            "",
-            "",
-            f"def {name}({', '.join(names)}):",
-            f'    """{words}\n    """',
-            *(f"    {line}" for line in body),
-            "",
-        ]
-    )
+    parts = [
+        "from math import copysign, cos, sin, sqrt",
+        "",
+        "",
+        f"def {name}({', '.join(names)}):",
+        f'    """{words}\n    """',
+        "    try:",
+        *(f"        {line}" for line in body),
+        "    except (ArithmeticError, ValueError):  # a number does not exist",
+        "        return False, []",
+        "",
+    ]
+    return "\n".join(parts)
 
 
 def javascript_source(
@@ -194,7 +205,7 @@ def javascript_source(
 ) -> str:
     """A JavaScript function of arrays: the record, or null where it is not plainly regular."""
     lines, outputs, _, arrays = written(program, JAVASCRIPT)
-    names = ["q", *["wrench"] * bool(facts.wrench)]
+    names = [*facts.arguments]
     heads = []
     for array, short in arrays.items():
         numbers = (
@@ -224,6 +235,8 @@ def _words(facts: Facts, name: str, is_closed: bool) -> list[str]:
     words += [f"  {i}: {text}" for i, text in enumerate(facts.coordinates)]
     if facts.wrench:
         words += ["wrench: the load, which the springs balance", *facts.wrench]
+    for array, count in facts.inputs.items():
+        words.append(f"{array}: of the springs, {count} numbers")
     words += ["out:", *(f"  {text}" for text in facts.outputs), ""]
     words.append(
         "Returns 0 where the posture is plainly regular; elsewhere the numbers do not count."
