@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.support.generated import Arm
 
 import cartstiff
 from cartstiff.errors import InputError, UnknownNameError
@@ -236,3 +237,21 @@ def test_other_languages_are_the_program(language):
         found, refused = json.loads(printed.stdout)
         assert refused is None
     close(np.array(found), expected, 1e-13)
+
+
+@pytest.mark.parametrize("seed", range(3, 9))
+def test_generated_arms(seed, tmp_path):
+    """Two to seven joints, some of which slide, with weight and payload, under any load."""
+    elastic = cartstiff.load(Arm.generated(seed).written(tmp_path))
+    outputs = ["compliance_load", "compliance_A", "wrench", "pose", "energy"]
+    program = cartstiff.record(elastic, outputs, loaded=True, **ACTING)
+    for q in postures(elastic, 4, 0.3):
+        answer = program(q, LOAD)
+        core = cartstiff.analyse(elastic, q, wrench=LOAD, **ACTING)
+        state = core.reduction.states[-1].code if core.reduction.states else "regular"
+        assert answer.state == state
+        close(answer.compliance_load, core.tangent_compliance)
+        close(answer.compliance_A, core.compliances["A"])
+        close(answer.pose, core.pose, 1e-13)
+        close(answer.wrench, core.wrench)
+        assert answer.energy == pytest.approx(core.energy, rel=1e-11)
