@@ -8,6 +8,8 @@ from tests.support.commands import words as split
 
 from cartstiff.cli.main import main
 
+#: Keys of platforms, of closed chains, and of bodies with fewer than six freedoms.
+OF_SOME = {"legs", "task_axes"}
 KEYS = {
     "answer",
     "schema",
@@ -85,7 +87,7 @@ def accepted(capfd):
         assert exit_.value.code == 0, line
         assert line == ""
         data = json.loads(out, parse_constant=_no_constant)
-        assert set(data) == KEYS
+        assert set(data) - OF_SOME == KEYS
         return data
 
     return check
