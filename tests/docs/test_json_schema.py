@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff.analysis.posture import analyse_posture, summarise
+from cartstiff.analysis.posture import PostureMatrices, Reading, analyse_posture, summarise
 from cartstiff.analysis.sections import numbers, unit_of
 from cartstiff.analysis.tolerances import Tolerances
 from cartstiff.choices import LOAD_KINDS
@@ -52,9 +52,9 @@ def test_units_of_an_analysis_follow_from_its_form():
     K[0, 4] = K[4, 0] = 2.0
     a = 10.0
     S = np.diag([1.0, 1.0, 1.0, a, a, a])
-    here = numbers(summarise({"B": K}, np.zeros(6), 0.2))
+    here = numbers(summarise(PostureMatrices({"B": K}, np.zeros(6)), Reading(0.2)))
     del here["indices.best_length"]  # the condition number is as small over a range of lengths
-    there = numbers(summarise({"B": S @ K @ S / a}, np.zeros(6), 0.2 / a))
+    there = numbers(summarise(PostureMatrices({"B": S @ K @ S / a}, np.zeros(6)), Reading(0.2 / a)))
     powers = {
         "1": 0,
         "{length}": 1,

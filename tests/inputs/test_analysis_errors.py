@@ -25,6 +25,13 @@ LINE = np.diag([0.0, 0.0, 0.0, 0.0, 0.0, 5.0])  # one spring: K_tt has rank one
 SKEW = K.copy()
 SKEW[0, 1] = 0.5
 NAN = np.full((6, 6), np.nan)
+
+
+def _summarised(wrench=(0.0,) * 6, K=K, length=None, **others):
+    given = posture.PostureMatrices({"B": K}, wrench, **others)
+    return posture.summarise(given, posture.Reading(length))
+
+
 TOLERANCES = {"x": tolerances.Tolerance(1.0, 0.1)}
 
 
@@ -81,13 +88,13 @@ TOLERANCES = {"x": tolerances.Tolerance(1.0, 0.1)}
             "other numbers from one call to the next",
         ),
         (lambda: report.summary_text({}, {"length": "m"}), "units are incomplete"),
-        (lambda: posture.summarise({"B": K}, np.zeros(5)), "wrench has the wrong count"),
-        (lambda: posture.summarise({"B": NAN}, np.zeros(6)), "must be finite"),
+        (lambda: _summarised(np.zeros(5)), "wrench has the wrong count"),
+        (lambda: _summarised(K=NAN), "must be finite"),
         (
-            lambda: posture.summarise({"B": K}, np.zeros(6), compliance=NAN),
+            lambda: _summarised(compliance=NAN),
             "compliance must be",
         ),
-        (lambda: posture.summarise({"B": K}, np.zeros(6), length=-1.0), "a positive length"),
+        (lambda: _summarised(length=-1.0), "a positive length"),
     ],
 )
 def test_input_errors(call, message):
@@ -106,7 +113,7 @@ def test_input_errors(call, message):
             "unknown result",
         ),
         (lambda: report.summary_text({}, level="long"), "unknown level"),
-        (lambda: posture.summarise({"B": K}, np.zeros(6), connection="Z"), "unknown connection"),
+        (lambda: _summarised(connection="Z"), "unknown connection"),
     ],
 )
 def test_unknown_names(call, message):

@@ -12,7 +12,7 @@ from tests.support.commands import refuses
 import cartstiff
 from cartstiff.analysis.indices import indices_of
 from cartstiff.analysis.matrices import stiffnesses_of_motions, with_angles_times
-from cartstiff.analysis.posture import analyse_posture, summarise
+from cartstiff.analysis.posture import PostureMatrices, analyse_posture, summarise
 from cartstiff.batch.postures import analyse_many
 from cartstiff.batch.quantities import BUILT_IN, Quantity
 from cartstiff.errors import InputError, UnknownNameError
@@ -21,7 +21,7 @@ from cartstiff.maps.job import STATES
 from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate
 from cartstiff.maps.run import packed, part_elsewhere, prepare_map
 from cartstiff.maps.store import CHECKSUM
-from cartstiff.stiffness import closures, reduction
+from cartstiff.stiffness import motions, reduction
 from cartstiff.stiffness.applied_load import LoadKind
 
 LENGTH = 0.3
@@ -194,7 +194,7 @@ def test_a_motion_that_costs_nothing_has_no_stiffness():
         "rotation_free_min",
     ]
     found = _evaluate(names, K[None], C, direction=(0.0, 1.0, 0.0))
-    shown = summarise({"B": K}, np.zeros(6), compliance=None)["ellipsoids"]["stiffness"]
+    shown = summarise(PostureMatrices({"B": K}, np.zeros(6)))["ellipsoids"]["stiffness"]
     assert shown["translation"]["free"]["eigenvalues"] == pytest.approx([0.0, 5.0, 6.0], abs=0)
     assert found["translation_free_min"] == [0.0]
     assert found["translation_free_max"] == pytest.approx([6.0])
@@ -265,7 +265,7 @@ def test_every_state_has_a_number():
     import ast
     from pathlib import Path
 
-    files = [Path(module.__file__) for module in (reduction, closures)]
+    files = [Path(module.__file__) for module in (reduction, motions)]
     trees = [ast.parse(file.read_text(encoding="utf-8")) for file in files]
     calls = [n for tree in trees for n in ast.walk(tree) if isinstance(n, ast.Call)]
     codes = {

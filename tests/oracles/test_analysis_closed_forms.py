@@ -21,7 +21,7 @@ from cartstiff.analysis.metrics import (
     modes,
     natural_length,
 )
-from cartstiff.analysis.posture import summarise
+from cartstiff.analysis.posture import PostureMatrices, Reading, summarise
 from cartstiff.analysis.screws import (
     eigenscrews,
     screw_of_twist,
@@ -252,7 +252,7 @@ def loaded_cube() -> tuple[dict[str, Any], np.ndarray]:
 
 def test_summary_holds_the_cube_in_plain_values() -> None:
     matrices, W = loaded_cube()
-    s = summarise(matrices, W)
+    s = summarise(PostureMatrices(matrices, W))
     assert json.loads(json.dumps(s, allow_nan=False)) == s
     assert s["connection"] == "B"
     assert not s["symmetrised"]
@@ -262,14 +262,16 @@ def test_summary_holds_the_cube_in_plain_values() -> None:
     assert s["length"]["origin"] == "natural"
     assert s["asymmetry"]["agrees"]
     assert s["notes"] == []
-    moved = summarise(matrices, W, T_m_n=se3.pose(translation=[0.0, 0.0, 0.1]))
+    moved = summarise(
+        PostureMatrices(matrices, W), Reading(T_m_n=se3.pose(translation=[0.0, 0.0, 0.1]))
+    )
     assert moved["centres"]["elasticity"] == pytest.approx([0.0] * 3, abs=1e-12)
     assert moved["connections"]["rows"][0]["largest"] == s["connections"]["rows"][0]["largest"]
 
 
 def test_summary_of_an_asymmetric_matrix_says_so() -> None:
     matrices, W = loaded_cube()
-    s = summarise(matrices, W, 0.25, connection="A")
+    s = summarise(PostureMatrices(matrices, W, "A"), Reading(0.25))
     assert s["symmetrised"]
     assert s["length"] == {"value": 0.25, "origin": "given", "reason": "given by the user"}
     assert s["eigenscrews"]["complete"]
@@ -278,7 +280,7 @@ def test_summary_of_an_asymmetric_matrix_says_so() -> None:
 
 def test_text_has_units_and_levels() -> None:
     matrices, W = loaded_cube()
-    s = summarise(matrices, W)
+    s = summarise(PostureMatrices(matrices, W))
     full, short = summary_text(s), summary_text(s, level="short")
     assert summary_text(s, level="none") == ""
     assert "[N m/rad]" in full
@@ -298,7 +300,7 @@ def test_text_has_units_and_levels() -> None:
 def test_summary_without_stiffness_uses_the_compliance() -> None:
     C = np.zeros((6, 6))
     C[2, 2], C[4, 4] = 0.1, 0.2
-    s = summarise({"B": None, "F": None}, np.zeros(6), compliance=C)
+    s = summarise(PostureMatrices({"B": None, "F": None}, np.zeros(6), compliance=C))
     assert s["connection"] is None
     assert s["indices"] is None
     free = s["ellipsoids"]["compliance"]["translation"]["free"]
@@ -307,7 +309,8 @@ def test_summary_without_stiffness_uses_the_compliance() -> None:
     assert "Principal compliance" in summary_text(s, level="short")
     # A rotation about z moves a point on x along y as well.
     moved = summarise(
-        {"B": None}, np.zeros(6), compliance=C, T_m_n=se3.pose(translation=[3.0, 0.0, 0.0])
+        PostureMatrices({"B": None}, np.zeros(6), compliance=C),
+        Reading(T_m_n=se3.pose(translation=[3.0, 0.0, 0.0])),
     )
     free = moved["ellipsoids"]["compliance"]["translation"]["free"]
     assert free["eigenvalues"] == pytest.approx([0.0, 0.0, 0.2 + 9.0 * 0.1])
@@ -315,7 +318,7 @@ def test_summary_without_stiffness_uses_the_compliance() -> None:
 
 @pytest.mark.parametrize("values", [(1, 0, 0, 0, 0, 1), (1, -1, 2, 3, 4, -2), (0,) * 6])
 def test_summary_of_singular_and_indefinite_matrices_gives_reasons(values: tuple[int, ...]) -> None:
-    s = summarise({"B": np.diag(np.array(values, float))}, np.zeros(6))
+    s = summarise(PostureMatrices({"B": np.diag(np.array(values, float))}, np.zeros(6)))
     json.dumps(s, allow_nan=False)
     assert s["definiteness"] != "positive"
     codes = {note["code"] for note in s["notes"]}

@@ -7,7 +7,7 @@ deflection, joint stiffness for a target, uncertainty.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -346,44 +346,58 @@ _OTHERS: tuple[Others, ...] = ("held", "free")
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
-def summarise(
-    stiffness: Mapping[str, ArrayLike | None],
-    wrench: ArrayLike,
-    length: float | None = None,
-    *,
-    connection: str | None = None,
-    compliance: ArrayLike | None = None,
-    inverse: ArrayLike | None = None,
-    is_singular: bool = False,
-    mass: float | None = None,
-    inertia: ArrayLike | None = None,
-    mass_centre: ArrayLike = (0.0, 0.0, 0.0),
-    direction: ArrayLike | None = None,
-    T_m_n: ArrayLike | None = None,
-    threshold: float = asymmetries.THRESHOLD,
-) -> dict[str, Any]:
-    r"""Analyse one posture: ellipsoids, centres, screws, indices, and what the connection changes.
+@dataclass(frozen=True, eq=False)
+class PostureMatrices:
+    """The matrices of a posture in the body frame M, of which one is analysed.
 
-    Parameters
+    Attributes
     ----------
     stiffness : mapping of str to (6, 6) array or None
-        By connection name, in body frame M; None where undefined.
+        By connection name; None where undefined.
     wrench : array_like, shape (6,)
-        Load (moment, force) in frame M.
-    length : float, optional
-        Characteristic length; else from `mass` and `inertia`, else natural, else one unit.
-        The result says which.
+        Load (moment, force).
     connection : str, optional
         The matrix that is analysed; default the first that exists of B, K, F, A, +. An asymmetric
         one is analysed by its symmetric part, and the result says so; what other freedoms do that
         are free is read from the symmetric part of its inverse.
     compliance : array_like, shape (6, 6), optional
-        In frame M. Default the inverse of the analysed matrix; needed where no stiffness exists.
+        Default the inverse of the analysed matrix; needed where no stiffness exists.
     inverse : array_like, shape (6, 6), optional
-        Inverse of the symmetric part of the analysed matrix, in frame M, if it is known better than
-        by inversion.
+        Inverse of the symmetric part of the analysed matrix, if it is known better than by
+        inversion.
     is_singular : bool
         Whether the analysed matrix is known to have no inverse, even if rounding gives it one.
+    """
+
+    stiffness: Mapping[str, ArrayLike | None]
+    wrench: ArrayLike
+    connection: str | None = None
+    compliance: ArrayLike | None = None
+    inverse: ArrayLike | None = None
+    is_singular: bool = False
+
+    @property
+    def analysed(self) -> str | None:
+        """Name of the analysed matrix; None if it does not exist."""
+        if self.connection is not None:
+            if self.connection not in self.stiffness:
+                raise UnknownNameError("connection", self.connection, self.stiffness)
+            return (
+                self.connection if self.stiffness[self.connection] is not None else None
+            )
+        names = (*_PREFERRED, *self.stiffness)
+        return next((n for n in names if self.stiffness.get(n) is not None), None)
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """How the matrices of a posture are read.
+
+    Attributes
+    ----------
+    length : float, optional
+        Characteristic length; else from `mass` and `inertia`, else natural, else one unit.
+        The result says which.
     mass, inertia, mass_centre : float, array_like (3, 3), array_like (3,), optional
         Rigid body whose kinetic energy is the metric of "modes"; inertia about the mass centre, in
         the frame of the analysis. Default the metric of the characteristic length.
@@ -394,6 +408,32 @@ def summarise(
         kinematic connection does not move as a tensor.
     threshold : float
         Relative change above which the choice of connection matters.
+    """
+
+    length: float | None = None
+    mass: float | None = None
+    inertia: ArrayLike | None = None
+    mass_centre: ArrayLike = (0.0, 0.0, 0.0)
+    direction: ArrayLike | None = None
+    T_m_n: ArrayLike | None = None
+    threshold: float = asymmetries.THRESHOLD
+
+    def metric(self, length: float) -> tuple[str, Array]:
+        """Name and matrix of the metric of "modes", without a body that of a length."""
+        if self.mass is None or self.inertia is None:
+            return "length", length_metric(length)
+        return "inertia", inertia_metric(self.mass, self.inertia, self.mass_centre)
+
+
+def summarise(given: PostureMatrices, reading: Reading | None = None) -> dict[str, Any]:
+    r"""Analyse one posture: ellipsoids, centres, screws, indices, and what the connection changes.
+
+    Parameters
+    ----------
+    given : PostureMatrices
+        Stiffness under each connection, load and compliance.
+    reading : Reading, optional
+        Frame, length, body and direction of the analysis.
 
     Returns
     -------
@@ -406,16 +446,73 @@ def summarise(
     Raises
     ------
     UnknownNameError
-        If `connection` is not among the names.
+        If the connection is not among the names.
     InputError
         If a shape is wrong or a number is not finite.
     """
-    notes = Notes()
-    W = checked_vector(wrench, 6, "wrench")
-    name = _chosen(stiffness, connection)
+    reading, notes = reading or Reading(), Notes()
+    W, T = checked_vector(given.wrench, 6, "wrench"), reading.T_m_n
+    name, stiffness = given.analysed, given.stiffness
     base = None if name is None else _moved(stiffness[name], None, move_stiffness)
     skewness = 0.0 if base is None else asymmetries.asymmetry_of(base, W).size
-    if is_singular:
+    compliance, inverse = _inverses(given, base, notes)
+    # In the frame of the analysis: the pair that free others have, and the symmetric parts.
+    base = _moved(base, T, move_stiffness)
+    free = inverse_pair(base, _moved(compliance, T, move_compliance))
+    C = _moved(inverse, T, move_compliance)
+    K, C = (None if matrix is None else symmetric_part(matrix) for matrix in (base, C))
+    scale = characteristic_length(
+        K, C, given=reading.length, mass=reading.mass, inertia=reading.inertia
+    )
+    if K is None:
+        reason = "neither stiffness nor compliance exists here"
+        if C is not None:
+            reason = "no stiffness matrix exists here; what follows comes from the compliance alone"
+        notes.add(UndefinedError(reason, code="no-stiffness"), "stiffness")
+    metric, pairs = reading.metric(scale.value), {"held": (K, C), "free": free}
+    axes = {name: np.array(axis) for name, axis in _AXES.items()}
+    if reading.direction is not None:
+        axes["given"] = checked_unit(reading.direction)
+    ellipsoids = _ellipsoids(pairs, notes)
+    of_stiffness = {} if K is None else _of_stiffness(K, C, scale.value, metric, notes)
+    minus = stiffness.get("A")
+    predicted = None if minus is None else asymmetries.asymmetry_of(minus, W)
+    compared = None
+    if name is not None:
+        compared = asymmetries.compare_connections(
+            stiffness,
+            reference=name,
+            length=scale.value,
+            threshold=reading.threshold,
+            compliance=inverse,
+        )
+    answer: dict[str, Any] = plain(
+        {
+            "connection": name,
+            "symmetrised": skewness > numerics.SYMMETRY,
+            "definiteness": None,
+            "frame": np.eye(4) if T is None else checked_pose(T, "frame"),
+            "length": scale,
+            "stiffness": K,
+            "compliance": free[1],
+            "ellipsoids": ellipsoids,
+            "directions": _directions(pairs, axes),
+            **dict.fromkeys(_OF_STIFFNESS),
+            **of_stiffness,
+            "asymmetry": section("asymmetry", predicted),
+            "connections": compared,
+            "notes": notes.entries,
+        }
+    )
+    return answer
+
+
+def _inverses(
+    given: PostureMatrices, base: Array | None, notes: Notes
+) -> tuple[ArrayLike | None, ArrayLike | None]:
+    """Compliance of the analysed matrix, and the inverse of its symmetric part, in M."""
+    compliance, inverse = given.compliance, given.inverse
+    if given.is_singular:
         what = "stiffness is singular: it has no inverse"
         notes.add(UndefinedError(what, code="singular"), "compliance")
     elif compliance is None and base is not None:
@@ -427,64 +524,7 @@ def summarise(
         if base is not None and not numerics.is_about_symmetric(base):
             inverted = numerics.invert(symmetric_part(base))
             inverse = None if inverted is None else inverted.matrix
-    base = _moved(base, T_m_n, move_stiffness)
-    free = inverse_pair(base, _moved(compliance, T_m_n, move_compliance))
-    C = _moved(inverse, T_m_n, move_compliance)
-    K, C = (None if matrix is None else symmetric_part(matrix) for matrix in (base, C))
-    scale = characteristic_length(K, C, given=length, mass=mass, inertia=inertia)
-    if K is None:
-        reason = (
-            "no stiffness matrix exists here; what follows comes from the compliance alone"
-            if C is not None
-            else "neither stiffness nor compliance exists here"
-        )
-        notes.add(UndefinedError(reason, code="no-stiffness"), "stiffness")
-    metric = ("length", length_metric(scale.value))
-    if mass is not None and inertia is not None:
-        metric = ("inertia", inertia_metric(mass, inertia, mass_centre))
-    pairs = {"held": (K, C), "free": free}
-    axes = {name: np.array(axis) for name, axis in _AXES.items()}
-    if direction is not None:
-        axes["given"] = checked_unit(direction)
-    result: dict[str, Any] = {
-        "connection": name,
-        "symmetrised": skewness > numerics.SYMMETRY,
-        "definiteness": None,
-        "frame": np.eye(4) if T_m_n is None else checked_pose(T_m_n, "frame"),
-        "length": scale,
-        "stiffness": K,
-        "compliance": free[1],
-        "ellipsoids": _ellipsoids(pairs, notes),
-        "directions": _directions(pairs, axes),
-    }
-    of_stiffness = {} if K is None else _of_stiffness(K, C, scale.value, metric, notes)
-    result |= dict.fromkeys(_OF_STIFFNESS) | of_stiffness
-    minus = stiffness.get("A")
-    predicted = None if minus is None else asymmetries.asymmetry_of(minus, W)
-    result["asymmetry"] = section("asymmetry", predicted)
-    result["connections"] = None
-    if name is not None:
-        result["connections"] = asymmetries.compare_connections(
-            stiffness,
-            reference=name,
-            length=scale.value,
-            threshold=threshold,
-            compliance=inverse,
-        )
-    result["notes"] = notes.entries
-    answer: dict[str, Any] = plain(result)
-    return answer
-
-
-def _chosen(
-    stiffness: Mapping[str, ArrayLike | None], connection: str | None
-) -> str | None:
-    if connection is not None:
-        if connection not in stiffness:
-            raise UnknownNameError("connection", connection, stiffness)
-        return connection if stiffness[connection] is not None else None
-    names = [n for n in (*_PREFERRED, *stiffness) if stiffness.get(n) is not None]
-    return names[0] if names else None
+    return compliance, inverse
 
 
 def _moved(
@@ -684,24 +724,21 @@ def analyse_posture(
             "the point of an added wrench needs the wrench", expected="both, or none"
         )
 
+    reading = Reading(length, mass, inertia, mass_centre, direction, threshold=threshold)
+
     def sections(r: PostureStiffness) -> tuple[dict[str, Any], Notes]:
         here = r.at(at)
         name, stiffness = _matrices(r, here, connection)
         W = np.zeros(6) if here.wrench is None else here.wrench
-        answer = summarise(
+        given = PostureMatrices(
             stiffness,
             W,
-            length,
-            connection=name,
-            compliance=here.compliances[name],
-            inverse=here.pair(name, "held")[1],
+            name,
+            here.compliances[name],
+            here.pair(name, "held")[1],
             is_singular=stiffness[name] is not None and here.compliances[name] is None,
-            mass=mass,
-            inertia=inertia,
-            mass_centre=mass_centre,
-            direction=direction,
-            threshold=threshold,
         )
+        answer = summarise(given, reading)
         notes = Notes()
         notes.entries = answer.pop("notes")
         answer["frame"] = here.T_M_N.tolist()
