@@ -236,8 +236,11 @@ def fault(mutant: Mutant, name: str) -> str:
         return "accepted"
     if is_wrong_by_schema(mutant.data):
         return "accepted, against the JSON schema"
-    if mutant.kind == "wrong length" and mutant.at[-1] not in FREE:
-        return "accepted"
+    if mutant.kind == "wrong length":
+        value = value_at(mutant.data, mutant.at)
+        twice = mutant.at[-1] == "actuated" and len({*value}) != len(value)
+        if twice or mutant.at[-1] not in FREE:
+            return "accepted"
     default = _default(mutant.data, mutant.at) if mutant.kind == "dropped" else None
     if default is not None:
         with suppress(KeyError, IndexError, TypeError):

@@ -53,13 +53,19 @@ from cartstiff.potentials.loads import DeadForce
 
 
 def names_of_keys(whole: Assembly) -> Assembly:
-    """Refuse names of joints that do not exist, or that stand twice under actuated."""
+    """Refuse names of joints that do not exist, of each tree."""
     for part in whole.parts:
         for key in ("q", "springs", "passive"):
             check_joints(part, key, whole.tree)
+    return whole
+
+
+def names_of_drives(whole: Assembly) -> Assembly:
+    """Refuse actuated joints that do not exist, or stand twice in the file."""
     for name in whole.actuated:
         check_name("joint", name, whole.tree.names, "key actuated")
-    if len({*whole.actuated}) != len(whole.actuated):
+    named = getattr(whole.file, "actuated", ())
+    if len({*named}) != len(named):
         raise InputError("a joint stands twice", where="key actuated")
     return whole
 
@@ -178,6 +184,7 @@ OF_MECHANISM: tuple[Callable[[Assembly], Assembly], ...] = (
     names_of_keys,
     legs_at_pose,
     welded,
+    names_of_drives,
     chain,
     payload,
     home,
