@@ -11,13 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from tests.support.read_units import read
+from tests.support.read_units import read, si
 
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.cli.main import command as cartstiff_command
+from cartstiff.geometry import se3
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.page.html_report import report_page
+from cartstiff.page.report_drawing import exaggerated
 from cartstiff.potentials.loads import DeadWrench
 from cartstiff.potentials.springs import PolynomialLaw
 from cartstiff.statics.equilibrium import equilibrium
@@ -89,12 +91,14 @@ def test_the_answer_is_that_of_the_commands(arm):
     C = result.tangent_compliance[3:, 3:]
     soft = 1e-3 / np.linalg.eigvalsh((C + C.T) / 2)[-1]
     assert f"{soft:.4g} N/mm" in said
-    assert f"{result.tangent[5, 5]:.6g}" in said
+    shown, _ = matrix_after(text, arm)
+    assert shown[5, 5] == pytest.approx(result.tangent[5, 5], rel=1e-3)
     for note in (*result.notes, *at_rest.notes):
         assert note.message in said
     assert "on 12 kg" in said
     assert "cartstiff <&>" in said
-    share, name = re.search(r"(\d+) % of this comes from (j\d)\.", said).groups()
+    said_share = r"(\d+) % of the first-order displacement comes from (j\d)\."
+    share, name = re.search(said_share, said).groups()
     shares = analyse_posture(result)["deflection"]["shares"]
     most = max(shares, key=lambda part: abs(part["share"]))
     assert (name, share) == (most["name"], f"{100 * most['share']:.0f}")
@@ -228,6 +232,25 @@ def table_after(text, head):
     return [[html.unescape(cell) for cell in row] for row in rows if row]
 
 
+def matrix_after(text, elastic):
+    """The first matrix of the report in the mechanism's units, and its blocks."""
+    head, *rows = table_after(text, "Stiffness")
+    names = head[1:-1]
+    kinds = np.array([name in "xyz" for name in names])
+    values = np.array([[float(x) for x in row[1:-1]] for row in rows])
+    u = elastic.units
+    own = {**u.blocks}
+    blocks = []
+    for row in sorted({*kinds}):
+        units = next(r[-1] for r, kind in zip(rows, kinds, strict=True) if kind == row).split(" | ")
+        for column, unit in zip(sorted({*kinds}), units, strict=True):
+            block = np.flatnonzero(kinds == row), np.flatnonzero(kinds == column)
+            key = "rt"[int(row)] + "rt"[int(column)]
+            values[np.ix_(*block)] *= si(unit) / si(own[key])
+            blocks.append(block)
+    return values, blocks
+
+
 def _load_of(elastic, size):
     return size * np.array([0, 0, 0, 0.3, -0.2, -1.0]) * elastic.units.newtons
 
@@ -292,10 +315,16 @@ def test_every_number_is_that_of_the_commands(name, more, size):
     K = result.tangent if result.is_loaded else result.matrices["B"]
     if K is None:
         K = result.tangent_compliance if result.is_loaded else result.compliances["B"]
-        assert "rows are rotations, then translations, columns moments" in said
-    shown = [[float(x) for x in row[:6]] for row in table_after(text, "Stiffness")]
-    # Of parts that are rounding beside the rest nothing is shown.
-    assert np.abs(np.array(shown) - K).max() <= 1e-5 * np.abs(K).max()
+        assert "the compliance C" in said
+    shown, blocks = matrix_after(text, elastic)
+    if (task := result.task_axes) is not None:
+        assert len(shown) == len(task.names)
+        K = task.tangent
+    # Four digits; of parts that are rounding beside the rest nothing is shown.
+    for rows, columns in blocks:
+        block = K[np.ix_(rows, columns)]
+        miss = shown[np.ix_(rows, columns)] - block
+        assert np.abs(miss).max() <= 6e-4 * np.abs(block).max() + 1e-12 * np.abs(K).max()
     mm = {"m": 1e3, "cm": 10.0, "mm": 1.0}[elastic.units.length]
     before = equilibrium(elastic, q, *hold, settle=False)
     at_rest = before
@@ -315,7 +344,7 @@ def test_every_number_is_that_of_the_commands(name, more, size):
     if (T := result.tangent if result.is_loaded else result.matrices["B"]) is not None:
         eigenvalues = np.linalg.eigvalsh((T + T.T) / 2)
         indefinite = eigenvalues[0] < -1e-9 * eigenvalues[-1]
-        assert ("Indefinite" in said) == indefinite
+        assert ("Not stable" in said or "decides no stability" in said) == indefinite
         if indefinite:
             assert "is stable" not in said
             assert "Softest" not in said
@@ -323,20 +352,21 @@ def test_every_number_is_that_of_the_commands(name, more, size):
         C = (result.tangent_compliance if result.is_loaded else result.compliances["B"])[3:, 3:]
         expected = 1e3 * elastic.units.newtons / mm / np.linalg.eigvalsh((C + C.T) / 2)[-1]
         assert read(soft.group(1)) == pytest.approx(expected, rel=1e-3)
-    if share := re.search(r"(\d+) % of (this|the energy that this takes) comes", said):
+    if share := re.search(r"(\d+) % of (the first-order displacement|its energy) comes", said):
         assert 0 < int(share.group(1)) <= 105
     rows = table_after(text, "Posture")
-    assert rows[0][2] == "stiffness"
-    stiffness = {row[0]: row[2] for row in rows[1:] if row[2]}
+    at = {head.partition(" ")[0]: i for i, head in enumerate(rows[0])}
+    stiffness = {row[0]: row[at["stiffness"]] for row in rows[1:] if row[at["stiffness"]]}
     k = dict(zip(elastic.spring_names, np.asarray(elastic.springs.stiffness), strict=True))
     own = {name: stiffness[name].split()[-1].endswith("rad") for name in k if name in stiffness}
     for spring, value in k.items():
         if 0 < value < np.inf:
             size = mm / 1e3 if own[spring] else 1e3 / mm  # of N length/rad, or N/length
             assert read(stiffness[spring]) == pytest.approx(value * size, rel=6e-4)
-    for row in rows[1:]:
-        assert row[2].split() == [] or row[2].split()[0] != "0"
-    parts = [int(row[3].split()[0]) for row in rows[1:] if row[3]]
+    assert all(k.split()[0] != "0" for k in stiffness.values())
+    parts = []
+    if "share" in at:
+        parts = [int(row[at["share"]].split()[0]) for row in rows[1:] if row[at["share"]]]
     if parts and alone.posture.closure is None and not alone.posture.coordinates_are_pose:
         assert sum(parts) == pytest.approx(100, abs=len(parts))
 
@@ -356,7 +386,7 @@ def test_no_direction_is_named_where_two_are_alike():
     assert "turns 0 rad" in said
     line = ["analyse", "delta", "--load", "0,0,0,0,0,-50", "--world"]
     told = CliRunner().invoke(cartstiff_command, line).output
-    assert re.search(f"s{same}", told).group(1) == soft.group(1)
+    assert re.search(f"S{same}", told).group(1) == soft.group(1)
 
 
 def test_a_sweep_ends_at_the_limit_of_its_joint(arm):
@@ -418,7 +448,7 @@ def test_compliant_links_have_one_row_each():
     said = words(text)
     assert "etter posture" in said
     assert "upper_arm_link.near_ry" not in re.sub("<iframe.*?</iframe>", "", text)
-    assert "±29 deg, within the limits" in text
+    assert "change of the coordinate [deg], within the limits" in text
     rows = {row[0]: row for row in table_after(text, "Posture")}
     assert len(rows) == 1 + 6 + 2
     result = cartstiff.analyse(arm, wrench=[0, 0, 0, 10, 0, -20], load_axes="world")
@@ -440,7 +470,79 @@ def test_a_posture_that_does_not_resist_the_load_has_no_linear_displacement(arm)
     text = report_page(
         soft, [0.0, 0.05, 0.0, 0.0, 0.02, 0.0], wrench=[0, 0, 0, 0, 0, -200], load_axes="world"
     )
-    assert "<li>Indefinite: " in text
+    assert "<li>Not stable: " in text
     assert "Linear, by K^load" not in text
     assert "etter posture" not in words(text)
-    assert re.findall(r"<td>j\d</td>(?:<td>[^<]*</td>){2}<td>([^<]*)</td>", text) == [""] * 6
+    assert "share of" not in text[text.index("<h2>Posture") : text.index("<h2>Load and")]
+
+
+def test_a_report_has_a_page_for_each_point_the_worst_first(tmp_path, monkeypatch):
+    """Poses reached next to the posture; each page has the numbers of a report of its own."""
+    monkeypatch.chdir(tmp_path)
+    arm, load = cartstiff.load("ur5"), np.array([0, 0, 0, 0, 0, -100.0])
+    T = arm.mechanism.at(arm.q).pose
+    places = T[:3, 3] + np.array([[0, 0, 0], [0.1, 0, 0.05], [-0.1, 0, 0]])
+    x = [",".join(map(str, [*place, *se3.roll_pitch_yaw(T)])) for place in places]
+    Path("part.csv").write_text("x,y,z,roll,pitch,yaw\n" + "\n".join(x), encoding="utf-8")
+    done = run(
+        "ur5", "--load", "0,0,0,0,0,-100", "--world", *["--at-points", "part.csv", "-o", "r.html"]
+    )
+    assert done.exit_code == 0, done.output
+    text = Path("r.html").read_text("utf-8")
+    assert text.count("<article>") == 3
+    rows = table_after(text, "The points, worst first")[1:]
+    moved = [read(row[1]) for row in rows]
+    assert moved == sorted(moved, reverse=True)
+    pages = re.findall(r"<article><h2>(.*?)</h2>(.*?)</article>", text, re.DOTALL)
+    assert [name for name, _ in pages] == [row[0] for row in rows]
+    for (name, page), far in zip(pages, moved, strict=True):
+        place = places[int(name.split()[1]) - 1]
+        places_of = dict(re.findall(r"<td>(\w+_joint)</td><td>([^<]*) deg</td>", page))
+        q = np.radians([float(places_of[joint]) for joint in arm.names])
+        assert arm.mechanism.at(q).pose[:3, 3] == pytest.approx(place, abs=1e-3)
+        assert np.abs(q - arm.q).max() < 1.0
+        assert moved_by(arm, q, load) == pytest.approx(far, rel=1e-2)
+    assert text.count('<section class="screen">') == 1
+
+
+def test_points_may_be_postures_and_what_is_out_of_reach_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    arm = cartstiff.load("ur5")
+    lines = [",".join(arm.names), *(",".join(map(str, arm.q + d)) for d in (0.0, 0.1))]
+    Path("q.csv").write_text("\n".join(lines), encoding="utf-8")
+    done = run("ur5", *["--load", "0,0,0,0,0,-100", "--at-points", "q.csv", "-o", "r.html"])
+    assert done.exit_code == 0, done.output
+    assert Path("r.html").read_text("utf-8").count("<article>") == 2
+    Path("far.csv").write_text("x,y,z,roll,pitch,yaw\n9,0,0,0,0,0\n", encoding="utf-8")
+    done = run("ur5", *["--at-points", "far.csv", "-o", "r.html"])
+    assert done.exit_code == 2
+    assert "point 1 of far.csv is out of reach" in done.output
+
+
+def test_the_deflected_pose_is_drawn_exaggerated_by_the_stated_factor():
+    """The green outline's tip is that many times as far from the robot's as the tip moves."""
+    arm, W = cartstiff.load("ur5"), [0, 0, 0, 0, 0, -100]
+    said = re.search(
+        r"drawn ([\d.]+) times as large \(the tip moves (.*?)\)", report_page(arm, wrench=W)
+    )
+    factor, far = float(said.group(1)), read(said.group(2))
+    state = equilibrium(arm, q=arm.q, wrench=W)
+    _, there = exaggerated(arm, arm.q, state.posture.q, 1.0)
+    assert far == pytest.approx(np.linalg.norm(state.displacement[3:]), rel=1e-3)
+    drawn = np.linalg.norm((there.pose - arm.mechanism.at(arm.q).pose)[:3, 3])
+    other = exaggerated(arm, arm.q, state.posture.q, 1.0)[0]
+    assert drawn == pytest.approx(other * far, rel=0.05)
+    assert factor in (1, 2, 5, 10, 20, 50, 100, 200, 500)
+
+
+@pytest.mark.parametrize("length", ["m", "mm"])
+def test_ticks_are_round(length):
+    text = report_page(in_units(cartstiff.load("ur5"), length), wrench=[0, 0, 0, 0, 0, -100])
+    ticks = re.findall(
+        r'text-anchor="(?:end|middle)">(-?[\d.]+)</text>', text.partition("One joint")[2]
+    )
+    assert len(ticks) > 6
+    for tick in ticks:
+        digits = tick.lstrip("-0.").replace(".", "").rstrip("0")
+        assert len(digits) <= 2, tick
+        assert tick != "-0"

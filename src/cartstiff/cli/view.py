@@ -246,6 +246,7 @@ def report_command(
     output: Annotated[Path, OutputFile("REPORT.html", ".html", ".htm")],
     map_path: Annotated[str | None, "--map"] = None,
     quantity: str | None = None,
+    at_points: Path | None = None,
 ) -> None:
     r"""Write a report to send on: how far the tip moves, which joints contribute, what is better.
 
@@ -260,6 +261,10 @@ def report_command(
         File to write.
     map_path : FILE
     quantity : NAME
+    at_points : PART.csv
+        A page for each point of a part instead of one posture, the worst first. One point a line:
+        a pose of the body frame, as in a path file, reached next to the posture (with its own
+        wrench, if the line has one), or the joints' positions under their names.
 
     Examples
     --------
@@ -267,6 +272,7 @@ def report_command(
     cartstiff map ur5 --grid shoulder_lift_joint=-2:0:41,elbow_joint=0.2:2.6:41 \
       --quantity deflection --load 0,0,0,0,0,-100 --world -o m.zarr
     cartstiff report ur5 --load 0,0,0,0,0,-100 --map m.zarr -o ur5.html
+    cartstiff report ur5 --load 0,0,0,0,0,-100 --world --at-points part.csv -o part.html
     cartstiff report kr210.urdf --tcp 0,0,0.2 --payload 12 --load 0,0,0,0,0,-300 -o spindle.html
     """
     elastic, q = setup.read()
@@ -278,8 +284,20 @@ def report_command(
 
     from cartstiff.page.html_report import report_page
 
+    points = []
+    if at_points is not None:
+        from cartstiff.cli.report_points import read_points
+
+        points = read_points(at_points, elastic, q)
     typed = shlex.join(click.get_current_context().meta["words"])
     _write(
         output,
-        report_page(elastic, q, command=typed, sections=sections, **setup.keywords),
+        report_page(
+            elastic,
+            q,
+            command=typed,
+            sections=sections,
+            points=points,
+            **setup.keywords,
+        ),
     )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import datetime
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.metadata import version
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
 from cartstiff.analysis.posture import analyse_posture
-from cartstiff.answer.posture import verdict_at
+from cartstiff.answer.data import Answer
+from cartstiff.answer.posture import answer_at
 from cartstiff.arrays import checked_vector
 from cartstiff.batch.postures import analyse_many
 from cartstiff.errors import CartstiffError, UndefinedError, printable
@@ -25,19 +27,18 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import beyond_limits, limits_of
 from cartstiff.page.export import export_page
-from cartstiff.page.shown import distance_to_singularity, legs, softest_in_room
+from cartstiff.page.report_drawing import Arrow, drawing
+from cartstiff.page.shown import distance_to_singularity
 from cartstiff.page.source import Source
 from cartstiff.potentials.loads import Load
 from cartstiff.report.analysis import (
-    largest_share,
     links_of_coordinates,
     resisted_deflection,
     shares_of_parts,
-    softest_words,
 )
 from cartstiff.report.better import NONE_FOUND, better_sentences
 from cartstiff.report.layout import placed
-from cartstiff.report.sentences import VERDICTS
+from cartstiff.report.sentences import VERDICTS, direction_words, share_words, where
 from cartstiff.scene.scales import round_number
 from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.statics.held import displacement_between
@@ -50,8 +51,8 @@ from cartstiff.version import __version__
 
 # Values along the sweep of a coordinate, and how far it goes: rad, or characteristic lengths.
 _COUNT, _REACH = 21, 0.5
-# Shortest arrow of the drawing, in its units.
-_SHORTEST_ARROW = 8.0
+# Curves that have their names beside them.
+_NAMED_CURVES = 14
 _COLOURS = (
     "#2060c0",
     "#c04020",
@@ -65,6 +66,25 @@ _COLOURS = (
 _STYLE = Path(__file__).parent / "static" / "report.css"
 
 
+@dataclass(frozen=True, eq=False)
+class ReportPoint:
+    """A posture of which a report has a page.
+
+    Attributes
+    ----------
+    name : str
+        Its name in the report.
+    q : ndarray (n,)
+        Coordinates without the load.
+    wrench : ndarray (6,) or None
+        Load at this point along the axes of F; None for that of the report.
+    """
+
+    name: str
+    q: Array
+    wrench: Array | None = None
+
+
 def report_page(
     elastic: ElasticMechanism,
     q: ArrayLike | None = None,
@@ -75,6 +95,7 @@ def report_page(
     load_axes: Literal["body", "world"] = "body",
     command: str = "",
     sections: Sequence[tuple[str, str]] = (),
+    points: Sequence[ReportPoint] = (),
 ) -> str:
     """The report as HTML text that needs nothing else.
 
@@ -91,6 +112,8 @@ def report_page(
         The command that made the report, which it quotes.
     sections : sequence of (title, HTML)
         Further sections, after the sweep.
+    points : sequence of ReportPoint, optional
+        Several postures instead of `q`: each has a page of its own, the worst first.
 
     Raises
     ------
@@ -98,29 +121,103 @@ def report_page(
         As `cartstiff.analyse`.
     """
     kind = LoadKind(load_kind, tuple(load_at))  # type: ignore[arg-type]
-    elastic, posture = elastic.placed(q)
-    start = posture.q
-    with np.errstate(all="ignore"):
-        load = _Load.of(elastic, start, wrench, kind, load_axes)
-        result = load.result(elastic, start)
-        analysis = load.analysis(result)
-        swept = _swept(elastic, start, load)
-        lines, notes, moved = _answer(elastic, start, load, result, analysis)
-        picture = _picture(elastic, result, load)
-        legs_shown = _legs(result)
+    asked = points or [ReportPoint("", np.asarray(elastic.placed(q)[1].q), None)]
+    pages = []
+    for point in asked:
+        placed_here, posture = elastic.placed(
+            point.q if points or q is not None else None
+        )
+        acting = (wrench, load_axes)
+        if point.wrench is not None:
+            acting = (point.wrench, "world")
+        load = _Load.of(placed_here, posture.q, acting[0], kind, acting[1])
+        with np.errstate(all="ignore"):
+            pages.append(_page(placed_here, posture.q, load, point.name))
+    pages.sort(key=lambda page: -page.severity)
     title = f"{elastic.name}: stiffness at {elastic.mechanism.frame}"
-    before = "" if load.held is None or load.added is None else ", before the load"
     where = placed(elastic.mechanism.frame_offset, elastic.units)
     sits = f" M is {where} in {elastic.mechanism.frame}." if where else ""
+    notes = dict.fromkeys(note for page in pages for note in page.notes)
+    source = [f"The file says of its numbers: {elastic.source}"] * bool(elastic.source)
+    about = [
+        datetime.date.today().isoformat(),
+        f"cartstiff {__version__}",
+        f"Pinocchio {version('pin')}",
+        f"NumPy {np.__version__}",
+        f"Python {platform.python_version()}",
+    ]
     parts = [
         f"<h1>{_text(title)}</h1>",
-        f'<p class="quiet">Lengths in {elastic.units.length}, forces in {elastic.units.force} '
-        f"unless said otherwise; M is the tool's frame, F the room.{_text(sits)}</p>",
-        f'<div class="answer">{_doubt(elastic)}<ul>{_items(lines)}</ul></div>',
-        f'<section class="screen"><h2>In three dimensions{before}</h2>{picture}</section>',
-        f"<section><h2>Posture</h2><figure>{_skeleton(elastic, start, load, moved)}</figure>"
-        f"{_joints(result, start, analysis)}{_near(result)}</section>",
-        *([f"<section><h2>Legs</h2>{legs_shown}</section>"] if legs_shown else []),
+        f'<p class="quiet">M is the tool\'s frame, F the room.{_text(sits)}</p>',
+        _doubt(elastic),
+        _summary(pages, elastic.units) if points else "",
+        *(f"<article>{page.html}</article>" for page in pages),
+        *(f"<section><h2>{_text(head)}</h2>{body}</section>" for head, body in sections),
+        "<section><h2>What is assumed</h2><ul>"
+        f"{_items([*source, *_unsaid(elastic, [*notes])] or ['nothing'])}</ul></section>",
+        f'<section><h2>Made by</h2><p class="quiet"><code>{_text(command)}</code><br>'
+        f"{', '.join(about)}</p></section>",
+    ]
+    # One picture in three dimensions, of the worst posture: it is the largest part of the file.
+    worst = pages[0]
+    parts.insert(5, worst.picture())
+    return (
+        '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" '
+        f'content="width=device-width"><title>{_text(title)}</title><style>\n{_STYLE.read_text("utf-8")}</style>\n'
+        + "\n".join(parts)
+        + "</html>\n"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Page:
+    """What a report says of one posture."""
+
+    elastic: ElasticMechanism
+    name: str
+    result: PostureStiffness
+    load: _Load
+    answer: Answer
+    said: _Said
+    html: str
+
+    @property
+    def notes(self) -> list[str]:
+        """What was assumed."""
+        return self.said.notes
+
+    @property
+    def severity(self) -> float:
+        """How far the tip moves; infinite where it has no stable rest under the load."""
+        return self.said.far if self.said.is_stable else np.inf
+
+    def picture(self) -> str:
+        """The mechanism in three dimensions, for screens."""
+        load = self.load
+        before = "" if load.held is None or load.added is None else ", before the load"
+        at = f" at {self.name}" * bool(self.name)
+        picture = _picture(self.elastic, self.result, load)
+        head = f"<h2>In three dimensions{_text(at)}{before}</h2>"
+        return f'<section class="screen">{head}{picture}</section>'
+
+
+def _page(elastic: ElasticMechanism, start: Array, load: _Load, name: str) -> _Page:
+    """The answer, the drawing and the numbers of one posture."""
+    result = load.result(elastic, start)
+    analysis = load.analysis(result)
+    swept = _swept(elastic, start, load)
+    answer = load.answer(result)
+    said = _answer(elastic, start, load, result, analysis, answer)
+    shown = drawing(elastic, *said.ends, _arrow(load, elastic.units), elastic.units)
+    parts = [
+        f"<h2>{_text(name)}</h2>" * bool(name),
+        f'<div class="answer"><ul>{_items(said.lines)}</ul></div>',
+        shown,
+    ]
+    if legs := _legs(result):
+        parts.append(f"<section><h2>Legs</h2>{legs}</section>")
+    parts += [
+        f"<section><h2>Posture</h2>{_joints(result, start, analysis)}{_near(result)}</section>",
         f"<section><h2>Load and weight</h2><ul>{_items(_acting(elastic, load))}</ul></section>",
         f"<section><h2>Stiffness</h2>{_matrix(result, load)}</section>",
     ]
@@ -130,29 +227,36 @@ def report_page(
             f"in the room, while one coordinate moves from here.</p><figure>{_plot(swept, elastic)}"
             "</figure></section>"
         )
-    parts += [
-        f"<section><h2>{_text(head)}</h2>{body}</section>" for head, body in sections
-    ]
-    if elastic.source:
-        notes.insert(0, f"The file says of its numbers: {elastic.source}")
-    about = [
-        datetime.date.today().isoformat(),
-        f"cartstiff {__version__}",
-        f"Pinocchio {version('pin')}",
-        f"NumPy {np.__version__}",
-        f"Python {platform.python_version()}",
-    ]
-    parts += [
-        f"<section><h2>What is assumed</h2><ul>{_items(notes or ['nothing'])}</ul></section>",
-        f'<section><h2>Made by</h2><p class="quiet"><code>{_text(command)}</code><br>'
-        f"{', '.join(about)}</p></section>",
-    ]
-    return (
-        '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" '
-        f'content="width=device-width"><title>{_text(title)}</title><style>\n{_STYLE.read_text("utf-8")}</style>\n'
-        + "\n".join(parts)
-        + "</html>\n"
-    )
+    return _Page(elastic, name, result, load, answer, said, "\n".join(parts))
+
+
+def _summary(pages: Sequence[_Page], units: Units) -> str:
+    """The points in one table, the worst first."""
+    rows = []
+    for page in pages:
+        soft = page.answer.extreme("softest")
+        rows.append(
+            [
+                page.name,
+                _quantity(page.said.far, units.length),
+                _quantity(soft and soft.stiffness, units.stiffness["translation"]),
+                {True: "stable", False: "NOT stable", None: "not decided"}[
+                    page.said.stable
+                ],
+            ]
+        )
+    heads = ("point", "the tip moves", "softest direction", "equilibrium")
+    return f"<section><h2>The points, worst first</h2>{_table(rows, heads)}</section>"
+
+
+def _arrow(load: _Load, units: Units) -> Arrow | None:
+    """The force of the load, at its point."""
+    force = load.in_room[3:]
+    if not force.any():
+        return None
+    at = load.pose[:3, :3] @ load.kind.at + load.pose[:3, 3]
+    much = engineering(float(np.linalg.norm(force)), units.force)
+    return Arrow(at, force, f"the force of {much}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,6 +336,17 @@ class _Load:
         """A wrench as a load of `equilibrium`."""
         return [] if wrench is None else [self.kind.acting(wrench, self.pose, self.axes)]
 
+    def answer(self, result: PostureStiffness) -> Answer:
+        """What is said of a posture; its displacement is that of the load alone."""
+        if self.held is None or self.added is None:
+            return answer_at(result, quickly=True)
+        added = self.added
+        if self.axes == "world":
+            added = _turned(self.pose[:3, :3].T, added)
+        return answer_at(
+            result, wrench=added, load_at=np.array(self.kind.at), quickly=True
+        )
+
     def analysis(self, result: PostureStiffness) -> dict[str, Any]:
         """Analysis of a posture under all that acts; its deflection is that of the load alone."""
         if self.held is None:
@@ -249,16 +364,54 @@ def _turned(rotation: Array, wrench: Array) -> Array:
     return np.asarray(wrench.reshape(2, 3) @ rotation.T).ravel()
 
 
+@dataclass(frozen=True, eq=False)
+class _Said:
+    """The sentences of the answer, and what they come from.
+
+    Attributes
+    ----------
+    lines, notes : list of str
+        The answer; everything that was assumed.
+    ends : tuple of ndarray (n,)
+        Coordinates at rest before the load, and under it; None where that is not known.
+    far : float
+        Displacement of the tip; NaN if it is not known.
+    stable : bool or None
+        Of the equilibrium under the load; None if it is not decided.
+    """
+
+    lines: list[str]
+    notes: list[str]
+    ends: tuple[Array, Array | None]
+    far: float
+    stable: bool | None
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether the displacement is that to a stable rest."""
+        return self.stable is not False and not np.isnan(self.far)
+
+
+_STABLE = {
+    True: "is stable",
+    False: "is NOT stable: the load pushes the body away",
+    None: "is not decided to be stable",
+}
+
+
 def _answer(
     elastic: ElasticMechanism,
     start: Array,
     load: _Load,
     result: PostureStiffness,
     analysis: dict[str, Any],
-) -> tuple[list[str], list[str], Array | None]:
-    """The sentences of the answer, everything that was assumed, and how the tip moves in F."""
-    lines, shift = [_under(elastic, load, result)], None
+    answer: Answer,
+) -> _Said:
+    """The answer: displacement, what contributes, stability, softest direction, what is better."""
+    lines = [_under(elastic, load, result)]
     notes = {str(note): None for note in result.notes}
+    ends: tuple[Array, Array | None] = (start, None)
+    far, stable = (np.nan if load.added is not None else 0.0), None
     try:
         # The posture before the load, which is not left even where it is unstable.
         state = before = equilibrium(elastic, start, *load.terms(load.held), settle=False)
@@ -271,55 +424,97 @@ def _answer(
         told = {note.code for note in result.notes}
         notes |= {str(note): None for note in state.notes if note.code not in told}
         lines += beyond_limits(state.notes)
-        if load.added is not None and state.stable is not False:
-            turned, moved = np.split(displacement_between(before.pose, state.pose), 2)
-            shift = moved
-            far, angle = (float(np.linalg.norm(way)) for way in (moved, turned))
-            least = numerics.REPORTED_ERROR * np.abs(moved).max()
-            # A turn that is rounding beside the way is none.
-            if angle * state.posture.length <= numerics.NEGLIGIBLE_DIFFERENCE * far:
-                angle = 0.0
-            size, unit = sized(far, elastic.units.length)
-            along = ", ".join(
-                f"{x / size:+.4g}" if abs(x) > least else "0" for x in moved
-            )
-            lines.append(
-                f"The tip moves {engineering(far, elastic.units.length)} ({along} {unit} along the "
-                f"axes of F) and turns {engineering(angle, 'rad')} from the equilibrium without "
-                "the load to that with it."
-            )
-            linear = resisted_deflection(analysis)
-            by_stiffness = np.linalg.norm(linear.get("displacement", moved))
-            shown = engineering(float(by_stiffness), elastic.units.length)
-            if shown != engineering(far, elastic.units.length):
-                lines.append(
-                    f"Linear, by K^{linear['connection']} at the stated posture (the answer of "
-                    f"analyse), it is {shown}."
-                )
-            lines += _largest_share(elastic, analysis)
+        stable = state.stable
+        if load.added is not None and stable is not False:
+            ends = before.posture.q, state.posture.q
+            way = displacement_between(before.pose, state.pose)
+            far = float(np.linalg.norm(way[3:]))
+            lines[0] = _moved(way, state.posture.length, load, elastic)
+            lines += [
+                *_linear(analysis, far, elastic.units),
+                *(f"{share_words(shares)}." for shares in (answer.shares,) if shares),
+            ]
+            lines.append(_held(elastic, load, result))
         # Where nothing balances the posture, the equilibrium is at another one.
-        where = " at which it comes to rest" if _is_unbalanced(result) else ""
-        lines.append(
-            {
-                True: f"The equilibrium{where} is stable.",
-                False: f"The equilibrium{where} is NOT stable: the load pushes the body away.",
-                None: f"Whether the equilibrium{where} is stable is not decided.",
-            }[state.stable]
+        where = " at which it comes to rest" * _is_unbalanced(result)
+        lines.append(f"The equilibrium{where} {_STABLE[stable]}.")
+    if answer.verdict.level != "good":
+        lines.append(f"{VERDICTS[answer.verdict.code]}.")
+    lines += [*_softest(answer), *_better(elastic, start, load)]
+    return _Said(lines, list(notes), ends, far, stable)
+
+
+def _moved(way: Array, length: float, load: _Load, elastic: ElasticMechanism) -> str:
+    """How far the tip moves (6,) and turns, along the axes of F."""
+    units = elastic.units
+    turned, moved = np.split(way, 2)
+    far, angle = (float(np.linalg.norm(part)) for part in (moved, turned))
+    least = numerics.REPORTED_ERROR * np.abs(moved).max()
+    # A turn that is rounding beside the way is none.
+    angle *= angle * length > numerics.NEGLIGIBLE_DIFFERENCE * far
+    size, unit = sized(far, units.length)
+    along = [
+        f"{x / size:+.4g}" if is_felt else "0"
+        for x, is_felt in zip(moved, np.abs(moved) > least, strict=True)
+    ]
+    which = f", {_towards(moved, elastic)}" if far else ""
+    return (
+        f"The tip moves {engineering(far, units.length)} ({', '.join(along)} {unit} along x, y, z "
+        f"of the room){which}, under {_acting_words(load, elastic)}, and turns "
+        f"{engineering(angle, 'rad')}: from the equilibrium without the load to that with it."
+    )
+
+
+def _towards(vector: Array, elastic: ElasticMechanism) -> str:
+    """A direction of the room in words; z is vertical unless gravity says otherwise."""
+    gravity = elastic.gravity
+    is_upright = gravity is None or not np.any(gravity[:2])
+    x, y, z = (float(v) for v in vector)
+    return direction_words((x, y, z), is_line=False, is_upright=is_upright)
+
+
+def _acting_words(load: _Load, elastic: ElasticMechanism) -> str:
+    """Force and moment of the load in words."""
+    moment, force = np.split(load.in_room, 2)
+    units = elastic.units
+    parts = [
+        f"a {kind} of {engineering(float(np.linalg.norm(size)), unit)}, {_towards(size, elastic)}"
+        for kind, size, unit in (
+            ("force", force, units.force),
+            ("moment", moment, units.moment),
         )
-    state_of = verdict_at(result, "load", analysis["definiteness"])
-    if state_of.level != "good":
-        lines.append(f"{VERDICTS[state_of.code]}.")
-    lines += _softest(result)
-    return [*lines, *_better(elastic, start, load)], list(notes), shift
+        if size.any()
+    ]
+    return " and ".join(parts) or "no load"
+
+
+def _linear(analysis: dict[str, Any], far: float, units: Units) -> list[str]:
+    """The displacement by the stiffness, where its four digits are not those of the equilibrium."""
+    linear = resisted_deflection(analysis)
+    if not linear:
+        return []
+    by_stiffness = float(np.linalg.norm(linear["displacement"]))
+    shown = engineering(by_stiffness, units.length)
+    if shown == engineering(far, units.length):
+        return []
+    return [
+        f"Linear, by K^{linear['connection']} at the stated posture (the answer of "
+        f"analyse), it is {shown}."
+    ]
+
+
+# Codes of notes that a report says at its head, and nowhere else.
+_AT_THE_HEAD = ("stiffness-assumed", "held-by-lines", "open-loops")
 
 
 def _doubt(elastic: ElasticMechanism) -> str:
     """Lines in amber: springs that are assumed, or illustrative by their file, and open loops."""
-    assumed = [note.message for note in elastic.notes if note.code == "stiffness-assumed"]
-    others = [
-        n.message for n in elastic.notes if n.code in ("held-by-lines", "open-loops")
+    lines = [
+        f"{note.message[0].upper()}{note.message[1:]}."
+        for note in elastic.notes
+        if note.code in _AT_THE_HEAD[1:]
     ]
-    lines = [f"{message[0].upper()}{message[1:]}." for message in others]
+    assumed = [n.message for n in elastic.notes if n.code == _AT_THE_HEAD[0]]
     if assumed:
         lines.append(f"The springs are assumed: {assumed[0]}.")
     elif elastic.is_illustrative:
@@ -327,51 +522,40 @@ def _doubt(elastic: ElasticMechanism) -> str:
     return "".join(f'<p class="doubt">{_text(line)}</p>' for line in lines)
 
 
+def _unsaid(elastic: ElasticMechanism, notes: Sequence[str]) -> list[str]:
+    """Notes that are not said at the head."""
+    said = {str(note) for note in elastic.notes if note.code in _AT_THE_HEAD}
+    return [note for note in notes if note not in said]
+
+
 def _is_unbalanced(result: PostureStiffness) -> bool:
     return any(note.code == "unbalanced" for note in result.notes)
 
 
 def _under(elastic: ElasticMechanism, load: _Load, result: PostureStiffness) -> str:
-    """The sentence that names load, weight, and the springs that carry them, if any can."""
-    units, of = elastic.units, "F" if load.axes == "world" else "M"
-    parts = []
-    for size, unit, kind in zip(
-        () if load.added is None else (load.added[3:], load.added[:3]),
-        (units.force, units.moment),
-        ("force", "moment"),
-        strict=False,
-    ):
-        if size.any():
-            along = ", ".join(f"{x:.3g}" for x in size / np.linalg.norm(size) + 0.0)
-            much = engineering(float(np.linalg.norm(size)), unit)
-            parts.append(f"a {kind} of {much} along ({along}) of {of}")
-    acting = " and ".join(parts) or "no load"
+    """The sentence that names the load, where the tip's displacement is not said."""
+    acting = _acting_words(load, elastic)
+    return f"The mechanism carries {acting}. {_held(elastic, load, result)}"
+
+
+def _held(elastic: ElasticMechanism, load: _Load, result: PostureStiffness) -> str:
+    """What holds the mechanism at the posture, and whether its weight acts."""
     springs = "legs" if len(elastic.mechanism.points) else "joints"
-    holds = (
-        f"the springs of its {springs}" if load.held is None else "the wrench named below"
-    )
-    weight = "" if elastic.gravity is None else " and the weight"
-    held = (
-        "It is not held at this posture"
-        if _is_unbalanced(result)
-        else f"It is held by {holds}"
-    )
-    return f"The mechanism carries {acting}{weight}. {held}."
+    held = f"It is held by the springs of its {springs}"
+    if load.held is not None:
+        held = "It is held by the wrench named below"
+    if _is_unbalanced(result):
+        held = "It is not held at this posture"
+    return f"{held}{'; its weight acts' * (elastic.gravity is not None)}."
 
 
-def _largest_share(elastic: ElasticMechanism, analysis: dict[str, Any]) -> list[str]:
-    """Which joint, link or leg contributes most to the deflection under the load."""
-    return [
-        f"{words}." for words in largest_share(resisted_deflection(analysis), elastic)
-    ]
-
-
-def _softest(result: PostureStiffness) -> list[str]:
+def _softest(answer: Answer) -> list[str]:
     """Direction of the least stiffness against a force; nothing where a force is not resisted."""
-    if (found := softest_in_room(result.at())) is None:
+    found = answer.extreme("softest")
+    if found is None or found.stiffness is None:
         return []
-    known = found["stiffness"], found["direction"]
-    return [f"Softest {softest_words(*known, 'translation', result.units, 'the room')}."]
+    size = engineering(found.stiffness, answer.units.stiffness["translation"])
+    return [f"Softest (free to turn): {size} {where(found, answer)}."]
 
 
 def _better(elastic: ElasticMechanism, start: Array, load: _Load) -> list[str]:
@@ -462,107 +646,20 @@ def _picture(elastic: ElasticMechanism, result: PostureStiffness, load: _Load) -
     return f'<iframe title="the mechanism" srcdoc="{escape(page, quote=True)}"></iframe>'
 
 
-def _skeleton(
-    elastic: ElasticMechanism, q: Array, load: _Load, moved: Array | None
-) -> str:
-    """Lines from joint to joint to the tip, or along the legs, from the side and from above.
-
-    With the force on the tip, the tip's displacement, enlarged, and a scale bar.
-    """
-    posture = elastic.mechanism.at(q)
-    lines = posture.drawn().paths
-    every = np.vstack(lines)
-    low, size = (
-        every.min(axis=0),
-        max(float(np.ptp(every, axis=0).max()), numerics.ROUNDOFF),
-    )
-    drawn, tip = [], posture.pose[:3, 3]
-    arrows = _arrows(load, moved, size)
-    flat = [(line - low) / size * 210 for line in lines]
-    at = (tip - low) / size * 210
-    for number, (title, across, up) in enumerate(
-        (("from the side", 0, 2), ("from above", 0, 1))
-    ):
-        left = 20 + 320 * number
-        drawn.append(f'<g transform="translate({left} 235) scale(1 -1)">')
-        for line in flat:
-            pairs = " ".join(f"{p[across]:.1f},{p[up]:.1f}" for p in line)
-            drawn.append(
-                f'<polyline points="{pairs}" fill="none" stroke="#666" stroke-width="4" '
-                'stroke-linejoin="round"/>'
-            )
-            drawn += [
-                f'<circle cx="{p[across]:.1f}" cy="{p[up]:.1f}" r="4" fill="#2060c0"/>'
-                for p in line
-            ]
-        for vector, colour, width, _ in arrows:
-            end = at + vector / size * 210
-            if np.linalg.norm((end - at)[[across, up]]) < _SHORTEST_ARROW:
-                continue  # towards the reader
-            drawn.append(
-                f'<line x1="{at[across]:.1f}" y1="{at[up]:.1f}" x2="{end[across]:.1f}" '
-                f'y2="{end[up]:.1f}" stroke="{colour}" stroke-width="{width}" '
-                'marker-end="url(#head)"/>'
-            )
-        drawn.append(
-            f'<circle cx="{at[across]:.1f}" cy="{at[up]:.1f}" r="6" fill="#c04020"/></g>'
-            f'<text x="{left}" y="295">{title}: {"xyz"[across]} to the right, {"xyz"[up]} up; '
-            "M in red</text>"
-        )
-    bar = round_number(size / 3.0)
-    width, words = 210 * bar / size, [f"{bar:g} {elastic.units.length}"]
-    drawn.append(f'<path d="M20 304v6h{width:.1f}v-6" fill="none" stroke="#222"/>')
-    words += [said for *_, said in arrows]
-    drawn.append(f'<text x="{30 + width:.1f}" y="312">{_text("; ".join(words))}</text>')
-    return (
-        '<svg viewBox="-20 -20 680 340" width="680" height="340" font-size="11" '
-        'font-family="sans-serif" role="img"><defs><marker id="head" viewBox="0 0 8 8" refX="6" '
-        'refY="4" markerWidth="16" markerHeight="16" markerUnits="userSpaceOnUse" orient="auto">'
-        '<path d="M0 0L8 4L0 8z" '
-        f'fill="context-stroke"/></marker></defs>{"".join(drawn)}</svg>'
-    )
-
-
-def _arrows(
-    load: _Load, moved: Array | None, size: float
-) -> list[tuple[Array, str, float, str]]:
-    """Force on the tip and its displacement as drawn in F, with colour, width and words.
-
-    Where they are parallel the second is seen inside the first.
-    """
-    arrows = []
-    force = load.in_room[3:]
-    if force.any():
-        along = 0.15 * size * force / np.linalg.norm(force)
-        arrows.append((along, "#222", 7.0, "force in black, thick"))
-    if moved is not None and moved.any():
-        factor = round_number(0.2 * size / float(np.linalg.norm(moved)))
-        words = f"displacement of the tip in green, thin, drawn {factor:g} times as long"
-        arrows.append((factor * moved, "#1f9d55", 2.5, words))
-    return arrows
-
-
 def _legs(result: PostureStiffness) -> str:
-    """Lengths and forces of a platform's legs beside their limits."""
-    shown, units = legs(result), result.units
-    if shown is None:
-        return ""
-    keys = {"length": units.length, "lower": units.length, "upper": units.length}
-    known = {
-        key: unit
-        for key, unit in (keys | {"tension": units.force}).items()
-        if any(leg[key] is not None for leg in shown)
-    }
-    rows = [
-        [f"leg{i}", *(_quantity(leg[key], unit) for key, unit in known.items())]
-        for i, leg in enumerate(shown, 1)
-    ]
-    heads = {
-        "lower": "shortest",
-        "upper": "longest",
-        "tension": "force (tension above zero)",
-    }
-    return _table(rows, ["leg", *(heads.get(key, key) for key in known)])
+    """Lengths of legs, or positions of drives, beside their limits, and their forces."""
+    units = result.units
+    rows = []
+    for leg in result.drives:
+        unit = "deg" if not leg.is_length else units.length
+        per = 1.0 if leg.is_length else float(np.degrees(1.0))
+        lengths = (leg.position, leg.lower, leg.upper, leg.margin)
+        force = _quantity(leg.force, units.effort(leg.is_length))
+        rows.append([leg.name, *(_quantity(per * x, unit) for x in lengths), force])
+    heads = ("leg", "length", "shortest", "longest", "to the limit")
+    if result.leg_lengths is None:
+        heads = ("drive", "position", "lower limit", "upper limit", "to the limit")
+    return _table(rows, (*heads, "force (tension above zero)")) if rows else ""
 
 
 def _near(result: PostureStiffness) -> str:
@@ -576,7 +673,8 @@ def _near(result: PostureStiffness) -> str:
 
 
 def _quantity(value: float | None, unit: str) -> str:
-    return "" if value is None else engineering(value, unit)
+    """A quantity with its unit; nothing for one that is unknown or infinite."""
+    return engineering(value, unit) if value is not None and np.isfinite(value) else ""
 
 
 def _joints(result: PostureStiffness, q: Array, analysis: dict[str, Any]) -> str:
@@ -636,23 +734,29 @@ _PASSIVE = [(spring, share) for spring in ("", "none") for share in ("", "0 %")]
 
 
 def _table(rows: Sequence[Sequence[str]], head: Sequence[str] = ()) -> str:
-    cells = ["<tr>" + "".join(f"<th>{t}</th>" for t in head) + "</tr>"] if head else []
-    cells += [
-        "<tr>" + "".join(f"<td>{_text(t)}</td>" for t in row) + "</tr>" for row in rows
-    ]
-    return f"<table>{''.join(cells)}</table>"
+    """A table without columns that are empty."""
+    kept = [j for j in range(len(rows[0])) if any(row[j] for row in rows)] if rows else []
+    cells = "".join(f"<th>{_text(head[j])}</th>" for j in kept if head)
+    lines = ["".join(f"<td>{_text(row[j])}</td>" for j in kept) for row in rows]
+    return f"<table>{''.join(f'<tr>{line}</tr>' for line in (cells, *lines) if line)}</table>"
 
 
 def _acting(elastic: ElasticMechanism, load: _Load) -> list[str]:
     """The lines about the load and the weight."""
-    units, at = elastic.units, ", ".join(f"{x:g}" for x in load.kind.at)
-    of = "F" if load.axes == "world" else "M"
+    units, at = elastic.units, load.kind.at
+    of = {"world": "F", "body": "M"}[load.axes]
+    point = "the origin of M"
+    if any(at):
+        size, unit = sized(float(np.abs(at).max()), units.length)
+        point = f"({_row(np.array(at) / size)}) {unit} in M"
 
     def said(wrench: Array) -> str:
-        m, f = (", ".join(f"{x:.6g}" for x in part) for part in np.split(wrench + 0.0, 2))
+        m, f = (
+            _vector(x, u)
+            for x, u in zip(np.split(wrench, 2), (units.moment, units.force), strict=True)
+        )
         return (
-            f"moment ({m}) {units.moment}, force ({f}) {units.force} along the axes of {of}, at "
-            f"({at}) {units.length} in M; {load.kind.words}"
+            f"moment {m}, force {f} along the axes of {of}, at {point}; {load.kind.words}"
         )
 
     lines = ["Load: none" if load.added is None else f"Load: {said(load.added)}"]
@@ -667,51 +771,122 @@ def _acting(elastic: ElasticMechanism, load: _Load) -> list[str]:
     return [*lines, gravity_loads(elastic).text]
 
 
+def _row(values: Array) -> str:
+    return ", ".join(f"{x + 0.0:.{_DIGITS}g}" for x in values)
+
+
+def _vector(values: Array, unit: str) -> str:
+    """Components with four digits, in the unit in which people read the largest."""
+    size, unit = sized(float(np.abs(values).max()), unit)
+    least = numerics.PRINTED_AS_ZERO * np.abs(values).max()
+    return f"({_row(np.where(np.abs(values) < least, 0.0, values) / size)}) {unit}"
+
+
 def _matrix(result: PostureStiffness, load: _Load) -> str:
+    """The stiffness, in task axes where the body has fewer than six freedoms; or the compliance."""
     units = result.units
-    f, x, m = units.force, units.length, units.moment
     K = result.tangent if result.is_loaded else result.matrices["B"]
     name = "K, the tangent stiffness under the load" if result.is_loaded else "K"
     if load.held is not None:
         name = "K, the tangent stiffness under the wrench that holds this posture"
-    order = "rows are moments, then forces, columns rotations, then translations."
-    pair = (f"{m}/rad | {f}", f"{f}/rad | {f}/{x}")
-    if K is None:
-        K = result.tangent_compliance if result.is_loaded else result.compliances["B"]
-        name = "The stiffness does not exist here; the compliance C"
-        order = "rows are rotations, then translations, columns moments, then forces."
-        pair = (f"rad/({m}) | rad/{f}", f"1/{f} | {x}/{f}")
-    if K is None:
-        return "<p>Neither stiffness nor compliance exists here; see what is assumed.</p>"
-    small = numerics.PRINTED_AS_ZERO * np.abs(K).max()
+    if K is not None:
+        return f"<p>{name}, along the axes of M.</p>{_block_table(K, _SIX, units.blocks)}"
+    parts = []
+    if (task := result.task_axes) is not None:
+        name = f"{name}, along the motions that the body has, in axes of {task.axes}"
+        parts.append(
+            f"<p>{name}.</p>{_block_table(task.tangent, task.names, units.blocks)}"
+        )
+    C = result.tangent_compliance if result.is_loaded else result.compliances["B"]
+    if C is not None:
+        name = "The stiffness does not exist here; the compliance C, along the axes of M"
+        parts.append(f"<p>{name}.</p>{_block_table(C, _SIX, units.blocks_of_compliance)}")
+    return "".join(parts) or (
+        "<p>Neither stiffness nor compliance exists here; see what is assumed.</p>"
+    )
+
+
+# Components of motions, and of the wrenches beside them.
+_SIX = ("rx", "ry", "rz", "x", "y", "z")
+# Digits of matrices.
+_DIGITS = 4
+
+
+def _block_table(matrix: Array, names: Sequence[str], blocks: Mapping[str, str]) -> str:
+    """A matrix with four digits, each block in the unit in which people read its largest entry."""
+    kinds = np.array(["t" if name in ("x", "y", "z") else "r" for name in names])
+    small = numerics.PRINTED_AS_ZERO * np.abs(matrix).max()
+    shown, units = np.where(np.abs(matrix) < small, 0.0, matrix), {}
+    for row, column in product("rt", repeat=2):
+        block = np.ix_(kinds == row, kinds == column)
+        if matrix[block].size:
+            size, units[row, column] = sized(
+                float(np.abs(shown[block]).max()), blocks[row + column]
+            )
+            shown[block] /= size
     rows = [
-        [*(f"{0.0 if abs(x) < small else x:.6g}" for x in row), pair[i // 3]]
-        for i, row in enumerate(K)
+        [
+            name,
+            *(f"{x + 0.0:.{_DIGITS}g}" for x in line),
+            " | ".join(units[kind, c].removeprefix("1") or "1" for c in sorted({*kinds})),
+        ]
+        for name, kind, line in zip(names, kinds, shown, strict=True)
     ]
-    return f"<p>{name}, in M; {order}</p>{_table(rows)}"
+    of = " | ".join({"r": "turns", "t": "translations"}[c] for c in sorted({*kinds}))
+    return _table(rows, ["", *names, f"units: columns of {of}"])
+
+
+def _ticks(low: float, high: float, count: int = 5) -> Array:
+    """Round numbers from low to high, about so many."""
+    step = round_number((high - low) / count)
+    steps = [k * step for k in (1.0, 2.0, 2.5, 5.0)]
+    step = next((s for s in steps if (high - low) / s <= count), steps[-1])
+    ends = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
+    return step * np.arange(ends[0], ends[1] + 1.0) + 0.0
 
 
 def _plot(swept: dict[str, tuple[Array, Array]], elastic: ElasticMechanism) -> str:
-    """The sweeps as curves over the change of the coordinate."""
+    """The sweeps as curves over the change of the coordinate, angles and lengths apart."""
     mm = convert_length(elastic.units, Units("mm", SI.force))[0]
+    lengths = {c.name: c.is_length for c in elastic.mechanism.coordinates}
     finite = np.concatenate([y[np.isfinite(y)] for _, y in swept.values()])
     largest = (mm * float(np.quantile(finite, 0.98)) if finite.size else 0.0) or 1.0
-    # Four round steps reach above the curves.
-    first = round_number(largest / 4.0)
-    top = 4.0 * next(
-        first * x for x in (1.0, 2.0, 2.5, 5.0) if 4.0 * first * x >= largest
-    )
-    lines = []
-    for tick in range(5):
-        at = 220 - 50 * tick
-        lines.append(
-            f'<line x1="50" x2="430" y1="{at}" y2="{at}" stroke="#ddd"/><text x="45" y="{at + 4}" '
-            f'text-anchor="end">{top * tick / 4:.3g}</text>'
-        )
-    for i, (name, (_, y)) in enumerate(swept.items()):
-        known = np.isfinite(y)
+    rises = _ticks(0.0, 1.25 * largest, 4)
+    top = float(rises[-1])
+    plots = []
+    for is_length in sorted({lengths[name] for name in swept}):
+        own = {n: xy for n, xy in swept.items() if lengths[n] is is_length}
+        per, unit = (mm, "mm") if is_length else (float(np.degrees(1.0)), "deg")
+        reach = per * max(float(np.ptp(x)) for x, _ in own.values()) / 2.0
+        plots.append(_curves(own, per, unit, reach, mm, rises, top))
+    return "".join(plots)
+
+
+def _curves(
+    swept: dict[str, tuple[Array, Array]],
+    per: float,
+    unit: str,
+    reach: float,
+    mm: float,
+    rises: Array,
+    top: float,
+) -> str:
+    """Curves (mm) over the change of coordinates, which is at most `reach` in its unit."""
+    lines = [
+        f'<path d="M50 {220 - 200 * x / top:.1f}h380" stroke="#ddd"/>'
+        f'<text x="45" y="{224 - 200 * x / top:.1f}" text-anchor="end">{x:.4g}</text>'
+        for x in rises
+    ]
+    lines += [
+        f'<path d="M{240 + 190 * x / reach:.1f} 220v4" stroke="#888"/>'
+        f'<text x="{240 + 190 * x / reach:.1f}" y="236" '
+        f'text-anchor="middle">{x + 0.0:.4g}</text>'
+        for x in _ticks(-reach, reach)
+    ]
+    for i, (name, (x, y)) in enumerate(swept.items()):
+        known, middle = np.isfinite(y), 0.5 * (x[0] + x[-1])
         drawn = "".join(
-            f"{'L' if k and known[k - 1] else 'M'}{50 + 380 * k / (_COUNT - 1):.1f},"
+            f"{'L' if k and known[k - 1] else 'M'}{240 + 190 * per * (x[k] - middle) / reach:.1f},"
             f"{max(220 - 200 * mm * y[k] / top, 10):.1f}"
             for k in np.flatnonzero(known)
         )
@@ -719,22 +894,16 @@ def _plot(swept: dict[str, tuple[Array, Array]], elastic: ElasticMechanism) -> s
         lines.append(
             f'<path d="{drawn}" fill="none" stroke="{colour}" stroke-width="2"/>'
         )
-        if i < 14:
+        if i < _NAMED_CURVES:
             lines.append(
                 f'<text x="440" y="{20 + 15 * i}" fill="{colour}">{_text(name)}</text>'
             )
-    lengths = {c.is_length for c in elastic.mechanism.coordinates if c.name in swept}
-    reaches = {
-        False: f"±{np.degrees(_REACH):.0f} deg",
-        True: f"±{_REACH:g} characteristic lengths",
-    }
-    shown = " or ".join(reaches[is_length] for is_length in sorted(lengths))
     lines.append(
-        f'<text x="240" y="240" text-anchor="middle">{shown}, within the limits</text>'
+        f'<text x="240" y="252" text-anchor="middle">change of the coordinate [{unit}], within '
+        'the limits</text><text x="50" y="8">displacement of the tip [mm]</text>'
     )
-    lines.append('<text x="50" y="8">mm</text>')
     return (
-        '<svg viewBox="0 0 620 250" width="620" height="250" font-size="11" '
+        '<svg viewBox="0 0 620 258" width="620" height="258" font-size="11" '
         f'font-family="sans-serif" role="img">{"".join(lines)}</svg>'
     )
 

@@ -163,16 +163,6 @@ class _Question:
         """Measures of the posture."""
         return self.measures(self.elastic.q[None])
 
-    def nearest(self, Q: Array) -> Array:
-        """The same postures, with joints that can turn all the way next to the posture."""
-        mechanism, start = self.elastic.mechanism, self.elastic.q
-        turns = np.array([c.type == "revolute" for c in mechanism.coordinates])
-        near = Q + np.where(
-            turns, 2.0 * np.pi * np.round((start - Q) / (2.0 * np.pi)), 0.0
-        )
-        ends = np.array([(c.lower, c.upper) for c in mechanism.coordinates]).T
-        return np.where((near >= ends[0]) & (near <= ends[1]), near, Q)
-
     def cost(self, Q: Array) -> Array:
         """Displacements, larger for postures that are far away.
 
@@ -180,7 +170,7 @@ class _Question:
         """
         there, here = self.measures(Q), self.here
         sizes = self.elastic.mechanism.at(self.elastic.q).coordinate_lengths
-        far = (self.nearest(Q) - self.elastic.q) / (NEARBY * np.array(sizes))
+        far = (next_to(self.elastic, Q) - self.elastic.q) / (NEARBY * np.array(sizes))
         cost = there.displacement * (1.0 + _FAR * (far * far).mean(axis=1))
         is_kept = (there.compliance <= WORST * here.compliance) & (
             there.condition <= WORST * here.condition
@@ -217,6 +207,16 @@ class _Question:
             "stiffness": None if found is None else found[0],
             "condition": (read["indices"] or {}).get("condition_number"),
         }
+
+
+def next_to(elastic: ElasticMechanism, Q: Array) -> Array:
+    """The same postures (N, n), turned whole turns next to the mechanism's within the limits."""
+    coordinates = elastic.mechanism.coordinates
+    turning = np.array([c.type == "revolute" for c in coordinates])
+    turns = np.round((elastic.q - Q) / (2.0 * np.pi))
+    near = Q + np.where(turning, 2.0 * np.pi * turns, 0.0)
+    low, high = np.array([(c.lower, c.upper) for c in coordinates]).T
+    return np.where((near >= low) & (near <= high), near, Q)
 
 
 @checked
@@ -322,7 +322,7 @@ def _candidates(
             cost=question.cost,
             solver=solver,
         )
-        return question.nearest(np.asarray(branches))
+        return next_to(elastic, np.asarray(branches))
 
     kept, near = dict[str, tuple[float, float]](), dict[str, tuple[float, float]]()
     for c, x in zip(elastic.mechanism.coordinates, elastic.q.tolist(), strict=True):
