@@ -22,7 +22,7 @@ from cartstiff.loading.visuals import visuals_of
 from cartstiff.mechanisms.chain import Chain, ChainPosture
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape, Sphere
+from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape
 from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.scene.scales import round_number
 from cartstiff.units import Units, engineering
@@ -96,10 +96,10 @@ def _points(shape: Shape) -> Array:
             ends = [radius * ring + [0, 0, side * length] for side in (-0.5, 0.5)]
         case Capsule(radius, length):
             ends = [radius * b + [0, 0, s * length] for b in ball for s in (-0.5, 0.5)]
-        case Sphere(radii):
-            ends = [np.array(radii) * b for b in ball]
-        case _:
+        case MeshFile():
             return np.zeros((0, 3))
+        case _:
+            ends = [np.array(shape.radii) * b for b in ball]
     return np.concatenate(ends)
 
 
