@@ -235,11 +235,12 @@ def _summary(pages: Sequence[_Page], units: Units) -> str:
     rows = []
     for page in pages:
         soft = page.answer.extreme("softest")
+        least = None if soft is None else soft.stiffness
         rows.append(
             [
                 page.name,
                 _quantity(page.said.far, units.length),
-                _quantity(soft and soft.stiffness, units.stiffness["translation"]),
+                _quantity(least, units.stiffness["translation"]),
                 {True: "stable", False: "NOT stable", None: "not decided"}[
                     page.said.stable
                 ],
