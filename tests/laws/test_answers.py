@@ -18,10 +18,12 @@ from tests.support.generated import Arm, close
 from tests.view.test_export import held
 
 import cartstiff
-from cartstiff.answer.doubts import WEIGHTS
+from cartstiff.answer.doubts import WEIGHTS, doubts_of
 from cartstiff.answer.equilibrium import STABILITY
 from cartstiff.answer.posture import answer_at
-from cartstiff.answer.verdict import RULES
+from cartstiff.answer.verdict import RULES, decide
+from cartstiff.notes import Note
+from cartstiff.page.browser_program import browser_program
 from cartstiff.page.export import export_page
 from cartstiff.page.messages import read_message
 from cartstiff.page.session import Session
@@ -162,3 +164,42 @@ def test_a_page_says_the_sentences_of_the_command(tmp_path):
         assert found["settled"] in lines
     assert all(sentence in lines for sentence in live["sentences"])
     assert analysis["text"].startswith("\n".join(live["sentences"]))
+
+
+@pytest.mark.parametrize(
+    ("facts", "level", "code"),
+    [
+        ({"no matrix", "unbalanced", "fewer-than-six-freedoms"}, "bad", "unbalanced"),
+        ({"no matrix", "indefinite", "fewer-than-six-freedoms"}, "bad", "indefinite"),
+        ({"no matrix", "fewer-than-six-freedoms"}, "warning", "fewer-than-six-freedoms"),
+        ({"no matrix", "F", "kf-undefined"}, "warning", "kf-undefined"),
+        ({"no matrix"}, "bad", "no-stiffness"),
+        ({"K positive", "near-serial-singularity"}, "warning", "near-serial-singularity"),
+        ({"K positive", "indefinite"}, "bad", "indefinite"),
+        ({"K indefinite", "not tangent"}, "warning", "not tangent indefinite"),
+        ({"K indefinite", "asymmetric"}, "bad", "asymmetric indefinite"),
+        ({"K indefinite", "type-2-singularity"}, "bad", "indefinite"),
+        ({"K unresolved", "slack"}, "warning", "unresolved"),
+        ({"K positive", "kf-undefined"}, "good", "positive"),
+    ],
+)
+def test_the_first_rule_whose_facts_hold_decides(facts, level, code):
+    rule = decide(facts)
+    assert (rule.level, rule.code) == (level, code)
+
+
+def test_the_page_s_script_gets_the_rules_and_the_order_of_doubts():
+    elastic = cartstiff.load("cubic")
+    made = browser_program(elastic, cartstiff.analyse(elastic))
+    words = made.data["words"]
+    assert [(set(r["needs"]), r["level"], r["code"], r["title"]) for r in words["rules"]] == [
+        (set(rule.needs), rule.level, rule.code, VERDICTS[rule.code]) for rule in RULES
+    ]
+    assert words["weights"] == list(WEIGHTS)
+
+
+def test_doubts_are_in_the_order_of_their_weight_and_said_once():
+    elastic = cartstiff.load("ur5")
+    notes = [Note(code, code) for code in ("slack", "kf-undefined", "beyond-limits", "slack")]
+    found = [note.code for note in doubts_of(elastic, notes)]
+    assert found == ["springs-illustrative", "beyond-limits", "slack"]
