@@ -258,6 +258,7 @@ def line_terms(
 ) -> tuple[Scalar, Array, Array, Scalar]:
     """Energy, gradient and Hessian in the joint positions, and the verdict on the length."""
     J, outward = kinematics.J, kinematics.outward
+    # Ends, length and tension.
     ends: list[Array] = []
     for joint, point in zip(line.joints, line.points, strict=True):
         R, p = kinematics.R_C_F, kinematics.p_C_F
@@ -272,6 +273,7 @@ def line_terms(
     tension = taut * stretch
     per_length = tension / length
 
+    # Velocity D_a of the far end against the near one, for joints that move one of them.
     speeds: dict[int, Array] = {}
     for a, behind in enumerate(outward):
         moves = [bool(joint) and joint - 1 in behind for joint in line.joints]
@@ -289,6 +291,7 @@ def line_terms(
             if b in outward[a]:
                 entry = entry + across[a] @ D_b
             hessian[a, b] = hessian[b, a] = entry
+    # Lines shorter than a share of the chain have no direction.
     least = numerics.SHORTEST_LINE * kinematics.size
     size = (
         larger(norm_squared(ends[0]), norm_squared(ends[1])) * numerics.SHORTEST_LINE**2
@@ -332,6 +335,7 @@ def kinetic(bodies: Bodies, kinematics: Kinematics) -> Array:
     masses = np.array(bodies.masses, object)
     if kinematics.varied.masses is not None:
         masses = kinematics.varied.masses
+    # First and second moments about the origin of C, of each body and then of all it carries.
     first, second = zeros(joints, 3), zeros(joints, 3, 3)
     for j, own in enumerate(masses):
         if not is_zero(own) or moments[j].any():
@@ -342,6 +346,7 @@ def kinetic(bodies: Bodies, kinematics: Kinematics) -> Array:
                 congruence(R.T, moments[j]) + (np.eye(3) * (c @ c) - np.outer(c, c)) * own
             )
     mass, first, second = map(kinematics.carried, (masses, first, second))
+    # M_ab of the module's formula, for joints of which one carries the other.
     M = zeros(joints, joints)
     for b in range(joints):
         turn, shift = J[:3, b], J[3:, b]
@@ -579,6 +584,7 @@ class ChainNumbers:
         if case.derivatives:
             gradient = tape.vector("gradients", n)
             hessian = from_lower(tape.vector("hessians", n * n).reshape(n, n))
+        # Segments of beams, whose derivatives are inputs.
         own = tape.vector("segment_gradients", 6 * len(case.segments)).reshape(-1, 6)
         each = tape.vector("segment_hessians", 36 * len(case.segments)).reshape(-1, 6, 6)
         for indices, g, H in zip(map(list, case.segments), own, each, strict=True):
@@ -586,10 +592,12 @@ class ChainNumbers:
             hessian[np.ix_(indices, indices)] = hessian[
                 np.ix_(indices, indices)
             ] + from_lower(H)
+        # Forces and lines, from joint positions to coordinates.
         for E, g, H in self._on_bodies(tape):
             if (M := self.mimic) is not None:
                 g, H = M.T @ g, congruence(M, H)
             energy, gradient, hessian = energy + E, gradient + g, hessian + H
+        # Compliant links.
         for own_indices, flat in case.coupled:
             at = list(own_indices)
             matrix = np.reshape(flat, (len(at), -1))
@@ -914,6 +922,7 @@ def _softness(
     verdict: Scalar = PLAIN
     if not signed:
         return C, require_pivots(verdict, pivots, H.diagonal(), _LEAST_PIVOT_SHARE)
+    # Growth of the factors, and pivots that vanish beside them.
     sizes = np.array([absolute(pivot) for pivot in pivots], object)
     scaled = H * chain.columns / chain.columns[:, None]
     for a in range(len(H)):
@@ -924,6 +933,7 @@ def _softness(
         verdict = larger(
             verdict, pick(grown * _LEAST_PIVOT_SHARE, sizes[a], PLAIN, FALLBACK)
         )
+    # One Newton step shows and removes the error of the inverse.
     X = congruence(below(L, np.eye(len(H))), np.diag(inverses))
     step = symmetric_product(X, np.eye(len(H)) - H @ X, zeros(*H.shape))
     size, inverse_size = equilibrated_squares(H, X + step)

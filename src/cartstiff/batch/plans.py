@@ -116,6 +116,7 @@ def program_for(
         return tape.program(closing_arrays(tape, case), [])
     if isinstance(case, ChainCase) and outputs == SETTLING:
         return tape.program(settling_arrays(tape, case), shared_inputs(case.wrench))
+    # Outputs, and quantities that are read from them in the same program.
     needed = outputs if readings is None else (*outputs, *readings.needs)
     if own:
         needed = (*needed, "length")
@@ -132,6 +133,7 @@ def program_for(
         arrays["verdict"][0] = larger(arrays["verdict"][0], doubt)
         arrays |= found
         outputs = (*outputs, *own.names)
+    # Outputs that nobody reads are dropped.
     kept = {name: arrays[name] for name in (*outputs, "verdict") if name in arrays}
     return tape.program(kept, shared_inputs(case.wrench))
 
@@ -257,6 +259,7 @@ def _with_fields(
     fields, forces, loose, beams = [], [], [], list[Beam]()
     lines, known = list[Line](), list[Array]()
     joints = len(case.constants.parents)
+    # Gravity, forces, lines and coupled springs are recorded; `loose` terms are evaluated outside.
     if elastic.gravity is not None:
         masses, centres = chain.tree.masses()
         fields.append(ForceField(numbers(masses), tuple(map(numbers, centres)), True))
@@ -284,6 +287,7 @@ def _with_fields(
             beams.append(potential)
         else:
             loose.append(potential)
+    # Numbers of the recorded terms are inputs of the program.
     if forces:
         shared["forces"] = np.concatenate(forces)[None]
     if lines:

@@ -81,10 +81,12 @@ def at_pose(
     wanted = checked_vector(pose, 6, "pose")
     T_P_M = np.eye(4) if tool is None or of == "M" else checked_pose(tool, "tool")
     chain = checked_elastic(elastic).mechanism
+    # A body's coordinates are its pose.
     if chain.coordinates_are_pose:
         if of == "M":
             wanted = chain.coordinates_of(se3.from_roll_pitch_yaw(wanted[:3], wanted[3:]))
         return wanted, ()
+    # The reached pose, from the file's posture; arms have further branches.
     search = _Search(elastic, T_P_M, "pose")
     moved = np.abs(_difference(wanted, search.coordinates(search.start))) / search.sizes
     search.given = np.flatnonzero(moved > numerics.NEGLIGIBLE_DIFFERENCE).tolist()
@@ -102,6 +104,7 @@ def at_pose(
             expected="a pose that every leg reaches",
             got=short or missed,
         )
+    # Bodies with fewer freedoms keep what they cannot choose, and a note says so.
     reached = search.coordinates(search.chain.at(q))
     off = np.abs(_difference(wanted, reached))
     if len(search.free) == 6 or np.all(

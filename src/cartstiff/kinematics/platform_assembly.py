@@ -343,6 +343,7 @@ def poses_of_lengths(platform: Platform, lengths: Array) -> Poses:
         raise InputError(
             "leg lengths must be positive numbers", expected="6", got=wanted.tolist()
         )
+    # Equations in study coordinates, scaled to a platform of size 1.
     at, of = platform.anchors.mean(axis=0), platform.points.mean(axis=0)
     anchors, points = platform.anchors - at, platform.points - of
     size = max(float(np.ptp(anchors, axis=0).max()), float(np.ptp(points, axis=0).max()))
@@ -350,6 +351,7 @@ def poses_of_lengths(platform: Platform, lengths: Array) -> Poses:
     Q = quadrics(anchors / size, points / size, (wanted / size) ** 2)
     ends, single = _followed(Q)
     x, share = ends.x, rotation_share(ends.x)
+    # Ends of paths: single solutions, none, several that meet, or points of a curve.
     lost = ~single & (ends.at > _NEAR_END)
     no_pose = ~single & ~lost & (share < numerics.LEAST_ROTATION_SHARE)
     rest = np.flatnonzero(~single & ~no_pose & ~lost)
@@ -364,6 +366,7 @@ def poses_of_lengths(platform: Platform, lengths: Array) -> Poses:
         nowhere=int(no_pose.sum()),
         lost=int(lost.sum()) + _coinciding(x[single]),
     )
+    # Back to the platform's own size and origin.
     curve = _real_on_curve(Q, x[rest[moving]])
     poses = pose_of_study(np.vstack([real, several, curve]))
     poses[:, :3, 3] = poses[:, :3, 3] * size + at - poses[:, :3, :3] @ of

@@ -115,6 +115,7 @@ def expansion(joint: Any, name: str) -> list[tuple[str, str, Any, Array]]:
     """
     short = joint.shortname()
     parts: list[tuple[str, str, Any]] = []
+    # Joints with one coordinate, and chains of them in place of the others.
     if short in PLAIN:
         parts = [("", PLAIN[short], joint)]
     elif short in _UNBOUNDED:
@@ -131,6 +132,7 @@ def expansion(joint: Any, name: str) -> list[tuple[str, str, Any, Array]]:
             parts.append((f".{i}", "revolute", turn))
     if parts:
         return [(name + suffix, kind, part, np.eye(4)) for suffix, kind, part in parts]
+    # A composite is expanded part by part.
     if short == "JointModelComposite":
         concrete = joint.extract()
         every = []

@@ -244,6 +244,7 @@ def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:
     model = pin.Model()
     coordinates: list[Coordinate] = []
     frames: dict[str, FixedFrame] = {"world": WORLD}
+    # Joints, coordinates and frames of each tree, at its root.
     for prefix, tree, T_F_root in parts:
         at = {0: 0}
         for j in range(1, tree.model.njoints):
@@ -254,6 +255,7 @@ def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:
             T = T_F_root @ p.T_j_f if p.joint == 0 else p.T_j_f
             if prefix or name != "world":
                 frames[prefix + name] = FixedFrame(at[p.joint], T)
+    # Coordinates that several joints follow.
     mimic = None
     if any(tree.mimic is not None for _, tree, _ in parts):
         every = [

@@ -333,6 +333,7 @@ class LineSprings(PosePotential, Springs):
             message = f"cables {numbers} are slack and carry nothing"
             notes.append(Note("slack", message, {"slack": slack}))
         lengths, _, lines = self.geometry(posture)
+        # Cables that neither pull nor hang.
         if self.unilateral:
             pull = self._pull(lengths)
             edge = np.abs(pull) <= numerics.NEGLIGIBLE_DIFFERENCE * np.abs(pull).max(
@@ -347,6 +348,7 @@ class LineSprings(PosePotential, Springs):
                     "direction; here they count as taut"
                 )
                 notes.append(Note("direction-dependent", message, {"cables": at_edge}))
+        # Tensions that were chosen among several sets.
         if self.balanced_at is None or len(lines) < 2:
             return notes
         _, tensions, given = self.balanced_at

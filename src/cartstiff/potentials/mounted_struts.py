@@ -181,6 +181,8 @@ class MountedStruts(FlexureStruts):
             own = super().solve(
                 at.T, rest_length, _pulled(at.J[..., self._struts], at.W), free
             )
+        # K^B from the inverse of the chain's matrix with multipliers; stable if the rest is
+        # positive.
         M, sizes = self._matrix(at, own.stiffness.sum(axis=1))
         n, m = len(sizes) - 6, len(self.made)
         inverse = solved(M, np.broadcast_to(np.eye(n + 6), M.shape))
@@ -229,6 +231,7 @@ class MountedStruts(FlexureStruts):
         for _ in range(_MAX_STEPS):
             own = super().solve(at.T, rest_length)
             M, sizes = self._matrix(at, own.stiffness.sum(axis=1))
+            # Missing balance and missing pose; a row is settled once round-off is all that is left.
             pull = _pulled(at.J, at.W) - at.q @ self._springs
             pull[:, struts] -= own.wrench.sum(axis=1)
             gap = se3.log(se3.inverse(at.base @ at.T @ at.tip) @ T)

@@ -200,6 +200,7 @@ class TabulatedLaw(SpringLaw):
         h, secants = np.diff(x), np.diff(y) / np.diff(x)
         rows = np.zeros((len(x) + 1, 6))
         rows[0, 0], rows[1:, 0], rows[0, 2], rows[1:, 2] = x[0], x, y[0], y
+        # Slopes, and for cubic pieces two more coefficients, that the knots determine.
         if self.pieces == "linear":
             energies = h * (y[1:] + y[:-1]) / 2
             rows[:, 3] = [secants[0], *secants, secants[-1]]
@@ -211,6 +212,7 @@ class TabulatedLaw(SpringLaw):
             rows[0, 3], rows[1:, 3] = slopes[0], slopes
             rows[1:-1, 4] = (3 * secants - 2 * slopes[:-1] - slopes[1:]) / h
             rows[1:-1, 5] = (slopes[:-1] + slopes[1:] - 2 * secants) / (h * h)
+        # Energies from knot to knot; zero at deflection 0.
         rows[2:, 1] = np.cumsum(energies)
         rows[:, 1] -= self.on_piece(rows[np.searchsorted(x, 0.0, side="right")], 0.0)[0]
         return rows

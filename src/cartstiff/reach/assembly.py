@@ -441,6 +441,7 @@ def assemble(
         load_at=load_at,
         load_axes=load_axes,
     )
+    # Platforms: all solutions of the equations of their lengths.
     if mechanism.coordinates_are_pose:
         if (
             wrench is not None
@@ -462,6 +463,7 @@ def assemble(
         return _of_platform(elastic, platform, lengths, values, every, stiffness)
     if lengths is not None:
         raise InputError("leg lengths are for platforms", got=mechanism.kind)
+    # Closed chains: from many starting postures.
     if not mechanism.closures:
         raise InputError(
             "assembly modes exist for closed chains and platforms",
@@ -505,6 +507,7 @@ def _of_platform(
     singular = architecture_of(platform).note()
     if singular is not None:
         return AssemblyModes(elastic, lengths_by_leg, (), None, (*notes, singular))
+    # All poses with these lengths, the nearest first, and what is at each of them.
     poses, counts, search, moving = poses_of_lengths(platform, wanted)
     away = np.linalg.norm(
         se3.log(se3.inverse(start.pose) @ poses)
@@ -518,6 +521,7 @@ def _of_platform(
         result, more = at_rest_with(elastic, q, wanted, at, stiffness)
         missed = float(np.abs(platform.leg_lengths(result.q) - wanted).max())
         listed.append(AssemblyMode(result, missed, int(counts[i]), more))
+    # Notes on solutions that are not isolated, meet, or were lost.
     if search.moving:
         message = (
             f"{search.moving} of {sum((search.single, search.multiple, search.moving))} solutions "

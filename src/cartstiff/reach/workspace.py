@@ -817,6 +817,7 @@ def columns_inside(
 
     if not len(boundary):
         return Columns(0.0, np.empty((0, 2)), 0.0, 0)
+    # A box with a margin; it is widened until no boundary of it is inside.
     low, high = boundary.min(axis=0), boundary.max(axis=0)
     wide = np.maximum(high - low, numerics.NEGLIGIBLE_DISTANCE * reach)
     low, high = low - 0.03 * wide, high + 0.03 * wide
@@ -834,6 +835,7 @@ def columns_inside(
             break
         middle, wide = 0.5 * (low + high), 1.3 * (high - low)
         low, high = middle - 0.5 * wide, middle + 0.5 * wide
+    # Where the columns enter and leave, by halving; the volume is that of their lengths.
     signs[:, [0, -1]] = -1.0
     row, _, near, far, enters, tried = lines.changes(signs, _HALVINGS)
     edge = 0.5 * (near + far)
@@ -841,6 +843,7 @@ def columns_inside(
     ends = np.column_stack([edge[enters], edge[~enters]])
     heights = np.bincount(row[enters], ends[:, 1] - ends[:, 0], n)
     grid = heights.reshape(count, count)
+    # Four grids of every second column: their spread is the error.
     coarse = [grid[i::2, j::2].mean() * n * area for i in (0, 1) for j in (0, 1)]
     error = 1.5 * float(np.std(coarse, ddof=1))
     return Columns(area * float(heights.sum()), ends, area, poses + tried, error)

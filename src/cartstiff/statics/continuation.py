@@ -729,6 +729,7 @@ def load_curve(
         raise InputError(
             "resolution cannot be used", expected="a positive number", got=resolution
         )
+    # The mechanism before the load, and what acts on it.
     elastic, posture = elastic.placed(q)
     refuse_springs_far_apart(elastic)
     limits, before_load = contact_limits(elastic, posture), elastic.before_load
@@ -738,6 +739,7 @@ def load_curve(
         loads = (*loads, kind.acting(wrench, posture.pose, load_axes))
     if held is not None:
         held = (held if isinstance(held, Held) else Held(held)).at_start(posture)
+    # The curve from there.
     path = LoadPath(elastic, q, loads, fixed, held, limits, to, back, resolution)
     notes = (
         *elastic.notes,
@@ -808,6 +810,7 @@ def _trace(
     size = path.resolution
     while len(states) < points:
         here = states[-1]
+        # One step along the curve; the last one ends at the goal.
         taken = _advance(path, here, size)
         if taken is None:
             reason = "lost"
@@ -818,12 +821,14 @@ def _trace(
             landed = _land(path, here, there, goal, size_taken)
             if landed is not None:
                 there = landed
+        # Critical points on the way; a step that jumped to another curve is taken again, shorter.
         found: list[CriticalPoint] = []
         if len(states) > 1 or not _is_singular(here):
             found = crossings(path, here, there, size_taken)
             if _is_elsewhere(here, there, found) and size_taken >= 4 * _SMALLEST_STEP:
                 size = 0.25 * size_taken
                 continue
+        # A limit, the goal, or the way back end the curve.
         at = there.point.posture
         if limits.side(limits.values(at.q, at.pose)).any():
             reason = "limit-contact"

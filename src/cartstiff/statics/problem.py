@@ -448,6 +448,7 @@ class System:
         self, posture: MechanismPosture, contacts: Sequence[Contact]
     ) -> tuple[Array, SecondOrderMap, Array] | None:
         """Residual (m,), map, and natural size (m,) of closures, held components, contacts."""
+        # Each constraint with the natural sizes of its residual.
         parts: list[tuple[Array, SecondOrderMap]] = []
         units: list[Array] = []
         if posture.closure is not None and posture.residual is not None:
@@ -466,6 +467,7 @@ class System:
             return None
         if len(parts) == 1:
             return (*parts[0], units[0])
+        # Several constraints are one map.
         counts = np.cumsum([len(residual) for residual, _ in parts])[:-1]
 
         def curvature(multipliers: Array) -> Array:

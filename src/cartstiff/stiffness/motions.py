@@ -125,6 +125,7 @@ def irregular(closure: SecondOrderMap, found: Closures, columns: Array) -> Note 
     values, N = found.values, found.N
     if not found.lost.shape[1]:
         return None
+    # The quadratic forms by which residuals grow; none: the closures are redundant.
     lost = found.lost if closure.sizes is None else found.lost / closure.sizes[:, None]
     curvatures = (closure.curvature(nu) for nu in lost.T)
     forms = [
@@ -136,6 +137,7 @@ def irregular(closure: SecondOrderMap, found: Closures, columns: Array) -> Note 
     forms = [
         form for form in forms if np.abs(form).max() > numerics.VANISHING_FORM * size
     ]
+    # A motion on which all forms vanish is a branch; without any, every motion is blocked.
     root = _common_root(np.array(forms) / size)
     numbers: dict[str, object] = {
         "rank": found.rank,

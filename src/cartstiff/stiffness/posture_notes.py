@@ -76,6 +76,7 @@ def notes_on_digits(
     both = (compliance, None if change is None else loaded)
     errors = [inverse.error for inverse in both if inverse is not None]
     error = max(*errors, error_of_forces) if errors else 0.0
+    # Digits of the compliance, then those of the soft directions in K.
     if error > numerics.REPORTED_ERROR:
         notes.append(
             Note(
@@ -101,6 +102,7 @@ def notes_on_digits(
                     {"matrix": "stiffness", "relative_error": error},
                 )
             )
+    # A stiffness that exists and has no inverse.
     under_load = change is not None and compliance is not None and loaded is None
     if K is not None and (compliance is None or under_load):
         if change is not None and under_load:

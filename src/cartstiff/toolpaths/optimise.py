@@ -1242,6 +1242,7 @@ def optimise_path(
         raise InputError(
             "smoothness cannot be used", expected="0 or more", got=smoothness
         )
+    # The posture near which the path begins, and the choices that are left along it.
     start = None
     if isinstance(near, str):
         check_name("posture nearby", near, ("anywhere",))
@@ -1250,6 +1251,7 @@ def optimise_path(
         start = elastic.q
     solver = path_solver(elastic, ranges, near)
     grid = choices_of(solver, free, redundant, samples, list(elastic.names))
+    # The cost of a posture: a criterion of the stiffness, of which load and damping are parts.
     load = checked_load(load_kind, load_at, "body", given=path.wrenches is not None)
     if load.kind != "dead" and not loaded:
         raise InputError(
@@ -1267,6 +1269,7 @@ def optimise_path(
         solver,
         damping if isinstance(damping, Damping) else Damping(damping),
     )
+    # Search on the grid of choices, then on finer grids around the best path.
     levels = _REFINEMENTS if refine and grid.dimension else 0
     done, total = count(1), 2 * len(path) + levels
 
