@@ -194,8 +194,9 @@ def prepared(words: list[str], folder: Path) -> Line:
     inputs = {name for name, _ in contents(folder)}
     seconds, events = finished(words, folder)
     line = Line(words, folder, inputs, dict(contents(folder)), set(), seconds, events)
-    # Pages hold the time at which they were made.
-    line.varying = {name for name in line.whole if name.endswith(".html")}
+    # Pages hold the time at which they were made, answers of maps how long they took.
+    endings = (".html", ".json") if words[0] == "map" else (".html",)
+    line.varying = {n for n in set(line.whole) - inputs if n.endswith(endings) and ".zarr" not in n}
     return line
 
 
