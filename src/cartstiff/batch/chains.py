@@ -37,10 +37,10 @@ and S_b = omega_b x m c + m v_b,
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -104,15 +104,12 @@ _MAX_RISING_SHARE = 0.99
 
 def is_recorded(law: SpringLaw) -> bool:
     """Whether a law can be recorded."""
-    small = type(law) is TabulatedLaw and len(law.deflections) <= _MAX_TABLE_POINTS
-    return small or type(law) is PolynomialLaw
+    return type(law) in _LAWS and len(_LAWS[type(law)].knots(law)) <= _MAX_TABLE_POINTS
 
 
 def stretched(law: SpringLaw, x: Scalar) -> tuple[Scalar, Scalar, Scalar]:
     """Energy, torque and tangent stiffness at a deflection."""
-    if isinstance(law, TabulatedLaw):
-        return law.on_piece(_piece(law, x, law.deflections), x)
-    return law.evaluate(x)
+    return _LAWS[type(law)].evaluate(law, x)
 
 
 def deflection_for(law: SpringLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
@@ -121,10 +118,10 @@ def deflection_for(law: SpringLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     For a polynomial it is the root of smallest size, within the part that rises through zero. A
     table must rise or fall throughout, so that there is one root.
     """
-    if isinstance(law, TabulatedLaw):
-        return _in_table(law, torque)
-    if not isinstance(law, PolynomialLaw):
-        raise TypeError(law)
+    return _LAWS[type(law)].deflection(law, torque)
+
+
+def _in_polynomial(law: PolynomialLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     c = np.array(law.coefficients, float)
     turning = np.polynomial.polynomial.Polynomial(c * np.arange(1, len(c) + 1)).roots()
     real = np.abs(
@@ -145,10 +142,9 @@ def deflection_for(law: SpringLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
 def _away_from_corners(law: SpringLaw, x: Scalar) -> Scalar:
     """Verdict on a deflection: at a corner of a table the stiffness has two values."""
     verdict: Scalar = PLAIN
-    if isinstance(law, TabulatedLaw):
-        for corner in law.corners:
-            far = absolute(x - corner.deflection)
-            verdict = larger(verdict, pick(far, 2.0 * law.corner_width, FALLBACK, PLAIN))
+    for corner in law.corners:
+        far = absolute(x - corner.deflection)
+        verdict = larger(verdict, pick(far, 2.0 * law.corner_width, FALLBACK, PLAIN))
     return verdict
 
 
@@ -186,6 +182,10 @@ def _in_table(law: TabulatedLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     return knot + d, larger(verdict, _converged(step, absolute(d)))
 
 
+def _on_table(law: TabulatedLaw, x: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+    return law.on_piece(_piece(law, x, law.deflections), x)
+
+
 def _found(law: SpringLaw, torque: Scalar, x: Scalar) -> tuple[Scalar, Scalar]:
     """Deflection after Newton steps from x, and the verdict on it."""
     step: Scalar = 0.0
@@ -199,6 +199,20 @@ def _found(law: SpringLaw, torque: Scalar, x: Scalar) -> tuple[Scalar, Scalar]:
 def _converged(step: Scalar, size: Scalar) -> Scalar:
     """Verdict on the last Newton step: the remaining relative error is its square."""
     return pick(absolute(step), size * _MAX_LAST_CHANGE + numerics.TINY, PLAIN, FALLBACK)
+
+
+class _Law(NamedTuple):
+    """How a kind of law is recorded: its knots, `stretched`, and `deflection_for`."""
+
+    knots: Callable[[Any], Sequence[float]]
+    evaluate: Callable[[Any, Scalar], tuple[Scalar, Scalar, Scalar]]
+    deflection: Callable[[Any, Scalar], tuple[Scalar, Scalar]]
+
+
+_LAWS: dict[type, _Law] = {
+    TabulatedLaw: _Law(lambda law: law.deflections, _on_table, _in_table),
+    PolynomialLaw: _Law(lambda _: (), PolynomialLaw.evaluate, _in_polynomial),
+}
 
 
 class JointSpringNumbers:

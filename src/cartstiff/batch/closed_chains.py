@@ -80,9 +80,7 @@ from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.closures import LONGEST_STEP
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree import FixedFrame
-from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.settled_links import (
     LAST,
@@ -657,11 +655,10 @@ def closed_case(
     for potential in elastic.potentials:
         if settled:
             others.append(potential)
-        elif isinstance(potential, Beam):
-            blocks = zip(potential.indices, potential._straight, strict=True)
-            still += [(tuple(map(int, at)), numbers(K)) for at, K in blocks]
-        elif type(potential) is CoupledSprings:
-            still.append((tuple(map(int, potential.indices)), numbers(potential.matrix)))
+        elif (K := potential.own_stiffness) is not None and (at := potential.members):
+            size = 6 if potential.is_scaled else len(at)  # segments of beams
+            cuts = [slice(i, i + size) for i in range(0, len(at), size)]
+            still += [(at[cut], numbers(K[cut, cut])) for cut in cuts]
         else:
             others.append(potential)
     springs = elastic.springs

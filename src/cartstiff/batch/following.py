@@ -8,6 +8,7 @@ start from a neighbouring cell. The result does not depend on what else is compu
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,9 +53,7 @@ class Assembler:
         path: Backend,
         rows: int,
     ) -> None:
-        if not isinstance(elastic.mechanism, Chain):
-            raise TypeError(elastic.mechanism)
-        self._chain = elastic.mechanism
+        self._chain = cast(Chain, elastic.mechanism)
         held = self._chain.held
         self._hold = sorted({*own, *held})
         if not set(own) <= set(held):

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -38,8 +38,7 @@ from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.potentials.springs import CoupledSprings, JointSprings, SpringLaw
+from cartstiff.potentials.springs import SpringLaw
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 
 Case = ChainCase | PlatformCase
@@ -168,10 +167,9 @@ def known_plan(elastic: ElasticMechanism, wrench: str) -> TracedModel | str | No
 
 def _planned(elastic: ElasticMechanism, wrench: str) -> TracedModel | str:
     mechanism = elastic.mechanism
-    if isinstance(mechanism, Chain):
-        return _chain_plan(elastic, mechanism, wrench)
-    if isinstance(mechanism, Platform):
-        return _platform_plan(elastic, mechanism, wrench)
+    for kind, planner in _PLANNERS.items():
+        if kind in type(mechanism).__mro__:
+            return planner(elastic, mechanism, wrench)
     return f"no arithmetic for mechanisms of kind {mechanism.kind}"
 
 
@@ -197,7 +195,9 @@ def _chain_plan(
     shared = {"stiffness": np.zeros((1, n)), "rest": np.zeros((1, n))}
     laws: Mapping[int, SpringLaw] = {}
     is_open = np.zeros(n, bool)
-    if isinstance(springs, JointSprings):
+    if springs is not None and springs.attachments():
+        return "line springs of a chain have no arithmetic of their own"
+    if springs is not None:
         is_open, laws = springs.rest_is_free(wrench != "none"), springs.laws
         if any(is_open[j] and not is_recorded(law) for j, law in laws.items()):
             return "the rest position of such a spring is found posture by posture"
@@ -206,8 +206,6 @@ def _chain_plan(
             np.nan_to_num(springs.rest),
         )
         shared["stiffness"][:, list(laws)] = 0.0
-    elif springs is not None:
-        return "line springs of a chain have no arithmetic of their own"
     answer = (closed_case if chain.closures else _open_case)(
         elastic, chain, wrench, is_open
     )
@@ -232,7 +230,7 @@ def _open_case(
     if elastic.gravity is not None and len(constants.screws) < 6 * chain.tree.model.nv:
         return "bodies beside the way to the frame have weight"
     case = ChainCase(constants, wrench, rigid=rigid, has_chart=n == 6 and not rigid)
-    if isinstance(elastic.springs, JointSprings):
+    if elastic.springs is not None:
         passive = {*np.flatnonzero(elastic.springs.is_passive).tolist()}.difference(rigid)
         if wrench != "none" and passive and not chain.virtual:
             return "whether joints without a spring feel the wrench is seen posture by posture"
@@ -265,26 +263,22 @@ def _with_fields(
         fields.append(ForceField(numbers(masses), tuple(map(numbers, centres)), True))
         forces.append(elastic.gravity)
     for potential in others:
-        if (
-            type(potential) is DeadForce
-            and 0 < chain.placement(potential.frame_b).joint <= joints
-        ):
-            at = chain.placement(potential.frame_b)
-            point = at.T_j_f[:3, :3] @ np.asarray(potential.point) + at.T_j_f[:3, 3]
+        dead, K = potential.dead, potential.own_stiffness
+        if dead is not None and 0 < chain.placement(dead.frame).joint <= joints:
+            at = chain.placement(dead.frame)
+            point = at.T_j_f[:3, :3] @ dead.point + at.T_j_f[:3, 3]
             weights, points = np.zeros(joints), np.zeros((joints, 3))
             weights[at.joint - 1], points[at.joint - 1] = 1.0, point
             fields.append(ForceField(numbers(weights), tuple(map(numbers, points))))
-            forces.append(potential.force)
+            forces.append(dead.force)
         elif (own := _lines_of(chain, potential, joints)) is not None:
             lines += own[0]
             known.append(own[1])
-        elif type(potential) is CoupledSprings:
-            indices = tuple(int(i) for i in potential.indices)
-            case = replace(
-                case, coupled=(*case.coupled, (indices, numbers(potential.matrix)))
-            )
-        elif isinstance(potential, Beam):
-            beams.append(potential)
+        elif potential.is_scaled:
+            beams.append(cast(Beam, potential))
+        elif K is not None and potential.members:
+            coupled = (potential.members, numbers(K))
+            case = replace(case, coupled=(*case.coupled, coupled))
         else:
             loose.append(potential)
     # Numbers of the recorded terms are inputs of the program.
@@ -338,10 +332,11 @@ def _platform_plan(
     elastic: ElasticMechanism, platform: Platform, wrench: str
 ) -> TracedModel | str:
     springs = elastic.springs
-    if isinstance(springs, FlexureStruts):
-        return _strut_plan(elastic, platform, springs, wrench)
-    if not isinstance(springs, LineSprings):
+    if springs is None or not springs.attachments():
         return "a platform without line springs has no arithmetic of its own"
+    if springs.gives_aside:
+        return _strut_plan(elastic, platform, cast(FlexureStruts, springs), wrench)
+    springs = cast(LineSprings, springs)
     m = len(springs.stiffness)
     same = (springs.frame_a, springs.frame_b) == ("world", "body")
     if not (
@@ -402,6 +397,10 @@ def _platform_plan(
     return TracedModel(case, shared, "regular", UntracedTerms(platform, tuple(loose)))
 
 
+# Which function plans a kind of mechanism.
+_PLANNERS: dict[type, Any] = {Chain: _chain_plan, Platform: _platform_plan}
+
+
 def _forces(
     elastic: ElasticMechanism, platform: Platform
 ) -> tuple[list[Array], list[tuple[float, ...]], list[Potential]]:
@@ -413,9 +412,9 @@ def _forces(
         forces.append(platform.weight(elastic.gravity))
         points.append(numbers(platform.mass_centre))
     for potential in elastic.potentials:
-        if type(potential) is DeadForce and potential.frame_b == "body":
-            forces.append(np.asarray(potential.force))
-            points.append(numbers(np.asarray(potential.point)))
+        if (dead := potential.dead) is not None and dead.frame == "body":
+            forces.append(dead.force)
+            points.append(numbers(dead.point))
         else:
             loose.append(potential)
     return forces, points, loose

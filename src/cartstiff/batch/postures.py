@@ -675,7 +675,11 @@ def tensions_of_many(
     load: dict[str, Any] = {}
     if wrench is not None:
         load = {"load_kind": kind.kind, "load_at": kind.at, "load_axes": axes}
-    path: Backend = "auto" if type(elastic.springs) is LineSprings else "engine"
+    springs = elastic.springs
+    is_recorded = (
+        springs is not None and springs.attachments() and not springs.gives_aside
+    )
+    path: Backend = "auto" if is_recorded else "engine"
     found = analyse_many(
         elastic, q, wrench=wrench, outputs=(TENSIONS,), path=path, threads=1, **load
     )

@@ -51,8 +51,7 @@ from cartstiff.geometry.connections import Connection
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.closures import LONGEST_STEP
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.springs import JointSprings
+from cartstiff.potentials.springs import Springs
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, checked_load
 
 #: Number of operations beyond which compiling takes more than a quarter of a minute.
@@ -522,8 +521,8 @@ def record(
     return Program(elastic, names, own, loaded, kind, load_axes, tuple(inputs))
 
 
-def _springs(elastic: ElasticMechanism) -> JointSprings | LineSprings:
-    if not isinstance(elastic.springs, (JointSprings, LineSprings)):
+def _springs(elastic: ElasticMechanism) -> Springs:
+    if elastic.springs is None:
         raise InputError(
             f"{elastic.name} has no springs of joints or lines", where="inputs"
         )

@@ -3,7 +3,7 @@ r"""Inverse kinematics of arms by machine code, from the recorded steps of `Join
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -40,8 +40,8 @@ class QuickPoses(JointPoses):
         super().__init__(elastic, limits)
         self._constants: TreeConstants | None = None
         mechanism = elastic.mechanism
-        if has_package("llvmlite") and isinstance(mechanism, Chain):
-            constants = chain_constants(mechanism)
+        if has_package("llvmlite") and len(mechanism.screws()):
+            constants = chain_constants(cast(Chain, mechanism))
             self._constants = None if isinstance(constants, str) else constants
         self._known: dict[str, CompiledKernel] = {}
 

@@ -25,7 +25,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -584,15 +584,17 @@ _Case = ChainCase | PlatformCase
 
 def with_masses(elastic: ElasticMechanism, case: _Case) -> _Case | None:
     """The case with all masses; None if some are not recorded, or if there are none."""
-    if any(p.payload is not None for p in elastic.potentials):
+    if any(p.dead is not None and p.dead.mass for p in elastic.potentials):
         return None
     mechanism = elastic.mechanism
-    if isinstance(mechanism, Platform) and isinstance(case, PlatformCase):
+    if isinstance(case, PlatformCase):
+        mechanism = cast(Platform, mechanism)
         legs = mechanism.struts
         if legs is None and not mechanism.body_inertia.any():
             return None
         return replace(case, inertia=numbers(mechanism.body_inertia), legs=legs)
-    if isinstance(mechanism, Chain) and isinstance(case, ChainCase):
+    if isinstance(case, ChainCase):
+        mechanism = cast(Chain, mechanism)
         is_whole = len(case.constants.screws) == 6 * mechanism.tree.model.nv
         if not (is_whole and mechanism.tree.masses()[0].any()):
             return None

@@ -105,7 +105,7 @@ def gravity_loads(
     """Return the masses on which gravity acts in a mechanism, and the payloads among its loads."""
     acting = (*elastic.potentials, *loads)
     # A load's mass, as its weight, is in the unit of force.
-    hung = [own for load in acting if (own := load.payload) is not None]
+    hung = [own for load in acting if (own := load.dead) is not None and own.mass]
     payload = sum(load.mass for load in hung) * elastic.units.newtons
     weight = float(np.linalg.norm(sum((load.force for load in hung), np.zeros(3))))
     field = None if elastic.gravity is None else tuple(map(float, elastic.gravity))

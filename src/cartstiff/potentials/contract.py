@@ -215,15 +215,15 @@ class Parts(NamedTuple):
     whole: str = ""
 
 
-class Payload(NamedTuple):
-    """A mass whose weight a load is.
+class DeadLoad(NamedTuple):
+    """A constant force at a point.
 
     Attributes
     ----------
     mass : float
-        In the unit of force per m/s^2.
+        That whose weight it is, in the unit of force per m/s^2; 0 for any other force.
     force, point : ndarray (3,)
-        Its weight in F, and its place in the frame that carries it.
+        In F, and in the frame that carries it.
     frame : str
         That frame.
     """
@@ -269,8 +269,8 @@ class Potential(ABC):
     link: str = ""
     #: Whether its stiffness is known but for a factor, as that of a beam.
     is_scaled: bool = False
-    #: The mass whose weight it is.
-    payload: Payload | None = None
+    #: The constant force that it is.
+    dead: DeadLoad | None = None
     #: The mass [kg] whose weight it carries, as gravity compensation does.
     lifted: float = 0.0
     #: Time of one evaluation, in that of a coordinate.

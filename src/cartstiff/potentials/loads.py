@@ -37,7 +37,7 @@ from cartstiff.checked_call import checked
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.potentials.contract import Evaluation, Payload, Posture, Potential
+from cartstiff.potentials.contract import DeadLoad, Evaluation, Posture, Potential
 
 
 def _keep(load: Load, **sizes: int) -> None:
@@ -191,11 +191,9 @@ class DeadForce(Load):
         return _dead_force(T_F_b, self.force, np.asarray(self.point))
 
     @property
-    def payload(self) -> Payload | None:  # type: ignore[override]
-        """The mass whose weight it is."""
-        if not self.mass:
-            return None
-        return Payload(self.mass, self.force, np.asarray(self.point), self.frame_b)
+    def dead(self) -> DeadLoad:  # type: ignore[override]
+        """The force."""
+        return DeadLoad(self.mass, self.force, np.asarray(self.point), self.frame_b)
 
     def under_gravity(self, acceleration: Array) -> DeadForce:
         """The same force, or that which carries its mass in another field."""
@@ -356,9 +354,9 @@ class Scaled(Potential):
         return self.potential.is_external
 
     @property
-    def payload(self) -> Payload | None:  # type: ignore[override]
-        """The potential's whole mass, with the multiple of its weight."""
-        whole = self.potential.payload
+    def dead(self) -> DeadLoad | None:  # type: ignore[override]
+        """The multiple of the potential's, with its whole mass."""
+        whole = self.potential.dead
         return None if whole is None else whole._replace(force=self.factor * whole.force)
 
     def evaluate(self, posture: Posture) -> Evaluation:

@@ -40,6 +40,9 @@ class SpringLaw(ABC):
 
     #: Coefficients c_1, c_2, ... of a polynomial; of other laws none.
     powers: tuple[float, ...] = ()
+    #: Points of a table at which the stiffness jumps.
+    corners: tuple[Corner, ...] = ()
+    corner_width: float = 0.0
 
     def corner_at(self, x: float) -> Corner | None:  # noqa: ARG002
         """The corner at a deflection, where the stiffness jumps; None elsewhere."""
@@ -163,7 +166,7 @@ class TabulatedLaw(SpringLaw):
         check_name("kind of pieces", self.pieces, ["linear", "smooth"])
 
     @cached_property
-    def corners(self) -> tuple[Corner, ...]:
+    def corners(self) -> tuple[Corner, ...]:  # type: ignore[override]
         """Points at which the stiffness jumps; none of a smooth curve."""
         slopes = self._rows[:, 3]
         jumps = (
@@ -179,7 +182,7 @@ class TabulatedLaw(SpringLaw):
         )
 
     @cached_property
-    def corner_width(self) -> float:
+    def corner_width(self) -> float:  # type: ignore[override]
         """Distance to a corner below which the deflection counts as that of the corner."""
         return numerics.NEGLIGIBLE_DIFFERENCE * (
             self.deflections[-1] - self.deflections[0]

@@ -209,7 +209,7 @@ def kinetic_matrix(
     """
     mass = posture.mass_matrix()
     for term in terms:
-        load = term.payload
+        load = term.dead
         if load is None or load.mass <= 0.0:
             continue
         _, to_frame = posture.relative("world", load.frame)

@@ -53,7 +53,7 @@ def masses_that_move(elastic: ElasticMechanism) -> dict[str, float]:
     masses = {
         name: mass for name, mass in elastic.mechanism.masses().items() if mass > 0.0
     }
-    hung = sum(own.mass for p in elastic.potentials if (own := p.payload) is not None)
+    hung = sum(own.mass for p in elastic.potentials if (own := p.dead) is not None)
     if hung > 0.0:
         masses["payload among the loads"] = hung * elastic.units.newtons
     return masses
