@@ -1,7 +1,8 @@
-"""cartstiff: how stiff a robot's end-effector really is, under every affine connection on SE(3).
+"""cartstiff: how stiff a robot's end-effector really is,
+under every affine connection on SE(3).
 
-The public names stand in `__init__.pyi`. They are loaded when first used, so that importing the
-package costs nothing.
+The public names stand in `__init__.pyi`. They are loaded when first used, so that
+importing the package costs nothing.
 """
 
 import lazy_loader
@@ -16,5 +17,8 @@ def __getattr__(name: str) -> object:
     except AttributeError:
         if not name.startswith("analyze"):
             raise
-        hint = f"{__name__} has no attribute {name!r}; it is called {name.replace('yze', 'yse')!r}"
+        hint = (
+            f"{__name__} has no attribute {name!r}; it is called "
+            f"{name.replace('yze', 'yse')!r}"
+        )
         raise AttributeError(hint) from None

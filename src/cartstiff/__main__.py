@@ -2,7 +2,8 @@
 
 import signal
 
-# An interrupt while the imports run ends the process as it ends any other program: without a word.
+# An interrupt while the imports run ends the process as it ends any other program:
+# without a word.
 _before = signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 from cartstiff.cli.main import main  # noqa: E402

@@ -1,7 +1,7 @@
 """Checks of numbers given by users, plain copies of results, and tables as CSV.
 
-Values that NumPy would silently convert to doubles are refused: truth values, text, dates (a
-missing one would be -9e18), complex numbers, masked numbers.
+Values that NumPy would silently convert to doubles are refused: truth values, text, dates
+(a missing one would be -9e18), complex numbers, masked numbers.
 """
 
 from __future__ import annotations
@@ -133,8 +133,8 @@ class NamedArrays(Mapping[str, Array | None]):
 def of_pinocchio(value: Any) -> Any:
     """Numbers of Pinocchio's objects in our order; any other value unchanged.
 
-    `Force` and `Motion` become (angular, linear), `SE3` the matrix (4, 4), `Inertia` the matrix
-    (6, 6) in the order (angular, linear); sequences of them become stacks.
+    `Force` and `Motion` become (angular, linear), `SE3` the matrix (4, 4), `Inertia` the
+    matrix (6, 6) in the order (angular, linear); sequences of them become stacks.
 
     Raises
     ------
@@ -185,7 +185,8 @@ def real_array(
     Raises
     ------
     InputError
-        For anything else than real numbers: truth values, text, dates, complex or masked numbers.
+        For anything else than real numbers: truth values, text, dates, complex or masked
+        numbers.
     """
     if type(values) is np.ndarray and values.dtype is _DOUBLE:
         return values
@@ -221,7 +222,9 @@ def real_array(
 
 
 def _holds_truth(values: Sequence[Any]) -> bool:
-    """Whether a nested sequence contains True or False, which NumPy would convert to 1 and 0."""
+    """Whether a nested sequence contains True or False, which NumPy would
+    convert to 1 and 0.
+    """
     for value in values:
         kind = type(value)
         if kind is float or kind is int:
@@ -275,8 +278,8 @@ def checked_array(
     values : array_like
         Real numbers.
     shape : tuple of int or str, list of tuples, or None
-        Expected shape, or several of which one must fit; a name is any length from one on ("N" from
-        zero on). None: any shape.
+        Expected shape, or several of which one must fit; a name is any length from one on
+        ("N" from zero on). None: any shape.
     what, where : str
         Name of the value and its place, for the message.
     copy : bool
@@ -291,7 +294,8 @@ def checked_array(
     Raises
     ------
     InputError
-        For values that are no real numbers (see `real_array`), another shape, NaN or infinity.
+        For values that are no real numbers (see `real_array`), another shape, NaN or
+        infinity.
     """
     if type(values) is np.ndarray and values.dtype is _DOUBLE and values.shape == shape:
         own: Array = values
@@ -346,7 +350,9 @@ def checked_vector(
 def checked_input(
     values: ArrayLike, shape: Shape | list[Shape] | None, what: str, *, copy: bool = True
 ) -> Array:
-    """`checked_array` of coordinates, loads or stiffnesses, at most `LARGEST_INPUT` in size."""
+    """`checked_array` of coordinates, loads or stiffnesses,
+    at most `LARGEST_INPUT` in size.
+    """
     array = checked_array(values, shape, what, copy=copy)
     if array.size <= _FEW:
         is_large = max(map(abs, array.ravel().tolist()), default=0.0) > LARGEST_INPUT
@@ -363,7 +369,9 @@ def checked_input(
 
 
 def checked_reach(point: Array, what: str) -> None:
-    """Refuse points so far from a body that rotations about them lose the digits of its motion."""
+    """Refuse points so far from a body that rotations about them lose the digits
+    of its motion.
+    """
     farthest = float(np.abs(point).max(initial=0.0))
     if not farthest <= numerics.FARTHEST_POINT:
         raise InputError(
@@ -404,7 +412,8 @@ def named_values(
     *,
     infinite: bool = False,
 ) -> Array:
-    """Return values of named coordinates from one number, a sequence, or a mapping of some of them.
+    """Return values of named coordinates from one number, a sequence,
+    or a mapping of some of them.
 
     With `infinite`, infinity is allowed, too.
 
@@ -473,7 +482,9 @@ def checked_length(
 
 
 def is_pose(T: ArrayLike, tolerance: float = numerics.NEGLIGIBLE_DIFFERENCE) -> bool:
-    """Tell whether every matrix (..., 4, 4) is a proper rigid motion up to `tolerance`."""
+    """Tell whether every matrix (..., 4, 4) is a proper rigid motion up to
+    `tolerance`.
+    """
     T = real_array(T, "pose")
     if T.shape[-2:] != (4, 4) or not np.isfinite(T).all():
         return False
@@ -496,7 +507,9 @@ def checked_pose(
     where: str | None = None,
     tolerance: float = numerics.NEGLIGIBLE_DIFFERENCE,
 ) -> Array:
-    """A rigid motion (4, 4), or a stack (N, 4, 4) of them where the argument has three axes."""
+    """A rigid motion (4, 4), or a stack (N, 4, 4) of them where the argument
+    has three axes.
+    """
     T = of_pinocchio(T)
     stack = getattr(T, "ndim", 2) == 3
     array = checked_array(T, ("N", 4, 4) if stack else (4, 4), what, where=where)
@@ -528,7 +541,10 @@ def csv_text(table: Array, names: Sequence[str]) -> str:
 
 
 def csv_rows(names: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """CSV of rows of numbers and words under a line of names; None becomes an empty cell."""
+    """CSV of rows of numbers and words under a line of names.
+
+    None becomes an empty cell.
+    """
     return csv_line(names) + "".join(map(csv_line, rows))
 
 
@@ -550,15 +566,17 @@ def _cell(value: object) -> str:
     return str(value + 0.0 if isinstance(value, float) else value)
 
 
-# Beginning of a cell that a spreadsheet would run as a formula, and that is no plain number. A
-# spreadsheet may separate cells by semicolons.
+# Beginning of a cell that a spreadsheet would run as a formula, and that is no plain
+# number. A spreadsheet may separate cells by semicolons.
 _NUMBER = r"[\d.]+(?:[eE][+-]?\d+)?\)?(?:[\s,;]|$)"
 _FORMULA = re.compile(rf"(^|[,;])(\s*)(?=[=@+-].)(?=[=@]|[+-](?!{_NUMBER}))")
 _MARKED = re.compile(r"(^|[,;])(\s*)'(?=[=@+-])")
 
 
 def safe_cell(text: str) -> str:
-    """Words for a cell that no spreadsheet runs: an apostrophe before = + - @, no ends of lines."""
+    """Words for a cell that no spreadsheet runs: an apostrophe before = + - @,
+    no ends of lines.
+    """
     plain_text = printable(text).replace("\n", r"\n").replace("\t", r"\t")
     return _FORMULA.sub(r"\1\2'", plain_text)
 

@@ -1,9 +1,9 @@
 """Refusal of arguments of a wrong type in calls of public functions.
 
-Functions check the numbers that they read, but not the type of every argument. If a call ends in an
-error of Python, its arguments are compared with the annotations: one that does not fit is refused
-in one line, as is an unknown keyword, with the closest known one. Calls that succeed take no more
-time.
+Functions check the numbers that they read, but not the type of every argument. If a call
+ends in an error of Python, its arguments are compared with the annotations: one that does
+not fit is refused in one line, as is an unknown keyword, with the closest known one.
+Calls that succeed take no more time.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ def checked(function: Callable[_P, _R]) -> Callable[_P, _R]:
     Returns
     -------
     callable
-        Raises `InputError` if the function raised an error of Python and an argument does not fit
-        its annotation, or a keyword is unknown; otherwise the original error.
+        Raises `InputError` if the function raised an error of Python and an argument does
+        not fit its annotation, or a keyword is unknown; otherwise the original error.
     """
 
     @functools.wraps(function)
@@ -110,7 +110,9 @@ def _wrong_kind(
 
 
 class _Names(dict[str, Any]):
-    """Names for annotations, including public names that are imported for type checkers only."""
+    """Names for annotations, including public names that are imported for type
+    checkers only.
+    """
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self.known = {**vars(builtins), **function.__globals__}

@@ -1,9 +1,9 @@
 """Reading an untrusted file in a separate process: both ends of the communication.
 
-A worker is a script that calls `serve` with a function. It receives its arguments as JSON on
-standard input and prints one line of JSON, after which bytes may follow. It has no environment of
-the user, no open files, limited time and memory, and cannot write files or, if the kernel supports
-that, start programs or use the network.
+A worker is a script that calls `serve` with a function. It receives its arguments as JSON
+on standard input and prints one line of JSON, after which bytes may follow. It has no
+environment of the user, no open files, limited time and memory, and cannot write files
+or, if the kernel supports that, start programs or use the network.
 """
 
 from __future__ import annotations
@@ -107,8 +107,9 @@ def serve(answer: Callable[..., dict[str, Any]], megabytes: int, seconds: int) -
     Parameters
     ----------
     answer : callable
-        Function of the arguments. Its result is printed, bytes under "payload" after the rest; an
-        exception is printed under "error", the name of a missing package under "missing".
+        Function of the arguments. Its result is printed, bytes under "payload" after the
+        rest; an exception is printed under "error", the name of a missing package under
+        "missing".
     megabytes, seconds : int
         Limits of memory and processor time.
     """
@@ -163,7 +164,8 @@ def read_regular(path: str, largest: int) -> bytes:
 
 
 def _leave_the_network() -> None:
-    """Enter a new network namespace, without any connection; root needs no user namespace.
+    """Enter a new network namespace, without any connection;
+    root needs no user namespace.
 
     Source: the manual pages unshare(2) and user_namespaces(7).
     """
@@ -177,7 +179,8 @@ def _confine() -> None:
     """Forbid writing, new programs and TCP from now on, by Linux's Landlock if available.
 
     Rights that are handled and not granted anywhere are refused. Source: the manual pages
-    landlock(7) and landlock_create_ruleset(2), whose numbers are the same on every processor.
+    landlock(7) and landlock_create_ruleset(2), whose numbers are the same on every
+    processor.
     """
     import ctypes
 

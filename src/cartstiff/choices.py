@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final, Literal, get_args
 
-#: Largest accepted coordinate, load or stiffness: products of larger ones exceed the range of
-#: double precision.
+#: Largest accepted coordinate, load or stiffness: products of larger ones exceed the
+#: range of double precision.
 LARGEST_INPUT: Final = 1e30
 #: Behaviour of each kind of load while the body moves, in words.
 LOAD_KINDS: Final = {
@@ -23,7 +23,8 @@ AXES_WORDS: Final = {
     "body": "axes of the body frame",
     "world": "axes of the room",
 }
-#: Accepted tensions of cables: any within their limits, or those of a stated distribution.
+#: Accepted tensions of cables: any within their limits, or those of a stated
+#: distribution.
 Distribution = Literal["any", "closed-form"]
 TENSIONS: Final[tuple[Distribution, ...]] = get_args(Distribution)
 #: Level of detail of the printed analysis.

@@ -1,4 +1,6 @@
-"""The errors of cartstiff: a refusal names the input, its place, and what was expected and got."""
+"""The errors of cartstiff: a refusal names the input, its place,
+and what was expected and got.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +24,9 @@ def one_line(value: object, longest: int = _LONGEST_SHOWN) -> str:
 def printable(text: str) -> str:
     r"""Escape characters that control a terminal or the direction of text.
 
-    Names come from untrusted files: "\x1b]0;..." would be a command to the terminal, and "\u202e"
-    would reverse the text after it. Line ends and tabs stay. All output, as text, in a table, a
-    picture or a page, passes here once.
+    Names come from untrusted files: "\x1b]0;..." would be a command to the terminal, and
+    "\u202e" would reverse the text after it. Line ends and tabs stay. All output, as
+    text, in a table, a picture or a page, passes here once.
     """
     if text.isprintable():
         return text
@@ -41,7 +43,10 @@ def joined(lines: Iterable[str]) -> str:
 
 
 def listed(words: Sequence[str], most: int, between: str = ", ") -> str:
-    """The first words in a row, and how many more there are; results for programs hold all."""
+    """The first words in a row, and how many more there are.
+
+    Results for programs hold all.
+    """
     before = between.replace(",", "")  # "a, b and 2 more", but "a; b; and 2 more"
     more = f"{before}and {len(words) - most} more" if len(words) > most else ""
     return between.join(words[:most]) + more
@@ -108,7 +113,9 @@ class InputError(CartstiffError, ValueError):
         return self.moved_to(f"{where}: {self.where}" if self.where else where)
 
     def moved_to(self, where: str) -> InputError:
-        """Return the same error, of the same class and with the same numbers, at another place."""
+        """Return the same error, of the same class and with the same numbers,
+        at another place.
+        """
         moved = type(self).__new__(type(self))
         moved.__dict__.update(self.__dict__)
         InputError.__init__(
@@ -180,7 +187,8 @@ def check_name(
 
 
 class UndefinedError(CartstiffError):
-    """A quantity that does not exist in this state (singular, unbalanced, buckled, no chart).
+    """A quantity that does not exist in this state
+    (singular, unbalanced, buckled, no chart).
 
     Attributes
     ----------
@@ -199,7 +207,9 @@ class UndefinedError(CartstiffError):
 
 
 class NoEnergyError(UndefinedError):
-    """A part of a mechanism that has no stable equilibrium of its own, and so no energy."""
+    """A part of a mechanism that has no stable equilibrium of its own,
+    and so no energy.
+    """
 
 
 class ConvergenceError(CartstiffError):
@@ -223,7 +233,10 @@ class ConvergenceError(CartstiffError):
 
 
 class MissingDependencyError(CartstiffError, ImportError):
-    """A required package is not installed; `extra` is the extra of cartstiff that installs it."""
+    """A required package is not installed.
+
+    `extra` is the extra of cartstiff that installs it.
+    """
 
     def __init__(self, package: str, purpose: str, extra: str = "") -> None:
         self.package = package

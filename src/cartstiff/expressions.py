@@ -1,4 +1,6 @@
-"""Arithmetic in a file, such as ``2*r*cos(pi/6)``, evaluated without running it as Python."""
+"""Arithmetic in a file, such as ``2*r*cos(pi/6)``, evaluated without running
+it as Python.
+"""
 
 from __future__ import annotations
 
@@ -46,8 +48,8 @@ class Expression:
     Parameters
     ----------
     text : str
-        Numbers, names, ``pi``, ``+ - * / **``, parentheses, and the functions sin, cos, tan, asin,
-        acos, atan2, sqrt of radians.
+        Numbers, names, ``pi``, ``+ - * / **``, parentheses, and the functions sin, cos,
+        tan, asin, acos, atan2, sqrt of radians.
     where : str
         Its place, for messages.
 
@@ -124,7 +126,8 @@ class Expression:
         UnknownNameError
             For a name without a value.
         InputError
-            If there is no finite real number: a division by zero, the root of a negative number.
+            If there is no finite real number: a division by zero, the root of a negative
+            number.
         """
         for name in sorted(self.names):
             if name not in values:

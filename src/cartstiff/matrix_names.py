@@ -38,7 +38,8 @@ MATRICES: Final[dict[str, MatrixName]] = {
     ),
     "A": MatrixName(
         "Cartan minus",
-        "change of the wrench along the axes of the moving body: the load turns with the body",
+        "change of the wrench along the axes of the moving body: the load turns with the "
+        "body",
     ),
     "B": MatrixName(
         "bi-invariant",
@@ -46,7 +47,8 @@ MATRICES: Final[dict[str, MatrixName]] = {
     ),
     "K": MatrixName(
         "kinematic",
-        "change of the force along the room's axes: it acts at the origin, its direction stays",
+        "change of the force along the room's axes: it acts at the origin, its direction "
+        "stays",
     ),
     "F": MatrixName(
         "flat",

@@ -7,16 +7,16 @@ from importlib import import_module
 
 from cartstiff.errors import CartstiffError, joined, printable
 
-#: Modules whose function `displayed` has the lines of a result in a notebook, by its class. They
-#: are above this one, and loaded when something is shown.
+#: Modules whose function `displayed` has the lines of a result in a notebook, by its
+#: class. They are above this one, and loaded when something is shown.
 DISPLAYS = {"PostureStiffness": "cartstiff.report.answer"}
 
 
 class ShownInLines:
     """Base of classes displayed as the lines of `_lines`; dataclasses need `repr=False`.
 
-    Results compute what is shown when it is asked for. What does not exist there is a line of the
-    display: a console, a debugger and a notebook show every object.
+    Results compute what is shown when it is asked for. What does not exist there is a
+    line of the display: a console, a debugger and a notebook show every object.
     """
 
     def _lines(self) -> Iterable[str]:
@@ -51,7 +51,9 @@ class ShownInLines:
 def html_table(
     heads: Iterable[tuple[str, int]], rows: Iterable[Sequence[str]], caption: str = ""
 ) -> str:
-    """HTML table of texts: heads with their numbers of columns, rows that begin with a name."""
+    """HTML table of texts: heads with their numbers of columns,
+    rows that begin with a name.
+    """
     from html import escape
 
     def shown(text: str) -> str:

@@ -8,7 +8,8 @@ from typing import Any
 
 from cartstiff.errors import UndefinedError
 
-#: Codes of notes that come before an answer, which may say nothing about the real machine.
+#: Codes of notes that come before an answer, which may say nothing about the real
+#: machine.
 DOUBTS = ("stiffness-assumed", "held-by-lines", "open-loops")
 
 
@@ -46,8 +47,10 @@ def assumed_stiffness(value: float, joints: Sequence[str], of: Sequence[str]) ->
     return Note(
         "stiffness-assumed",
         f"no {'joint ' if every else ''}stiffness was given"
-        f"{'' if every else ' for some joints'}: {value:g} N m/rad (N/m for prismatic joints) is "
-        f"taken for {who} and says nothing about the real robot; give --springs (see `cartstiff "
+        f"{'' if every else ' for some joints'}: {value:g} N m/rad (N/m for prismatic "
+        "joints) is "
+        f"taken for {who} and says nothing about the real robot; give --springs (see "
+        "`cartstiff "
         "models`) or --stiffness, or measure it (`cartstiff identify`)",
         {"stiffness": value, "joints": list(joints), "all_joints": list(of)},
     )
@@ -58,10 +61,13 @@ def held_by_lines(joints: Sequence[str]) -> Note:
     several = len(joints) > 1
     return Note(
         "held-by-lines",
-        f"line springs alone hold {', '.join(joints)}: {'these joints have' if several else ''}"
-        f"{'' if several else 'the joint has'} no spring of {'their' if several else 'its'} own "
+        f"line springs alone hold {', '.join(joints)}: "
+        f"{'these joints have' if several else ''}"
+        f"{'' if several else 'the joint has'} no spring of "
+        f"{'their' if several else 'its'} own "
         "in the file, and none is assumed; if drives hold "
-        f"{'them' if several else 'it'}, give --stiffness joint=value, or 'springs' in a mechanism "
+        f"{'them' if several else 'it'}, give --stiffness joint=value, or 'springs' in a "
+        "mechanism "
         "file ('passive' there says that there are none)",
         {"joints": list(joints)},
     )
@@ -71,16 +77,20 @@ def table_as_read(joints: Sequence[str], pieces: str) -> Note:
     """Note on what is between the points of the tables of joint springs."""
     who = f"the table{'s' * (len(joints) > 1)} of {', '.join(joints)}"
     words = {
-        "linear": f"{who}: straight lines between the points (pieces: linear), with a corner at "
+        "linear": f"{who}: straight lines between the points (pieces: linear), with a "
+        "corner at "
         "each; 'pieces: smooth' in the file makes a curve without corners",
-        "smooth": f"{who}: a smooth curve through the points (pieces: smooth); 'pieces: linear' in "
+        "smooth": f"{who}: a smooth curve through the points (pieces: smooth); 'pieces: "
+        "linear' in "
         "the file makes straight lines, as catalogues mean",
     }
     return Note("spring-table", words[pieces], {"joints": list(joints), "pieces": pieces})
 
 
 def still_assumed(notes: tuple[Note, ...], stiffness: object) -> tuple[Note, ...]:
-    """Notes that remain after stiffnesses were given to all joints, or to those in a mapping."""
+    """Notes that remain after stiffnesses were given to all joints,
+    or to those in a mapping.
+    """
     made: dict[str, Callable[[list[str], Mapping[str, Any]], Note]] = {
         "stiffness-assumed": lambda names, of: assumed_stiffness(
             of["stiffness"], names, of["all_joints"]

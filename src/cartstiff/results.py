@@ -12,7 +12,8 @@ from cartstiff.described import kinds_of
 from cartstiff.errors import imported
 from cartstiff.notebook import ShownInLines
 
-#: Dimensions by the sizes of a described kind; rotation before translation, x before y before z.
+#: Dimensions by the sizes of a described kind; rotation before translation, x before y
+#: before z.
 _DIMENSIONS = {
     "6 6": ("row", "column"),
     "6": ("row",),
@@ -39,10 +40,10 @@ class LabelledResult(ShownInLines):
     def to_dataset(self) -> Any:
         """All numbers of `to_dict` as labelled arrays, and its texts as attributes.
 
-        Numbers within others have dotted names, such as ``stiffness.K``. A list of objects is a
-        table: its numbers have the list's name as their first dimension. Of points along a curve or
-        a path that dimension is ``point``. A number that does not exist is NaN. Lists of lists of
-        objects, whose lengths differ, are left out.
+        Numbers within others have dotted names, such as ``stiffness.K``. A list of
+        objects is a table: its numbers have the list's name as their first dimension. Of
+        points along a curve or a path that dimension is ``point``. A number that does not
+        exist is NaN. Lists of lists of objects, whose lengths differ, are left out.
 
         Returns
         -------
@@ -86,7 +87,10 @@ class LabelledResult(ShownInLines):
 
 
 def _leaves(data: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Values that are no mappings, by their dotted names; of notes the messages, one a line."""
+    """Values that are no mappings, by their dotted names.
+
+    Of notes the messages, one a line.
+    """
     for key, value in data.items():
         if key == "notes":
             yield f"{before}{key}", "\n".join(note["message"] for note in value)
@@ -97,7 +101,9 @@ def _leaves(data: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, An
 
 
 def _numbers(data: Mapping[str, Any]) -> Iterator[tuple[str, str, Array]]:
-    """Dotted name, name of the table that it is a column of or "", and values of each number."""
+    """Dotted name, name of the table that it is a column of or "",
+    and values of each number.
+    """
     for name, value in _leaves(data):
         if (
             isinstance(value, list)
@@ -117,7 +123,9 @@ def _numbers(data: Mapping[str, Any]) -> Iterator[tuple[str, str, Array]]:
 
 
 def _array(value: object) -> Array | None:
-    """Numbers or texts as an array, NaN where a number or a whole row is None; None for others."""
+    """Numbers or texts as an array, NaN where a number or a whole row is None;
+    None for others.
+    """
     if isinstance(value, list) and (
         row := next((v for v in value if isinstance(v, list)), None)
     ):
@@ -133,7 +141,9 @@ def _array(value: object) -> Array | None:
 
 
 def _dimensions(name: str, kind: str, count: int) -> tuple[str, ...]:
-    """Names of the dimensions of an array of a described kind, such as ``matrix? 6 6``."""
+    """Names of the dimensions of an array of a described kind,
+    such as ``matrix? 6 6``.
+    """
     named = (
         ("joint",)
         if name in ("q", "joint")

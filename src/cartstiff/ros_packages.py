@@ -1,4 +1,6 @@
-"""Folders of ROS packages: the folder of a name, and the folders that a robot's file may read."""
+"""Folders of ROS packages: the folder of a name, and the folders that a robot's
+file may read.
+"""
 
 from __future__ import annotations
 
@@ -29,13 +31,17 @@ def search_path(folders: Iterable[Path | str] = ()) -> list[str]:
 def where_packages_are(package: str) -> str:
     """Advice for a package that is not found, in words."""
     return (
-        f"the folder {package} (from the maker's repository) beside the file's package, or "
-        "--package-path FOLDER, ROS_PACKAGE_PATH or AMENT_PREFIX_PATH with the folder it is in"
+        f"the folder {package} (from the maker's repository) beside the file's package, "
+        "or "
+        "--package-path FOLDER, ROS_PACKAGE_PATH or AMENT_PREFIX_PATH with the folder it "
+        "is in"
     )
 
 
 def own_folder(file: Path) -> Path:
-    """Folder of the package of a file: the nearest one with a package.xml, or the file's own."""
+    """Folder of the package of a file: the nearest one with a package.xml,
+    or the file's own.
+    """
     parents = file.resolve().parents
     return next((p for p in parents if (p / "package.xml").is_file()), parents[0])
 
@@ -45,9 +51,10 @@ def package_folders(
 ) -> Iterator[Path]:
     """Find folders of a ROS package, the preferred one first.
 
-    First comes the package that contains the file, then one in or below `searched`, in their order;
-    if there is none, one beside a folder above the file. A folder is a package by the name in its
-    package.xml, or by its own name if it has a package.xml or a folder such as urdf or meshes.
+    First comes the package that contains the file, then one in or below `searched`, in
+    their order; if there is none, one beside a folder above the file. A folder is a
+    package by the name in its package.xml, or by its own name if it has a package.xml or
+    a folder such as urdf or meshes.
     """
     if not re.fullmatch(r"[A-Za-z]\w*(?:[.-]\w+)*", name):
         return

@@ -99,7 +99,8 @@ class GivenStiffness(float):
             raise InputError(
                 "not a stiffness",
                 where=where,
-                expected="a number, or one with its unit: N m/rad, N m/deg, N m/arcmin, N/m, "
+                expected="a number, or one with its unit: N m/rad, N m/deg, N m/arcmin, "
+                "N/m, "
                 "kN/mm, N/um",
                 got=repr(text),
             )
@@ -145,15 +146,16 @@ _STIFF = ((1e9, "MN/mm"), (1e6, "kN/mm"), (1e3, "N/mm"), (1.0, "N/m"))
 _MILLI = re.compile(r"\bmm\b")
 # Numbers outside this range are written with an exponent.
 _MAX_PLAIN, _MIN_PLAIN = 1e5, 1e-3
-# Factor by which half of a last digit is rounded away from zero, whatever it is in binary.
+# Factor by which half of a last digit is rounded away from zero, whatever it is in
+# binary.
 _ROUND_UP = 1.0 + 1e-12
 
 
 def sized(size: float, unit: str) -> tuple[float, str]:
     """Return the unit in which people read a size, in the given unit: (1000.0, "N/mm").
 
-    Millimetres, and centimetres of lengths, are converted to parts of the metre; unknown units are
-    not changed.
+    Millimetres, and centimetres of lengths, are converted to parts of the metre; unknown
+    units are not changed.
     """
     metres, steps = _steps(unit)
     reached = abs(size) * metres * _ROUND_UP
@@ -165,7 +167,9 @@ def sized(size: float, unit: str) -> tuple[float, str]:
 
 @cache
 def _steps(unit: str) -> tuple[float, tuple[tuple[float, str], ...]]:
-    """Size of a unit in metres and the like, and the units that people read, the largest first."""
+    """Size of a unit in metres and the like, and the units that people read,
+    the largest first.
+    """
     head, _, tail = unit.partition("/")
     metres = 1e-3 ** (len(_MILLI.findall(head)) - len(_MILLI.findall(tail)))
     unit = _MILLI.sub("m", unit)
@@ -184,7 +188,8 @@ def _steps(unit: str) -> tuple[float, tuple[tuple[float, str], ...]]:
 def engineering(
     value: float | None, unit: str = "", digits: int = 4, least: float = 0.0
 ) -> str:
-    """Write a value for people: "75.7 N/mm", "7.54 kN m/rad", "3.9 mm"; "-" where it is None.
+    """Write a value for people: "75.7 N/mm", "7.54 kN m/rad", "3.9 mm";
+    "-" where it is None.
 
     Values smaller than `least` are round-off and written as 0.
     """
@@ -266,7 +271,9 @@ class Units:
 
     @property
     def blocks(self) -> dict[str, str]:
-        """Units of the 3x3 blocks of a stiffness: r moment or rotation, t force or translation."""
+        """Units of the 3x3 blocks of a stiffness: r moment or rotation,
+        t force or translation.
+        """
         m, f, x = self.moment, self.force, self.length
         return {
             "rr": f"{m}/{self.angle}",
@@ -297,7 +304,9 @@ class Units:
         return self.length if is_length else self.angle
 
     def effort(self, is_length: bool) -> str:
-        """Unit of the force of a coordinate that slides, or the moment of one that turns."""
+        """Unit of the force of a coordinate that slides,
+        or the moment of one that turns.
+        """
         return self.force if is_length else self.moment
 
     def spring(self, is_length: bool) -> str:
@@ -306,7 +315,10 @@ class Units:
 
     @property
     def newtons(self) -> float:
-        """Newtons in the unit of force; masses are kg and accelerations m/s^2 in all units."""
+        """Newtons in the unit of force.
+
+        Masses are kg and accelerations m/s^2 in all units.
+        """
         return FORCES[self.force]
 
     @property
@@ -323,7 +335,8 @@ class Units:
 SI = Units()
 #: m/s^2 on the earth.
 EARTH = 9.81
-# m/s^2; no planet and no machine in motion has more, but 386 in/s^2 and 981 cm/s^2 are more.
+# m/s^2; no planet and no machine in motion has more, but 386 in/s^2 and 981 cm/s^2 are
+# more.
 _MAX_GRAVITY = 300.0
 
 
@@ -356,7 +369,7 @@ def checked_gravity(
 
 
 def convert_length(unit_from: Units, unit_to: Units) -> tuple[float, float]:
-    """Return the factors (length, force) that convert numbers from one unit system to another.
+    """The factors (length, force) that convert numbers from one unit system to another.
 
     Raises
     ------

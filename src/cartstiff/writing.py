@@ -1,4 +1,6 @@
-"""Writing of files and maps, completely or not at all: one way for all that a command writes."""
+"""Writing of files and maps, completely or not at all: one way for all that a
+command writes.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +21,9 @@ _BEFORE, _AFTER = ".cartstiff-", ".part"
 def write_whole(path: str | Path, data: bytes) -> None:
     """Write a file so that readers see the old or the new contents, never a part.
 
-    A link is followed, and the file behind it keeps its permissions. What is no plain file (a
-    pipe, a device) is written to as it is. Parts that an interrupted process has left in the folder
-    are removed.
+    A link is followed, and the file behind it keeps its permissions. What is no plain
+    file (a pipe, a device) is written to as it is. Parts that an interrupted process has
+    left in the folder are removed.
 
     Parameters
     ----------
@@ -77,7 +79,8 @@ def create_folder(place: Path, fill: Callable[[Path], None]) -> None:
     Parameters
     ----------
     place : pathlib.Path
-        Of the new folder. One that somebody else has created in the meantime stays as it is.
+        Of the new folder. One that somebody else has created in the meantime stays as it
+        is.
     fill : callable
         Writes the contents into the folder that it is given.
 

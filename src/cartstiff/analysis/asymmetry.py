@@ -2,8 +2,8 @@ r"""Asymmetry of K^A, and how much the choice of connection matters at a load.
 
     K^A - (K^A)^T = [[ [tau]x, [f]x ], [ [f]x, 0 ]]                        ([ZK]_ eq. 50)
 
-follows from the wrench (tau, f) alone, and every difference between two named connections is a part
-of the same matrix: the load alone decides whether the choice matters.
+follows from the wrench (tau, f) alone, and every difference between two named connections
+is a part of the same matrix: the load alone decides whether the choice matters.
 """
 
 from __future__ import annotations
@@ -88,7 +88,9 @@ def asymmetry_of(stiffness: ArrayLike, wrench: ArrayLike) -> Asymmetry:
 
 
 def largest_in_blocks(entries: Array, stiffness: Array) -> Array:
-    """Largest entry of matrices (..., 6, 6), each relative to the size of its block of K."""
+    """Largest entry of matrices (..., 6, 6), each relative to the size of
+    its block of K.
+    """
     scales, largest = (
         block_scales(stiffness),
         np.abs(in_blocks(entries)).max(axis=(-3, -1)),
@@ -97,7 +99,9 @@ def largest_in_blocks(entries: Array, stiffness: Array) -> Array:
 
 
 def is_roundoff(entries: Array, stiffness: Array) -> bool:
-    """Whether matrices (..., 6, 6) are only the round-off of a stiffness or a compliance."""
+    """Whether matrices (..., 6, 6) are only the round-off of a stiffness or
+    a compliance.
+    """
     return bool((largest_in_blocks(entries, stiffness) <= numerics.SYMMETRY).all())
 
 
@@ -110,14 +114,14 @@ class ConnectionDifference:
     name, reference : str
         The two connections.
     largest : dict of str to float, or None
-        Largest absolute entry of the difference in each block "rr", "rt", "tr", "tt", in the
-        block's unit. None if the matrix does not exist here.
+        Largest absolute entry of the difference in each block "rr", "rt", "tr", "tt", in
+        the block's unit. None if the matrix does not exist here.
     relative : dict of str to float, or None
         Frobenius norm of the difference over the size of the block in the reference (see
         `block_scales`): pure numbers that need no length.
     change : float or None
-        Largest change of the elastic wrench over all directions, relative to the reference;
-        see `ConnectionTable.measure`. None too if the reference is zero.
+        Largest change of the elastic wrench over all directions, relative to the
+        reference; see `ConnectionTable.measure`. None too if the reference is zero.
     matters : bool or None
         Whether `change` exceeds the threshold.
     """
@@ -143,9 +147,9 @@ class ConnectionTable:
     threshold : float
         Relative change above which the choice matters.
     measure : {"energy", "length"}
-        "energy": the largest singular value of ``R^T dK R`` with R R^T the compliance of the
-        reference, the same for every length and body frame. "length": that of dK_l over that of the
-        reference K_l, used where the reference is not positive definite.
+        "energy": the largest singular value of ``R^T dK R`` with R R^T the compliance of
+        the reference, the same for every length and body frame. "length": that of dK_l
+        over that of the reference K_l, used where the reference is not positive definite.
     length : float
         Length scale of "length".
     matters : bool
@@ -171,7 +175,8 @@ def compare_connections(
     threshold: float = THRESHOLD,
     compliance: ArrayLike | None = None,
 ) -> ConnectionTable:
-    """Differences between the stiffness matrices of several connections at one posture and load.
+    """Differences between the stiffness matrices of several connections at one
+    posture and load.
 
     Parameters
     ----------
@@ -184,7 +189,8 @@ def compare_connections(
     threshold : float
         Relative change that matters.
     compliance : array_like, shape (6, 6), optional
-        Inverse of the symmetric part of the reference, if it is known better than by inversion.
+        Inverse of the symmetric part of the reference, if it is known better than by
+        inversion.
 
     Raises
     ------
@@ -204,7 +210,8 @@ def compare_connections(
     base = stiffness[reference]
     if base is None:
         raise UndefinedError(
-            f"stiffness of connection {reference!r} does not exist here: nothing to compare with",
+            f"stiffness of connection {reference!r} does not exist here: nothing to "
+            "compare with",
             code="no-reference",
         )
     K = checked_matrix(base, f"stiffness {reference}")
@@ -248,9 +255,11 @@ def compare_connections(
 
 
 def roots_of_compliances(stiffness: Array, compliance: Array) -> Array:
-    """R (N, 6, 6) with ``R R^T = C``; zero where there is no C, or K is not positive definite.
+    """R (N, 6, 6) with ``R R^T = C``; zero where there is no C,
+    or K is not positive definite.
 
-    Both are (N, 6, 6) with lengths scaled; C is the inverse of the symmetric part of K, or NaN.
+    Both are (N, 6, 6) with lengths scaled; C is the inverse of the symmetric part of K,
+    or NaN.
     """
     positive = numerics.eigenvalues(stiffness, compliance)[:, 0] > 0.0
     positive &= np.isfinite(compliance).all(axis=(1, 2))
@@ -261,7 +270,9 @@ def roots_of_compliances(stiffness: Array, compliance: Array) -> Array:
 
 
 def relative_changes(reference: Array, roots: Array, difference: Array) -> Array:
-    """`ConnectionDifference.change` (N,) of matrices with lengths scaled; NaN beside zero."""
+    """`ConnectionDifference.change` (N,) of matrices with lengths scaled;
+    NaN beside zero.
+    """
     positive = roots.any(axis=(1, 2))
     changes, R = np.empty(len(roots)), roots[positive]
     on_axes = R.swapaxes(1, 2) @ difference[positive] @ R
@@ -286,7 +297,10 @@ def _relative(difference: Array, K: Array) -> dict[str, float]:
 
 def _verdict(rows: list[ConnectionDifference], reference: str, threshold: float) -> str:
     if any(row.matters and row.change is None for row in rows):
-        return f"yes, the choice of connection matters: K^{reference} is zero, others are not"
+        return (
+            f"yes, the choice of connection matters: K^{reference} is zero, others "
+            "are not"
+        )
     known = [(row.change, row.name) for row in rows if row.change is not None]
     if not known:
         return "nothing to compare: no other connection has a matrix here"
@@ -298,5 +312,11 @@ def _verdict(rows: list[ConnectionDifference], reference: str, threshold: float)
         f"the largest relative change is {size:.2g} % (K^{name} against K^{reference})"
     )
     if worst > threshold:
-        return f"yes, the choice of connection matters: {largest}, above {100 * threshold:g} %"
-    return f"no, the choice of connection does not matter: {largest}, below {100 * threshold:g} %"
+        return (
+            f"yes, the choice of connection matters: {largest}, above "
+            f"{100 * threshold:g} %"
+        )
+    return (
+        f"no, the choice of connection does not matter: {largest}, below "
+        f"{100 * threshold:g} %"
+    )

@@ -1,8 +1,9 @@
 """Centres of an elasticity: stiffness, compliance, elasticity, least coupling.
 
-Moving the origin to p (axes unchanged) changes the coupling block as ``K_rt' = K_rt - [p]x K_tt``
-and that of the compliance as ``C_tr' = C_tr - [p]x C_rr``. At each centre a property of the
-coupling vanishes. If a decoupling point exists, all centres are that point.
+Moving the origin to p (axes unchanged) changes the coupling block as ``K_rt' = K_rt -
+[p]x K_tt`` and that of the compliance as ``C_tr' = C_tr - [p]x C_rr``. At each centre a
+property of the coupling vanishes. If a decoupling point exists, all centres are that
+point.
 
 Keys: [Loncaric]_, [LipkinPatterson]_, [CiblakLipkin]_.
 """
@@ -41,11 +42,12 @@ from cartstiff.stiffness.posture_notes import error_of_soft_directions
 def _symmetrising_point(
     shape: Ellipsoid, coupling: Array, name: str, block: str, power: int = 1
 ) -> Array:
-    """Point p with ``B - [p]x D`` symmetric, D the power of a block with principal axes e_i.
+    """Point p with ``B - [p]x D`` symmetric, D the power of a block with
+    principal axes e_i.
 
-    ``(tr D 1 - D) p = 2 unskew(B)`` and ``B = sum B e_i e_i^T``: along e_a it follows from the
-    other two axes, ``p . e_a = sum e_a . (e_i x B e_i) / sum d_i``, so that a stiff axis adds no
-    rounding to the others.
+    ``(tr D 1 - D) p = 2 unskew(B)`` and ``B = sum B e_i e_i^T``: along e_a it follows
+    from the other two axes, ``p . e_a = sum e_a . (e_i x B e_i) / sum d_i``, so that a
+    stiff axis adds no rounding to the others.
 
     Parameters
     ----------
@@ -60,7 +62,8 @@ def _symmetrising_point(
     sums = others @ values
     if not np.all(np.abs(sums) > numerics.ZERO_SHARE * (others @ np.abs(values))):
         raise UndefinedError(
-            f"the {name} is not a single point: two principal values of the {block} add to zero",
+            f"the {name} is not a single point: two principal values of the {block} add "
+            "to zero",
             code="no-" + name.replace(" ", "-"),
             values={"principal_values": values.tolist(), "sums_of_pairs": sums.tolist()},
         )
@@ -84,8 +87,8 @@ def centre_of_stiffness(
 ) -> Array:
     r"""Point (3,) at which the coupling block K_rt is symmetric, [Loncaric]_.
 
-    ``p = 2 (tr(K_tt) 1 - K_tt)^-1 unskew(K_rt)``, unskew taking a 3x3 matrix to the vector of its
-    antisymmetric part.
+    ``p = 2 (tr(K_tt) 1 - K_tt)^-1 unskew(K_rt)``, unskew taking a 3x3 matrix to the
+    vector of its antisymmetric part.
 
     Parameters
     ----------
@@ -97,8 +100,9 @@ def centre_of_stiffness(
     Raises
     ------
     UndefinedError
-        Code ``"no-centre-of-stiffness"`` where two principal values of K_tt add to zero (rank one,
-        or indefinite); code ``"ill-conditioned"`` where the matrices do not resolve it.
+        Code ``"no-centre-of-stiffness"`` where two principal values of K_tt add to zero
+        (rank one, or indefinite); code ``"ill-conditioned"`` where the matrices do not
+        resolve it.
     """
     known = _translation(*symmetric_pair(stiffness, compliance))
     return _symmetrising_point(*known, "centre of stiffness", "translational stiffness")
@@ -107,7 +111,8 @@ def centre_of_stiffness(
 def centre_of_compliance(
     compliance: ArrayLike, stiffness: ArrayLike | None = None
 ) -> Array:
-    r"""Point (3,) at which the coupling block of the compliance is symmetric, [Loncaric]_.
+    r"""Point (3,) at which the coupling block of the compliance is symmetric,
+    [Loncaric]_.
 
     ``p = 2 (tr(C_rr) 1 - C_rr)^-1 unskew(C_tr)``; the stiffness as the compliance in
     `centre_of_stiffness`.
@@ -115,8 +120,8 @@ def centre_of_compliance(
     Raises
     ------
     UndefinedError
-        Code ``"no-centre-of-compliance"`` where two principal values of C_rr add to zero; code
-        ``"ill-conditioned"`` where the matrices do not resolve it.
+        Code ``"no-centre-of-compliance"`` where two principal values of C_rr add to zero;
+        code ``"ill-conditioned"`` where the matrices do not resolve it.
     """
     C = as_symmetric(compliance, "compliance")
     K = None if stiffness is None else as_symmetric(stiffness)
@@ -134,22 +139,23 @@ def centre_of_elasticity(
 ) -> Array:
     r"""Point (3,) at which ``G = K_rt K_tt^-1`` is symmetric: the centre of elasticity.
 
-    ``p = unskew(K_rt K_tt^-1)``. Half the sum of the feet of the perpendiculars to the three
-    wrench-compliant axes, and of those to the three twist-compliant axes: seen from it both sums
-    vanish [LipkinPatterson]_. Since ``C_tr C_rr^-1 = -G^T``, stiffness and compliance give the
-    same point; the better conditioned one is taken.
+    ``p = unskew(K_rt K_tt^-1)``. Half the sum of the feet of the perpendiculars to the
+    three wrench-compliant axes, and of those to the three twist-compliant axes: seen from
+    it both sums vanish [LipkinPatterson]_. Since ``C_tr C_rr^-1 = -G^T``, stiffness and
+    compliance give the same point; the better conditioned one is taken.
 
     Raises
     ------
     UndefinedError
-        Code ``"no-centre-of-elasticity"`` where K_tt is singular; code ``"ill-conditioned"`` where
-        the matrices do not resolve it.
+        Code ``"no-centre-of-elasticity"`` where K_tt is singular; code
+        ``"ill-conditioned"`` where the matrices do not resolve it.
     """
     K, C = symmetric_pair(stiffness, compliance)
     G = coupling_matrix(K, C)
     if G is None:
         raise UndefinedError(
-            "the centre of elasticity is not a single point: the translational stiffness is "
+            "the centre of elasticity is not a single point: the translational stiffness "
+            "is "
             "singular",
             code="no-centre-of-elasticity",
             values={
@@ -166,14 +172,15 @@ def point_of_least_coupling(
 ) -> Array:
     r"""Point (3,) at which the Frobenius norm of K_rt is smallest.
 
-    Least squares for ``K_rt - [p]x K_tt``: ``(tr(K_tt^2) 1 - K_tt^2) p = 2 unskew(K_rt K_tt)``; the
-    compliance as in `centre_of_stiffness`.
+    Least squares for ``K_rt - [p]x K_tt``: ``(tr(K_tt^2) 1 - K_tt^2) p = 2 unskew(K_rt
+    K_tt)``; the compliance as in `centre_of_stiffness`.
 
     Raises
     ------
     UndefinedError
-        Code ``"no-point-of-least-coupling"`` where K_tt has rank one or zero: a whole line
-        of points is equivalent; code ``"ill-conditioned"`` where the matrices do not resolve it.
+        Code ``"no-point-of-least-coupling"`` where K_tt has rank one or zero: a whole
+        line of points is equivalent; code ``"ill-conditioned"`` where the matrices do not
+        resolve it.
     """
     known = _translation(*symmetric_pair(stiffness, compliance))
     name, block = "point of least coupling", "squared translational stiffness"
@@ -229,7 +236,8 @@ class NormalForm(Result):
     matrix : ndarray, shape (6, 6)
         Stiffness or compliance in N; its coupling blocks are diagonal.
     coupling : ndarray, shape (3,)
-        Diagonal of the coupling block, smallest first; its sum does not depend on the frame.
+        Diagonal of the coupling block, smallest first; its sum does not depend on the
+        frame.
     """
 
     T_m_n: Array
@@ -238,7 +246,10 @@ class NormalForm(Result):
 
 
 def _axes(coupling: Array, diagonal: Array) -> Array:
-    """Proper rotation to eigenvectors of `coupling`; among equal ones, to those of `diagonal`."""
+    """Proper rotation to eigenvectors of `coupling`.
+
+    Among equal ones, to those of `diagonal`.
+    """
     values, axes = np.linalg.eigh(symmetric_part(coupling))
     # Rounding of the coupling block is measured on the matrix it was shifted by, too.
     size = max(float(np.abs(values).max()), numerics.TINY)
@@ -267,7 +278,10 @@ def _clean_coupling(coupling: Array, before: Array, lever: Array) -> Array:
 def _checked_pair(
     stiffness: ArrayLike, compliance: ArrayLike | None
 ) -> tuple[Array, Array | None]:
-    """Stiffness and compliance; UndefinedError if the entries of K do not resolve soft motions."""
+    """Stiffness and compliance.
+
+    UndefinedError if the entries of K do not resolve soft motions.
+    """
     K, C = symmetric_pair(stiffness, compliance)
     error = 0.0 if C is None else error_of_soft_directions(K, C)
     if error > numerics.LOST_ERROR:
@@ -287,8 +301,8 @@ def normal_form(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> No
     Raises
     ------
     UndefinedError
-        Code ``"no-centre-of-stiffness"``; code ``"ill-conditioned"`` where no stiffness matrix
-        resolves the softer directions.
+        Code ``"no-centre-of-stiffness"``; code ``"ill-conditioned"`` where no stiffness
+        matrix resolves the softer directions.
     """
     K, C = _checked_pair(stiffness, compliance)
     p = centre_of_stiffness(K, C)
@@ -311,8 +325,8 @@ class DecouplingFrame(Result):
     matrix : ndarray, shape (6, 6)
         The stiffness in that frame.
     coupling, coupling_before : float
-        ``|K_rt| / sqrt(|K_rr| |K_tt|)`` (Frobenius norms, a pure number between 0 and 1 for a
-        positive definite matrix) in the new frame and in the old one.
+        ``|K_rt| / sqrt(|K_rr| |K_tt|)`` (Frobenius norms, a pure number between 0 and 1
+        for a positive definite matrix) in the new frame and in the old one.
     """
 
     T_m_n: Array
@@ -344,7 +358,8 @@ def decoupling_frame(
     Raises
     ------
     UndefinedError
-        Code ``"no-point-of-least-coupling"``; code ``"ill-conditioned"`` as in `normal_form`.
+        Code ``"no-point-of-least-coupling"``; code ``"ill-conditioned"`` as in
+        `normal_form`.
     """
     K, C = _checked_pair(stiffness, compliance)
     p = point_of_least_coupling(K, C)

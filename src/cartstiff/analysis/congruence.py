@@ -1,17 +1,19 @@
-"""Joint stiffness and Cartesian stiffness of a serial chain under load, both ways, [ChenKao]_.
+"""Joint stiffness and Cartesian stiffness of a serial chain under load, both ways,
+[ChenKao]_.
 
 With the body Jacobian J (6, n) and a load W,
 
     H_W = Kq - S_W,     S_W[a, b] = 1/2 W . [J_a, J_b] for a before b, symmetric
 
-and K^B = J^-T H_W J^-1 for six joints, (J H_W^-1 J^T)^-1 for more: the conservative congruence
-transformation. Its inverse gives the joint stiffness for a desired Cartesian one, for compliance
-control:
+and K^B = J^-T H_W J^-1 for six joints, (J H_W^-1 J^T)^-1 for more: the conservative
+congruence transformation. Its inverse gives the joint stiffness for a desired Cartesian
+one, for compliance control:
 
     Kq = J^T K^B J + S_W + Z Kz Z^T
 
-with Z a null-space basis of J and Kz the stiffness of the self-motion, free to choose. Kq couples
-the joints in general; `fit_diagonal` shows whether independent joint springs suffice.
+with Z a null-space basis of J and Kz the stiffness of the self-motion, free to choose. Kq
+couples the joints in general; `fit_diagonal` shows whether independent joint springs
+suffice.
 """
 
 from __future__ import annotations
@@ -53,14 +55,14 @@ class DiagonalFit(Result):
     Attributes
     ----------
     stiffness : ndarray, shape (n,)
-        One spring per joint, none negative; for more than six joints infinite if locking the joint
-        is best.
+        One spring per joint, none negative; for more than six joints infinite if locking
+        the joint is best.
     cartesian : ndarray, shape (6, 6) or None
         Their K^B; None if it is infinite in some direction.
     residual : float
-        For six joints ``|K_l - desired K_l| / |desired K_l|``, for more that of the compliances
-        (Frobenius norms, angles times the length l). For six joints the least possible one; for
-        more, under load, a local minimum.
+        For six joints ``|K_l - desired K_l| / |desired K_l|``, for more that of the
+        compliances (Frobenius norms, angles times the length l). For six joints the least
+        possible one; for more, under load, a local minimum.
     length : float
         The length l of the residual.
     """
@@ -81,15 +83,15 @@ def fit_diagonal(
 ) -> DiagonalFit:
     r"""Independent joint springs, none negative, closest to a desired K^B under load.
 
-    For six joints K^B is linear in the springs, and the fit is a non-negative least-squares problem
-    with one answer. For more, the compliance ``J (diag(k) - S_W)^-1 J^T`` is fitted: linear in 1/k
-    without load, iterated from there with load.
+    For six joints K^B is linear in the springs, and the fit is a non-negative
+    least-squares problem with one answer. For more, the compliance ``J (diag(k) - S_W)^-1
+    J^T`` is fitted: linear in 1/k without load, iterated from there with load.
 
     Raises
     ------
     UndefinedError
-        As `joint_stiffness`; code ``"singular"`` also if the desired matrix must be inverted
-        (n > 6) and cannot.
+        As `joint_stiffness`; code ``"singular"`` also if the desired matrix must be
+        inverted (n > 6) and cannot.
     """
     K, J, _, S = _checked(desired, jacobian, wrench, load_term)
     scale = balancing_length(K) if length is None else checked_length(length)
@@ -145,7 +147,8 @@ def _fit_stiffness(K: Array, J: Array, S: Array) -> tuple[Array, Array, float]:
 def _fit_compliance(K: Array, J: Array, S: Array) -> tuple[Array, Array | None, float]:
     """Springs k > 0 with ``J (diag k - S)^-1 J^T`` nearest to K^-1; more than six joints.
 
-    In the joint compliances x = 1/k, which may be zero: ``(1 - X S)^-1 X`` with X = diag x.
+    In the joint compliances x = 1/k, which may be zero: ``(1 - X S)^-1 X`` with X = diag
+    x.
     """
     C = invert(K, "desired stiffness")
     size = float(np.linalg.norm(C))
@@ -165,7 +168,9 @@ def _fit_compliance(K: Array, J: Array, S: Array) -> tuple[Array, Array | None, 
 
 
 def _iterate(C: Array, J: Array, S: Array, x: Array, size: float) -> Array:
-    """Least squares in x >= 0, from a start at which the posture is stable under the load."""
+    """Least squares in x >= 0, from a start at which the posture is stable
+    under the load.
+    """
     from scipy.optimize import least_squares
 
     n = len(x)
@@ -205,8 +210,8 @@ def cartesian_stiffness(
     Raises
     ------
     UndefinedError
-        Code ``"fewer-than-six-freedoms"`` or ``"singular"`` if the Jacobian has not rank six,
-        or if Kq - S_W has no inverse.
+        Code ``"fewer-than-six-freedoms"`` or ``"singular"`` if the Jacobian has not rank
+        six, or if Kq - S_W has no inverse.
     """
     J = checked_array(jacobian, (6, "n"), "Jacobian", copy=False)
     Kq = _joint_matrix(joint_matrix, J.shape[1])
@@ -239,8 +244,8 @@ class JointStiffness(Result):
     torque : ndarray, shape (n,)
         ``J^T W``, the joint torques that the springs must exert at this posture.
     definiteness : str
-        Definiteness of Kq: passive springs between joints realise a positive one; others need
-        active control.
+        Definiteness of Kq: passive springs between joints realise a positive one; others
+        need active control.
     eigenvalues : ndarray, shape (n,)
         Eigenvalues of Kq, scaled to unit diagonal if possible.
     off_diagonal : float
@@ -248,8 +253,8 @@ class JointStiffness(Result):
     is_diagonal : bool
         Whether that is below 1e-9.
     is_feasible : bool or None
-        Whether independent, non-negative joint springs realise the desired stiffness exactly. None
-        without a fit.
+        Whether independent, non-negative joint springs realise the desired stiffness
+        exactly. None without a fit.
     stable : bool
         Whether Kq - S_W is positive definite: the posture is stable under the load.
     diagonal_fit : DiagonalFit or None
@@ -290,7 +295,8 @@ def joint_stiffness(
         Load (moment, force) that the environment applies; default none.
     load_term : array_like, shape (n, n), optional
         S with K^B = J^-T (Kq - S) J^-1; default S_W of a serial chain. It differs where
-        other potentials act (less their Hessian) or the coordinates are those of a platform's legs.
+        other potentials act (less their Hessian) or the coordinates are those of a
+        platform's legs.
     null_space_stiffness : float or array_like, shape (n - 6, n - 6), optional
         Kz on an orthonormal basis of the self-motion; default the mean of the six other
         eigenvalues of J^T K J. Without any, the self-motion would be free.

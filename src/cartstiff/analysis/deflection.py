@@ -1,9 +1,10 @@
-r"""Linear deflection under an added wrench: of the body, of any of its points, joint by joint.
+r"""Linear deflection under an added wrench: of the body, of any of its points,
+joint by joint.
 
     dq = H_W^-1 J^T dW,     twist = J dq = C dW,     C = J H_W^-1 J^T
 
-The joints' shares ``J_a dq_a`` add up to the twist exactly. The deflection is that of small loads:
-K, J and H_W are those of the posture.
+The joints' shares ``J_a dq_a`` add up to the twist exactly. The deflection is that of
+small loads: K, J and H_W are those of the posture.
 """
 
 from __future__ import annotations
@@ -60,7 +61,9 @@ class Deflection(Result):
 def compliance_deflection(
     compliance: ArrayLike, wrench: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)
 ) -> Deflection:
-    """Deflection ``C dW``; exists at singular postures and for fewer than six joints too."""
+    """Deflection ``C dW``; exists at singular postures and for fewer than
+    six joints too.
+    """
     C = checked_matrix(compliance, "compliance")
     W, p = checked_vector(wrench, 6, "wrench"), checked_vector(point, 3, "point")
     twist = C.dot(W)
@@ -85,8 +88,8 @@ class JointShares(Result):
     displacements : ndarray, shape (3, n)
         Displacements of the point, due to each joint.
     share : ndarray, shape (n,)
-        Each displacement's component along the total one, over its length; they add up to 1 and
-        may be negative. NaN if the point does not move.
+        Each displacement's component along the total one, over its length; they add up to
+        1 and may be negative. NaN if the point does not move.
     energy : ndarray, shape (n,)
         ``1/2 dq_a (J^T dW)_a``; adds up to the deflection's energy.
     """
@@ -112,8 +115,8 @@ def joint_shares(
     jacobian : array_like, shape (6, n)
         Body Jacobian.
     hessian : array_like, shape (n, n)
-        H_W: joint stiffness less the load term, see `cartstiff.analysis.congruence`; without a
-        load the joint stiffness itself.
+        H_W: joint stiffness less the load term, see `cartstiff.analysis.congruence`;
+        without a load the joint stiffness itself.
     wrench : array_like, shape (6,)
         Added wrench dW, body frame.
     point : array_like, shape (3,)
@@ -122,7 +125,8 @@ def joint_shares(
     Raises
     ------
     UndefinedError
-        Code ``"singular"`` if H_W has no inverse: a motion of the joints has no stiffness.
+        Code ``"singular"`` if H_W has no inverse: a motion of the joints has no
+        stiffness.
     """
     J = checked_array(jacobian, (6, "n"), "Jacobian", copy=False)
     n = J.shape[1]
@@ -134,7 +138,8 @@ def joint_shares(
     values = np.linalg.svd(H / np.outer(scale, scale), compute_uv=False)
     if not values[-1] > numerics.ZERO_SHARE * values[0]:
         raise UndefinedError(
-            "joint stiffness less its load term is singular: a motion of the joints is free",
+            "joint stiffness less its load term is singular: a motion of the joints is "
+            "free",
             code="singular",
             values={"singular_values": values.tolist()},
         )
@@ -167,8 +172,8 @@ class SpringShares(Result):
     share : ndarray, shape (m,)
         Over the energy of the deflection; NaN if that is zero.
     load_share : float
-        Share of the turning of loaded springs' lines, and of other potentials. With it the shares
-        add up to 1; it is zero without a load.
+        Share of the turning of loaded springs' lines, and of other potentials. With it
+        the shares add up to 1; it is zero without a load.
     """
 
     elongation: Array

@@ -1,13 +1,15 @@
-r"""Ellipsoids and directional stiffness: three dimensions of a six-dimensional matrix at a time.
+r"""Ellipsoids and directional stiffness: three dimensions of a six-dimensional
+matrix at a time.
 
 Two different blocks have the same name in the literature; here they are distinguished:
 
 * *held*: the other freedoms are locked. Translational stiffness K_tt, compliance K_tt^-1.
-* *free*: the other freedoms move without load. Translational compliance C_tt, stiffness C_tt^-1
-  = K_tt - K_tr K_rr^-1 K_rt.
+* *free*: the other freedoms move without load. Translational compliance C_tt, stiffness
+  C_tt^-1 = K_tt - K_tr K_rr^-1 K_rt.
 
-Free is never stiffer than held when K is positive definite. Held translational and free rotational
-stiffness are the same at every point of the body; the other two depend on the point.
+Free is never stiffer than held when K is positive definite. Held translational and free
+rotational stiffness are the same at every point of the body; the other two depend on the
+point.
 """
 
 from __future__ import annotations
@@ -56,8 +58,8 @@ class Ellipsoid:
     eigenvalues : ndarray, shape (3,)
         Principal values with their signs, smallest first.
     definiteness : str
-        "positive", "positive semidefinite", "indefinite", "negative semidefinite", "negative" or
-        "zero". Only a positive one is the ellipsoid of a stable elasticity.
+        "positive", "positive semidefinite", "indefinite", "negative semidefinite",
+        "negative" or "zero". Only a positive one is the ellipsoid of a stable elasticity.
     asymmetry : float
         Largest entry of the antisymmetric part, which the ellipsoid does not include.
     """
@@ -77,8 +79,8 @@ class Ellipsoid:
 def ellipsoid(matrix: ArrayLike) -> Ellipsoid:
     """Ellipsoid of the symmetric part of any 3x3 matrix.
 
-    The largest component of the first two axes is positive; the third completes a right-handed
-    frame. Axes of equal eigenvalues are arbitrary within their plane.
+    The largest component of the first two axes is positive; the third completes a
+    right-handed frame. Axes of equal eigenvalues are arbitrary within their plane.
 
     Raises
     ------
@@ -91,7 +93,9 @@ def ellipsoid(matrix: ArrayLike) -> Ellipsoid:
 def _principal(
     m: Array, inverse: Array | None = None, losses: tuple[float, float] = (1.0, 1.0)
 ) -> Ellipsoid:
-    """`ellipsoid`; a known inverse (3, 3) resolves small values, losses as in `eigenpairs`."""
+    """`ellipsoid`; a known inverse (3, 3) resolves small values,
+    losses as in `eigenpairs`.
+    """
     other = None if inverse is None else symmetric_part(inverse)
     values, vectors = numerics.eigenpairs(symmetric_part(m), other, losses)
     if np.isnan(values).any():
@@ -101,7 +105,9 @@ def _principal(
 
 
 def shape_of(values: Array, vectors: Array, sign: Definiteness) -> Ellipsoid:
-    """`ellipsoid` from eigenvalues (3,), smallest first, and their vectors in columns (3, 3)."""
+    """`ellipsoid` from eigenvalues (3,), smallest first,
+    and their vectors in columns (3, 3).
+    """
     # Plain numbers and one array: small arrays are slower.
     first, second, _ = vectors.T.tolist()
     (a, b, c), (d, e, f) = upright(first), upright(second)
@@ -144,8 +150,8 @@ def softest(
     Returns
     -------
     (float, list of float or None) or None
-        None if a load is not resisted along every direction, or moves nothing; no direction if two
-        or three of the largest are equal.
+        None if a load is not resisted along every direction, or moves nothing; no
+        direction if two or three of the largest are equal.
     """
     least, middle, most = np.asarray(compliances, float).tolist()
     if not (least >= 0.0 and most > 0.0):
@@ -198,8 +204,8 @@ def stiffness_block(
 ) -> Array:
     r"""3x3 stiffness of translation or rotation, the other freedoms held or free.
 
-    held: the block of K. free: ``K_aa - K_ab K_bb^-1 K_ba``, the inverse of the block of K^-1;
-    it needs only K_bb, and exists at postures where K itself is singular.
+    held: the block of K. free: ``K_aa - K_ab K_bb^-1 K_ba``, the inverse of the block of
+    K^-1; it needs only K_bb, and exists at postures where K itself is singular.
 
     Parameters
     ----------
@@ -229,8 +235,8 @@ def compliance_block(
 ) -> Array:
     r"""3x3 compliance of translation or rotation, the other freedoms held or free.
 
-    free: the block of C (no load on the others). held: ``C_aa - C_ab C_bb^-1 C_ba``, the inverse of
-    the block of K. Arguments as in `stiffness_block`, with C in place of K.
+    free: the block of C (no load on the others). held: ``C_aa - C_ab C_bb^-1 C_ba``, the
+    inverse of the block of K. Arguments as in `stiffness_block`, with C in place of K.
 
     Raises
     ------
@@ -255,7 +261,8 @@ def stiffness_ellipsoid(
     Raises
     ------
     UndefinedError
-        As `stiffness_block`; code ``"ill-conditioned"`` where neither resolves a principal value.
+        As `stiffness_block`; code ``"ill-conditioned"`` where neither resolves a
+        principal value.
     """
     return _of_pair(True, stiffness, inverse, freedom, others, T_m_n)
 
@@ -269,8 +276,8 @@ def compliance_ellipsoid(
 ) -> Ellipsoid:
     """Ellipsoid of `compliance_block`; its eigenvalues are the principal compliances.
 
-    The inverse, the stiffness (6, 6), resolves values that the compliance does not. The errors are
-    those of `stiffness_ellipsoid`.
+    The inverse, the stiffness (6, 6), resolves values that the compliance does not. The
+    errors are those of `stiffness_ellipsoid`.
     """
     return _of_pair(False, compliance, inverse, freedom, others, T_m_n)
 
@@ -283,14 +290,19 @@ def _of_pair(
     others: Others,
     T_m_n: ArrayLike | None,
 ) -> Ellipsoid:
-    """Ellipsoid of a block of a matrix; the same block of the inverse matrix is its inverse."""
+    """Ellipsoid of a block of a matrix.
+
+    The same block of the inverse matrix is its inverse.
+    """
     keep, held = _choice(freedom, others)
-    # One of the two blocks is eliminated: for a stiffness that of C if held, that of K if free.
+    # One of the two blocks is eliminated: for a stiffness that of C if held, that of K if
+    # free.
     is_eliminated = held != is_stiffness
     own = _in_frame(matrix, T_m_n, is_stiffness)
     size = float(np.abs(own[keep, keep]).max())
     if inverse is None:
-        # Rounding of a singular matrix is no stiffness: `eliminate` by indices decides its rank.
+        # Rounding of a singular matrix is no stiffness: `eliminate` by indices decides
+        # its rank.
         block = eliminate(own, [*range(6)[keep]]) if is_eliminated else own[keep, keep]
         return _without_rounding(ellipsoid(block), size)
     if not is_eliminated:
@@ -334,7 +346,8 @@ def _without_rounding(shape: Ellipsoid, size: float) -> Ellipsoid:
 def stiffnesses_on_axes(
     K: Array, C: Array, directions: Array, freedom: Freedom, others: Others
 ) -> Array:
-    """Stiffness (N,) along, or about, lines through the origin; NaN where it does not exist.
+    """Stiffness (N,) along, or about, lines through the origin;
+    NaN where it does not exist.
 
     Parameters
     ----------
@@ -355,8 +368,8 @@ def stiffnesses_on_axes(
         return stiffnesses_of_motions(twists, K, ~has_C)
     own = C[:, block, block]
     compliance = np.einsum("ni,nij,nj->n", directions, own, directions)
-    # Without a K, a direction without compliance is held by the structure: its stiffness is
-    # unknown.
+    # Without a K, a direction without compliance is held by the structure: its stiffness
+    # is unknown.
     rigid = np.abs(compliance) <= numerics.ZERO_SHARE * np.abs(own).max(axis=(1, 2))
     with np.errstate(divide="ignore"):
         stiffness: Array = np.where(rigid & ~has_K, np.nan, 1.0 / compliance)
@@ -391,9 +404,9 @@ def stiffness_along(
 ) -> float:
     r"""Force per displacement of a body point along a direction (force per length).
 
-    free: a force through the point moves it, without load on the other freedoms: ``1 / (w^T C w)``
-    with w = (p x u, u). held: the body is guided to translate along u only: ``u^T K_tt u``, the
-    same for every point.
+    free: a force through the point moves it, without load on the other freedoms: ``1 /
+    (w^T C w)`` with w = (p x u, u). held: the body is guided to translate along u only:
+    ``u^T K_tt u``, the same for every point.
 
     Raises
     ------
@@ -413,9 +426,9 @@ def stiffness_about(
 ) -> float:
     r"""Moment per rotation about an axis (moment per angle).
 
-    held: the body is hinged on the axis through the point: ``s^T K s`` with s = (u, p x u). free: a
-    pure moment along u, without load on the other freedoms: ``1 / (u^T C_rr u)``, the same for
-    every parallel axis.
+    held: the body is hinged on the axis through the point: ``s^T K s`` with s = (u, p x
+    u). free: a pure moment along u, without load on the other freedoms: ``1 / (u^T C_rr
+    u)``, the same for every parallel axis.
 
     Raises
     ------

@@ -1,7 +1,8 @@
 r"""Indices of a stiffness: one number each, with the length scale it depends on.
 
-Angles are multiplied by a length l, so that ``K_l = D K D``, D = diag(1/l, 1/l, 1/l, 1, 1, 1), is
-in force per length throughout. An index that depends on l has an exponent, which says how.
+Angles are multiplied by a length l, so that ``K_l = D K D``, D = diag(1/l, 1/l, 1/l, 1,
+1, 1), is in force per length throughout. An index that depends on l has an exponent,
+which says how.
 """
 
 from __future__ import annotations
@@ -43,19 +44,21 @@ class Indices(Result):
     condition_number : float
         Largest over smallest absolute eigenvalue of K_l; infinite if K is singular.
     condition_exponent : float
-        d ln(condition number) / d ln(l) at this length: 1 means that a length 1 % longer makes it
-        1 % larger. NaN if K is singular.
+        d ln(condition number) / d ln(l) at this length: 1 means that a length 1 % longer
+        makes it 1 % larger. NaN if K is singular.
     isotropy : float
-        Geometric over arithmetic mean of the eigenvalues: 1 for a multiple of the identity, 0 if
-        singular, NaN if not positive semidefinite.
+        Geometric over arithmetic mean of the eigenvalues: 1 for a multiple of the
+        identity, 0 if singular, NaN if not positive semidefinite.
     minimum_stiffness : float
         Smallest eigenvalue of K_l, negative if there is one (force per length).
     minimum_twist : ndarray, shape (6,)
         Its twist (omega, v), of unit size ``sqrt(l^2 |omega|^2 + |v|^2)``.
     determinant : float
-        det K in the original units, force^6 per angle^3. Depends neither on l nor on the frame.
+        det K in the original units, force^6 per angle^3. Depends neither on l nor on the
+        frame.
     translational_condition, rotational_condition : float
-        Condition numbers of the two diagonal blocks of K (the other held); depend on no length.
+        Condition numbers of the two diagonal blocks of K (the other held); depend on no
+        length.
     """
 
     length: float
@@ -74,8 +77,8 @@ class Indices(Result):
 def isotropy(matrix: ArrayLike, inverse: ArrayLike | None = None) -> float:
     """Geometric over arithmetic mean of the eigenvalues of a symmetric matrix.
 
-    Between 0 (singular) and 1 (all equal); NaN if an eigenvalue is negative, or all are zero. The
-    inverse, where it is known, gives the small ones.
+    Between 0 (singular) and 1 (all equal); NaN if an eigenvalue is negative, or all are
+    zero. The inverse, where it is known, gives the small ones.
     """
     return float(isotropies(numerics.eigenvalues(real_array(matrix), inverse)))
 
@@ -112,7 +115,8 @@ def indices_of(
     Raises
     ------
     UndefinedError
-        Code ``"ill-conditioned"`` where neither stiffness nor compliance resolves an eigenvalue.
+        Code ``"ill-conditioned"`` where neither stiffness nor compliance resolves an
+        eigenvalue.
     """
     K, C = symmetric_pair(stiffness, compliance)
     values, x, kind = spectrum(K, length, C)
@@ -142,7 +146,8 @@ def indices_of(
 def spectrum(
     K: Array, length: float, C: Array | None = None
 ) -> tuple[Array, Array, Definiteness]:
-    """Eigenvalues (6,) and eigenvectors (6, 6) of K_l, and the definiteness, as in `indices_of`.
+    """Eigenvalues (6,) and eigenvectors (6, 6) of K_l, and the definiteness,
+    as in `indices_of`.
 
     Parameters and errors are those of `indices_of`; K and C are symmetric.
     """
@@ -168,7 +173,10 @@ def _definiteness(K: Array) -> Definiteness:
 
 
 def held_condition(K: Array, C: Array | None, freedom: Freedom) -> float:
-    """Condition number of a diagonal block of K; NaN where neither K nor C resolves it."""
+    """Condition number of a diagonal block of K.
+
+    NaN where neither K nor C resolves it.
+    """
     try:
         return numerics.condition_of(
             stiffness_ellipsoid(K, freedom, "held", None, C).eigenvalues
@@ -196,9 +204,9 @@ def best_conditioned_length(
 ) -> BestLength:
     r"""Length at which the condition number is smallest, and that number.
 
-    For positive definite K both ln(largest) and -ln(smallest eigenvalue of K_l) are convex in
-    ln l: the minimum lies between the neighbours of the best in a row of lengths, and the next row
-    is placed there. It depends on the origin of the frame.
+    For positive definite K both ln(largest) and -ln(smallest eigenvalue of K_l) are
+    convex in ln l: the minimum lies between the neighbours of the best in a row of
+    lengths, and the next row is placed there. It depends on the origin of the frame.
 
     Raises
     ------
@@ -221,8 +229,9 @@ def best_conditioned_length(
             code="not-positive",
             values={"eigenvalues": values.tolist(), "length": start},
         )
-    # At a distance t from the balancing length one block is exp(2|t|) times the other, so that the
-    # condition number is at least exp(2|t|) / sqrt(3): beyond `reach` it exceeds that at t = 0.
+    # At a distance t from the balancing length one block is exp(2|t|) times the other, so
+    # that the condition number is at least exp(2|t|) / sqrt(3): beyond `reach` it exceeds
+    # that at t = 0.
     reach = 0.5 * float(np.log(values[-1] / values[0])) + 1.0
     low, high = -reach, reach
     while True:

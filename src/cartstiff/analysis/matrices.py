@@ -1,4 +1,5 @@
-r"""Six-by-six stiffness and compliance matrices: checks, blocks, change of frame, scaling.
+r"""Six-by-six stiffness and compliance matrices: checks, blocks, change of frame,
+scaling.
 
 A stiffness K takes a twist (omega, v) to a wrench (moment, force); its 3x3 blocks are
 
@@ -49,17 +50,21 @@ TRANSLATION: Final = slice(3, 6)
 
 
 def symmetric_part(matrix: ArrayLike) -> Array:
-    """Half the sum of matrices (..., n, n) and their transposes; for any K^A this is K^B."""
+    """Half the sum of matrices (..., n, n) and their transposes.
+
+    For any K^A this is K^B.
+    """
     m = real_array(matrix)
     return np.asarray(0.5 * (m + m.swapaxes(-1, -2)))
 
 
 def block_scales(matrix: ArrayLike) -> Array:
-    """Sizes (..., 2, 2) against which 3x3 blocks are judged, each in its block's own unit.
+    """Sizes (..., 2, 2) against which 3x3 blocks are judged,
+    each in its block's own unit.
 
-    Diagonal: Frobenius norms of the rotation and translation blocks; off the diagonal their
-    geometric mean, which has the unit of the coupling block: no length has to be chosen. For a
-    positive semidefinite matrix the coupling block never exceeds it.
+    Diagonal: Frobenius norms of the rotation and translation blocks; off the diagonal
+    their geometric mean, which has the unit of the coupling block: no length has to be
+    chosen. For a positive semidefinite matrix the coupling block never exceeds it.
     """
     sizes = np.sqrt((in_blocks(real_array(matrix)) ** 2).sum(axis=(-3, -1)))
     coupling = np.sqrt(sizes[..., 0, 0] * sizes[..., 1, 1])
@@ -127,8 +132,8 @@ def definiteness(
 def move_stiffness(stiffness: ArrayLike, T_m_n: ArrayLike) -> Array:
     """Stiffness in body frame N: ``Ad^T K Ad`` with Ad = Ad(T_m_n).
 
-    Holds for K^A, K^B and K^+ (tensors); the kinematic connection of another origin is another
-    connection.
+    Holds for K^A, K^B and K^+ (tensors); the kinematic connection of another origin is
+    another connection.
     """
     K, Ad = checked_matrix(stiffness), se3.adjoint(checked_pose(T_m_n, "frame"))
     moved: Array = Ad.T @ K @ Ad
@@ -169,7 +174,10 @@ def with_angles_times(matrix: Array, factor: float | Array) -> Array:
 
 
 def balancing_length(matrix: ArrayLike) -> float:
-    """Length that makes both diagonal blocks equally large; for rounding only, not a result."""
+    """Length that makes both diagonal blocks equally large.
+
+    For rounding only, not a result.
+    """
     m = real_array(matrix)
     # Twice as fast as `np.linalg.norm` on nine numbers.
     rr, tt = (sqrt(x.dot(x)) for x in (m[s, s].ravel() for s in (ROTATION, TRANSLATION)))
@@ -182,7 +190,8 @@ def invert(matrix: ArrayLike, what: str = "stiffness") -> Array:
     Raises
     ------
     UndefinedError
-        Code ``"singular"``, with the singular values on balanced units and the length used.
+        Code ``"singular"``, with the singular values on balanced units and the length
+        used.
     """
     m = checked_matrix(matrix, what)
     inverse = numerics.invert(m)
@@ -198,7 +207,8 @@ def invert(matrix: ArrayLike, what: str = "stiffness") -> Array:
 
 
 def eliminate(matrix: ArrayLike, keep: slice | list[int]) -> Array:
-    """Matrix on the kept directions when the others are free: ``M_kk - M_ko M_oo^-1 M_ok``.
+    """Matrix on the kept directions when the others are free:
+    ``M_kk - M_ko M_oo^-1 M_ok``.
 
     A singular ``M_oo`` is harmless where the kept directions do not load its null space.
 
@@ -216,7 +226,8 @@ def eliminate(matrix: ArrayLike, keep: slice | list[int]) -> Array:
     free, left, values, length = _on_kept(m[None], every[keep], np.delete(every, keep))
     if np.isnan(free).any():
         raise UndefinedError(
-            "the other freedoms are loaded where they have no stiffness: no balance exists",
+            "the other freedoms are loaded where they have no stiffness: no balance "
+            "exists",
             code="singular",
             values={
                 "singular_values": values[0].tolist(),
@@ -242,7 +253,10 @@ def _plainly_eliminated(m: Array, keep: slice) -> tuple[Array, float, bool]:
 
 
 def eliminate_each(stack: Array, keep: slice) -> Array:
-    """`eliminate` of matrices (N, 6, 6) for a block (N, 3, 3); NaN where no balance exists."""
+    """`eliminate` of matrices (N, 6, 6) for a block (N, 3, 3).
+
+    NaN where no balance exists.
+    """
     every = np.arange(6)
     return _on_kept(stack, every[keep], np.delete(every, every[keep]))[0]
 
@@ -250,8 +264,9 @@ def eliminate_each(stack: Array, keep: slice) -> Array:
 def _on_kept(m: Array, kept: Array, others: Array) -> tuple[Array, Array, Array, Array]:
     """`eliminate` of matrices (N, 6, 6), NaN where no balance exists, and the reasons.
 
-    These are the unbalanced load (N,), the singular values of ``M_oo`` (N, k), and the lengths
-    (N,), the former two in units of length that make both diagonal blocks equally large.
+    These are the unbalanced load (N,), the singular values of ``M_oo`` (N, k), and the
+    lengths (N,), the former two in units of length that make both diagonal blocks equally
+    large.
     """
     length = np.array([balancing_length(matrix) for matrix in m])
     d = np.ones((len(m), 6))
@@ -270,8 +285,8 @@ def _on_kept(m: Array, kept: Array, others: Array) -> tuple[Array, Array, Array,
         axis=(1, 2)
     )
     free[is_all] = 0.0  # rounding of the subtraction
-    # An entry that couples to a zero stiffness is itself bounded by the root of it in a positive
-    # semidefinite matrix.
+    # An entry that couples to a zero stiffness is itself bounded by the root of it in a
+    # positive semidefinite matrix.
     free[left > np.sqrt(numerics.ZERO_SHARE) * largest] = np.nan
     return free / d[:, kept, None] / d[:, None, kept], left, values, length
 
@@ -279,7 +294,8 @@ def _on_kept(m: Array, kept: Array, others: Array) -> tuple[Array, Array, Array,
 def lost_digits(values: Array, what: str) -> UndefinedError:
     """The error for principal values that neither a matrix nor its inverse resolves."""
     return UndefinedError(
-        f"{what} has principal values so far apart that neither it nor its inverse knows those "
+        f"{what} has principal values so far apart that neither it nor its inverse knows "
+        "those "
         "between",
         code="ill-conditioned",
         values={"known": numerics.LOST_ERROR, "unknown": int(np.isnan(values).sum())},
@@ -289,7 +305,8 @@ def lost_digits(values: Array, what: str) -> UndefinedError:
 def stiffnesses_of_motions(
     twists: Array, stiffness: Array, is_singular: NDArray[np.bool_] | np.bool_
 ) -> Array:
-    """``t^T K t`` (N,) of motions t, the other freedoms held; NaN where its digits are lost.
+    """``t^T K t`` (N,) of motions t, the other freedoms held;
+    NaN where its digits are lost.
 
     Parameters
     ----------
@@ -313,7 +330,9 @@ def stiffnesses_of_motions(
 
 
 def loss_of_elimination(matrix: ArrayLike, keep: slice) -> float:
-    """Relative error of `eliminate` over that of its matrix, by cancellation; may be infinite."""
+    """Relative error of `eliminate` over that of its matrix, by cancellation;
+    may be infinite.
+    """
     return _plainly_eliminated(real_array(matrix), keep)[1]
 
 
@@ -330,13 +349,16 @@ def reach(J: Array) -> float:
 
 
 def require_full_rank(J: Array) -> None:
-    """Raise UndefinedError ("fewer-than-six-freedoms" or "singular") unless J has rank six."""
+    """Raise UndefinedError ("fewer-than-six-freedoms" or "singular") unless J
+    has rank six.
+    """
     length = reach(J)
     values = np.linalg.svd(scale_jacobian(J, length), compute_uv=False)
     if J.shape[1] < 6 or not values[5] > numerics.RANK * values[0]:
         deficient = J.shape[1] < 6
         raise UndefinedError(
-            "the joints do not move the end-effector in all six directions: no joint stiffness "
+            "the joints do not move the end-effector in all six directions: no joint "
+            "stiffness "
             "gives a Cartesian stiffness here",
             code="fewer-than-six-freedoms" if deficient else "singular",
             values={

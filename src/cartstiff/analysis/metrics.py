@@ -1,11 +1,13 @@
-r"""Characteristic lengths and metrics, which make radians and metres comparable; their modes.
+r"""Characteristic lengths and metrics, which make radians and metres comparable;
+their modes.
 
-A number that mixes rotation and translation (a condition number, an eigenvalue of K) depends on the
-length by which angles are multiplied. It is one of three, and the result names it: given by the
-user, the natural length of the elasticity, or the radius of gyration of a body.
+A number that mixes rotation and translation (a condition number, an eigenvalue of K)
+depends on the length by which angles are multiplied. It is one of three, and the result
+names it: given by the user, the natural length of the elasticity, or the radius of
+gyration of a body.
 
-More generally, with a metric M on twists (6x6, positive definite) ``K v = lambda M v`` is the same
-in every frame, provided the metric moves along.
+More generally, with a metric M on twists (6x6, positive definite) ``K v = lambda M v`` is
+the same in every frame, provided the metric moves along.
 """
 
 from __future__ import annotations
@@ -55,8 +57,8 @@ class CharacteristicLength:
     value : float
         In the units of the matrix.
     origin : str
-        "given", "natural", "inertia", or "unit": one unit of length, when nothing was given and
-        the elasticity has no natural length.
+        "given", "natural", "inertia", or "unit": one unit of length, when nothing was
+        given and the elasticity has no natural length.
     reason : str
         One line for people.
     """
@@ -67,12 +69,14 @@ class CharacteristicLength:
 
 
 def natural_length(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> float:
-    r"""Length at which rotation and translation are equally stiff, from the stiffness alone.
+    r"""Length at which rotation and translation are equally stiff,
+    from the stiffness alone.
 
-    ``(det S / det K_tt)^(1/6)`` with ``S = K_rr - K_rt K_tt^-1 K_tr`` the rotational stiffness with
-    free translations. Both determinants are the same at every point and in any axes, so the length
-    does not depend on the frame. It is the ratio of the geometric means of the rotational and
-    translational principal stiffnesses of [PattersonLipkin]_'s decomposition, under a square root.
+    ``(det S / det K_tt)^(1/6)`` with ``S = K_rr - K_rt K_tt^-1 K_tr`` the rotational
+    stiffness with free translations. Both determinants are the same at every point and in
+    any axes, so the length does not depend on the frame. It is the ratio of the geometric
+    means of the rotational and translational principal stiffnesses of
+    [PattersonLipkin]_'s decomposition, under a square root.
 
     Parameters
     ----------
@@ -112,7 +116,10 @@ def _natural_length(K: Array, C: Array | None) -> float:
 
 
 def _body(mass: float, inertia: ArrayLike) -> tuple[float, Array]:
-    """Mass and inertia about the mass centre; InputError unless both are positive definite."""
+    """Mass and inertia about the mass centre.
+
+    InputError unless both are positive definite.
+    """
     m = checked_number(mass, "mass")
     if not 0 < m <= LARGEST_INPUT:
         raise InputError("mass cannot be used", expected="a positive number", got=m)
@@ -144,7 +151,9 @@ def characteristic_length(
     mass: float | None = None,
     inertia: ArrayLike | None = None,
 ) -> CharacteristicLength:
-    """Length to use: the given one, else from the inertia, else natural, else one unit, and why."""
+    """Length to use: the given one, else from the inertia, else natural, else one unit,
+    and why.
+    """
     if given is not None:
         return CharacteristicLength(checked_length(given), "given", "given by the user")
     if (mass is None) != (inertia is None):
@@ -187,12 +196,14 @@ class MetricModes(Result):
     metric : str
         Name of the metric.
     eigenvalues : ndarray, shape (6,)
-        Smallest first: force per length for `length_metric`, squared angular frequencies (1/s^2)
-        for `inertia_metric`.
+        Smallest first: force per length for `length_metric`, squared angular frequencies
+        (1/s^2) for `inertia_metric`.
     frequencies : ndarray, shape (6,), or None
-        In Hz for `inertia_metric`, NaN where the eigenvalue is negative: that motion is unstable.
+        In Hz for `inertia_metric`, NaN where the eigenvalue is negative: that motion is
+        unstable.
     twists : ndarray, shape (6, 6)
-        Columns v with ``v_i^T M v_j = 1`` if i = j and 0 otherwise; largest component positive.
+        Columns v with ``v_i^T M v_j = 1`` if i = j and 0 otherwise; largest component
+        positive.
     definiteness : str
         Definiteness of K; the same for every metric.
     """
@@ -214,8 +225,8 @@ def inertia_metric(
 ) -> Array:
     r"""Kinetic-energy metric of a rigid body, (6, 6).
 
-    ``[[ I_c - m [c]x^2, m [c]x ], [ -m [c]x, m 1 ]]``, c the mass centre and I_c the inertia about
-    it, both in the frame of the stiffness.
+    ``[[ I_c - m [c]x^2, m [c]x ], [ -m [c]x, m 1 ]]``, c the mass centre and I_c the
+    inertia about it, both in the frame of the stiffness.
 
     Raises
     ------
@@ -249,7 +260,8 @@ def modes(
     InputError
         If the metric is not positive definite.
     UndefinedError
-        Code ``"ill-conditioned"`` where neither stiffness nor compliance resolves a value.
+        Code ``"ill-conditioned"`` where neither stiffness nor compliance resolves a
+        value.
     """
     K, M = as_symmetric(stiffness), as_symmetric(metric, "metric")
     try:

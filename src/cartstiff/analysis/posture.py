@@ -1,7 +1,7 @@
 """All results of the stiffness at one posture, as one dict of plain values.
 
-`summarise` needs only matrices; `analyse_posture` adds the sections that need the mechanism:
-deflection, joint stiffness for a target, uncertainty.
+`summarise` needs only matrices; `analyse_posture` adds the sections that need the
+mechanism: deflection, joint stiffness for a target, uncertainty.
 """
 
 from __future__ import annotations
@@ -96,7 +96,9 @@ def change_from_symmetric(r: PostureStiffness, name: str) -> Array:
 
 
 def is_tangent(r: PostureStiffness, connection: str) -> bool:
-    """Whether K^X is the tangent stiffness under the load, rotations in characteristic lengths."""
+    """Whether K^X is the tangent stiffness under the load,
+    rotations in characteristic lengths.
+    """
     if connection == "load" or not r.is_loaded:
         return True
     changes = np.array(
@@ -115,7 +117,8 @@ def deflection_section(
     point: Array,
     notes: Notes,
 ) -> dict[str, Any] | None:
-    """Linear deflection ``(K^X)^-1 dW`` at a point of the body, under a wrench at another.
+    """Linear deflection ``(K^X)^-1 dW`` at a point of the body,
+    under a wrench at another.
 
     Parameters
     ----------
@@ -181,9 +184,11 @@ def deflection_found(
 
 
 def _without_rounding(C: Array, deflection: Deflection, length: float) -> Deflection:
-    """A motion without the parts that are rounding of the others, angles times the length.
+    """A motion without the parts that are rounding of the others,
+    angles times the length.
 
-    All of it is rounding where the structure carries the load: beside C, not beside itself.
+    All of it is rounding where the structure carries the load: beside C, not beside
+    itself.
     """
     twist, displacement = deflection.twist.tolist(), deflection.displacement.tolist()
     sizes = [*(length * abs(x) for x in twist[:3]), *map(abs, twist[3:] + displacement)]
@@ -213,7 +218,8 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
         J = posture.motion.jacobian
         W = np.zeros(6) if r.wrench is None else r.wrench
         H = r.evaluation.hessian - posture.motion.curvature(W)
-        # The same change of connection in the joints: J (H_W + J^T D J)^-1 J^T = (K^B + D)^-1.
+        # The same change of connection in the joints: J (H_W + J^T D J)^-1 J^T = (K^B +
+        # D)^-1.
         H = H + J.T @ change_from_symmetric(r, name) @ J
         shares = joint_shares(J, H, whole.wrench, whole.point)
         part = shares.share if whole.displacement.any() else np.full(len(H), np.nan)
@@ -239,7 +245,8 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
     for own in elastic.parts(posture):
         x = own.rows @ motion
         if own.whole:
-            # Along its own deflection a link is one spring, of that much turn and displacement.
+            # Along its own deflection a link is one spring, of that much turn and
+            # displacement.
             size = float(np.linalg.norm(x)) or 1.0
             found.append((own.whole, None, float(x @ own.stiffness @ x) / size**2, size))
             continue
@@ -280,8 +287,8 @@ def target_section(
 ) -> dict[str, Any]:
     """Joint or leg stiffness for a desired stiffness in M under the present load.
 
-    ``K^X - K^B`` depends on the load alone, so that the springs must produce ``K^B = K - sym(K^X -
-    K^B)`` for a desired symmetric part K of K^X.
+    ``K^X - K^B`` depends on the load alone, so that the springs must produce ``K^B = K -
+    sym(K^X - K^B)`` for a desired symmetric part K of K^X.
     """
     desired, W = as_symmetric(target, "target stiffness"), r.wrench
     if W is None:
@@ -318,7 +325,8 @@ def target_section(
         lengths = [c.is_length for c in r.elastic.mechanism.coordinates]
     else:
         raise UndefinedError(
-            "joint stiffnesses for a target are found for serial arms and six-legged platforms",
+            "joint stiffnesses for a target are found for serial arms and six-legged "
+            "platforms",
             code="kf-undefined",
         )
     answer: dict[str, Any] = {
@@ -357,16 +365,17 @@ class PostureMatrices:
     wrench : array_like, shape (6,)
         Load (moment, force).
     connection : str, optional
-        The matrix that is analysed; default the first that exists of B, K, F, A, +. An asymmetric
-        one is analysed by its symmetric part, and the result says so; what other freedoms do that
-        are free is read from the symmetric part of its inverse.
+        The matrix that is analysed; default the first that exists of B, K, F, A, +. An
+        asymmetric one is analysed by its symmetric part, and the result says so; what
+        other freedoms do that are free is read from the symmetric part of its inverse.
     compliance : array_like, shape (6, 6), optional
         Default the inverse of the analysed matrix; needed where no stiffness exists.
     inverse : array_like, shape (6, 6), optional
-        Inverse of the symmetric part of the analysed matrix, if it is known better than by
-        inversion.
+        Inverse of the symmetric part of the analysed matrix, if it is known better than
+        by inversion.
     is_singular : bool
-        Whether the analysed matrix is known to have no inverse, even if rounding gives it one.
+        Whether the analysed matrix is known to have no inverse, even if rounding gives it
+        one.
     """
 
     stiffness: Mapping[str, ArrayLike | None]
@@ -396,16 +405,17 @@ class Reading:
     Attributes
     ----------
     length : float, optional
-        Characteristic length; else from `mass` and `inertia`, else natural, else one unit.
-        The result says which.
+        Characteristic length; else from `mass` and `inertia`, else natural, else one
+        unit. The result says which.
     mass, inertia, mass_centre : float, array_like (3, 3), array_like (3,), optional
-        Rigid body whose kinetic energy is the metric of "modes"; inertia about the mass centre, in
-        the frame of the analysis. Default the metric of the characteristic length.
+        Rigid body whose kinetic energy is the metric of "modes"; inertia about the mass
+        centre, in the frame of the analysis. Default the metric of the characteristic
+        length.
     direction : array_like, shape (3,), optional
         A direction, besides x, y and z, along and about which the stiffness is given.
     T_m_n : array_like, shape (4, 4), optional
-        Frame in which the analysis is given. The table of connections stays in M, since the
-        kinematic connection does not move as a tensor.
+        Frame in which the analysis is given. The table of connections stays in M, since
+        the kinematic connection does not move as a tensor.
     threshold : float
         Relative change above which the choice of connection matters.
     """
@@ -426,7 +436,8 @@ class Reading:
 
 
 def summarise(given: PostureMatrices, reading: Reading | None = None) -> dict[str, Any]:
-    r"""Analyse one posture: ellipsoids, centres, screws, indices, and what the connection changes.
+    r"""Analyse one posture: ellipsoids, centres, screws, indices,
+    and what the connection changes.
 
     Parameters
     ----------
@@ -439,9 +450,9 @@ def summarise(given: PostureMatrices, reading: Reading | None = None) -> dict[st
     -------
     dict
         Keys "connection", "symmetrised", "definiteness", "frame", "length", "stiffness",
-        "compliance", "ellipsoids", "directions", "centres", "normal_form", "decoupling_frame",
-        "eigenscrews", "wrench_compliant_axes", "twist_compliant_axes", "indices", "modes",
-        "asymmetry", "connections", "notes".
+        "compliance", "ellipsoids", "directions", "centres", "normal_form",
+        "decoupling_frame", "eigenscrews", "wrench_compliant_axes",
+        "twist_compliant_axes", "indices", "modes", "asymmetry", "connections", "notes".
 
     Raises
     ------
@@ -456,7 +467,8 @@ def summarise(given: PostureMatrices, reading: Reading | None = None) -> dict[st
     base = None if name is None else _moved(stiffness[name], None, move_stiffness)
     skewness = 0.0 if base is None else asymmetries.asymmetry_of(base, W).size
     compliance, inverse = _inverses(given, base, notes)
-    # In the frame of the analysis: the pair that free others have, and the symmetric parts.
+    # In the frame of the analysis: the pair that free others have, and the symmetric
+    # parts.
     base = _moved(base, T, move_stiffness)
     free = inverse_pair(base, _moved(compliance, T, move_compliance))
     C = _moved(inverse, T, move_compliance)
@@ -467,7 +479,10 @@ def summarise(given: PostureMatrices, reading: Reading | None = None) -> dict[st
     if K is None:
         reason = "neither stiffness nor compliance exists here"
         if C is not None:
-            reason = "no stiffness matrix exists here; what follows comes from the compliance alone"
+            reason = (
+                "no stiffness matrix exists here; what follows comes from the "
+                "compliance alone"
+            )
         notes.add(UndefinedError(reason, code="no-stiffness"), "stiffness")
     metric, pairs = reading.metric(scale.value), {"held": (K, C), "free": free}
     axes = {name: np.array(axis) for name, axis in _AXES.items()}
@@ -566,7 +581,10 @@ def _ellipsoids(
 def _directions(
     pairs: Mapping[str, tuple[Array | None, Array | None]], axes: Mapping[str, Array]
 ) -> list[dict[str, Any]]:
-    """Stiffness along and about lines through the origin; `pairs` by what other freedoms do."""
+    """Stiffness along and about lines through the origin.
+
+    `pairs` by what other freedoms do.
+    """
     rows: list[dict[str, Any]] = [
         {"name": n, "direction": axis} for n, axis in axes.items()
     ]
@@ -666,33 +684,35 @@ def analyse_posture(
     result : PostureStiffness
         From `cartstiff.analyse`.
     connection : str, optional
-        Letter of the matrix that is analysed. One of load, A, B, K, F and +; default under a load:
-        load, the tangent stiffness under it; without a load all are the same, and it is B.
+        Letter of the matrix that is analysed. One of load, A, B, K, F and +; default
+        under a load: load, the tangent stiffness under it; without a load all are the
+        same, and it is B.
     length : float, optional
-        Characteristic length, which makes angles comparable with lengths; default that of the rigid
-        body, if one is given, else the natural length, else one unit.
+        Characteristic length, which makes angles comparable with lengths; default that of
+        the rigid body, if one is given, else the natural length, else one unit.
     mass, inertia, mass_centre : float, array_like (3, 3), array_like (3,), optional
         A rigid body as the metric of "modes"; in the frame of the analysis, mass in
         force time^2 per length.
     at : array_like, shape (4, 4), optional
-        ``T_M_N``: the frame N fixed to the body in which everything but "deflection" is given;
-        the point of "deflection" is its origin. Every matrix moves there as a tensor: K^K stays
-        that of M's origin, and the load acts where it does.
+        ``T_M_N``: the frame N fixed to the body in which everything but "deflection" is
+        given; the point of "deflection" is its origin. Every matrix moves there as a
+        tensor: K^K stays that of M's origin, and the load acts where it does.
     direction : array_like, shape (3,), optional
         Direction for stiffness along and about it, besides x, y, z; in the axes of the
         analysis.
     wrench : array_like, shape (6,), optional
-        Wrench added to the load, whose linear deflection is given: moment and force, in the axes of
-        M; default the load itself, if there is one.
+        Wrench added to the load, whose linear deflection is given: moment and force, in
+        the axes of M; default the load itself, if there is one.
     load_at : array_like, shape (3,), optional
-        Point of the body, in M, at which that wrench acts; default the point that is analysed.
+        Point of the body, in M, at which that wrench acts; default the point that is
+        analysed.
     target : array_like, shape (6, 6), optional
-        Desired symmetric part of the analysed matrix (see `connection`) in M, for which joint (or
-        leg) stiffnesses are given.
+        Desired symmetric part of the analysed matrix (see `connection`) in M, for which
+        joint (or leg) stiffnesses are given.
     tolerances : Tolerances, optional
-        Standard deviations: relative of every spring stiffness, absolute of every length and
-        rotation [rad] of the geometry. Without them those of measured springs count, where the
-        mechanism has any.
+        Standard deviations: relative of every spring stiffness, absolute of every length
+        and rotation [rad] of the geometry. Without them those of measured springs count,
+        where the mechanism has any.
     threshold : float
         Relative change above which the choice of connection matters.
     progress : callable, optional
@@ -701,9 +721,9 @@ def analyse_posture(
     Returns
     -------
     dict
-        The keys of `summarise`, and "deflection", "uncertainty", "synthesis" with "target".
-        Optional results are None by default; one that does not exist is None with a reason in
-        "notes".
+        The keys of `summarise`, and "deflection", "uncertainty", "synthesis" with
+        "target". Optional results are None by default; one that does not exist is None
+        with a reason in "notes".
 
     Raises
     ------

@@ -1,4 +1,6 @@
-"""Principal values of a posture's stiffness and compliance: one decomposition for all of them."""
+"""Principal values of a posture's stiffness and compliance:
+one decomposition for all of them.
+"""
 
 from __future__ import annotations
 
@@ -43,9 +45,9 @@ _PLACES: dict[tuple[Freedom, Others], int] = {
 class MatrixPair:
     """A `StiffnessInFrame.pair`, and what is read from it together.
 
-    Each of these numbers has a function of its own (`cartstiff.analysis.ellipsoids`, `metrics`)
-    that uses the matrix with more correct digits. If a block has all its digits, as nearly always,
-    one call of LAPACK serves all of them.
+    Each of these numbers has a function of its own (`cartstiff.analysis.ellipsoids`,
+    `metrics`) that uses the matrix with more correct digits. If a block has all its
+    digits, as nearly always, one call of LAPACK serves all of them.
 
     Parameters
     ----------
@@ -54,8 +56,8 @@ class MatrixPair:
     C : ndarray, shape (6, 6), or None
         Its inverse.
     asymmetric : tuple, optional
-        Stiffness and compliance of which K is the symmetric part, if the symmetric part of the
-        compliance, with the other freedoms free, is not C.
+        Stiffness and compliance of which K is the symmetric part, if the symmetric part
+        of the compliance, with the other freedoms free, is not C.
     """
 
     def __init__(
@@ -79,10 +81,11 @@ class MatrixPair:
 
     @cached_property
     def _blocks(self) -> tuple[list[bool], Array, Array]:
-        """Of K_tt, K_rr, C_rr and C_tt: whether all digits are there, values, and vectors.
+        """Of K_tt, K_rr, C_rr and C_tt: whether all digits are there, values,
+        and vectors.
 
-        With the other freedoms free C is the compliance's own symmetric part, and the last block is
-        (K^-1)_rr.
+        With the other freedoms free C is the compliance's own symmetric part, and the
+        last block is (K^-1)_rr.
         """
         K, C = self.K, self.C
         own = C if self._asymmetric is None else self._asymmetric[1]
@@ -105,7 +108,8 @@ class MatrixPair:
     def ellipsoid(
         self, freedom: Freedom, others: Others = "held", quantity: Quantity = "stiffness"
     ) -> Ellipsoid | None:
-        """`stiffness_ellipsoid` or `compliance_ellipsoid` of `cartstiff.analysis.ellipsoids`.
+        """`stiffness_ellipsoid` or `compliance_ellipsoid` of
+        `cartstiff.analysis.ellipsoids`.
 
         None without that matrix.
 
@@ -164,9 +168,11 @@ def block_ellipsoid(
     freedom: Freedom,
     others: Literal["block", "free", "held"],
 ) -> Ellipsoid | None:
-    """Ellipsoid of a 3x3 block, or with the other freedoms free or held; None without a matrix.
+    """Ellipsoid of a 3x3 block, or with the other freedoms free or held;
+    None without a matrix.
 
-    Each value comes from the matrix, stiffness or compliance, that has more correct digits.
+    Each value comes from the matrix, stiffness or compliance, that has more correct
+    digits.
 
     Raises
     ------

@@ -1,9 +1,11 @@
-"""Screws of a stiffness matrix: a line, a pitch and a stiffness instead of six mixed numbers.
+"""Screws of a stiffness matrix: a line, a pitch and a stiffness instead of six
+mixed numbers.
 
-An *eigenscrew* s is a twist answered by a wrench on the same screw, ``K s = lambda Delta s`` with
-Delta = [[0, 1], [1, 0]] ([Ball]_'s principal screws of the potential; [PattersonLipkin]_). No
-length scale enters, and a change of frame carries the lines and leaves pitches and eigenvalues.
-Screws of equal eigenvalues are arbitrary within their eigenspace.
+An *eigenscrew* s is a twist answered by a wrench on the same screw, ``K s = lambda Delta
+s`` with Delta = [[0, 1], [1, 0]] ([Ball]_'s principal screws of the potential;
+[PattersonLipkin]_). No length scale enters, and a change of frame carries the lines and
+leaves pitches and eigenvalues. Screws of equal eigenvalues are arbitrary within their
+eigenspace.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ from cartstiff.analysis.matrices import (
 from cartstiff.arrays import Array, Result, checked_length, checked_vector
 from cartstiff.errors import UndefinedError
 
-#: The matrix Delta that takes a twist (omega, v) to the wrench (v, omega) on the same screw.
+#: The matrix Delta that takes a twist (omega, v) to the wrench (v, omega) on the same
+#: screw.
 SWAP_FORM: Final[Array] = np.kron(np.array([[0.0, 1.0], [1.0, 0.0]]), np.eye(3))
 SWAP_FORM.flags.writeable = False
 
@@ -69,15 +72,17 @@ def _screw(along: Array, moment: Array, length: float) -> Screw:
 def screw_of_twist(twist: ArrayLike, length: float = 1.0) -> Screw:
     """Screw of a twist (omega, v): axis along omega through ``omega x v / |omega|^2``.
 
-    `length` is the size of the problem: omega counts as zero when ``|omega| length`` is rounding
-    beside ``|v|``, and the pitch when it is rounding beside either.
+    `length` is the size of the problem: omega counts as zero when ``|omega| length`` is
+    rounding beside ``|v|``, and the pitch when it is rounding beside either.
     """
     t = checked_vector(twist, 6, "twist")
     return _screw(t[:3], t[3:], checked_length(length))
 
 
 def screw_of_wrench(wrench: ArrayLike, length: float = 1.0) -> Screw:
-    """Screw of a wrench (moment, force): axis along the force through ``f x m / |f|^2``."""
+    """Screw of a wrench (moment, force): axis along the force through ``f x
+    m / |f|^2``.
+    """
     w = checked_vector(wrench, 6, "wrench")
     return _screw(w[3:], w[:3], checked_length(length))
 
@@ -114,9 +119,9 @@ class Eigenscrews:
     Attributes
     ----------
     screws : tuple of Eigenscrew
-        By eigenvalue, smallest first. A positive definite K has three of positive and three of
-        negative eigenvalue, each with the sign of its pitch, and the sum of eigenvalues is twice
-        the trace of K_rt.
+        By eigenvalue, smallest first. A positive definite K has three of positive and
+        three of negative eigenvalue, each with the sign of its pitch, and the sum of
+        eigenvalues is twice the trace of K_rt.
     complete : bool
         Whether there are six independent ones.
     complex_eigenvalues : tuple of complex
@@ -134,11 +139,11 @@ class Eigenscrews:
 def eigenscrews(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Eigenscrews:
     r"""Eigenscrews of a symmetric stiffness, [PattersonLipkin]_.
 
-    For semidefinite K = L L^T the eigenvalues are those of the symmetric matrix ``L^T Delta L``,
-    hence real; a singular K may have fewer than six screws, and its unloaded freedoms appear with
-    eigenvalue zero. For an indefinite K complex pairs are reported, not forced to be real. With
-    C = K^-1 the small eigenvalues come from there: ``C w = (1 / lambda) Delta w`` for the wrench
-    ``w = lambda Delta s``.
+    For semidefinite K = L L^T the eigenvalues are those of the symmetric matrix ``L^T
+    Delta L``, hence real; a singular K may have fewer than six screws, and its unloaded
+    freedoms appear with eigenvalue zero. For an indefinite K complex pairs are reported,
+    not forced to be real. With C = K^-1 the small eigenvalues come from there: ``C w = (1
+    / lambda) Delta w`` for the wrench ``w = lambda Delta s``.
 
     Parameters
     ----------
@@ -150,7 +155,8 @@ def eigenscrews(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Ei
     Raises
     ------
     UndefinedError
-        Code ``"ill-conditioned"`` where neither stiffness nor compliance resolves an eigenvalue.
+        Code ``"ill-conditioned"`` where neither stiffness nor compliance resolves an
+        eigenvalue.
     """
     K, C = symmetric_pair(stiffness, compliance)
     length = balancing_length(K)
@@ -180,7 +186,9 @@ def eigenscrews(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Ei
 
 
 def _solutions(L: Array, back: Array, mu: Array, y: Array) -> Array:
-    """Twists (6, k) of eigenvectors y: ``Delta L y`` or ``mu L^-T y``, which cancels less."""
+    """Twists (6, k) of eigenvectors y: ``Delta L y`` or ``mu L^-T y``,
+    which cancels less.
+    """
     ways, shares = [], []
     for factor, right in ((SWAP_FORM @ L, y), (back, y * mu)):
         x, size = factor @ right, np.abs(factor) @ np.abs(right)
@@ -190,7 +198,9 @@ def _solutions(L: Array, back: Array, mu: Array, y: Array) -> Array:
 
 
 def _roots_of_indefinite(K: Array, C: Array | None, length: float) -> tuple[Array, Array]:
-    """Eigenvalues (6,) of ``Delta K`` with lengths scaled, and twists in columns (6, 6)."""
+    """Eigenvalues (6,) of ``Delta K`` with lengths scaled,
+    and twists in columns (6, 6).
+    """
     roots, solutions = np.linalg.eig(SWAP_FORM @ with_angles_times(K, 1.0 / length))
     if C is None:
         return roots, solutions
@@ -209,7 +219,9 @@ def _roots_of_indefinite(K: Array, C: Array | None, length: float) -> tuple[Arra
 
 
 def _eigenscrew(mu: float, x: Array, length: float) -> Eigenscrew:
-    """Back to the user's units: twist = (x_rot / length, x_trans), lambda = length * mu."""
+    """Back to the user's units: twist = (x_rot / length, x_trans),
+    lambda = length * mu.
+    """
     twist = np.concatenate([x[:3] / length, x[3:]])
     screw = screw_of_twist(twist, length)
     value = float(mu) * length
@@ -233,10 +245,11 @@ class CompliantAxis(Result):
     kind : {"wrench", "twist"}
         Which of the two.
     stiffness : float
-        Force per translation along the axis (held rotations), or moment per rotation about it
-        (free translations).
+        Force per translation along the axis (held rotations), or moment per rotation
+        about it (free translations).
     screw : Screw
-        Screw of the wrench that answers a unit translation, or of the twist that a moment causes.
+        Screw of the wrench that answers a unit translation, or of the twist that a moment
+        causes.
     components : ndarray, shape (6,)
         That wrench per unit of force, or that twist per unit of rotation.
     """
@@ -248,10 +261,12 @@ class CompliantAxis(Result):
 
 
 def coupling_matrix(stiffness: Array | None, compliance: Array | None) -> Array | None:
-    r"""``G = K_rt K_tt^-1 = -C_rr^-1 C_rt`` (3, 3), by the block that is better conditioned.
+    r"""``G = K_rt K_tt^-1 = -C_rr^-1 C_rt`` (3, 3), by the block that is better
+    conditioned.
 
-    A body that translates by v is answered by a force f and the moment ``G f``; a moment that turns
-    it by w moves it by ``-G^T w``. None where neither K_tt nor C_rr has an inverse.
+    A body that translates by v is answered by a force f and the moment ``G f``; a moment
+    that turns it by w moves it by ``-G^T w``. None where neither K_tt nor C_rr has an
+    inverse.
 
     Parameters
     ----------
@@ -277,7 +292,8 @@ def coupling_matrix(stiffness: Array | None, compliance: Array | None) -> Array 
     error, G = min(found, key=lambda each: each[0])
     if error > numerics.LOST_ERROR:
         raise UndefinedError(
-            "how turning and moving are coupled is lost in the rounding of the stiffest directions",
+            "how turning and moving are coupled is lost in the rounding of the stiffest "
+            "directions",
             code="ill-conditioned",
             values={"relative_error": error},
         )
@@ -287,11 +303,12 @@ def coupling_matrix(stiffness: Array | None, compliance: Array | None) -> Array 
 def wrench_compliant_axes(
     stiffness: ArrayLike, compliance: ArrayLike | None = None
 ) -> tuple[CompliantAxis, ...]:
-    r"""Three wrenches that answer pure translations by a parallel force, [PattersonLipkin]_.
+    r"""Three wrenches that answer pure translations by a parallel force,
+    [PattersonLipkin]_.
 
-    ``K_tt e = k e`` and w = (K_rt e / k, e). Where k is zero no force answers: the axis has
-    stiffness zero and, unless a moment answers, neither point nor pitch (NaN). The compliance,
-    the inverse if it is known, resolves values that the stiffness does not.
+    ``K_tt e = k e`` and w = (K_rt e / k, e). Where k is zero no force answers: the axis
+    has stiffness zero and, unless a moment answers, neither point nor pitch (NaN). The
+    compliance, the inverse if it is known, resolves values that the stiffness does not.
 
     Raises
     ------
@@ -319,15 +336,16 @@ def twist_compliant_axes(
 ) -> tuple[CompliantAxis, ...]:
     r"""Three twists with a rotation parallel to the pure moment that causes them.
 
-    ``S g = k g`` with S = K_rr - K_rt K_tt^-1 K_tr, and t = (g, -K_tt^-1 K_tr g), the twist that
-    needs no force [PattersonLipkin]_. With the compliance C: ``C_rr g = g / k``,
-    ``t = k C (g, 0)``.
+    ``S g = k g`` with S = K_rr - K_rt K_tt^-1 K_tr, and t = (g, -K_tt^-1 K_tr g), the
+    twist that needs no force [PattersonLipkin]_. With the compliance C: ``C_rr g = g /
+    k``, ``t = k C (g, 0)``.
 
     Raises
     ------
     UndefinedError
-        Code ``"singular"`` where K_tt is singular: the translation is then not determined; code
-        ``"ill-conditioned"`` where neither stiffness nor compliance resolves a value or an axis.
+        Code ``"singular"`` where K_tt is singular: the translation is then not
+        determined; code ``"ill-conditioned"`` where neither stiffness nor compliance
+        resolves a value or an axis.
     """
     K, C = symmetric_pair(stiffness, compliance)
     G = coupling_matrix(K, C)

@@ -1,7 +1,7 @@
 """The form of an analysis: content of each key, with unit, frame and meaning.
 
-It is defined by the table `described/analysis.yaml` (`cartstiff.described`): the numbers that have
-an uncertainty and the units of numbers in maps follow from there.
+It is defined by the table `described/analysis.yaml` (`cartstiff.described`): the numbers
+that have an uncertainty and the units of numbers in maps follow from there.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ class Notes:
 
 
 def section(path: str, *sources: object) -> dict[str, Any] | None:
-    """The section at a dotted path: each key from the first source with an attribute of its name.
+    """The section at a dotted path: each key from the first source with an attribute
+    of its name.
 
     None without the first source; a key that no source has is None.
     """
@@ -76,9 +77,11 @@ def varying() -> tuple[tuple[str, bool, bool], ...]:
 
 
 def unit_of(path: str) -> str:
-    """Unit of the number at a dotted path of an analysis, with {length} and {force}; "1" for none.
+    """Unit of the number at a dotted path of an analysis, with {length} and {force};
+    "1" for none.
 
-    Entries of matrices have the unit of their block; a value without a single unit is "mixed".
+    Entries of matrices have the unit of their block; a value without a single unit is
+    "mixed".
     """
     node, unit, keys = schema("analysis"), "", path.split(".")
     for i, key in enumerate(keys):
@@ -99,7 +102,10 @@ def unit_of(path: str) -> str:
 
 
 def look_up(tree: Any, path: str) -> Any:
-    """Value at a dotted path of keys and positions; a list for a key of rows, None for nothing."""
+    """Value at a dotted path of keys and positions.
+
+    A list for a key of rows, None for nothing.
+    """
     for i, key in enumerate(keys := path.split(".")):
         if isinstance(tree, list) and key.isdigit():
             tree = tree[int(key)] if int(key) < len(tree) else None
@@ -115,9 +121,9 @@ def numbers(
 ) -> dict[str, Array]:
     """All numbers of an analysis that depend on the parameters, by dotted name.
 
-    A value that does not exist is NaN or missing. Principal values are sorted, with axes and screws
-    in the same order and with the signs of `like`: if two principal values cross, these vectors
-    change places, which their spread shows.
+    A value that does not exist is NaN or missing. Principal values are sorted, with axes
+    and screws in the same order and with the signs of `like`: if two principal values
+    cross, these vectors change places, which their spread shows.
 
     Parameters
     ----------

@@ -1,21 +1,21 @@
 """Parameters of an elastic mechanism with their tolerances.
 
-Parameters: the stiffness of every spring and line, a factor on that of every flexible link
-(nominally 1), or, for measured springs, their compliances with the covariance of the measurement;
-the masses; for chains the placement of each joint on its predecessor (not of the virtual joints
-within a link), of the body frame on the last joint, and of the frames that close loops
-(translations, and rotations about the placement's own axes); for platforms the points of base and
-platform; the parameters of the mechanism's file; and, for a mechanism in its own equilibrium, rest
-lengths and angles.
+Parameters: the stiffness of every spring and line, a factor on that of every flexible
+link (nominally 1), or, for measured springs, their compliances with the covariance of the
+measurement; the masses; for chains the placement of each joint on its predecessor (not of
+the virtual joints within a link), of the body frame on the last joint, and of the frames
+that close loops (translations, and rotations about the placement's own axes); for
+platforms the points of base and platform; the parameters of the mechanism's file; and,
+for a mechanism in its own equilibrium, rest lengths and angles.
 
-If closures are redundant, most changes of the geometry prevent assembly: such numbers have no
-derivative and are named. The others are parameters as usual.
+If closures are redundant, most changes of the geometry prevent assembly: such numbers
+have no derivative and are named. The others are parameters as usual.
 
-A mechanism with other parameters is analysed in the same posture (that of its file, if the nominal
-one is) and under the same load. The rest positions follow, as in a robot whose controller holds the
-posture: `analyse` chooses those that the file leaves open, or all under a given load. Springs of
-platforms and closed chains with rest positions in the file keep their forces (with the least change
-that balances the load).
+A mechanism with other parameters is analysed in the same posture (that of its file, if
+the nominal one is) and under the same load. The rest positions follow, as in a robot
+whose controller holds the posture: `analyse` chooses those that the file leaves open, or
+all under a given load. Springs of platforms and closed chains with rest positions in the
+file keep their forces (with the least change that balances the load).
 """
 
 from __future__ import annotations
@@ -87,13 +87,15 @@ class Tolerances:
     Attributes
     ----------
     stiffness : float
-        Standard deviation of every spring stiffness, relative to it (0.05: five per cent).
+        Standard deviation of every spring stiffness, relative to it (0.05: five per
+        cent).
     length : float
-        Standard deviation of every coordinate of a joint placement or an attachment point, in
-        units of length; of every rest length, where a mechanism finds its rest by itself.
+        Standard deviation of every coordinate of a joint placement or an attachment
+        point, in units of length; of every rest length, where a mechanism finds its rest
+        by itself.
     angle : float
-        Standard deviation of every small rotation of a joint placement, in radians; of every rest
-        angle, where a mechanism finds its rest by itself.
+        Standard deviation of every small rotation of a joint placement, in radians; of
+        every rest angle, where a mechanism finds its rest by itself.
     """
 
     stiffness: float = 0.0
@@ -189,23 +191,23 @@ def propagate_first_order(
 ) -> Propagation:
     r"""Propagate standard deviations through the function's derivatives.
 
-    Derivatives are fourth-order differences: the function is evaluated four times per parameter,
-    within 0.4 standard deviations of the nominal values, and must be smooth there. Sorted
-    eigenvalues are not where two of them meet (symmetric mechanisms).
+    Derivatives are fourth-order differences: the function is evaluated four times per
+    parameter, within 0.4 standard deviations of the nominal values, and must be smooth
+    there. Sorted eigenvalues are not where two of them meet (symmetric mechanisms).
 
     Parameters
     ----------
     function : callable
-        From a dict of parameter values to a dict of numbers or arrays, or to one array; NaN entries
-        stay NaN.
+        From a dict of parameter values to a dict of numbers or arrays, or to one array;
+        NaN entries stay NaN.
     tolerances : mapping of str to Tolerance
         Parameters.
     level : float
         Probability of the interval, normal distribution assumed.
     correlation : array_like (n, n), optional
-        Correlation of the parameters, in their order; default: independent. A parameter's share of
-        the variance then holds half of what it has in common with each other one, and may be
-        negative.
+        Correlation of the parameters, in their order; default: independent. A parameter's
+        share of the variance then holds half of what it has in common with each other
+        one, and may be negative.
     degrees : float
         Degrees of freedom of Student's t, where the deviations are estimates themselves.
 
@@ -279,10 +281,11 @@ class UncertainParameters:
     result : PostureStiffness
         The nominal mechanism, posture and load; never modified.
     tolerances : Tolerances
-        Only parameters with a deviation above zero are listed. Without one of the stiffness, the
-        compliances of measured springs are.
+        Only parameters with a deviation above zero are listed. Without one of the
+        stiffness, the compliances of measured springs are.
     reread : callable, optional
-        From values of the file's parameters, by name, to the mechanism; without it these are none.
+        From values of the file's parameters, by name, to the mechanism; without it these
+        are none.
     at_rest : bool
         Whether rest positions are parameters: for a mechanism in its own equilibrium.
     """
@@ -294,9 +297,11 @@ class UncertainParameters:
 
     @cached_property
     def numbers(self) -> dict[str, Number]:
-        """The numbers that may vary, of springs, masses, geometry, and rest positions, in order.
+        """The numbers that may vary, of springs, masses, geometry, and rest positions,
+        in order.
 
-        Not those without derivatives (see `Placements`); rest positions with `at_rest` only.
+        Not those without derivatives (see `Placements`); rest positions with `at_rest`
+        only.
         """
         elastic = self.result.elastic
         own, fixed = elastic.numbers(), elastic.mechanism.numbers().keys()
@@ -318,9 +323,9 @@ class UncertainParameters:
     def nominal(self) -> dict[str, float]:
         """Values of all parameters by name, whatever their tolerance.
 
-        "stiffness.<spring>", "mass.<link>" (the link's centre and its moments of inertia about it
-        stay; of legs all alike), the geometry's names of `named`, "rest.<spring>" and
-        "parameter.<name>".
+        "stiffness.<spring>", "mass.<link>" (the link's centre and its moments of inertia
+        about it stay; of legs all alike), the geometry's names of `named`,
+        "rest.<spring>" and "parameter.<name>".
         """
         given = {name: number.value for name, number in self.numbers.items()}
         if self.reread is None:
@@ -353,9 +358,9 @@ class UncertainParameters:
         """Nominal value and deviation by name.
 
         "stiffness.<spring>", or "compliance.<spring>" where they were measured, with
-        "coefficient.<joint> x^<power>" of polynomial springs;
-        "placement.<joint>.x" to ".rz", "frame.x" to ".rz" and "closure.<frame>.x" to ".rz" for
-        chains; "base.<leg>.x" and "platform.<leg>.x" to ".z" for platforms; "rest.<spring>".
+        "coefficient.<joint> x^<power>" of polynomial springs; "placement.<joint>.x" to
+        ".rz", "frame.x" to ".rz" and "closure.<frame>.x" to ".rz" for chains;
+        "base.<leg>.x" and "platform.<leg>.x" to ".z" for platforms; "rest.<spring>".
         Rotations are nominally zero.
         """
         elastic, t = self.result.elastic, self.tolerances
@@ -398,7 +403,10 @@ class UncertainParameters:
 
     @property
     def degrees(self) -> float:
-        """Degrees of freedom of measured springs; infinite for tolerances that are given."""
+        """Degrees of freedom of measured springs.
+
+        Infinite for tolerances that are given.
+        """
         known = self.result.elastic.identified
         if known is None or known.degrees is None or self.correlation is None:
             return float(np.inf)
@@ -411,7 +419,10 @@ class UncertainParameters:
     def _measured_springs(
         self, elastic: ElasticMechanism, values: Mapping[str, float]
     ) -> ElasticMechanism:
-        """The mechanism with other compliances of measured springs; itself if none is named."""
+        """The mechanism with other compliances of measured springs.
+
+        Itself if none is named.
+        """
         known = self.result.elastic.identified
         if known is None or values.keys().isdisjoint(known.labels):
             return elastic
@@ -428,7 +439,9 @@ class UncertainParameters:
 
     @property
     def left_out(self) -> str | None:
-        """Message on numbers of the geometry that are not varied though they have a tolerance."""
+        """Message on numbers of the geometry that are not varied though they have
+        a tolerance.
+        """
         asked = self.tolerances.length > 0 or self.tolerances.angle > 0
         return self._placements.words if asked else None
 
@@ -440,8 +453,8 @@ class UncertainParameters:
     ) -> PostureStiffness:
         """Stiffness of the mechanism with other parameters (those not named: nominal).
 
-        Loops are closed from coordinates `start`, by default the nominal ones, and by moving all
-        coordinates if `by_all`, as if the driven ones cannot stay.
+        Loops are closed from coordinates `start`, by default the nominal ones, and by
+        moving all coordinates if `by_all`, as if the driven ones cannot stay.
 
         Raises
         ------
@@ -453,8 +466,8 @@ class UncertainParameters:
     def mechanism(self, values: Mapping[str, float]) -> ElasticMechanism:
         """The mechanism with other parameters (those not named: nominal).
 
-        Rest positions are those of the nominal one, unless named; open where the file was read
-        with other parameters, and leaves them open.
+        Rest positions are those of the nominal one, unless named; open where the file was
+        read with other parameters, and leaves them open.
         """
         elastic = self.result.elastic
         parameters = {
@@ -465,7 +478,10 @@ class UncertainParameters:
         return self._measured_springs(elastic, values).with_numbers(values)
 
     def posture_of(self, elastic: ElasticMechanism, q: Array | None = None) -> Array:
-        """Coordinates q, by default the nominal ones; if these are the file's, its present ones."""
+        """Coordinates q, by default the nominal ones.
+
+        If these are the file's, its present ones.
+        """
         q = self.result.q if q is None else q
         return elastic.q if np.array_equal(q, self.result.elastic.q) else q
 

@@ -1,1 +1,3 @@
-"""Answers: what is said about a posture, or to another question, as plain data without words."""
+"""Answers: what is said about a posture, or to another question,
+as plain data without words.
+"""

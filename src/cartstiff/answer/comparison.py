@@ -76,7 +76,10 @@ class ComparedNumber:
 
     @property
     def ratio(self) -> float | None:
-        """The second over the first; None where one of them is missing or not above zero."""
+        """The second over the first.
+
+        None where one of them is missing or not above zero.
+        """
         if self.first is None or self.second is None or self.because is not None:
             return None
         return self.second / self.first
@@ -111,7 +114,9 @@ class Compared:
 
     @property
     def load(self) -> Array | None:
-        """Given moment about M's origin, and force, along the axes of F; None without them."""
+        """Given moment about M's origin, and force, along the axes of F;
+        None without them.
+        """
         W = self.result.wrench
         if W is None or self.answer.load is None or not self.answer.load.given:
             return None
@@ -130,7 +135,9 @@ class Compared:
         return None if self.displacement is None else self.answer.shares
 
     def motion(self, at_rest: bool) -> Motion | None:
-        """That displacement, between the equilibria or to first order; None without one."""
+        """That displacement, between the equilibria or to first order;
+        None without one.
+        """
         moved = self.displacement
         if moved is None:
             return None
@@ -336,7 +343,8 @@ class Comparison(LabelledResult):
         return described("compare", own, self)
 
     def _lines(self) -> Iterator[str]:
-        yield f"{self.second.label} compared with {self.first.label}: second, first, ratio"
+        pair = f"{self.second.label} compared with {self.first.label}"
+        yield f"{pair}: second, first, ratio"
         for n in self.numbers:
             values = "  ".join(
                 "-" if x is None else f"{x:.4g}" for x in (n.second, n.first)

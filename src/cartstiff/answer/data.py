@@ -1,6 +1,7 @@
 """An answer as plain data: numbers with units and frames, codes, and no words.
 
-The words are in `cartstiff.report.sentences`; text, JSON, report and page render the same object.
+The words are in `cartstiff.report.sentences`; text, JSON, report and page render the same
+object.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ Cause = Literal["load", "preload", "added load"]
 
 @dataclass(frozen=True)
 class Load:
-    """The wrench on the body, its behaviour while the body moves, and what acted before it.
+    """The wrench on the body, its behaviour while the body moves,
+    and what acted before it.
 
     Attributes
     ----------
@@ -87,7 +89,9 @@ class Displacement:
 
     @property
     def is_first_order(self) -> bool:
-        """Whether the first order is said: it is all that is known, or differs by 2 % at most."""
+        """Whether the first order is said: it is all that is known,
+        or differs by 2 % at most.
+        """
         if self.first_order is None:
             return False
         return self.difference is None or self.difference <= LARGEST_UNSAID_DIFFERENCE
@@ -145,7 +149,8 @@ class Extreme:
     stiffness : float or None
         None: the structure holds it.
     direction : tuple of float or None
-        Unit vector along the axes of F; None if more than one direction has this stiffness.
+        Unit vector along the axes of F; None if more than one direction has this
+        stiffness.
     """
 
     end: Literal["softest", "stiffest"]
@@ -165,7 +170,9 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells under the names of their columns: words, quantities, or None for nothing."""
+    """Rows of cells under the names of their columns: words, quantities,
+    or None for nothing.
+    """
 
     name: str
     columns: tuple[str, ...]

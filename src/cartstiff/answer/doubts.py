@@ -8,8 +8,9 @@ from cartstiff.answer.verdict import Verdict
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import DOUBTS, Note
 
-#: Codes of notes that cast doubt on an answer, the weightiest first: the model says nothing
-#: about the machine; posture or load cannot be meant; numbers are uncertain; something was chosen.
+#: Codes of notes that cast doubt on an answer, the weightiest first: the model says
+#: nothing about the machine; posture or load cannot be meant; numbers are uncertain;
+#: something was chosen.
 WEIGHTS: tuple[str, ...] = (
     *DOUBTS,
     "springs-illustrative",

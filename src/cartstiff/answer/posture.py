@@ -1,4 +1,6 @@
-"""The answer at one posture: what is read from its matrices, the equilibrium, and its notes."""
+"""The answer at one posture: what is read from its matrices, the equilibrium,
+and its notes.
+"""
 
 from __future__ import annotations
 
@@ -68,15 +70,18 @@ def answer_at(
     result : PostureStiffness
         The posture.
     connection : str, optional
-        Letter of the matrix that is read; default the tangent under a load, without one B.
+        Letter of the matrix that is read; default the tangent under a load, without one
+        B.
     at : ndarray (4, 4), optional
         ``T_M_N``: the point that moves is the origin of N; default M.
     wrench : ndarray (6,), optional
-        Wrench added to the load, in the axes of M, whose displacement is said; default the load.
+        Wrench added to the load, in the axes of M, whose displacement is said; default
+        the load.
     load_at : ndarray (3,), optional
         Point of the body, in M, at which that wrench acts; default the point that moves.
     quickly : bool
-        Without the equilibrium and without tables, as a page needs it while it is dragged.
+        Without the equilibrium and without tables, as a page needs it while it is
+        dragged.
     """
     here, elastic = result.at(at), result.elastic
     name = connection or ("load" if result.is_loaded else "B")
@@ -140,14 +145,18 @@ def verdict_at(
 
 
 def is_resisted(here: StiffnessInFrame, connection: str, found: FoundDeflection) -> bool:
-    """Whether the body resists a wrench, so that the wrench moves it by a definite amount."""
+    """Whether the body resists a wrench, so that the wrench moves it by a
+    definite amount.
+    """
     C = here.compliances[connection]
     is_positive = C is not None and numerics.eigenvalues(C)[0] >= 0.0
     return bool(is_positive and found.whole.energy >= 0.0)
 
 
 def load_of(result: PostureStiffness) -> Load | None:
-    """The wrench on the body about its own point, along the axes of F, and what acts before it."""
+    """The wrench on the body about its own point, along the axes of F,
+    and what acts before it.
+    """
     if result.wrench is None:
         return None
     R, W = result.pose[:3, :3], result.shown_wrench(result.wrench)
@@ -182,10 +191,11 @@ def _displacement(
 def _beside_equilibrium(
     result: PostureStiffness, moved: Displacement, found: FoundDeflection
 ) -> tuple[Displacement, list[Note]]:
-    """The displacement between two equilibria beside its first order, and notes on the latter.
+    """The displacement between two equilibria beside its first order,
+    and notes on the latter.
 
-    The load moves the body from its rest at the posture without it, links straight; an added load
-    from the posture, at which the springs balance the load.
+    The load moves the body from its rest at the posture without it, links straight; an
+    added load from the posture, at which the springs balance the load.
     """
     if result.wrench is None or not any((*found.whole.wrench, *found.whole.twist)):
         return moved, []
@@ -245,7 +255,8 @@ def parts_of_links(elastic: ElasticMechanism) -> dict[str, str]:
 def shares_of(
     found: Mapping[str, Any] | None, elastic: ElasticMechanism
 ) -> Shares | None:
-    """Shares by joint, link or leg, the largest first; a link's virtual joints are one part.
+    """Shares by joint, link or leg, the largest first; a link's virtual joints
+    are one part.
 
     None where a share does not exist.
     """
@@ -278,7 +289,8 @@ def extremes_of(
     """Softest and stiffest directions of each freedom, where every load is resisted."""
     R, exist = here.pose[:3, :3], _freedoms_of(result, here, connection)
     for how, freedom in product(others, _FREEDOMS):
-        # With the others held: they are, by themselves, where the body does not have them.
+        # With the others held: they are, by themselves, where the body does not have
+        # them.
         if freedom not in exist or (how == "held" and len(exist) < 2):
             continue
         try:
@@ -314,7 +326,9 @@ def _freedoms_of(
 
 
 def _tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
-    """Legs of a platform, or joints and links: what limits them and what they contribute."""
+    """Legs of a platform, or joints and links: what limits them and what
+    they contribute.
+    """
     yield from drive_tables(result, shares)
     row = _Rows.of(result, shares)
     share = "share" if shares is None else f"share of {shares.of}"
@@ -403,7 +417,9 @@ class _Rows:
 
 
 def _without_roundoff(result: PostureStiffness) -> list[float]:
-    """Coordinates with round-off set to zero, which is larger for those of a closed chain."""
+    """Coordinates with round-off set to zero, which is larger for those of a
+    closed chain.
+    """
     share = (
         numerics.PRINTED_AS_ZERO
         if result.posture.closure is None

@@ -1,7 +1,9 @@
-"""The verdict on a posture, decided once: a table of rules, of which the first that fits decides.
+"""The verdict on a posture, decided once: a table of rules,
+of which the first that fits decides.
 
-A rule needs *facts*: codes of notes, and what `facts_of` says about the matrix. The page's script
-gets the same table and takes its first rule as well, so that no second decision exists.
+A rule needs *facts*: codes of notes, and what `facts_of` says about the matrix. The
+page's script gets the same table and takes its first rule as well, so that no second
+decision exists.
 """
 
 from __future__ import annotations
@@ -84,7 +86,10 @@ _UNDECIDED: tuple[tuple[str, Level], ...] = (
 
 
 def sign(definiteness: str) -> str:
-    """The fact that the matrix that is read has a definiteness; a note has a code without "K"."""
+    """The fact that the matrix that is read has a definiteness.
+
+    A note has a code without "K".
+    """
     return f"K {definiteness}"
 
 

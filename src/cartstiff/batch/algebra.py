@@ -1,13 +1,14 @@
 r"""Linear algebra on small arrays of recorded numbers (object arrays, or floats).
 
-Gaussian elimination would need pivots chosen posture by posture. Householder reflections need none,
-are stable for any order of rows and columns, and do not depend on the scales of the columns. The
-sums of a row are accumulated in parallel, so that no addition waits for the one before.
+Gaussian elimination would need pivots chosen posture by posture. Householder reflections
+need none, are stable for any order of rows and columns, and do not depend on the scales
+of the columns. The sums of a row are accumulated in parallel, so that no addition waits
+for the one before.
 
-The second half has the formulas of `cartstiff.stiffness` that chains and platforms share, on
-recorded numbers. Where `cartstiff.stiffness` decides about rank by singular values, products of
-norms bound them here. A posture that is not well inside the regular ones gets the verdict
-`FALLBACK` and is computed by `cartstiff.analyse` itself.
+The second half has the formulas of `cartstiff.stiffness` that chains and platforms share,
+on recorded numbers. Where `cartstiff.stiffness` decides about rank by singular values,
+products of norms bound them here. A posture that is not well inside the regular ones gets
+the verdict `FALLBACK` and is computed by `cartstiff.analyse` itself.
 """
 
 from __future__ import annotations
@@ -101,7 +102,9 @@ def congruence(left: Array, middle: Array) -> Array:
 
 
 class Reflections(NamedTuple):
-    """M = Q R: vectors v and factors b of the reflections ``I - b v v^T``, first to last, and R."""
+    """M = Q R: vectors v and factors b of the reflections ``I - b v v^T``, first to last,
+    and R.
+    """
 
     vectors: list[Array]
     factors: list[Any]
@@ -141,7 +144,9 @@ class Reflections(NamedTuple):
 
 
 def _undefined(matrix: Array) -> Scalar:
-    """NaN, recorded if the matrix is: the result for a matrix that is singular at every posture."""
+    """NaN, recorded if the matrix is: the result for a matrix that is singular at
+    every posture.
+    """
     undefined: Scalar = math.nan
     for x in np.ravel(matrix):
         if isinstance(x, Number):
@@ -194,12 +199,14 @@ def inverse(matrix: Array) -> Array:
 
 
 def solution(matrix: Array, right: Array) -> Array:
-    """``matrix^-1 right`` of a square matrix, without operations on entries that are always zero.
+    """``matrix^-1 right`` of a square matrix, without operations on entries that are
+    always zero.
 
-    Each step takes the column with fewest varying entries and reflects the rows of its nonzero
-    entries. A column of constants is eliminated instead, as its largest entry is known. Two columns
-    whose nonzero entries lie in the same two rows are solved by Cramer's rule, which needs no
-    pivots either. The result for a matrix that is singular at every posture is NaN.
+    Each step takes the column with fewest varying entries and reflects the rows of its
+    nonzero entries. A column of constants is eliminated instead, as its largest entry is
+    known. Two columns whose nonzero entries lie in the same two rows are solved by
+    Cramer's rule, which needs no pivots either. The result for a matrix that is singular
+    at every posture is NaN.
     """
     n = len(matrix)
     undefined = _undefined(matrix)
@@ -241,9 +248,11 @@ def solution(matrix: Array, right: Array) -> Array:
 
 
 def solution_with_condition(matrix: Array, right: Array) -> tuple[Array, Scalar]:
-    """``matrix^-1 right`` of one column, and an estimate of the matrix's squared condition number.
+    """``matrix^-1 right`` of one column, and an estimate of the matrix's squared
+    condition number.
 
-    The solution for a second column in a generic direction estimates the norm of the inverse.
+    The solution for a second column in a generic direction estimates the norm of the
+    inverse.
     """
     n = len(matrix)
     solved = solution(matrix, np.column_stack([right, np.cos(np.arange(1.0, n + 1.0))]))
@@ -251,7 +260,10 @@ def solution_with_condition(matrix: Array, right: Array) -> tuple[Array, Scalar]
 
 
 def _inverse_of_two(matrix: Array, undefined: Scalar) -> Array:
-    """Inverse of a matrix (2, 2); made of `undefined` if it is singular at every posture."""
+    """Inverse of a matrix (2, 2).
+
+    Made of `undefined` if it is singular at every posture.
+    """
     (a, b), (c, d) = matrix
     determinant = a * d - b * c
     factor = undefined if is_zero(determinant) else 1.0 / determinant
@@ -261,7 +273,10 @@ def _inverse_of_two(matrix: Array, undefined: Scalar) -> Array:
 def _clear_column(
     work: Array, filled: list[int], column: int, others: list[int]
 ) -> tuple[int, Scalar]:
-    """Clear a column in all rows but one; that row, and the inverse of the entry that stays."""
+    """Clear a column in all rows but one.
+
+    That row, and the inverse of the entry that stays.
+    """
     x = work[filled, column]
     if not any(isinstance(entry, Number) for entry in x):
         at = int(np.argmax(np.abs(x.astype(float))))
@@ -282,7 +297,8 @@ def _clear_column(
         work[row, others] = first * c + second * s
         work[other, others] = second * c - first * s
         return row, reciprocal
-    # I - b v v^T with v = (1, ...): one division serves 1 / size, 1 / top and b = top / size.
+    # I - b v v^T with v = (1, ...): one division serves 1 / size, 1 / top and b = top /
+    # size.
     size = copysign(square_root(norm_squared(x)), x[0])
     top = x[0] + size
     common = 1.0 / (size * top)
@@ -299,8 +315,8 @@ def _clear_column(
 def positive_factor(matrix: Array) -> tuple[Array, Array, Array]:
     """L (unit lower triangular), 1 / d and d of a symmetric ``matrix = L diag(d) L^T``.
 
-    Scaling rows and columns alike does not change the relative error, which is small as long as no
-    pivot is much less than its diagonal entry.
+    Scaling rows and columns alike does not change the relative error, which is small as
+    long as no pivot is much less than its diagonal entry.
     """
     n = len(matrix)
     L, inverses, pivots = zeros(n, n), zeros(n), zeros(n)
@@ -345,11 +361,12 @@ def above(L: Array, right: Array) -> Array:
 
 
 def eliminated(matrix: Array, keep: slice) -> tuple[Array, Scalar]:
-    """Schur complement ``M_aa - M_ab M_bb^-1 M_ba`` of a positive matrix, and its loss of digits.
+    """Schur complement ``M_aa - M_ab M_bb^-1 M_ba`` of a positive matrix,
+    and its loss of digits.
 
-    It is the inverse of the block a of M^-1. The loss is the factor by which the relative error of
-    M grows in it, as `cartstiff.analysis.matrices.loss_of_elimination`; infinite where M_bb is not
-    positive.
+    It is the inverse of the block a of M^-1. The loss is the factor by which the relative
+    error of M grows in it, as `cartstiff.analysis.matrices.loss_of_elimination`; infinite
+    where M_bb is not positive.
     """
     rest = np.delete(np.arange(len(matrix)), keep)
     whole, inner = matrix[keep, keep], matrix[np.ix_(rest, rest)]
@@ -382,10 +399,11 @@ _LEAST_HALF_ANGLE_COSINE = 0.02
 def rotation_vector(R: Array) -> tuple[Array, Scalar]:
     r"""W of ``R = exp([w])``, and the verdict: `FALLBACK` near half a turn.
 
-    The skew part of R has the vector ``s = w sin(t) / t``, t = |w|. With the cosines c_k of
-    t / 2^k, found by halving from ``c_1 = sqrt((1 + tr R) / 4)``,
+    The skew part of R has the vector ``s = w sin(t) / t``, t = |w|. With the cosines c_k
+    of t / 2^k, found by halving from ``c_1 = sqrt((1 + tr R) / 4)``,
 
-        t / sin t = asin(y) / (y c_1 c_2 c_3 c_4),   y = sin(t / 16) = sin t / (16 c_1 c_2 c_3 c_4)
+        t / sin t = asin(y) / (y c_1 c_2 c_3 c_4), y = sin(t / 16) = sin t / (16 c_1 c_2
+        c_3 c_4)
 
     and the series of asin(y) / y ends soon.
     """
@@ -404,24 +422,25 @@ def rotation_vector(R: Array) -> tuple[Array, Scalar]:
     return s * (series * inverse), verdict
 
 
-#: Verdicts on a posture: its numbers are valid; `cartstiff.analyse` must compute it; no wrench
-#: balances it.
+#: Verdicts on a posture: its numbers are valid; `cartstiff.analyse` must compute it; no
+#: wrench balances it.
 PLAIN, FALLBACK, UNBALANCED = 0.0, 1.0, 2.0
 
-#: Largest condition numbers for the verdict `PLAIN`: of Jacobians (`cartstiff.analyse` calls them
-#: singular at 1 / `cartstiff.numerics.RANK`) and of matrices that are inverted to a compliance
-#: (beyond it, `cartstiff.analyse` equilibrates or reports the loss of digits).
+#: Largest condition numbers for the verdict `PLAIN`: of Jacobians (`cartstiff.analyse`
+#: calls them singular at 1 / `cartstiff.numerics.RANK`) and of matrices that are inverted
+#: to a compliance (beyond it, `cartstiff.analyse` equilibrates or reports the loss of
+#: digits).
 JACOBIAN_CONDITION, STIFFNESS_CONDITION = (
     numerics.LARGEST_JACOBIAN_CONDITION,
     numerics.LARGEST_STIFFNESS_CONDITION,
 )
 
 
-#: Relative accuracy of the norm of an inverse that has lost nearly all digits; `cartstiff.analyse`
-#: may scale it by slightly different sizes.
+#: Relative accuracy of the norm of an inverse that has lost nearly all digits;
+#: `cartstiff.analyse` may scale it by slightly different sizes.
 _NORM_ACCURACY = 0.7
-#: Relative change of an inverse that factors without pivoting may cause: 3 % was the largest in
-#: millions of indefinite matrices.
+#: Relative change of an inverse that factors without pivoting may cause: 3 % was the
+#: largest in millions of indefinite matrices.
 _MAX_PIVOT_LOSS = 0.1
 
 #: Largest angle [rad] whose sine the vector code computes to the last digit.
@@ -442,7 +461,9 @@ def _in_length(matrix: Array, rows: Scalar, columns: Scalar) -> Array:
 
 
 def scaled_inverse(K: Array, length: Scalar) -> tuple[Array, Scalar]:
-    """Inverse of a stiffness, and its squared condition with lengths measured in `length`."""
+    """Inverse of a stiffness, and its squared condition with lengths measured
+    in `length`.
+    """
     scaled = _in_length(K, length, length)
     inverted = inverse(scaled)
     return _in_length(inverted, length, length), norm_squared(scaled) * norm_squared(
@@ -451,12 +472,13 @@ def scaled_inverse(K: Array, length: Scalar) -> tuple[Array, Scalar]:
 
 
 def holds_soft_directions(K: Array, wanted: Collection[str]) -> Scalar:
-    r"""Verdict on whether K^B (6, 6) resolves its softest direction, where no compliance is wanted.
+    r"""Verdict on whether K^B (6, 6) resolves its softest direction,
+    where no compliance is wanted.
 
     `cartstiff.analyse` judges that by ``|K| |K^-1|`` in the sizes of the diagonal. With
-    ``K = L d L^T`` and ``X = L^-1`` the second norm is that of ``X^T d^-1 X``. Where pivots of both
-    signs have cancelled its digits (the norm of ``L |d| L^T`` beside that of K says so), the
-    diagonal of ``X^T |d|^-1 X`` bounds it.
+    ``K = L d L^T`` and ``X = L^-1`` the second norm is that of ``X^T d^-1 X``. Where
+    pivots of both signs have cancelled its digits (the norm of ``L |d| L^T`` beside that
+    of K says so), the diagonal of ``X^T |d|^-1 X`` bounds it.
     """
     kinds = {name.partition("_")[0] for name in wanted}
     if "stiffness" not in kinds or "compliance" in kinds:
@@ -543,7 +565,10 @@ def changed_compliance(
 
 
 def shared_inputs(wrench: str) -> list[str]:
-    """Names of inputs with one row for all postures; `wrench` is "none", "shared" or "each"."""
+    """Names of inputs with one row for all postures.
+
+    `wrench` is "none", "shared" or "each".
+    """
     own = ["stiffness", "rest", "preload", "least", "most", "forces", "weight", "lines"]
     own += ["anchors", "points", "length"]
     return own + (["wrench"] if wrench == "shared" else [])

@@ -99,7 +99,9 @@ def arrays_for(
     shape: tuple[int, ...],
     inputs: Mapping[str, Array | None],
 ) -> dict[str, Array]:
-    """The arrays to fill: those given in `out`, which must not share memory, and new ones."""
+    """The arrays to fill: those given in `out`, which must not share memory,
+    and new ones.
+    """
     own = {full_name(name): array for name, array in (out or {}).items()}
     for name, array in own.items():
         if name not in names:
@@ -161,8 +163,9 @@ def address_of(array: Array) -> int:
 def aligned_empty(*shape: int) -> Array:
     """Uninitialised doubles, aligned to 64 bytes, so that whole cache lines are written.
 
-    Arrays of a mebibyte and more are aligned to two, for large pages of memory: small ones cost a
-    tenth of the time of writing. NumPy requests large pages for four mebibytes and more.
+    Arrays of a mebibyte and more are aligned to two, for large pages of memory: small
+    ones cost a tenth of the time of writing. NumPy requests large pages for four
+    mebibytes and more.
     """
     size, step = prod(shape), _LINE
     room = size

@@ -1,37 +1,41 @@
-r"""Stiffness and compliance of a serial chain on recorded numbers, for any number of joints.
+r"""Stiffness and compliance of a serial chain on recorded numbers,
+for any number of joints.
 
-The twists J_C of the joints are in the frame C of a joint. For six coordinates C is in the middle
-of the chain: the axes beside it are constant, the next ones depend on one angle each, and the
-outermost on half of the angles, so that many entries of J_C are zero at every posture and are not
-computed. Otherwise C is the body frame M. In coordinates of one kind, with L[a, b] = W . [J_a, J_b]
-for joint a after joint b, else 0, which does not depend on the frame, and with H_L = H - S_W,
-S_W = -1/2 (L + L^T),
+The twists J_C of the joints are in the frame C of a joint. For six coordinates C is in
+the middle of the chain: the axes beside it are constant, the next ones depend on one
+angle each, and the outermost on half of the angles, so that many entries of J_C are zero
+at every posture and are not computed. Otherwise C is the body frame M. In coordinates of
+one kind, with L[a, b] = W . [J_a, J_b] for joint a after joint b, else 0, which does not
+depend on the frame, and with H_L = H - S_W, S_W = -1/2 (L + L^T),
 
-    n = 6:  J_C A = Ad(T_C_M),  W = A^T g,  K^F = A^T H A,  K^B = K^F + A^T L A - 1/2 Omega
-    n > 6:  J^T = Q R,  Q^T H_L Q = [[a, b], [b^T, c]],
+    n = 6:  J_C A = Ad(T_C_M),  W = A^T g,  K^F = A^T H A,  K^B = K^F + A^T L A - 1/2
+    Omega n > 6:  J^T = Q R,  Q^T H_L Q = [[a, b], [b^T, c]],
             K^B = R^-1 (a - b c^-1 b^T) R^-T,  W = R^-1 (Q^T g)_6
     n < 6:  J = Q R with lengths scaled,  W = Q R^-T g
     any n:  C^B = J H_L^-1 J^T
 
-which is the reduction of `cartstiff.stiffness.reduction` without its singular value decomposition.
+which is the reduction of `cartstiff.stiffness.reduction` without its singular value
+decomposition.
 
-Line springs and cables between bodies of a chain: with u the direction of a line of length l, D_a
-the velocity of its end b less that of its end a per rate of joint a, and t the tension,
+Line springs and cables between bodies of a chain: with u the direction of a line of
+length l, D_a the velocity of its end b less that of its end a per rate of joint a, and t
+the tension,
 
-    dl/dq_a = u . D_a,
-    d2l/dq_a dq_b = (D_a . D_b - (u . D_a) (u . D_b)) / l + (u x omega_a) . D_b    for b after a.
+    dl/dq_a = u . D_a, d2l/dq_a dq_b = (D_a . D_b - (u . D_a) (u . D_b)) / l + (u x
+    omega_a) . D_b, b after a.
 
-Joints that move both ends do not change the line. A slack cable has neither tension nor stiffness.
+Joints that move both ends do not change the line. A slack cable has neither tension nor
+stiffness.
 
-Mass matrix of a chain or a tree: with m, h and I the mass, first and second moment about the origin
-of C of all bodies that joint b carries, b being a or after a,
+Mass matrix of a chain or a tree: with m, h and I the mass, first and second moment about
+the origin of C of all bodies that joint b carries, b being a or after a,
 
     M_ab = omega_a . (I omega_b + h x v_b) + v_a . (m v_b - h x omega_b).
 
-Gravity and dead forces: with m and m c the mass and first moment of the bodies that joint b carries
-and S_b = omega_b x m c + m v_b,
+Gravity and dead forces: with m and m c the mass and first moment of the bodies that joint
+b carries and S_b = omega_b x m c + m v_b,
 
-    dPhi/dq_b = -g . S_b,     d2Phi/dq_a dq_b = -(g x omega_a) . S_b    for b not before a.
+    dPhi/dq_b = -g . S_b,     d2Phi/dq_a dq_b = -(g x omega_a) . S_b, b not before a.
 """
 
 from __future__ import annotations
@@ -96,7 +100,8 @@ from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 
 #: Largest number of points of a recorded table: each piece is a choice of six numbers.
 _MAX_TABLE_POINTS = 33
-#: Number of Newton steps for a deflection, and largest relative change by the last of them.
+#: Number of Newton steps for a deflection, and largest relative change by the last of
+#: them.
 _NEWTON_STEPS, _MAX_LAST_CHANGE = 8, numerics.ROUNDOFF_OF_SUMS**0.5
 #: Largest deflection, as a share of that at which a polynomial law no longer rises.
 _MAX_RISING_SHARE = 0.99
@@ -115,8 +120,8 @@ def stretched(law: SpringLaw, x: Scalar) -> tuple[Scalar, Scalar, Scalar]:
 def deflection_for(law: SpringLaw, torque: Scalar) -> tuple[Scalar, Scalar]:
     """Deflection that carries a torque, and the verdict on it.
 
-    For a polynomial it is the root of smallest size, within the part that rises through zero. A
-    table must rise or fall throughout, so that there is one root.
+    For a polynomial it is the root of smallest size, within the part that rises through
+    zero. A table must rise or fall throughout, so that there is one root.
     """
     return _LAWS[type(law)].deflection(law, torque)
 
@@ -149,7 +154,10 @@ def _away_from_corners(law: SpringLaw, x: Scalar) -> Scalar:
 
 
 def _piece(law: TabulatedLaw, x: Scalar, knots: tuple[float, ...]) -> list[Scalar]:
-    """Coefficients of the piece in which x lies; `knots` are the ascending ends of the pieces."""
+    """Coefficients of the piece in which x lies.
+
+    `knots` are the ascending ends of the pieces.
+    """
     rows = law._rows.tolist()
     found: list[Scalar] = list(rows[-1])
     for row, knot in reversed(list(zip(rows[:-1], knots, strict=True))):
@@ -240,7 +248,9 @@ class JointSpringNumbers:
         return k * stretch * stretch * 0.5, k * stretch, k
 
     def under(self, a: int, torque: Scalar) -> tuple[Scalar, Scalar]:
-        """Energy and stiffness of a spring whose rest position makes it exert a torque."""
+        """Energy and stiffness of a spring whose rest position makes it
+        exert a torque.
+        """
         if a not in self._laws:
             k = self._stiffness[a]
             return torque * (torque / k) * 0.5, k
@@ -270,7 +280,9 @@ class Line:
 def line_terms(
     line: Line, stiffness: Scalar, rest: Scalar, kinematics: Any
 ) -> tuple[Scalar, Array, Array, Scalar]:
-    """Energy, gradient and Hessian in the joint positions, and the verdict on the length."""
+    """Energy, gradient and Hessian in the joint positions,
+    and the verdict on the length.
+    """
     J, outward = kinematics.J, kinematics.outward
     # Ends, length and tension.
     ends: list[Array] = []
@@ -349,7 +361,8 @@ def kinetic(bodies: Bodies, kinematics: Kinematics) -> Array:
     masses = np.array(bodies.masses, object)
     if kinematics.varied.masses is not None:
         masses = kinematics.varied.masses
-    # First and second moments about the origin of C, of each body and then of all it carries.
+    # First and second moments about the origin of C, of each body and then of all it
+    # carries.
     first, second = zeros(joints, 3), zeros(joints, 3, 3)
     for j, own in enumerate(masses):
         if not is_zero(own) or moments[j].any():
@@ -375,14 +388,15 @@ def kinetic(bodies: Bodies, kinematics: Kinematics) -> Array:
     return M
 
 
-#: Characteristic length, as a share of the chain's size, below which all axes meet in a point and
-#: `cartstiff.analyse` must choose the length.
+#: Characteristic length, as a share of the chain's size, below which all axes meet in a
+#: point and `cartstiff.analyse` must choose the length.
 _LEAST_LENGTH_SHARE = numerics.NEGLIGIBLE_DISTANCE
 
 
 @dataclass(frozen=True)
 class ChainCase:
-    """A chain, open or closed, with its springs and loads; the key of its recorded programs.
+    """A chain, open or closed, with its springs and loads;
+    the key of its recorded programs.
 
     Attributes
     ----------
@@ -394,8 +408,8 @@ class ChainCase:
     chosen : tuple of int
         Those of them whose rest position is chosen at each posture.
     is_balancing : bool
-        Whether rest positions are chosen so that the springs carry all loads; else the given ones
-        determine the wrench.
+        Whether rest positions are chosen so that the springs carry all loads; else the
+        given ones determine the wrench.
     fields : tuple of ForceField
     stretched : tuple of Line
         Line springs and cables with known rest lengths.
@@ -408,10 +422,11 @@ class ChainCase:
     segments : tuple of tuples of int
         Coordinates of beam segments, whose derivatives are input arrays for each segment.
     settled : tuple of int
-        Coordinates without springs of their own, which are first deflected to rest under the
-        wrench (`cartstiff.batch.closed_chains.settling_arrays`).
+        Coordinates without springs of their own, which are first deflected to rest under
+        the wrench (`cartstiff.batch.closed_chains.settling_arrays`).
     singular : bool
-        Whether the program is for postures that have lost rank and uses no inverse Jacobian.
+        Whether the program is for postures that have lost rank and uses no inverse
+        Jacobian.
     laws : tuple of (int, SpringLaw)
         Nonlinear springs of coordinates.
     bodies : Bodies, optional
@@ -419,18 +434,21 @@ class ChainCase:
     rigid : tuple of int
         Coordinates that do not move under any load.
     load : LoadKind
-        Behaviour of the load while the body moves, and the point of application of the wrench.
+        Behaviour of the load while the body moves, and the point of application of the
+        wrench.
     axes : {"body", "world"}
         Axes of the wrench's components: those of M or of F.
     varied : Varied
         Numbers of the geometry that are inputs.
     has_chart : bool
-        Whether the coordinates, of a closed chain the independent ones, are the chart of K^F.
+        Whether the coordinates, of a closed chain the independent ones, are the chart of
+        K^F.
     held, independent, rows, shut, length, is_driven
-        Of a closed chain: coordinates that are fixed while it is closed, besides the rigid ones;
-        coordinates I, as many as there are motions, or none; of each closure, the rows of its twist
-        (0 to 5) that make all closures independent, and the same while `held` is fixed;
-        characteristic length at one posture, for scaling; whether I are the actuated coordinates.
+        Of a closed chain: coordinates that are fixed while it is closed, besides the
+        rigid ones; coordinates I, as many as there are motions, or none; of each closure,
+        the rows of its twist (0 to 5) that make all closures independent, and the same
+        while `held` is fixed; characteristic length at one posture, for scaling; whether
+        I are the actuated coordinates.
     """
 
     constants: TreeConstants
@@ -489,8 +507,8 @@ class ChainCase:
     def ways(self) -> tuple[ChainCase, ...]:
         """Cases whose steps are tried one after the other to close the chain.
 
-        Where more coordinates are held than there are motions, few postures can be closed: the
-        second case holds none.
+        Where more coordinates are held than there are motions, few postures can be
+        closed: the second case holds none.
         """
         if len(self.held) <= self.freedoms:
             return (self,)
@@ -538,7 +556,9 @@ def curvature_of(J: Array, W: Array) -> Array:
 def joint_positions(
     tape: Tape, constants: TreeConstants
 ) -> tuple[Array, Array | None, Array]:
-    """Coordinates, the matrix by which joints follow them if any does, and joint positions."""
+    """Coordinates, the matrix by which joints follow them if any does,
+    and joint positions.
+    """
     n = len(constants.is_length)
     q = tape.vector("q", n)
     if constants.mimic is None:
@@ -622,7 +642,9 @@ class ChainNumbers:
         return energy, gradient, hessian
 
     def _on_bodies(self, tape: Tape) -> Iterator[tuple[Scalar, Array, Array]]:
-        """Energy, gradient and Hessian in the joint positions of each force and each line."""
+        """Energy, gradient and Hessian in the joint positions of each force
+        and each line.
+        """
         case = self.case
         forces = tape.vector("forces", 3 * len(case.fields)).reshape(-1, 3)
         for force, beyond in zip(forces, self.kinematics.beyond, strict=True):
@@ -634,7 +656,9 @@ class ChainNumbers:
             yield E, g, H
 
     def _evaluate(self, tape: Tape) -> None:
-        """Energy, gradient and Hessian of all terms, open rest positions balancing the load."""
+        """Energy, gradient and Hessian of all terms, open rest positions
+        balancing the load.
+        """
         case, chosen = self.case, list(self.case.chosen)
         energy, gradient, hessian = self._others(tape)
         for indices, flat in case.still:
@@ -664,15 +688,21 @@ class ChainNumbers:
         return self._shared(chosen, wanted)
 
     def _shared(self, chosen: list[int], wanted: Array) -> Array:
-        """Torques (c,) from those along the motions, of which the others are in equilibrium."""
+        """Torques (c,) from those along the motions, of which the others are in
+        equilibrium.
+        """
         return wanted[[self.case.names.index(a) for a in chosen]]
 
     def _turning(self, right: Array) -> Array:  # noqa: ARG002
-        """Curvature (n, n) of closures whose forces balance forces (n,); zero without closures."""
+        """Curvature (n, n) of closures whose forces balance forces (n,);
+        zero without closures.
+        """
         return zeros(len(self.q), len(self.q))
 
     def _measure(self) -> None:
-        """Set the characteristic length and natural sizes of the motions; add the verdict on it."""
+        """Set the characteristic length and natural sizes of the motions;
+        add the verdict on it.
+        """
         case, way = self.case, self.case.constants.support(self.case.constants.carrier)
         J, turning = self.J_q, list[Scalar]()
         if self.mimic is None:  # axes are unit vectors
@@ -704,7 +734,9 @@ class ChainNumbers:
         return zeros(6) if self.W is None and self.case.is_balancing else self.W
 
     def lagrangian(self, W: Array) -> Array:
-        """H_L on the motions; the terms of load and closures are added before projection."""
+        """H_L on the motions; the terms of load and closures are added
+        before projection.
+        """
         return (
             self.hessian
             if vanishes(W)
@@ -726,7 +758,8 @@ class ChainNumbers:
     def inverse(self) -> Array:
         """J^-1 of six coordinates; adds the verdict on it."""
         kinematics = self.kinematics
-        # Any length near the reach makes rotations and translations comparable; 1 costs nothing.
+        # Any length near the reach makes rotations and translations comparable; 1 costs
+        # nothing.
         length = 4.0 ** round(math.log(kinematics.reach or 1.0, 4.0))
         scale = np.repeat([length, 1.0], 3)[:, None]
         J = kinematics.J if self.rates is None else kinematics.J @ self.rates
@@ -743,7 +776,8 @@ class ChainNumbers:
     def condition(self, forward: Array, backward: Array) -> Scalar:
         """Bound on the squared condition number of the scaled Jacobian.
 
-        From its transpose and its transposed inverse, up to a rotation of the coordinates.
+        From its transpose and its transposed inverse, up to a rotation of the
+        coordinates.
         """
         if self.rates is None and not any(self.case.constants.is_length):
             size: Scalar = 2.0 * self.n  # by the definition of the length
@@ -763,16 +797,19 @@ class ChainNumbers:
 _LEAST_PIVOT_SHARE = numerics.LOST_ERROR
 #: Largest ratio of factors with mixed signs to the entries of their row.
 _MAX_FACTOR_GROWTH = 100.0
-#: Largest relative change of an inverse by one step of Newton's method, whose square remains.
+#: Largest relative change of an inverse by one step of Newton's method, whose square
+#: remains.
 _MAX_NEWTON_CHANGE = numerics.ROUNDOFF_OF_SUMS**0.5
-#: Least pivot of the self-motion's stiffness, and least norm of its Schur complement, as shares of
-#: the largest entry.
+#: Least pivot of the self-motion's stiffness, and least norm of its Schur complement, as
+#: shares of the largest entry.
 _LEAST_SELF_MOTION_SHARE = numerics.LOST_ERROR
 
 
 @lru_cache(maxsize=64)
 def _middle(constants: TreeConstants) -> int:
-    """Frame C, as of `Kinematics`, in which the inverse of six coordinates is shortest."""
+    """Frame C, as of `Kinematics`, in which the inverse of six coordinates
+    is shortest.
+    """
     counts = {}
     for joint in range(2, len(constants.parents) + 2):
         tape = Tape()
@@ -795,12 +832,13 @@ def _six(chain: ChainNumbers) -> tuple[Array, Array, Array]:
 
 
 def _curved(chain: ChainNumbers, A: Array, W: Array) -> Array:
-    """``-L A`` with L the lower triangle of J^T Omega J, without diagonal, and ``A = J^-1``.
+    """``-L A`` with L the lower triangle of J^T Omega J, without diagonal,
+    and ``A = J^-1``.
 
     As J^T Omega J A = J^T Omega = N, row a of L A is sum_(b < a) L[a, b] A_b as well as
-    N_a - sum_(b >= a) (N J)[a, b] A_b. Joints near the body have sparse twists in M: their half of
-    the rows takes the second form, and of all pairs of joints only those within a half are needed,
-    in C those of the first.
+    N_a - sum_(b >= a) (N J)[a, b] A_b. Joints near the body have sparse twists in M:
+    their half of the rows takes the second form, and of all pairs of joints only those
+    within a half are needed, in C those of the first.
     """
     half = 3
     curved = zeros(6, 6)
@@ -832,7 +870,8 @@ def _redundant(chain: ChainNumbers) -> tuple[Array, Array]:
         roundoff = largest(chain.hessian * columns * columns[:, None]) * ROUNDOFF
         limit = largest(gradient) * BALANCE_TOLERANCE + roundoff
         torque = square_root(norm_squared(turned[6:]))
-        # `cartstiff.analyse` has another basis of the self-motion: this bounds its largest entry.
+        # `cartstiff.analyse` has another basis of the self-motion: this bounds its
+        # largest entry.
         balanced = pick(
             torque,
             limit * 0.5,
@@ -892,7 +931,9 @@ def _deficient(chain: ChainNumbers) -> Array:
 def _compliances(
     chain: ChainNumbers, W: Array, arrays: dict[str, Array], wanted: Collection[str]
 ) -> Scalar:
-    """Add ``C^X = J (H_L + J^T D J)^-1 J^T``, D = K^X - K^B, to `arrays`; return the verdict."""
+    """Add ``C^X = J (H_L + J^T D J)^-1 J^T``, D = K^X - K^B, to `arrays`;
+    return the verdict.
+    """
     names = [name for name in OF_MANY if f"compliance_{name}" in wanted]
     verdict: Scalar = PLAIN
     if not names:
@@ -926,10 +967,11 @@ def _softness(
 ) -> tuple[Array, Scalar]:
     """``J H^-1 J^T`` and the verdict on it; `signed` admits an indefinite H.
 
-    For a positive H the sum over k of ``L_ak^2 d_k`` is its diagonal entry; for an indefinite one,
-    the sum of absolute values bounds the loss of factors without pivoting. Where the loss is large,
-    one step of Newton's method, ``X (2 - H X)``, squares it, as long as it is below 1. Elsewhere
-    the step is not taken, as the factors resolve the softest motion better.
+    For a positive H the sum over k of ``L_ak^2 d_k`` is its diagonal entry; for an
+    indefinite one, the sum of absolute values bounds the loss of factors without
+    pivoting. Where the loss is large, one step of Newton's method, ``X (2 - H X)``,
+    squares it, as long as it is below 1. Elsewhere the step is not taken, as the factors
+    resolve the softest motion better.
     """
     L, inverses, pivots = positive_factor(H)
     C = congruence(below(L, chain.J.T), np.diag(inverses))
@@ -968,7 +1010,9 @@ def chain_motion(tape: Tape, constants: TreeConstants) -> tuple[Array, Array]:
 def chain_arrays(
     tape: Tape, case: ChainCase, wanted: Collection[str]
 ) -> dict[str, Array]:
-    """Outputs that exist, among them all that are wanted, and the "verdict" on the posture."""
+    """Outputs that exist, among them all that are wanted,
+    and the "verdict" on the posture.
+    """
     at_body = len(case.constants.parents) + 1
     if case.singular:
         return _singular_arrays(ChainNumbers(tape, case, at_body), wanted)
@@ -978,10 +1022,12 @@ def chain_arrays(
 
 
 def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
-    """Outputs that exist where rank is lost, and "looked_at", which shows the loss of rank.
+    """Outputs that exist where rank is lost, and "looked_at",
+    which shows the loss of rank.
 
-    The latter is the scaled Jacobian (6, n), the gradient (n,) and the largest entry of the
-    Hessian, in natural sizes of the moving coordinates. Wrench and compliances need a known load.
+    The latter is the scaled Jacobian (6, n), the gradient (n,) and the largest entry of
+    the Hessian, in natural sizes of the moving coordinates. Wrench and compliances need a
+    known load.
     """
     scaled = chain.J * chain.columns
     scaled[3:] = scaled[3:] * (1.0 / chain.length)

@@ -1,37 +1,41 @@
-r"""Closed chains on recorded numbers: closing them, deflecting their links, and their stiffness.
+r"""Closed chains on recorded numbers: closing them, deflecting their links,
+and their stiffness.
 
-The stiffness is that of an open chain on the motions that keep the closures. With closures
-``C dq = 0``, dependent coordinates D and independent ones I, all motions are ``dq = N dx``, N = 1
-on I and ``-C_D^-1 C_I`` on D. In the coordinates x of these motions
+The stiffness is that of an open chain on the motions that keep the closures. With
+closures ``C dq = 0``, dependent coordinates D and independent ones I, all motions are
+``dq = N dx``, N = 1 on I and ``-C_D^-1 C_I`` on D. In the coordinates x of these motions
 
     J = J_q N,    g = N^T g_q,    H = N^T (H_q + lam c'') N,    C_D^T lam = -(g_q)_D,
     S_W = N^T (S_q,W - mu c'') N,    C_D^T mu = (J_q^T W)_D
 
-and the rest is as for an open chain (`cartstiff.batch.chains`). `cartstiff.stiffness.reduction` is
-the same with a basis from the singular value decomposition. I are the coordinates that are held
-while the chain is closed, or a choice of as many as there are motions; without such a choice, N is
-orthonormal, from reflections of C^T.
+and the rest is as for an open chain (`cartstiff.batch.chains`).
+`cartstiff.stiffness.reduction` is the same with a basis from the singular value
+decomposition. I are the coordinates that are held while the chain is closed, or a choice
+of as many as there are motions; without such a choice, N is orthonormal, from reflections
+of C^T.
 
-Springs c whose rest positions are chosen exert the torques t nearest to ``(J_q^T W)_c`` with
-``N_c^T t = J^T W - N_s^T g_s``, g_s being the torques of all else.
+Springs c whose rest positions are chosen exert the torques t nearest to ``(J_q^T W)_c``
+with ``N_c^T t = J^T W - N_s^T g_s``, g_s being the torques of all else.
 
-The steps that close a chain are those of `Chain.closed`. Along the axes of F, with
-``w = log(R_b R_a^T)``, x = w.w and d from a to b, the residual of a weld is
-``xi = (w, d + w x d / 2 + c w x (w x d))`` and its rates are those of the twist about b times
+The steps that close a chain are those of `Chain.closed`. Along the axes of F, with ``w =
+log(R_b R_a^T)``, x = w.w and d from a to b, the residual of a weld is ``xi = (w, d + w x
+d / 2 + c w x (w x d))`` and its rates are those of the twist about b times
 
     J_r^-1(xi) = 1 + ad / 2 + A ad^2 + B ad^4,
 
-c, A and B being power series in x with the coefficients of ``(t / 2) cot(t / 2)``, t^2 = x. The
-rates for a joined point are those of the twist about a. The length of each step is limited.
+c, A and B being power series in x with the coefficients of ``(t / 2) cot(t / 2)``, t^2 =
+x. The rates for a joined point are those of the twist about a. The length of each step is
+limited.
 
-The steps that deflect compliant links under a load are those of `stiffness.settled_links`. In the
-coordinates x of the motions above (of an open chain: its coordinates), those f without springs of
-their own take the step
+The steps that deflect compliant links under a load are those of
+`stiffness.settled_links`. In the coordinates x of the motions above (of an open chain:
+its coordinates), those f without springs of their own take the step
 
-    dx_f = -(H_L + J^T D J)_ff^-1 (g - J^T W)_f,    D = K^load - K^B,    dq = N_f dx_f + c,
+    dx_f = -(H_L + J^T D J)_ff^-1 (g - J^T W)_f,  D = K^load - K^B,  dq = N_f dx_f + c,
 
-c being the correction of the dependent coordinates for the remaining closure residual, and K^load
-that of a load which keeps its components in M (a follower, K^A) or in F (a dead one).
+c being the correction of the dependent coordinates for the remaining closure residual,
+and K^load that of a load which keeps its components in M (a follower, K^A) or in F (a
+dead one).
 """
 
 from __future__ import annotations
@@ -94,7 +98,10 @@ _MAX_CLOSURE_CONDITION = 1.0 / numerics.LOST_ERROR
 
 
 class ClosedChainNumbers(ChainNumbers):
-    """A closed chain under a case, recorded; the coordinates are those of the motions N."""
+    """A closed chain under a case, recorded.
+
+    The coordinates are those of the motions N.
+    """
 
     def _motions(self) -> Array:
         case = self.case
@@ -150,7 +157,9 @@ class ClosedChainNumbers(ChainNumbers):
         return N
 
     def _multipliers(self, right: Array) -> Array:
-        """Closure forces that balance generalised forces (n,) on the dependent coordinates."""
+        """Closure forces that balance generalised forces (n,) on the dependent
+        coordinates.
+        """
         if vanishes(right):
             return zeros(len(self.C))
         if self.case.independent:
@@ -177,7 +186,8 @@ class ClosedChainNumbers(ChainNumbers):
         return S
 
     def _shared(self, chosen: list[int], wanted: Array) -> Array:
-        """Of more springs than motions, or others, the torques nearest to those of the wrench.
+        """Of more springs than motions, or others, the torques nearest to those
+        of the wrench.
 
         They fulfil ``N_c^T t = wanted``.
         """
@@ -212,7 +222,9 @@ class ClosedChainNumbers(ChainNumbers):
 
 
 def characteristic_length(tree: Kinematics) -> Scalar:
-    """Root mean square distance of the axes of joints on the way to the body from its origin."""
+    """Root mean square distance of the axes of joints on the way to the body
+    from its origin.
+    """
     way = [
         j for j in tree.constants.support(tree.constants.carrier) if tree.links.turning[j]
     ]
@@ -222,11 +234,14 @@ def characteristic_length(tree: Kinematics) -> Scalar:
 def closed_arrays(
     tape: Tape, case: ChainCase, wanted: Collection[str]
 ) -> dict[str, Array]:
-    """Outputs that exist, among them all that are wanted, and the "verdict" on the posture."""
+    """Outputs that exist, among them all that are wanted,
+    and the "verdict" on the posture.
+    """
     return arrays_of(ClosedChainNumbers(tape, case), wanted)
 
 
-#: Bernoulli numbers over factorials: coefficients of ``(t / 2) cot(t / 2)`` in t^2, but for the 1.
+#: Bernoulli numbers over factorials: coefficients of ``(t / 2) cot(t / 2)`` in t^2, but
+#: for the 1.
 _COTANGENT = (
     -1 / 12,
     -1 / 720,
@@ -240,9 +255,9 @@ _COTANGENT = (
     -174611 / 802857662698291200000,
 )
 #: Number of steps after which round-off may decide the assembly mode, and after which
-#: `cartstiff.analyse` gives up. `ChainCase.ways` has the alternatives: more held coordinates than
-#: motions do not close by chance; as many may, in another assembly mode, which is left to
-#: `cartstiff.analyse`.
+#: `cartstiff.analyse` gives up. `ChainCase.ways` has the alternatives: more held
+#: coordinates than motions do not close by chance; as many may, in another assembly mode,
+#: which is left to `cartstiff.analyse`.
 STEPS, LAST_STEP = 40, 100
 
 
@@ -334,10 +349,12 @@ Step = Callable[[Mapping[str, Array]], dict[str, Array]]
 def close(
     ways: Sequence[Callable[[], Step]], q: Array
 ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Coordinates that close the chain from q (N, n), where they do, and where no steps can.
+    """Coordinates that close the chain from q (N, n), where they do,
+    and where no steps can.
 
-    `ways` make the kernels for `closing_arrays` of `ChainCase.ways`. Where `cartstiff.analyse`
-    would take more steps, or find another solution, the given coordinates stay.
+    `ways` make the kernels for `closing_arrays` of `ChainCase.ways`. Where
+    `cartstiff.analyse` would take more steps, or find another solution, the given
+    coordinates stay.
     """
     closed, is_closed, which = q.copy(), np.zeros(len(q), bool), np.arange(len(q))
     for way in ways:
@@ -355,7 +372,8 @@ def close(
 
 
 def is_shut(size: Any, step: Any, length: Any, before: Any) -> Any:
-    """Whether closures are met: to round-off, or within tolerance once steps bring no more.
+    """Whether closures are met: to round-off, or within tolerance once steps
+    bring no more.
 
     From the numbers in "left" and the residual of the step `before`.
     """
@@ -369,7 +387,10 @@ def is_shut(size: Any, step: Any, length: Any, before: Any) -> Any:
 def _close(
     step_on: Step, q: Array, is_closed: NDArray[np.bool_], is_vain: NDArray[np.bool_]
 ) -> None:
-    """Take steps from q in place; set where they close the chain, and where they cannot."""
+    """Take steps from q in place.
+
+    Set where they close the chain, and where they cannot.
+    """
     which, before = np.arange(len(q)), np.full(len(q), np.inf)
     best, futile = before, np.zeros(len(q), int)
     for taken in range(LAST_STEP):
@@ -393,9 +414,9 @@ def _close(
     is_vain[which] = True
 
 
-#: Number of steps within which these steps and those of `settled_links` find the same rest: of 2293
-#: postures of robots with flexible links, under loads up to the largest that they carry, 23 did
-#: not, all with nine steps or more.
+#: Number of steps within which these steps and those of `settled_links` find the same
+#: rest: of 2293 postures of robots with flexible links, under loads up to the largest
+#: that they carry, 23 did not, all with nine steps or more.
 _MAX_SETTLING_STEPS = 8
 #: Evaluates the terms outside the program at postures (N, n): inputs, and verdicts.
 Evaluate = Callable[[Array], tuple[dict[str, Array], Array]]
@@ -409,7 +430,9 @@ def settles(elastic: ElasticMechanism, wrench: str) -> tuple[int, ...]:
 def _closing_step(
     chain: ClosedChainNumbers, case: ChainCase, sizes: Array
 ) -> tuple[Array, Scalar]:
-    """Step (n,) of the dependent coordinates that closes the chain, and the verdict on it."""
+    """Step (n,) of the dependent coordinates that closes the chain,
+    and the verdict on it.
+    """
     tree, residual = chain.kinematics, list[Array]()
     verdict: Scalar = PLAIN
     for tie, rows in zip(case.constants.ties, case.rows, strict=True):
@@ -476,9 +499,9 @@ def settle(
 ) -> NDArray[np.intp]:
     """Take steps from the postures q[which], in place; return those that come to rest.
 
-    `inputs` are the program's, "wrench" with one row or one for each of q. Postures that do not
-    come to rest within a few steps are left to `cartstiff.analyse`, whose steps differ and may find
-    another rest.
+    `inputs` are the program's, "wrench" with one row or one for each of q. Postures that
+    do not come to rest within a few steps are left to `cartstiff.analyse`, whose steps
+    differ and may find another rest.
     """
     rest, moved = list[NDArray[np.intp]](), np.zeros(0)
     for _ in range(_MAX_SETTLING_STEPS):
@@ -500,8 +523,8 @@ def settle(
     return np.concatenate(rest)
 
 
-#: Number of postures at which the rank of the closures is sampled, and their largest distance from
-#: the reference posture (rad, or shares of the characteristic length).
+#: Number of postures at which the rank of the closures is sampled, and their largest
+#: distance from the reference posture (rad, or shares of the characteristic length).
 _SAMPLES, _SAMPLE_DISTANCE = 4, 0.1
 
 
@@ -551,8 +574,8 @@ def _rows(
 ) -> tuple[tuple[tuple[int, ...], ...], list[Array], int] | None:
     """Rows of each closure that make all closures independent; None if the rank differs.
 
-    Also the matrix of these rows at the samples, without columns of held coordinates, and the
-    number of rows that are not zero.
+    Also the matrix of these rows at the samples, without columns of held coordinates, and
+    the number of rows that are not zero.
     """
     every, names = list[Array](), list[tuple[int, int]]()
     for at in samples:
@@ -589,10 +612,11 @@ def _rows(
 def _independent(
     chain: Chain, moving: Array, closures: Sequence[Array], freedoms: int
 ) -> tuple[int, ...]:
-    """Coordinates that determine all motions: the held ones, or as many others; else none.
+    """Coordinates that determine all motions: the held ones, or as many others;
+    else none.
 
-    With more actuators than motions there are none, as no actuator may be left out. The closures'
-    columns are the `moving` coordinates.
+    With more actuators than motions there are none, as no actuator may be left out. The
+    closures' columns are the `moving` coordinates.
     """
     held = [j for j in chain.held if j not in chain.rigid]
     driven = [j for j in chain.actuated or () if j not in chain.rigid]
@@ -616,7 +640,8 @@ def _reduced(rows: Array, rank: int) -> Array:
 def closed_case(
     elastic: ElasticMechanism, chain: Chain, wrench: str, is_open: Array
 ) -> tuple[ChainCase, tuple[Potential, ...]] | str:
-    """Case of a closed chain and the potentials outside it, or the reason why there is none.
+    """Case of a closed chain and the potentials outside it,
+    or the reason why there is none.
 
     `is_open` says which coordinates (n,) have a spring whose rest position is chosen.
     """
@@ -645,7 +670,10 @@ def closed_case(
         return "no joint gives"
     is_freed = not held or len(held) > freedoms
     if is_freed and acting > rank:
-        return "redundant closures without actuated coordinates are closed posture by posture"
+        return (
+            "redundant closures without actuated coordinates are closed posture by "
+            "posture"
+        )
     actuated = chain.actuated
     if actuated is not None and not set(actuated) <= {*held, *rigid}:
         return "the actuated coordinates are not those that are held"
@@ -671,7 +699,8 @@ def closed_case(
     if springy < set(held) and not others and elastic.gravity is None:
         return "coordinates that are held without a spring are judged posture by posture"
     acts = bool(others) or elastic.gravity is not None or bool((own & ~is_open).any())
-    # `_shared` would weigh torques against forces by a length that `cartstiff.analyse` has not.
+    # `_shared` would weigh torques against forces by a length that `cartstiff.analyse`
+    # has not.
     kinds = {constants.is_length[a] for a in np.flatnonzero(is_open)}
     independent = _independent(chain, moving, closures, freedoms)
     chosen = set(np.flatnonzero(is_open).tolist())
@@ -711,8 +740,8 @@ def closed_case(
 def gaps(tree: Kinematics) -> Array:
     """Small twists from frame a to frame b of each closure, in C, that have to vanish.
 
-    To first order they are the residuals of `closing_arrays`; six numbers of a weld, three of a
-    point.
+    To first order they are the residuals of `closing_arrays`; six numbers of a weld,
+    three of a point.
     """
     parts = list[Array]()
     for tie in tree.constants.ties:

@@ -1,9 +1,9 @@
 """Execution of a recorded program: over rows of arrays, for one posture, or in a browser.
 
-As Python or JavaScript, a program is one straight-line function in the order of the operations, so
-that sums, products, quotients and roots are equal to the last bit. The same Python runs on numbers,
-or over NumPy arrays in chunks that fit into the cache. Sines and cosines are those of the language.
-llvmlite makes machine code.
+As Python or JavaScript, a program is one straight-line function in the order of the
+operations, so that sums, products, quotients and roots are equal to the last bit. The
+same Python runs on numbers, or over NumPy arrays in chunks that fit into the cache. Sines
+and cosines are those of the language. llvmlite makes machine code.
 """
 
 from __future__ import annotations
@@ -30,9 +30,11 @@ from cartstiff.geometry.se3 import Array
 #: Postures per chunk: many enough to hide the cost of a call, few enough for the cache.
 CHUNK = 768
 
-# -- as source ---------------------------------------------------------------------------------
+# -- as source
+# ---------------------------------------------------------------------------------
 
-#: JavaScript's `Math` has no copysign: the size of the first number with the sign of the second.
+#: JavaScript's `Math` has no copysign: the size of the first number with the sign of the
+#: second.
 HELPERS = "const withSign=(x,y)=>y<0||Object.is(y,-0)?-Math.abs(x):Math.abs(x);"
 
 # Length of an expression from which on its value gets a name, which limits the nesting.
@@ -100,7 +102,9 @@ _ON_ARRAYS = {
 
 
 class _Source(NamedTuple):
-    """Lines that name values, the outputs' expressions, each output's place, and input arrays."""
+    """Lines that name values, the outputs' expressions, each output's place,
+    and input arrays.
+    """
 
     lines: list[str]
     outputs: list[str]
@@ -109,7 +113,9 @@ class _Source(NamedTuple):
 
 
 def _placed(program: Program) -> tuple[dict[str, tuple[int, int]], list[int]]:
-    """Place of each output in a record, shared by equal outputs, and the record's steps."""
+    """Place of each output in a record, shared by equal outputs,
+    and the record's steps.
+    """
     places: dict[tuple[int, ...], tuple[int, int]] = {}
     ends: list[int] = []
     for steps in program.outputs.values():
@@ -122,7 +128,8 @@ def _placed(program: Program) -> tuple[dict[str, tuple[int, int]], list[int]]:
 def written(program: Program, language: Language) -> _Source:
     """A program as source; `arrays` has the name of each input array in it.
 
-    Values that are read once are written where they are read; operations keep their order.
+    Values that are read once are written where they are read; operations keep their
+    order.
     """
     places, ends = _placed(program)
     reads = [0] * len(program.operations)
@@ -163,7 +170,8 @@ def javascript(program: Program) -> tuple[str, dict[str, tuple[int, int]]]:
     Returns
     -------
     source : str
-        ``(i,o)=>{...}``: `i` holds an array for each input by name, `o` is a Float64Array.
+        ``(i,o)=>{...}``: `i` holds an array for each input by name, `o` is a
+        Float64Array.
     places : dict of str to (int, int)
         Start and end of each output.
     """
@@ -178,7 +186,9 @@ def javascript(program: Program) -> tuple[str, dict[str, tuple[int, int]]]:
 def _python(
     program: Program, language: Language, functions: Mapping[str, Any]
 ) -> tuple[Callable[..., list[Any]], list[str], dict[str, slice]]:
-    """A Python function of lists, the names of these, and the outputs' places in its result."""
+    """A Python function of lists, the names of these, and the outputs' places
+    in its result.
+    """
     lines, outputs, places, arrays = written(program, language)
     if language is _NUMPY:  # free the memory of arrays after their last use
         last = {
@@ -219,13 +229,15 @@ class Kernel:
     ) -> None:
         """Compute `count` rows of outputs from rows of inputs, all of them contiguous.
 
-        Every array has two dimensions; shared inputs have one row. With `stream` outputs are
-        written past the cache if possible.
+        Every array has two dimensions; shared inputs have one row. With `stream` outputs
+        are written past the cache if possible.
         """
         raise NotImplementedError
 
     def __call__(self, inputs: Mapping[str, Array], threads: int = 1) -> dict[str, Array]:
-        """Outputs (N, ...) by name, from inputs (N, ...), or (1, ...) for shared ones, by name."""
+        """Outputs (N, ...) by name, from inputs (N, ...), or (1, ...) for shared ones,
+        by name.
+        """
         rows = {name: np.ascontiguousarray(array) for name, array in inputs.items()}
         count = len(
             next(a for name, a in rows.items() if name not in self.program.shared)
@@ -400,7 +412,8 @@ class CompiledKernel(Kernel):
         progress = (ctypes.c_int64 * 2)()
 
         def share(scratch: Array, held: object = (inputs, outputs)) -> None:  # noqa: ARG001
-            # An interrupt may end this thread's call: keep the arrays that other threads write to.
+            # An interrupt may end this thread's call: keep the arrays that other threads
+            # write to.
             entry(blocks, *pointers, address_of(scratch), progress)
             self._free.append(scratch)
 
@@ -524,7 +537,9 @@ class CompiledPosture(OnePosture):
         return record
 
     def _memory(self) -> tuple[Any, ...]:
-        """Arrays that one call reads, writes and counts in, its arguments, and their memory."""
+        """Arrays that one call reads, writes and counts in, its arguments,
+        and their memory.
+        """
         kernel, program = self._kernel, self._kernel.program
         widths: dict[str, int] = {}
         for array, component in program.inputs:

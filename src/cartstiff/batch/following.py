@@ -1,8 +1,9 @@
 """Closing many postures of a chain in one assembly mode.
 
-Newton steps from far away converge to another assembly mode, or not at all. The held coordinates
-therefore move in steps from the mechanism's reference posture; where that fails, cells of a grid
-start from a neighbouring cell. The result does not depend on what else is computed.
+Newton steps from far away converge to another assembly mode, or not at all. The held
+coordinates therefore move in steps from the mechanism's reference posture; where that
+fails, cells of a grid start from a neighbouring cell. The result does not depend on what
+else is computed.
 """
 
 from __future__ import annotations
@@ -37,10 +38,11 @@ class Assembler:
     base : ndarray (n,)
         Reference posture from which the others are reached; closed first if possible.
     own : sequence of int
-        Coordinates whose values are given. If they are not all held by actuators, the actuators
-        follow them.
+        Coordinates whose values are given. If they are not all held by actuators, the
+        actuators follow them.
     path : {"auto", "compiled", "portable", "engine"}
-        Path of the map. "engine" closes by `Chain.closed`; the others by machine code if possible.
+        Path of the map. "engine" closes by `Chain.closed`; the others by machine code if
+        possible.
     rows : int
         Largest number of postures at a time.
     """
@@ -71,7 +73,9 @@ class Assembler:
         self._home = ReferencePosture(self._base, self._hold, lengths)
 
     def near(self, q: Array) -> Closed:
-        """Coordinates (N, n) that close the chain from q, and where they do; else as given."""
+        """Coordinates (N, n) that close the chain from q, and where they do;
+        else as given.
+        """
         at, is_closed, _ = self._near(q)
         return at, is_closed
 
@@ -91,7 +95,9 @@ class Assembler:
         return at, is_closed, ~is_closed
 
     def led(self, q: Array) -> Closed:
-        """As `near`, the held coordinates moving straight from the base to their values in q."""
+        """As `near`, the held coordinates moving straight from the base to their
+        values in q.
+        """
         at, is_closed, _ = self._home.continue_from(self._near, q, self._home.steps(q))
         return at, is_closed
 
@@ -111,12 +117,13 @@ class Assembler:
     def grid(
         self, values: Sequence[Array], columns: Sequence[int], box: Sequence[slice]
     ) -> Closed:
-        """Coordinates (N, n) of the cells of a box of a grid, in C order, and where they close.
+        """Coordinates (N, n) of the cells of a box of a grid, in C order,
+        and where they close.
 
-        The held coordinates move straight to each cell, as in `Chain.closed`, so that a cell is the
-        same as for its values alone. Cells that are not reached start from their neighbour: from
-        the cell nearest the base along the first axis, from each of these along the next axis. The
-        remaining cells start from the base.
+        The held coordinates move straight to each cell, as in `Chain.closed`, so that a
+        cell is the same as for its values alone. Cells that are not reached start from
+        their neighbour: from the cell nearest the base along the first axis, from each of
+        these along the next axis. The remaining cells start from the base.
 
         Parameters
         ----------
@@ -145,7 +152,10 @@ class Assembler:
         seed: int,
         cells: slice,
     ) -> Closed:
-        """Extend N cells at a seed along an axis: (N cells, n); those at the seed are unchanged."""
+        """Extend N cells at a seed along an axis: (N cells, n).
+
+        Those at the seed are unchanged.
+        """
         first, last = min(cells.start, seed), max(cells.stop, seed + 1)
         every = np.repeat(q[:, None], last - first, axis=1)
         every[:, :, column] = value[first:last]

@@ -4,11 +4,13 @@ With w_i = dy/dx_i for the number x_i of each step, from the output y backwards,
 
     w_j = sum of w_i dx_i/dx_j over the steps i that read j,
 
-which takes two to three times the operations of y for all inputs together (Griewank and Walther,
-Evaluating Derivatives, SIAM 2008, section 3.2 and eq. 4.21). The sums are recorded on the same
-tape, so that a gradient runs wherever a program runs, and may be differentiated again.
+which takes two to three times the operations of y for all inputs together (Griewank and
+Walther, Evaluating Derivatives, SIAM 2008, section 3.2 and eq. 4.21). The sums are
+recorded on the same tape, so that a gradient runs wherever a program runs, and may be
+differentiated again.
 
-A `pick` and a `larger` are differentiated on the side that is taken; the other side counts zero.
+A `pick` and a `larger` are differentiated on the side that is taken; the other side
+counts zero.
 """
 
 from __future__ import annotations
@@ -93,24 +95,25 @@ def pullback(
     inputs: Sequence[Number],
     choices: list[tuple[Scalar, Scalar, Scalar]] | None = None,
 ) -> list[Scalar]:
-    r"""Derivatives of ``sum of weight * output`` by each input, recorded on the outputs' tape.
+    r"""Derivatives of ``sum of weight * output`` by each input,
+    recorded on the outputs' tape.
 
     Parameters
     ----------
     outputs : sequence of (output, weight)
-        Recorded numbers of one tape, and the derivative of the objective by each; plain numbers
-        among the outputs do not depend on anything.
+        Recorded numbers of one tape, and the derivative of the objective by each; plain
+        numbers among the outputs do not depend on anything.
     inputs : sequence of Number
         Inputs of that tape.
     choices : list, optional
-        Gets the two numbers that each choice compares, and the adjoint of its result: where they
-        are equal and that is not zero, there may be no derivative.
+        Gets the two numbers that each choice compares, and the adjoint of its result:
+        where they are equal and that is not zero, there may be no derivative.
 
     Returns
     -------
     list of Number or float
-        One for each input, 0.0 where nothing depends on it. The unit is that of the objective per
-        unit of the input.
+        One for each input, 0.0 where nothing depends on it. The unit is that of the
+        objective per unit of the input.
     """
     recorded = [(y, w) for y, w in outputs if isinstance(y, Number)]
     if not recorded:
@@ -149,7 +152,8 @@ def _value(tape: Tape, step: int) -> Scalar:
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """Objectives at one posture and their derivatives by every input of the recorded arithmetic.
+    """Objectives at one posture and their derivatives by every input of the
+    recorded arithmetic.
 
     Attributes
     ----------
@@ -158,10 +162,11 @@ class Slopes:
     by : dict of str to ndarray
         Derivatives (m, ...) by the components of each input array.
     closing : dict of str to ndarray, optional
-        Of a closed chain: derivatives (r, ...) of the closures' residuals by the same components.
+        Of a closed chain: derivatives (r, ...) of the closures' residuals by the same
+        components.
     kinks : ndarray (m,) of int
-        Number of choices that depend on equal numbers: principal values that coincide, lines that
-        are about to go slack.
+        Number of choices that depend on equal numbers: principal values that coincide,
+        lines that are about to go slack.
     """
 
     values: Array
@@ -172,7 +177,8 @@ class Slopes:
 
 #: Two numbers that differ by a smaller share are equal.
 _TIE = numerics.NEGLIGIBLE_DIFFERENCE
-#: Objectives on recorded numbers: from the arrays of `analyse_many` to numbers (m,) and a verdict.
+#: Objectives on recorded numbers: from the arrays of `analyse_many` to numbers (m,) and a
+#: verdict.
 Objective = Callable[[Mapping[str, Array]], tuple[Sequence[Scalar], Scalar]]
 
 

@@ -41,18 +41,20 @@ WORTH_COMPILING = 5000
 WORTH_READING = 200_000
 #: Number of operations beyond which compiling takes more than a few seconds.
 LARGEST_PROGRAM = 60_000
-#: Least number of postures for which larger programs are compiled: compiling takes as long as
-#: computing 25,000 postures over NumPy arrays, whatever the size.
+#: Least number of postures for which larger programs are compiled: compiling takes as
+#: long as computing 25,000 postures over NumPy arrays, whatever the size.
 WORTH_WAITING = 50_000
 #: Chunk of postures for machine code, a multiple of every block.
 COMPILED_CHUNK = 1 << 17
 #: Least number of postures for each thread.
 LEAST_PER_THREAD = 2048
-#: Least number of postures for which closed chains, or postures of lost rank, are recorded.
+#: Least number of postures for which closed chains, or postures of lost rank, are
+#: recorded.
 WORTH_RECORDING = 100
 #: Chunk of postures of closed chains: each step reads their coordinates again.
 CLOSED_CHUNK = 4096
-#: Chunk of postures with terms outside the program: these have n^2 numbers for each posture.
+#: Chunk of postures with terms outside the program: these have n^2 numbers for each
+#: posture.
 EVALUATED_CHUNK = 1024
 
 
@@ -79,7 +81,10 @@ def _compiled_kernel(
 
 
 def kernel_for(case: Case, names: tuple[str, ...], count: int, compiled: bool) -> Any:
-    """Kernel for `count` postures of a case; machine code if wanted and worth compiling."""
+    """Kernel for `count` postures of a case.
+
+    Machine code if wanted and worth compiling.
+    """
     make = _compiled_kernel if compiled and count >= WORTH_COMPILING else _portable_kernel
     return make(case, names)
 
@@ -87,7 +92,10 @@ def kernel_for(case: Case, names: tuple[str, ...], count: int, compiled: bool) -
 def reading_kernel(
     case: Case, names: tuple[str, ...], readings: Readings, path: Backend = "auto"
 ) -> Any:
-    """Kernel that reads quantities; None if one does not exist, or no machine code can be made."""
+    """Kernel that reads quantities.
+
+    None if one does not exist, or no machine code can be made.
+    """
     program = program_for(case, names, readings)
     if "readings" not in program.outputs:
         return None
@@ -117,7 +125,10 @@ def chosen(
     load: LoadKind,
     axes: Axes,
 ) -> tuple[TracedModel | None, Any, str]:
-    """Model and kernel, or None for `cartstiff.analyse`; and the reason why not a faster one."""
+    """Model and kernel, or None for `cartstiff.analyse`.
+
+    And the reason why not a faster one.
+    """
     kind = given_as(loads)
     if path == "engine":
         known = known_plan(elastic, kind)  # a map has planned before
@@ -170,7 +181,9 @@ def _is_worth_making(size: int, count: int) -> bool:
 
 
 def _few_of_closed(elastic: ElasticMechanism, count: int) -> str:
-    """Reason why `cartstiff.analyse` is faster than recording a closed chain; empty if not."""
+    """Reason why `cartstiff.analyse` is faster than recording a closed chain;
+    empty if not.
+    """
     few = count < WORTH_RECORDING and bool(elastic.mechanism.closures)
     return f"a closed chain is recorded from {WORTH_RECORDING} postures on" if few else ""
 
@@ -181,7 +194,9 @@ def lasting_path(
     names: tuple[str, ...],
     count: int,
 ) -> Backend:
-    """The path for `count` postures, independent of kernels that this process has cached."""
+    """The path for `count` postures, independent of kernels that this
+    process has cached.
+    """
     answer = _few_of_closed(elastic, count) or plan(elastic, wrench)
     if isinstance(answer, str):
         return "engine"
@@ -194,7 +209,9 @@ def lasting_path(
 
 
 class _PostureSolver:
-    """Solves for the coordinates of a posture: closes chains, deflects links under the load."""
+    """Solves for the coordinates of a posture: closes chains,
+    deflects links under the load.
+    """
 
     def __init__(self, taken: TracedModel, compiled: bool, threads: int = 1) -> None:
         make = _compiled_kernel if compiled else _portable_kernel
@@ -218,7 +235,9 @@ class _PostureSolver:
         return close(self._closing[:first], q)
 
     def _assembled(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Close as `Chain.closed` does, from the reference posture if only held ones differ."""
+        """Close as `Chain.closed` does, from the reference posture if only held
+        ones differ.
+        """
         steps = (
             np.zeros(0, int) if self._home is None else self._home.steps_where_asked(q)
         )
@@ -301,8 +320,9 @@ def run(
 
     `more` are further inputs (N, ...) by name.
 
-    Coordinates of closed chains are replaced by those that close them, those of compliant links by
-    those at which they carry the load; if none are found, the verdict is `FALLBACK`.
+    Coordinates of closed chains are replaced by those that close them, those of compliant
+    links by those at which they carry the load; if none are found, the verdict is
+    `FALLBACK`.
     """
     if not len(q):
         return

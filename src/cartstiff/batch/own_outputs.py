@@ -1,7 +1,9 @@
-r"""Outputs of a user's own: matrices under a connection, and functions of recorded arrays.
+r"""Outputs of a user's own: matrices under a connection,
+and functions of recorded arrays.
 
-With ``T[i, j] = sum_k Gamma[i, j, k] W_k`` of a connection the stiffness is ``K = K^A - T``, see
-`cartstiff.geometry.connections`, and its inverse that of K^B, changed by ``D = K - K^B``.
+With ``T[i, j] = sum_k Gamma[i, j, k] W_k`` of a connection the stiffness is ``K = K^A -
+T``, see `cartstiff.geometry.connections`, and its inverse that of K^B, changed by ``D = K
+- K^B``.
 """
 
 from __future__ import annotations
@@ -70,7 +72,8 @@ class OwnOutputs:
         Raises
         ------
         InputError
-            If something is neither a connection nor a function, or has the name of another.
+            If something is neither a connection nor a function, or has the name of
+            another.
         """
         connections = list[tuple[str, Connection]]()
         functions = list[tuple[str, _Function]]()
@@ -165,7 +168,9 @@ class OwnOutputs:
 
 
 def _looked_at(function: Function, shapes: Mapping[str, tuple[int, ...]]) -> _Function:
-    """A function with what it reads, and the shape of its result, at numbers of no meaning."""
+    """A function with what it reads, and the shape of its result,
+    at numbers of no meaning.
+    """
     rng = np.random.default_rng(0)
     read = _Read({name: rng.uniform(1.0, 2.0, shape) for name, shape in shapes.items()})
     result = np.asarray(function(read))

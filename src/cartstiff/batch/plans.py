@@ -42,7 +42,8 @@ from cartstiff.potentials.springs import SpringLaw
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 
 Case = ChainCase | PlatformCase
-#: Outputs of the programs for steps towards closure, and towards rest of links under a load.
+#: Outputs of the programs for steps towards closure, and towards rest of links under a
+#: load.
 CLOSING, SETTLING = ("next", "left"), ("settled", "moved")
 
 
@@ -105,10 +106,12 @@ def program_for(
     readings: Readings | None = None,
     own: OwnOutputs | None = None,
 ) -> Program:
-    """Program of the existing outputs of a case and of the verdict on the posture; cached.
+    """Program of the existing outputs of a case and of the verdict on the posture;
+    cached.
 
-    With `readings`, if all that they need exists, its outputs are instead "readings" and "pose",
-    and the verdict is still that on all outputs. With `own` it has a user's outputs as well.
+    With `readings`, if all that they need exists, its outputs are instead "readings" and
+    "pose", and the verdict is still that on all outputs. With `own` it has a user's
+    outputs as well.
     """
     tape = Tape()
     if isinstance(case, ChainCase) and outputs == CLOSING:
@@ -142,12 +145,15 @@ _plans: deque[tuple[ElasticMechanism, str, TracedModel | str]] = deque(maxlen=8)
 
 
 def given_as(wrench: Array | None) -> Literal["none", "shared", "each"]:
-    """Kind of wrench for a plan: none, one (6,) for all postures, or one for each (N, 6)."""
+    """Kind of wrench for a plan: none, one (6,) for all postures,
+    or one for each (N, 6).
+    """
     return "none" if wrench is None else "shared" if wrench.ndim == 1 else "each"
 
 
 def plan(elastic: ElasticMechanism, wrench: str) -> TracedModel | str:
-    """The recorded arithmetic of a mechanism, or the reason why it has none; the last are cached.
+    """The recorded arithmetic of a mechanism, or the reason why it has none;
+    the last are cached.
 
     `wrench` is "none", "shared" or "each".
     """
@@ -233,7 +239,10 @@ def _open_case(
     if elastic.springs is not None:
         passive = {*np.flatnonzero(elastic.springs.is_passive).tolist()}.difference(rigid)
         if wrench != "none" and passive and not chain.virtual:
-            return "whether joints without a spring feel the wrench is seen posture by posture"
+            return (
+                "whether joints without a spring feel the wrench is seen posture by "
+                "posture"
+            )
         settled = settles(elastic, wrench)
         case = replace(
             case,
@@ -253,11 +262,14 @@ def _with_fields(
     shared: dict[str, Array],
     laws: Mapping[int, SpringLaw],
 ) -> TracedModel:
-    """The plan of a chain with gravity and other potentials, recorded as far as possible."""
+    """The plan of a chain with gravity and other potentials,
+    recorded as far as possible.
+    """
     fields, forces, loose, beams = [], [], [], list[Beam]()
     lines, known = list[Line](), list[Array]()
     joints = len(case.constants.parents)
-    # Gravity, forces, lines and coupled springs are recorded; `loose` terms are evaluated outside.
+    # Gravity, forces, lines and coupled springs are recorded; `loose` terms are evaluated
+    # outside.
     if elastic.gravity is not None:
         masses, centres = chain.tree.masses()
         fields.append(ForceField(numbers(masses), tuple(map(numbers, centres)), True))
@@ -306,7 +318,8 @@ def _with_fields(
 def _lines_of(
     chain: Chain, potential: Potential, joints: int
 ) -> tuple[list[Line], Array] | None:
-    """Line springs between F and bodies on the path, their stiffnesses and rest lengths (m, 2).
+    """Line springs between F and bodies on the path, their stiffnesses and rest
+    lengths (m, 2).
 
     None for any other potential, and if a rest length is not known.
     """
@@ -430,7 +443,8 @@ def _strut_plan(
         return "struts between flexures that weigh are put together posture by posture"
     forces, points, loose = _forces(elastic, platform)
     m = len(struts.stiffness)
-    # The struts' rest lengths balance the wrench; the program reads it from their gradient.
+    # The struts' rest lengths balance the wrench; the program reads it from their
+    # gradient.
     case = PlatformCase(
         numbers(platform.anchors),
         numbers(platform.points),

@@ -1,14 +1,15 @@
 r"""Stiffness and compliance of a body held by lines, on recorded numbers.
 
-The coordinates are the pose of P in F; derivatives are taken along body twists, so that K^B is the
-Hessian of the energy. With anchors a, points b in M, length l, direction u, line g = (b x u, u),
-tension t:
+The coordinates are the pose of P in F; derivatives are taken along body twists, so that
+K^B is the Hessian of the energy. With anchors a, points b in M, length l, direction u,
+line g = (b x u, u), tension t:
 
     W = sum t g,    K^B = sum k g g^T + (second derivative of sum t l),
     K^F = K^B - (second derivative of sum mu l),    sum mu g = W,
 
-mu = t where nothing but the lines acts. Lines are those of `cartstiff.potentials.line_springs`,
-masses of the legs those of `cartstiff.mechanisms.platform`.
+mu = t where nothing but the lines acts. Lines are those of
+`cartstiff.potentials.line_springs`, masses of the legs those of
+`cartstiff.mechanisms.platform`.
 """
 
 from __future__ import annotations
@@ -47,17 +48,18 @@ from cartstiff.potentials.line_springs import lines_of_many, second_derivative
 from cartstiff.potentials.loads import held_force
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 
-#: Shortest line with the verdict `PLAIN`, as a share of the platform's size; `cartstiff.analyse`
-#: reports lines of zero length.
+#: Shortest line with the verdict `PLAIN`, as a share of the platform's size;
+#: `cartstiff.analyse` reports lines of zero length.
 _SHORTEST_LINE = numerics.SHORTEST_LINE
-#: Largest product of the condition numbers of lines and stiffness at which a compliance has enough
-#: digits, with a margin of one digit.
+#: Largest product of the condition numbers of lines and stiffness at which a compliance
+#: has enough digits, with a margin of one digit.
 _MAX_CONDITION_PRODUCT = 0.1 * numerics.LOST_ERROR / numerics.EPSILON
 
 
 @dataclass(frozen=True)
 class PlatformCase:
-    """A platform with its springs and loads as plain numbers; the key of its recorded programs.
+    """A platform with its springs and loads as plain numbers;
+    the key of its recorded programs.
 
     Attributes
     ----------
@@ -65,8 +67,8 @@ class PlatformCase:
     T_P_M : flat (4, 4).
     length : characteristic length.
     rest : {"given", "open", "preload"}
-        Whether the lines have rest lengths, or these are chosen at each posture, or there follow
-        from the preload.
+        Whether the lines have rest lengths, or these are chosen at each posture, or there
+        follow from the preload.
     wrench : {"none", "shared", "each"}
     unilateral : bool or tuple of bool (m,)
     points_of_forces : points of the body in M at which constant forces act.
@@ -78,8 +80,8 @@ class PlatformCase:
         Whether gravity acts on the legs.
     inertia : inertia matrix of the body (6, 6), flat, for vibrations.
     lines : int
-        Number of lines where anchors, points and length are inputs, so that one program serves
-        platforms of every size; else 0.
+        Number of lines where anchors, points and length are inputs, so that one program
+        serves platforms of every size; else 0.
     load, axes : as of `cartstiff.batch.chains.ChainCase`.
     is_chosen : bool
         Whether the tensions that balance a load are inputs, see `balances_among`.
@@ -104,12 +106,14 @@ class PlatformCase:
 
     @property
     def balances_among(self) -> bool:
-        """Whether more than six lines balance a load, so that bounds may choose the tensions.
+        """Whether more than six lines balance a load, so that bounds may choose
+        the tensions.
 
-        The program finds the tensions nearest to the given ones. Where these are not within the
-        bounds, others are chosen outside of it (`cartstiff.potentials.tensions`) from its outputs
-        "nearest" and "null" with `is_chosen`. They are inputs of the same program: "tensions",
-        below zero for cables that stay slack.
+        The program finds the tensions nearest to the given ones. Where these are not
+        within the bounds, others are chosen outside of it
+        (`cartstiff.potentials.tensions`) from its outputs "nearest" and "null" with
+        `is_chosen`. They are inputs of the same program: "tensions", below zero for
+        cables that stay slack.
         """
         m = self.lines or len(self.points) // 3
         carries = self.derivatives or bool(self.points_of_forces) or self.has_weight
@@ -118,7 +122,8 @@ class PlatformCase:
 
 
 class PlatformNumbers:
-    """A body on lines under a case, recorded: lines, energy of all else, tensions, wrench.
+    """A body on lines under a case, recorded: lines, energy of all else, tensions,
+    wrench.
 
     Attributes
     ----------
@@ -133,7 +138,7 @@ class PlatformNumbers:
     tensions, taut, W : tensions and stiffnesses (m,) of the lines, zero for slack cables; wrench.
     chosen : outputs from which tensions are chosen outside of the program, if they are.
     verdict : on all of these.
-    """
+    """  # noqa: E501
 
     def __init__(self, tape: Tape, case: PlatformCase) -> None:
         self.case = case
@@ -205,7 +210,9 @@ class PlatformNumbers:
         self.verdict = larger(self.verdict, limit)
 
     def _pull(self, tape: Tape) -> None:
-        """Set tensions and wrench, add their energy, and the verdict on bounds of the tensions."""
+        """Set tensions and wrench, add their energy, and the verdict on bounds of
+        the tensions.
+        """
         case, k, m, lines = self.case, self.k, len(self.k), self.geometry.lines
         given, stretch = zeros(m), zeros(m)
         self.taut, self.chosen = k, dict[str, Array]()
@@ -273,7 +280,9 @@ class PlatformNumbers:
 def platform_arrays(
     tape: Tape, case: PlatformCase, wanted: Collection[str]
 ) -> dict[str, Array]:
-    """Outputs that exist, among them all that are wanted, and the "verdict" on the posture."""
+    """Outputs that exist, among them all that are wanted,
+    and the "verdict" on the posture.
+    """
     body = PlatformNumbers(tape, case)
     lengths, _, lines = body.geometry
     t, W = body.tensions, body.W
@@ -297,7 +306,8 @@ def platform_arrays(
         arrays |= {"kinetic": body.kinetic(), "lagrangian": K_B, "motion": np.eye(6)}
     condition = add_compliances(arrays, stiffness, wanted, body.length)
     verdict = larger(body.verdict, limited(condition, STIFFNESS_CONDITION**2))
-    # Near type 2 the forces of actuators, and their part of the stiffness, are less accurate.
+    # Near type 2 the forces of actuators, and their part of the stiffness, are less
+    # accurate.
     product = condition * body.squared_condition
     verdict = larger(verdict, limited(product, _MAX_CONDITION_PRODUCT**2))
     verdict = larger(verdict, holds_soft_directions(K_B, wanted))

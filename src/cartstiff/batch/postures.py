@@ -1,16 +1,16 @@
 r"""Many postures at once: coordinates in, arrays out.
 
 Recorded formulas compute chains, open and closed, with lines between their bodies
-(`cartstiff.batch.chains`, `closed_chains`), and platforms on line springs (`platforms`), as machine
-code for the mechanism (path "compiled") or over NumPy arrays (path "portable"). `cartstiff.analyse`
-itself (path "engine") computes every other mechanism, and every posture that is not well inside the
-regular ones, and names its state.
+(`cartstiff.batch.chains`, `closed_chains`), and platforms on line springs (`platforms`),
+as machine code for the mechanism (path "compiled") or over NumPy arrays (path
+"portable"). `cartstiff.analyse` itself (path "engine") computes every other mechanism,
+and every posture that is not well inside the regular ones, and names its state.
 
-Postures of arms that have lost rank are computed in stacks as well, as ``C = J H^-1 J^T`` needs no
-inverse of J, where their state is certain: the singular values are far from the limit of rank, the
-stiffness is positive along every motion, so that no self-motion costs nothing or buckles, and the
-torque along the self-motion is either zero, because the springs carry a known load, or far from
-zero.
+Postures of arms that have lost rank are computed in stacks as well, as ``C = J H^-1 J^T``
+needs no inverse of J, where their state is certain: the singular values are far from the
+limit of rank, the stiffness is positive along every motion, so that no self-motion costs
+nothing or buckles, and the torque along the self-motion is either zero, because the
+springs carry a known load, or far from zero.
 """
 
 from __future__ import annotations
@@ -78,10 +78,11 @@ Indices = NDArray[np.intp]
 def state_of(result: PostureStiffness, outputs: Collection[str] = ()) -> str:
     """Code of a posture's state.
 
-    The last state of the reduction, as in `analyse` with ``strict``; else a type-2 singularity;
-    else, if matrices are among the outputs, a singular stiffness matrix (K^A, K^K and the tangent
-    under the load, if their inverse is an output), or a note of `analyse` on lost digits of the
-    compliance, or, if none is an output, of the stiffness.
+    The last state of the reduction, as in `analyse` with ``strict``; else a type-2
+    singularity; else, if matrices are among the outputs, a singular stiffness matrix
+    (K^A, K^K and the tangent under the load, if their inverse is an output), or a note of
+    `analyse` on lost digits of the compliance, or, if none is an output, of the
+    stiffness.
     """
     if result.reduction.states:
         return result.reduction.states[-1].code
@@ -167,7 +168,8 @@ def _output(result: PostureStiffness, name: str) -> Array | float | None:
 
 #: Factor from a limit beyond which a state is certain.
 _MARGIN = 10.0
-#: Chunk of postures whose tensions are chosen together, so that their rows stay in the cache.
+#: Chunk of postures whose tensions are chosen together, so that their rows stay in the
+#: cache.
 _TENSIONS_CHUNK = 4096
 
 
@@ -206,7 +208,10 @@ class Stack:
         rows: Mapping[str, Array],
         more: Mapping[str, Array] | None = None,
     ) -> NDArray[np.bool_]:
-        """Fill `rows` of the postures `which` by another case; which are plainly regular."""
+        """Fill `rows` of the postures `which` by another case.
+
+        Which are plainly regular.
+        """
         other, loads = replace(self.taken, case=case), self.loads
         verdicts = np.zeros(len(which), np.uint8)
         if len(which):
@@ -256,7 +261,8 @@ def lost_ranks(stack: Stack, which: Indices) -> tuple[str, Indices, Indices]:
             is_lost &= ranks == usual
     unbalanced = np.zeros(len(which), bool)
     if not case.is_balancing:
-        # Given rest positions determine the torques: those along the self-motions must vanish.
+        # Given rest positions determine the torques: those along the self-motions must
+        # vanish.
         g, stiffest = looked_at[:, 6 * n : 7 * n], looked_at[:, 7 * n]
         free, motions = np.arange(n) >= ranks[:, None], np.linalg.svd(J)[2]
         torque = np.linalg.norm((motions @ g[:, :, None])[:, :, 0] * free, axis=1)
@@ -270,10 +276,11 @@ def lost_ranks(stack: Stack, which: Indices) -> tuple[str, Indices, Indices]:
 
 
 def by_chosen_tensions(stack: Stack, which: Indices) -> tuple[Indices, Indices]:
-    """Fill those of the postures `which` at which bounds choose the tensions of many lines.
+    """Fill those of the postures `which` at which bounds choose the tensions
+    of many lines.
 
-    One program has the tensions nearest to the given ones and their changes that need no wrench,
-    and has the outputs once the tensions within the bounds are among its inputs.
+    One program has the tensions nearest to the given ones and their changes that need no
+    wrench, and has the outputs once the tensions within the bounds are among its inputs.
 
     Returns
     -------
@@ -316,7 +323,8 @@ class Postures:
     Attributes
     ----------
     q : ndarray (N, n)
-        Coordinates; those of a closed chain as assembled, of compliant links as deflected.
+        Coordinates; those of a closed chain as assembled, of compliant links as
+        deflected.
     arrays : dict of str to ndarray, shape (N, ...)
         Outputs by name.
     state : ndarray of uint8 (N,)
@@ -331,8 +339,8 @@ class Postures:
     names : tuple of str
         Names of the coordinates.
     fallback : int
-        Number of postures that `cartstiff.analyse` has computed one by one: all of them on the path
-        "engine", else those that are not well inside the regular ones.
+        Number of postures that `cartstiff.analyse` has computed one by one: all of them
+        on the path "engine", else those that are not well inside the regular ones.
     """
 
     q: Array
@@ -377,7 +385,8 @@ class Postures:
         return self.state == 0
 
     def to_xarray(self) -> Any:
-        """`xarray.Dataset` with labels: q, state, and every output; matrices by their letters.
+        """`xarray.Dataset` with labels: q, state, and every output;
+        matrices by their letters.
 
         Raises
         ------
@@ -413,8 +422,8 @@ class Postures:
     def to_pandas(self) -> Any:
         """`pandas.DataFrame` of the 6x6 matrices: a row an entry, a column a matrix.
 
-        Its index is posture, wrench component, motion component; ``unstack`` turns components
-        into columns. Everything else is in `to_xarray`.
+        Its index is posture, wrench component, motion component; ``unstack`` turns
+        components into columns. Everything else is in `to_xarray`.
 
         Raises
         ------
@@ -469,30 +478,31 @@ def analyse_many(
     q : array_like (N, n)
         Coordinates in rad and length units, one posture a row.
     wrench : array_like (6,) or (N, 6), optional
-        (moment, force) on the body at `load_at`, for all postures or for each; as in `analyse`, the
-        rest positions are then chosen at every posture.
+        (moment, force) on the body at `load_at`, for all postures or for each; as in
+        `analyse`, the rest positions are then chosen at every posture.
     load_kind, load_at, load_axes
-        Behaviour of the load while the body moves, its point of application and its axes, as in
-        `analyse`.
+        Behaviour of the load while the body moves, its point of application and its axes,
+        as in `analyse`.
     outputs : sequence of str
         Any of "pose" (N, 4, 4), "jacobian" (N, 6, n), "wrench" (N, 6), "energy" (N,),
-        "stiffness_X" and "compliance_X" (N, 6, 6) for X one of A, B, K, F and load, the tangent
-        under the load; "X" alone is short for "stiffness_X"; "tensions" (N, m) of a platform's
-        legs. Only what they need is computed.
+        "stiffness_X" and "compliance_X" (N, 6, 6) for X one of A, B, K, F and load, the
+        tangent under the load; "X" alone is short for "stiffness_X"; "tensions" (N, m) of
+        a platform's legs. Only what they need is computed.
     out : mapping of str to ndarray, optional
-        Arrays of doubles to write outputs into. Reusing memory saves its allocation, which takes
-        longer than the computation.
+        Arrays of doubles to write outputs into. Reusing memory saves its allocation,
+        which takes longer than the computation.
     threads : int, optional
-        Threads of the compiled path; default: as many as there are processors. The others use one.
-        The result does not depend on it.
+        Threads of the compiled path; default: as many as there are processors. The others
+        use one. The result does not depend on it.
     path : {"auto", "compiled", "portable", "engine"}
-        Machine code made by llvmlite; NumPy; one `analyse` after the other. "auto" takes the first
-        that is possible.
+        Machine code made by llvmlite; NumPy; one `analyse` after the other. "auto" takes
+        the first that is possible.
     chunk : int, optional
         Postures computed at a time. The result does not depend on it.
     one_by_one : int, optional
-        Largest number of postures, spread evenly over those that the fast paths cannot decide, that
-        `analyse` computes; the others have NaN and the state "undecided". Default: all.
+        Largest number of postures, spread evenly over those that the fast paths cannot
+        decide, that `analyse` computes; the others have NaN and the state "undecided".
+        Default: all.
 
     Returns
     -------
@@ -502,9 +512,9 @@ def analyse_many(
     Raises
     ------
     InputError
-        For wrong shapes, numbers that are not finite, unknown outputs, or a path that does not
-        serve this mechanism. A posture in which something does not exist is no error: it has its
-        state, and NaN.
+        For wrong shapes, numbers that are not finite, unknown outputs, or a path that
+        does not serve this mechanism. A posture in which something does not exist is no
+        error: it has its state, and NaN.
     MissingDependencyError
         If `path` is "compiled" and llvmlite is not installed.
     """
@@ -627,7 +637,9 @@ def _clear_still_halves(
 
 
 def _is_moved(elastic: ElasticMechanism, loads: Array | None) -> bool:
-    """Whether coordinates are changed: by closing the chain, or by deflection of links."""
+    """Whether coordinates are changed: by closing the chain,
+    or by deflection of links.
+    """
     bends = loads is not None and bool(settled_coordinates(elastic).size)
     return bends or bool(elastic.mechanism.closures)
 
@@ -643,7 +655,10 @@ def _by_reference(
     kind: LoadKind,
     axes: Axes,
 ) -> None:
-    """Fill some postures one by one; also writes the coordinates of assembled chains into `q`."""
+    """Fill some postures one by one.
+
+    Also writes the coordinates of assembled chains into `q`.
+    """
     is_moved = _is_moved(elastic, loads)
     with numerics.one_thread():
         for i in which.tolist():
@@ -668,7 +683,8 @@ def tensions_of_many(
     kind: LoadKind,
     axes: Axes,
 ) -> Array:
-    """Tensions (N, m) of a platform's legs at postures q (N, 6) under a wrench (6,), if any.
+    """Tensions (N, m) of a platform's legs at postures q (N, 6) under a wrench (6,),
+    if any.
 
     NaN where no tensions balance the load, and for mechanisms without legs.
     """
@@ -719,7 +735,8 @@ def readable(
 
 
 class Reader:
-    """Computes quantities of many postures of a mechanism under one load, without their matrices.
+    """Computes quantities of many postures of a mechanism under one load,
+    without their matrices.
 
     Parameters
     ----------
@@ -734,8 +751,8 @@ class Reader:
     axes : {"body", "world"}
         Axes of its components.
     path : {"auto", "portable"}
-        Machine code, if it can be made; or NumPy, which is slower than reading from arrays and
-        serves for comparison.
+        Machine code, if it can be made; or NumPy, which is slower than reading from
+        arrays and serves for comparison.
 
     Attributes
     ----------

@@ -1,10 +1,11 @@
 r"""A mechanism's recorded arithmetic in hand: arrays of one posture, and of many.
 
-`record` makes a `Program`: every number that is asked for, as straight-line machine code (or
-Python, where llvmlite is not installed) of the coordinates and the load. A call computes one
-posture, and says whether it is plainly regular: well inside the postures at which all that was
-asked for exists with its digits. Elsewhere `cartstiff.analyse` computes it, and the answer says so.
-All that takes time, recording and compiling, happens in `record`.
+`record` makes a `Program`: every number that is asked for, as straight-line machine code
+(or Python, where llvmlite is not installed) of the coordinates and the load. A call
+computes one posture, and says whether it is plainly regular: well inside the postures at
+which all that was asked for exists with its digits. Elsewhere `cartstiff.analyse`
+computes it, and the answer says so. All that takes time, recording and compiling, happens
+in `record`.
 """
 
 from __future__ import annotations
@@ -66,12 +67,14 @@ class RecordedPosture(Mapping[str, Array]):
     Attributes
     ----------
     q : ndarray (n,)
-        Coordinates; those of a closed chain as assembled, of compliant links as deflected.
+        Coordinates; those of a closed chain as assembled, of compliant links as
+        deflected.
     state : str
         State of the posture: "regular", or a code as of `cartstiff.Postures`.
     is_plain : bool
-        Whether the program computed it, as it is well inside the regular postures. Otherwise
-        `cartstiff.analyse` has computed it, and arrays that do not exist there are NaN.
+        Whether the program computed it, as it is well inside the regular postures.
+        Otherwise `cartstiff.analyse` has computed it, and arrays that do not exist there
+        are NaN.
     """
 
     __slots__ = ("_places", "_record", "is_plain", "q", "state")
@@ -117,8 +120,9 @@ class RecordedPosture(Mapping[str, Array]):
 class Program:
     """The recorded arithmetic of a mechanism for given outputs, from `record`.
 
-    ``program(q)``, with a wrench if it is recorded under a load, has the arrays of one posture,
-    ``program.many(Q)`` those of many. It can be pickled; a copy is recorded again.
+    ``program(q)``, with a wrench if it is recorded under a load, has the arrays of one
+    posture, ``program.many(Q)`` those of many. It can be pickled; a copy is recorded
+    again.
 
     Attributes
     ----------
@@ -135,7 +139,8 @@ class Program:
     inputs : tuple of str
         Numbers of the springs that a call may replace: "stiffness", "rest".
     path : {"compiled", "python", "engine"}
-        Machine code, or Python, for plainly regular postures; or `cartstiff.analyse` for all.
+        Machine code, or Python, for plainly regular postures; or `cartstiff.analyse` for
+        all.
     reason : str
         Why no faster one; empty if there is none.
     """
@@ -227,7 +232,8 @@ class Program:
         Raises
         ------
         InputError
-            For other shapes, numbers that are not finite, a missing load, or one too many.
+            For other shapes, numbers that are not finite, a missing load, or one too
+            many.
         UnknownNameError
             For numbers that are not among the inputs.
         """
@@ -304,10 +310,13 @@ class Program:
             inputs = {name: np.full_like(rows, np.nan) for name, rows in inputs.items()}
         return inputs
 
-    # -- closed chains and compliant links -----------------------------------------------------
+    # -- closed chains and compliant links
+    # -----------------------------------------------------
 
     def _placed(self, q: Array, given: Mapping[str, Array]) -> Array | None:
-        """Coordinates that close the chain, and at which links carry the load; None if unknown."""
+        """Coordinates that close the chain, and at which links carry the load;
+        None if unknown.
+        """
         at: Array | None = q
         if self._closing is not None:
             at = self._assembled(self._closing, q)
@@ -322,7 +331,9 @@ class Program:
         return moved[0] if len(found) else None
 
     def _assembled(self, closing: OnePosture, q: Array) -> Array | None:
-        """Coordinates that close the chain, as `Chain.closed` finds them; None if not found."""
+        """Coordinates that close the chain, as `Chain.closed` finds them;
+        None if not found.
+        """
         home = None if self._taken is None else self._taken.home
         if home is None or not (steps := home.steps_where_asked(q[None])).any():
             return self._closed(closing, q)
@@ -337,7 +348,10 @@ class Program:
 
     @staticmethod
     def _closed(closing: OnePosture, q: Array) -> Array | None:
-        """The steps of `closed_chains.close` for one posture; None if these do not close it."""
+        """The steps of `closed_chains.close` for one posture.
+
+        None if these do not close it.
+        """
         left, size, best, futile = closing.at["left"], inf, inf, 0
         for _ in range(STEPS):
             record, before = closing.record(q=q), size
@@ -355,7 +369,8 @@ class Program:
             q = record[: len(q)]
         return None
 
-    # -- sources -------------------------------------------------------------------------------
+    # -- sources
+    # -------------------------------------------------------------------------------
 
     def source(
         self, language: Literal["c", "python", "javascript"], name: str = ""
@@ -409,18 +424,21 @@ class Program:
             point = ", ".join(f"{x:g}" for x in self.load.at)
             axes = {"body": "the body frame M", "world": "the frame F"}[self.load_axes]
             wrench = [
-                f"  0 to 2: moment [{units.moment}], 3 to 5: force [{units.force}], along the axes "
+                f"  0 to 2: moment [{units.moment}], 3 to 5: force [{units.force}], "
+                "along the axes "
                 f"of {axes};",
                 f"  it acts at ({point}) {units.length} of M, and is {self.load.kind}",
             ]
         lines.append(
-            f"in {units.length}, {units.force} and rad; twists and wrenches: rotation first"
+            f"in {units.length}, {units.force} and rad; twists and wrenches: rotation "
+            "first"
         )
         title = f"{', '.join(exist)} of {self.elastic.name} at a posture"
         inputs = {name: len(usual) for name, usual in self._usual.items()}
         return Facts(title, self.elastic.names_with_units, wrench, inputs, lines)
 
-    # -- many postures -------------------------------------------------------------------------
+    # -- many postures
+    # -------------------------------------------------------------------------
 
     def many(
         self, q: ArrayLike, wrench: ArrayLike | None = None, **numbers: ArrayLike
@@ -471,18 +489,20 @@ def record(
     elastic : ElasticMechanism
         Mechanism and potentials, from `cartstiff.load`.
     outputs : sequence or mapping
-        Outputs of `cartstiff.analyse_many` by name ("B" is short for "stiffness_B"); connections
-        of your own, for "stiffness_NAME" and "compliance_NAME" under each; and functions of a
-        mapping of arrays by name, made of + - * / and products of arrays, whose results have their
-        key in a mapping, or else the function's own name.
+        Outputs of `cartstiff.analyse_many` by name ("B" is short for "stiffness_B");
+        connections of your own, for "stiffness_NAME" and "compliance_NAME" under each;
+        and functions of a mapping of arrays by name, made of + - * / and products of
+        arrays, whose results have their key in a mapping, or else the function's own
+        name.
     loaded : bool
-        Whether a call takes a wrench on the body, which the springs balance at the posture.
+        Whether a call takes a wrench on the body, which the springs balance at the
+        posture.
     load_kind, load_at, load_axes
-        Behaviour of that load while the body moves, its point of application and its axes, as in
-        `cartstiff.analyse`.
+        Behaviour of that load while the body moves, its point of application and its
+        axes, as in `cartstiff.analyse`.
     inputs : sequence of {"stiffness", "rest"}
-        Numbers of the springs that a call may replace. Rest positions must all be given, and
-        without a load, which would replace them.
+        Numbers of the springs that a call may replace. Rest positions must all be given,
+        and without a load, which would replace them.
 
     Returns
     -------

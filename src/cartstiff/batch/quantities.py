@@ -1,10 +1,10 @@
 """The table of quantities that are read from the stiffness of a posture.
 
-An entry has its name, words, unit, required outputs, better end, and formula. A formula takes
-*numbers* from a `Source`: floats in stacks of many postures (`cartstiff.maps`), or recorded numbers
-for machine code (`cartstiff.batch.readings`). Sources compute eigenvalues, and decide existence: a
-number that does not exist is NaN in a stack; a recorded one gets the verdict `FALLBACK`, so that
-the posture is read from a stack.
+An entry has its name, words, unit, required outputs, better end, and formula. A formula
+takes *numbers* from a `Source`: floats in stacks of many postures (`cartstiff.maps`), or
+recorded numbers for machine code (`cartstiff.batch.readings`). Sources compute
+eigenvalues, and decide existence: a number that does not exist is NaN in a stack; a
+recorded one gets the verdict `FALLBACK`, so that the posture is read from a stack.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class Settings:
     direction : tuple of float, optional
         For stiffness along and about a direction.
     deflect : tuple of float, optional
-        Wrench (moment, force) added to the load, whose linear deflection is computed; default the
-        load itself.
+        Wrench (moment, force) added to the load, whose linear deflection is computed;
+        default the load itself.
     world : bool
         Whether `direction` and `deflect` are in the axes of F instead of the body's.
     load : LoadKind
@@ -70,7 +70,9 @@ class Settings:
 
     @property
     def matrix(self) -> str:
-        """The matrix whose symmetric part is read: B for A, as it is the symmetric part."""
+        """The matrix whose symmetric part is read: B for A,
+        as it is the symmetric part.
+        """
         return "B" if self.connection == "A" else self.connection
 
     @property
@@ -97,7 +99,8 @@ Rows = Sequence[Any] | Array
 
 
 class Source:
-    """Matrices of one recorded posture, or of a stack of many, and numbers derived from them.
+    """Matrices of one recorded posture, or of a stack of many,
+    and numbers derived from them.
 
     Parameters
     ----------
@@ -147,12 +150,16 @@ class Source:
         axes: Literal["world", "body"] = "world" if self.settings.world else "body"
         return wrench_in_body(wrench, self.arrays["pose"], at, axes)
 
-    # -- implemented by each kind of source -----------------------------------------------------
+    # -- implemented by each kind of source
+    # -----------------------------------------------------
 
     def principal(
         self, kind: str, freedom: Freedom, others: Others, of_held: bool = False
     ) -> Rows:
-        """Three principal values, smallest first; `of_held`: from the pair with others held."""
+        """Three principal values, smallest first.
+
+        `of_held`: from the pair with others held.
+        """
         raise NotImplementedError
 
     def spectrum(self) -> Rows:
@@ -164,7 +171,9 @@ class Source:
         raise NotImplementedError
 
     def ratio(self, values: Rows) -> Numbers:
-        """Ratio of the largest to the smallest absolute eigenvalue, given in ascending order."""
+        """Ratio of the largest to the smallest absolute eigenvalue,
+        given in ascending order.
+        """
         raise NotImplementedError
 
     def root(self, value: Numbers, degree: int) -> Numbers:
@@ -242,9 +251,9 @@ class Quantity:
     function : callable
         From a `Source` to a number, or to those (N,) of a stack.
     needs : tuple of str
-        Outputs of `cartstiff.batch.postures.analyse_many`; {connection} is replaced by the
-        connection, {matrix} by `Settings.matrix`, "inverse" by `Settings.inverted`, "free" by
-        `Settings.free`.
+        Outputs of `cartstiff.batch.postures.analyse_many`; {connection} is replaced by
+        the connection, {matrix} by `Settings.matrix`, "inverse" by `Settings.inverted`,
+        "free" by `Settings.free`.
     asks : {"direction", "deflect", "length", "damping"}, optional
         The setting that it depends on.
     better : {"larger", "smaller"}, optional

@@ -1,4 +1,6 @@
-r"""Inverse kinematics of arms by machine code, from the recorded steps of `JointPoses`."""
+r"""Inverse kinematics of arms by machine code, from the recorded steps of
+`JointPoses`.
+"""
 
 from __future__ import annotations
 
@@ -86,7 +88,9 @@ class QuickPoses(JointPoses):
 
 
 def _error_program(constants: TreeConstants, length: float, sizes: Array) -> Program:
-    """Error e (6,) and its rates (6, n) at q against "wanted", the first rows of a pose."""
+    """Error e (6,) and its rates (6, n) at q against "wanted",
+    the first rows of a pose.
+    """
     tape = Tape()
     T, J = chain_motion(tape, constants)
     wanted = tape.vector("wanted", 12).reshape(3, 4)
@@ -101,7 +105,9 @@ def _error_program(constants: TreeConstants, length: float, sizes: Array) -> Pro
 
 
 def _step_program(sizes: Array, is_limited: bool) -> Program:
-    """`JointPoses._step`; the step is always solved again for coordinates at their limits."""
+    """`JointPoses._step`; the step is always solved again for coordinates at
+    their limits.
+    """
     tape, n = Tape(), len(sizes)
     q, e = tape.vector("q", n), tape.vector("e", 6)
     J = tape.vector("jacobian", 6 * n).reshape(6, n)

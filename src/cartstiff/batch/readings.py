@@ -1,23 +1,24 @@
 r"""Quantities of the table `cartstiff.batch.quantities` on recorded numbers.
 
-A program with quantities does not store the matrices that they are read from. Eigenvalues come from
-a matrix if it has the digits, else from its inverse; a posture that needs more than that has the
-verdict `FALLBACK` and is read from stored matrices (`cartstiff.maps.quantities`).
+A program with quantities does not store the matrices that they are read from. Eigenvalues
+come from a matrix if it has the digits, else from its inverse; a posture that needs more
+than that has the verdict `FALLBACK` and is read from stored matrices
+(`cartstiff.maps.quantities`).
 
-Eigenvalues of symmetric matrices take a fixed number of steps. All of them come from Jacobi
-rotations: a sweep rotates every pair of rows once, and the off-diagonal part finally converges
-quadratically. The largest alone takes a quarter of the work, by Laguerre's iteration on the
-characteristic polynomial of a tridiagonal matrix, from a bound downwards, with cubic convergence.
-The remaining error decides the verdict.
+Eigenvalues of symmetric matrices take a fixed number of steps. All of them come from
+Jacobi rotations: a sweep rotates every pair of rows once, and the off-diagonal part
+finally converges quadratically. The largest alone takes a quarter of the work, by
+Laguerre's iteration on the characteristic polynomial of a tridiagonal matrix, from a
+bound downwards, with cubic convergence. The remaining error decides the verdict.
 
-Small vibrations ``K_q x = omega^2 M x``: with H the Lagrangian Hessian on the motions x, J their
-twists and D = K^load - K^B,
+Small vibrations ``K_q x = omega^2 M x``: with H the Lagrangian Hessian on the motions x,
+J their twists and D = K^load - K^B,
 
     K_q = H + J^T D J = L L^T,    1 / omega^2: eigenvalues of L^-1 M L^-T,
 
 which resolves the slow ones to the last digit, and with M = G G^T those of its inverse,
-``L^T M^-1 L``, the fast ones. K_q has no such factor without an energy, nor where a motion costs
-nothing or is unstable.
+``L^T M^-1 L``, the fast ones. K_q has no such factor without an energy, nor where a
+motion costs nothing or is unstable.
 """
 
 from __future__ import annotations
@@ -81,7 +82,8 @@ _LAGUERRE_STEPS = 6
 
 
 def _rounds(n: int) -> tuple[tuple[int, int], ...]:
-    """All pairs of n rows, in an order in which consecutive pairs share no row: none waits.
+    """All pairs of n rows, in an order in which consecutive pairs share no row:
+    none waits.
 
     It is that of a round-robin tournament.
     """
@@ -99,8 +101,8 @@ _PAIRS = {n: _rounds(n) for n in _SWEEPS}
 _MAX_OFF_DIAGONAL = 4.0 * numerics.EPSILON
 #: Largest last step, as a share: round-off where two eigenvalues are near each other.
 _MAX_LAST_STEP = 64.0 * numerics.EPSILON
-#: Largest condition number of a block that alone determines all its eigenvalues, with a margin for
-#: two ways to compute it.
+#: Largest condition number of a block that alone determines all its eigenvalues, with a
+#: margin for two ways to compute it.
 _MAX_BLOCK_CONDITION = 0.99 * numerics.LARGEST_BLOCK_CONDITION
 
 
@@ -128,8 +130,9 @@ def eigenvalues(matrix: Array) -> tuple[list[Scalar], Scalar]:
 def _turn(work: Array, p: int, q: int) -> None:
     """Rotate rows and columns p and q so that their common entry vanishes.
 
-    With d the difference of the two on the diagonal, b between them, h^2 = d^2 + 4 b^2 and
-    u = |d| + h, the rotation by less than an eighth of a turn has (c, s) in the ratio u : 2 b.
+    With d the difference of the two on the diagonal, b between them, h^2 = d^2 + 4 b^2
+    and u = |d| + h, the rotation by less than an eighth of a turn has (c, s) in the ratio
+    u : 2 b.
     """
     b, d = work[p, q], work[q, q] - work[p, p]
     twice = b + b
@@ -150,7 +153,8 @@ def _turn(work: Array, p: int, q: int) -> None:
 
 
 def largest_eigenvalue(matrix: Array) -> tuple[Scalar, Scalar]:
-    """The largest eigenvalue of a symmetric matrix that has a positive one, and the verdict on it.
+    """The largest eigenvalue of a symmetric matrix that has a positive one,
+    and the verdict on it.
 
     With p the characteristic polynomial, whose n roots are real, and x above all of them,
 
@@ -186,7 +190,9 @@ def largest_eigenvalue(matrix: Array) -> tuple[Scalar, Scalar]:
 
 
 def _tridiagonal(matrix: Array) -> tuple[list[Scalar], list[Scalar]]:
-    """Diagonal and squared off-diagonal of a tridiagonal matrix with the same eigenvalues."""
+    """Diagonal and squared off-diagonal of a tridiagonal matrix with the same
+    eigenvalues.
+    """
     work, squares = matrix.astype(object), list[Scalar]()
     for k in range(len(work) - 2):
         v = work[k + 1 :, k].copy()
@@ -246,9 +252,9 @@ def principal_values(
 ) -> tuple[list[Scalar], Scalar]:
     """Eigenvalues of a positive matrix, smallest first, and the verdict on them.
 
-    If the matrix alone does not determine them, each is taken from the matrix or from its inverse,
-    like `cartstiff.numerics.eigenpairs`: from the one in which it is nearer to the largest
-    eigenvalue. The error of the inverse counts `growth` times.
+    If the matrix alone does not determine them, each is taken from the matrix or from its
+    inverse, like `cartstiff.numerics.eigenpairs`: from the one in which it is nearer to
+    the largest eigenvalue. The error of the inverse counts `growth` times.
     """
     values, doubt = eigenvalues(matrix)
     ordered = ascending(values)
@@ -303,7 +309,8 @@ def periods(
     quickest = ascending(quickest)
     found = list[Scalar]()
     for x, y in list(zip(slowest, quickest, strict=True))[:number]:
-        # The inverse does not determine motions without mass: its verdict counts where it is used.
+        # The inverse does not determine motions without mass: its verdict counts where it
+        # is used.
         loss = slowest[0] / x
         other = larger(doubt, limited(quickest[-1] / y, _MAX_BLOCK_CONDITION))
         verdict = larger(verdict, pick(loss, _MAX_BLOCK_CONDITION, PLAIN, other))
@@ -362,8 +369,8 @@ class Readings:
 
 #: Largest condition number of a pair, with a margin for two ways to compute it.
 _MAX_PAIR_CONDITION = 0.99 * numerics.LARGEST_PAIRED_CONDITION
-#: Least pivot of a positive matrix of such a condition number that is not round-off, as a share of
-#: its diagonal entry.
+#: Least pivot of a positive matrix of such a condition number that is not round-off, as a
+#: share of its diagonal entry.
 _LEAST_PIVOT_SHARE = 0.1 / numerics.LARGEST_PAIRED_CONDITION
 
 
@@ -419,7 +426,9 @@ class RecordedSource(Source):
     def principal(
         self, kind: str, freedom: Freedom, others: Others, of_held: bool = False
     ) -> list[Scalar]:
-        """Principal values of a block of K (others held) or of C (others free), or inverses."""
+        """Principal values of a block of K (others held) or of C (others free),
+        or inverses.
+        """
 
         def make() -> list[Scalar]:
             keep = BLOCKS[freedom]
@@ -509,7 +518,9 @@ class RecordedSource(Source):
         return on_axis
 
     def singular_value_ratio(self) -> Scalar:
-        """From the largest eigenvalues of ``J J^T`` and of its inverse, without loss of digits."""
+        """From the largest eigenvalues of ``J J^T`` and of its inverse,
+        without loss of digits.
+        """
         R = self._root_of_jacobian(self.settings.length)
         product: Scalar = 1.0
         for factor in (R, upper_inverse(R).T):
@@ -566,8 +577,8 @@ def read(arrays: Mapping[str, Array], asked: Readings) -> tuple[Array, Scalar]:
     Parameters
     ----------
     arrays : mapping of str to ndarray
-        Recorded outputs of `analyse_many`; "lengths" (n,) says which coordinates of the Jacobian
-        are distances.
+        Recorded outputs of `analyse_many`; "lengths" (n,) says which coordinates of the
+        Jacobian are distances.
     asked : Readings
         The quantities.
     """

@@ -1,7 +1,8 @@
-"""A recorded program as source text of a function: C for a controller, Python, JavaScript.
+"""A recorded program as source text of a function: C for a controller, Python,
+JavaScript.
 
-The head of each says the names, shapes and units of what goes in and comes out. Numbers that all
-postures share, such as stiffnesses, are constants of the function.
+The head of each says the names, shapes and units of what goes in and comes out. Numbers
+that all postures share, such as stiffnesses, are constants of the function.
 """
 
 from __future__ import annotations
@@ -120,7 +121,9 @@ def c_source(
 
 
 def _c_body(program: Tape, shared: Mapping[str, Array]) -> tuple[list[str], set[str]]:
-    """Lines that compute and write a program's record, then its verdict; the arrays read."""
+    """Lines that compute and write a program's record, then its verdict;
+    the arrays read.
+    """
     lines, outputs, _, arrays = written(program, _C)
     heads = []
     for array, short in arrays.items():
@@ -175,7 +178,9 @@ static int {name}_close(double q[{n}])
 def python_source(
     program: Tape, shared: Mapping[str, Array], facts: Facts, name: str
 ) -> str:
-    """A Python function of numbers: whether the posture is plainly regular, and the record."""
+    """A Python function of numbers: whether the posture is plainly regular,
+    and the record.
+    """
     lines, outputs, _, arrays = written(program, PYTHON)
     names = [*facts.arguments]
     heads = [
@@ -203,7 +208,9 @@ def python_source(
 def javascript_source(
     program: Tape, shared: Mapping[str, Array], facts: Facts, name: str
 ) -> str:
-    """A JavaScript function of arrays: the record, or null where it is not plainly regular."""
+    """A JavaScript function of arrays: the record, or null where it is not
+    plainly regular.
+    """
     lines, outputs, _, arrays = written(program, JAVASCRIPT)
     names = [*facts.arguments]
     heads = []
@@ -239,6 +246,7 @@ def _words(facts: Facts, name: str, is_closed: bool) -> list[str]:
         words.append(f"{array}: of the springs, {count} numbers")
     words += ["out:", *(f"  {text}" for text in facts.outputs), ""]
     words.append(
-        "Returns 0 where the posture is plainly regular; elsewhere the numbers do not count."
+        "Returns 0 where the posture is plainly regular; elsewhere the numbers do not "
+        "count."
     )
     return words

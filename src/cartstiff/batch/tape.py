@@ -1,12 +1,13 @@
-r"""Recorded arithmetic: numbers that record operations on them, and the resulting program.
+r"""Recorded arithmetic: numbers that record operations on them,
+and the resulting program.
 
-A formula evaluated on `Number` instead of floats records a list of operations on scalars. Constants
-are folded, equal operations are shared, and `Tape.program` keeps what the outputs depend on. The
-same program runs over NumPy arrays, as vector code, as Python and as JavaScript
-(`cartstiff.batch.execution`).
+A formula evaluated on `Number` instead of floats records a list of operations on scalars.
+Constants are folded, equal operations are shared, and `Tape.program` keeps what the
+outputs depend on. The same program runs over NumPy arrays, as vector code, as Python and
+as JavaScript (`cartstiff.batch.execution`).
 
-Folding assumes finite numbers: 0 x is 0. Where x is not finite, the verdict on the posture, which
-is computed from the same numbers, rejects the posture.
+Folding assumes finite numbers: 0 x is 0. Where x is not finite, the verdict on the
+posture, which is computed from the same numbers, rejects the posture.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ from cartstiff.geometry.se3 import Array
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Switch Python's garbage collector off: it would take half of the time of a recording.
+    """Switch Python's garbage collector off: it would take half of the time of
+    a recording.
 
     A recording makes many small objects and frees none of them.
     """
@@ -111,7 +113,9 @@ class Tape:
         return self._step(name, steps)
 
     def combine(self, name: str, left: Number | float, right: Number | float) -> Number:
-        """Record + - * or /, which are most operations of a tape: faster than `record`."""
+        """Record + - * or /, which are most operations of a tape:
+        faster than `record`.
+        """
         a = left.step if type(left) is Number else self._constant(left)
         b = right.step if type(right) is Number else self._constant(right)
         return self._step(name, (b, a) if a > b and name in _COMMUTATIVE else (a, b))
@@ -153,8 +157,8 @@ class Tape:
                 if name != "input":
                     read.update(arguments)
                     waiting += arguments
-        # In the order of recording, but a step that only completes an output directly follows the
-        # last step that it reads.
+        # In the order of recording, but a step that only completes an output directly
+        # follows the last step that it reads.
         order = sorted(
             (
                 step
@@ -213,7 +217,9 @@ class Program:
 
 @final
 class Number:
-    """A recorded scalar; acts like a float under + - * / and the functions of this module."""
+    """A recorded scalar; acts like a float under + - * / and the functions of
+    this module.
+    """
 
     __slots__ = ("negated", "step", "tape")
 

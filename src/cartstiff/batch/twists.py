@@ -1,11 +1,12 @@
-r"""Kinematics of chains and trees on recorded numbers: geometry, poses and twists of the joints.
+r"""Kinematics of chains and trees on recorded numbers: geometry,
+poses and twists of the joints.
 
-Twists are in the frame C of a joint, or in F or M. Walks inward and outward start there: the axes
-beside C are constant and the next ones depend on one angle each; entries that are zero at every
-posture are not recorded. A serial chain has C in its middle. A closed chain has F, so that joints
-on the ground are constant. The loop closure of frames a and b has the twists of the joints on the
-path from a to b, those towards the ground with the sign -1, about the origin of C (a weld) or about
-the joined point.
+Twists are in the frame C of a joint, or in F or M. Walks inward and outward start there:
+the axes beside C are constant and the next ones depend on one angle each; entries that
+are zero at every posture are not recorded. A serial chain has C in its middle. A closed
+chain has F, so that joints on the ground are constant. The loop closure of frames a and b
+has the twists of the joints on the path from a to b, those towards the ground with the
+sign -1, about the origin of C (a weld) or about the joined point.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ _ENTRY_ROUNDOFF = numerics.TWO_UNITS_IN_LAST_PLACE
 
 @dataclass(frozen=True)
 class ForceField:
-    """Points at which a constant vector in F acts: gravity on masses, or a dead force on a point.
+    """Points at which a constant vector in F acts: gravity on masses,
+    or a dead force on a point.
 
     Attributes
     ----------
@@ -47,7 +49,9 @@ class ForceField:
 
 
 class Tie(NamedTuple):
-    """Loop closure of frames a and b: their joints (0: the ground) and flat placements on these."""
+    """Loop closure of frames a and b: their joints (0: the ground) and flat
+    placements on these.
+    """
 
     joint_a: int
     T_a: tuple[float, ...]
@@ -58,12 +62,14 @@ class Tie(NamedTuple):
 
 @dataclass(frozen=True)
 class Varied:
-    """Numbers of the geometry that are inputs, so that a program can be differentiated by them.
+    """Numbers of the geometry that are inputs, so that a program can be
+    differentiated by them.
 
     Attributes
     ----------
-    links : of which the placements move: input "placements" with three shifts along the axes of
-        the carrier and three rotations about their own axes for each, all of them nominally zero.
+    links : of which the placements move: input "placements", three shifts along axes of
+        the carrier and three rotations about their own axes for each, all of them
+        nominally zero.
     ends : the same of frames of closures: the tie's index, and 0 for a or 1 for b.
     masses : whether the masses of the joints' bodies are the input "masses".
     """
@@ -167,7 +173,9 @@ def read_chain(chain: Chain) -> TreeConstants | str:
 
 
 def _only_masses_beside(tree: KinematicTree, path: NDArray[np.intp]) -> bool:
-    """Whether each coordinate moves a joint of the path, and the path's joints come first."""
+    """Whether each coordinate moves a joint of the path,
+    and the path's joints come first.
+    """
     mimic = np.eye(tree.n) if tree.mimic is None else tree.mimic
     comes_first = np.array_equal(path, np.arange(len(path)))
     return comes_first and bool(np.abs(mimic[path]).sum(axis=0).all())
@@ -196,8 +204,8 @@ class VariedNumbers(NamedTuple):
 class Links:
     """Links of a tree in joint frames turned so that every axis is z.
 
-    The last placement is that of the body. `parents` are the joints that carry each link, counted
-    from 1; 0 is the ground.
+    The last placement is that of the body. `parents` are the joints that carry each link,
+    counted from 1; 0 is the ground.
     """
 
     def __init__(
@@ -239,7 +247,8 @@ class Links:
 
 
 def _shifted(T: Array, outer: Array, inner: Array, small: Array) -> Array:
-    """Placement with a small shift, turned by `outer`, and small rotations, turned by `inner`.
+    """Placement with a small shift, turned by `outer`, and small rotations,
+    turned by `inner`.
 
     To first order, which is all that a derivative where they vanish needs.
     """
@@ -268,7 +277,9 @@ def _snapped(rotation: Array) -> Array:
 
 
 class Walk:
-    """A walk along a chain: pose of the current frame in the frame where the walk began."""
+    """A walk along a chain: pose of the current frame in the frame where
+    the walk began.
+    """
 
     def __init__(self, links: Links) -> None:
         self.links = links
@@ -316,7 +327,7 @@ class Kinematics:
     constants : TreeConstants
     position : positions of the joints.
     fields : tuple of ForceField
-    start : the joint whose frame before its motion is C, counted from 1; C is M if that is past
+    start : joint whose frame before its motion is C, from 1; C is M if that is past
         the last one, and F if it is 0.
 
     Attributes
@@ -407,7 +418,9 @@ class Kinematics:
         return self.carried(weights), self.carried(first)
 
     def carried(self, own: Array) -> Array:
-        """Sums over the bodies that each joint carries, of numbers (joints, ...) of the bodies."""
+        """Sums over the bodies that each joint carries, of numbers (joints, ...)
+        of the bodies.
+        """
         sums = own.astype(object)
         for j in reversed(
             range(len(sums))
@@ -442,7 +455,9 @@ class Kinematics:
         return T
 
     def frames(self) -> Array:
-        """``T_F_joint`` after each joint's motion, without the last row (joints, 3, 4)."""
+        """``T_F_joint`` after each joint's motion,
+        without the last row (joints, 3, 4).
+        """
         frames = zeros(self.J.shape[1], 3, 4)
         for joint, frame in enumerate(frames):
             R, p = self.behind(joint)
@@ -466,7 +481,8 @@ class Kinematics:
     def tied(self, tie: Tie, about: Array | None = None) -> Array:
         """Twist of b relative to a per joint rate (6, joints).
 
-        It is about a given point, or else the origin of C for a weld, the joined point otherwise.
+        It is about a given point, or else the origin of C for a weld, the joined point
+        otherwise.
         """
         if about is None and not tie.is_weld:
             about = self.end(tie, 1)[1]

@@ -1,21 +1,23 @@
-r"""Potentials outside the program of a mechanism, whose derivatives are inputs of that program.
+r"""Potentials outside the program of a mechanism, whose derivatives are inputs of
+that program.
 
-Segments of beams and struts between flexures have recorded programs of their own; all other
-potentials are evaluated over arrays, or one posture after the other.
+Segments of beams and struts between flexures have recorded programs of their own; all
+other potentials are evaluated over arrays, or one posture after the other.
 
-Segments of beams have the formulas of `cartstiff.potentials.beams`. The axial force takes a fixed
-number of Newton steps from zero. Segments whose turns or axial forces are outside the range of the
-series are evaluated by `Beam` itself.
+Segments of beams have the formulas of `cartstiff.potentials.beams`. The axial force takes
+a fixed number of Newton steps from zero. Segments whose turns or axial forces are outside
+the range of the series are evaluated by `Beam` itself.
 
-Struts between flexures take the steps of `potentials.flexure_struts`. A row is one strut. With
-H = diag k - S_W, C = J H^-1 J^T, the residual r of the springs' balance and x of the end's pose, a
-Newton step is
+Struts between flexures take the steps of `potentials.flexure_struts`. A row is one strut.
+With H = diag k - S_W, C = J H^-1 J^T, the residual r of the springs' balance and x of the
+end's pose, a Newton step is
 
     dW = C^-1 (x - J H^-1 r),    dq = H^-1 (r + J^T dW),
 
-and the same with r = k_s e_s, x = 0 is the response to a longer rest length. Where rest lengths are
-open, a second program finds their changes with which all struts together exert a gradient. Struts
-with large bending, and steps that do not converge, are left to `FlexureStruts`.
+and the same with r = k_s e_s, x = 0 is the response to a longer rest length. Where rest
+lengths are open, a second program finds their changes with which all struts together
+exert a gradient. Struts with large bending, and steps that do not converge, are left to
+`FlexureStruts`.
 """
 
 from __future__ import annotations
@@ -127,7 +129,9 @@ def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
 
 
 def segment_program(length: float, section: Section) -> Program:
-    """Energy, gradient, lower triangle of the Hessian and verdict of one segment at x (6,)."""
+    """Energy, gradient, lower triangle of the Hessian and verdict of one
+    segment at x (6,).
+    """
     tape, beam = Tape(), Beam(np.arange(6), length, section)
     return tape.program(_segment(tape, beam), [])
 
@@ -182,14 +186,15 @@ def _evaluated(beam: Beam, x: Array, compiled: bool) -> tuple[Array, Array, Arra
 
 #: Number of steps after which `FlexureStruts` searches from the start.
 _MAX_STEPS = 40
-#: Largest turn of a hinge [rad] of the shape near the straight strut, which rest lengths determine.
+#: Largest turn of a hinge [rad] of the shape near the straight strut, which rest lengths
+#: determine.
 _LARGEST_HINGE_TURN = 0.4
 #: Least pivot of H, as a share of the spring's stiffness: two digits are lost.
 _LEAST_PIVOT_SHARE = 0.01
 #: Arrays that determine a strut in equilibrium.
 _BALANCE = ("numbers", "q", "W", "rest")
-#: Numbers of a strut: pose of its end (12), length between flexures, spring of the slide, length as
-#: made.
+#: Numbers of a strut: pose of its end (12), length between flexures, spring of the slide,
+#: length as made.
 _NUMBERS = 15
 
 
@@ -199,7 +204,7 @@ class _Alike:
 
     Attributes
     ----------
-    springs : stiffnesses of the 13 coordinates, infinite if rigid; that of the slide is an input.
+    springs : stiffnesses of the 13 coordinates, infinite if rigid; the slide's an input.
     mean : mean length of the struts as made, for sizes.
     whole : root of the first one's energy, for sizes.
     ends : poses in M of their ends, flat.
@@ -274,8 +279,8 @@ class _Strut:
         turn = np.repeat([1.0, 1.0 / alike.mean], 3) * self.whole
         roots = np.array([1.0 / square_root(s) for s in self.k], object)
         self.now = larger(largest(self.missing * roots), largest(self.gap * turn))
-        # In equilibrium a strut must be near the straight shape and H positive, so that it is
-        # stable.
+        # In equilibrium a strut must be near the straight shape and H positive, so that
+        # it is stable.
         self.near = pick(
             largest(q[[3, 4, 5, 10, 11, 12]]), _LARGEST_HINGE_TURN, PLAIN, FALLBACK
         )
@@ -394,7 +399,10 @@ class _Search:
         self._missed = np.full((N, m), np.inf)
 
     def step(self, gradients: Array | None) -> None:
-        """One step of all unconverged postures; with gradients (N, 6) rest lengths change."""
+        """One step of all unconverged postures.
+
+        With gradients (N, 6) rest lengths change.
+        """
         count, m = len(self.which), self.m
         outputs = self._program(_step)(self.rows)
         now, verdict, near, whole = (x.reshape(count, m) for x in outputs["seen"].T)
@@ -457,8 +465,8 @@ def strut_states(
 ) -> tuple[StrutStates, NDArray[np.bool_]]:
     """`FlexureStruts.many` at poses (N, 4, 4) under gradients (N, 6), by machine code.
 
-    With `every` all rest lengths are chosen. Not computed are struts with large bending, on a
-    compliant base or platform, or with some open rest lengths.
+    With `every` all rest lengths are chosen. Not computed are struts with large bending,
+    on a compliant base or platform, or with some open rest lengths.
 
     Returns
     -------
@@ -486,7 +494,9 @@ _MAX_ASYMMETRY = numerics.ROUNDOFF
 
 
 class _Sums(NamedTuple):
-    """Sums of potentials: energies (N, 1), gradients (N, n), Hessians (N, n, n); verdicts (N,)."""
+    """Sums of potentials: energies (N, 1), gradients (N, n), Hessians (N, n, n);
+    verdicts (N,).
+    """
 
     energies: Array
     gradients: Array
@@ -513,7 +523,8 @@ class UntracedTerms:
     struts : FlexureStruts, optional
         Struts of a platform.
     forces, points : tuple of ndarray (3,)
-        Dead forces on the platform and their points in M, which open rest lengths balance.
+        Dead forces on the platform and their points in M, which open rest lengths
+        balance.
     is_loaded : bool
         Whether rest lengths of struts are chosen so that they carry a wrench.
     load, axes : as of `cartstiff.batch.chains.ChainCase`.
@@ -549,8 +560,8 @@ class UntracedTerms:
     ) -> tuple[dict[str, Array], Array]:
         """Inputs of a program at postures q (N, n), and verdicts on the postures (N,).
 
-        With `compiled`, segments of beams and struts use machine code, else NumPy arrays. The
-        wrench (1 or N, 6) is that which struts carry.
+        With `compiled`, segments of beams and struts use machine code, else NumPy arrays.
+        The wrench (1 or N, 6) is that which struts carry.
         """
         count, n = q.shape
         sums = _Sums(
@@ -616,7 +627,8 @@ class UntracedTerms:
         borne = -gradients - self._of_forces(poses)
         if wrench is not None:
             borne += wrench_in_body(wrench, poses, self.load.at, self.axes)
-        # If rest lengths are chosen, struts without an equilibrium cannot carry the wrench.
+        # If rest lengths are chosen, struts without an equilibrium cannot carry the
+        # wrench.
         left = UNBALANCED if self.is_loaded or not struts.is_complete else FALLBACK
 
         def add(own: Array, at: StrutStates) -> None:

@@ -1,14 +1,14 @@
 r"""A program as vector code: LLVM intermediate representation, one posture per lane.
 
 The text follows the operations in their order, so that LLVM only chooses instructions.
-Multiplications and additions may be fused, nothing is reordered. Constants and shared inputs are in
-memory as whole vectors. Results go through memory that stays in the cache, from which one vector
-per entry is transposed to one record per posture, with `stream` written past the cache. The records
-of a block of postures are written between the operations of the next block, as fast as memory
-allows.
+Multiplications and additions may be fused, nothing is reordered. Constants and shared
+inputs are in memory as whole vectors. Results go through memory that stays in the cache,
+from which one vector per entry is transposed to one record per posture, with `stream`
+written past the cache. The records of a block of postures are written between the
+operations of the next block, as fast as memory allows.
 
-A long program is cut into functions that pass their values in memory, as the time of LLVM grows
-faster than the length of a function.
+A long program is cut into functions that pass their values in memory, as the time of LLVM
+grows faster than the length of a function.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ import numpy as np
 
 from cartstiff.batch.tape import Input, Program
 
-# Sine and cosine as in fdlibm: pi/2 in three parts of which the first two have 33 digits, so that
-# their products with a whole number below 2^20 are exact, and the minimax polynomials.
+# Sine and cosine as in fdlibm: pi/2 in three parts of which the first two have 33 digits,
+# so that their products with a whole number below 2^20 are exact, and the minimax
+# polynomials.
 _TWO_OVER_PI = 6.36619772367581382433e-01
 _HALF_PI = (
     1.57079632673412561417e00,
@@ -61,7 +62,9 @@ def _hex(value: float) -> str:
 
 
 def kept_table(program: Program) -> dict[Key, int]:
-    """Place of each constant, and of each component of shared inputs, in the table of vectors."""
+    """Place of each constant, and of each component of shared inputs,
+    in the table of vectors.
+    """
     keys: list[Key] = [_hex(x) for x in _FIXED]
     for name, arguments, value in program.operations:
         if name == "constant":
@@ -129,7 +132,9 @@ class Writer:
         return self.new(f"shufflevector {both}, <{self.width} x i32> zeroinitializer")
 
     def sine_and_cosine(self, x: str) -> tuple[str, str]:
-        """Write sine and cosine, within two units of the last digit for angles up to 1e6."""
+        """Write sine and cosine, within two units of the last digit for
+        angles up to 1e6.
+        """
         shifted = self.do(
             "fadd", self.do("fmul", x, self.constant(_TWO_OVER_PI)), self.constant(_WHOLE)
         )
@@ -150,7 +155,8 @@ class Writer:
         pair = []
         for yes, no, count in ((c, s, k), (s, c, self._integer("add", k, 1))):
             value = self.new(
-                f"select <{self.width} x i1> {odd}, {self.vector} {yes}, {self.vector} {no}"
+                f"select <{self.width} x i1> {odd}, {self.vector} {yes}, {self.vector} "
+                f"{no}"
             )
             sign = self._integer("shl", self._integer("and", count, 2), 62)
             bits = self.new(f"bitcast {self.vector} {value} to {self.integers}")
@@ -198,7 +204,8 @@ class Writer:
 
 #: Lines per basic block of a single function: each cut moves values to memory.
 _LOOP_BLOCK = 1500
-#: Postures that a thread takes at a time, and how often it polls whether the others are done.
+#: Postures that a thread takes at a time, and how often it polls whether the others are
+#: done.
 _POSTURES_TAKEN, _MAX_POLLS = 512, 20_000
 
 
@@ -214,8 +221,8 @@ def kernel(
 ) -> str:
     """The function around the `lines` that compute a block, with its declarations.
 
-    `arrays` are the inputs, with their `widths`; `table` has the places of constants and shared
-    inputs, `kept` the places of values in memory.
+    `arrays` are the inputs, with their `widths`; `table` has the places of constants and
+    shared inputs, `kept` the places of values in memory.
     """
     body = _mixed(lines, _records(program, width, stream, kept))
     function = _loop(program, width, arrays, widths, body, table, len(kept))
@@ -227,8 +234,8 @@ def _records(
 ) -> list[list[str]]:
     """From memory to the outputs: entries side by side become records; in pieces.
 
-    Two postures at a time: halves of vectors are put side by side as they are read, which leaves
-    one exchange per vector written.
+    Two postures at a time: halves of vectors are put side by side as they are read, which
+    leaves one exchange per vector written.
     """
     pieces: list[list[str]] = []
     for i, steps in enumerate(program.outputs.values()):
@@ -265,7 +272,9 @@ def _records(
 
 
 def _exchanged(writer: Writer, places: list[int], lane: int) -> tuple[str, str]:
-    """Transpose two or four vectors in memory to entries of two postures, `lane` and the next."""
+    """Transpose two or four vectors in memory to entries of two postures,
+    `lane` and the next.
+    """
     halves = []
     for place in places:
         address = writer.address("%written", writer.width * place + lane)
@@ -298,7 +307,8 @@ def _mixed(lines: list[str], pieces: list[list[str]]) -> list[str]:
 
 
 def in_blocks(lines: list[str], length: int) -> list[str]:
-    """The lines in basic blocks of some length, separated by branches that are never taken.
+    """The lines in basic blocks of some length, separated by branches that are
+    never taken.
 
     The time of LLVM grows faster than the length of a basic block.
     """
@@ -318,11 +328,15 @@ def _loop(
     table: dict[Key, int],
     kept: int,
 ) -> str:
-    """The function that loops over blocks; each round writes the records of the round before."""
+    """The function that loops over blocks.
+
+    Each round writes the records of the round before.
+    """
     names = list(program.outputs)
     take = max(1, _POSTURES_TAKEN // width)
     lines = [
-        "define void @kernel(i64 %blocks, ptr %inputs, ptr %outputs, ptr %table, ptr %progress) "
+        "define void @kernel(i64 %blocks, ptr %inputs, ptr %outputs, ptr %table, ptr "
+        "%progress) "
         "#0 {",
         "entry:",
         *_taken("first", take),
@@ -349,8 +363,8 @@ def _loop(
         f"  %one = getelementptr double, ptr %table, i64 {width * len(table)}",
         f"  %other = getelementptr double, ptr %table, i64 {width * (len(table) + kept)}",
         "  br label %block",
-        # The first round has nothing to write and the last nothing to compute: the first block is
-        # written twice, the last one computed twice.
+        # The first round has nothing to write and the last nothing to compute: the first
+        # block is written twice, the last one computed twice.
         "block:",
         "  %b = phi i64 [%first, %begin], [%next, %go]",
         "  %stop = phi i64 [%first.stop, %begin], [%next.stop, %go]",
@@ -487,10 +501,11 @@ def input_arrays(program: Program) -> list[str]:
 
 
 class _Body:
-    """Writes the operations of one function, which loads values of earlier functions from memory.
+    """Writes the operations of one function, which loads values of earlier functions
+    from memory.
 
-    A value that is in memory is loaded again if it is read much later: otherwise the compiler would
-    store a second copy when it runs out of registers.
+    A value that is in memory is loaded again if it is read much later: otherwise the
+    compiler would store a second copy when it runs out of registers.
     """
 
     def __init__(
@@ -586,12 +601,13 @@ def vector_code(
     """LLVM text of ``kernel(blocks, inputs, outputs, scratch, progress)``.
 
     `inputs` and `outputs` are arrays of pointers in the order of `input_arrays` and of
-    ``program.outputs``, `blocks` is the number of postures over `width`; with `stream`, outputs lie
-    on addresses divisible by 64 and are written past the cache.
+    ``program.outputs``, `blocks` is the number of postures over `width`; with `stream`,
+    outputs lie on addresses divisible by 64 and are written past the cache.
 
-    Several threads may call it with the same arguments except for scratch memory: they share the
-    blocks. `progress` is two whole numbers, zero at first: the number of blocks that are taken, and
-    that are done. A thread that finds no block left waits briefly for the others.
+    Several threads may call it with the same arguments except for scratch memory: they
+    share the blocks. `progress` is two whole numbers, zero at first: the number of blocks
+    that are taken, and that are done. A thread that finds no block left waits briefly for
+    the others.
     """
     arrays = input_arrays(program)
     widths: dict[str, int] = {}

@@ -50,8 +50,8 @@ class ManyModes:
     load : mapping
         Its `load_kind`, `load_at`, `load_axes`.
     one_by_one : int, optional
-        Largest number of postures that recorded arithmetic cannot decide and `cartstiff.modes`
-        computes; the others are NaN.
+        Largest number of postures that recorded arithmetic cannot decide and
+        `cartstiff.modes` computes; the others are NaN.
     """
 
     elastic: ElasticMechanism
@@ -63,8 +63,8 @@ class ManyModes:
     def frequencies(self, count: int = 6) -> Array:
         """Lowest frequencies [Hz], (N, count).
 
-        NaN where a motion is unstable, where a posture has no modes or cannot carry the load, and
-        beyond the last mode.
+        NaN where a motion is unstable, where a posture has no modes or cannot carry the
+        load, and beyond the last mode.
         """
         frequencies, known = self._recorded(count)
         rows = np.flatnonzero(~known)
@@ -74,7 +74,10 @@ class ManyModes:
         return frequencies
 
     def damping_ratios(self, damping: Damping, count: int = 6) -> Array:
-        """Damping ratios (N, count) of the modes, the slowest first; with dampers, of the poles."""
+        """Damping ratios (N, count) of the modes, the slowest first.
+
+        With dampers, of the poles.
+        """
         if not (damping.dampers and self.elastic.damping is not None):
             return self._each(lambda modes: damping.of_modes(modes), count)
         return self._each(lambda modes: poles(modes, damping)[1], count)
@@ -106,7 +109,9 @@ class ManyModes:
         return rows
 
     def _recorded(self, count: int) -> tuple[Array, NDArray[np.bool_]]:
-        """Frequencies (N, count) by recorded arithmetic, and where they are valid (N,)."""
+        """Frequencies (N, count) by recorded arithmetic,
+        and where they are valid (N,).
+        """
         nothing = np.full((len(self.q), count), np.nan), np.zeros(len(self.q), bool)
         loads, axes = self._loads, self.load.get("load_axes", "body")
         kind = LoadKind(

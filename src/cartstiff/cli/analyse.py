@@ -46,9 +46,10 @@ class Analysis(Reading):
     report_at
         Point of the body that is analysed. In its frame; default its origin.
     target : FILE
-        Desired stiffness (6x6, symmetric, body frame; .json, .csv or .npy): the joint stiffness
-        that produces it under the load, as the matrix of --connection. A .json may name its order,
-        units and frame; else it is angular-linear (rotation before translation).
+        Desired stiffness (6x6, symmetric, body frame; .json, .csv or .npy): the joint
+        stiffness that produces it under the load, as the matrix of --connection. A .json
+        may name its order, units and frame; else it is angular-linear (rotation before
+        translation).
     """
 
     API: ClassVar = ("analysis/posture.py analyse_posture tolerance=tolerances",)
@@ -115,7 +116,9 @@ class Analysis(Reading):
             )
 
     def run(self, result: PostureStiffness, world: bool) -> dict[str, Any]:
-        """Analyse a result; a terminal shows a progress bar while tolerances are propagated."""
+        """Analyse a result; a terminal shows a progress bar while tolerances
+        are propagated.
+        """
         import numpy as np
 
         from cartstiff.analysis.posture import analyse_posture
@@ -179,11 +182,12 @@ def command(
     axes: Axes | None = None,
     strict: bool = False,
 ) -> None:
-    """Stiffness of MECHANISM at a posture: matrices under every connection, and what they say.
+    """Stiffness of MECHANISM at a posture: matrices under every connection,
+    and what they say.
 
     With a load the answer begins with the deflection and the joint that contributes most.
-    MECHANISM is a bundled name (see `cartstiff models`), a mechanism file (.yaml), a URDF, xacro
-    or MJCF file, or an example robot's name.
+    MECHANISM is a bundled name (see `cartstiff models`), a mechanism file (.yaml), a
+    URDF, xacro or MJCF file, or an example robot's name.
 
     Parameters
     ----------
@@ -198,12 +202,13 @@ def command(
     output
         Also write the result to a file, as the JSON object.
     relax
-        If no wrench can balance the posture, move the joints until one can; the body stays.
+        If no wrench can balance the posture, move the joints until one can; the body
+        stays.
     order
         Also print the matrices in this order. linear-angular has translation first.
     axes
-        Also print the matrices along these axes. They stay about the body frame's origin; base is
-        the robot's own base, world the room.
+        Also print the matrices along these axes. They stay about the body frame's origin;
+        base is the robot's own base, world the room.
     strict
         Exit with code 3 if a quantity does not exist.
 
@@ -221,7 +226,7 @@ def command(
     cartstiff analyse cubic --tolerance 0.05,0.0001
     cartstiff analyse cubic --sensitivities --json
     cartstiff analyse ur5 --target wanted.csv
-    """
+    """  # noqa: E501
     elastic, q = setup.read()
 
     import numpy as np

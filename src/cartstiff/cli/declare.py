@@ -1,21 +1,22 @@
-"""Commands from declarations: a function's signature, its dataclasses, and their docstrings.
+"""Commands from declarations: a function's signature, its dataclasses,
+and their docstrings.
 
-A parameter of the function is an option, or an argument of the command line if it precedes ``*``.
-Its annotation is the type of the value, its default is that of the option, and its numpydoc
-paragraph is the help, with the metavar after the colon. A parameter whose type is a dataclass
-contributes the fields of that class, the same on every command; each of its base classes is a
-section of the help. Metadata in ``Annotated`` are a `click.ParamType`, another spelling
-("--range"), or `Overrides`.
+A parameter of the function is an option, or an argument of the command line if it
+precedes ``*``. Its annotation is the type of the value, its default is that of the
+option, and its numpydoc paragraph is the help, with the metavar after the colon. A
+parameter whose type is a dataclass contributes the fields of that class, the same on
+every command; each of its base classes is a section of the help. Metadata in
+``Annotated`` are a `click.ParamType`, another spelling ("--range"), or `Overrides`.
 
-A class whose values are parameters of functions or classes of the API names these in `API`, a
-command in `api`: for each the source file in the package, the name, and options with another name
-than the parameter, as ``option=parameter``. A paragraph that the class or the function does not
-have is then that of the parameter, read from the source, which is not imported; names of other
-parameters in it become their options.
+A class whose values are parameters of functions or classes of the API names these in
+`API`, a command in `api`: for each the source file in the package, the name, and options
+with another name than the parameter, as ``option=parameter``. A paragraph that the class
+or the function does not have is then that of the parameter, read from the source, which
+is not imported; names of other parameters in it become their options.
 
-Such a class also states rules of its options: `NEEDS` (options that one requires beside it),
-`EXCLUSIVE` (options that are not given together) and `RARE` (options that only ``--help-all``
-shows).
+Such a class also states rules of its options: `NEEDS` (options that one requires beside
+it), `EXCLUSIVE` (options that are not given together) and `RARE` (options that only
+``--help-all`` shows).
 """
 
 from __future__ import annotations
@@ -81,7 +82,8 @@ class OptionType(click.ParamType):  # type: ignore[type-arg]
 class Overrides:
     """Fields of a dataclass that a command does not take, and its own help of others.
 
-    `because` says why the former have no meaning for the command: they are refused with it.
+    `because` says why the former have no meaning for the command: they are refused with
+    it.
     """
 
     def __init__(self, without: str = "", *, because: str = "", **words: str) -> None:
@@ -218,7 +220,9 @@ def _spelling(name: str, marks: Iterable[Any]) -> str:
 
 
 def _meaningless(kind: type, taken: Overrides) -> dict[str, str]:
-    """Options of a class that have no meaning for a command, and why; none without a reason."""
+    """Options of a class that have no meaning for a command, and why;
+    none without a reason.
+    """
     if not taken.because:
         return {}
     hints = get_type_hints(kind, include_extras=True)
@@ -363,8 +367,8 @@ class Command(click.Command):
     api : tuple of str
         Functions of the API whose parameters its own options are.
     needs : mapping of str to str
-        Required options, of which one must be given, by the options (separated by spaces) that
-        require them; replaces the rules of the parameters' classes.
+        Required options, of which one must be given, by the options (separated by spaces)
+        that require them; replaces the rules of the parameters' classes.
     exclusive : tuple of str
         Options of which at most one may be given, besides those of the classes.
     rare : str
@@ -484,7 +488,10 @@ class Command(click.Command):
         return super().invoke(ctx)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options of each class as a section; without --help-all one line each."""
+        """Write the options of each class as a section.
+
+        Without --help-all one line each.
+        """
         sections: dict[str, list[tuple[str, str]]] = {}
         is_whole = HELP_ALL in ctx.meta
         for parameter in self.get_params(ctx):

@@ -12,7 +12,8 @@ from cartstiff.cli.options import PICTURES, Files, OutputFiles, Printed, Setup, 
 from cartstiff.cli.output import Progress
 
 _NOT_OF_STUDIES = (
-    "mechanism q pose pose_of lengths frame parameters xacro_args package_path springs stiffness "
+    "mechanism q pose pose_of lengths frame parameters xacro_args package_path springs "
+    "stiffness "
     "rest actuate"
 )
 
@@ -27,7 +28,8 @@ def command(
         Overrides(
             _NOT_OF_STUDIES,
             because="the study says it",
-            load="Wrench on the body in its own frame. Every design carries it, instead of the "
+            load="Wrench on the body in its own frame. Every design carries it, instead "
+            "of the "
             "loads that the study names.",
         ),
     ],
@@ -39,10 +41,10 @@ def command(
 ) -> None:
     """Sweep the parameters of a mechanism file, as STUDY.yaml says.
 
-    Every design is evaluated at all its poses and judged by quantities of maps (see `cartstiff
-    models --quantities`). A design that is singular at one of them, or cannot be assembled, counts
-    as failed; the answer gives the reason. Tool, weight and load may be given instead of the
-    study's.
+    Every design is evaluated at all its poses and judged by quantities of maps (see
+    `cartstiff models --quantities`). A design that is singular at one of them, or cannot
+    be assembled, counts as failed; the answer gives the reason. Tool, weight and load may
+    be given instead of the study's.
 
     Parameters
     ----------
@@ -53,8 +55,8 @@ def command(
     out
         Output.
     output
-        Write the answer (.json), all designs as a table (.csv), or a picture of the designs and
-        their Pareto front.
+        Write the answer (.json), all designs as a table (.csv), or a picture of the
+        designs and their Pareto front.
     best : N
         Number of designs of the front that are printed.
     progress

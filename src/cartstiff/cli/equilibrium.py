@@ -55,7 +55,8 @@ def command(
     setup: Annotated[
         Setup,
         Overrides(
-            load="Wrench on the body: moment about and force at the point --load-at, in the axes "
+            load="Wrench on the body: moment about and force at the point --load-at, in "
+            "the axes "
             "of the unloaded body frame; see --load-kind."
         ),
     ],
@@ -70,13 +71,15 @@ def command(
     against: Literal["load", "all"] | None = None,
     against_gravity: Vector = None,
 ) -> None:
-    """Where MECHANISM comes to rest under a load, whether it is stable, and its stiffness there.
+    """Where MECHANISM comes to rest under a load, whether it is stable,
+    and its stiffness there.
 
-    Before the load the mechanism carries its weight and the payload. Springs without a rest
-    position balance them at the posture, and the displacement counts from there. With given rest
-    positions the mechanism first moves from the posture to its rest; the displacement by the load
-    counts from that rest. A dead load keeps its direction in the room while the body moves. A dead
-    moment has no energy; then stability depends on the masses.
+    Before the load the mechanism carries its weight and the payload. Springs without a
+    rest position balance them at the posture, and the displacement counts from there.
+    With given rest positions the mechanism first moves from the posture to its rest; the
+    displacement by the load counts from that rest. A dead load keeps its direction in the
+    room while the body moves. A dead moment has no energy; then stability depends on the
+    masses.
 
     Parameters
     ----------
@@ -89,15 +92,15 @@ def command(
     output
         Write the answer (.json), or the curve or path as a table or a picture.
     hold
-        Prescribed displacement of the body: rx, ry, rz, x, y, z (rad, length), along the axes of
-        the unloaded body, or with --world those of the room.
+        Prescribed displacement of the body: rx, ry, rz, x, y, z (rad, length), along the
+        axes of the unloaded body, or with --world those of the room.
     no_limits
         Ignore joint and leg limits.
     path : FILE.csv
-        Compensate along a path: one posture a line, or posture and wrench, under a line of names if
-        wanted. A wrench is in the axes of the body at that posture, as for --load, of the room with
-        --world, or in those that its columns name (fx_world); fx,fy,fz are enough. The answer has
-        the commands that put the loaded body there.
+        Compensate along a path: one posture a line, or posture and wrench, under a line
+        of names if wanted. A wrench is in the axes of the body at that posture, as for
+        --load, of the room with --world, or in those that its columns name (fx_world);
+        fx,fy,fz are enough. The answer has the commands that put the loaded body there.
 
     Examples
     --------
@@ -112,7 +115,7 @@ def command(
     cartstiff equilibrium 6-pus --load 0,0,0,0,0,-500 --actuate leg1/slide=0.001
     cartstiff equilibrium five-bar --load 0,0,0,0,-2000,0 --curve 3 -o curve.png
     cartstiff equilibrium ur5 --load 0,0,0,0,0,-80 --path postures.csv -o commands.csv
-    """
+    """  # noqa: E501
     if curve is None and path is None:
         only_endings(output, ".json", others="--curve or --path")
     elastic, q = setup.read()
@@ -211,7 +214,8 @@ def _with_payload_noted(state: Any, payload: list[float] | None) -> Any:
     if not options or state.iterations:
         return state
     message = (
-        "the payload acts before the load, as the own weight does, and the springs balance both at "
+        "the payload acts before the load, as the own weight does, and the springs "
+        "balance both at "
         f"the posture; its own sag is that of {options}"
     )
     note = Note("payload-before-load", message, {"payload": payload})

@@ -128,9 +128,9 @@ class Fit:
     Parameters
     ----------
     unknown : NAME
-        Spring, leg or line to be found, by name; joints (the default), lines, links; a compliant
-        link: LINK (its 6x6), LINK:diagonal, LINK:rx,ry. Beside springs, for measured positions:
-        zeros (of joints; or JOINT.zero), tool, base.
+        Spring, leg or line to be found, by name; joints (the default), lines, links; a
+        compliant link: LINK (its 6x6), LINK:diagonal, LINK:rx,ry. Beside springs, for
+        measured positions: zeros (of joints; or JOINT.zero), tool, base.
     tie : A=B
     """
 
@@ -265,8 +265,10 @@ def command(
     setup: Annotated[
         Setup,
         Overrides(
-            "q pose pose_of lengths springs stiffness rest actuate load load_at world load_kind",
-            because="the data have postures and loads, and the springs are what is sought",
+            "q pose pose_of lengths springs stiffness rest actuate load load_at world "
+            "load_kind",
+            because="the data have postures and loads, and the springs are "
+            "what is sought",
         ),
     ],
     table: Table,
@@ -279,11 +281,11 @@ def command(
 ) -> None:
     """Joint stiffness of MECHANISM from the loads and deflections in DATA.csv.
 
-    DATA.csv has a line of column names, then one measurement a row. The columns are the joints
-    (rad, or "name [deg]"); the load (fx,fy,fz, mx,my,mz, or mass); the measured numbers (any of
-    dx,dy,dz, drx,dry,drz, x,y,z, roll,pitch,yaw, or d along nx,ny,nz); and, if wanted, standard
-    deviations (sd_NAME), session and time. The page "Which joint stiffness do I enter?" of the
-    documentation says how to measure.
+    DATA.csv has a line of column names, then one measurement a row. The columns are the
+    joints (rad, or "name [deg]"); the load (fx,fy,fz, mx,my,mz, or mass); the measured
+    numbers (any of dx,dy,dz, drx,dry,drz, x,y,z, roll,pitch,yaw, or d along nx,ny,nz);
+    and, if wanted, standard deviations (sd_NAME), session and time. The page "Which joint
+    stiffness do I enter?" of the documentation says how to measure.
 
     Parameters
     ----------
@@ -300,9 +302,9 @@ def command(
     data : [DATA.csv]
         The measurements.
     output
-        Write the answer (.json); a mechanism file with the recommended stiffnesses and their
-        covariance (.yaml); the residuals against load, posture and time (.png, .svg, .pdf); the
-        rows of --plan, to be filled in (.csv).
+        Write the answer (.json); a mechanism file with the recommended stiffnesses and
+        their covariance (.yaml); the residuals against load, posture and time (.png,
+        .svg, .pdf); the rows of --plan, to be filled in (.csv).
 
     Examples
     --------

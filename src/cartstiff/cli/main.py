@@ -19,11 +19,13 @@ EXIT_INPUT = 2
 EXIT_UNDEFINED = 3
 EXIT_INTERNAL = 70
 
-# Name: (module, one line of help). The modules import numpy and Pinocchio; --help does not.
+# Name: (module, one line of help). The modules import numpy and Pinocchio; --help does
+# not.
 _COMMANDS = {
     "analyse": (
         "cartstiff.cli.analyse",
-        "Stiffness at a posture: matrices, deflection, share of each joint, softest direction.",
+        "Stiffness at a posture: matrices, deflection, share of each joint, softest "
+        "direction.",
     ),
     "equilibrium": (
         "cartstiff.cli.equilibrium",
@@ -47,7 +49,8 @@ _COMMANDS = {
     ),
     "map": (
         "cartstiff.cli.map",
-        "Stiffness over a grid, a trajectory or random postures, in a file and a picture.",
+        "Stiffness over a grid, a trajectory or random postures, in a file and "
+        "a picture.",
     ),
     "path": (
         "cartstiff.cli.path",
@@ -119,7 +122,7 @@ Examples:
   cartstiff equilibrium my_arm.urdf --springs kuka-kr210/gbt-adl-2023 --load 0,0,0,0,0,-300
   cartstiff models                                        # names of mechanisms and springs
   cartstiff analyse --help
-"""
+"""  # noqa: E501
 
 
 @click.group(
@@ -136,10 +139,11 @@ def command() -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; every refusal is one line on standard error.
 
-    Exit codes: 0 done, 2 input that cannot be used, 3 with ``--strict`` something that does not
-    exist, 70 a fault of cartstiff itself.
+    Exit codes: 0 done, 2 input that cannot be used, 3 with ``--strict`` something that
+    does not exist, 70 a fault of cartstiff itself.
     """
-    # Imports create many permanent objects, whose collection would take a sixth of a short command.
+    # Imports create many permanent objects, whose collection would take a sixth of a
+    # short command.
     gc.set_threshold(50_000)
     os.environ.setdefault(
         "PYDANTIC_DISABLE_PLUGINS", "__all__"

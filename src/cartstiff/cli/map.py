@@ -56,8 +56,8 @@ class Where:
     Parameters
     ----------
     grid
-        Values of a coordinate; repeat it, or separate by commas, for several. The others stay where
-        --q or the file has them.
+        Values of a coordinate; repeat it, or separate by commas, for several. The others
+        stay where --q or the file has them.
     random : N
         N random postures within the joints' limits; compliant links start straight.
     cartesian
@@ -221,7 +221,10 @@ class Shown:
     best: Several = None
 
     def check(self, sampling: Any, quantities: tuple[str, ...]) -> dict[str, float]:
-        """Refuse unfit options before the map is computed; return the cuts by dimension."""
+        """Refuse unfit options before the map is computed.
+
+        Return the cuts by dimension.
+        """
         # Dimensions have dots where names of coordinates have slashes.
         cuts = {n.replace("/", "."): value for n, value in (self.cuts or {}).items()}
         check_cuts(cuts, sampling)
@@ -232,7 +235,8 @@ class Shown:
 
 @declared(
     "map",
-    rare="lengths pose rest load_at load_kind ranges direction added_load connection damping "
+    rare="lengths pose rest load_at load_kind ranges direction added_load connection "
+    "damping "
     "chunk progress dask",
 )
 def command(
@@ -241,8 +245,10 @@ def command(
         Overrides(
             "actuate",
             because=ONE_POSTURE,
-            load="Wrench on the body at every posture: moment about and force at the point "
-            "--load-at, in the body's axes; rest positions are chosen so that the springs balance "
+            load="Wrench on the body at every posture: moment about and force at the "
+            "point "
+            "--load-at, in the body's axes; rest positions are chosen so that the "
+            "springs balance "
             "it.",
         ),
     ],
@@ -257,10 +263,11 @@ def command(
     progress: bool | None = None,
     dask: str | None = None,
 ) -> None:
-    r"""Quantities of the stiffness of MECHANISM at many postures, in a file and in pictures.
+    r"""Quantities of the stiffness of MECHANISM at many postures,
+    in a file and in pictures.
 
-    The file is a Zarr folder of labelled arrays that says what it holds; xarray opens it. After an
-    interruption, the same command goes on where it stopped.
+    The file is a Zarr folder of labelled arrays that says what it holds; xarray opens it.
+    After an interruption, the same command goes on where it stopped.
 
     Parameters
     ----------
@@ -277,9 +284,9 @@ def command(
     out
         Output.
     output : MAP.zarr
-        The map, at a path or an address such as s3://bucket/map.zarr; if it exists, its missing
-        parts are computed. Beside it, a picture of the first quantity (.png, .svg, .pdf) or the
-        answer (.json).
+        The map, at a path or an address such as s3://bucket/map.zarr; if it exists, its
+        missing parts are computed. Beside it, a picture of the first quantity (.png,
+        .svg, .pdf) or the answer (.json).
     chunk : N
         Largest number of postures in one part of the file.
     progress
@@ -300,7 +307,7 @@ def command(
         --load 0,0,0,0,0,-100 --world -o sag.zarr -o sag.png
     cartstiff map panda --trajectory path.csv --quantity deflection \
         --added-load 0,0,0,0,0,-50 --world -o path.zarr --json
-    """
+    """  # noqa: E501
     quantities = reading.quantities
     if not quantities:
         raise InputError(
@@ -337,7 +344,8 @@ def command(
         computed = run_map(job, file, dask=dask, progress=progress)
     except KeyboardInterrupt:
         say(
-            f"cartstiff: interrupted: {len(file.done())} of {len(file.parts)} parts are in "
+            f"cartstiff: interrupted: {len(file.done())} of {len(file.parts)} parts are "
+            "in "
             f"{one_line(place)}; the same command goes on from there",
             error=True,
         )

@@ -44,9 +44,9 @@ class Controller:
     Parameters
     ----------
     impedance : FILE
-        Controller's stiffness at the body frame. A 6x6 matrix in a .json, .csv or .npy file. The
-        answer has the damping by double diagonalisation with the masses at the posture, in the
-        order and along the axes of the file, and joint-space gains.
+        Controller's stiffness at the body frame. A 6x6 matrix in a .json, .csv or .npy
+        file. The answer has the damping by double diagonalisation with the masses at the
+        posture, in the order and along the axes of the file, and joint-space gains.
     order
         Order of the rows of --impedance; default what its file says, else angular-linear.
     """
@@ -122,14 +122,14 @@ class Response:
     Parameters
     ----------
     response
-        Response to a force on the body, at COUNT frequencies [Hz], 400 by default: in equal ratios,
-        or in equal steps if LOW is 0.
+        Response to a force on the body, at COUNT frequencies [Hz], 400 by default: in
+        equal ratios, or in equal steps if LOW is 0.
     kind
-        Displacement, velocity or acceleration per force; or motion of the body per motion of the
-        ground.
+        Displacement, velocity or acceleration per force; or motion of the body per motion
+        of the ground.
     direction
-        Direction for --response, along the body's axes (the room's for a transmissibility); default
-        x, y and z.
+        Direction for --response, along the body's axes (the room's for a
+        transmissibility); default x, y and z.
     """
 
     API: ClassVar = ("vibration/response.py frequency_response point=at",)
@@ -144,7 +144,10 @@ class Response:
     def run(
         self, modes: Modes, vibration: Rayleigh, data: dict[str, Any]
     ) -> tuple[list[str], dict[str, Any]]:
-        """Compute, add to the JSON object; return text, and functions that make the files."""
+        """Compute, add to the JSON object.
+
+        Return text, and functions that make the files.
+        """
         if self.response is None:
             return [], {}
         import numpy as np
@@ -184,8 +187,10 @@ def command(
         Overrides(
             "actuate",
             because=ONE_POSTURE,
-            load="Wrench on the body: moment about and force at the point --load-at, in the body's "
-            "axes; rest positions are chosen so that the springs balance it. The modes without "
+            load="Wrench on the body: moment about and force at the point --load-at, in "
+            "the body's "
+            "axes; rest positions are chosen so that the springs balance it. The modes "
+            "without "
             "the load are printed beside them.",
         ),
     ],
@@ -195,9 +200,12 @@ def command(
     parameters: Annotated[
         Parameters,
         Overrides(
-            tolerance="Standard deviations: relative of every spring stiffness, absolute of every "
-            "length and rotation (rad) of the geometry. The answer has an interval for each "
-            "frequency (measured springs have one without this option) and what contributes most "
+            tolerance="Standard deviations: relative of every spring stiffness, absolute "
+            "of every "
+            "length and rotation (rad) of the geometry. The answer has an interval for "
+            "each "
+            "frequency (measured springs have one without this option) and what "
+            "contributes most "
             "to it."
         ),
     ],
@@ -208,9 +216,9 @@ def command(
 ) -> None:
     r"""Natural frequencies and modes of MECHANISM at a posture, under its load.
 
-    Small undamped motions about the rest state: K phi = omega^2 M phi with the second derivative K
-    of all energies and the masses' matrix M, on the motions that keep the closures. A load moves
-    the frequencies; every table says which load it belongs to.
+    Small undamped motions about the rest state: K phi = omega^2 M phi with the second
+    derivative K of all energies and the masses' matrix M, on the motions that keep the
+    closures. A load moves the frequencies; every table says which load it belongs to.
 
     Parameters
     ----------
@@ -227,8 +235,8 @@ def command(
     out
         Output.
     output
-        Write the answer (.json); the response as a table (.csv) or a picture (.png, .svg, .pdf);
-        the controller of --impedance (.yaml).
+        Write the answer (.json); the response as a table (.csv) or a picture (.png, .svg,
+        .pdf); the controller of --impedance (.yaml).
     strict
         Exit with code 3 if there are no modes.
 

@@ -1,8 +1,9 @@
 """Options of several commands: types of their values, and the objects made of them.
 
-The options that prepare a question are one object, `Setup`: the mechanism, its posture, springs,
-tool, weight and load. A command gets them by one parameter of this type, with one meaning. Other
-groups are the same on every command as well: damping (`Vibration`), output files (`Output`).
+The options that prepare a question are one object, `Setup`: the mechanism, its posture,
+springs, tool, weight and load. A command gets them by one parameter of this type, with
+one meaning. Other groups are the same on every command as well: damping (`Vibration`),
+output files (`Output`).
 
 Text that cannot be used raises an `InputError` that names the option.
 """
@@ -37,8 +38,8 @@ MAX_COUNT = 10**12
 class Numbers(OptionType):
     """Comma-separated numbers, whose count is one of `counts` (default any count).
 
-    With `some` not all of them may be zero. A number that stands alone may carry its unit if it is
-    of the `kind` "mass" (result in kg), "force" (N) or "length" (a `Metres`).
+    With `some` not all of them may be zero. A number that stands alone may carry its unit
+    if it is of the `kind` "mass" (result in kg), "force" (N) or "length" (a `Metres`).
     """
 
     def __init__(
@@ -86,7 +87,9 @@ class Numbers(OptionType):
 
 
 def stiffness_of(text: str, where: str) -> float | None:
-    """Return a stiffness given as a word or with a unit ("rigid", "392 N m/arcmin"), else None."""
+    """Return a stiffness given as a word or with a unit ("rigid", "392 N m/arcmin"),
+    else None.
+    """
     if text in ("rigid", "inf", ".inf"):
         return math.inf
     if not re.search(r"^[-+.\d].*[A-Za-df-z]", text):  # an exponent has an e
@@ -110,7 +113,7 @@ class Metres(float):
 
     @classmethod
     def in_units(cls, value: float | None, units: Any) -> float | None:
-        """Return a length in a mechanism's units; one without a unit of its own is unchanged."""
+        """A length in a mechanism's units; one without a unit of its own is unchanged."""
         from cartstiff.units import SI, convert_length
 
         return value * convert_length(SI, units)[0] if isinstance(value, cls) else value
@@ -187,7 +190,7 @@ class Values:
         broadcast: bool = False,
         joints: tuple[str, ...] = (),
     ) -> Any:
-        """Return the numbers for `names` (or one for all), or by name for the `joints` alone."""
+        """The numbers for `names` (or one for all), or by name for the `joints` alone."""
         if isinstance(self.numbers, dict):
             for name in self.numbers:
                 check_name("joint", name, names, self.option)
@@ -218,8 +221,8 @@ class Values:
 class JointValues(OptionType):
     """Numbers in joint order or ``name=value`` pairs, as `Values`.
 
-    They are values of the coordinates, or of the `springs` (legs of a platform), whose `stiffness`
-    they may be ("rigid" as well); with `broadcast` one number serves for all.
+    They are values of the coordinates, or of the `springs` (legs of a platform), whose
+    `stiffness` they may be ("rigid" as well); with `broadcast` one number serves for all.
     """
 
     def __init__(
@@ -269,8 +272,8 @@ def _named(
 class Pairs(OptionType):
     """``NAME=VALUE`` pairs as a mapping to numbers; only for `names`, if given.
 
-    A shape such as ``NAME=LOW:HIGH:COUNT`` maps to as many numbers. The numbers are in the units of
-    the mechanism's file.
+    A shape such as ``NAME=LOW:HIGH:COUNT`` maps to as many numbers. The numbers are in
+    the units of the mechanism's file.
     """
 
     merges = True
@@ -355,7 +358,9 @@ class OutputFile(OptionType):
 
 
 class OutputFiles(OutputFile):
-    """Files to be written, at most one of each of the `endings`, beside the .json of the answer."""
+    """Files to be written, at most one of each of the `endings`,
+    beside the .json of the answer.
+    """
 
     merges = True
 
@@ -413,8 +418,8 @@ class Load:
     Parameters
     ----------
     world
-        Loads and directions in the room's axes. Without it in those of the body; points are always
-        in the body's frame.
+        Loads and directions in the room's axes. Without it in those of the body; points
+        are always in the body's frame.
     load_kind : KIND
     """
 
@@ -428,7 +433,8 @@ class Load:
 
     @property
     def keywords(self) -> dict[str, Any]:
-        """The load as arguments of any question: `cartstiff.analyse`, `equilibrium`, `modes`, ...
+        """The load as arguments of any question: `cartstiff.analyse`, `equilibrium`,
+        `modes`, ...
 
         Without --load, --world refers to other options.
         """
@@ -457,21 +463,23 @@ class Posture:
     q
         Posture: numbers, or name=value pairs. Numbers are in joint order, rad and m.
     pose
-        Posture of a platform, or of a body on legs. Position and roll, pitch, yaw about fixed axes.
+        Posture of a platform, or of a body on legs. Position and roll, pitch, yaw about
+        fixed axes.
     pose_of
-        Frame of --pose: the body's own frame, or M, which --tcp and the file may put elsewhere.
-        With M at a pivot, other angles are a motion about it.
+        Frame of --pose: the body's own frame, or M, which --tcp and the file may put
+        elsewhere. With M at a pivot, other angles are a motion about it.
     lengths
         Posture by six leg lengths, near the file's pose.
     stiffness
-        Stiffness of joints or legs. One number for all, one each, or name=value pairs, each with
-        its unit if that is not N m/rad or N/m: "392 N m/arcmin", 20N/um; joints may be rigid.
+        Stiffness of joints or legs. One number for all, one each, or name=value pairs,
+        each with its unit if that is not N m/rad or N/m: "392 N m/arcmin", 20N/um; joints
+        may be rigid.
     rest
         Rest positions of joints or legs. Legs have rest lengths; written as for --q.
     actuate
-        How far drives move from the posture. In rad or lengths, such as leg1/slide=0.001, or
-        leg1=0.001 of a platform. The rest positions of their springs shift by the same amount, and
-        the pose of the new rest is found.
+        How far drives move from the posture. In rad or lengths, such as leg1/slide=0.001,
+        or leg1=0.001 of a platform. The rest positions of their springs shift by the same
+        amount, and the pose of the new rest is found.
     """
 
     API: ClassVar = ("loading/__init__.py load",)
@@ -528,14 +536,15 @@ class File:
 
 @dataclass(frozen=True)
 class Setup(Load, File, Tool, Posture):
-    """What a question is about: a mechanism at a posture, its tool and weight, and its load.
+    """What a question is about: a mechanism at a posture, its tool and weight,
+    and its load.
 
     Before the load the mechanism carries its weight and the payload, of the file or typed
     (`ElasticMechanism.before_load`); the load comes then, `keywords`.
     """
 
     def read(self, units: Any = None) -> tuple[Any, Any]:
-        """Return the elastic mechanism, and its coordinates or None for the default posture.
+        """The elastic mechanism, and its coordinates or None for the default posture.
 
         `units` are those of every option and of the result; default those of the file.
         """
@@ -561,7 +570,9 @@ class Setup(Load, File, Tool, Posture):
         return elastic.with_springs(stiffness, rest), q
 
     def _converted(self, own: Any, units: Any) -> Any:
-        """Return the mechanism of a file in `own` units, with its numbers and options in others."""
+        """Return the mechanism of a file in `own` units, with its numbers and
+        options in others.
+        """
         from cartstiff.mechanisms.other_units import in_units
         from cartstiff.units import convert_length
 
@@ -600,7 +611,7 @@ class Setup(Load, File, Tool, Posture):
         return replace(noted, q=posture.q)
 
     def in_frame(self, frame: str | None) -> Any:
-        """Return the mechanism of the file with tool and weight, and another body frame."""
+        """The mechanism of the file with tool and weight, and another body frame."""
         return self._loaded(frame, tcp=self.tcp, payload=self.payload)
 
     def _loaded(self, frame: str | None, **tool: Any) -> Any:
@@ -628,7 +639,9 @@ class Setup(Load, File, Tool, Posture):
         )
 
     def _coordinates(self, elastic: Any) -> tuple[Any, tuple[Any, ...]]:
-        """Return coordinates from --q, --pose or --lengths, or None, and notes on them."""
+        """Return coordinates from --q, --pose or --lengths, or None,
+        and notes on them.
+        """
         mechanism = elastic.mechanism
         if self.pose is not None and self.q is not None:
             raise InputError("give --q or --pose, not both")
@@ -712,8 +725,8 @@ class Printed:
     ) -> None:
         """Write the files, and print the result as JSON or as text.
 
-        `others` make the contents of files, by the ending without its dot; `picture` makes the
-        figure of every picture.
+        `others` make the contents of files, by the ending without its dot; `picture`
+        makes the figure of every picture.
         """
         from cartstiff.report.output import write_files
 
@@ -781,8 +794,8 @@ class Parameters:
     Parameters
     ----------
     sensitivities
-        Also print the derivatives of the stiffness, of the frequencies and of the pose at rest, by
-        each stiffness, mass, length and parameter of the file.
+        Also print the derivatives of the stiffness, of the frequencies and of the pose at
+        rest, by each stiffness, mass, length and parameter of the file.
     """
 
     API: ClassVar = ("gradients/matrices.py accuracy tolerance=tolerances",)
@@ -799,8 +812,8 @@ class Parameters:
     ) -> list[str]:
         """Add derivatives and deviations to the JSON object, and return them as lines.
 
-        `finish` completes the mechanism after its file was read again. Modes also get intervals of
-        their frequencies, for measured springs even without --tolerance.
+        `finish` completes the mechanism after its file was read again. Modes also get
+        intervals of their frequencies, for measured springs even without --tolerance.
         """
         elastic, tolerance = subject.elastic, self.tolerance
         is_uncertain = tolerance is not None or elastic.identified is not None

@@ -30,7 +30,10 @@ _WAITING = "cartstiff.diagnostics"
 
 
 def say(text: str = "", *, error: bool = False) -> None:
-    """Print text on standard output or standard error; all commands print by this function."""
+    """Print text on standard output or standard error.
+
+    All commands print by this function.
+    """
     context = click.get_current_context(silent=True)
     if context is not None and not error:
         for remark in context.meta.pop(_WAITING, ()):
@@ -39,7 +42,10 @@ def say(text: str = "", *, error: bool = False) -> None:
 
 
 class Progress:
-    """A progress bar on standard error, by default on a terminal; called with (done, total)."""
+    """A progress bar on standard error, by default on a terminal.
+
+    Called with (done, total).
+    """
 
     def __init__(self, label: str, asked: bool | None = None) -> None:
         self._label = label
@@ -68,7 +74,8 @@ class Progress:
 def say_unused(path: Path, names: Sequence[str], more: str = "") -> None:
     """Report unused columns of a table on standard error, followed by `more`.
 
-    It is printed just before the answer: the table may still be refused, and a refusal is one line.
+    It is printed just before the answer: the table may still be refused, and a refusal is
+    one line.
     """
     if names:
         words = one_line(", ".join(names), 300)

@@ -36,8 +36,8 @@ class Search:
     ----------
     redundant : JOINT
     criterion : NAME
-        Quantity to optimise: deflection, along_free, translation_free_min, isotropy, ...: those of
-        `cartstiff map`.
+        Quantity to optimise: deflection, along_free, translation_free_min, isotropy, ...:
+        those of `cartstiff map`.
     """
 
     API: ClassVar = ("toolpaths/optimise.py optimise_path",)
@@ -63,7 +63,8 @@ def command(
         Overrides(
             "pose pose_of lengths rest actuate",
             because="the path has the poses, and its commands follow from them",
-            load="Wrench on the body, the same at all points: moment about and force at the point "
+            load="Wrench on the body, the same at all points: moment about and force at "
+            "the point "
             "--load-at.",
         ),
     ],
@@ -83,9 +84,9 @@ def command(
 ) -> None:
     r"""The postures in which MECHANISM is stiffest along a path.
 
-    PATH.csv has one pose of the body frame a line: x, y, z, roll, pitch, yaw and, if wanted, a
-    wrench mx, my, mz, fx, fy, fz; a first line may name the columns, also ax, ay, az for the tool's
-    axis alone and dx, dy, dz for a direction.
+    PATH.csv has one pose of the body frame a line: x, y, z, roll, pitch, yaw and, if
+    wanted, a wrench mx, my, mz, fx, fy, fz; a first line may name the columns, also ax,
+    ay, az for the tool's axis alone and dx, dy, dz for a direction.
 
     Parameters
     ----------
@@ -100,8 +101,8 @@ def command(
     out
         Output.
     output
-        Write the answer (.json), the postures, one line a point (.csv), or a picture of the
-        criterion along the path, optimised and with the best constant choice.
+        Write the answer (.json), the postures, one line a point (.csv), or a picture of
+        the criterion along the path, optimised and with the best constant choice.
     free_axis
         Axis of the body about which it may turn, the tool's axis.
     free_rotation
@@ -109,13 +110,14 @@ def command(
     direction
         Direction along which stiffness counts, the same at all points.
     axes
-        Axes of loads and directions. Those of the robot's own base, of the body, which turns by the
-        free rotation as well, or of the room (as --world); default those of the file's poses.
+        Axes of loads and directions. Those of the robot's own base, of the body, which
+        turns by the free rotation as well, or of the room (as --world); default those of
+        the file's poses.
     ranges
         Keep a joint within this range, besides its limits.
     near
-        Stay in the configuration of this posture: every joint that turns stays within 90 degrees of
-        it (numbers or name=value pairs; the others as in --q or the file).
+        Stay in the configuration of this posture: every joint that turns stays within 90
+        degrees of it (numbers or name=value pairs; the others as in --q or the file).
     progress
         Bar on standard error; default on a terminal.
 
@@ -127,7 +129,7 @@ def command(
     cartstiff path ur5 seam.csv --free-axis x --load 0,0,0,-120,0,30 --loaded --load-kind follower
     cartstiff path ur5 seam.csv --free-axis x --load 0,0,0,-120,0,0 --range elbow_joint=0:2.6 \
         --near 0,-1.2,1.5,0,1,0
-    """
+    """  # noqa: E501
     if setup.world:
         if axes not in (None, "world"):
             raise InputError("give --world or --axes, not both")

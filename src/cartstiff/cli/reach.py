@@ -39,10 +39,12 @@ def assemble_command(
         Overrides(
             "rest actuate",
             because="actuators are held where the posture has them",
-            pose="Pose of a platform: its leg lengths are taken, and the modes nearest to it come "
+            pose="Pose of a platform: its leg lengths are taken, and the modes nearest "
+            "to it come "
             "first. Position and roll, pitch, yaw about fixed axes; default the file's.",
             lengths="Leg lengths of a platform; default those at its pose.",
-            load="Wrench on the body in its own frame. The held legs or actuators carry it in "
+            load="Wrench on the body in its own frame. The held legs or actuators carry "
+            "it in "
             "every mode, and the stiffness is the one under this load.",
         ),
     ],
@@ -52,11 +54,13 @@ def assemble_command(
     output: Annotated[Files, OutputFiles(".csv")] = None,
     strict: bool = False,
 ) -> None:
-    """Assembly modes of MECHANISM: all poses with the same leg lengths, or actuator positions.
+    """Assembly modes of MECHANISM: all poses with the same leg lengths,
+    or actuator positions.
 
-    For a six-legged platform all modes are found: the 40 complex solutions of a general platform
-    are followed to those of this one, and the answer says where each of them ended. For a closed
-    chain the actuated joints stay where --q puts them, and the chain is closed from random starts.
+    For a six-legged platform all modes are found: the 40 complex solutions of a general
+    platform are followed to those of this one, and the answer says where each of them
+    ended. For a closed chain the actuated joints stay where --q puts them, and the chain
+    is closed from random starts.
 
     Parameters
     ----------
@@ -77,7 +81,7 @@ def assemble_command(
     cartstiff assemble stewart-simscape --all --lengths 0.085,0.085,0.085,0.085,0.085,0.086 --json
     cartstiff assemble hexapod --all --load 0,0,0,0,0,-500 --world
     cartstiff assemble five-bar --all -o modes.csv
-    """
+    """  # noqa: E501
     elastic, q = replace(setup, lengths=None).read()
     from cartstiff.reach.assembly import assemble
     from cartstiff.report.reach import assembly_csv, describe_assembly
@@ -126,9 +130,11 @@ def workspace_command(
         Overrides(
             "lengths rest actuate springs stiffness",
             because="limits decide what is reached, not springs and drives",
-            pose="Orientation that is kept, and position around which rotations are tried: "
+            pose="Orientation that is kept, and position around which rotations are "
+            "tried: "
             "position and roll, pitch, yaw about fixed axes; default the file's.",
-            load="Wrench on the body, in its own frame at the pose from which the rays start; "
+            load="Wrench on the body, in its own frame at the pose from which the rays "
+            "start; "
             "only for limited forces or tensions.",
         ),
     ],
@@ -139,11 +145,12 @@ def workspace_command(
     progress: bool | None = None,
     strict: bool = False,
 ) -> None:
-    """Poses that MECHANISM (a platform, cable robot or body on legs) reaches within its limits.
+    """Poses that MECHANISM (a platform, cable robot or body on legs) reaches
+    within its limits.
 
-    The answer has the volume and its slices for one orientation, the rotations at one position,
-    the share of the boundary that is due to each limit, the largest sphere and cube inside, and
-    the distance to singular poses.
+    The answer has the volume and its slices for one orientation, the rotations at one
+    position, the share of the boundary that is due to each limit, the largest sphere and
+    cube inside, and the distance to singular poses.
 
     Parameters
     ----------
@@ -154,9 +161,9 @@ def workspace_command(
     out
         Output.
     output
-        Write the answer (.json), the boundary as positions, each with its limit (.csv), or a
-        picture of it in space, from above and from two sides. `cartstiff view MECHANISM
-        --workspace` draws the table on the page.
+        Write the answer (.json), the boundary as positions, each with its limit (.csv),
+        or a picture of it in space, from above and from two sides. `cartstiff view
+        MECHANISM --workspace` draws the table on the page.
     progress
         Bar on standard error; default on a terminal.
     strict

@@ -22,8 +22,9 @@ def read_points(path: Path, elastic: ElasticMechanism, q: Any) -> list[ReportPoi
     Parameters
     ----------
     path : Path
-        Joint positions under their names, one posture a line; or poses of the body frame, as in a
-        path file, which are reached next to the posture, with wrenches if there are any.
+        Joint positions under their names, one posture a line; or poses of the body frame,
+        as in a path file, which are reached next to the posture, with wrenches if there
+        are any.
     elastic : ElasticMechanism
         The mechanism.
     q : array_like (n,) or mapping, optional
@@ -32,7 +33,8 @@ def read_points(path: Path, elastic: ElasticMechanism, q: Any) -> list[ReportPoi
     Raises
     ------
     InputError
-        With the line for anything that cannot be used, and for a point that is out of reach.
+        With the line for anything that cannot be used, and for a point that is out of
+        reach.
     """
     import numpy as np
 

@@ -1,4 +1,6 @@
-"""Files of commands: a desired stiffness with order, units and frame; a path of the tool."""
+"""Files of commands: a desired stiffness with order, units and frame;
+a path of the tool.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +23,10 @@ if TYPE_CHECKING:
     from cartstiff.units import Units
 
 
-# In the right order, the translation block times the squared length of the mechanism is about as
-# stiff as the rotation block; the other order is off by the fourth power of the length. If the
-# ratio is worse by this factor than with exchanged blocks, the order must be named.
+# In the right order, the translation block times the squared length of the mechanism is
+# about as stiff as the rotation block; the other order is off by the fourth power of the
+# length. If the ratio is worse by this factor than with exchanged blocks, the order must
+# be named.
 _EXCHANGED_BLOCKS_FACTOR = 5.0
 # Largest number of bytes of a file with 36 numbers.
 _LARGEST = 1 << 20
@@ -96,7 +99,8 @@ class Target:
         Raises
         ------
         InputError
-            As `in_units_of`, and for numbers that fit only with rotation and translation exchanged.
+            As `in_units_of`, and for numbers that fit only with rotation and translation
+            exchanged.
         """
         import numpy as np
 
@@ -118,8 +122,10 @@ class Target:
                 raise InputError(
                     "the matrix looks as if translation came before rotation",
                     where=self.where,
-                    expected=f'a .json with "order": "{ORDERS[1]}", or a .csv that begins with the '
-                    f"line # order {ORDERS[1]} (or {ORDERS[0]} if it is meant so); a .json names "
+                    expected=f'a .json with "order": "{ORDERS[1]}", or a .csv that '
+                    "begins with the "
+                    f"line # order {ORDERS[1]} (or {ORDERS[0]} if it is meant so); a "
+                    ".json names "
                     f"other units than {units}",
                 )
         return K
@@ -130,7 +136,10 @@ def _ratio_above_one(a: float, b: float) -> float:
 
 
 def _of_numpy(data: bytes) -> Any:
-    """Return the array of an .npy file; for a broken file the reader raises any exception."""
+    """Return the array of an .npy file.
+
+    For a broken file the reader raises any exception.
+    """
     import numpy as np
 
     try:
@@ -140,7 +149,8 @@ def _of_numpy(data: bytes) -> Any:
 
 
 def read_target(path: Path, order: str | None = None, option: str = "--target") -> Target:
-    """Read a 6x6 matrix from a file: .json (rows, or an object with "matrix"), .csv or .npy.
+    """Read a 6x6 matrix from a file: .json (rows, or an object with "matrix"),
+    .csv or .npy.
 
     Messages name the option that names the file.
     """
@@ -296,11 +306,12 @@ def read_path_file(
 ) -> ToolPath:
     """Read a path of the tool from a file.
 
-    The first line may name the columns, with units (``x [mm]``, ``yaw [deg]``): x, y, z with roll,
-    pitch, yaw (about fixed axes) or with ax, ay, az (the tool's axis), and optionally mx, my, mz,
-    fx, fy, fz (wrench, of which one half may be missing) and dx, dy, dz (direction). These may name
-    their axes, as fx_world, fx_base, fx_body. Without names the columns are x, y, z, roll, pitch,
-    yaw, and a wrench if there are twelve. Lines that start with # are ignored.
+    The first line may name the columns, with units (``x [mm]``, ``yaw [deg]``): x, y, z
+    with roll, pitch, yaw (about fixed axes) or with ax, ay, az (the tool's axis), and
+    optionally mx, my, mz, fx, fy, fz (wrench, of which one half may be missing) and dx,
+    dy, dz (direction). These may name their axes, as fx_world, fx_base, fx_body. Without
+    names the columns are x, y, z, roll, pitch, yaw, and a wrench if there are twelve.
+    Lines that start with # are ignored.
 
     Parameters
     ----------
@@ -387,7 +398,10 @@ def read_path_file(
 
 
 def wrench_columns(table: Mapping[str, Any]) -> Any:
-    """Wrenches (m, 6) of a table's columns by name, None without any; a missing half is zero."""
+    """Wrenches (m, 6) of a table's columns by name, None without any.
+
+    A missing half is zero.
+    """
     import numpy as np
 
     from cartstiff.loading.tables import WRENCH

@@ -29,14 +29,14 @@ class Shown:
     Parameters
     ----------
     map_path : FILE
-        Also draw a stiffness map: its points, or those of the table that `cartstiff workspace
-        -o` writes, coloured by a quantity or by the limit that cuts.
+        Also draw a stiffness map: its points, or those of the table that `cartstiff
+        workspace -o` writes, coloured by a quantity or by the limit that cuts.
     workspace
-        Also draw the workspace's boundary, around the posture, coloured by the limit that cuts,
-        and the singular surface, as `cartstiff workspace` finds them.
+        Also draw the workspace's boundary, around the posture, coloured by the limit that
+        cuts, and the singular surface, as `cartstiff workspace` finds them.
     trajectory : FILE.csv
-        Postures for a time slider: one a line, in joint order or under a line of names; a column
-        `time` in seconds may come first.
+        Postures for a time slider: one a line, in joint order or under a line of names; a
+        column `time` in seconds may come first.
     """
 
     map_path: Annotated[str | None, "--map"] = None
@@ -145,13 +145,13 @@ def command(
 ) -> None:
     """Serve a page on which MECHANISM moves and shows its stiffness; ends with Ctrl-C.
 
-    Up to three OTHER mechanisms are shown beside it, with the same options: their numbers as
-    ratios, their pictures at one scale and under one camera.
+    Up to three OTHER mechanisms are shown beside it, with the same options: their numbers
+    as ratios, their pictures at one scale and under one camera.
 
-    The page needs no network and loads nothing from outside. The address that is printed holds a
-    secret, without which nothing is answered. MECHANISM is a bundled name (see
-    `cartstiff models`), a mechanism file (.yaml), a URDF, xacro or MJCF file, or
-    an example robot's name.
+    The page needs no network and loads nothing from outside. The address that is printed
+    holds a secret, without which nothing is answered. MECHANISM is a bundled name (see
+    `cartstiff models`), a mechanism file (.yaml), a URDF, xacro or MJCF file, or an
+    example robot's name.
 
     Parameters
     ----------
@@ -202,11 +202,12 @@ def export_command(
     *,
     output: Annotated[Path, OutputFile("PAGE.html", ".html", ".htm")],
 ) -> None:
-    """Write the page of `cartstiff view` as one HTML file that opens anywhere, without a network.
+    """Write the page of `cartstiff view` as one HTML file that opens anywhere,
+    without a network.
 
-    The file of an arm, a closed chain or a body on straight legs computes any posture, load,
-    springs and point. The browser cannot compute other mechanisms: their file shows one posture,
-    and says so.
+    The file of an arm, a closed chain or a body on straight legs computes any posture,
+    load, springs and point. The browser cannot compute other mechanisms: their file shows
+    one posture, and says so.
 
     Parameters
     ----------
@@ -238,7 +239,8 @@ def report_command(
         Overrides(
             "actuate",
             because=ONE_POSTURE,
-            load="Wrench on the body: moment about and force at the point --load-at, in the axes "
+            load="Wrench on the body: moment about and force at the point --load-at, in "
+            "the axes "
             "of the unloaded body frame; the report says what it does to the tip.",
         ),
     ],
@@ -248,10 +250,11 @@ def report_command(
     quantity: str | None = None,
     at_points: Path | None = None,
 ) -> None:
-    r"""Write a report to send on: how far the tip moves, which joints contribute, what is better.
+    r"""Write a report to send on: how far the tip moves, which joints contribute,
+    what is better.
 
-    One HTML file with a picture in 3D, posture, load, weight, stiffness, a sweep and everything
-    that was assumed; it opens without a network and prints on paper.
+    One HTML file with a picture in 3D, posture, load, weight, stiffness, a sweep and
+    everything that was assumed; it opens without a network and prints on paper.
 
     Parameters
     ----------
@@ -262,9 +265,10 @@ def report_command(
     map_path : FILE
     quantity : NAME
     at_points : PART.csv
-        A page for each point of a part instead of one posture, the worst first. One point a line:
-        a pose of the body frame, as in a path file, reached next to the posture (with its own
-        wrench, if the line has one), or the joints' positions under their names.
+        A page for each point of a part instead of one posture, the worst first. One point
+        a line: a pose of the body frame, as in a path file, reached next to the posture
+        (with its own wrench, if the line has one), or the joints' positions under their
+        names.
 
     Examples
     --------
@@ -274,7 +278,7 @@ def report_command(
     cartstiff report ur5 --load 0,0,0,0,0,-100 --map m.zarr -o ur5.html
     cartstiff report ur5 --load 0,0,0,0,0,-100 --world --at-points part.csv -o part.html
     cartstiff report kr210.urdf --tcp 0,0,0.2 --payload 12 --load 0,0,0,0,0,-300 -o spindle.html
-    """
+    """  # noqa: E501
     elastic, q = setup.read()
     sections = []
     if map_path is not None:

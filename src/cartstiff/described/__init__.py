@@ -1,14 +1,17 @@
 """Keys of the JSON output of each command, and of its parts: analysis and answer.
 
-One table each, such as `analyse.yaml`, has every key with its kind and its description: "kind |
-words | unit | varies". The printed object has the keys of its table, as have the JSON schema and
-the reference page.
+One table each, such as `analyse.yaml`, has every key with its kind and its description:
+"kind | words | unit | varies". The printed object has the keys of its table, as have the
+JSON schema and the reference page.
 
-- A key with "?" may be missing, a kind with "?" may be null, and so may numbers that do not exist
-  or are infinite. "is": kind of the object or list itself; "each": of its entries.
-- Units are in {length} and {force}; a key without one has that of the keys above it, 1 is a pure
-  number. What varies has an uncertainty: a number, or axes (columns) whose sign means nothing.
-- "as analyse" is the key of that name there; "as analysis" of a table without it is all of it.
+- A key with "?" may be missing, a kind with "?" may be null, and so may numbers that do
+  not exist or are infinite. "is": kind of the object or list itself; "each": of its
+  entries.
+- Units are in {length} and {force}; a key without one has that of the keys above it, 1 is
+  a pure number. What varies has an uncertainty: a number, or axes (columns) whose sign
+  means nothing.
+- "as analyse" is the key of that name there; "as analysis" of a table without it is all
+  of it.
 """
 
 from __future__ import annotations
@@ -157,7 +160,10 @@ def _whole(table: str) -> Keys:
 
 
 def kinds_of(command: str) -> dict[str, tuple[str, str]]:
-    """Kind and description of a command's keys, by dotted name; of lists by those of an entry."""
+    """Kind and description of a command's keys, by dotted name.
+
+    Of lists by those of an entry.
+    """
 
     def walk(
         keys: Mapping[str, Any], before: str
@@ -182,8 +188,8 @@ def described(command: str, *sources: object) -> dict[str, Any]:
     command : str
         Name of the command.
     sources : mapping or object
-        Each key is read from the first source that has it, as a key or an attribute; optional keys
-        are read from mappings only.
+        Each key is read from the first source that has it, as a key or an attribute;
+        optional keys are read from mappings only.
 
     Raises
     ------

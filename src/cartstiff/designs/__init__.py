@@ -1,1 +1,3 @@
-"""Which geometry is best? Parameters of a mechanism file varied, judged by quantities of maps."""
+"""Which geometry is best? Parameters of a mechanism file varied,
+judged by quantities of maps.
+"""

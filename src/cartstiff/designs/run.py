@@ -1,7 +1,7 @@
 """Run of a study: designs are chosen and evaluated.
 
-A design is the mechanism with other parameters, evaluated at all poses of the study. The result has
-the feasible designs, the best ones and the Pareto front, as tables.
+A design is the mechanism with other parameters, evaluated at all poses of the study. The
+result has the feasible designs, the best ones and the Pareto front, as tables.
 """
 
 from __future__ import annotations
@@ -54,7 +54,8 @@ from cartstiff.notes import Note
 from cartstiff.results import LabelledResult
 from cartstiff.units import ANGLES, Units, convert_length
 
-#: Largest number of a design's poses that are analysed singly where stacks cannot decide them.
+#: Largest number of a design's poses that are analysed singly where stacks cannot decide
+#: them.
 MAX_SINGLE_POSES = 8
 #: Number of poses that are evaluated first where each pose is analysed singly.
 FIRST_POSES = 5
@@ -113,7 +114,8 @@ class StudyEvaluator:
     folder : Path
         Folder that the mechanism's path is relative to.
     files : tuple of (str, str), optional
-        Files that the study was begun with, as `ElasticMechanism.files`; default the present ones.
+        Files that the study was begun with, as `ElasticMechanism.files`; default the
+        present ones.
 
     Attributes
     ----------
@@ -175,7 +177,9 @@ class StudyEvaluator:
         return elastic if units is None else in_units(elastic, self._length)
 
     def _in_file_units(self, own: Units) -> tuple[dict[str, Any], str]:
-        """Return tool and weight in units of the mechanism's file, and the study's length unit."""
+        """Return tool and weight in units of the mechanism's file,
+        and the study's length unit.
+        """
         units = self.study.units or StudyUnits()
         length = units.length or own.length
         factor, _ = convert_length(Units(length), own)
@@ -290,7 +294,8 @@ class StudyEvaluator:
         kind = "none" if case.wrench is None else "shared"
         total = self.study.size * max(sampling.size, PREPARATION_POSES)
         path = lasting_path(elastic, kind, job.outputs, total)
-        # Only the code of platforms serves all designs; else it must pay for itself in one design.
+        # Only the code of platforms serves all designs; else it must pay for itself in
+        # one design.
         if path == "compiled" and not shared.is_one_of_many:
             path = "portable" if sampling.size < 5000 else path
         # Stacks leave the choice of cables' tensions to one analysis after the other.
@@ -322,7 +327,8 @@ class StudyEvaluator:
         """Return the quantities and states (N,) of a design."""
         strict = self.study.poses.outside == "refuse"
         if strict and job.path == "engine" and job.sampling.size > FIRST_POSES:
-            # A design that fails at one of a few poses need not be evaluated at all poses.
+            # A design that fails at one of a few poses need not be evaluated at all
+            # poses.
             whole = job.sampling.postures(tuple(slice(0, n) for n in job.sampling.shape))
             some = whole[np.linspace(0, len(whole) - 1, FIRST_POSES).astype(int)]
             self._arrays(replace(job, sampling=Trajectory(some)), strict)
@@ -454,7 +460,8 @@ class Designs(LabelledResult):
     def front(self) -> tuple[int, ...]:
         """Indices of the Pareto front, best first in the order of the objectives.
 
-        A feasible design is left out if another is as good in every objective and better in one.
+        A feasible design is left out if another is as good in every objective and better
+        in one.
         """
         rows = np.array(self.feasible, int)
         if not len(rows):
@@ -470,7 +477,8 @@ class Designs(LabelledResult):
         return tuple(rows[kept].tolist())
 
     def best(self, name: str | None = None) -> Design:
-        """Return the feasible design with the best value of an objective, by default the only one.
+        """Return the feasible design with the best value of an objective,
+        by default the only one.
 
         Raises
         ------
@@ -497,7 +505,9 @@ class Designs(LabelledResult):
         return self.designs[self.feasible[int(which)]]
 
     def to_csv(self) -> str:
-        """One row per design: number from 1, variables, values, state, whether on the front."""
+        """One row per design: number from 1, variables, values, state,
+        whether on the front.
+        """
         names = [
             f"{n} [{self.units[n]}]" if self.units[n] else n for n in self.study.measures
         ]
@@ -563,7 +573,8 @@ class Designs(LabelledResult):
         ]
         if lengths:
             words = (
-                f"{', '.join(lengths)}: every design at its own natural length; `length` of a case "
+                f"{', '.join(lengths)}: every design at its own natural length; `length` "
+                "of a case "
                 "sets one for all"
             )
             notes.append(Note("own-length", words, {"measures": lengths}))
@@ -574,7 +585,8 @@ class Designs(LabelledResult):
         return notes
 
     def plot(self) -> Any:
-        """Draw objectives against each other with the Pareto front, or one against the variables.
+        """Draw objectives against each other with the Pareto front,
+        or one against the variables.
 
         Returns
         -------
@@ -654,8 +666,8 @@ def design(
     study : str, Path or mapping
         File or content of the study.
     given : mapping, optional
-        Tool, weight, load and units instead of the study's: "tcp", "gravity", "payload", "units",
-        and under "load" keys that replace those of every case.
+        Tool, weight, load and units instead of the study's: "tcp", "gravity", "payload",
+        "units", and under "load" keys that replace those of every case.
     progress : callable, optional
         Called with (done, total) designs.
 
@@ -667,13 +679,15 @@ def design(
     Raises
     ------
     InputError
-        For a study that cannot be used. A design that fails raises no error and holds the reason.
+        For a study that cannot be used. A design that fails raises no error and holds the
+        reason.
 
     Examples
     --------
     >>> import cartstiff
     >>> study = cartstiff.design({
-    ...     "mechanism": "inclined-hexapod", "variables": {"sz": {"values": [0.5, 0.577, 0.7]}},
+    ...     "mechanism": "inclined-hexapod",
+    ...     "variables": {"sz": {"values": [0.5, 0.577, 0.7]}},
     ...     "objectives": {"stiffness": {"quantity": "translation_held_min"}},
     ... })
     >>> study.best("stiffness").parameters
@@ -700,7 +714,7 @@ def design(
 def evaluator(
     study: str | Path | Mapping[str, Any], given: Mapping[str, Any] | None = None
 ) -> StudyEvaluator:
-    """Return a function from parameters to their `Design`, as an objective for any optimiser.
+    """A function from parameters to their `Design`, as an objective for any optimiser.
 
     Parameters
     ----------

@@ -186,7 +186,9 @@ class Case(StudyModel):
 
 
 class Measure(StudyModel):
-    """A number of a design: of a quantity over the poses, or arithmetic over the parameters."""
+    """A number of a design: of a quantity over the poses,
+    or arithmetic over the parameters.
+    """
 
     quantity: Text | None = keyed("of a map; or", None)
     value: Text | None = keyed("arithmetic over parameters, such as '=2*r + h'", None)
@@ -288,7 +290,8 @@ class Method(StudyModel):
     def _sweeps(cls, kind: object) -> object:
         if kind in ("local", "evolution"):
             raise ValueError(
-                f"{kind} is no method: sweep with grid, sobol or latin-hypercube, or give "
+                f"{kind} is no method: sweep with grid, sobol or latin-hypercube, or "
+                "give "
                 "cartstiff.designs.run.evaluator(study) to an optimiser such as scipy's"
             )
         return kind
@@ -392,8 +395,8 @@ def read_study(
     source : str, Path or mapping
         File or content of the study.
     given : mapping, optional
-        Replacements of the file's `tcp`, `gravity`, `payload` and `units`; keys of `Case` under
-        "load" replace those of every case.
+        Replacements of the file's `tcp`, `gravity`, `payload` and `units`; keys of `Case`
+        under "load" replace those of every case.
 
     Raises
     ------

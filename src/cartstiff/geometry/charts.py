@@ -1,8 +1,9 @@
-r"""Coordinate charts of SE(3) and the change between coordinate fields and left-invariant fields.
+r"""Coordinate charts of SE(3) and the change between coordinate fields and
+left-invariant fields.
 
-A chart maps coordinates xi (6,) to a pose. Its *basis matrix* gamma writes the coordinate fields
-E_i = d/dxi_i on the left-invariant basis, E_i = sum_j gamma[j, i] L_j ([ZK]_ eq. 44): it is the
-body Jacobian of the map. Where it is singular, `UndefinedError` is raised.
+A chart maps coordinates xi (6,) to a pose. Its *basis matrix* gamma writes the coordinate
+fields E_i = d/dxi_i on the left-invariant basis, E_i = sum_j gamma[j, i] L_j ([ZK]_ eq.
+44): it is the body Jacobian of the map. Where it is singular, `UndefinedError` is raised.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from cartstiff.geometry.connections import Connection, flat
 from cartstiff.geometry.differences import jacobian
 from cartstiff.geometry.se3 import Array
 
-# A chart is singular where the basis matrix has lost ten digits: results have six digits at best.
+# A chart is singular where the basis matrix has lost ten digits: results have six digits
+# at best.
 _SINGULAR = numerics.RANK
 
 
@@ -62,7 +64,8 @@ class Chart:
         values = np.linalg.svd(gamma, compute_uv=False)
         if values[-1] <= _SINGULAR * values[0]:
             raise UndefinedError(
-                f"chart {self.name!r} is singular at these coordinates ({self.singular_where}): "
+                f"chart {self.name!r} is singular at these coordinates "
+                f"({self.singular_where}): "
                 f"smallest over largest singular value {values[-1] / values[0]:.3g}",
                 code="singular-chart",
                 values={"coordinates": xi.tolist(), "singular_values": values.tolist()},
@@ -74,7 +77,9 @@ class Chart:
         return self.basis(real_array(xi)) @ real_array(rates)
 
     def to_wrench(self, xi: ArrayLike, force: ArrayLike) -> Array:
-        """Wrench components of the one-form ``F_i d xi_i``: alpha^T @ F, [ZK]_ eq. 16 and 18."""
+        """Wrench components of the one-form ``F_i d xi_i``: alpha^T @ F, [ZK]_ eq.
+        16 and 18.
+        """
         return self.inverse_basis(xi).T @ real_array(force)
 
     def to_form(self, xi: ArrayLike, wrench: ArrayLike) -> Array:
@@ -90,10 +95,12 @@ class Chart:
     def stiffness_terms(
         self, xi: ArrayLike, gradient: ArrayLike, hessian: ArrayLike
     ) -> tuple[Array, Array, Array]:
-        """Wrench, K_I and K_II of a potential known by its derivatives in these coordinates.
+        """Wrench, K_I and K_II of a potential known by its derivatives in these
+        coordinates.
 
         ``K[i, j] = alpha_j^l alpha_i^k Phi_kl + alpha_j^l (d alpha_i^k / d xi_l) Phi_k
-        - Gamma[i, j, k] W_k``: the first term is K_I, the second K_II ([ZK]_ eq. 52, here at any
+        - Gamma[i, j, k] W_k``: the first term is K_I, the second K_II ([ZK]_ eq. 52, here
+          at any
         pose); K^A = K_I + K_II.
         """
         xi = real_array(xi)
@@ -133,9 +140,11 @@ class Chart:
 def product_of_exponentials(
     screws: ArrayLike, name: str, singular_where: str = ""
 ) -> Chart:
-    """Chart ``pose(xi) = exp(s_1 xi_1) ... exp(s_6 xi_6)`` with the columns s_i of `screws`.
+    """Chart ``pose(xi) = exp(s_1 xi_1) ... exp(s_6 xi_6)`` with the columns s_i
+    of `screws`.
 
-    Its second derivatives are brackets: d gamma_a / d xi_b = [gamma_a, gamma_b] for b after a.
+    Its second derivatives are brackets: d gamma_a / d xi_b = [gamma_a, gamma_b] for b
+    after a.
     """
     S = np.array(screws, float)
     if S.shape != (6, 6):
@@ -187,7 +196,10 @@ exponential = Chart(
 
 
 def from_pose_function(pose: Callable[[Array], ArrayLike], name: str = "user") -> Chart:
-    """Chart from a function xi -> pose; its derivatives are taken by eighth-order differences."""
+    """Chart from a function xi -> pose.
+
+    Its derivatives are taken by eighth-order differences.
+    """
 
     def pose_of(xi: Array) -> Array:
         return np.asarray(pose(real_array(xi)), float)

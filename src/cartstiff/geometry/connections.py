@@ -1,7 +1,8 @@
 r"""Affine connections on SE(3) as values.
 
-A connection says how vectors at neighbouring poses are compared. In the basis of left-invariant
-vector fields it is a bilinear map on twists, held as one (6, 6, 6) array of Christoffel symbols
+A connection says how vectors at neighbouring poses are compared. In the basis of
+left-invariant vector fields it is a bilinear map on twists, held as one (6, 6, 6) array
+of Christoffel symbols
 
     nabla_{L_i} L_j = sum_k Gamma[j, i, k] L_k                              ([ZK]_ eq. 27)
 
@@ -31,8 +32,8 @@ from cartstiff.matrix_names import MATRICES
 
 # Laws are judged on the symbols' own scale; 1e-12 leaves four digits for rounding.
 _LAW_TOLERANCE = numerics.ROUNDOFF
-# Linearity is judged at twists of these sizes; maps that were found by differences of numbers keep
-# half of their digits.
+# Linearity is judged at twists of these sizes; maps that were found by differences of
+# numbers keep half of their digits.
 _TESTED_SIZES, _BILINEARITY = (1.0, 1e-3, 1e3, 7.0), numerics.NEGLIGIBLE_SHARE
 
 
@@ -45,15 +46,17 @@ class Connection:
     name : str
         Short name ("A", "B", "K", "+", "F", or the user's).
     symbols : ndarray, shape (6, 6, 6)
-        ``symbols[j, i, k]`` is the k-th component of ``nabla_{L_i} L_j``; [ZK]_ eq. 27. Read-only.
+        ``symbols[j, i, k]`` is the k-th component of ``nabla_{L_i} L_j``; [ZK]_ eq. 27.
+        Read-only.
     meaning : str
         One line for people.
     left_invariant : bool
-        Whether the symbols are the same at every pose. Those of a chart's flat connection are
-        known at one posture only.
+        Whether the symbols are the same at every pose. Those of a chart's flat connection
+        are known at one posture only.
     tied_to_origin : bool
-        Whether the same name means another connection for another body frame: the kinematic
-        connection is that of the kinetic energy of a ball centred at the frame's origin.
+        Whether the same name means another connection for another body frame: the
+        kinematic connection is that of the kinetic energy of a ball centred at the
+        frame's origin.
     """
 
     name: str
@@ -77,7 +80,9 @@ class Connection:
         return np.einsum("jik,i,j->k", self.symbols, x, y)
 
     def wrench_term(self, wrench: ArrayLike) -> Array:
-        """Matrix ``T[i, j] = sum_k Gamma[i, j, k] W_k``: K = K^A - T. Batched over wrenches."""
+        """Matrix ``T[i, j] = sum_k Gamma[i, j, k] W_k``: K = K^A - T.
+        Batched over wrenches.
+        """
         w = real_array(wrench)
         if w.shape[-1:] != (6,):
             raise InputError("wrench has another shape", expected="(..., 6)", got=w.shape)
@@ -89,15 +94,19 @@ class Connection:
 
     @cached_property
     def torsion(self) -> Array:
-        """Torsion: nabla_{L_i} L_j - nabla_{L_j} L_i - [L_i, L_j] = sum_k T[i, j, k] L_k."""
+        """Torsion: nabla_{L_i} L_j - nabla_{L_j} L_i - [L_i,
+        L_j] = sum_k T[i, j, k] L_k.
+        """
         g = self.symbols
         return np.swapaxes(g, 0, 1) - g - se3.STRUCTURE_CONSTANTS
 
     @cached_property
     def curvature(self) -> Array:
-        """Curvature ``R[i, j, l, k]``: (nabla_i nabla_j - nabla_j nabla_i - nabla_[i,j]) L_l.
+        """Curvature ``R[i, j, l, k]``:
+        (nabla_i nabla_j - nabla_j nabla_i - nabla_[i,j]) L_l.
 
-        For a left-invariant connection from the symbols; zero for the flat connection of a chart.
+        For a left-invariant connection from the symbols; zero for the flat connection of
+        a chart.
 
         Raises
         ------
@@ -119,7 +128,10 @@ class Connection:
 
     @cached_property
     def is_symmetric(self) -> bool:
-        """Whether the torsion vanishes; then the stiffness is symmetric, [ZK]_ prop. 4.1."""
+        """Whether the torsion vanishes.
+
+        Then the stiffness is symmetric, [ZK]_ prop. 4.1.
+        """
         return self._vanishes(self.torsion)
 
     @cached_property
@@ -129,9 +141,11 @@ class Connection:
 
     @cached_property
     def is_bi_invariant(self) -> bool:
-        """Whether the connection is independent of the body frame too: Ad-equivariant symbols.
+        """Whether the connection is independent of the body frame too:
+        Ad-equivariant symbols.
 
-        Judged on generators: ad_z (nabla_x y) = nabla_{ad_z x} y + nabla_x (ad_z y) for all z.
+        Judged on generators: ad_z (nabla_x y) = nabla_{ad_z x} y + nabla_x (ad_z y) for
+        all z.
         """
         if not self.left_invariant:
             return False
@@ -179,8 +193,8 @@ class Connection:
     def carried_to(self, T_m_n: ArrayLike) -> Connection:
         """The same connection, its symbols in the basis of body frame N, given ``T_m_n``.
 
-        ``symbols'[j, i] = Ad^-1 nabla_{Ad L_i} (Ad L_j)``; a bi-invariant connection keeps its
-        symbols.
+        ``symbols'[j, i] = Ad^-1 nabla_{Ad L_i} (Ad L_j)``; a bi-invariant connection
+        keeps its symbols.
         """
         T_m_n = checked_array(T_m_n, (4, 4), "pose")
         a = se3.adjoint(T_m_n)
@@ -203,7 +217,9 @@ def from_symbols(
     meaning: str = "",
     left_invariant: bool = True,
 ) -> Connection:
-    """Connection from any array ``symbols[j, i, k]``, the k-th component of nabla_{L_i} L_j."""
+    """Connection from any array ``symbols[j, i, k]``, the k-th component of
+    nabla_{L_i} L_j.
+    """
     return Connection(name, real_array(symbols), meaning, left_invariant)
 
 
@@ -211,7 +227,8 @@ def from_symbols(
 def from_bilinear_map(
     nabla: Callable[[Array, Array], ArrayLike], name: str = "user", *, meaning: str = ""
 ) -> Connection:
-    """Connection from a function ``nabla(x, y)`` on twists that is linear in both arguments.
+    """Connection from a function ``nabla(x, y)`` on twists that is linear in
+    both arguments.
 
     The function is compared with the array of its values on the basis at other twists.
 
@@ -237,7 +254,8 @@ def from_bilinear_map(
             raise InputError(
                 "nabla(x, y) is not linear in both x and y",
                 where=f"connection {name!r}",
-                expected=f"component {i + 1} at x = {_listed(x)}, y = {_listed(y)} as its values "
+                expected=f"component {i + 1} at x = {_listed(x)}, y = {_listed(y)} as "
+                "its values "
                 f"on the basis make it, {expected[i]:.6g}",
                 got=f"{got[i]:.6g}",
             )
@@ -287,10 +305,11 @@ def levi_civita(metric: ArrayLike, name: str = "Levi-Civita") -> Connection:
 def flat(
     jacobian: ArrayLike, jacobian_derivative: ArrayLike, name: str = "F"
 ) -> Connection:
-    r"""Flat connection of coordinates xi, seen on the left-invariant basis at one posture.
+    r"""Flat connection of coordinates xi, seen on the left-invariant basis at
+    one posture.
 
-    ``Gamma[i, j, k] = sum alpha_j^l (d alpha_i^m / d xi^l) gamma_m^k`` with gamma the Jacobian,
-    E_i = gamma_i^j L_j, and alpha its inverse; [ZK]_ eq. 47.
+    ``Gamma[i, j, k] = sum alpha_j^l (d alpha_i^m / d xi^l) gamma_m^k`` with gamma the
+    Jacobian, E_i = gamma_i^j L_j, and alpha its inverse; [ZK]_ eq. 47.
 
     Parameters
     ----------
@@ -342,7 +361,8 @@ def turning_symbols(share: float) -> Array:
 CARTAN_MINUS = Connection("A", np.zeros((6, 6, 6)), MATRICES["A"].meaning)
 #: Cartan's (0) connection, nabla_X Y = [X, Y] / 2: [ZK]_ eq. 40.
 BI_INVARIANT = Connection("B", _cartan(0.5), MATRICES["B"].meaning)
-#: Levi-Civita connection of a ball's kinetic energy (equal moments of inertia): [ZK]_ eq. 38.
+#: Levi-Civita connection of a ball's kinetic energy (equal moments of inertia): [ZK]_ eq.
+#: 38.
 KINEMATIC = Connection(
     "K",
     turning_symbols(0.5),
@@ -358,7 +378,8 @@ NAMED = {c.name: c for c in (CARTAN_MINUS, BI_INVARIANT, KINEMATIC, CARTAN_PLUS)
 
 @dataclass(frozen=True)
 class Field:
-    """A vector field (or one-form) on SE(3) by its components on the left-invariant basis.
+    """A vector field (or one-form) on SE(3) by its components on the
+    left-invariant basis.
 
     Parameters
     ----------
@@ -366,7 +387,8 @@ class Field:
         ``components(T)`` returns the 6 components at pose ``T`` (4, 4).
     derivative : callable, optional
         ``derivative(T)[k, i]`` is the derivative of component k along L_i. Without it, an
-        eighth-order central difference is taken, good to about 1e-12 of the components' scale.
+        eighth-order central difference is taken, good to about 1e-12 of the components'
+        scale.
     """
 
     components: Callable[[Array], ArrayLike]

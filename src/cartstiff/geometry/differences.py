@@ -10,10 +10,12 @@ from numpy.typing import ArrayLike
 from cartstiff.geometry.se3 import Array
 
 # Eighth-order central differences: with a step of 2e-2 of the argument's natural unit the
-# truncation (step^8 times a ninth derivative over 630) and the rounding are both near 1e-14.
+# truncation (step^8 times a ninth derivative over 630) and the rounding are both near
+# 1e-14.
 STEP = 2e-2
 _FIRST = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
-# Sixth order, from the three nearest pairs; the difference from eighth order estimates the error.
+# Sixth order, from the three nearest pairs; the difference from eighth order estimates
+# the error.
 _FIRST_OF_THREE = (3 / 4, -3 / 20, 1 / 60, 0.0)
 _SECOND = ((1, 8 / 5), (2, -1 / 5), (3, 8 / 315), (4, -1 / 560))
 _SECOND_AT_ZERO = -205 / 72
@@ -30,7 +32,9 @@ def derivative(f: Callable[[float], ArrayLike], step: float = STEP) -> Array:
 def derivative_with_error(
     f: Callable[[float], ArrayLike], step: float
 ) -> tuple[Array, Array]:
-    """`derivative`, and its change from sixth to eighth order, which exceeds its error."""
+    """`derivative`, and its change from sixth to eighth order,
+    which exceeds its error.
+    """
     pairs = np.array(
         [np.asarray(f(m * step)) - np.asarray(f(-m * step)) for m, _ in _FIRST]
     )
@@ -58,9 +62,11 @@ def jacobian(f: Callable[[Array], ArrayLike], scale: ArrayLike) -> Array:
 def gradient_and_hessian(
     f: Callable[[Array], float], scale: ArrayLike, step: float = STEP
 ) -> tuple[Array, Array]:
-    """Gradient and Hessian of a scalar function at 0, by eighth-order central differences.
+    """Gradient and Hessian of a scalar function at 0, by eighth-order central
+    differences.
 
-    The mixed second derivatives come from second differences along e_i + e_j and e_i - e_j.
+    The mixed second derivatives come from second differences along e_i + e_j and e_i -
+    e_j.
     """
     scale = np.asarray(scale, float)
     n = scale.size

@@ -46,7 +46,8 @@ def _arc_tangents(x: Array) -> Array:
 
 
 class Jet:
-    """Values (...,) of a function of n variables, with gradients (..., n), Hessians (..., n, n).
+    """Values (...,) of a function of n variables, with gradients (..., n),
+    Hessians (..., n, n).
 
     Sums, products and functions of jets are jets: the derivatives are exact.
     """
@@ -110,7 +111,9 @@ class Jet:
         return Jet(self.value[index], self.gradient[index], self.hessian[index])
 
     def combined(self, matrix: Array) -> Jet:
-        """Sums (..., k) of the values on the last axis (..., j), with coefficients (k, j)."""
+        """Sums (..., k) of the values on the last axis (..., j),
+        with coefficients (k, j).
+        """
         return Jet(
             self.value @ matrix.T,
             matrix @ self.gradient,
@@ -118,7 +121,9 @@ class Jet:
         )
 
     def among(self, selection: Array) -> Jet:
-        """The same in m variables, `selection` (..., n, m) being rates of the n present ones."""
+        """The same in m variables, `selection` (..., n, m) being rates of the n
+        present ones.
+        """
         turned = selection.swapaxes(-1, -2)
         gradient = (self.gradient[..., None, :] @ selection)[..., 0, :]
         return Jet(self.value, gradient, turned @ self.hessian @ selection)

@@ -1,8 +1,9 @@
 r"""Rigid motions in the conventions of Zefran & Kumar [ZK]_.
 
-A *pose* is a 4x4 array ``T_a_b`` that maps coordinates in frame b to coordinates in frame a, so
-that names cancel: ``T_a_c = T_a_b @ T_b_c``. A *twist* is a 6-vector (omega, v), angular first, in
-body components; a *wrench* is (moment, force) in the same frame, and power is ``wrench @ twist``.
+A *pose* is a 4x4 array ``T_a_b`` that maps coordinates in frame b to coordinates in frame
+a, so that names cancel: ``T_a_c = T_a_b @ T_b_c``. A *twist* is a 6-vector (omega, v),
+angular first, in body components; a *wrench* is (moment, force) in the same frame, and
+power is ``wrench @ twist``.
 
 Every function acts on the last axes and broadcasts over leading ones.
 """
@@ -43,13 +44,18 @@ def _of_shape(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
 
 
 def cross(a: Sequence[float] | Array, b: Sequence[float] | Array) -> Array:
-    """Cross product of vectors (3, ...): `numpy.cross` takes ten times as long for one pair."""
+    """Cross product of vectors (3, ...): `numpy.cross` takes ten times as long
+    for one pair.
+    """
     (x, y, z), (u, v, w) = a, b
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
 
 
 def skew(v: ArrayLike) -> Array:
-    """Cross-product matrix ``[v]x``: ``skew(a) @ b == np.cross(a, b)``; (..., 3) to (..., 3, 3)."""
+    """Cross-product matrix ``[v]x``: ``skew(a) @ b == np.cross(a, b)``.
+
+    (..., 3) to (..., 3, 3).
+    """
     return skew_of(_of_shape(v, (3,), "vector"))
 
 
@@ -94,7 +100,9 @@ def vee(m: ArrayLike) -> Array:
 
 
 def basis_twist(i: int) -> Array:
-    """Basis twist ``L_{i+1}`` of [ZK]_ eq. 4: 0..2 rotations, 3..5 translations along x, y, z."""
+    """Basis twist ``L_{i+1}`` of [ZK]_ eq. 4: 0..2 rotations, 3..5 translations along x,
+    y, z.
+    """
     e = np.zeros(6)
     e[i] = 1.0
     return e
@@ -146,7 +154,9 @@ def ad(x: ArrayLike) -> Array:
 
 
 def adjoint(T_a_b: ArrayLike) -> Array:
-    """Matrix ``Ad`` that takes twists in components of frame b to components of frame a."""
+    """Matrix ``Ad`` that takes twists in components of frame b to
+    components of frame a.
+    """
     T = _of_shape(T_a_b, (4, 4), "pose")
     r, p = T[..., :3, :3], T[..., :3, 3]
     m = np.zeros((*T.shape[:-2], 6, 6))
@@ -197,7 +207,9 @@ def _coefficients(angle: Array) -> tuple[Array, Array, Array]:
 
 
 def exp(twist: ArrayLike) -> Array:
-    """Exponential se(3) -> SE(3): the screw motion by a constant body twist for unit time."""
+    """Exponential se(3) -> SE(3): the screw motion by a constant body twist
+    for unit time.
+    """
     x = _of_shape(twist, (6,), "twist")
     w = x[..., :3]
     a, b, c = (k[..., None, None] for k in _coefficients(np.linalg.norm(w, axis=-1)))
@@ -212,7 +224,8 @@ def _rotation_vector(R: Array) -> Array:
     m = R
     tr = np.trace(m, axis1=-2, axis2=-1)
     d = np.stack([m[..., 0, 0], m[..., 1, 1], m[..., 2, 2], tr], axis=-1)
-    # Rows: 4 q_i q for i = x, y, z, w; the row of the largest pivot has the least rounding.
+    # Rows: 4 q_i q for i = x, y, z, w; the row of the largest pivot has the least
+    # rounding.
     rows = np.empty((*m.shape[:-2], 4, 4))
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -255,7 +268,9 @@ def log(T: ArrayLike) -> Array:
 
 
 def right_jacobian(twist: ArrayLike) -> Array:
-    """Matrix ``D`` with ``exp(x)^-1 d(exp x) = hat(D dx)``: the sum of (-ad x)^k / (k+1)!."""
+    """Matrix ``D`` with ``exp(x)^-1 d(exp x) = hat(D dx)``:
+    the sum of (-ad x)^k / (k+1)!.
+    """
     x = _of_shape(twist, (6,), "twist")
     a = -ad(x)
     t2 = np.sum(x[..., :3] ** 2, axis=-1)[..., None, None]
@@ -283,7 +298,9 @@ def right_jacobian(twist: ArrayLike) -> Array:
 
 
 def right_jacobian_inverse(twist: ArrayLike) -> Array:
-    """Inverse of `right_jacobian`: ``d(log T) = right_jacobian_inverse(log(T)) @ body_twist``."""
+    """Inverse of `right_jacobian`: ``d(log T) = right_jacobian_inverse(log(T)) @
+    body_twist``.
+    """
     return np.linalg.inv(right_jacobian(twist))
 
 
@@ -300,12 +317,17 @@ def to_linear_angular(x: ArrayLike, axis: int = -1) -> Array:
 def from_roll_pitch_yaw(
     translation: ArrayLike = (0.0, 0.0, 0.0), angles: ArrayLike = (0.0, 0.0, 0.0)
 ) -> Array:
-    """Pose from a translation and angles about fixed axes: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Pose from a translation and angles about fixed axes:
+    R = Rz(yaw) Ry(pitch) Rx(roll).
+    """
     return pose(rotation_by_angles(_of_shape(angles, (3,), "angles")), translation)
 
 
 def rotation_by_angles(angles: Array) -> Array:
-    """Rotations (..., 3, 3) of `from_roll_pitch_yaw`; the angles may be recorded numbers."""
+    """Rotations (..., 3, 3) of `from_roll_pitch_yaw`.
+
+    The angles may be recorded numbers.
+    """
     (cr, cp, cy), (sr, sp, sy) = np.cos(angles).T, np.sin(angles).T
     rows = (
         (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
@@ -318,8 +340,9 @@ def rotation_by_angles(angles: Array) -> Array:
 def roll_pitch_yaw(T: ArrayLike) -> Array:
     """Roll, pitch, yaw of a pose, R = Rz(yaw) Ry(pitch) Rx(roll); pitch in [-pi/2, pi/2].
 
-    Roll follows after yaw has been removed: near pitch = +-pi/2, where only one combination of the
-    two is determined, the three together still reproduce the rotation to round-off.
+    Roll follows after yaw has been removed: near pitch = +-pi/2, where only one
+    combination of the two is determined, the three together still reproduce the rotation
+    to round-off.
     """
     R = _of_shape(T, (4, 4), "pose")[..., :3, :3]
     pitch = np.arctan2(-R[..., 2, 0], np.hypot(R[..., 0, 0], R[..., 1, 0]))
@@ -332,11 +355,12 @@ def roll_pitch_yaw(T: ArrayLike) -> Array:
 
 
 def chain_curvature(jacobian: ArrayLike, wrench: ArrayLike) -> Array:
-    """``S[a, b] = 1/2 w . [J_a, J_b]`` for a before b, symmetric: the curvature of a chain.
+    """``S[a, b] = 1/2 w . [J_a, J_b]`` for a before b, symmetric:
+    the curvature of a chain.
 
-    Columns of the body Jacobian (..., 6, n) are in the order of the joints from base to end, each
-    with one coordinate and a constant axis; then d J_a / d q_b = [J_a, J_b] for b after a, and
-    S is the second derivative of w . log(pose) at the posture.
+    Columns of the body Jacobian (..., 6, n) are in the order of the joints from base to
+    end, each with one coordinate and a constant axis; then d J_a / d q_b = [J_a, J_b] for
+    b after a, and S is the second derivative of w . log(pose) at the posture.
     """
     J = real_array(jacobian)
     if J.ndim < 2 or J.shape[-2] != 6:

@@ -1,7 +1,8 @@
 r"""Derivatives by the recorded arithmetic of a mechanism at a held posture.
 
-Coordinates and load stay, and rest positions follow. In a closed chain the coordinates D that are
-not held move with a parameter p, so that the closures c stay met: theory.md, eq. closedgradient,
+Coordinates and load stay, and rest positions follow. In a closed chain the coordinates D
+that are not held move with a parameter p, so that the closures c stay met: theory.md, eq.
+closedgradient,
 
     dy/dp = y_p - y_q S (C_D S)^+ c_p,      C_D = dc/dq_D,
 
@@ -131,7 +132,10 @@ class Recorded:
         }
 
     def _varied(self, taken: TracedModel) -> TracedModel:
-        """The arithmetic with the geometry as inputs; adds the names of their components."""
+        """The arithmetic with the geometry as inputs.
+
+        Adds the names of their components.
+        """
         case, shared = taken.case, dict(taken.shared)
         if isinstance(case, PlatformCase) and isinstance(self.mechanism, Platform):
             platform = self.mechanism
@@ -164,7 +168,9 @@ class Recorded:
         return replace(taken, case=case, shared=shared)
 
     def _closed(self, found: Slopes) -> dict[str, Array]:
-        """Derivatives with the coordinates that are not held moving to keep the closures."""
+        """Derivatives with the coordinates that are not held moving to keep
+        the closures.
+        """
         chain, closing = self.mechanism, found.closing
         if not isinstance(chain, Chain) or closing is None:
             raise TypeError(chain)
@@ -186,7 +192,9 @@ class Recorded:
 
 
 def rests_are_given(result: PostureStiffness) -> bool:
-    """Whether rest positions of the springs are given: they hold the posture with some wrench."""
+    """Whether rest positions of the springs are given: they hold the posture with
+    some wrench.
+    """
     springs = result.elastic_as_given.springs
     return springs is not None and not np.isnan(springs.rest).all()
 

@@ -1,7 +1,7 @@
 """The gradient of one number of the stiffness by the numbers of the mechanism.
 
-What is not recorded, and postures that are not plainly regular, have one difference quotient of the
-mechanism analysed again; the result says which.
+What is not recorded, and postures that are not plainly regular, have one difference
+quotient of the mechanism analysed again; the result says which.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ _SAME = numerics.NEGLIGIBLE_DIFFERENCE
 #: Weights and step of a one-sided difference quotient of fourth order, steps from 0 to 4.
 _ONE_SIDED = (-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4)
 _ONE_SIDED_STEP = 1e-3
-#: Relative error of a difference quotient, and difference of both sides, from which on there is a
-#: kink.
+#: Relative error of a difference quotient, and difference of both sides, from which on
+#: there is a kink.
 _KINKED = numerics.REPORTED_ERROR
 
 
@@ -54,7 +54,8 @@ class Slope:
     name : str
         "q.<coordinate>", "load.mx" to "load.fz", and the parameters of
         `cartstiff.analysis.tolerances`: "stiffness.<spring>", "mass.<link>",
-        "placement.<joint>.x" to ".rz", "frame.", "closure.", "base.<leg>.x", "platform.<leg>.x".
+        "placement.<joint>.x" to ".rz", "frame.", "closure.", "base.<leg>.x",
+        "platform.<leg>.x".
     nominal : float
         The parameter's value.
     unit : str
@@ -64,13 +65,14 @@ class Slope:
     is_exact : bool
         Whether it is that of the recorded arithmetic; else a difference quotient.
     error : float
-        Estimate of the relative error of a difference quotient; 0 for an exact derivative.
+        Estimate of the relative error of a difference quotient; 0 for an exact
+        derivative.
     sides : tuple of (float, float), optional
-        At a kink: derivatives on the side of smaller and of larger values of the parameter. `value`
-        is theirs if they agree, else NaN.
+        At a kink: derivatives on the side of smaller and of larger values of the
+        parameter. `value` is theirs if they agree, else NaN.
     size : float
-        Natural size of the parameter's changes: that of a stiffness, mass or load; 1 rad, or the
-        mechanism's characteristic length.
+        Natural size of the parameter's changes: that of a stiffness, mass or load; 1 rad,
+        or the mechanism's characteristic length.
     """
 
     name: str
@@ -90,7 +92,8 @@ class Slope:
 
 @dataclass(frozen=True, eq=False)
 class Gradient(Result):
-    """An objective at a held posture and its derivatives; load and place stay, rests follow.
+    """An objective at a held posture and its derivatives; load and place stay,
+    rests follow.
 
     Attributes
     ----------
@@ -132,8 +135,8 @@ class Gradient(Result):
     def plot(self, most: int = 20) -> Any:
         """Draw the parameters that matter most: the change for 1 per cent of each.
 
-        Of coordinates, rotations and what is nominally zero, for 0.01 rad or 1 per cent of the
-        mechanism's length. Parameters at a kink are left out.
+        Of coordinates, rotations and what is nominally zero, for 0.01 rad or 1 per cent
+        of the mechanism's length. Parameters at a kink are left out.
 
         Parameters
         ----------
@@ -167,8 +170,8 @@ class Gradient(Result):
         head = f"Gradient of {self.of} = {value}, {self.question}"
         width = max((len(slope.name) for slope in self.slopes), default=0)
         lines = [
-            f"  {slope.name:<{width}}  {slope.value: .6g} {self.unit}{' ' * bool(self.unit)}"
-            f"per {slope.unit}"
+            f"  {slope.name:<{width}}  {slope.value: .6g} {self.unit}"
+            f"{' ' * bool(self.unit)}per {slope.unit}"
             + ("" if slope.is_exact else "  (difference quotient)")
             + (
                 ""
@@ -199,9 +202,9 @@ def gradient(
 ) -> Gradient:
     r"""Derivatives of a number of the stiffness by the numbers of the mechanism.
 
-    The question is *at this posture*: coordinates and load stay, and rest positions follow, as of
-    a robot that is commanded to a posture. Those of a closed chain that are not held move so that
-    the loops stay closed.
+    The question is *at this posture*: coordinates and load stay, and rest positions
+    follow, as of a robot that is commanded to a posture. Those of a closed chain that are
+    not held move so that the loops stay closed.
 
     Parameters
     ----------
@@ -210,12 +213,12 @@ def gradient(
     q : array_like (n,) or mapping, optional
         Coordinates; default the file's posture.
     of : str or callable
-        A quantity (`cartstiff models --quantities`), or a function of the stiffness (6, 6) of the
-        connection, the wrench (6,) and the pose (4, 4), in the body's frame and the mechanism's
-        units, with + - * / and NumPy's sqrt, sin, cos.
+        A quantity (`cartstiff models --quantities`), or a function of the stiffness (6,
+        6) of the connection, the wrench (6,) and the pose (4, 4), in the body's frame and
+        the mechanism's units, with + - * / and NumPy's sqrt, sin, cos.
     by : str or iterable of str, optional
-        Names of parameters, or their beginnings: "stiffness", "q", "load", "placement.joint_2";
-        default all.
+        Names of parameters, or their beginnings: "stiffness", "q", "load",
+        "placement.joint_2"; default all.
     connection, direction, deflect, length
         Settings of the quantity, as in `cartstiff.maps.map_of`. The length stays.
     wrench, load_kind, load_at, load_axes
@@ -224,7 +227,8 @@ def gradient(
     Returns
     -------
     Gradient
-        Name, unit and derivative for each parameter; which of them are difference quotients.
+        Name, unit and derivative for each parameter; which of them are difference
+        quotients.
 
     Raises
     ------
@@ -377,7 +381,8 @@ class _Question:
         if found.kinks[0]:
             self._is_kink = True
             return {}, (
-                "at a kink: two numbers that the objective chooses from are equal here, such as "
+                "at a kink: two numbers that the objective chooses from are equal here, "
+                "such as "
                 "principal values; each side has its derivative"
             )
         return {name: float(x[0]) for name, x in recorded.named(found).items()}, ""

@@ -1,7 +1,9 @@
-"""Derivatives of stiffness, pose and frequencies by each parameter, exact where they can be.
+"""Derivatives of stiffness, pose and frequencies by each parameter,
+exact where they can be.
 
-At a held posture the matrices, the pose, and stiffness and masses on the motions are recorded with
-their derivatives; the rest are difference quotients (`cartstiff.vibration.sensitivities`).
+At a held posture the matrices, the pose, and stiffness and masses on the motions are
+recorded with their derivatives; the rest are difference quotients
+(`cartstiff.vibration.sensitivities`).
 """
 
 from __future__ import annotations
@@ -63,16 +65,16 @@ def sensitivities(
     geometry : bool
         Whether placements of joints, or points of platforms, are varied.
     reread : callable, optional
-        Function from values of the file's parameters to the mechanism, for derivatives by these:
-        ``lambda values: cartstiff.load(file, parameters=values)``.
+        Function from values of the file's parameters to the mechanism, for derivatives by
+        these: ``lambda values: cartstiff.load(file, parameters=values)``.
     progress : callable, optional
         Called with (done, total) parameters.
 
     Raises
     ------
     UndefinedError
-        For modes that flutter, whose complex frequencies have no derivative here, and for a posture
-        without any stiffness.
+        For modes that flutter, whose complex frequencies have no derivative here, and for
+        a posture without any stiffness.
 
     Examples
     --------
@@ -80,7 +82,7 @@ def sensitivities(
     >>> known = cartstiff.sensitivities(cartstiff.analyse(cartstiff.load("stewart-gough")))
     >>> float(known.stiffness["K"][known.index("stiffness.leg1"), 5, 5].round(3))
     0.496
-    """
+    """  # noqa: E501
     modes = subject if isinstance(subject, Modes) else modes_of(subject)
     home = Home(subject, reread)
     names = [
@@ -101,17 +103,18 @@ def accuracy(
     given: Sensitivities | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Accuracy:
-    """Standard deviations of pose, stiffness and frequencies from tolerances, to first order.
+    """Standard deviations of pose, stiffness and frequencies from tolerances,
+    to first order.
 
     Parameters
     ----------
     subject : Modes, PostureStiffness or Equilibrium
-        A held posture, whose rest positions follow; or an equilibrium, whose pose has an error as
-        well.
+        A held posture, whose rest positions follow; or an equilibrium, whose pose has an
+        error as well.
     tolerances : Tolerances, optional
-        Standard deviations: relative of every spring stiffness, absolute of every length and
-        rotation [rad] of the geometry. Without one of the stiffness, measured springs have their
-        own. The answer has what follows from them, and what contributes most.
+        Standard deviations: relative of every spring stiffness, absolute of every length
+        and rotation [rad] of the geometry. Without one of the stiffness, measured springs
+        have their own. The answer has what follows from them, and what contributes most.
     level : float, optional
         Probability between 0 and 1; default that of the measured springs, else 0.95.
     given : Sensitivities, optional
@@ -134,7 +137,7 @@ def accuracy(
     >>> spread = cartstiff.accuracy(state, Tolerances(length=0.01))
     >>> spread.deviations["pose"][3:].round(3).tolist()
     [0.046, 0.043, 0.019]
-    """
+    """  # noqa: E501
     modes = subject if isinstance(subject, Modes) else modes_of(subject)
     if modes is not None and modes.spectrum.is_complex:
         modes = None
@@ -150,7 +153,10 @@ def accuracy(
 
 @lru_cache(maxsize=8)
 def _program(case: Case, names: tuple[str, ...]) -> Differentiated | None:
-    """Outputs with their derivatives, recorded once; None if one of them does not exist."""
+    """Outputs with their derivatives, recorded once.
+
+    None if one of them does not exist.
+    """
 
     def objective(arrays: Mapping[str, Array]) -> tuple[list[Any], Any]:
         return [x for name in names for x in np.ravel(arrays[name])], 0.0
@@ -162,7 +168,10 @@ def _program(case: Case, names: tuple[str, ...]) -> Differentiated | None:
 
 
 def _exact_rows(home: Home, names: Sequence[str], modes: Modes | None) -> dict[str, Row]:
-    """Rows by parameter of what is recorded; none where the posture is not plainly regular."""
+    """Rows by parameter of what is recorded.
+
+    None where the posture is not plainly regular.
+    """
     result = home.result
     load = result.wrench if result._load_is_given else None
     recorded = Recorded.of(
@@ -200,10 +209,11 @@ def _exact_rows(home: Home, names: Sequence[str], modes: Modes | None) -> dict[s
 
 
 def _to_motions(result: PostureStiffness, case: Case) -> Array | None:
-    """Recorded motions (m, n) of coordinate rates that keep the closures; None if not simple.
+    """Recorded motions (m, n) of coordinate rates that keep the closures;
+    None if not simple.
 
-    Of a platform twists of its body, of a chain its coordinates, of a closed chain those that
-    determine the others.
+    Of a platform twists of its body, of a chain its coordinates, of a closed chain those
+    that determine the others.
     """
     if not isinstance(case, ChainCase):
         return result.posture.motion.jacobian

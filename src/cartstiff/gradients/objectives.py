@@ -16,7 +16,8 @@ from cartstiff.maps.quantities import evaluate
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.compute import PostureStiffness
 
-#: A function of the stiffness (6, 6) of the connection, the wrench (6,) and the pose (4, 4).
+#: A function of the stiffness (6, 6) of the connection, the wrench (6,) and the pose (4,
+#: 4).
 OwnObjective = Callable[[Any, Any, Any], Any]
 
 
@@ -33,7 +34,10 @@ class Asked:
         raise NotImplementedError
 
     def recorded(self, arrays: Mapping[str, Array], lengths: Array) -> tuple[Any, Any]:
-        """Its value on recorded numbers and the verdict on it; KeyError without an output."""
+        """Its value on recorded numbers and the verdict on it.
+
+        KeyError without an output.
+        """
         raise NotImplementedError
 
 
@@ -102,7 +106,10 @@ class OfFunction(Asked):
 
 
 def _output(result: PostureStiffness, name: str) -> Array:
-    """An output of `analyse_many` at one analysed posture; NaN where it does not exist."""
+    """An output of `analyse_many` at one analysed posture.
+
+    NaN where it does not exist.
+    """
     kind, _, letter = name.partition("_")
     here = result.at()
     found = {

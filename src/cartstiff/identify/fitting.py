@@ -1,11 +1,12 @@
 """Weighted least squares: one linear step, and a nonlinear search by SciPy within bounds.
 
-Numbers y = A theta + N eta + e with nuisances eta (offsets of sessions). Rows are divided by their
-standard deviations; if these are not given, one for lengths and one for angles is estimated
-with the parameters, ``s^2 = sum r^2 / sum (1 - h)`` with the leverages h. Singular values of the
-divided rows, their columns of unit length, show which parameters the rows determine. The covariance
-is that of the unconstrained solution, ``(A^T A)^-1`` of the divided rows; the bound theta >= 0
-moves the estimate and truncates the interval, which keeps its coverage [BatesWatts]_.
+Numbers y = A theta + N eta + e with nuisances eta (offsets of sessions). Rows are divided
+by their standard deviations; if these are not given, one for lengths and one for angles
+is estimated with the parameters, ``s^2 = sum r^2 / sum (1 - h)`` with the leverages h.
+Singular values of the divided rows, their columns of unit length, show which parameters
+the rows determine. The covariance is that of the unconstrained solution, ``(A^T A)^-1``
+of the divided rows; the bound theta >= 0 moves the estimate and truncates the interval,
+which keeps its coverage [BatesWatts]_.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ class Fit:
     regressor : ndarray (m, P)
         Derivatives by the parameters.
     target : ndarray (m,)
-        Right-hand side: the measured numbers less the part that does not depend on the parameters.
+        Right-hand side: the measured numbers less the part that does not depend on the
+        parameters.
     theta : ndarray (P,)
         Parameters with the bounds; meaningless where not determined.
     unbounded : ndarray (P,)
@@ -71,7 +73,8 @@ class Fit:
     basis : ndarray (m, r)
         Orthonormal basis of the range of the columns over the deviations, times `root`.
     half : ndarray (P + S, r)
-        The solution of least norm is ``half @ basis.T @ b``, its covariance ``half @ half.T``.
+        The solution of least norm is ``half @ basis.T @ b``, its covariance ``half @
+        half.T``.
     """
 
     regressor: Array
@@ -98,7 +101,9 @@ class Fit:
         return np.asarray((self.basis**2).sum(axis=1))
 
     def moved_by(self, errors: Array) -> Array:
-        """Changes (P + S, k) of parameters and nuisances by errors (m, k) of the numbers."""
+        """Changes (P + S, k) of parameters and nuisances by errors (m, k) of
+        the numbers.
+        """
         return np.asarray(
             self.half @ (self.basis.T @ (errors.T * self.root / self.deviation).T)
         )
@@ -169,7 +174,8 @@ def linear_fit(
             break
     if np.isnan(scales).any():
         raise InputError(
-            "as many parameters as numbers: no residual is left to estimate the noise from",
+            "as many parameters as numbers: no residual is left to estimate the noise "
+            "from",
             expected="more rows, or standard deviations (columns sd_..., --sd)",
             got=f"{m} numbers for {P + N.shape[1]} unknowns",
         )
@@ -247,11 +253,12 @@ class _Basis:
         return x
 
 
-# Bounds on the evaluations of a search, and on the searches with new scales of the noise; and the
-# relative change of the scales that ends them.
+# Bounds on the evaluations of a search, and on the searches with new scales of the noise;
+# and the relative change of the scales that ends them.
 _MAX_EVALUATIONS, _MAX_SEARCHES, _SAME_SCALES = 200, 6, 1e-3
-# Standard deviation, in natural sizes, above which a parameter is not determined; and that of the
-# weak prior at the start of a search, so that unobservable parameters stay there.
+# Standard deviation, in natural sizes, above which a parameter is not determined; and
+# that of the weak prior at the start of a search, so that unobservable parameters stay
+# there.
 _MAX_DEVIATION, _START_DEVIATION = 10.0, 100.0
 
 
@@ -273,7 +280,8 @@ def fitted(
     once : bool
         Take the first linear step alone, also where the model is not linear.
     progress : callable, optional
-        Called with the number of a step and the norm of the residuals over their deviations.
+        Called with the number of a step and the norm of the residuals over their
+        deviations.
 
     Raises
     ------
@@ -339,8 +347,8 @@ def _descended(
 ) -> Array:
     """The least sum of squares with the standard deviations of a linear fit.
 
-    Parameters that the rows do not determine do not move; offsets are eliminated, which is exact
-    since they enter linearly.
+    Parameters that the rows do not determine do not move; offsets are eliminated, which
+    is exact since they enter linearly.
     """
     weight, target, unknowns = 1.0 / deviation, model.observations.target, model.unknowns
     U, values, _ = np.linalg.svd(
@@ -385,12 +393,14 @@ def _descended(
     return np.asarray(found.x * sizes)
 
 
-# Standard deviation above which an offset is not determined: rad, and shares of the mechanism.
+# Standard deviation above which an offset is not determined: rad, and shares of the
+# mechanism.
 _MAX_OFFSET_DEVIATION = 0.1
 
 
 def geometry_of(model: Model, fit: Fit) -> dict[str, tuple[float, float]]:
-    """Change and standard deviation of zeros, tool and base, beyond what the rows count already.
+    """Change and standard deviation of zeros, tool and base,
+    beyond what the rows count already.
 
     The deviation is NaN if the rows do not determine the number.
     """
@@ -419,8 +429,8 @@ def geometry_of(model: Model, fit: Fit) -> dict[str, tuple[float, float]]:
 def rates_by_step(found: Mapping[str, float], word: str) -> Array:
     """Changes of the six numbers of a base or tool by a step (6, 6).
 
-    A step of the base is along its turned axes, and turns before it; one of the tool is along the
-    body's axes, and turns after it.
+    A step of the base is along its turned axes, and turns before it; one of the tool is
+    along the body's axes, and turns after it.
     """
     T, G = placement_of(found, word), np.eye(6)
     turning = se3.right_jacobian_inverse(se3.log(se3.pose(T[:3, :3])))[:3, :3]
@@ -434,8 +444,8 @@ def rates_by_step(found: Mapping[str, float], word: str) -> Array:
 _CAUCHY, _WEIGHTED, _MAD = 2.385, 0.9236, 1.4826
 #: Probability that a table without gross errors has a suspect.
 _FALSE_ALARM = 0.01
-# Bound on the fits with new scales of the loss; and the mean of psi' (0.7 for the normal law) below
-# which no majority of the numbers agrees, so that the fit stays the plain one.
+# Bound on the fits with new scales of the loss; and the mean of psi' (0.7 for the normal
+# law) below which no majority of the numbers agrees, so that the fit stays the plain one.
 _MAX_SCALES, _LEAST_SLOPE = 20, 0.2
 
 
@@ -468,19 +478,22 @@ class Robust:
         mine = np.flatnonzero(self.seen.row == n)
         worst = mine[np.argmax(np.abs(self.standardised[mine]))]
         return (
-            f"{self.seen.column[worst]}: residual of {self.standardised[worst]:+.1f} standard "
+            f"{self.seen.column[worst]}: residual of {self.standardised[worst]:+.1f} "
+            "standard "
             "deviations from the robust fit"
         )
 
 
 def robust_fit(model: Model, plain: Fit) -> Robust:
-    """The least Cauchy loss ``sum log(1 + (r / c s)^2)``, by SciPy, about a plain fit's regressor.
+    """The least Cauchy loss ``sum log(1 + (r / c s)^2)``, by SciPy,
+    about a plain fit's regressor.
 
-    s is the median absolute deviation of lengths, and of angles; c = 2.385. It is least squares
-    with the weights ``w = 1 / (1 + (r / c s)^2)`` at the solution. With ``psi = w r`` the variance
-    of a weighted number is ``mean(w) sum psi^2 / sum (1 - h) / mean(psi')^2`` [Huber]_; a deviation
-    that is given stays. A row is suspect if one of its residuals is improbable by Student's t with
-    that variance, or the given one if it is larger.
+    s is the median absolute deviation of lengths, and of angles; c = 2.385. It is least
+    squares with the weights ``w = 1 / (1 + (r / c s)^2)`` at the solution. With ``psi = w
+    r`` the variance of a weighted number is ``mean(w) sum psi^2 / sum (1 - h) /
+    mean(psi')^2`` [Huber]_; a deviation that is given stays. A row is suspect if one of
+    its residuals is improbable by Student's t with that variance, or the given one if it
+    is larger.
     """
     seen, N, unknowns = model.observations, model.offsets.columns, model.unknowns
     columns, m = np.hstack([plain.regressor, N]), len(seen)
@@ -508,7 +521,8 @@ def robust_fit(model: Model, plain: Fit) -> Robust:
         replace(seen, deviation=seen.unit * scales[seen.group]),
         np.sqrt(w / _WEIGHTED),
     )
-    # Of exact numbers the unbounded solution is x itself, and the bounded one the nearest to it.
+    # Of exact numbers the unbounded solution is x itself, and the bounded one the nearest
+    # to it.
     fit = linear_fit(plain.regressor, columns @ x, known, unknowns, nuisance=N, root=root)
     fit = replace(
         fit,
@@ -536,7 +550,8 @@ def _least_cauchy(plain: Fit, seen: Observations) -> tuple[Array, Array]:
         r, before = np.abs(right - U @ z) * size, s.copy()
         for g in (0, 1):
             if (mine := seen.group == g).any():
-                # Some residuals of a robust fit are zero whatever the scatter: one a parameter.
+                # Some residuals of a robust fit are zero whatever the scatter: one a
+                # parameter.
                 some = np.sort(r[mine] / seen.unit[mine])[
                     rank * int(mine.sum()) // len(r) :
                 ]

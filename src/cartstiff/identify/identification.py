@@ -1,7 +1,7 @@
 """From measurements to springs: sessions, fits, checks, estimates with intervals, notes.
 
-An interval ``c -+ t s`` of a compliance is truncated at zero; its ends are 1/k. If it reaches zero
-the stiffness has no upper end: it is "at least" the lower one.
+An interval ``c -+ t s`` of a compliance is truncated at zero; its ends are 1/k. If it
+reaches zero the stiffness has no upper end: it is "at least" the lower one.
 """
 
 from __future__ import annotations
@@ -63,9 +63,11 @@ from cartstiff.results import LabelledResult
 
 #: Probability under the model below which a test is significant.
 _SIGNIFICANT = 0.01
-# Difference of contradictory repeats, in standard deviations, and as a share of the largest number.
+# Difference of contradictory repeats, in standard deviations, and as a share of the
+# largest number.
 _CONTRADICTION, _LARGEST_SHARE = 100.0, 1.5
-# Least number of other repeats from which a standard deviation is estimated if none is given.
+# Least number of other repeats from which a standard deviation is estimated if none is
+# given.
 _MIN_REPEATS = 3
 
 
@@ -82,8 +84,9 @@ class Checks:
     probability : float or None
         Probability of a larger one.
     unexplained : float
-        Root of the weighted sum of squares over that without the springs: 0 if these explain all
-        that was measured beyond the rigid mechanism and its offsets, 1 if nothing.
+        Root of the weighted sum of squares over that without the springs: 0 if these
+        explain all that was measured beyond the rigid mechanism and its offsets, 1 if
+        nothing.
     """
 
     chi_squared: float | None
@@ -122,7 +125,8 @@ def contradictions(measured: Measurements) -> None:
             if difference > limit > 0.0:
                 a, b = sorted((int(measured.rows[low]), int(measured.rows[high])))
                 raise InputError(
-                    f"rows {a} and {b} contradict each other in {name!r}: the same posture and "
+                    f"rows {a} and {b} contradict each other in {name!r}: the same "
+                    "posture and "
                     "load",
                     expected=f"values within {limit:.3g} of each other",
                     got=f"{values[low]:.6g} and {values[high]:.6g}",
@@ -163,8 +167,8 @@ class Estimate:
     unknown : Unknown
         The parameter.
     verdict : {"determined", "at-least", "not-identifiable", "negative"}
-        A finite interval of the stiffness; one without an upper end; none; a compliance whose whole
-        interval is below zero, which contradicts the model.
+        A finite interval of the stiffness; one without an upper end; none; a compliance
+        whose whole interval is below zero, which contradicts the model.
     compliance, deviation : float or None
         Estimate and standard deviation.
     interval : tuple of float or None
@@ -288,7 +292,9 @@ class Identification(LabelledResult):
 
     @property
     def recommended(self) -> Literal["plain", "robust"]:
-        """The robust fit if there are suspect rows, or it leaves an interval of the plain one."""
+        """The robust fit if there are suspect rows, or it leaves an interval of
+        the plain one.
+        """
         return "robust" if self.suspects or self.robust_outside else "plain"
 
     @cached_property
@@ -346,7 +352,9 @@ class Identification(LabelledResult):
 
     @property
     def inflation(self) -> float:
-        """Factor on all standard deviations if the scatter is larger than those given; else 1."""
+        """Factor on all standard deviations if the scatter is larger than those given;
+        else 1.
+        """
         chi, probability = self.checks.chi_squared, self.checks.probability
         if chi is None or probability is None or probability >= _SIGNIFICANT:
             return 1.0
@@ -377,7 +385,9 @@ class Identification(LabelledResult):
 
     @cached_property
     def estimates(self) -> tuple[Estimate, ...]:
-        """One per parameter; intervals from measured positions are wider by the model's error."""
+        """One per parameter; intervals from measured positions are wider by the
+        model's error.
+        """
         return estimates(self.chosen, self.unknowns, self.factor, _bias(self))
 
     @property
@@ -514,7 +524,8 @@ class Identification(LabelledResult):
         return described("identify", own, first, self.elastic.about(), self)
 
     def plot(self) -> Any:
-        """Draw residuals over their standard deviation against load, posture, and time or row.
+        """Draw residuals over their standard deviation against load, posture,
+        and time or row.
 
         Returns
         -------
@@ -566,7 +577,9 @@ class Identification(LabelledResult):
         return figure
 
     def _draw_stiffness(self, axis: Any) -> None:
-        """Draw compliances with their intervals, relative to those of the mechanism's file."""
+        """Draw compliances with their intervals, relative to those of the
+        mechanism's file.
+        """
         names: list[str] = []
         for e, nominal in zip(self.estimates, self.unknowns.nominal, strict=True):
             if e.compliance is None or e.interval is None or not nominal:
@@ -594,7 +607,8 @@ def _rms(values: Array) -> float:
 def written_values(unknowns: Unknowns, found: Sequence[Estimate]) -> Array:
     """Compliances (P,) that a mechanism can have: estimates, or the file's without one.
 
-    For a compliance with an upper end only, and an estimate of zero, the middle of its interval.
+    For a compliance with an upper end only, and an estimate of zero, the middle of its
+    interval.
     """
     values, least = unknowns.nominal.copy(), unknowns.least
     for p, e in enumerate(found):
@@ -662,9 +676,11 @@ def with_result(
 OFFSETS = ("none", "translation", "rigid")
 # Bound on the rows of a table in which positions are compared with equilibria.
 _MAX_ROWS = 200
-# Share of what was measured, as a root of squares, above which the residuals make springs doubtful.
+# Share of what was measured, as a root of squares, above which the residuals make springs
+# doubtful.
 _POORLY_EXPLAINED = 0.5
-# The notes of doubt: gross errors, what springs do not explain, loads too large for the model.
+# The notes of doubt: gross errors, what springs do not explain, loads too large for the
+# model.
 _DOUBTS = ("suspects", "hardly-explained", "linear-differs")
 # A note lists ten parts; results for programs hold all.
 _some = partial(listed, most=10, between="; ")
@@ -675,7 +691,9 @@ _COMPARED_ROWS = 3
 
 
 def is_doubt(note: Note) -> bool:
-    """Whether a note makes the springs found doubtful: such are the first lines of an answer."""
+    """Whether a note makes the springs found doubtful: such are the first lines
+    of an answer.
+    """
     return note.code in _DOUBTS
 
 
@@ -685,18 +703,23 @@ def _assumed(result: Identification) -> Iterator[Note]:
     yield from (n for n in elastic.notes if n.code not in own)
     masses = bool(measured.mass.any() or measured.mass0.any())
     if masses and elastic.gravity is None:
-        words = "hung masses pull with 9.81 m/s^2 along -z of F: the mechanism names no gravity"
+        words = (
+            "hung masses pull with 9.81 m/s^2 along -z of F: the mechanism names no "
+            "gravity"
+        )
         yield Note("gravity-assumed", words, {"gravity": list(EARTH)})
     yield from _cables(result)
     if not result.loaded:
         words = (
-            "displacements are taken as linear in the load, joints at their commanded positions: "
+            "displacements are taken as linear in the load, joints at their commanded "
+            "positions: "
             "--loaded fits the equilibrium itself"
         )
         yield Note("linear-model", words)
     if needs_equilibrium(elastic):
         words = (
-            "nonlinear springs stand in a loop or beside lines: what each carries depends on how "
+            "nonlinear springs stand in a loop or beside lines: what each carries "
+            "depends on how "
             "far all give, so the equilibrium under load is fitted, as by --loaded"
         )
         yield Note("equilibrium-needed", words)
@@ -704,8 +727,10 @@ def _assumed(result: Identification) -> Iterator[Note]:
     in_base = not measured.session or result.offsets == "none"
     if absolute and in_base and "base" not in result.unknowns.geometry:
         words = (
-            "positions are taken in the base frame B exactly: errors of geometry and of the "
-            "measuring frame go into the springs (column session gives each session an offset of "
+            "positions are taken in the base frame B exactly: errors of geometry and of "
+            "the "
+            "measuring frame go into the springs (column session gives each session an "
+            "offset of "
             "its own, --unknown base all rows one)"
         )
         yield Note("frame-taken-as-known", words)
@@ -727,12 +752,16 @@ def _assumed(result: Identification) -> Iterator[Note]:
 
 
 def _zeros(result: Identification) -> Iterator[Note]:
-    """Notes on geometry that was found, or on the effect of an error of a joint's zero."""
+    """Notes on geometry that was found, or on the effect of an error of a
+    joint's zero.
+    """
     unknowns, elastic, chosen = result.unknowns, result.elastic, result.chosen
     if sought := unknowns.geometry:
         words = (
-            f"estimated together with the springs: {', '.join(sought)}; loads act where they are "
-            "stated. A mechanism file written holds them: of those that the rows do not separate "
+            f"estimated together with the springs: {', '.join(sought)}; loads act where "
+            "they are "
+            "stated. A mechanism file written holds them: of those that the rows do not "
+            "separate "
             "some that fit the rows"
         )
         yield Note("geometry-estimated", words, {"sought": list(sought)})
@@ -755,7 +784,8 @@ def _zeros(result: Identification) -> Iterator[Note]:
         worst = max(worst or (0.0, ""), (change * e.stiffness, text))
     if worst is not None and worst[0] > 0.0:
         words = (
-            f"the joints' zeros are taken as exact: an error of {1e3 * _ZERO_ERROR:g} mrad in one "
+            f"the joints' zeros are taken as exact: an error of {1e3 * _ZERO_ERROR:g} "
+            "mrad in one "
             f"of them turns as much as {worst[1]} (--unknown zeros estimates them too)"
         )
         yield Note(
@@ -764,7 +794,9 @@ def _zeros(result: Identification) -> Iterator[Note]:
 
 
 def _cables(result: Identification) -> Iterator[Note]:
-    """Note on cables, which the fit takes as bars, and rows in which the load slackens them."""
+    """Note on cables, which the fit takes as bars, and rows in which the load
+    slackens them.
+    """
     elastic = result.elastic
     names: list[str] = []
     if elastic.springs is not None and elastic.springs.unilateral:
@@ -799,7 +831,8 @@ def _found(result: Identification) -> Iterator[Note]:
     lost += [g.name for g in result.geometry if not g.identifiable]
     for group in result.not_separable():
         words = (
-            f"the rows do not separate {', '.join(group)}, only combinations of them show: "
+            f"the rows do not separate {', '.join(group)}, only combinations of them "
+            "show: "
             "measure other postures and loads, or leave some of them out of --unknown"
         )
         yield Note("not-separable", words, {"unknowns": group})
@@ -818,7 +851,8 @@ def _found(result: Identification) -> Iterator[Note]:
     wrong = [e.name for e in result.estimates if e.verdict == "negative"]
     if wrong:
         words = (
-            f"the compliance of {', '.join(wrong)} comes out negative beyond its interval: the "
+            f"the compliance of {', '.join(wrong)} comes out negative beyond its "
+            "interval: the "
             "model or the signs of load and displacement are wrong"
         )
         yield Note("negative-compliance", words, {"springs": wrong})
@@ -827,7 +861,8 @@ def _found(result: Identification) -> Iterator[Note]:
         lowest = numerics.eigenvalues(result.unknowns.compliance(values))[0]
         if lowest <= 0.0:
             words = (
-                "the compliance found for a link has a negative eigenvalue: the noise is larger "
+                "the compliance found for a link has a negative eigenvalue: the noise is "
+                "larger "
                 "than its smallest entries; --unknown LINK:diagonal asks for less"
             )
             yield Note("not-definite", words, {"lowest": float(lowest)})
@@ -844,7 +879,9 @@ def _bent(result: Identification, rows: NDArray[np.intp]) -> tuple[Array, Array]
 
 
 def _against_equilibrium(result: Identification) -> Iterator[Note]:
-    """Compare equilibrium under load and small displacement in the rows that move most."""
+    """Compare equilibrium under load and small displacement in the rows
+    that move most.
+    """
     seen, values = (
         result.model.observations,
         written_values(result.unknowns, result.of_fit),
@@ -870,7 +907,8 @@ def _against_equilibrium(result: Identification) -> Iterator[Note]:
     if _is_widened(result):
         advice += "; intervals are wider by what that may change"
     words = (
-        f"in row {row} the equilibrium under load differs from the linear displacement by "
+        f"in row {row} the equilibrium under load differs from the linear displacement "
+        "by "
         f"{apart[i]:.3g} standard deviations: {advice}"
     )
     numbers = {"row": row, "linear": float(straight[i]), "loaded": float(bent[i])}
@@ -878,7 +916,9 @@ def _against_equilibrium(result: Identification) -> Iterator[Note]:
 
 
 def _is_widened(result: Identification) -> bool:
-    """Whether intervals count the linear model's error: of positions, in tables of some rows."""
+    """Whether intervals count the linear model's error: of positions,
+    in tables of some rows.
+    """
     absolute = bool(result.model.observations.is_absolute.any())
     return not result.loaded and absolute and len(result.measured) <= _MAX_ROWS
 
@@ -905,12 +945,14 @@ def _doubts(result: Identification) -> Iterator[Note]:
             for entry in result.noise().values()
         )
         words = (
-            f"the springs explain {100.0 * (1.0 - checks.unexplained**2):.3g} % of what was "
+            f"the springs explain {100.0 * (1.0 - checks.unexplained**2):.3g} % of what "
+            "was "
             f"measured beyond the rigid mechanism (squares), and leave {sizes} (rms)"
         )
         if result.inflation > 1.0:
             words += (
-                f": {result.inflation:.3g} times what the deviations given explain (probability "
+                f": {result.inflation:.3g} times what the deviations given explain "
+                "(probability "
                 f"{checks.probability:.2g}), and all intervals are wider by that"
             )
         words += (
@@ -948,8 +990,8 @@ def _suspects(result: Identification) -> Iterator[Note]:
 
 
 FITS: tuple[Literal["plain", "robust"], ...] = ("plain", "robust")
-# Compliances below this share of the mechanism's own, or above its inverse, are no start of a
-# search.
+# Compliances below this share of the mechanism's own, or above its inverse, are no start
+# of a search.
 _SMALLEST_START = 1e-2
 # Shares of the compliances at which a search starts if they are too soft for the loads.
 _STIFFER = (0.5, 0.25, 0.1)
@@ -981,16 +1023,17 @@ def identify(
     sought, ties
         Parameters to be found, see `cartstiff.identify.unknowns.unknowns_of`.
     offsets : {"rigid", "translation", "none"}, optional
-        Unknown part of the pose of the measuring frame in each session, for measured positions;
-        default "rigid" if the table has sessions. Without sessions, positions are in the robot's
-        own base frame B.
+        Unknown part of the pose of the measuring frame in each session, for measured
+        positions; default "rigid" if the table has sessions. Without sessions, positions
+        are in the robot's own base frame B.
     loaded : bool
         Fit the equilibrium under the load itself, not displacements linear in it.
     fit : {"plain", "robust"}, optional
-        Fit whose stiffnesses are the result: least squares, or the robust fit. Default: the one
-        that is recommended; both are computed anyway.
+        Fit whose stiffnesses are the result: least squares, or the robust fit. Default:
+        the one that is recommended; both are computed anyway.
     progress : callable, optional
-        Called with the number of a step and the norm of the residuals over their deviations.
+        Called with the number of a step and the norm of the residuals over their
+        deviations.
 
     Returns
     -------
@@ -1037,8 +1080,10 @@ def _check_frame(model: Model, fit: Fit, elastic: ElasticMechanism) -> None:
     rms = _rms(fit.residual[seen.is_absolute & ~seen.is_angle])
     if rms > _FOREIGN_SHARE * length:
         raise InputError(
-            "measured positions are not those of the mechanism: of another frame, point or posture",
-            expected="x, y, z of --point in the base frame; --unknown base finds another frame, "
+            "measured positions are not those of the mechanism: of another frame, point "
+            "or posture",
+            expected="x, y, z of --point in the base frame; --unknown base finds another "
+            "frame, "
             "column session one for each session",
             got=f"residuals of {rms:.3g} {elastic.units.length} (rms)",
         )
@@ -1066,7 +1111,9 @@ def _fits(
     loaded: bool,
     progress: Callable[[int, float], None] | None,
 ) -> tuple[Model, Fit, Robust]:
-    """The plain and the robust fit of the rows, corrected by the offsets that are found."""
+    """The plain and the robust fit of the rows, corrected by the offsets
+    that are found.
+    """
     elastic = unknowns.elements.elastic
     for _ in range(_MAX_CORRECTIONS):
         model = model_of(unknowns, measured, loaded)
@@ -1089,14 +1136,17 @@ def _fits(
             )  # rows of another frame would never settle
         measured = corrected(elastic, turned or measured, step)
     raise ConvergenceError(
-        "zeros and offsets do not settle: they are too large, or the rows hardly separate them",
+        "zeros and offsets do not settle: they are too large, or the rows hardly "
+        "separate them",
         iterations=_MAX_CORRECTIONS,
         residual=max(map(abs, step.values()), default=0.0),
     )
 
 
 def _at_rest(model: LoadedModel, near: Array) -> Array:
-    """Parameters with an equilibrium in every row: `near`, the file's own, or stiffer ones."""
+    """Parameters with an equilibrium in every row: `near`, the file's own,
+    or stiffer ones.
+    """
     own, is_bounded = model.unknowns.nominal, model.unknowns.is_bounded
     stiffer = [np.where(is_bounded, share * own, own) for share in _STIFFER]
     for start in (near, own, *stiffer):

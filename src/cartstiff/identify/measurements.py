@@ -241,7 +241,8 @@ def field_of(elastic: ElasticMechanism) -> Array:
 def wrenches(
     measured: Measurements, elastic: ElasticMechanism, poses: Array
 ) -> tuple[Array, Array, Array]:
-    """Loads on M in its axes (N, 6), those of the reference state, and the forces' part in F.
+    """Loads on M in its axes (N, 6), those of the reference state,
+    and the forces' part in F.
 
     Returns
     -------
@@ -328,7 +329,9 @@ def observe(
 def _rigid(
     points: Array, R: Array, T_F_B: Array, measured: Measurements
 ) -> dict[str, Array]:
-    """Positions and orientations less those of the rigid mechanism, in the robot's base frame."""
+    """Positions and orientations less those of the rigid mechanism,
+    in the robot's base frame.
+    """
     columns: dict[str, Array] = {}
     base = T_F_B[:3, :3]
     at = (points - T_F_B[:3, 3]) @ base
@@ -351,15 +354,17 @@ def _rigid(
 
 AXES = ("base", "body", "world")
 _LARGEST_FILE = 1 << 27
-# Numbers without a unit that cannot be SI: displacements beyond this share of the mechanism's size,
-# positions beyond this multiple of it, small rotations and joint angles beyond these [rad].
+# Numbers without a unit that cannot be SI: displacements beyond this share of the
+# mechanism's size, positions beyond this multiple of it, small rotations and joint angles
+# beyond these [rad].
 _MAX_DISPLACEMENT, _MAX_POSITION, _MAX_ROTATION, _MAX_ANGLE = (
     0.2,
     20.0,
     0.5,
     4.0 * math.pi,
 )
-# Forces that cannot be N: 1 N moves a mechanism of this size [m] by more than this share of it.
+# Forces that cannot be N: 1 N moves a mechanism of this size [m] by more than this share
+# of it.
 _TALL, _SHARE_PER_NEWTON = 0.3, 3e-4
 # Displacements that no mechanism has, with any unit, in its sizes.
 _IMPOSSIBLE_DISPLACEMENT = 2.0
@@ -375,7 +380,8 @@ _OTHERS: Final[Mapping[str, str]] = {
     "time": "time",
     "comment": "text",
 }
-#: A column that only tables of `cartstiff path` have; their wrenches are along the body's axes.
+#: A column that only tables of `cartstiff path` have; their wrenches are along the body's
+#: axes.
 OF_PATH: Final = "singular_ratio"
 
 
@@ -404,8 +410,8 @@ class Column:
 def posture_columns(elastic: ElasticMechanism) -> dict[str, str]:
     """Columns of the posture, and their kinds.
 
-    Joints by name, or with "q" and an underscore before it; of a closed chain its actuated joints
-    must be given, and others may. A platform's pose is "q_x" to "q_yaw".
+    Joints by name, or with "q" and an underscore before it; of a closed chain its
+    actuated joints must be given, and others may. A platform's pose is "q_x" to "q_yaw".
     """
     mechanism = elastic.mechanism
     columns = {}
@@ -427,10 +433,11 @@ def kinds_of(elastic: ElasticMechanism) -> dict[str, str]:
 def without_paths(
     cells: Cells, kinds: Mapping[str, str]
 ) -> tuple[Cells, tuple[str, ...]]:
-    """A table of `cartstiff path` or `equilibrium --path` without their own columns, and these.
+    """A table of `cartstiff path` or `equilibrium --path` without their own columns,
+    and these.
 
-    Other tables are returned unchanged: an unknown column of theirs is an error, and so is a name
-    that is nearly one of `kinds`.
+    Other tables are returned unchanged: an unknown column of theirs is an error, and so
+    is a name that is nearly one of `kinds`.
     """
     names = [head.split("[")[0].strip() for head in cells.names]
     of_path, of_commands = (
@@ -518,8 +525,8 @@ def read_measurements(
     Parameters
     ----------
     table : Path, str, mapping of str to array_like, or data frame
-        CSV with a line of column names, see the how-to "Which joint stiffness do I enter?"; or
-        the same columns by name, as in a data frame of pandas.
+        CSV with a line of column names, see the how-to "Which joint stiffness do I
+        enter?"; or the same columns by name, as in a data frame of pandas.
     elastic : ElasticMechanism
         The measured mechanism.
     axes : {"base", "body", "world"}, optional
@@ -548,7 +555,8 @@ def read_measurements(
     else:
         raise InputError(
             "measurements have no named columns",
-            expected="Measurements, the path of a CSV, a mapping of columns, or a data frame",
+            expected="Measurements, the path of a CSV, a mapping of columns, or a data "
+            "frame",
             got=type(table).__name__,
         )
     kinds = kinds_of(elastic)
@@ -721,7 +729,8 @@ def _postures(
 
 
 def assembled(elastic: ElasticMechanism, q: Array) -> tuple[Array, float]:
-    """Coordinates (n,) that close a chain, and how far its motors or links moved for that.
+    """Coordinates (n,) that close a chain, and how far its motors or links
+    moved for that.
 
     If they had to move, the posture is not free of stress.
 
@@ -784,7 +793,8 @@ def _check_sizes(
             raise InputError(
                 f"column {column.name!r} declares no unit and cannot be in {unit}",
                 where=cells.places[row],
-                expected=f"at most {limit:.3g} {unit}, or a head such as '{column.name} {other}'",
+                expected=f"at most {limit:.3g} {unit}, or a head such as '{column.name} "
+                f"{other}'",
                 got=f"{size[row]:g} {unit}",
             )
     _check_forces(columns, table, reach, cells)
@@ -807,8 +817,10 @@ def _check_forces(
     raise InputError(
         f"column {forces[0].name!r} declares no unit and can hardly be in N",
         where=cells.places[row],
-        expected=f"at least {far[row] / (_SHARE_PER_NEWTON * reach):.3g} N for a displacement of "
-        f"{far[row]:.3g} m, or a head such as '{forces[0].name} [kN]' or '{forces[0].name} [N]'",
+        expected=f"at least {far[row] / (_SHARE_PER_NEWTON * reach):.3g} N for a "
+        "displacement of "
+        f"{far[row]:.3g} m, or a head such as '{forces[0].name} [kN]' or "
+        f"'{forces[0].name} [N]'",
         got=f"{force[row]:.3g} N",
     )
 

@@ -1,12 +1,12 @@
 """Predictions of displacements under load, and their derivatives by each compliance.
 
-Small loads: by the theorem of the unit load a measured number ``a . xi`` has, with F the forces in
-the elements per unit wrench (`cartstiff.stiffness.influence`), the derivative
+Small loads: by the theorem of the unit load a measured number ``a . xi`` has, with F the
+forces in the elements per unit wrench (`cartstiff.stiffness.influence`), the derivative
 
     d(a . xi) / d theta = (F a)^T S (F W)
 
-If the forces follow from the load alone (open chains, six legs) the displacement is linear in the
-compliances; otherwise F is evaluated anew at every step.
+If the forces follow from the load alone (open chains, six legs) the displacement is
+linear in the compliances; otherwise F is evaluated anew at every step.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ from cartstiff.stiffness.influence import influence_of
 def unloaded(elastic: ElasticMechanism, q: Array | None = None) -> ElasticMechanism:
     """The mechanism with no loads but gravity compensation; its cables are taken as bars.
 
-    Its springs are at rest at the commanded positions q (n,); without it their rest positions are
-    open.
+    Its springs are at rest at the commanded positions q (n,); without it their rest
+    positions are open.
     """
     inner = tuple(
         p.with_open_rest() for p in elastic.potentials if p.lifted or not p.is_external
@@ -76,9 +76,9 @@ _MOST_KNOWN = 16
 class Model:
     """Displacements of small loads.
 
-    They are linear in the load but for nonlinear springs in joints of an open chain: their torques
-    t follow from the load alone, and with them their deflections x(t). A coefficient c_m of
-    ``t = c_1 x + c_2 x^2 + ...`` has ``dx/dc_m = -x^m / (dt/dx)``.
+    They are linear in the load but for nonlinear springs in joints of an open chain:
+    their torques t follow from the load alone, and with them their deflections x(t). A
+    coefficient c_m of ``t = c_1 x + c_2 x^2 + ...`` has ``dx/dc_m = -x^m / (dt/dx)``.
 
     Attributes
     ----------
@@ -156,7 +156,9 @@ class Model:
 
     @cached_property
     def _loads(self) -> tuple[Array, Array, Array]:
-        """Wrench (m, 6) of each number, whether the own weight adds to it (m,); all that acts."""
+        """Wrench (m, 6) of each number, whether the own weight adds to it (m,);
+        all that acts.
+        """
         loaded, reference, _ = wrenches(
             self.measured, self.unknowns.elements.elastic, self.poses
         )
@@ -168,7 +170,9 @@ class Model:
 
     @cached_property
     def _weights(self) -> Array:
-        """Generalised forces (k, n) of the mechanism's own weight in the distinct postures."""
+        """Generalised forces (k, n) of the mechanism's own weight in the
+        distinct postures.
+        """
         elastic, (q, _) = self.unknowns.elements.elastic, self._distinct
         if elastic.gravity is None:
             return np.zeros((len(q), elastic.mechanism.at(q[0]).motion.jacobian.shape[1]))
@@ -180,7 +184,9 @@ class Model:
         )
 
     def _forces(self, theta: Array) -> tuple[Array, Array, Array, Array]:
-        """Per distinct posture: F (k, E, 6), C (k, 6, 6), and the weight's forces and twist."""
+        """Per distinct posture: F (k, E, 6), C (k, 6, 6), and the weight's
+        forces and twist.
+        """
         q, _ = self._distinct
         weights = self._weights
         Gamma = self.unknowns.compliance(theta)
@@ -217,7 +223,8 @@ class Model:
         Raises
         ------
         InputError
-            If the springs do not hold a row's posture, or a law does not reach its torque.
+            If the springs do not hold a row's posture, or a law does not reach its
+            torque.
         """
         y, A = self._at(theta)
         for p in (
@@ -258,7 +265,9 @@ class Model:
     def _add_bent(
         self, y: Array, A: Array, theta: Array, name: str, law: SpringLaw
     ) -> None:
-        """Add the deflection of a nonlinear spring in an open chain, and its derivatives."""
+        """Add the deflection of a nonlinear spring in an open chain,
+        and its derivatives.
+        """
         seen, j = self.observations, self._rest.names.index(name)
         place = self._distinct[1][seen.row]
         J, own = self._kinematics[1][place, :, j], self._weights[place, j]
@@ -267,7 +276,8 @@ class Model:
             self._loads,
         )
         torque = np.einsum("mi,mi->m", J, loaded) + own
-        # A position differs from that of the rigid arm, a displacement from the state before.
+        # A position differs from that of the rigid arm, a displacement from the state
+        # before.
         before = np.where(weighs, 0.0, torque - np.einsum("mi,mi->m", J, W))
         for t, sign in ((torque, 1.0), (before, -1.0)):
             each, back = np.unique(t, return_inverse=True)  # one for a row's numbers
@@ -284,7 +294,9 @@ class Model:
                     A[:, p] += sign * moved * by * x**power / k
 
     def forces_in(self, theta: Array) -> tuple[Array, Array]:
-        """Forces (m, E) in the elements under each number's load, and under its functional."""
+        """Forces (m, E) in the elements under each number's load,
+        and under its functional.
+        """
         F, _, own_forces, _ = self._forces(theta)
         seen = self.observations
         W, weighs, _ = self._loads
@@ -296,7 +308,9 @@ class Model:
 
 
 def is_open_chain(elastic: ElasticMechanism) -> bool:
-    """Whether the torque of each joint follows from the load alone: no loops, no other springs."""
+    """Whether the torque of each joint follows from the load alone: no loops,
+    no other springs.
+    """
     mechanism = elastic.mechanism
     others = any(not (p.is_external or p.members) for p in elastic.potentials)
     return not (mechanism.coordinates_are_pose or mechanism.closures or others)
@@ -313,8 +327,8 @@ def derivatives(
     return np.stack(columns, axis=1) if columns else np.zeros((len(by_load), 0))
 
 
-# Largest changes of parameters, in natural sizes, over which an equilibrium is extrapolated
-# linearly.
+# Largest changes of parameters, in natural sizes, over which an equilibrium is
+# extrapolated linearly.
 _NEAR = 0.5
 # Bound on Newton's steps at each stage of a load.
 _MAX_STAGE_STEPS = 40
@@ -362,8 +376,8 @@ class LoadedModel(Model):
         ConvergenceError
             If a row has no equilibrium, with its number.
         """
-        # Below this share of its natural size a compliance has no visible effect: from there on to
-        # zero the prediction follows its derivative.
+        # Below this share of its natural size a compliance has no visible effect: from
+        # there on to zero the prediction follows its derivative.
         smallest = numerics.LEAST_COMPLIANCE_SHARE * self.unknowns.sizes
         least = np.where(self.unknowns.is_bounded, smallest, -np.inf)
         inside = np.maximum(theta, least)
@@ -403,7 +417,9 @@ class LoadedModel(Model):
     def _state(
         self, elastic: ElasticMechanism, n: int, load: Array, theta: Array
     ) -> _State:
-        """Equilibrium of a row under a wrench along F, sought from an extrapolated one."""
+        """Equilibrium of a row under a wrench along F,
+        sought from an extrapolated one.
+        """
         q = self.measured.q[n]
         P = len(self.unknowns.parameters)
         loads: list[Load] = []
@@ -468,7 +484,9 @@ def model_of(unknowns: Unknowns, measured: Measurements, loaded: bool = False) -
 def _between(
     start: _State, end: _State, axis: Array, is_angle: bool, point: Array
 ) -> tuple[float, Array]:
-    """Displacement of a point, or turn, along an axis of F between two states; derivatives."""
+    """Displacement of a point, or turn, along an axis of F between two states;
+    derivatives.
+    """
     R, R0 = end.pose[:3, :3], start.pose[:3, :3]
     if is_angle:
         turn = se3.log(se3.pose(R @ R0.T))

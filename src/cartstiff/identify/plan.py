@@ -1,19 +1,19 @@
 """Choice of the postures and loads to measure.
 
-Each candidate adds ``G_i = sum a a^T / s^2`` to the information M of the compliances, in shares of
-their present values, and of the zeros, tool and base that are sought: the columns are those of the
-fit. C is the compliances' part of ``M^-1``, so that what else is sought is separated from them.
-Three criteria:
+Each candidate adds ``G_i = sum a a^T / s^2`` to the information M of the compliances, in
+shares of their present values, and of the zeros, tool and base that are sought: the
+columns are those of the fit. C is the compliances' part of ``M^-1``, so that what else is
+sought is separated from them. Three criteria:
 
 * worst: the smallest widest interval, ``max_j C_jj``;
-* all: the smallest determinant of C (D-optimal, [AtkinsonDonev]_); the widest interval may then be
-  nearly as wide as that of random rows;
-* posture: the smallest error of the deflection at the user's own posture under the user's own load,
-  ``tr(L C L^T)`` (test-pose criterion, [KlimchikTestPose]_).
+* all: the smallest determinant of C (D-optimal, [AtkinsonDonev]_); the widest interval
+  may then be nearly as wide as that of random rows;
+* posture: the smallest error of the deflection at the user's own posture under the user's
+  own load, ``tr(L C L^T)`` (test-pose criterion, [KlimchikTestPose]_).
 
-The rows are chosen greedily: each is the candidate that reduces the cost most beside those before.
-The widest interval may depend on a later row alone, so that rows for the sum of all variances are
-chosen, too, and the better ones of both are taken.
+The rows are chosen greedily: each is the candidate that reduces the cost most beside
+those before. The widest interval may depend on a later row alone, so that rows for the
+sum of all variances are chosen, too, and the better ones of both are taken.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ from cartstiff.mechanisms.identified import quantile
 from cartstiff.results import LabelledResult
 
 _AXES = ("x", "y", "z")
-# Half ranges: of a joint without limits, and of a platform about its file's pose [rad; shares of
-# its size].
+# Half ranges: of a joint without limits, and of a platform about its file's pose [rad;
+# shares of its size].
 _RANGE, _TILT, _SHIFT = pi, 0.3, 0.2
 # Random postures drawn per candidate wanted.
 _DRAWS_PER_CANDIDATE = 20
@@ -88,12 +88,13 @@ def candidates(
     mass : float
         Mass [kg] that hangs on the body.
     force : float
-        Force on the body [N], for each posture along one of the axes +-x, +-y and +-z of F;
-        without a mass.
+        Force on the body [N], for each posture along one of the axes +-x, +-y and +-z of
+        F; without a mass.
     ranges : mapping of str to (low, high), optional
         Ranges of joints, narrower than their limits.
     within : mapping of str to (low, high), optional
-        Range of the measured point's x, y, z in F: the volume that can be measured and entered.
+        Range of the measured point's x, y, z in F: the volume that can be measured and
+        entered.
     point, load_at : tuple of 3 floats
         As in `read_measurements`.
 
@@ -162,7 +163,9 @@ def _allowed(
     box: Mapping[str, Sequence[float]],
     point: tuple[float, float, float],
 ) -> Array | None:
-    """The assembled posture; None if that fails, or the measured point is not in the volume."""
+    """The assembled posture; None if that fails, or the measured point is not
+    in the volume.
+    """
     try:
         q, moved = assembled(elastic, q)
     except (ConvergenceError, UndefinedError):
@@ -213,8 +216,8 @@ def _ranges(
 
 
 CRITERIA = ("worst", "all", "posture")
-# Rows that move by more than this share of the mechanism, and this many times the median, are near
-# a singularity, where displacements are not small.
+# Rows that move by more than this share of the mechanism, and this many times the median,
+# are near a singularity, where displacements are not small.
 _LARGE_DISPLACEMENT, _TIMES_MEDIAN = 0.05, 10.0
 
 #: Costs (k,) of informations (k, P, P).
@@ -233,13 +236,15 @@ class Plan(LabelledResult):
     unknowns : Unknowns
         Parameters.
     rows : Measurements
-        The chosen postures and loads, in the order of their choice, without measured numbers.
+        The chosen postures and loads, in the order of their choice, without measured
+        numbers.
     criterion : str
         Name of the choice.
     counts : ndarray of int (k,)
         Numbers of rows for which intervals are predicted.
     deviations : ndarray (k, P)
-        Predicted standard deviations, in shares of the compliances; infinite where not determined.
+        Predicted standard deviations, in shares of the compliances; infinite where not
+        determined.
     factors : ndarray (k,)
         Half width of an interval over the standard deviation, at each number of rows.
     lost : tuple of str
@@ -310,12 +315,16 @@ class Plan(LabelledResult):
 
     @property
     def factor(self) -> float:
-        """Half width of an interval over the standard deviation, at the full number of rows."""
+        """Half width of an interval over the standard deviation,
+        at the full number of rows.
+        """
         return float(self.factors[-1])
 
     @property
     def worst(self) -> float:
-        """Largest relative standard deviation with all rows, of the springs that rows determine."""
+        """Largest relative standard deviation with all rows,
+        of the springs that rows determine.
+        """
         return float(self._worst[-1])
 
     @property
@@ -327,14 +336,18 @@ class Plan(LabelledResult):
 def information(
     unknowns: Unknowns, measured: Measurements, geometry: Sequence[str] = ()
 ) -> Array:
-    """G (N, T, T) of each row, of compliances in shares of their values, and of `geometry`."""
+    """G (N, T, T) of each row, of compliances in shares of their values,
+    and of `geometry`.
+    """
     return _per_row(unknowns, measured, geometry)[0]
 
 
 def _per_row(
     unknowns: Unknowns, measured: Measurements, geometry: Sequence[str]
 ) -> tuple[Array, Array]:
-    """G, and the largest motion of each row (N,): rad, or shares of the mechanism's length."""
+    """G, and the largest motion of each row (N,): rad, or shares of the
+    mechanism's length.
+    """
     model = model_of(unknowns, measured)
     seen, elastic = model.observations, unknowns.elements.elastic
     y, A = model.at(unknowns.nominal)
@@ -378,8 +391,9 @@ def plan(
     count : int
         Rows to choose; a candidate is taken again only where all are taken.
     criterion : {"worst", "all", "posture"}
-        Quantity that is minimised: the widest interval (worst), the determinant of all compliances
-        (all: D-optimal), or the deflection at a posture under a load (posture).
+        Quantity that is minimised: the widest interval (worst), the determinant of all
+        compliances (all: D-optimal), or the deflection at a posture under a load
+        (posture).
     test : (q, wrench), optional
         The user's posture (n,) and wrench (6,) on M along F, for "posture".
 
@@ -452,7 +466,10 @@ def plan(
 
 
 def _deviations_of(M: Array) -> Array:
-    """Standard deviations (T,) from an information; infinite where it does not determine one."""
+    """Standard deviations (T,) from an information.
+
+    Infinite where it does not determine one.
+    """
     size = np.sqrt(np.diag(M))
     there = size > numerics.RANK * size.max(initial=0.0)
     scale = np.where(there, 1.0 / np.where(there, size, 1.0), 0.0)
@@ -503,7 +520,9 @@ def _greedy(G: Array, start: Array, count: int, cost: Cost) -> list[int]:
 
 
 def _free(offered: int, chosen: list[int]) -> NDArray[np.intp]:
-    """Candidates that are not chosen, as a repeated row reduces the noise alone; else all."""
+    """Candidates that are not chosen, as a repeated row reduces the noise alone;
+    else all.
+    """
     every = np.arange(offered)
     free = np.setdiff1d(every, chosen)
     return free if free.size else every

@@ -60,7 +60,8 @@ class Unknown:
     def has_stiffness(self) -> bool:
         """Whether its inverse is a stiffness, so that it is not negative.
 
-        False for off-diagonal entries of a matrix, and for a polynomial's higher coefficients.
+        False for off-diagonal entries of a matrix, and for a polynomial's higher
+        coefficients.
         """
         return self.pattern.is_diagonal
 
@@ -128,7 +129,9 @@ class Unknowns:
 
     @property
     def least(self) -> Array:
-        """Least values (P,) that a mechanism can have: of compliances, a small share of its own."""
+        """Least values (P,) that a mechanism can have: of compliances,
+        a small share of its own.
+        """
         share = numerics.NEGLIGIBLE_DIFFERENCE * np.abs(self.nominal)
         return np.where(self.is_bounded, share, -np.inf)
 
@@ -169,11 +172,11 @@ def unknowns_of(
         Its springs are the start of the search.
     sought : sequence of str
         Names of springs (joints, legs, lines), of flexible links (their whole 6x6, or
-        "LINK:diagonal"; a beam's factor), or "joints", "links", "lines", "all". Default: "joints".
-        A joint with a polynomial in the file, sought by its own name only, has one unknown for each
-        of its coefficients that is not zero. Beside springs: "zeros" of all joints or
-        "JOINT.zero", "tool" (the measured point), "base" (its place), unless a spring or link
-        has that name.
+        "LINK:diagonal"; a beam's factor), or "joints", "links", "lines", "all". Default:
+        "joints". A joint with a polynomial in the file, sought by its own name only, has
+        one unknown for each of its coefficients that is not zero. Beside springs: "zeros"
+        of all joints or "JOINT.zero", "tool" (the measured point), "base" (its place),
+        unless a spring or link has that name.
     ties : sequence of sequences of str
         Springs with equal stiffness.
 
@@ -323,7 +326,9 @@ def _links(elastic: ElasticMechanism) -> dict[str, list[str]]:
 
 
 def _of_link(elastic: ElasticMechanism, elements: Elements, word: str) -> list[Unknown]:
-    """Parameters of a link: entries of its 6x6 compliance, or a factor on a beam's own."""
+    """Parameters of a link: entries of its 6x6 compliance,
+    or a factor on a beam's own.
+    """
     name, _, form = word.partition(":")
     members = _links(elastic)[name]
     at = [elements.index(m) for m in members]
@@ -424,7 +429,9 @@ class Offsets:
 
 @dataclass(frozen=True)
 class OffsetEstimate:
-    """Error of a joint's zero, or offset of tool or base, with its interval; None if not known."""
+    """Error of a joint's zero, or offset of tool or base, with its interval;
+    None if not known.
+    """
 
     name: str
     unit: str
@@ -468,7 +475,9 @@ def offsets_of(unknowns: Unknowns, seen: Observations, measured: Measurements) -
 def _placement(
     seen: Observations, mine: NDArray[np.bool_], centre: Array, axes: Array | None = None
 ) -> Array:
-    """Columns (6, m) of translations along three axes and small rotations about a point of F."""
+    """Columns (6, m) of translations along three axes and small rotations about
+    a point of F.
+    """
     R = np.eye(3) if axes is None else axes
     shift = np.where((mine & ~seen.is_angle)[:, None], seen.axis, 0.0)
     about = np.where(
@@ -585,7 +594,8 @@ def sessions_turned_back(
 ) -> Measurements | None:
     """Rows of each session turned back by the rotation of its frame that a fit has found.
 
-    None where the columns of a small rotation are right to a share of the standard deviations (m,).
+    None where the columns of a small rotation are right to a share of the standard
+    deviations (m,).
     """
     T_F_B, sessions = (
         unknowns.elements.elastic.mechanism.base_pose,
@@ -611,7 +621,10 @@ def sessions_turned_back(
 def _moved(
     values: Mapping[str, Array], rows: NDArray[np.intp], T: Array, turn: Array
 ) -> dict[str, Array]:
-    """Positions and orientations of some rows in another frame; bodies turned in theirs."""
+    """Positions and orientations of some rows in another frame.
+
+    Bodies turned in theirs.
+    """
     values = dict(values)
     if all(name in values for name in POSITION):
         x = np.stack([values[name] for name in POSITION], axis=1)
@@ -626,10 +639,11 @@ def _moved(
 
 
 def in_base(unknowns: Unknowns, measured: Measurements, poses: Array) -> Measurements:
-    """Positions and orientations near the base frame; those of a base that is sought corrected.
+    """Positions and orientations near the base frame; those of a base that is
+    sought corrected.
 
-    Each session's frame, or that of all rows if the base is sought, is placed so that the points
-    lie next to those of the rigid mechanism.
+    Each session's frame, or that of all rows if the base is sought, is placed so that the
+    points lie next to those of the rigid mechanism.
 
     Parameters
     ----------
@@ -658,7 +672,8 @@ def in_base(unknowns: Unknowns, measured: Measurements, poses: Array) -> Measure
     known = ~np.isnan(x).any(axis=1)
     if by_session and (holes := ~known & ~np.isnan(x).all(axis=1)).any():
         raise InputError(
-            f"row {measured.rows[np.argmax(holes)]}: a position in a session's own frame is not "
+            f"row {measured.rows[np.argmax(holes)]}: a position in a session's own frame "
+            "is not "
             "whole",
             expected="all of x, y, z, or --offsets translation",
         )
@@ -668,7 +683,8 @@ def in_base(unknowns: Unknowns, measured: Measurements, poses: Array) -> Measure
         T = _fit(x[rows], points[rows]) if rows.size else np.eye(4)
         if T is None and by_session:
             raise InputError(
-                f"the points of session {name!r} stand in one line: its frame is not known",
+                f"the points of session {name!r} stand in one line: its frame is not "
+                "known",
                 where="column session",
                 expected="three points that are not in line, or --offsets translation",
             )
@@ -687,7 +703,9 @@ def in_base(unknowns: Unknowns, measured: Measurements, poses: Array) -> Measure
 
 
 def _fit(seen: Array, there: Array) -> Array | None:
-    """Pose that moves points onto others with the least squares of distances; None in one line."""
+    """Pose that moves points onto others with the least squares of distances;
+    None in one line.
+    """
     a, b = seen.mean(axis=0), there.mean(axis=0)
     values = np.linalg.svd((seen - a).T @ (there - b), compute_uv=False)
     if not values[1] > numerics.RANK * max(values[0], numerics.TINY):

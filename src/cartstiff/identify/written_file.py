@@ -1,4 +1,6 @@
-"""The mechanism file of an identification: springs with their covariance, zeros, tool and base."""
+"""The mechanism file of an identification: springs with their covariance, zeros,
+tool and base.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ _ROBOTS = (".urdf", ".xml", ".mjcf")
 
 
 def mechanism_file(result: Identification, data: dict[str, Any], source: str) -> bytes:
-    """Text of a mechanism file with the springs found, their covariance, source, date and count.
+    """Text of a mechanism file with the springs found, their covariance, source,
+    date and count.
 
     Parameters
     ----------
@@ -117,8 +120,8 @@ def keys_to_write(
     Raises
     ------
     InputError
-        If the mechanism does not come from a file that could be written again, or its kind of file
-        has no key for what will be found.
+        If the mechanism does not come from a file that could be written again, or its
+        kind of file has no key for what will be found.
     """
     elastic = unknowns.elements.elastic
     if unknowns.geometry and elastic.mechanism.kind != "serial":
@@ -140,7 +143,8 @@ def keys_to_write(
             moves = frame != data.get("frame") or "offset" in data
             if moves and data.get("payload", {}).get("mass"):
                 raise InputError(
-                    "the payload of a file is at its own frame, and another one is to be written",
+                    "the payload of a file is at its own frame, and another one is to be "
+                    "written",
                     where="-o",
                     expected="no --frame",
                     got=frame,
@@ -179,7 +183,9 @@ def _relative(path: Path, to: Path) -> str:
 
 
 def _put_springs(data: dict[str, Any], elastic: ElasticMechanism) -> None:
-    """Write a mechanism's numbers into the file's springs, legs, lines and flexible links."""
+    """Write a mechanism's numbers into the file's springs, legs,
+    lines and flexible links.
+    """
     springs, kind = elastic.springs, data["kind"]
     if springs is None:
         return
@@ -207,13 +213,14 @@ def _legs(data: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _put_equal_legs(legs: Any, elastic: ElasticMechanism) -> None:
-    """Write the stiffness of the driven joint of each leg into the one entry of legs by name.
+    """Write the stiffness of the driven joint of each leg into the one entry of
+    legs by name.
 
     Raises
     ------
     InputError
-        For springs that such an entry cannot hold: of other joints, unless all legs have the same,
-        of links, and of several entries.
+        For springs that such an entry cannot hold: of other joints, unless all legs have
+        the same, of links, and of several entries.
     """
     elements, found = Elements(elastic), dict[str, list[float]]()
     for name in elastic.names:
@@ -230,7 +237,8 @@ def _put_equal_legs(legs: Any, elastic: ElasticMechanism) -> None:
         raise InputError(
             "the springs found have no place in an entry of legs by name",
             where="-o",
-            expected="one entry without flexible links, in which legs differ in stiffness alone",
+            expected="one entry without flexible links, in which legs differ in "
+            "stiffness alone",
         )
     for joint, k in found.items():
         if joint in driven:
@@ -242,8 +250,8 @@ def _put_equal_legs(legs: Any, elastic: ElasticMechanism) -> None:
 def _put_geometry(data: dict[str, Any], result: Identification) -> None:
     """Write the zeros, the tool and the base that were found.
 
-    The payload stays on its link, and gravity and the lines' points in F stay where they are to the
-    arm: so the fit takes them.
+    The payload stays on its link, and gravity and the lines' points in F stay where they
+    are to the arm: so the fit takes them.
     """
     placed, elastic = result.placed, result.elastic
     lengths, _ = convert_length(elastic.units, SI)

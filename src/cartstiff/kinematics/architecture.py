@@ -1,7 +1,7 @@
 r"""Platforms whose legs are dependent in every pose, and the names of such architectures.
 
-If the lines of the legs have a rank below six at general poses, no lengths hold the platform
-([MaAngeles]_; [HustyKarger]_).
+If the lines of the legs have a rank below six at general poses, no lengths hold the
+platform ([MaAngeles]_; [HustyKarger]_).
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.notes import Note
 
-# General poses at which the rank is computed, and their seed: no two random ones are singular.
+# General poses at which the rank is computed, and their seed: no two random ones are
+# singular.
 _POSES, _SEED = 4, 6
 
 
@@ -50,15 +51,19 @@ class Architecture:
         if not self.is_singular:
             return None
         message = (
-            f"architecture singularity: the {self.legs} legs' lines have rank {self.rank} in every "
-            f"pose, {self.name}: no lengths hold the platform, and with those of a pose it moves"
+            f"architecture singularity: the {self.legs} legs' lines have rank "
+            f"{self.rank} in every "
+            f"pose, {self.name}: no lengths hold the platform, and with those of a pose "
+            "it moves"
         )
         values: dict[str, Any] = {"rank": self.rank, "legs": self.legs, "name": self.name}
         return Note("architecture-singularity", message, values)
 
 
 def architecture_of(platform: Platform) -> Architecture:
-    """Rank of a platform's legs at general poses, and the name of a singular architecture."""
+    """Rank of a platform's legs at general poses, and the name of a singular
+    architecture.
+    """
     rank = max(_ranks(platform, None))
     legs = len(platform.points)
     name = _name(platform) if legs >= 6 and rank < 6 else ""
@@ -68,8 +73,8 @@ def architecture_of(platform: Platform) -> Architecture:
 def orientation_rank(platform: Platform, R: Array) -> int:
     """Rank of the legs' lines at general positions with one orientation R (3, 3) of M.
 
-    Below six with a regular architecture, the orientation is singular at every position: Fichter's
-    platform turned by a right angle ([Fichter]_).
+    Below six with a regular architecture, the orientation is singular at every position:
+    Fichter's platform turned by a right angle ([Fichter]_).
     """
     return max(_ranks(platform, R))
 
@@ -94,7 +99,10 @@ def _ranks(platform: Platform, R: Array | None) -> list[int]:
 
 
 def _flat(points: Array) -> Array | None:
-    """Coordinates (m, 2) of points in their plane; None if they are in none, or on a line."""
+    """Coordinates (m, 2) of points in their plane.
+
+    None if they are in none, or on a line.
+    """
     about = points - points.mean(axis=0)
     values, axes = np.linalg.svd(about)[1:]
     if numerics.rank(values) != 2:
@@ -134,14 +142,17 @@ def _name(platform: Platform) -> str:
         return f"of Ma and Angeles' type: base and platform are {about}, on a conic"
     if _is_griffis_duffy(a, b) or _is_griffis_duffy(b, a):
         return (
-            "of Griffis and Duffy's type: the corners of each triangle are joined to sides of the "
+            "of Griffis and Duffy's type: the corners of each triangle are joined to "
+            "sides of the "
             "other"
         )
     return "a planar one of no type with a name here"
 
 
 def _is_griffis_duffy(a: Array, b: Array) -> bool:
-    """Whether legs join three corners in `a` to sides in `b`, and three sides in `a` to corners."""
+    """Whether legs join three corners in `a` to sides in `b`,
+    and three sides in `a` to corners.
+    """
     if len(a) != 6:
         return False
     for corners in combinations(range(6), 3):

@@ -1,10 +1,10 @@
 r"""The posture of a machine with a given pose of its body, as for ``--pose``.
 
-Legs that are known in closed form are solved by it, in the working mode of the default posture.
-Other closed chains go there by Newton's method from the default posture. A body with fewer than six
-freedoms cannot take every pose: as many of its coordinates x, y, z, roll, pitch, yaw as it has
-freedoms are taken from the pose, first those that differ from the default posture's; the others
-follow, and a note says which.
+Legs that are known in closed form are solved by it, in the working mode of the default
+posture. Other closed chains go there by Newton's method from the default posture. A body
+with fewer than six freedoms cannot take every pose: as many of its coordinates x, y, z,
+roll, pitch, yaw as it has freedoms are taken from the pose, first those that differ from
+the default posture's; the others follow, and a note says which.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from cartstiff.notes import Note
 #: Coordinates of a pose: the position, and angles about fixed axes.
 COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
 
-# Newton steps, the number of them for legs in closed form, and the longest of these (rad, or
-# characteristic lengths).
+# Newton steps, the number of them for legs in closed form, and the longest of these (rad,
+# or characteristic lengths).
 _MAX_STEPS, _MAX_LEG_STEPS, _LONGEST_LEG_STEP = 200, 30, 0.1
-# Distance of poses about the default one that test which coordinates are independent (rad, or
-# characteristic lengths).
+# Distance of poses about the default one that test which coordinates are independent
+# (rad, or characteristic lengths).
 _TEST_DISTANCE = 0.02
 # Starts for legs whose steps end in another working mode.
 _ATTEMPTS = 6
@@ -51,15 +51,17 @@ def at_pose(
     tool: ArrayLike | None = None,
     of: Literal["body", "M"] = "body",
 ) -> tuple[Array, tuple[Note, ...]]:
-    """Coordinates at which the body has a pose, and a note on pose coordinates that differ.
+    """Coordinates at which the body has a pose, and a note on pose coordinates
+    that differ.
 
     Parameters
     ----------
     elastic : ElasticMechanism
-        A platform, or a body carried by legs; its working mode is that of its default posture.
+        A platform, or a body carried by legs; its working mode is that of its default
+        posture.
     pose : array_like, shape (6,)
-        x, y, z, roll, pitch, yaw (about fixed axes) of the body in F; lengths in the mechanism's
-        unit, rad.
+        x, y, z, roll, pitch, yaw (about fixed axes) of the body in F; lengths in the
+        mechanism's unit, rad.
     tool : array_like, shape (4, 4), optional
         Pose of M in the body, where M is elsewhere.
     of : {"body", "M"}
@@ -70,13 +72,14 @@ def at_pose(
     q : ndarray (n,)
         Coordinates.
     notes : tuple of Note
-        ``pose-follows`` if the body has fewer than six freedoms and its pose differs from the
-        wanted one.
+        ``pose-follows`` if the body has fewer than six freedoms and its pose differs from
+        the wanted one.
 
     Raises
     ------
     InputError
-        If the pose cannot be reached: which leg is too short, or how far away the body stays.
+        If the pose cannot be reached: which leg is too short, or how far away the body
+        stays.
     """
     wanted = checked_vector(pose, 6, "pose")
     T_P_M = np.eye(4) if tool is None or of == "M" else checked_pose(tool, "tool")
@@ -169,7 +172,10 @@ def _note(
         for i in follow
     ]
     taken = ", ".join(COORDINATES[i] for i in free)
-    words = f"the body has {len(free)} freedoms: {taken} are those of the pose; the others follow: "
+    words = (
+        f"the body has {len(free)} freedoms: {taken} are those of the pose; the "
+        "others follow: "
+    )
     values = {
         "free": [COORDINATES[i] for i in free],
         "follow": {COORDINATES[i]: float(reached[i]) for i in follow},
@@ -179,7 +185,9 @@ def _note(
 
 
 def _stepped(leg: Leg, starts: Array, target: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Coordinates of a leg by steps, within its limits where possible, and which are reached."""
+    """Coordinates of a leg by steps, within its limits where possible,
+    and which are reached.
+    """
     own, good = leg.solver.solve(target, starts, leg.free)
     # Beyond a limit, as where a strut passes through its base, there may be one within.
     within = leg.solver.narrowed(
@@ -199,7 +207,8 @@ class _Search:
         chain = elastic.mechanism
         if not isinstance(chain, Chain) or not chain.closures:
             raise InputError(
-                f"{'is' if where == 'pose' else 'are'} for platforms and bodies carried by legs",
+                f"{'is' if where == 'pose' else 'are'} for platforms and bodies carried "
+                "by legs",
                 where=where,
                 expected="joint positions (q) for an arm",
             )
@@ -226,7 +235,9 @@ class _Search:
         return se3.from_roll_pitch_yaw(x[..., :3], x[..., 3:]) @ self.T_P_M
 
     def one_by_one(self, wanted: Array) -> Array:
-        """Coordinates (N, n) at poses (N, 6) in closed form, else by steps; NaN beyond reach."""
+        """Coordinates (N, n) at poses (N, 6) in closed form, else by steps;
+        NaN beyond reach.
+        """
         if self.is_known:
             return self._by_legs(wanted)
         return np.array([self._by_steps(x) for x in wanted]).reshape(-1, len(self.q))
@@ -268,7 +279,10 @@ class _Search:
         return [(leg, leg.mode(self.q, self.start.pose)) for leg in self.chain.legs]
 
     def _by_legs(self, wanted: Array) -> Array:
-        """Closed form at poses (N, 6); dependent coordinates by Gauss and Newton's method."""
+        """Closed form at poses (N, 6).
+
+        Dependent coordinates by Gauss and Newton's method.
+        """
         follow = [i for i in range(6) if i not in self.free]
         at, steps = wanted.copy(), numerics.DIFFERENCE_STEP * self.sizes
         going = np.arange(len(wanted))
@@ -307,8 +321,8 @@ class _Search:
     def by_own_steps(self, legs: list[Leg] | None, wanted: Array) -> Array | None:
         """Each leg at poses (N, 6) by steps from the default posture, all poses at once.
 
-        None without legs, for legs with self-motions, and unless the dependent coordinates stay
-        constant while the others move.
+        None without legs, for legs with self-motions, and unless the dependent
+        coordinates stay constant while the others move.
         """
         if legs is None or any(
             leg.free != "none" and leg.solver.redundancy(leg.free) for leg in legs
@@ -335,7 +349,9 @@ class _Search:
     def _of_leg(
         self, leg: Leg, starts: Array, target: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Coordinates of a leg at poses of its end, and which are reached in its working mode."""
+        """Coordinates of a leg at poses of its end, and which are reached in its
+        working mode.
+        """
         rod = rod_of(leg, self.q[leg.columns], frozenset(self.chain.actuated or ()))
         if rod is None:
             return _stepped(leg, starts, target)
@@ -379,7 +395,8 @@ class _Search:
 
     @cached_property
     def free(self) -> list[int]:
-        """Independent coordinates of the pose: the given ones, and the most independent others.
+        """Independent coordinates of the pose: the given ones,
+        and the most independent others.
 
         Positions come first where none is given, or more than the body has freedoms.
         """

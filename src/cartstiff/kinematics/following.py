@@ -1,4 +1,6 @@
-"""The posture nearest to a wanted pose that is reached from the present one, as for dragging."""
+"""The posture nearest to a wanted pose that is reached from the present one,
+as for dragging.
+"""
 
 from __future__ import annotations
 
@@ -67,9 +69,9 @@ class Follower:
     def follow(self, q: Array, T_wanted: Array, turning: bool = True) -> Followed:
         """Move from coordinates q (n,) towards a pose (4, 4) of M.
 
-        Beyond reach, arms end at the least error; so do arms of fewer than six freedoms, which
-        without `turning` follow the position of M alone. A platform stops on the screw motion to
-        the pose as soon as a leg reaches its limit.
+        Beyond reach, arms end at the least error; so do arms of fewer than six freedoms,
+        which without `turning` follow the position of M alone. A platform stops on the
+        screw motion to the pose as soon as a leg reaches its limit.
 
         Raises
         ------

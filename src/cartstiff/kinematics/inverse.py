@@ -18,7 +18,8 @@ from cartstiff.kinematics.joint_poses import JointPoses, PlatformPoses
 from cartstiff.kinematics.legs import Branches, Search, legs_of, searched, working_modes
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 
-#: Bound on the listed combinations of the legs' solutions, the nearest to the first start.
+#: Bound on the listed combinations of the legs' solutions, the nearest to the first
+#: start.
 MOST_LISTED = 4096
 # Bound on those whose cost is minimised along their self-motions.
 _MAX_MINIMISED = 256
@@ -77,36 +78,40 @@ def inverse_kinematics(
     T_F_M : array_like, shape (4, 4) or (N, 4, 4)
         Wanted pose of the body frame, or N of them.
     starts : int or array_like, shape (k, n)
-        How many random starts within the limits, or the starts themselves. The default posture
-        is always tried as well. Where a body is carried by legs, each leg has so many.
+        How many random starts within the limits, or the starts themselves. The default
+        posture is always tried as well. Where a body is carried by legs, each leg has so
+        many.
     seed : int
         Seed of the random starts; the same seed gives the same answer.
     free : {"none", "x", "y", "z", "rotation"}
-        The body's rotation about one of its own axes is left free; or all of its rotation.
+        The body's rotation about one of its own axes is left free; or all of its
+        rotation.
     tolerance : float
         Largest error of a solution, in rad and characteristic lengths.
     limits : bool
         Whether the joints' limits (a platform's leg limits) hold.
     cost : callable, optional
-        For arms with self-motions: (k, n) postures to (k,) numbers, NaN where there is none; each
-        solution is moved along its self-motion to where the number is smallest nearby. Without
-        it a solution is near its start: the steps there are the least ones.
+        For arms with self-motions: (k, n) postures to (k,) numbers, NaN where there is
+        none; each solution is moved along its self-motion to where the number is smallest
+        nearby. Without it a solution is near its start: the steps there are the least
+        ones.
     most : int
-        Bound on the listed combinations of solutions of a body's legs, those nearest to the first
-        start. `Search.found` counts all of them.
+        Bound on the listed combinations of solutions of a body's legs, those nearest to
+        the first start. `Search.found` counts all of them.
     solver : JointPoses, optional
         A solver made before for this mechanism of joints, whose limits hold instead.
 
     Returns
     -------
     Branches (k, n), or a list of N of them
-        Different solutions within the limits, sorted by their coordinates; joints that can turn
-        all the way are given in (-pi, pi] and count as equal modulo 2 pi. None found: k = 0. Its
-        `search` says how many starts were made and what they found. Where a body is carried by
-        legs, each leg is searched by itself and the postures are all combinations of what was
-        found (`cartstiff.kinematics.legs`); any other closed chain is searched as a whole, and
-        each start finds at most one posture. That the starts have found all of them is likely for
-        an arm and for legs with many starts, and not proven.
+        Different solutions within the limits, sorted by their coordinates; joints that
+        can turn all the way are given in (-pi, pi] and count as equal modulo 2 pi. None
+        found: k = 0. Its `search` says how many starts were made and what they found.
+        Where a body is carried by legs, each leg is searched by itself and the postures
+        are all combinations of what was found (`cartstiff.kinematics.legs`); any other
+        closed chain is searched as a whole, and each start finds at most one posture.
+        That the starts have found all of them is likely for an arm and for legs with many
+        starts, and not proven.
 
     Raises
     ------

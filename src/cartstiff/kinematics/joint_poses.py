@@ -4,23 +4,24 @@ The error of a pose T against a wanted one T_d is taken in the body frame,
 
     e = (log(R^T R_d), R^T (p_d - p) / l),        l the characteristic length
 
-and a free rotation about an axis a of the body leaves only the turn that brings a to its wanted
-direction. The gradient of |e|^2 / 2 is exactly -J^T e, so that Levenberg's steps
+and a free rotation about an axis a of the body leaves only the turn that brings a to its
+wanted direction. The gradient of |e|^2 / 2 is exactly -J^T e, so that Levenberg's steps
 
     dq = J^T (J J^T + mu |e|^2 I)^-1 e
 
-go down until they stop, and converge quadratically where e = 0 can be reached; where there are
-more joints than conditions they are the least ones.
+go down until they stop, and converge quadratically where e = 0 can be reached; where
+there are more joints than conditions they are the least ones.
 
-A chain of joints with constant axes is a product of exponentials of the joints' screws at q = 0,
+A chain of joints with constant axes is a product of exponentials of the joints' screws at
+q = 0,
 
     T_F_M(q) = exp(S_1 q_1) ... exp(S_n q_n) T_F_M(0),    S_i = Ad(T_F_M(0)) J_i(0)
 
-in the coordinates' order, because a joint comes after those it is carried by, and one that does
-not carry the body has S = 0 [MLS]_. With the matrix A of a screw that turns (or else slides) by 1
-the exponential is ``1 + A sin q + A^2 (1 - cos q) + (A + A^3) (q - sin q)`` (or ``1 + A q``), as A
-then satisfies ``A^4 = -A^2`` (or ``A^2 = 0``). Mechanisms of any other kind are computed posture by
-posture. A platform has the pose as coordinate.
+in the coordinates' order, because a joint comes after those it is carried by, and one
+that does not carry the body has S = 0 [MLS]_. With the matrix A of a screw that turns (or
+else slides) by 1 the exponential is ``1 + A sin q + A^2 (1 - cos q) + (A + A^3) (q - sin
+q)`` (or ``1 + A q``), as A then satisfies ``A^4 = -A^2`` (or ``A^2 = 0``). Mechanisms of
+any other kind are computed posture by posture. A platform has the pose as coordinate.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ from cartstiff.mechanisms.limits import Limits
 
 
 class ManyPoses(NamedTuple):
-    """Kinematics of N postures: pose (N, 4, 4), body Jacobian (N, 6, n), closures (N, m) and rates.
+    """Kinematics of N postures: pose (N, 4, 4), body Jacobian (N, 6, n),
+    closures (N, m) and rates.
 
     Without closures m = 0.
     """
@@ -186,7 +188,8 @@ class PlatformPoses:
         tolerance: float = 0.0,  # noqa: ARG002
         held: Array | None = None,  # noqa: ARG002
     ) -> tuple[Array, Array]:
-        """Coordinates (N, 6) at poses (N, 4, 4), and which of them the legs' limits allow.
+        """Coordinates (N, 6) at poses (N, 4, 4), and which of them the legs'
+        limits allow.
 
         A free turn is the one nearest to the start's.
         """
@@ -236,8 +239,8 @@ class PlatformPoses:
 _ITERATIONS = 40
 #: Largest motion of a joint in one step (rad, or characteristic lengths).
 LONGEST_STEP = 0.7
-# A start ends at a minimum that is no solution: after so many steps in a row that reduced |e|^2 by
-# less than this share.
+# A start ends at a minimum that is no solution: after so many steps in a row that reduced
+# |e|^2 by less than this share.
 _SLOW_STEPS, _SLOW = 6, 0.03
 #: Postures nearer than this in every coordinate (rad, or characteristic lengths) are one.
 SAME = numerics.NEGLIGIBLE_DISTANCE
@@ -246,7 +249,8 @@ SAME = numerics.NEGLIGIBLE_DISTANCE
 def pose_errors(T: Array, T_wanted: Array, free: Free, length: float) -> Array:
     """Errors e (N, 6) of poses (N, 4, 4): the remaining motion, in body components.
 
-    Rotation in rad, translation in units of `length`; zero in the components that are free.
+    Rotation in rad, translation in units of `length`; zero in the components that are
+    free.
     """
     Rt = T[:, :3, :3].swapaxes(1, 2)
     relative = Rt @ T_wanted[:, :3, :3]
@@ -276,8 +280,8 @@ class JointPoses:
     Parameters
     ----------
     elastic : ElasticMechanism
-        Serial chain, or a chain with closures (slower, posture by posture). Virtual joints of
-        compliant links stay where its default posture has them.
+        Serial chain, or a chain with closures (slower, posture by posture). Virtual
+        joints of compliant links stay where its default posture has them.
     limits : bool
         Whether joint limits hold.
 
@@ -379,10 +383,13 @@ class JointPoses:
         return self.within(starts)
 
     def within(self, q: Array) -> Array:
-        """Coordinates within the limits: shifted by whole turns where possible, else clipped."""
+        """Coordinates within the limits: shifted by whole turns where possible,
+        else clipped.
+        """
         q = np.array(q, float)
         for j in np.flatnonzero(self.periodic):
-            # (-pi, pi], as far as the limits allow, so that equal postures have equal numbers.
+            # (-pi, pi], as far as the limits allow, so that equal postures have equal
+            # numbers.
             turned = (
                 np.pi
                 - np.mod(np.pi - q[:, j] + numerics.NEGLIGIBLE_DIFFERENCE, 2 * np.pi)
@@ -396,7 +403,9 @@ class JointPoses:
     def task(
         self, q: Array, T_wanted: Array, free: Free
     ) -> tuple[Array, Array, ManyPoses]:
-        """Errors e (N, r) and their rates (N, r, n) per natural size of the coordinates."""
+        """Errors e (N, r) and their rates (N, r, n) per natural size of the
+        coordinates.
+        """
         many = self.kinematics.at(q)
         e = np.concatenate(
             [pose_errors(many.pose, T_wanted, free, self.length), -many.residual], 1
@@ -424,7 +433,8 @@ class JointPoses:
         tolerance: float = numerics.CONSTRAINT_TOLERANCE,
         held: Array | None = None,
     ) -> tuple[Array, Array]:
-        """Postures (N, n) from starts (N, n) for poses (N, 4, 4), and which of them are solutions.
+        """Postures (N, n) from starts (N, n) for poses (N, 4, 4),
+        and which of them are solutions.
 
         `held` (n,): coordinates that keep their start values.
         """
@@ -462,7 +472,8 @@ class JointPoses:
             for new, old in ((trial, q), (e_new, e), (J_new, J)):
                 new[worse] = old[worse]
             q, e, J = trial, e_new, J_new
-            # Far away a tenth of the damping is enough; near the end |e|^2 makes it small.
+            # Far away a tenth of the damping is enough; near the end |e|^2 makes it
+            # small.
             mu = np.where(better, np.maximum(0.3 * mu, numerics.LEAST_DAMPING), 8.0 * mu)
             size = np.abs(e).max(axis=1, initial=0.0)
             # One more step within the tolerance brings the solution to rounding.
@@ -517,8 +528,8 @@ class JointPoses:
     def self_motions(self, q: Array, free: Free, dimension: int) -> Array:
         """Motions (N, n, d) that leave the task fulfilled to first order.
 
-        Orthonormal in the coordinates' natural sizes: the right singular vectors of the smallest
-        singular values.
+        Orthonormal in the coordinates' natural sizes: the right singular vectors of the
+        smallest singular values.
         """
         many = self.kinematics.at(q)
         J = self._free_rows(many.jacobian, free) * self.sizes
@@ -530,9 +541,11 @@ class JointPoses:
         return motions * self.sizes[:, None]
 
     def beyond_limits(self, poses: Array, free: Free) -> tuple[str, float] | None:
-        """Joint with the largest excess over its limits, in the posture where that is least.
+        """Joint with the largest excess over its limits, in the posture where
+        that is least.
 
-        Postures are sought at poses (N, 4, 4), each of which is acceptable; None without any.
+        Postures are sought at poses (N, 4, 4), each of which is acceptable; None without
+        any.
         """
         other = copy(self)
         other.lower, other.upper = self.lower - np.inf, self.upper + np.inf
@@ -553,7 +566,9 @@ class JointPoses:
         return self.kinematics.mechanism.names[joint], float(beyond[least, joint])
 
     def rank(self, free: Free) -> int:
-        """Number of conditions that the joints can fulfil independently, at most postures."""
+        """Number of conditions that the joints can fulfil independently,
+        at most postures.
+        """
         q = self.random_starts(20, np.random.default_rng(0))
         J = self.task(q, np.broadcast_to(np.eye(4), (20, 4, 4)), free)[1]
         values = np.linalg.svd(J, compute_uv=False)
@@ -565,7 +580,10 @@ class JointPoses:
 
 
 def _damped(J: Array, e: Array, damping: Array) -> Array:
-    """``J^T (J J^T + damping I)^-1 e``; a little damping excludes directions without motion."""
+    """``J^T (J J^T + damping I)^-1 e``.
+
+    A little damping excludes directions without motion.
+    """
     step: Array = (
         J.swapaxes(1, 2) @ np.linalg.solve(_squared(J, damping), e[..., None])
     )[..., 0]
@@ -582,7 +600,9 @@ def _squared(J: Array, damping: Array | float = 0.0) -> Array:
 
 
 def _projections(J: Array, moving: Array) -> Array:
-    """Projections (N, n, n) on the motions of the moving coordinates (N, n) without effect in J."""
+    """Projections (N, n, n) on the motions of the moving coordinates (N, n) without
+    effect in J.
+    """
     J = J * moving[:, None, :]
     P: Array = np.eye(J.shape[2]) * moving[:, None, :]
     P -= J.swapaxes(1, 2) @ np.linalg.solve(_squared(J), J)
@@ -590,7 +610,10 @@ def _projections(J: Array, moving: Array) -> Array:
 
 
 def distinct(q: Array, periodic: Array, sizes: Array, tolerance: float = SAME) -> Array:
-    """Indices of postures (k, n) that differ, in a fixed order; whole turns make no difference."""
+    """Indices of postures (k, n) that differ, in a fixed order.
+
+    Whole turns make no difference.
+    """
     if len(q) < 2:
         return np.arange(len(q))
     scaled = q / sizes

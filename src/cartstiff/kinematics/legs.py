@@ -1,18 +1,19 @@
 r"""Working modes: a body carried by legs, each of which has its own solutions at a pose.
 
-At a given pose of the body the closed chain separates at the base and at the body: each connected
-part between these two is a leg, whose coordinates depend on the pose only. The postures at the pose
-are all combinations of the legs' solutions,
+At a given pose of the body the closed chain separates at the base and at the body: each
+connected part between these two is a leg, whose coordinates depend on the pose only. The
+postures at the pose are all combinations of the legs' solutions,
 
     number of postures = k_1 k_2 ... k_m        (six legs with two each: 64).
 
-Two solutions of a leg are the same if its springs and actuators have equal coordinates and every
-joint is at the same place: turning passive universal and spherical joints over has no effect.
+Two solutions of a leg are the same if its springs and actuators have equal coordinates
+and every joint is at the same place: turning passive universal and spherical joints over
+has no effect.
 
-If self-motions make a family of postures, the best one is found by quasi-Newton steps (BFGS) in
-the natural sizes of the coordinates: the part of the cost's slope along the self-motions is
-followed, and each step is brought back to its pose. The change of that part from one posture to the
-next gives the curvature of the cost along the family.
+If self-motions make a family of postures, the best one is found by quasi-Newton steps
+(BFGS) in the natural sizes of the coordinates: the part of the cost's slope along the
+self-motions is followed, and each step is brought back to its pose. The change of that
+part from one posture to the next gives the curvature of the cost along the family.
 """
 
 from __future__ import annotations
@@ -43,12 +44,13 @@ class Search:
     Attributes
     ----------
     starts : int
-        Starts of the search, for each leg if legs were searched one by one; 0 if all of them were
-        known in closed form.
+        Starts of the search, for each leg if legs were searched one by one; 0 if all of
+        them were known in closed form.
     legs : tuple of int
         Solutions found of each leg; empty if the mechanism was searched as a whole.
     found : int
-        Different postures: all combinations of the legs' solutions, whether listed or not.
+        Different postures: all combinations of the legs' solutions, whether listed or
+        not.
     listed : int
         Number of them in the result; those nearest to the default posture are listed.
     """
@@ -95,16 +97,16 @@ class Branches(np.ndarray):
         self.search = None
 
 
-# Steps along a self-motion, in the natural sizes of the coordinates: the first, the longest, and
-# the largest at which the search ends; and the bound on their number.
+# Steps along a self-motion, in the natural sizes of the coordinates: the first, the
+# longest, and the largest at which the search ends; and the bound on their number.
 _FIRST_STEP, _LONGEST_STEP, _LAST_STEP, _MAX_STEPS = (
     0.2,
     0.5,
     numerics.NEGLIGIBLE_STEP,
     200,
 )
-# Shares of the first slope, and of the cost, below which a slope counts as zero; and the bound on
-# restarts at a slope that remains.
+# Shares of the first slope, and of the cost, below which a slope counts as zero; and the
+# bound on restarts at a slope that remains.
 _FLAT, _NO_SLOPE, _MAX_RESTARTS = 1e-3, numerics.NEGLIGIBLE_SLOPE, 3
 # Half the distance of the postures whose difference of costs gives a slope.
 _DIFFERENCE = numerics.DIFFERENCE_STEP
@@ -148,7 +150,8 @@ def of_least_cost(
         inverse = _updated(inverse, moved, along - before)
         step = solver.along_self_motions(q, J, slope, inverse)
         step *= (reach * np.minimum(1.0, _ratio(_LONGEST_STEP, _length(step))))[:, None]
-        # At an edge of the cost the steps end on a slope, and restart along the steepest descent.
+        # At an edge of the cost the steps end on a slope, and restart along the steepest
+        # descent.
         steep = _length(along)
         flat = steep <= np.where(np.isfinite(value), _NO_SLOPE * np.abs(value), 0.0)
         spent = flat | (_length(step) <= _LAST_STEP)
@@ -185,7 +188,10 @@ def _values(cost: Callable[[Array], Array], q: Array) -> Array:
 def _slopes(
     cost: Callable[[Array], Array], q: Array, value: Array, sizes: Array
 ) -> Array:
-    """Derivatives of the cost (N, n) by differences; 1, an arbitrary way out, without a cost."""
+    """Derivatives of the cost (N, n) by differences.
+
+    1, an arbitrary way out, without a cost.
+    """
     steps = _DIFFERENCE * np.vstack([np.diag(sizes), -np.diag(sizes)])
     around = cost((q[:, None] + steps).reshape(-1, q.shape[1])).reshape(len(q), 2, -1)
     around = np.where(np.isfinite(around), around, value[:, None, None])
@@ -195,7 +201,9 @@ def _slopes(
 
 
 def _updated(inverse: Array, moved: Array, change: Array) -> Array:
-    """Inverse Hessians that explain how the slopes have changed, where the cost curves upwards."""
+    """Inverse Hessians that explain how the slopes have changed,
+    where the cost curves upwards.
+    """
     curved = np.einsum("ni,ni->n", moved, change)
     upwards = curved > numerics.SADDLE_STIFFNESS * _length(moved) * _length(change)
     scale = np.where(upwards, _ratio(1.0, curved), 0.0)
@@ -217,9 +225,11 @@ def _ratio(number: float | Array, array: Array) -> Array:
     return quotient
 
 
-# Postures that are optimised at once: the cost is computed at all of them and around each.
+# Postures that are optimised at once: the cost is computed at all of them and around
+# each.
 _ROWS = 5000
-# Members of one family that reach the same posture of least cost differ by less than this.
+# Members of one family that reach the same posture of least cost differ by less than
+# this.
 _SAME_OPTIMUM = 1e-3
 _END = "end of the leg"
 
@@ -232,7 +242,9 @@ def searched(
     tolerance: float,
     cost: Callable[[Array], Array] | None,
 ) -> list[Array]:
-    """For each of the poses (N, 4, 4) the different postures (k, n) that starts (m, n) lead to."""
+    """For each of the poses (N, 4, 4) the different postures (k, n) that starts
+    (m, n) lead to.
+    """
     k, unwound = len(begin), solver.unwound()
     T = np.repeat(wanted, k, axis=0)
     q, good = unwound.solve(T, np.tile(begin, (len(wanted), 1)), free, tolerance)
@@ -253,9 +265,9 @@ def searched(
 class Leg(NamedTuple):
     """A part of a closed chain that depends on the body's pose only.
 
-    Its end must be at ``before @ T_F_M @ after``, or with the inverse of T_F_M for a leg that is
-    rooted on the body; `columns` are its coordinates, `compared` those that distinguish solutions,
-    besides the joints' places.
+    Its end must be at ``before @ T_F_M @ after``, or with the inverse of T_F_M for a leg
+    that is rooted on the body; `columns` are its coordinates, `compared` those that
+    distinguish solutions, besides the joints' places.
     """
 
     solver: JointPoses
@@ -322,7 +334,9 @@ class Leg(NamedTuple):
         ]
 
     def squared_distances(self, q: Array, near: Array) -> Array:
-        """Squared distances (k,) of solutions from one, in the coordinates' natural sizes."""
+        """Squared distances (k,) of solutions from one, in the coordinates'
+        natural sizes.
+        """
         d = (q - near) / self.solver.sizes
         d = np.where(self.chain.is_length, d, (d + np.pi) % (2 * np.pi) - np.pi)
         return np.asarray((d * d).sum(axis=-1))
@@ -336,7 +350,9 @@ class Leg(NamedTuple):
         return q[kept]
 
     def _key(self, q: Array) -> Array:
-        """Numbers that distinguish solutions: compared coordinates, and the joints' places."""
+        """Numbers that distinguish solutions: compared coordinates,
+        and the joints' places.
+        """
         posture, chain = self.chain.at(q), self.chain
         joints = range(1, chain.tree.model.njoints)
         places = [posture.pose_at(FixedFrame(j, np.eye(4)))[:3, 3] for j in joints]
@@ -355,12 +371,13 @@ class Leg(NamedTuple):
 def legs_of(
     elastic: ElasticMechanism, limits: bool = True, poses: type[JointPoses] = JointPoses
 ) -> list[Leg] | None:
-    """The legs of a closed chain, that which carries the body frame first; None if it has none.
+    """The legs of a closed chain, that which carries the body frame first;
+    None if it has none.
 
     `poses` is the class of their solvers.
 
-    A chain of another shape, as if two legs share a joint or a leg holds the body twice, has to be
-    searched as a whole.
+    A chain of another shape, as if two legs share a joint or a leg holds the body twice,
+    has to be searched as a whole.
     """
     chain = elastic.mechanism
     if not isinstance(chain, Chain) or not chain.closures or chain.body.joint == 0:
@@ -477,14 +494,16 @@ def working_modes(
     tolerance: float,
     most: int,
 ) -> list[Branches] | None:
-    """Postures at poses (N, 4, 4): all combinations of the legs' solutions, at most `most` of them.
+    """Postures at poses (N, 4, 4): all combinations of the legs' solutions,
+    at most `most` of them.
 
     Parameters
     ----------
     legs : list of Leg
         From `legs_of`.
     near : ndarray (n,)
-        Coordinates that no leg moves; of too many combinations the nearest ones are listed.
+        Coordinates that no leg moves; of too many combinations the nearest ones are
+        listed.
     wanted, begin : ndarray, shapes (N, 4, 4) and (m, n)
         Poses of the body, and starts.
     free, tolerance, most
@@ -505,7 +524,8 @@ def working_modes(
         return leg.solutions(T, begin[:, leg.columns], near[leg.columns], free, tolerance)
 
     solutions = solved(first, wanted, free)
-    # One case is one pose of the body: with a free rotation, one per solution of the first leg.
+    # One case is one pose of the body: with a free rotation, one per solution of the
+    # first leg.
     if free == "none":
         cases = [
             (i, own, T) for i, (own, T) in enumerate(zip(solutions, wanted, strict=True))

@@ -48,8 +48,8 @@ class Placements:
     def misfits(self) -> tuple[str, ...]:
         """Numbers without derivatives: if one is changed, no nearby posture closes.
 
-        To first order: coordinates cannot undo its change of the closures' residual. Empty unless
-        the closures are redundant.
+        To first order: coordinates cannot undo its change of the closures' residual.
+        Empty unless the closures are redundant.
         """
         closure, length = self.posture.closure, self.posture.length
         if closure is None:
@@ -78,8 +78,10 @@ class Placements:
         if not self.misfits:
             return None
         return (
-            f"{len(self.misfits)} of {len(self._all)} numbers of the geometry have no derivative: "
-            "the closures hold more than they need, and with such a number changed no posture "
+            f"{len(self.misfits)} of {len(self._all)} numbers of the geometry have no "
+            "derivative: "
+            "the closures hold more than they need, and with such a number changed no "
+            "posture "
             f"closes. They are {', '.join(self.misfits)}"
         )
 

@@ -1,16 +1,19 @@
-r"""All poses of a six-legged platform from its leg lengths, and the ends of the paths to them.
+r"""All poses of a six-legged platform from its leg lengths,
+and the ends of the paths to them.
 
-A pose is a point ``x = (c, g)`` of projective space P^7, c a quaternion and g the rest of a dual
-quaternion, on the quadric ``c . g = 0`` ([StudyGeometrie]_; [HustyPlatform]_). With rotation
-``R b = c b c* / |c|^2`` and translation ``p = 2 g c* / |c|^2``, leg i of length l from a to b is
+A pose is a point ``x = (c, g)`` of projective space P^7, c a quaternion and g the rest of
+a dual quaternion, on the quadric ``c . g = 0`` ([StudyGeometrie]_; [HustyPlatform]_).
+With rotation ``R b = c b c* / |c|^2`` and translation ``p = 2 g c* / |c|^2``, leg i of
+length l from a to b is
 
-    4 |g|^2 + (|a|^2 + |b|^2 - l^2) |c|^2 + 4 b . (c* g) - 4 a . (g c*) - 2 a . (c b c*) = 0,
+    4 |g|^2 + (|a|^2 + |b|^2 - l^2) |c|^2 + 4 b . (c* g) - 4 a . (g c*) - 2 a . (c b c*) =
+    0,
 
-a quadric too. Seven quadrics in P^7 have, besides points without a rotation (``c . c = 0``), 40
-solutions ([Wampler]_, [Raghavan]_). Their number is the certificate: 40 solutions of one general
-platform are known, and each is followed while that platform is deformed into the wanted one. On a
-general path none is lost or reached twice; paths that end at ``c . c = 0``, or where others end,
-are counted and named.
+a quadric too. Seven quadrics in P^7 have, besides points without a rotation (``c . c =
+0``), 40 solutions ([Wampler]_, [Raghavan]_). Their number is the certificate: 40
+solutions of one general platform are known, and each is followed while that platform is
+deformed into the wanted one. On a general path none is lost or reached twice; paths that
+end at ``c . c = 0``, or where others end, are counted and named.
 """
 
 from __future__ import annotations
@@ -33,13 +36,15 @@ Complex = NDArray[np.complex128]
 
 #: Solutions of a general platform.
 PATHS = 40
-# A step is chosen so that the predictor's error is `miss`; one with ten times that error is
-# repeated. The first step, and the bound on their number.
+# A step is chosen so that the predictor's error is `miss`; one with ten times that error
+# is repeated. The first step, and the bound on their number.
 _FIRST_STEP, _MAX_STEPS = 0.02, 2000
 
 
 def _products() -> tuple[Array, Array, Array]:
-    """Tensors (3, 4, 4) and (3, 3, 4, 4) of vec(c* g), vec(g c*), and a . (c b c*) in (c, g)."""
+    """Tensors (3, 4, 4) and (3, 3, 4, 4) of vec(c* g), vec(g c*), and a .
+    (c b c*) in (c, g).
+    """
     unit = np.eye(4)
 
     def times(p: Array, q: Array) -> Array:
@@ -114,7 +119,10 @@ def values(Q: NDArray, x: NDArray) -> NDArray:  # type: ignore[type-arg]
 
 
 def jacobians(Q: NDArray, x: NDArray) -> NDArray:  # type: ignore[type-arg]
-    """Derivatives (n, 8, 8) of the quadrics, and across x; regular at single solutions."""
+    """Derivatives (n, 8, 8) of the quadrics, and across x.
+
+    Regular at single solutions.
+    """
     return np.concatenate([2.0 * _matrices(Q, x), x.conj()[:, None]], axis=1)
 
 
@@ -169,8 +177,8 @@ def follow(
 ) -> Ends:
     """Solutions of the quadrics `end`, from solutions x (n, 8) of the quadrics `start`.
 
-    ``Q(t) = t start + (1 - t) end`` from t = 1 to 0: a Runge-Kutta step of fourth order and
-    Newton's method, all paths at once, each with its own step.
+    ``Q(t) = t start + (1 - t) end`` from t = 1 to 0: a Runge-Kutta step of fourth order
+    and Newton's method, all paths at once, each with its own step.
 
     Parameters
     ----------
@@ -179,7 +187,8 @@ def follow(
     x : ndarray (n, 8)
         Complex; changed in place.
     miss : float
-        Error of the predictor; a smaller one is slower, and jumps to another path more rarely.
+        Error of the predictor; a smaller one is slower, and jumps to another path more
+        rarely.
     """
     n = len(x)
     x /= _norms(x)[:, None]
@@ -233,17 +242,19 @@ def follow(
     return Ends(x, t, count)
 
 
-# If a path is lost, or reaches another one, all are followed again on other paths: the start's
-# equations are multiplied by another factor, and the predictor's error is reduced by a factor.
+# If a path is lost, or reaches another one, all are followed again on other paths: the
+# start's equations are multiplied by another factor, and the predictor's error is reduced
+# by a factor.
 _WAYS = np.exp(1j * np.array([0.0, 2.4, 4.8, 1.0, 3.4]))
 _FINER = 0.1
 # A path whose parameter is below this is near its end, which is known to the root of it.
 _NEAR_END = 1e-3
-# Ends nearer than this (of unit vectors) are one multiple solution: four paths that meet are known
-# to the fourth root of `numerics.CONSTRAINT_TOLERANCE`.
+# Ends nearer than this (of unit vectors) are one multiple solution: four paths that meet
+# are known to the fourth root of `numerics.CONSTRAINT_TOLERANCE`.
 _ONE = 3e-3
-# Distance from a multiple solution at which others beside it are sought: there the quadrics of an
-# isolated one, even a fourfold one, are larger than `numerics.MULTIPLE_SOLUTION_RESIDUAL`.
+# Distance from a multiple solution at which others beside it are sought: there the
+# quadrics of an isolated one, even a fourfold one, are larger than
+# `numerics.MULTIPLE_SOLUTION_RESIDUAL`.
 _ASIDE = 0.05
 
 
@@ -260,9 +271,11 @@ class PathCount:
     multiple : int
         Paths that ended at a common solution: at singular poses.
     moving : int
-        Paths that ended on curves of solutions: the platform moves although its legs do not.
+        Paths that ended on curves of solutions: the platform moves although its legs do
+        not.
     nowhere : int
-        Paths that ended at points that are no pose: such solutions do not exist for this platform.
+        Paths that ended at points that are no pose: such solutions do not exist for this
+        platform.
     lost : int
         Paths whose end is not known; where there are any, poses may be missing.
     """
@@ -378,7 +391,10 @@ def poses_of_lengths(platform: Platform, lengths: Array) -> Poses:
 
 
 def _followed(Q: Array) -> tuple[Ends, NDArray[np.bool_]]:
-    """Ends of all paths, and which are solutions of their own; with finer steps where need be."""
+    """Ends of all paths, and which are solutions of their own.
+
+    With finer steps where need be.
+    """
     start, solutions = general_platform()
     miss = numerics.PREDICTOR_TOLERANCE
     for way in _WAYS:
@@ -407,7 +423,9 @@ def _real(x: Complex) -> Array:
 
 
 def _real_points(Q: Array, x: Complex) -> Array:
-    """Those solutions (k, 8) that are their own conjugates, by Newton's method in real numbers."""
+    """Those solutions (k, 8) that are their own conjugates,
+    by Newton's method in real numbers.
+    """
     if not len(x):
         return np.empty((0, 8))
     nearest = np.abs(x @ x.T).argmax(axis=1)
@@ -420,7 +438,9 @@ def _real_points(Q: Array, x: Complex) -> Array:
 
 
 def _refined(Q: Array, x: NDArray) -> NDArray:  # type: ignore[type-arg]
-    """Point (8,) near x on the quadrics, by steps of least size across what is singular."""
+    """Point (8,) near x on the quadrics, by steps of least size across what
+    is singular.
+    """
     for _ in range(8):
         J = jacobians(Q, x[None])[0]
         right = np.append(values(Q, x[None])[0], 0.0)
@@ -446,7 +466,9 @@ def _is_on_curve(Q: Array, x: Complex) -> bool:
 
 
 def _real_on_curve(Q: Array, x: Complex) -> Array:
-    """The first real point (1, 8) on curves of solutions that points x lead to, or (0, 8)."""
+    """The first real point (1, 8) on curves of solutions that points x lead to,
+    or (0, 8).
+    """
     for row in x:
         point = _refined(Q, _real(row[None])[0])
         met = np.abs(values(Q, point[None])).max() < numerics.CONSTRAINT_TOLERANCE

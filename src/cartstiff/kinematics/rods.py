@@ -1,10 +1,11 @@
-r"""Working modes of legs of joints that end in a rigid rod: the driven joint in closed form.
+r"""Working modes of legs of joints that end in a rigid rod:
+the driven joint in closed form.
 
-A leg whose first joint is driven, and whose other joints meet in a point C behind it and in a point
-B of the body, is a crank or a rail with a rod of constant length (`LegShape`), whatever its joints
-are called and however their axes are turned. B follows from the body's pose, so that
-:math:`|B - C| = l` has one solution in each working mode: iterations that end elsewhere have gone
-over to another elbow.
+A leg whose first joint is driven, and whose other joints meet in a point C behind it and
+in a point B of the body, is a crank or a rail with a rod of constant length (`LegShape`),
+whatever its joints are called and however their axes are turned. B follows from the
+body's pose, so that :math:`|B - C| = l` has one solution in each working mode: iterations
+that end elsewhere have gone over to another elbow.
 """
 
 from __future__ import annotations
@@ -48,15 +49,16 @@ class Rod(NamedTuple):
     joints: tuple[list[int], list[int]]
 
     def coordinate(self, target: Array) -> Array:
-        """Return the driven coordinate (N,) at poses (N, 4, 4) of the end; NaN beyond reach."""
+        """The driven coordinate (N,) at poses (N, 4, 4) of the end; NaN beyond reach."""
         B = target[:, :3, :3] @ self.point + target[:, :3, 3]
         with np.errstate(invalid="ignore"):
             return np.asarray(self.home + self.shape.driven(B, self.mode)[0])
 
     def orientation(self, own: Array, pose: Array, jacobian: Array) -> Array:
-        """Return the signs (N,) that the joints at C and B add to determinants of their twists.
+        """The signs (N,) that the joints at C and B add to determinants of their twists.
 
-        A universal joint, or a ball, may be turned over without any effect on rod and body.
+        A universal joint, or a ball, may be turned over without any effect on rod and
+        body.
 
         Parameters
         ----------
@@ -79,7 +81,9 @@ class Rod(NamedTuple):
         return signs
 
     def keeps(self, own: Array, wanted: Array) -> NDArray[np.bool_]:
-        """Whether coordinates (N, k) of the leg have the driven one where it is wanted (N,)."""
+        """Whether coordinates (N, k) of the leg have the driven one where it is
+        wanted (N,).
+        """
         away = own[:, self.driven] - wanted
         if self.shape.family == "crank":
             away = (away + np.pi) % (2.0 * np.pi) - np.pi
@@ -87,13 +91,14 @@ class Rod(NamedTuple):
         return np.asarray(np.abs(away) <= _ALIKE * size)
 
 
-# Two elbows nearer than this (rad, or shares of the rod) are at a singular posture of the leg,
-# where iterations know the joint to the root of their tolerance only: its digits are lost.
+# Two elbows nearer than this (rad, or shares of the rod) are at a singular posture of the
+# leg, where iterations know the joint to the root of their tolerance only: its digits are
+# lost.
 _ALIKE = numerics.LOST_ERROR
 
 
 def rod_of(leg: Leg, home: Array, actuated: frozenset[int]) -> Rod | None:
-    """Return the rod of a leg at coordinates (k,) of its own; None for a leg of another shape.
+    """The rod of a leg at coordinates (k,) of its own; None for a leg of another shape.
 
     Parameters
     ----------
@@ -132,7 +137,9 @@ def rod_of(leg: Leg, home: Array, actuated: frozenset[int]) -> Rod | None:
 
 
 def _axes(leg: Leg, q: Array) -> tuple[Array, Array]:
-    """Twists (6, k) of the leg's joints in the frame of its root, and the pose of its end."""
+    """Twists (6, k) of the leg's joints in the frame of its root,
+    and the pose of its end.
+    """
     at = leg.chain.at(q)
     return se3.adjoint(at.pose) @ at.motion.jacobian, at.pose
 

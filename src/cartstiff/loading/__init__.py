@@ -48,8 +48,8 @@ def load(
     Parameters
     ----------
     source : str, Path, pinocchio.Model, pinocchio.RobotWrapper or tuple
-        A bundled mechanism ("stewart-gough"), a mechanism file (.yaml), a URDF, xacro or MJCF file,
-        XML text, or the name of a robot of example-robot-data ("panda") or of
+        A bundled mechanism ("stewart-gough"), a mechanism file (.yaml), a URDF, xacro or
+        MJCF file, XML text, or the name of a robot of example-robot-data ("panda") or of
         robot_descriptions ("ur5e_description"), looked up in this order; or an object of
         Pinocchio: a model, a wrapper, or a tuple (model, collision model, visual model).
     frame : str, optional
@@ -58,19 +58,19 @@ def load(
         Positions (rad, m) of joints that do not move; for serial arms and closed chains.
     springs : str, optional
         Published joint springs by name (see `cartstiff models`), such as
-        "kuka-kr270/klimchik-2013"; your own table (.csv: joint, stiffness [N m/arcmin]); or
-        "actuators": the kp of an MJCF file's position actuators.
+        "kuka-kr270/klimchik-2013"; your own table (.csv: joint, stiffness [N m/arcmin]);
+        or "actuators": the kp of an MJCF file's position actuators.
     stiffness, rest : float, mapping of str to float, or array_like, optional
-        Stiffness and rest positions of the joint springs, as in `ElasticMechanism.with_springs`;
-        they replace those of `springs`.
+        Stiffness and rest positions of the joint springs, as in
+        `ElasticMechanism.with_springs`; they replace those of `springs`.
     tcp : array_like (3,), (6,) or (4, 4), optional
-        Place of M in the frame. Position and, if wanted, roll, pitch, yaw about fixed axes; or, in
-        Python, the pose.
+        Place of M in the frame. Position and, if wanted, roll, pitch, yaw about fixed
+        axes; or, in Python, the pose.
     gravity : array_like (3,), optional
         Gravity in F [m/s^2], such as 0,0,-9.81, instead of the file's.
     payload : array_like (1,) or (4,), optional
-        Mass on the body [kg], and its centre in M; added to that of the file. Without any gravity
-        that of the earth is assumed, along -z of F, and a note says so.
+        Mass on the body [kg], and its centre in M; added to that of the file. Without any
+        gravity that of the earth is assumed, along -z of F, and a note says so.
     xacro_args : mapping of str to str, optional
         Arguments of a xacro file, by name.
     package_path : sequence of str or Path, optional
@@ -79,8 +79,8 @@ def load(
     parameters : mapping of str to float, optional
         Values that replace those of the mechanism file's parameters, in its units.
     **of_model
-        For Pinocchio's models, see `cartstiff.loading.pinocchio_model.from_pinocchio`: `visual`,
-        `q`, `closures`, `actuated`, `name`.
+        For Pinocchio's models, see `cartstiff.loading.pinocchio_model.from_pinocchio`:
+        `visual`, `q`, `closures`, `actuated`, `name`.
 
     Returns
     -------
@@ -197,7 +197,10 @@ def _padded(value: Any, least: int, full: int, name: str) -> list[float]:
 
 
 def _ros_keys(arguments: Any, folders: Any) -> dict[str, Any]:
-    """Check xacro arguments and package folders; return the keys of a mechanism file for them."""
+    """Check xacro arguments and package folders.
+
+    Return the keys of a mechanism file for them.
+    """
     folders = [folders] if isinstance(folders, (str, Path)) else list(folders)
     keys: dict[str, Any] = {}
     if arguments:
@@ -302,7 +305,8 @@ def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMech
 def file_reader(
     source: str | Path,
 ) -> Callable[[dict[str, Any]], ElasticMechanism] | None:
-    """Read a mechanism file once; return a function that builds its mechanism for overrides.
+    """Read a mechanism file once; return a function that builds its mechanism
+    for overrides.
 
     None where the name is not that of a mechanism file.
     """
@@ -351,14 +355,14 @@ def hexapod(
 ) -> ElasticMechanism:
     """Build a Stewart-Gough platform from radii and angles, or in a cube.
 
-    The arguments are the keys of a mechanism file of kind stewart-gough with a ``layout``, with the
-    same meanings and checks.
+    The arguments are the keys of a mechanism file of kind stewart-gough with a
+    ``layout``, with the same meanings and checks.
 
     Parameters
     ----------
     base, platform : mapping
-        The joints' circles: ``radius``, ``half_angle`` (rad) of the pairs or ``angles`` (rad) of
-        the joints, ``height``.
+        The joints' circles: ``radius``, ``half_angle`` (rad) of the pairs or ``angles``
+        (rad) of the joints, ``height``.
     height : float
         Height of the platform's frame P over F; default 0 for a cube.
     turn : float, optional
@@ -368,13 +372,13 @@ def hexapod(
     cubic : mapping, optional
         ``edge`` or ``size`` of a cube, and its ``centre``.
     legs : float or mapping
-        The stiffness of every leg, or the file's key: ``stiffness`` or ``strut``, ``rest_length``,
-        ``preload``, ``limits``, ``mass``, ``damping``.
+        The stiffness of every leg, or the file's key: ``stiffness`` or ``strut``,
+        ``rest_length``, ``preload``, ``limits``, ``mass``, ``damping``.
     name : str
         Name for people.
     **keys
-        Any other key of the file: ``units``, ``frame``, ``body``, ``flexible``, ``payload``,
-        ``gravity``.
+        Any other key of the file: ``units``, ``frame``, ``body``, ``flexible``,
+        ``payload``, ``gravity``.
 
     Returns
     -------
@@ -418,16 +422,17 @@ def parallel(
     name: str = "parallel",
     **keys: Any,
 ) -> ElasticMechanism:
-    """Build a body carried by several legs, from the keys of a file of ``kind: parallel``.
+    """Build a body carried by several legs, from the keys of a file of ``kind:
+    parallel``.
 
     Parameters
     ----------
     legs : mapping or sequence of mappings
-        Legs by name, such as ``{"chain": "PUS", "base": {"radius": 0.3, "half_angle": 0.2}, ...}``,
-        chains of a robot description, or a list of both.
+        Legs by name, such as ``{"chain": "PUS", "base": {"radius": 0.3, "half_angle":
+        0.2}, ...}``, chains of a robot description, or a list of both.
     pose : array_like (4, 4) or (6,), optional
-        ``T_F_P`` where the legs are put together: the pose, or x, y, z, roll, pitch, yaw about
-        fixed axes (lengths, rad). Legs by name need it.
+        ``T_F_P`` where the legs are put together: the pose, or x, y, z, roll, pitch, yaw
+        about fixed axes (lengths, rad). Legs by name need it.
     name : str
         Name for people.
     **keys

@@ -1,7 +1,8 @@
 """A mechanism on its way from files: robots, and what a mechanism file says of them.
 
-A `Part` is one robot and becomes a tree of joints; an `Assembly` has one part, or one for each leg,
-and becomes an `ElasticMechanism`. Passes (`cartstiff.loading.passes`) do this step by step.
+A `Part` is one robot and becomes a tree of joints; an `Assembly` has one part, or one for
+each leg, and becomes an `ElasticMechanism`. Passes (`cartstiff.loading.passes`) do this
+step by step.
 """
 
 from __future__ import annotations
@@ -53,8 +54,9 @@ class Part(_Noted):
     number : int
         Number of the leg, from 1; 0 where there is one robot only.
     alone : bool
-        Whether there is no mechanism file: the robot's loops are closed where they move the
-        frame, joints that do not move it are left out, and its own actuators drive it.
+        Whether there is no mechanism file: the robot's loops are closed where they move
+        the frame, joints that do not move it are left out, and its own actuators drive
+        it.
     posture : mapping of str to float
         Default positions by coordinate, for those that are not in the entry.
     notes : tuple of Note

@@ -1,7 +1,8 @@
-"""Joints beside the chain to the frame of interest: what does not act, and loops left open.
+"""Joints beside the chain to the frame of interest: what does not act,
+and loops left open.
 
-A tree that a drawing program exports from a parallel machine has its loops cut. The chain to one
-frame is then one leg, and its answer is that of a serial arm.
+A tree that a drawing program exports from a parallel machine has its loops cut. The chain
+to one frame is then one leg, and its answer is that of a serial arm.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from cartstiff.notes import Note
 _listed = partial(listed, most=6)
 #: Two equal chains of more joints are arms of one body.
 _MOST_OF_PAIR = 3
-#: Fewest joints that make chains comparable; so many without a distance between them are one, too.
+#: Fewest joints that make chains comparable; so many without a distance between them are
+#: one, too.
 _FEWEST_JOINTS, _FEWEST_WITHOUT_LENGTH = 2, 4
 
 
@@ -62,7 +64,8 @@ def beside(part: Part) -> Part:
     else:
         return part.noting(notes)
     words += (
-        f", and joints beside it do not act: {_listed(joints)}. If they hold the same body in "
+        f", and joints beside it do not act: {_listed(joints)}. If they hold the same "
+        "body in "
         "the real machine, this is the answer of one leg alone: name its loops under "
         "'closures' in a mechanism file of kind closed-chain"
     )
@@ -71,10 +74,15 @@ def beside(part: Part) -> Part:
 
 
 def idle_springs(joints: Sequence[str], frame: str, place: str = "") -> list[Note]:
-    """Return a note that names joints with springs that do not move the frame; none without any."""
+    """Return a note that names joints with springs that do not move the frame;
+    none without any.
+    """
     if not joints:
         return []
-    message = f"{len(joints)} joints with springs are not on the chain to {frame!r} and do not act"
+    message = (
+        f"{len(joints)} joints with springs are not on the chain to {frame!r} and "
+        "do not act"
+    )
     if len(joints) == 1:
         message = (
             f"1 joint with a spring is not on the chain to {frame!r} and does not act"
@@ -86,9 +94,9 @@ def idle_springs(joints: Sequence[str], frame: str, place: str = "") -> list[Not
 def equal_chains(model: Any, joint: int) -> list[list[str]]:
     """Return the chains beside the one to a joint that are equal to it, joint by joint.
 
-    They begin on one link. Chains are equal if hinges and slides follow each other in the same
-    order at the same distances, as far as the shorter one goes. Where several links have equal
-    chains, those of the link with the most of them are returned.
+    They begin on one link. Chains are equal if hinges and slides follow each other in the
+    same order at the same distances, as far as the shorter one goes. Where several links
+    have equal chains, those of the link with the most of them are returned.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ def _data_directory() -> Path | None:
 
 @cache
 def example_robots() -> dict[str, Path | None]:
-    """Return the URDF (None without one) of each robot of example-robot-data, if installed."""
+    """The URDF (None without one) of each robot of example-robot-data, if installed."""
     data = _data_directory()
     if data is None or importlib.util.find_spec("example_robot_data") is None:
         return {}

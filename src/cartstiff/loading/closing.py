@@ -56,7 +56,10 @@ def grips(whole: Assembly) -> list[Array]:
 
 
 def legs_at_pose(whole: Assembly) -> Assembly:
-    """Move the joints of legs to where the file's pose is; a leg by name is drawn there."""
+    """Move the joints of legs to where the file's pose is.
+
+    A leg by name is drawn there.
+    """
     if whole.kind != "parallel" or whole.file.pose is None:
         return whole
     T_F_M = pose_of(whole.file.pose) @ pose_of(whole.file.offset)
@@ -102,7 +105,9 @@ def placed_legs(whole: Assembly) -> tuple[PlacedLeg, ...]:
 
 
 def closed(whole: Assembly) -> Assembly:
-    """Close the loops of a closed chain: those of the robot's own file, then the entries."""
+    """Close the loops of a closed chain: those of the robot's own file,
+    then the entries.
+    """
     if whole.kind != "closed-chain":
         return whole
     (part,) = whole.parts
@@ -124,7 +129,8 @@ def closed(whole: Assembly) -> Assembly:
     )
 
 
-#: Axes of frame a about which a closure leaves joints free; synonyms of the other closures.
+#: Axes of frame a about which a closure leaves joints free; synonyms of the other
+#: closures.
 _FREE_AXES = {"hinge": ("RX",), "universal": ("RX", "RY")}
 _SYNONYMS = {"ball": "point", "rigid": "weld"}
 
@@ -132,8 +138,9 @@ _SYNONYMS = {"ball": "point", "rigid": "weld"}
 class _Closing:
     """Adds closures to a tree, with the joints of hinges and universal joints.
 
-    A hinge is a weld at the end of one more joint about x of frame a, a universal joint of two
-    more, about x of frame a and y of frame b: five and four conditions on the other joints.
+    A hinge is a weld at the end of one more joint about x of frame a, a universal joint
+    of two more, about x of frame a and y of frame b: five and four conditions on the
+    other joints.
 
     Attributes
     ----------
@@ -152,7 +159,10 @@ class _Closing:
         self.joints: list[str] = []
 
     def add(self, name: str, a: str, b: str, kind: str) -> None:
-        """Tie frame b to frame a by a joint; its own coordinates are named after the closure."""
+        """Tie frame b to frame a by a joint.
+
+        Its own coordinates are named after the closure.
+        """
         if kind in _FREE_AXES:
             tree = self.tree
             joints = [(f"{name}.{axis[1].lower()}", axis) for axis in _FREE_AXES[kind]]
@@ -166,7 +176,9 @@ class _Closing:
         self.closures.append(Closure(a, b, _SYNONYMS.get(kind, kind)))  # type: ignore[arg-type]
 
     def add_entry(self, entry: ClosureModel, i: int) -> None:
-        """Add a file's entry; without points a frame is tied to "world" where it is at q."""
+        """Add a file's entry; without points a frame is tied to "world"
+        where it is at q.
+        """
         place, tree = f"key closures.{i + 1}", self.tree
         for frame in entry.frames:
             check_name("frame", frame, tree.frames, place)

@@ -30,7 +30,8 @@ Followers = dict[str, tuple[str, float, float]]
 
 @dataclass(frozen=True)
 class FileSpring:
-    """Spring of a hinge or slide: torque ``c_1 x + c_2 x^2 + ...`` at x beyond its rest position.
+    """Spring of a hinge or slide: torque ``c_1 x + c_2 x^2 + ...`` at x beyond its
+    rest position.
 
     Attributes
     ----------
@@ -46,13 +47,14 @@ class FileSpring:
 
 @dataclass(frozen=True)
 class FileClosure:
-    """A loop that the file closes: frame a coincides with frame b, or shares a point with it.
+    """A loop that the file closes: frame a coincides with frame b,
+    or shares a point with it.
 
     Attributes
     ----------
     type : {"point", "weld", "hinge", "universal"}
-        Kind of closure; a hinge is about x of both frames, a universal joint about x of a and y
-        of b.
+        Kind of closure; a hinge is about x of both frames, a universal joint about x of a
+        and y of b.
     body_a, body_b : str
         The bodies.
     T_a, T_b : ndarray, shape (4, 4)
@@ -72,7 +74,8 @@ class FileClosure:
 def turned_axes(
     kind: str, axes: Sequence[Sequence[float]] | None, where: str
 ) -> list[Array]:
-    """Return rotations of a closure's two frames after which its axes are x of a, and x or y of b.
+    """Return rotations of a closure's two frames after which its axes are x of a,
+    and x or y of b.
 
     Raises
     ------
@@ -91,7 +94,8 @@ def turned_axes(
 
 @dataclass(frozen=True)
 class Obstacle:
-    """Something in a file that cannot be used: refused where one of its joints moves the frame.
+    """Something in a file that cannot be used: refused where one of its joints
+    moves the frame.
 
     Attributes
     ----------
@@ -119,7 +123,9 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class Lifted:
-    """Gravity compensation: the part of a body's mass that weighs nothing, at a point of it."""
+    """Gravity compensation: the part of a body's mass that weighs nothing,
+    at a point of it.
+    """
 
     body: str
     mass: float
@@ -128,7 +134,8 @@ class Lifted:
 
 @dataclass(frozen=True)
 class RobotDescription:
-    """A robot as a reader returns it, whatever the format: lengths in m, angles in rad, kg, N.
+    """A robot as a reader returns it, whatever the format: lengths in m, angles in rad,
+    kg, N.
 
     Bodies, joints, frames and masses are Pinocchio's; everything else stands beside them.
 
@@ -149,8 +156,8 @@ class RobotDescription:
     springs : dict of str to FileSpring
         Springs by coordinate.
     passive : tuple of str
-        Coordinates that have no spring and need none: of free bodies, and joints within closed
-        loops that other joints hold.
+        Coordinates that have no spring and need none: of free bodies, and joints within
+        closed loops that other joints hold.
     loose : frozenset of str
         Free-flying joints that no closure holds, as joints of the model.
     actuated : tuple of str
@@ -224,7 +231,8 @@ class RobotDescription:
 
 
 def successive_turns(T: Array) -> Array:
-    """Return the angles (3,) of turns about x, the new y and the new z that make a pose's rotation.
+    """Return the angles (3,) of turns about x, the new y and the new z that make a
+    pose's rotation.
 
     These are the coordinates in the place of a ball joint.
     """
@@ -244,7 +252,10 @@ def to_root(follower: str, followers: Followers) -> tuple[str, float, float]:
 def on_leaders(
     springs: dict[str, FileSpring], followers: Followers
 ) -> tuple[dict[str, FileSpring], list[Obstacle]]:
-    """Move the springs of followers to their leaders; nonlinear ones are returned as obstacles."""
+    """Move the springs of followers to their leaders.
+
+    Nonlinear ones are returned as obstacles.
+    """
     springs, others = dict(springs), []
     for follower in [name for name in followers if name in springs]:
         spring, (leader, factor, offset) = (

@@ -1,4 +1,7 @@
-"""Finds files of robots of robot_descriptions; run as a script in a process of its own."""
+"""Finds files of robots of robot_descriptions.
+
+Run as a script in a process of its own.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ _MEGABYTES, _SECONDS = 1024, 6
 
 
 def described(name: str) -> dict[str, Any]:
-    """Return the files that a module of robot_descriptions names, if they are in the cache."""
+    """The files that a module of robot_descriptions names, if they are in the cache."""
     import robot_descriptions
     from robot_descriptions._repositories import REPOSITORIES
 

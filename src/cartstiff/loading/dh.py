@@ -1,12 +1,13 @@
 r"""Build robots from Denavit-Hartenberg tables, standard and modified.
 
-Row i places frame i in frame i-1 by turns R about, and displacements T along, the axes x and z:
+Row i places frame i in frame i-1 by turns R about, and displacements T along, the axes x
+and z:
 
-    standard:          R_z(theta) T_z(d) T_x(a) R_x(alpha), joint i on the z axis of frame i-1
-    modified (Craig):  R_x(alpha) T_x(a) R_z(theta) T_z(d), joint i on the z axis of frame i
+    standard:         R_z(theta) T_z(d) T_x(a) R_x(alpha), joint i on z of frame i-1
+    modified (Craig): R_x(alpha) T_x(a) R_z(theta) T_z(d), joint i on z of frame i
 
-where q is added to theta of a revolute joint and to d of a prismatic one. The a and alpha of a
-modified row are those that Craig numbers i-1.
+where q is added to theta of a revolute joint and to d of a prismatic one. The a and alpha
+of a modified row are those that Craig numbers i-1.
 """
 
 from __future__ import annotations
@@ -43,9 +44,10 @@ _COLUMNS: dict[str, tuple[str, ...]] = {
 def read_dh_table(path: Path) -> list[DHJoint]:
     """Read the rows of a table, in m and rad.
 
-    Columns are joint, type, a, alpha, d, theta, lower and upper, with their units in the heads;
-    lower and upper may occur twice, in degrees for revolute and in mm for prismatic joints. An
-    empty cell of a number is zero, an empty cell of a limit is no limit.
+    Columns are joint, type, a, alpha, d, theta, lower and upper, with their units in the
+    heads; lower and upper may occur twice, in degrees for revolute and in mm for
+    prismatic joints. An empty cell of a number is zero, an empty cell of a limit is no
+    limit.
 
     Raises
     ------
@@ -86,7 +88,8 @@ def read_dh_table(path: Path) -> list[DHJoint]:
                 raise InputError(
                     "limits do not fit the joint",
                     where=place,
-                    expected=f"lower and upper, {'a length' if slides else 'an angle'} each",
+                    expected=f"lower and upper, {'a length' if slides else 'an angle'} "
+                    "each",
                 )
             row["limits"] = [limits["lower"][1], limits["upper"][1]]
         try:
@@ -99,7 +102,8 @@ def read_dh_table(path: Path) -> list[DHJoint]:
 
 
 def dh_description(table: DHModel, folder: Path, floating: bool) -> RobotDescription:
-    """Build a table's robot: joints j1, j2, ... and links link1, ... unless they have names.
+    """Build a table's robot: joints j1, j2, ... and links link1, ...
+    unless they have names.
 
     Raises
     ------

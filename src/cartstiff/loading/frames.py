@@ -1,4 +1,6 @@
-"""The frame of interest of a robot for which none is named, and the joints that move it."""
+"""The frame of interest of a robot for which none is named,
+and the joints that move it.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +28,9 @@ _TOOL_NAMES = tuple(
         "flange|flange_link|link_flange",
     )
 )
-# Frames that carry no tool: fingers are found by the joints on the way, sensors and rods of
-# linkages by the frame's own name. Names are matched in lower case: a pattern that ignores case
-# takes twice the time.
+# Frames that carry no tool: fingers are found by the joints on the way, sensors and rods
+# of linkages by the frame's own name. Names are matched in lower case: a pattern that
+# ignores case takes twice the time.
 _FINGERS = re.compile(
     r"finger|thumb|knuckle|pinky|(?<![^_])(?:index|middle|ring|little)(?![^_])|jointgripper|"
     r"(?<![^_])gripper_.*(?:jaw|pad|tip|joint|inner|outer|motor)|(?<![^_])(?:jaw|claw)"
@@ -66,7 +68,9 @@ _MIN_WRIST_DEPTH, _MAX_FINGER_JOINTS = 4, 4
 
 
 def hand_joints(robot: RobotDescription) -> set[str]:
-    """Joints of fingers by the tree alone: all chains from one link at an arm's end are short."""
+    """Joints of fingers by the tree alone: all chains from one link at an arm's
+    end are short.
+    """
     model, names = robot.model, list(robot.model.names)
     supports = [set(support) for support in model.supports]
     depths = [sum(names[j] not in robot.loose for j in some) - 1 for some in supports]
@@ -88,12 +92,12 @@ _End = tuple[str, list[str]]
 
 
 def default_frame(robot: RobotDescription) -> tuple[str, str]:
-    """Return the frame of interest of a robot for which none is named, and the words of a note.
+    """The frame of interest of a robot for which none is named, and the words of a note.
 
     The first choice is a frame with the name of a tool frame, on a chain at least half as
     long as the longest whose joints can be used; the second the leaf frame at the end of
-    the longest chain, fingers and sensors last. Frames that only free bodies carry are the
-    last choice.
+    the longest chain, fingers and sensors last. Frames that only free bodies carry are
+    the last choice.
     """
     model = robot.model
     names, kinds = list(model.names), {pin.FrameType.BODY, pin.FrameType.OP_FRAME}
@@ -125,13 +129,18 @@ def _longest(ends: Collection[_End]) -> int:
 
 
 def _is_arm(name: str, chain: list[str], hands: set[str]) -> bool:
-    """Whether a frame is carried by joints, and belongs neither to a hand nor to a sensor."""
+    """Whether a frame is carried by joints, and belongs neither to a hand nor
+    to a sensor.
+    """
     is_hand = not hands.isdisjoint(chain) or any(map(is_finger, [*chain, name]))
     return bool(chain) and not is_hand and not _is_sensor(name)
 
 
 def _tool(arms: list[_End], robot: RobotDescription) -> _End | None:
-    """Frame with the most reliable name of a tool frame; of several the one farthest out."""
+    """Frame with the most reliable name of a tool frame.
+
+    Of several the one farthest out.
+    """
     barred = frozenset[str]().union(*(o.joints for o in robot.obstacles))
     usable = _longest([end for end in arms if barred.isdisjoint(end[1])])
     least = (usable or _longest(arms)) / 2
@@ -157,7 +166,10 @@ def _last_leaf(ends: list[_End]) -> _End:
 
 
 def named_elsewhere(model: Any, frame: str, where: str) -> bool:
-    """Whether a joint elsewhere has the name of a link; refuse a frame that does not exist."""
+    """Whether a joint elsewhere has the name of a link.
+
+    Refuse a frame that does not exist.
+    """
     named = [f for f in model.frames if f.name == frame]
     if not named:
         raise UnknownNameError(
@@ -177,7 +189,9 @@ def joints_to(robot: RobotDescription, frame: str) -> set[str]:
 
 
 def joints_that_move(robot: RobotDescription, frame: str) -> set[str]:
-    """Return the joints on the way to a frame, and those that loops and couplings tie to them."""
+    """Return the joints on the way to a frame, and those that loops and couplings
+    tie to them.
+    """
     moving = joints_to(robot, frame)
     groups = [closure.joints for closure in robot.closures]
     groups += [frozenset({name, rule[0]}) for name, rule in robot.followers.items()]

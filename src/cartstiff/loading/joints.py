@@ -70,7 +70,8 @@ def held_base(part: Part) -> Part:
         return part
     name = min(min(free).rsplit(".", 1)[0], min(free))
     words = (
-        f"the free-flying joint {name!r} is held; floating: true in a mechanism file of kind "
+        f"the free-flying joint {name!r} is held; floating: true in a mechanism file of "
+        "kind "
         "closed-chain lets it move"
     )
     held = replace(robot, held=robot.held | free)
@@ -78,7 +79,8 @@ def held_base(part: Part) -> Part:
 
 
 def actuator_springs(part: Part) -> Part:
-    """Add the springs of position actuators to those of the joints, where they are asked for.
+    """Add the springs of position actuators to those of the joints,
+    where they are asked for.
 
     Raises
     ------
@@ -117,8 +119,8 @@ def actuator_springs(part: Part) -> Part:
 def leaders(part: Part) -> Part:
     """Take the joints that others follow by <mimic> where the file names these others.
 
-    A follower has no coordinate of its own: it is driven, or moves freely, where its leader
-    does, and its place is that of its leader.
+    A follower has no coordinate of its own: it is driven, or moves freely, where its
+    leader does, and its place is that of its leader.
 
     Raises
     ------
@@ -130,7 +132,8 @@ def leaders(part: Part) -> Part:
         for name in rules.keys() & getattr(entry, key, {}).keys():
             leader, factor, offset = rules[name]
             raise InputError(
-                f"joint {name!r} has no coordinate of its own: it follows {leader!r} by <mimic>",
+                f"joint {name!r} has no coordinate of its own: it follows {leader!r} by "
+                "<mimic>",
                 where=part.key(key),
                 expected=f"{leader}, of which it is {factor:g} times the position, "
                 f"plus {offset:g}",
@@ -172,7 +175,9 @@ def leaders_note(led: dict[str, str]) -> Note:
 
 
 def own_loops(part: Part) -> Part:
-    """Close the loops of the robot's own file, where they are: alone those that move the frame."""
+    """Close the loops of the robot's own file, where they are:
+    alone those that move the frame.
+    """
     moving = set(part.robot.model.names)
     if part.alone:
         moving = joints_that_move(part.robot, part.frame)
@@ -183,7 +188,10 @@ def own_loops(part: Part) -> Part:
 
 
 def cut(part: Part) -> Part:
-    """Keep the joints that act, as a plain tree; fix the others where the file has them."""
+    """Keep the joints that act, as a plain tree.
+
+    Fix the others where the file has them.
+    """
     robot, entry, notes = part.robot, part.entry, list[Note]()
     names = list(robot.model.names)
     posture = {**robot.posture, **part.posture, **entry.q}
@@ -244,7 +252,9 @@ def _locked(part: Part) -> dict[str, float]:
 
 
 def _kept(part: Part) -> set[str]:
-    """Joints that move the frame and the ends of its lines, and those of loops that are closed."""
+    """Joints that move the frame and the ends of its lines,
+    and those of loops that are closed.
+    """
     robot, is_closed = part.robot, part.kind == "closed-chain"
     names = list(robot.model.names)[1:]
     if is_closed and not part.alone:
@@ -259,7 +269,7 @@ def _kept(part: Part) -> set[str]:
 def _following(
     tree: KinematicTree, follows: Followers
 ) -> tuple[KinematicTree, list[Note]]:
-    """Return the tree in which joints follow others, and notes on limits that contradict."""
+    """The tree in which joints follow others, and notes on limits that contradict."""
     free = [c for c in tree.coordinates if c.name not in follows]
     column, notes = {c.name: i for i, c in enumerate(free)}, list[Note]()
     matrix, offsets = np.zeros((tree.n, len(free))), np.zeros(tree.n)
@@ -284,7 +294,9 @@ def _following(
 
 
 def without_beyond(part: Part) -> Part:
-    """Leave out what the file says of joints that could move and do not move the frame."""
+    """Leave out what the file says of joints that could move and do not
+    move the frame.
+    """
     robot, entry = part.robot, part.entry
     kept = {*part.tree.names, *robot.followers, *robot.locked, *entry.locked}
     pairs = zip(robot.model.names, robot.model.nvs, strict=True)
@@ -303,13 +315,14 @@ _LIMITS_LIKE_DEGREES = (40.0, 1000.0)
 
 
 def checks(part: Part) -> Part:
-    """Add notes on what a robot's file has without effect, its posture, masses and limits.
+    """Add notes on what a robot's file has without effect, its posture,
+    masses and limits.
 
     Raises
     ------
     InputError
-        If something that cannot be expressed acts on a joint of the tree, or is wrong with
-        it.
+        If something that cannot be expressed acts on a joint of the tree, or is wrong
+        with it.
     """
     robot, notes = part.robot, [*part.robot.notes]
     ignored = [*robot.ignored, *_without_effect(part)]
@@ -338,7 +351,9 @@ def checks(part: Part) -> Part:
 
 
 def _without_effect(part: Part) -> list[str]:
-    """Parts of the robot's file that act on no joint of the tree; refuse one that does."""
+    """Parts of the robot's file that act on no joint of the tree;
+    refuse one that does.
+    """
     robot = part.robot
     # A joint with several coordinates has become several: joint.x, joint.y, ...
     names = part.tree.model.names
@@ -382,7 +397,8 @@ _CONTACTS = {
 def contact(part: Part) -> Part:
     """Add the joints of a leg's contact with the body, those with springs first.
 
-    They are along the contact's axes; frame "contact" is parallel to the leg's end at zero.
+    They are along the contact's axes; frame "contact" is parallel to the leg's end at
+    zero.
     """
     leg = part.entry
     if getattr(leg, "contact", "rigid") == "rigid":

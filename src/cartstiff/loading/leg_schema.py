@@ -36,10 +36,12 @@ Direction = _Word | Vector | Annotated[list[Vector], Field(min_length=1, max_len
 _PerLeg = Positive | Annotated[list[Positive], Field(min_length=1, max_length=100)]
 _Mode = Literal["plus", "minus"]
 
-#: Chains that can be drawn: struts, then rails and cranks; a rod between two balls spins freely.
+#: Chains that can be drawn: struts, then rails and cranks; a rod between two balls spins
+#: freely.
 _KNOWN_CHAINS = re.compile(r"[URS]P[URS]?|[UR]C[UR]|[PR][URS][URS]")
 _CHAIN_EXAMPLES = (
-    "a strut such as UPS, RPS, SPS, UPU, UCU, UP; a rail such as PUS, PRS, PUU; a crank such "
+    "a strut such as UPS, RPS, SPS, UPU, UCU, UP; a rail such as PUS, PRS, PUU; a crank "
+    "such "
     "as RUS, RUU, RSS, RRR"
 )
 
@@ -81,7 +83,8 @@ class LegEndsModel(FileModel):
 class NamedLegs(FileModel):
     """Equal legs by the letters of their joints, from the ground to the body.
 
-    Their joints are slide, crank, u1, u2, s1, ...; their links rod, crank, slider, lower, upper.
+    Their joints are slide, crank, u1, u2, s1, ...; their links rod, crank, slider, lower,
+    upper.
     """
 
     chain: Text = keyed(
@@ -103,12 +106,14 @@ class NamedLegs(FileModel):
     )
     axis: Direction | None = keyed(
         "of cranks, hinges and first axes of universal joints: radial, tangential, "
-        "vertical, a vector in the leg's frame (x radial, z up), or one vector in F for each "
+        "vertical, a vector in the leg's frame (x radial, z up), or one vector in F for "
+        "each "
         "leg; default vertical for chains of R and P only, else tangential",
         None,
     )
     end_axis: Direction | None = keyed(
-        "of hinges at the body, and of the body's axis of universal joints there, as axis but in "
+        "of hinges at the body, and of the body's axis of universal joints there, as "
+        "axis but in "
         "P; default parallel to axis where the body is parallel to F",
         None,
     )
@@ -120,8 +125,10 @@ class NamedLegs(FileModel):
     rod: _PerLeg | None = keyed("length, for chains that begin with P or R", None)
     mode: _Mode | list[_Mode] | None = keyed(
         "working mode: the smaller (minus) or the larger (plus) of the two slides, or "
-        "crank angles between -pi and pi, that reach the file's pose; default the smaller slide, "
-        "and the crank that points outwards the more; where both do so alike, the larger angle",
+        "crank angles between -pi and pi, that reach the file's pose; default the "
+        "smaller slide, "
+        "and the crank that points outwards the more; where both do so alike, the larger "
+        "angle",
         None,
     )
     actuated: list[Text] | None = keyed(
@@ -147,7 +154,8 @@ class NamedLegs(FileModel):
     def _no_strut(cls, value: object) -> object:
         if isinstance(value, dict) and "strut" in value:
             raise ValueError(
-                "strut is of kind stewart-gough, whose legs have no joints with names; here joints "
+                "strut is of kind stewart-gough, whose legs have no joints with names; "
+                "here joints "
                 "have springs: {u1: {stiffness: 33}, ...}, and links may be flexible"
             )
         return value
@@ -193,13 +201,16 @@ class ContactStiffnessModel(FileModel):
     )
 
     rpy: Vector = keyed(
-        "the contact's axes in the chain's end frame, roll, pitch, yaw in rad; z is the normal, "
+        "the contact's axes in the chain's end frame, roll, pitch, yaw in rad; z is the "
+        "normal, "
         "about which it spins",
         [0.0, 0.0, 0.0],
     )
 
     def by_joint(self) -> dict[str, float]:
-        """Springs by the joint of the contact that they are in: contact.tx, ..., contact.z."""
+        """Springs by the joint of the contact that they are in: contact.tx, ...,
+        contact.z.
+        """
         x, y = (
             self.tangential
             if isinstance(self.tangential, list)
@@ -222,7 +233,8 @@ class LegModel(Joints):
         "joint between chain and body: none, spin about z, or a ball", "rigid"
     )
     contact_stiffness: ContactStiffnessModel | None = keyed(
-        "of a soft-finger or point contact: joints contact.tx, .ty, .tz with springs, which "
+        "of a soft-finger or point contact: joints contact.tx, .ty, .tz with springs, "
+        "which "
         "balance the load at q as those of other joints without rest",
         None,
     )
@@ -232,7 +244,8 @@ class LegModel(Joints):
     def _has_springs_by_joint(self) -> LegModel:
         if isinstance(self.springs, NamedSprings):
             raise ValueError(
-                f"springs {self.springs.name!r}: a name is read in kind serial and closed-chain; "
+                f"springs {self.springs.name!r}: a name is read in kind serial and "
+                "closed-chain; "
                 "give the springs of a leg by joint"
             )
         return self
@@ -293,12 +306,14 @@ class ParallelFile(FileWords):
 
     kind: Literal["parallel"]
     units: UnitsModel = keyed(
-        "of all numbers, for legs by name: with mm a stiffness is in N/mm or N mm/rad; force is N",
+        "of all numbers, for legs by name: with mm a stiffness is in N/mm or N mm/rad; "
+        "force is N",
         UnitsModel.model_construct(),
     )
     legs: _Legs = keyed("legs by name, or chains one by one, or a list of both")
     pose: PoseModel | None = keyed(
-        "the body's own frame in F, where the legs are put together; legs by name need it",
+        "the body's own frame in F, where the legs are put together; legs by "
+        "name need it",
         None,
     )
     offset: PoseModel = keyed("M in the body's own frame", PoseModel.model_construct())

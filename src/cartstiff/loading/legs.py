@@ -50,7 +50,8 @@ class _Layout:
         count = entry.symmetry or (1 if is_drawn else 3)
         #: Rotations (n, 3, 3) about z of the n equal parts.
         self.parts = turns(_Z, 2.0 * np.pi * np.arange(count) / count)
-        # The two legs of a pair of the base end at the neighbouring pairs of the platform.
+        # The two legs of a pair of the base end at the neighbouring pairs of the
+        # platform.
         turn = np.pi / 3.0 if entry.turn is None else entry.turn
         self.base, self.mirrored = self._points(entry.base, (0.0, 0.0), -1.0)
         middles = turn - 2.0 * np.pi / 3.0, turn
@@ -76,9 +77,11 @@ class _Layout:
     def _points(
         self, ring: LegEndsModel, middles: tuple[float, float], side: float
     ) -> tuple[list[Array], list[bool]]:
-        """Points of base or platform, and whether each leg is the mirror image of the next one.
+        """Points of base or platform, and whether each leg is the mirror image of
+        the next one.
 
-        The first two legs are at these middles of pairs, on this side of the first of them.
+        The first two legs are at these middles of pairs, on this side of the first of
+        them.
         """
         if ring.points is not None:
             own, flips = np.array(ring.points, float), [False] * len(ring.points)
@@ -93,7 +96,10 @@ class _Layout:
         return [R @ p for R in self.parts for p in own], flips * len(self.parts)
 
     def _frames(self) -> list[Array]:
-        """Frame of each leg: x radial on a circle; else the axes of F, turned with the symmetry."""
+        """Frame of each leg: x radial on a circle.
+
+        Else the axes of F, turned with the symmetry.
+        """
         if self.entry.base.points is None:
             return [turns(_Z, np.asarray(np.arctan2(p[1], p[0]))) for p in self.base]
         count = len(self.base) // len(self.parts)
@@ -151,7 +157,7 @@ class _Layout:
 def drawn(
     entry: NamedLegs, T_F_P: Array, leg: str = ""
 ) -> list[tuple[LegShape, float | None]]:
-    """Return the shape of each leg, with the body at a pose, and the other root of `_root`.
+    """The shape of each leg, with the body at a pose, and the other root of `_root`.
 
     Parameters
     ----------
@@ -165,8 +171,8 @@ def drawn(
     Raises
     ------
     InputError
-        For counts that do not fit, legs that do not reach, and poses at which the joints of
-        such legs could not be put together.
+        For counts that do not fit, legs that do not reach, and poses at which the joints
+        of such legs could not be put together.
     """
     layout, letters = _Layout(entry, leg), _without_free_spin(entry.chain)
     family: Family = "crank"
@@ -205,10 +211,10 @@ def drawn(
 def _root(shape: LegShape, mode: str | None) -> tuple[int, float | None]:
     """Sign of the root with the smaller ("minus") or larger ("plus") coordinate at home.
 
-    Angles of cranks are compared between -pi and pi, where -pi counts as pi. The default is the
-    smaller slide, and the crank that points outwards more; of two that do so alike the larger
-    angle. Coordinates within `NEGLIGIBLE_DISTANCE` count as alike, so that round-off does not
-    choose, and legs that are alike choose alike.
+    Angles of cranks are compared between -pi and pi, where -pi counts as pi. The default
+    is the smaller slide, and the crank that points outwards more; of two that do so alike
+    the larger angle. Coordinates within `NEGLIGIBLE_DISTANCE` count as alike, so that
+    round-off does not choose, and legs that are alike choose alike.
 
     Returns
     -------
@@ -246,7 +252,8 @@ def _at_home(shape: LegShape, sign: int, name: str, leg: str, is_skew: bool) -> 
             "the pose cannot be reached",
             where="key pose",
             expected="a pose that every leg reaches",
-            got=f"{name}, which is {shape.short_of(B):.3g} of the file's lengths too short",
+            got=f"{name}, which is {shape.short_of(B):.3g} of the file's lengths too "
+            "short",
         )
     shape = replace(shape, home=value)
     least = numerics.NEGLIGIBLE_DISTANCE * float(np.abs(B).max())
@@ -274,7 +281,8 @@ def _at_home(shape: LegShape, sign: int, name: str, leg: str, is_skew: bool) -> 
         raise InputError(
             f"the joints of {name} do not fit together at the pose",
             where="key pose",
-            expected="a pose at which hinges are across the rod, and the axes at both its ends "
+            expected="a pose at which hinges are across the rod, and the axes at both "
+            "its ends "
             "parallel",
             got=f"{np.arcsin(min(1.0, largest)):.3g} rad askew",
         )
@@ -309,7 +317,8 @@ class DrawnLeg:
     diameter : float or None
         Diameter of its rod.
     other : float or None
-        Coordinate of the other working mode, if the file names none and both are equally near.
+        Coordinate of the other working mode, if the file names none and both are equally
+        near.
     """
 
     description: RobotDescription
@@ -321,7 +330,9 @@ class DrawnLeg:
 
 
 class _Drawing:
-    """Model of a leg to which joints are added one by one, each with its frame in F at home."""
+    """Model of a leg to which joints are added one by one,
+    each with its frame in F at home.
+    """
 
     def __init__(self) -> None:
         self.model = pin.Model()
@@ -346,7 +357,9 @@ class _Drawing:
         self._add(name, pin.JointModelRevoluteUnaligned(own), T_home, back)
 
     def slide(self, T_home: Array, at_home: float) -> None:
-        """Add a prismatic joint along x of a frame, in which its position is `at_home`."""
+        """Add a prismatic joint along x of a frame,
+        in which its position is `at_home`.
+        """
         self._add(
             "slide",
             pin.JointModelPX(),
@@ -473,8 +486,10 @@ def mode_notes(legs: Iterable[LegModel]) -> list[Note]:
         else ", ".join(map(": ".join, zip(tied, each, strict=True)))
     )
     words = (
-        f"no mode was given, and two working modes are equally near: cranks of {', '.join(tied)} "
-        f"at {angles}; the larger angle is taken (mode: plus), and `mode: minus` in legs takes "
+        "no mode was given, and two working modes are equally near: cranks of "
+        f"{', '.join(tied)} "
+        f"at {angles}; the larger angle is taken (mode: plus), and `mode: minus` in legs "
+        "takes "
         "the other"
     )
     return [Note("working-mode", words, {"taken": taken, "other": others})]

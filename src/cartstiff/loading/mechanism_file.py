@@ -1,4 +1,7 @@
-"""Check mechanism files and build their mechanisms; a refusal names file, line and key."""
+"""Check mechanism files and build their mechanisms.
+
+A refusal names file, line and key.
+"""
 
 from __future__ import annotations
 
@@ -72,8 +75,8 @@ def with_parameters(
 ) -> tuple[dict[str, Any], Parameters]:
     """Return a file's data with numbers in place of arithmetic, and its parameters.
 
-    Texts that begin with "=" are arithmetic over the names under ``parameters``, which is removed.
-    Stiffnesses with a unit, such as "392 N m/arcmin", are converted as well.
+    Texts that begin with "=" are arithmetic over the names under ``parameters``, which is
+    removed. Stiffnesses with a unit, such as "392 N m/arcmin", are converted as well.
 
     Parameters
     ----------
@@ -87,7 +90,8 @@ def with_parameters(
     Raises
     ------
     InputError
-        For names that cannot be used, are not known, depend on themselves, or are not used.
+        For names that cannot be used, are not known, depend on themselves, or are not
+        used.
     """
     given = {
         name: checked_number(x, f"parameter {name!r}")
@@ -184,7 +188,8 @@ def _evaluated(
                 "cannot be used",
                 where=where,
                 got=one_line(entry),
-                expected="a number, or arithmetic such as '=2*r', or a stiffness with its unit",
+                expected="a number, or arithmetic such as '=2*r', or a stiffness with "
+                "its unit",
             )
     try:
         order = [*TopologicalSorter(needed).static_order()]
@@ -202,8 +207,8 @@ def _evaluated(
     return {name: values[name] for name in entries}, set().union(*needed.values())
 
 
-# Keys of stiffnesses that may have a unit: of joints, legs, flexures and contacts that slide; of
-# flexures and contacts that turn, which are in N m/rad in every file.
+# Keys of stiffnesses that may have a unit: of joints, legs, flexures and contacts that
+# slide; of flexures and contacts that turn, which are in N m/rad in every file.
 _STIFFNESS_KEYS = ("stiffness", "polynomial", "axial", "shear", "normal", "tangential")
 _TURNING_KEYS = ("bending", "torsion", "spin")
 
@@ -286,10 +291,11 @@ _CLOSURE_LIST_KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_ty
 
 
 def _from_closure_list(data: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Data of a closed chain from a list of closures as example-parallel-robots has beside a URDF.
+    """Data of a closed chain from a list of closures as example-parallel-robots has
+    beside a URDF.
 
-    Its keys: pairs of frames that are tied, "6d" or "3d" for each pair, names of the actuated
-    joints, names of joints with another type than in the URDF, and these types.
+    Its keys: pairs of frames that are tied, "6d" or "3d" for each pair, names of the
+    actuated joints, names of joints with another type than in the URDF, and these types.
     """
     where, lists = (
         one_line(str(path)),
@@ -383,7 +389,9 @@ def json_schema() -> dict[str, Any]:
 
 @contextmanager
 def places_in(where: str, place: Callable[[Place], str] | None = None) -> Iterator[None]:
-    """Add the file, and the key's line, to errors within that name a leg and a key, or nothing."""
+    """Add the file, and the key's line, to errors within that name a leg and a key,
+    or nothing.
+    """
     try:
         yield
     except InputError as error:

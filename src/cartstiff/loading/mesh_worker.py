@@ -1,9 +1,9 @@
 """Reads mesh files; run as a script in a process of its own (`cartstiff.loading.meshes`).
 
-A mesh file from an unknown source may be packed, refer to other files, or have wrong counts in its
-header. trimesh reads its triangles here from its bytes alone, without images, and each file becomes
-one mesh with normals and a colour per vertex. (The viewer's own reader loses parts of a Collada
-file with several geometries and materials.)
+A mesh file from an unknown source may be packed, refer to other files, or have wrong
+counts in its header. trimesh reads its triangles here from its bytes alone, without
+images, and each file becomes one mesh with normals and a colour per vertex. (The viewer's
+own reader loses parts of a Collada file with several geometries and materials.)
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from cartstiff import numerics
 from cartstiff.child_process import read_regular, serve
 
-#: Limits: bytes of a mesh and of an OBJ's materials; corners of triangles; seconds for one mesh.
+#: Limits: bytes of a mesh and of an OBJ's materials; corners of triangles; seconds for
+#: one mesh.
 LARGEST = 64 * 1024 * 1024
 _MAX_MATERIAL_BYTES = 1024 * 1024
 MOST_CORNERS = 6_000_000
@@ -45,7 +46,9 @@ class RefusedError(Exception):
 
 
 def meshes(paths: list[str]) -> dict[str, Any]:
-    """Return for each file the sizes of its arrays or an error, and all arrays in sequence."""
+    """Return for each file the sizes of its arrays or an error,
+    and all arrays in sequence.
+    """
     _refuse_images()
     entries: list[dict[str, Any]] = []
     arrays: list[bytes] = []
@@ -156,7 +159,9 @@ def _refuse_images() -> None:
 
 
 class _Materials:
-    """Resolver of an OBJ's references: a list of materials beside it, and nothing else."""
+    """Resolver of an OBJ's references: a list of materials beside it,
+    and nothing else.
+    """
 
     def __init__(self, path: Path) -> None:
         self.folder = path.parent
@@ -222,10 +227,11 @@ def _colour(part: Any) -> tuple[int, int, int, int] | None:
 
 
 def corner_normals(corners: NDArray[np.float64]) -> NDArray[np.int8]:
-    """Return normals (3 m, 3), times 127, of triangle corners, averaged across smooth edges.
+    """Return normals (3 m, 3), times 127, of triangle corners,
+    averaged across smooth edges.
 
-    The average at a corner is over the triangles around its point that edges of less than 35
-    degrees join to its own.
+    The average at a corner is over the triangles around its point that edges of less than
+    35 degrees join to its own.
     """
     from trimesh import graph as untyped
 
@@ -243,7 +249,8 @@ def corner_normals(corners: NDArray[np.float64]) -> NDArray[np.int8]:
     pairs, edges = graph.face_adjacency(faces, return_edges=True)
     cosines = np.einsum("ij,ij->i", *(units[side] for side in pairs.T))
     pairs, edges = pairs[cosines > _SMOOTH_COSINE], edges[cosines > _SMOOTH_COSINE]
-    # A smooth edge joins the corners at both its ends, each of one triangle to that of the other.
+    # A smooth edge joins the corners at both its ends, each of one triangle to that of
+    # the other.
     joined = [
         [3 * side + (faces[side] == end[:, None]).argmax(axis=1) for side in pairs.T]
         for end in edges.T

@@ -1,4 +1,6 @@
-"""Read mesh files to arrays in a process of its own: vertices, triangles, normals, colours."""
+"""Read mesh files to arrays in a process of its own: vertices, triangles, normals,
+colours.
+"""
 
 from __future__ import annotations
 
@@ -124,7 +126,9 @@ def read_meshes(paths: Iterable[Path]) -> dict[Path, Mesh | InputError]:
 
 
 def _checked(path: Path) -> tuple[Path, int, int]:
-    """Identity of a file that may be read as a mesh: path, time of the last change, size."""
+    """Identity of a file that may be read as a mesh: path,
+    time of the last change, size.
+    """
     place, kind = one_line(path.name), path.suffix.lower()
     for package, name in (("trimesh", "trimesh"), ("collada", "pycollada")):
         if (package == "trimesh" or kind == ".dae") and not importlib.util.find_spec(

@@ -21,8 +21,8 @@ def with_overrides(file: Any, overrides: Mapping[str, Any]) -> Any:
     file : a model of the schema
         The mechanism file.
     overrides : mapping
-        Any of "frame", "locked", "tcp" (pose of M in that frame), "gravity", "actuator_springs",
-        "xacro", "package_path". The file's payload stays where it is.
+        Any of "frame", "locked", "tcp" (pose of M in that frame), "gravity",
+        "actuator_springs", "xacro", "package_path". The file's payload stays where it is.
 
     Raises
     ------

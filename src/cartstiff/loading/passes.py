@@ -1,7 +1,9 @@
-"""From robots, and what a mechanism file says of them, to a mechanism: one list of passes.
+"""From robots, and what a mechanism file says of them, to a mechanism:
+one list of passes.
 
-A pass is a small function that returns a `Part` or an `Assembly` changed, with its notes. A new key
-of the mechanism file is one more pass, or one more line of the pass whose subject it belongs to.
+A pass is a small function that returns a `Part` or an `Assembly` changed, with its notes.
+A new key of the mechanism file is one more pass, or one more line of the pass whose
+subject it belongs to.
 """
 
 from __future__ import annotations
@@ -136,7 +138,9 @@ def lifted(whole: Assembly) -> Assembly:
 
 
 def damping(whole: Assembly) -> Assembly:
-    """Put dampers in the joints: those of entries, else those of the robots' own files."""
+    """Put dampers in the joints: those of entries,
+    else those of the robots' own files.
+    """
     M, damping = whole.tree.mimic, np.array(whole.tree.model.damping, float).reshape(-1)
     if M is not None:
         damping = np.asarray((M * M).T @ damping)  # followers turn by their factor
@@ -148,7 +152,10 @@ def damping(whole: Assembly) -> Assembly:
 
 
 def free_joints(whole: Assembly) -> Assembly:
-    """Name the joints without a spring; add a note where none has one and nothing else holds."""
+    """Name the joints without a spring.
+
+    Add a note where none has one and nothing else holds.
+    """
     chain, springs = whole.chain, whole.springs
     passive = frozenset(np.flatnonzero(springs.is_passive).tolist())
     chain.undriven = passive - springs.rigid
@@ -239,8 +246,10 @@ def _repeated_conditions(elastic: ElasticMechanism, own: int) -> list[Note]:
     if not more:
         return []
     words = (
-        f"{more} of the {m - own} conditions of the closures repeat others here, as in planar "
-        "loops of hinges: the motions do not change, but the forces and moments in the loop "
+        f"{more} of the {m - own} conditions of the closures repeat others here, as in "
+        "planar "
+        "loops of hinges: the motions do not change, but the forces and moments in the "
+        "loop "
         "that answer to them are not determined between rigid links"
     )
     values = {"conditions": m - own, "repeated": more}
@@ -253,7 +262,10 @@ def gravity_left_out(file: Any, part: Part) -> list[Note]:
     if gravity is None or file.gravity is not None:
         return []
     shown = ", ".join(f"{g:g}" for g in gravity)
-    words = f"the mechanism file names no gravity: that of the MJCF file ({shown}) is left out"
+    words = (
+        f"the mechanism file names no gravity: that of the MJCF file ({shown}) is "
+        "left out"
+    )
     values = {"gravity": gravity.tolist()}
     return [Note("gravity-left-out", part.says(words), values)]
 
@@ -280,7 +292,9 @@ def one_robot(
 
 
 def build(file: Any, beside: Path | None, name: str) -> ElasticMechanism:
-    """Build a serial arm, a closed chain, or a body carried by legs from a mechanism file."""
+    """Build a serial arm, a closed chain, or a body carried by legs from a
+    mechanism file.
+    """
     if file.kind != "parallel":
         robot = robot_of(file, beside, getattr(file, "floating", False))
         notes = gravity_left_out(file, Part(file, robot))

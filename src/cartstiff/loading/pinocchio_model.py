@@ -62,21 +62,23 @@ def from_pinocchio(
 ) -> ElasticMechanism:
     """Build the elastic mechanism of a Pinocchio model.
 
-    Joint stiffnesses are assumed, as for a URDF; give them with `ElasticMechanism.with_springs`.
+    Joint stiffnesses are assumed, as for a URDF; give them with
+    `ElasticMechanism.with_springs`.
 
     Parameters
     ----------
     model : pinocchio.Model, pinocchio.RobotWrapper or tuple
-        A tuple is (model, collision model, visual model), as Pinocchio's loaders return it,
-        or (model, visual model). Not changed.
+        A tuple is (model, collision model, visual model), as Pinocchio's loaders return
+        it, or (model, visual model). Not changed.
     visual : pinocchio.GeometryModel, optional
         Shapes of the links; default those of the wrapper or the tuple.
     frame : str, optional
-        Frame of interest M, by the name of a frame of the model; default the one at the end of
-        the longest chain.
+        Frame of interest M, by the name of a frame of the model; default the one at the
+        end of the longest chain.
     q : array_like, shape (nq,), optional
-        Default posture as a configuration of the model; default the wrapper's ``q0``, or a
-        reference configuration of the model ("home", "half_sitting", ..., else the only one).
+        Default posture as a configuration of the model; default the wrapper's ``q0``, or
+        a reference configuration of the model ("home", "half_sitting", ..., else the only
+        one).
     locked : mapping of str to float, optional
         Positions (rad, m) of joints that do not move.
     closures : sequence of pinocchio.RigidConstraintModel
@@ -177,7 +179,10 @@ def _empty_file(closed: bool) -> SerialFile | ClosedChainFile:
 def _hold_root(
     own: Any, model: Any, q: Array | None, notes: list[Note]
 ) -> frozenset[str]:
-    """Place a free-flying root as in the configuration; return its name among the held joints."""
+    """Place a free-flying root as in the configuration.
+
+    Return its name among the held joints.
+    """
     roots = [
         i
         for i, parent in enumerate(model.parents)
@@ -186,13 +191,18 @@ def _hold_root(
     for i in roots:
         pose = standing(model, i, pin.neutral(model) if q is None else q)
         own.jointPlacements[i] = pose
-        words = f"the free-flying joint {model.names[i]!r} is held; floating=True lets it move"
+        words = (
+            f"the free-flying joint {model.names[i]!r} is held; floating=True lets "
+            "it move"
+        )
         notes.append(Note("root-held", words, {"pose": pose.homogeneous.tolist()}))
     return frozenset(model.names[i] for i in roots)
 
 
 def _with_plain_joints(model: Any) -> tuple[Any, Followers]:
-    """Copy of a model with plain joints in place of mimic joints, and the couplings of these."""
+    """Copy of a model with plain joints in place of mimic joints,
+    and the couplings of these.
+    """
     followers = [int(j) for j in model.mimicking_joints]
     if not followers:
         return model.copy(), {}
@@ -228,7 +238,8 @@ def _follower(
     """Joint inside a mimic joint, which has no attribute for it, from its motion."""
     if factor == 0.0:
         raise InputError(
-            f"joint {model.names[i]!r} follows {model.names[leader]!r} with the factor zero",
+            f"joint {model.names[i]!r} follows {model.names[leader]!r} with the factor "
+            "zero",
             expected="a fixed joint",
         )
     q = pin.neutral(model)

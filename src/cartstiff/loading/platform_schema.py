@@ -1,4 +1,6 @@
-"""Classes of files of bodies on line springs: Stewart-Gough platforms, springs and cables."""
+"""Classes of files of bodies on line springs: Stewart-Gough platforms,
+springs and cables.
+"""
 
 from __future__ import annotations
 
@@ -119,7 +121,9 @@ class LayoutModel(FileModel):
         return self
 
     def points(self) -> tuple[Array, Array, Array]:
-        """Return joints of the base in F (6, 3) and the platform in P (6, 3), and P's origin."""
+        """Return joints of the base in F (6, 3) and the platform in P (6, 3),
+        and P's origin.
+        """
         if self.cubic is not None:
             return self._cube(self.cubic)
         alpha, beta = self.base.half_angle or 0.0, self.platform.half_angle or 0.0
@@ -186,7 +190,10 @@ class BodyModel(FileModel):
 
 
 class LegMassModel(FileModel):
-    """Two straight bars in each leg; each reaches from its joint to twice its centre's distance."""
+    """Two straight bars in each leg.
+
+    Each reaches from its joint to twice its centre's distance.
+    """
 
     fixed: PerLeg = keyed("kg, of the bar on the base's joint", 0.0)
     moving: PerLeg = keyed("kg, of the bar on the platform's joint", 0.0)
@@ -229,7 +236,9 @@ class FlexureModel(FileModel):
 
 
 class StrutModel(FileModel):
-    """Legs as struts between flexure joints, straight with the platform at the file's pose."""
+    """Legs as struts between flexure joints, straight with the platform at the
+    file's pose.
+    """
 
     axial: Positive | Annotated[list[Positive], Field(min_length=1)] = keyed(
         "stiffness along the strut without its flexures; one number or one per leg"
@@ -259,19 +268,24 @@ class LinesLegs(FileModel):
         "in place of stiffness: legs with flexure joints", None
     )
     rest_length: PerLeg | None = keyed(
-        "length without tension: a fixed number, at every pose; a driven leg changes it for a "
+        "length without tension: a fixed number, at every pose; a driven leg changes it "
+        "for a "
         "given load only",
         None,
     )
     preload: Number | Annotated[list[Number], Field(min_length=1)] | None = keyed(
-        "in place of rest_length. Of a driven leg: its tension at every commanded pose, to which "
-        "the drive winds it; more legs than motions have the tensions nearest to it that balance "
-        "weight and load. Of a passive one: its tension at the file's pose, which fixes its "
+        "in place of rest_length. Of a driven leg: its tension at every commanded pose, "
+        "to which "
+        "the drive winds it; more legs than motions have the tensions nearest to it that "
+        "balance "
+        "weight and load. Of a passive one: its tension at the file's pose, which fixes "
+        "its "
         "rest length",
         None,
     )
     driven: Flag | Annotated[list[Flag], Field(min_length=1)] | None = keyed(
-        "a drive changes the length; default: legs of a stewart-gough, and cables, are driven, "
+        "a drive changes the length; default: legs of a stewart-gough, and cables, are "
+        "driven, "
         "other springs are passive",
         None,
     )
@@ -285,7 +299,8 @@ class LinesLegs(FileModel):
         "[least, largest] tension, or one pair per leg; compression below zero", None
     )
     mass: LegMassModel | PerLeg | None = keyed(
-        "bars of the legs; or kg of each leg, as a uniform bar of the leg's length at the file's "
+        "bars of the legs; or kg of each leg, as a uniform bar of the leg's length at "
+        "the file's "
         "pose, one half of it on either joint",
         None,
     )

@@ -107,7 +107,9 @@ class _Legs:
         return np.array(pairs, float)
 
     def joints(self, key: str) -> tuple[Array | None, Array | None]:
-        """Unit axes (m, 3) and largest angles (m,) of the joints at one end; None without any."""
+        """Unit axes (m, 3) and largest angles (m,) of the joints at one end;
+        None without any.
+        """
         if (joints := getattr(self.file.legs, key)) is None:
             return None, None
         where = f"key legs.{key}.axis"
@@ -118,7 +120,9 @@ class _Legs:
         return axes / sizes, self.each(f"{key}.angle")
 
     def drives(self) -> list[bool]:
-        """Which legs a drive winds: those that are named, else cables and those of hexapods."""
+        """Which legs a drive winds: those that are named, else cables and those
+        of hexapods.
+        """
         driven = self.file.legs.driven
         if driven is not None:
             return one_each(driven, self.m, "key legs.driven")
@@ -148,7 +152,10 @@ def _platform(file: PlatformFile | SpringsFile, legs: _Legs) -> Platform:
 
 
 def _body(body: BodyModel | None) -> tuple[float, list[float], Array]:
-    """Mass, centre and 3x3 inertia of a body, zero by default; refuse one that no body has."""
+    """Mass, centre and 3x3 inertia of a body, zero by default.
+
+    Refuse one that no body has.
+    """
     if body is None:
         return 0.0, [0.0, 0.0, 0.0], np.zeros((3, 3))
     where, inertia = "key body.inertia", np.zeros((3, 3))
@@ -203,7 +210,8 @@ def _struts(file: PlatformFile | SpringsFile, legs: _Legs) -> Struts | None:
     quarter = np.linalg.norm(heads - feet, axis=1) / 4.0
     half = np.array(one_each(mass, legs.m, f"key legs.{key}"), float) / 2.0
     words = (
-        "legs.mass is one number for a leg: a uniform bar of the leg's length at the file's "
+        "legs.mass is one number for a leg: a uniform bar of the leg's length at the "
+        "file's "
         "pose, half of it on either joint; fixed, moving, fixed_com and moving_com state "
         "another distribution"
     )
@@ -268,7 +276,8 @@ def _wound(
     springs = replace(springs, driven=tuple(drives))
     if preload is None:
         return springs
-    # A passive spring was made with its rest length; a drive winds its leg to the tension.
+    # A passive spring was made with its rest length; a drive winds its leg to the
+    # tension.
     own = lengths - preload / springs.stiffness
     if isinstance(springs, FlexureStruts):
         own = springs.wound(T_F_M[None], preload)[0]
@@ -285,8 +294,8 @@ def _mounted(
     Raises
     ------
     InputError
-        For cables, and for springs that are not symmetric and positive definite, are beams, or have
-        a mass.
+        For cables, and for springs that are not symmetric and positive definite, are
+        beams, or have a mass.
     """
     where = "key flexible"
     if springs.unilateral:

@@ -19,7 +19,8 @@ _MAX_LENGTH = 50.0
 _MIN_MODULUS = 1e4
 #: Largest plausible stretch of a spring, over its length.
 _MAX_STRETCH = 0.9
-#: Smallest plausible radius of gyration over a platform's size; its inverse is the largest.
+#: Smallest plausible radius of gyration over a platform's size; its inverse is the
+#: largest.
 _MIN_GYRATION = 0.01
 
 
@@ -45,14 +46,16 @@ def large_lengths(lengths: Mapping[str, Sequence[float]]) -> list[Note]:
 
 
 def large_strains(strains: Mapping[str, float]) -> list[Note]:
-    """Return a note on springs far from their rest lengths; `strains` are over the length."""
+    """A note on springs far from their rest lengths; `strains` are over the length."""
     large = {name: [x] for name, x in strains.items() if abs(x) > _MAX_STRETCH}
     words = "Over the length: is the rest length in another unit?"
     return _doubtful(large, "", words)
 
 
 def gyration(file: PlatformFile | SpringsFile) -> list[Note]:
-    """Return a note on an inertia that does not fit its body's size, as kg m^2 in a file of mm."""
+    """Return a note on an inertia that does not fit its body's size,
+    as kg m^2 in a file of mm.
+    """
     body = file.body
     if body is None or body.inertia is None or not body.mass:
         return []
@@ -81,7 +84,9 @@ def _doubtful(
 
 
 def file_notes(file: Any) -> list[Note]:
-    """Return notes on a mechanism file's angles, lengths, moduli, and payload without gravity."""
+    """Return notes on a mechanism file's angles, lengths, moduli,
+    and payload without gravity.
+    """
     poses = dict(_each(file, "", "PoseModel"))
     notes = large_angles({f"{place}.rpy": pose.rpy for place, pose in poses.items()})
     lengths: dict[str, Sequence[float]] = {}

@@ -1,10 +1,10 @@
 """The posture of a mechanism whose file names none, and those that close a mechanism.
 
 An arm whose file names no posture needs a regular one: zero is singular for nearly every
-industrial arm. The candidates are points of a low-discrepancy sequence (Kronecker's with the
-generalised golden ratio: the same every time) around zero, in a quarter, half and all of the
-joints' ranges. The measure is the ratio of the smallest to the largest singular value of the body
-Jacobian, lengths in units of the characteristic length at zero.
+industrial arm. The candidates are points of a low-discrepancy sequence (Kronecker's with
+the generalised golden ratio: the same every time) around zero, in a quarter, half and all
+of the joints' ranges. The measure is the ratio of the smallest to the largest singular
+value of the body Jacobian, lengths in units of the characteristic length at zero.
 """
 
 from __future__ import annotations
@@ -27,18 +27,19 @@ from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.notes import Note
 from cartstiff.numerics import NEAR_SINGULARITY, is_regular
 
-# Number of candidates per share of the joints' ranges. A larger share is searched only where
-# the smaller ones have no candidate that is regular enough.
+# Number of candidates per share of the joints' ranges. A larger share is searched only
+# where the smaller ones have no candidate that is regular enough.
 _CANDIDATES_PER_SHARE, _RANGE_SHARES = 32, (0.25, 0.5, 1.0)
 # Number of candidates that are computed at once, the nearest to zero first.
 _CANDIDATES_AT_ONCE = 16
-# The candidate closest to zero with at least this ratio is taken: twice the ratio that counts
-# as near a singularity.
+# The candidate closest to zero with at least this ratio is taken: twice the ratio that
+# counts as near a singularity.
 _REGULAR_RATIO = 2.0 * NEAR_SINGULARITY
-# An arm that at zero is at most this far below its base, in characteristic lengths, is taken
-# to stand on a floor.
+# An arm that at zero is at most this far below its base, in characteristic lengths, is
+# taken to stand on a floor.
 _MAX_DEPTH_ON_FLOOR = 0.1
-# Candidates are rounded so that they can be typed (rad; lengths in shares of their range).
+# Candidates are rounded so that they can be typed (rad; lengths in shares of their
+# range).
 _ROUNDING_STEP = 0.05
 
 
@@ -48,10 +49,11 @@ def default_posture(
     robot: RobotDescription,
     otherwise: Mapping[str, float],
 ) -> Array:
-    """Default coordinates (n,): given values, then `otherwise`, a keyframe, the file's own posture.
+    """Default coordinates (n,): given values, then `otherwise`, a keyframe,
+    the file's own posture.
 
-    The own posture of a URDF is zero; where the limits exclude it, the middle of the limits
-    is taken. Names need not be coordinates of the tree.
+    The own posture of a URDF is zero; where the limits exclude it, the middle of the
+    limits is taken. Names need not be coordinates of the tree.
     """
     q, given = np.zeros(tree.n), {**otherwise, **values}
     for j, c in enumerate(tree.coordinates):
@@ -96,7 +98,7 @@ class _Search:
         return -numerics.NEGLIGIBLE_DIFFERENCE if alone and first > 0.0 else -np.inf
 
     def best(self, floor: float) -> tuple[Array, float]:
-        """Return the best candidate above the floor and its ratio; q where none is better."""
+        """The best candidate above the floor and its ratio; q where none is better."""
         best, largest = self.q, max(NEAR_SINGULARITY, self.at_q)
         few: Array
         for few in self._candidates():
@@ -136,11 +138,11 @@ class _Search:
 
 
 def regular_posture(chain: Chain, q: Array, *, alone: bool) -> tuple[Array, list[Note]]:
-    """Return a regular posture (n,) in place of a nearly singular q, with a note that says so.
+    """A regular posture (n,) in place of a nearly singular q, with a note that says so.
 
-    q is returned where no candidate is better, and for arms with fewer than six joints: the
-    note names a regular posture then. An arm that is not below its base at q, or whose
-    joints rise from the base before they are below it, stays above the base.
+    q is returned where no candidate is better, and for arms with fewer than six joints:
+    the note names a regular posture then. An arm that is not below its base at q, or
+    whose joints rise from the base before they are below it, stays above the base.
 
     Parameters
     ----------
@@ -189,7 +191,8 @@ def _heights(chain: Chain, q: Array) -> Array:
 @cache
 def _sequence(n: int) -> Array:
     """Points (`_CANDIDATES_PER_SHARE`, n) of the sequence, from -1 to 1."""
-    # The root g > 1 of g^(n+1) = g + 1: its powers are the hardest to approximate by fractions.
+    # The root g > 1 of g^(n+1) = g + 1: its powers are the hardest to approximate by
+    # fractions.
     g = 2.0
     for _ in range(60):
         g = (1.0 + g) ** (1.0 / (n + 1))
@@ -212,7 +215,8 @@ def assembled(
     return at.q, chain.adjusted(q, at.q, named) if len(named) < len(q) else ()
 
 
-# Number of random start postures of a leg, and the seed that makes them the same every time.
+# Number of random start postures of a leg, and the seed that makes them the same every
+# time.
 _RANDOM_STARTS, _SEED = 16, 0
 
 
@@ -220,8 +224,8 @@ def leg_at_pose(leg: Part, T_end_M: Array, T_F_M: Array) -> Array:
     """Return the coordinates (n,) of one leg at which the body has a pose.
 
     The search starts from the leg's posture and then from random ones within the limits;
-    the first solution within the limits is taken, else the first of all. Virtual joints of
-    compliant links, and springs of contacts, are held.
+    the first solution within the limits is taken, else the first of all. Virtual joints
+    of compliant links, and springs of contacts, are held.
 
     Parameters
     ----------

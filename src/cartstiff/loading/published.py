@@ -23,7 +23,9 @@ GRADES = {
 
 
 def published_springs() -> Mapping[str, Any]:
-    """Read the bundled sets: robot, grade, method, source and stiffness (N m/rad) by joint."""
+    """Read the bundled sets: robot, grade, method, source and stiffness
+    (N m/rad) by joint.
+    """
     return read_yaml(Path(__file__).with_name("published_springs.yaml"))[0]
 
 
@@ -35,9 +37,10 @@ def with_named_springs(
 ) -> ElasticMechanism:
     """Return the mechanism with the joint springs of a bundled set, or of a table (.csv).
 
-    A table's path is relative to `folder`; `where` is the place of the name, for messages. Joints
-    without a value in it keep their springs, and a note names them. Values of joints beyond
-    the frame are left out, and the note names these joints as well.
+    A table's path is relative to `folder`; `where` is the place of the name, for
+    messages. Joints without a value in it keep their springs, and a note names them.
+    Values of joints beyond the frame are left out, and the note names these joints as
+    well.
 
     Raises
     ------
@@ -103,8 +106,8 @@ def with_named_springs(
 def _table(path: Path, numbered: Mapping[str, str]) -> dict[str, float]:
     """Read stiffnesses by joint from columns `joint` and `stiffness [unit]`.
 
-    Without a unit in the head, a cell has its own, or N m/rad. A joint may be given by its number
-    instead of its name.
+    Without a unit in the head, a cell has its own, or N m/rad. A joint may be given by
+    its number instead of its name.
     """
     cells = read_cells(path, "springs")
     heads = [head_of(head, cells.place)[0] for head in cells.names]

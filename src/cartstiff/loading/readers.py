@@ -1,8 +1,8 @@
 """Read robots: each format has a reader, which returns a `RobotDescription`.
 
-Pinocchio's parsers answer some malformed files with messages on the terminal, silence, or worse.
-A URDF is therefore checked before Pinocchio reads it (`urdf`); MuJoCo reads MJCF (`mjcf`), and
-xacro is expanded first (`ros`).
+Pinocchio's parsers answer some malformed files with messages on the terminal, silence, or
+worse. A URDF is therefore checked before Pinocchio reads it (`urdf`); MuJoCo reads MJCF
+(`mjcf`), and xacro is expanded first (`ros`).
 """
 
 from __future__ import annotations
@@ -33,12 +33,13 @@ from cartstiff.notes import Note
 
 #: Endings of the formats in XML, which are told apart by their first tag.
 XML_FILES = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
-#: Readers of other formats by the ending in lower case: they take the path, and its name for
-#: messages.
+#: Readers of other formats by the ending in lower case: they take the path, and its name
+#: for messages.
 FORMATS: dict[str, Callable[[Path, str], RobotDescription]] = {}
 
 _MAX_BYTES = 64 * 1024 * 1024
-# Largest number of elements: each takes a hundred bytes or more of memory; robots have thousands.
+# Largest number of elements: each takes a hundred bytes or more of memory; robots have
+# thousands.
 _MAX_TAGS = 1_000_000
 
 
@@ -117,7 +118,8 @@ def read_robot_description(
         raise InputError(
             "SDF files are not read",
             where=where,
-            expected="URDF or MJCF, as the robot's maker offers it or a converter writes it",
+            expected="URDF or MJCF, as the robot's maker offers it or a converter writes "
+            "it",
         )
     if joint_types:
         raise InputError("joint_types are of a URDF", where=where, got=got)
@@ -134,7 +136,10 @@ def read_robot_description(
 
 
 def robot_of(entry: Any, beside: Path | None, floating: bool = False) -> RobotDescription:
-    """Read the robot of a `model:` or `dh:` entry; paths are relative to the mechanism file."""
+    """Read the robot of a `model:` or `dh:` entry.
+
+    Paths are relative to the mechanism file.
+    """
     if entry.dh is not None:
         if entry.xacro or entry.package_path:
             raise InputError(
@@ -173,7 +178,10 @@ def robot_of(entry: Any, beside: Path | None, floating: bool = False) -> RobotDe
 def described_text(
     text: str, floating: bool = False, ros: Ros | None = None
 ) -> RobotDescription:
-    """Read a robot description from XML text; names of its meshes are relative to no file."""
+    """Read a robot description from XML text.
+
+    Names of its meshes are relative to no file.
+    """
     with TemporaryDirectory() as folder:
         path = Path(folder, "text.xml")
         path.write_text(text, encoding="utf-8")
@@ -212,7 +220,8 @@ def parse_text(text: str, where: str) -> ET.Element:
         raise InputError(
             "files of CASPR are not read",
             where=where,
-            expected="a mechanism file of kind springs with 'unilateral: true' for a body on "
+            expected="a mechanism file of kind springs with 'unilateral: true' for a "
+            "body on "
             "cables, or of kind serial with 'lines' for bodies on joints",
         )
     if text.count("<") > _MAX_TAGS:

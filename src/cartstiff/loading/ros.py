@@ -63,7 +63,8 @@ def expanded_xacro(path: Path, ros: Ros, where: str) -> tuple[str, list[Note]]:
     MissingDependencyError
         Without the package xacro.
     InputError
-        For text that xacro or its guard refuses, a missing package, and an unknown argument.
+        For text that xacro or its guard refuses, a missing package, and an unknown
+        argument.
     """
     if importlib.util.find_spec("xacro") is None:
         raise MissingDependencyError("xacro", f"reading {where}", "xacro")
@@ -101,7 +102,10 @@ def expanded_xacro(path: Path, ros: Ros, where: str) -> tuple[str, list[Note]]:
         elif lacking := answer.get("missing_arguments"):
             expected = f"--xacro-arg {lacking[0]}:=VALUE"
         elif answer.get("lost_file") and (empty := answer["empty"]):
-            expected = f"--xacro-arg NAME:=VALUE for what is empty in the file: {', '.join(empty)}"
+            expected = (
+                "--xacro-arg NAME:=VALUE for what is empty in the file: "
+                f"{', '.join(empty)}"
+            )
         raise InputError(
             f"xacro: {one_line(words, 300)}{inside}", where=where, expected=expected
         )
@@ -135,7 +139,8 @@ def described_robot(name: str) -> tuple[Path, Ros]:
     MissingDependencyError
         Without that package.
     InputError
-        For a robot whose repository is not in its cache; UnknownNameError for an unknown name.
+        For a robot whose repository is not in its cache; UnknownNameError for an unknown
+        name.
     """
     if not _has_descriptions():
         raise MissingDependencyError(
@@ -149,7 +154,8 @@ def described_robot(name: str) -> tuple[Path, Ros]:
         raise UnknownNameError("robot description", name, answer["unknown"])
     if "not_cached" in answer:
         raise InputError(
-            "is not in the cache of robot_descriptions, and nothing is downloaded by itself",
+            "is not in the cache of robot_descriptions, and nothing is downloaded by "
+            "itself",
             where=name,
             expected=f"'python -m robot_descriptions pull {name}' before",
             got=f"no folder {answer['not_cached']}",

@@ -1,8 +1,9 @@
-"""The mechanism file as data classes: the one definition of every key, its type and its meaning.
+"""The mechanism file as data classes: the one definition of every key,
+its type and its meaning.
 
-This module has the classes of serial arms, closed chains, and those that several kinds share.
-Bodies on line springs and bodies on chains have modules of their own, so that a file imports the
-classes of its own kind only.
+This module has the classes of serial arms, closed chains, and those that several kinds
+share. Bodies on line springs and bodies on chains have modules of their own, so that a
+file imports the classes of its own kind only.
 """
 
 from __future__ import annotations
@@ -85,7 +86,10 @@ RIGID = WrapValidator(
 
 
 def keyed(words: str, default: Any = ..., **rules: Any) -> Any:
-    """Declare a key of a file with its meaning; it is required unless it has a default."""
+    """Declare a key of a file with its meaning.
+
+    It is required unless it has a default.
+    """
     return Field(default=default, description=words, **rules)
 
 
@@ -103,7 +107,9 @@ if TYPE_CHECKING:
 else:
 
     class Section:
-        """A section whose model is built when a file has it: most files have few of them."""
+        """A section whose model is built when a file has it:
+        most files have few of them.
+        """
 
         def __class_getitem__(cls, model):
             """The model, so marked."""
@@ -124,7 +130,8 @@ else:
 
 
 def _file_name(name: Any) -> str:
-    # Pydantic's own text type has a largest length, and refuses bytes that are no Unicode.
+    # Pydantic's own text type has a largest length, and refuses bytes that are no
+    # Unicode.
     if not isinstance(name, str) or not name:
         raise PydanticCustomError("string_type", "text")
     try:
@@ -176,14 +183,19 @@ def pose_of(entry: PoseModel) -> Array:
 
 
 class UnitsModel(FileModel):
-    """Units of lengths and forces; angles are rad, masses kg, gravity m/s^2 in every file."""
+    """Units of lengths and forces.
+
+    Angles are rad, masses kg, gravity m/s^2 in every file.
+    """
 
     length: Literal["m", "dm", "cm", "mm", "um", "in", "ft"] = "m"
     force: Literal["N", "kN", "mN", "daN", "lbf", "kgf"] = "N"
 
 
 def only_one(model: BaseModel, *keys: str, needed: bool = True) -> None:
-    """Refuse a model that gives more than one of the keys, or none where one is needed."""
+    """Refuse a model that gives more than one of the keys,
+    or none where one is needed.
+    """
     count = sum(getattr(model, key) is not None for key in keys)
     if needed and count != 1:
         raise ValueError(f"give exactly one of {', '.join(keys)}")
@@ -192,7 +204,7 @@ def only_one(model: BaseModel, *keys: str, needed: bool = True) -> None:
 
 
 def one_each(value: Any, m: int, where: str, row: bool = False) -> list[Any]:
-    """Return one value for each of m legs; with `row` a value is itself a list of numbers."""
+    """One value for each of m legs; with `row` a value is itself a list of numbers."""
     if not isinstance(value, list) or (row and value and not isinstance(value[0], list)):
         return [value] * m
     if len(value) != m:
@@ -208,8 +220,8 @@ def check_limits(pair: Sequence[float], where: str, meaning: str) -> None:
         raise InputError(what, where=where, expected=meaning, got=list(pair))
 
 
-# Largest relative difference between a measured compliance and that of the file's spring: people
-# round numbers.
+# Largest relative difference between a measured compliance and that of the file's spring:
+# people round numbers.
 _COMPLIANCE_TOLERANCE = 1e-3
 
 
@@ -294,7 +306,8 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
     if not undetermined:
         return elastic
     words = (
-        "the measurements say nothing about these springs, whose stiffness in the file is an "
+        "the measurements say nothing about these springs, whose stiffness in the file "
+        "is an "
         f"assumption: {', '.join(undetermined)}"
     )
     note = Note("stiffness-not-identified", words, {"joints": undetermined})
@@ -307,7 +320,9 @@ def _check_found(
     pattern: CompliancePattern,
     entry: FoundModel,
 ) -> None:
-    """Refuse a measured compliance, or coefficient, that is not that of the file's springs."""
+    """Refuse a measured compliance, or coefficient, that is not that of the
+    file's springs.
+    """
     from cartstiff.mechanisms.elements import coefficient, law_of
 
     where, changed = (
@@ -358,7 +373,9 @@ class PayloadModel(FileModel):
 
     @property
     def carrier(self) -> tuple[str | None, PoseModel] | None:
-        """The file's own frame (None: the default one) and offset, where M is elsewhere."""
+        """The file's own frame (None: the default one) and offset,
+        where M is elsewhere.
+        """
         return self._carrier
 
     def carried_by(self, frame: str | None, offset: PoseModel) -> PayloadModel:
@@ -376,8 +393,10 @@ class SpringTableModel(FileModel):
 
     points: TablePoints = keyed("pairs [deflection, torque], deflections increasing")
     pieces: Literal["linear", "smooth"] = keyed(
-        "linear: straight lines between the points, as in catalogues; at a corner the stiffness "
-        "has two values, and a note names both; smooth: a curve that rises and falls as the "
+        "linear: straight lines between the points, as in catalogues; at a corner the "
+        "stiffness "
+        "has two values, and a note names both; smooth: a curve that rises and falls as "
+        "the "
         "points do, without corners",
         "linear",
     )
@@ -387,7 +406,8 @@ class JointSpringModel(FileModel):
     """A spring in a joint: one of stiffness, polynomial, table."""
 
     stiffness: Annotated[NotNegative | None, RIGID] = keyed(
-        "N m/rad, N/m for a prismatic joint, or a text with another unit such as 392 N m/arcmin; "
+        "N m/rad, N/m for a prismatic joint, or a text with another unit such as 392 N "
+        "m/arcmin; "
         "or rigid",
         None,
     )
@@ -398,7 +418,8 @@ class JointSpringModel(FileModel):
         max_length=20,
     )
     table: TablePoints | Section[SpringTableModel] | None = keyed(
-        "pairs [deflection, torque], deflections increasing: straight pieces between them; or "
+        "pairs [deflection, torque], deflections increasing: straight pieces between "
+        "them; or "
         "points and pieces",
         None,
     )
@@ -426,7 +447,8 @@ class JointSpringModel(FileModel):
 
 
 class NamedSprings(dict[str, JointSpringModel]):
-    """Joint springs of a published set, or of a table: nothing by joint in the file itself.
+    """Joint springs of a published set, or of a table: nothing by joint in the
+    file itself.
 
     Attributes
     ----------
@@ -460,14 +482,17 @@ SpringsByJoint = Annotated[
 
 
 class CoupledSpringModel(FileModel):
-    """A spring that couples joints: on a sum of their positions, each times its factor."""
+    """A spring that couples joints: on a sum of their positions,
+    each times its factor.
+    """
 
     name: Text | None = keyed("for people; default coupled1, coupled2, ...", None)
     joints: dict[Text, Number] = keyed(
         "factor of each joint's position in the sum", min_length=1
     )
     stiffness: Positive = keyed(
-        "force per change of the sum: the energy is half of it times the square of that change; "
+        "force per change of the sum: the energy is half of it times the square of that "
+        "change; "
         "N m/rad for a sum of angles, N/m for one of lengths"
     )
     rest: Number | None = keyed(
@@ -483,7 +508,9 @@ class CoupledSpringModel(FileModel):
 
 
 class BeamModel(FileModel):
-    """A straight beam along the link's x axis, clamped at both ends, with axial force effects."""
+    """A straight beam along the link's x axis, clamped at both ends,
+    with axial force effects.
+    """
 
     E: Positive = keyed("Young's modulus")
     G: Positive = keyed("shear modulus")
@@ -514,7 +541,9 @@ _Six = list[Annotated[list[Number], Field(min_length=6, max_length=6)]]
 
 
 class FlexibleModel(FileModel):
-    """A compliant link: a 6x6 spring (order angular-linear) with a 6x6 mass, or a beam."""
+    """A compliant link: a 6x6 spring (order angular-linear) with a 6x6
+    mass, or a beam.
+    """
 
     stiffness: _Six | None = keyed(
         "6x6, in the file's units; of what turns or slides a text with its unit as well",
@@ -523,9 +552,12 @@ class FlexibleModel(FileModel):
         max_length=6,
     )
     mass: _Six | None = keyed(
-        "6x6, of the spring's deflection: kg, in the file's unit of length, as a finite-element "
-        "model has it at the spring with the link's near side clamped (Guyan). The link's inertia "
-        "in the robot's file stays at the near side besides; what the two exchange is left out",
+        "6x6, of the spring's deflection: kg, in the file's unit of length, as a "
+        "finite-element "
+        "model has it at the spring with the link's near side clamped (Guyan). The "
+        "link's inertia "
+        "in the robot's file stays at the near side besides; what the two exchange is "
+        "left out",
         None,
         min_length=6,
         max_length=6,
@@ -578,7 +610,8 @@ class FileWords(FileModel):
     )
     payload: Section[PayloadModel] | None = None
     parameters: dict[Text, Number | Text] = keyed(
-        "names for numbers, or for stiffnesses with their units; wherever a number stands in the "
+        "names for numbers, or for stiffnesses with their units; wherever a number "
+        "stands in the "
         "file, a text such as '=2*r*cos(pi/6)' may stand for it",
         {},
     )
@@ -615,15 +648,21 @@ class DHJoint(FileModel):
 
 
 class DHModel(FileModel):
-    """An arm by Denavit-Hartenberg parameters; M is in the frame of the last row, link6 of six."""
+    """An arm by Denavit-Hartenberg parameters.
+
+    M is in the frame of the last row, link6 of six.
+    """
 
     convention: Literal["standard", "modified"] = keyed(
-        "standard: a row is Rz(theta) Tz(d) Tx(a) Rx(alpha), joint i turns about z of frame i-1; "
-        "modified (Craig): Rx(alpha) Tx(a) Rz(theta) Tz(d), joint i turns about z of frame i"
+        "standard: a row is Rz(theta) Tz(d) Tx(a) Rx(alpha), joint i turns about z of "
+        "frame i-1; "
+        "modified (Craig): Rx(alpha) Tx(a) Rz(theta) Tz(d), joint i turns about z of "
+        "frame i"
     )
     joints: list[DHJoint] | None = keyed("row by row", None, min_length=1, max_length=100)
     table: FileName | None = keyed(
-        "CSV in place of joints: columns joint, type, a, alpha, d, theta, lower, upper, with the "
+        "CSV in place of joints: columns joint, type, a, alpha, d, theta, lower, upper, "
+        "with the "
         "units in the heads, as a [mm]",
         None,
     )
@@ -688,16 +727,19 @@ class Joints(_Robot):
         "default posture; a closed chain is assembled from there", {}
     )
     springs: SpringsByJoint = keyed(
-        "by joint; or the name of a published set (see `cartstiff models`), or of a table beside "
+        "by joint; or the name of a published set (see `cartstiff models`), or of a "
+        "table beside "
         "this file (.csv: joint, stiffness [N m/arcmin])",
         {},
     )
     coupled_springs: list[Section[CoupledSpringModel]] = keyed(
-        "springs on sums of joint positions, as of a differential or a tendon over several joints",
+        "springs on sums of joint positions, as of a differential or a tendon over "
+        "several joints",
         [],
     )
     actuator_springs: Flag = keyed(
-        "the kp of an MJCF file's position actuators, times their gears squared, are springs",
+        "the kp of an MJCF file's position actuators, times their gears squared, are "
+        "springs",
         False,
     )
     passive: list[Text] = keyed("joints without springs", [])
@@ -719,7 +761,8 @@ class SerialFile(Joints, FileWords):
         "true positions of joints that are commanded to 0", {}
     )
     lines: list[Section[LineModel]] = keyed(
-        "springs and cables between links; where they are and no joint is named under springs or "
+        "springs and cables between links; where they are and no joint is named under "
+        "springs or "
         "passive, none but the joints with actuators of their own get an assumed spring",
         [],
     )
@@ -728,23 +771,26 @@ class SerialFile(Joints, FileWords):
 class ClosureModel(FileModel):
     """Two frames of the tree that are joined: a loop is cut there.
 
-    A hinge and a universal joint have coordinates of their own, closure1.x and closure1.y for the
-    first closure, which may have springs.
+    A hinge and a universal joint have coordinates of their own, closure1.x and closure1.y
+    for the first closure, which may have springs.
     """
 
     frames: list[Text] = Field(min_length=2, max_length=2)
     type: Literal["point", "ball", "weld", "rigid", "hinge", "universal"] = keyed(
-        "point or ball: a common point; weld or rigid: the same pose; hinge: a common axis and "
+        "point or ball: a common point; weld or rigid: the same pose; hinge: a common "
+        "axis and "
         "point; universal: a common point, and two axes that stay square"
     )
     points: list[Vector] | None = keyed(
-        "points in the frames; default origins, and for the world where the other frame is at q",
+        "points in the frames; default origins, and for the world where the other frame "
+        "is at q",
         None,
         min_length=2,
         max_length=2,
     )
     axes: list[Vector] | None = keyed(
-        "of a hinge in either frame, default z; of a universal joint the first in the first frame, "
+        "of a hinge in either frame, default z; of a universal joint the first in the "
+        "first frame, "
         "default x, the second in the second, default y",
         None,
         min_length=2,
@@ -777,7 +823,8 @@ class ClosedChainFile(Joints, FileWords):
             "ujoint_zy",
         ],
     ] = keyed(
-        "what joints of a URDF are taken as: spherical (turns ankle.x, ankle.y, ankle.z of joint "
+        "what joints of a URDF are taken as: spherical (turns ankle.x, ankle.y, ankle.z "
+        "of joint "
         "ankle), ujoint_xy (about x, then y), or fixed",
         {},
     )
@@ -809,8 +856,8 @@ def first_error(
     known: set[str] | None = None,
 ) -> InputError:
     """Return the most helpful of pydantic's errors in the words of this program."""
-    # The deepest error belongs to the alternative of a union that the user meant; an unknown key
-    # is more helpful still, as it often explains a missing one.
+    # The deepest error belongs to the alternative of a union that the user meant; an
+    # unknown key is more helpful still, as it often explains a missing one.
     problems = error.errors(include_url=False)
     chosen = max(problems, key=lambda p: (p["type"] == "extra_forbidden", len(p["loc"])))
     kind = chosen["type"]
@@ -841,7 +888,8 @@ def first_error(
             and _WITH_UNIT.fullmatch(str(chosen["input"]))
         ):
             expected = (
-                "a number in the unit of the file, or arithmetic such as '=2*r'; only stiffnesses "
+                "a number in the unit of the file, or arithmetic such as '=2*r'; only "
+                "stiffnesses "
                 "are read with a unit, such as '20 N/mm'"
             )
         if kind in ("too_short", "too_long"):
@@ -850,7 +898,9 @@ def first_error(
 
 
 def _expected_key(got: str, own: Sequence[str], known: set[str] | None) -> str | None:
-    """Words on the keys of a section, or on those of the whole format where it is not known."""
+    """Words on the keys of a section, or on those of the whole format where it
+    is not known.
+    """
     every = known or known_keys(FileModel)
     close = get_close_matches(got, {*own} or every - {got}, n=3)
     closest = f" (closest: {', '.join(close)})" if close else ""
@@ -860,7 +910,10 @@ def _expected_key(got: str, own: Sequence[str], known: set[str] | None) -> str |
 
 
 def _section_keys(at: tuple[str | int, ...], data: Any) -> list[str]:
-    """Keys of the section of a file at a way of keys; none where the section is not known."""
+    """Keys of the section of a file at a way of keys.
+
+    None where the section is not known.
+    """
     kind = data.get("kind") if isinstance(data, dict) else None
     if not isinstance(kind, str) or kind not in FILE_KINDS:
         return []
@@ -904,7 +957,9 @@ def _alternatives(hint: Any) -> list[Any]:
 
 
 def _keys(location: tuple[str | int, ...], data: Any, kind: str) -> tuple[str | int, ...]:
-    """Keys of the file in pydantic's location, which also contains the branches of unions."""
+    """Keys of the file in pydantic's location, which also contains the
+    branches of unions.
+    """
     at: list[str | int] = []
     for i, part in enumerate(location[1:], start=2):
         here = isinstance(data, dict) and isinstance(part, str) and part in data

@@ -1,4 +1,6 @@
-"""Passes over a mechanism: the springs in its joints and links, and lines between its frames."""
+"""Passes over a mechanism: the springs in its joints and links,
+and lines between its frames.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,8 @@ from cartstiff.potentials.springs import (
 )
 from cartstiff.units import Units, own_stiffness
 
-#: N m/rad (N/m): the joint stiffness that is assumed where none was given; a note says so.
+#: N m/rad (N/m): the joint stiffness that is assumed where none was given; a note says
+#: so.
 ASSUMED_STIFFNESS = 1.0e4
 
 
@@ -70,10 +73,11 @@ def _own(spring: FileSpring) -> _Spring:
 
 
 def joint_springs(whole: Assembly) -> Assembly:
-    """Put a spring into each joint that has an entry, a spring of its own file, or is driven.
+    """Put a spring into each joint that has an entry, a spring of its own file,
+    or is driven.
 
-    Of the joints without either the driven ones get an assumed spring, which a note before
-    all others says; the others move freely.
+    Of the joints without either the driven ones get an assumed spring, which a note
+    before all others says; the others move freely.
     """
     entries = whole.named(lambda part: part.entry.springs)
     own = whole.named(lambda part: part.robot.springs)
@@ -113,12 +117,13 @@ def joint_springs(whole: Assembly) -> Assembly:
 
 
 def _roles(whole: Assembly, given: set[str], own: set[str]) -> dict[str, str]:
-    """What is in each joint: a spring that is "given", its "own", or "assumed"; or nothing.
+    """What is in each joint: a spring that is "given", its "own", or "assumed";
+    or nothing.
 
-    In a serial arm all joints but the passive ones are driven; in a closed chain, and where
-    legs carry the body, those that are named, or all but the passive ones where only these
-    are named. What line springs hold, and no joint is named as passive, has assumed springs
-    only where an actuator of the robot's own file drives a joint.
+    In a serial arm all joints but the passive ones are driven; in a closed chain, and
+    where legs carry the body, those that are named, or all but the passive ones where
+    only these are named. What line springs hold, and no joint is named as passive, has
+    assumed springs only where an actuator of the robot's own file drives a joint.
     """
     passive = {*whole.names(lambda part: part.entry.passive)}
     free = {*whole.virtual(), *(n for n in whole.free if n not in given)}
@@ -215,7 +220,9 @@ def _beam(beam: BeamModel, indices: Array, link: str) -> Beam:
 
 
 def coupled(whole: Assembly) -> Assembly:
-    """Add springs on sums of joint positions: those of entries, and fixed tendons of robots."""
+    """Add springs on sums of joint positions: those of entries,
+    and fixed tendons of robots.
+    """
     names = whole.tree.names
     entries = [(part, one) for part in whole.parts for one in part.entry.coupled_springs]
     entries += [
@@ -277,7 +284,9 @@ def link_checks(whole: Assembly) -> Assembly:
 
 
 def _without_effect(whole: Assembly) -> list[Note]:
-    """Return a note on compliant links that carry neither the body nor anything that holds it."""
+    """Return a note on compliant links that carry neither the body nor anything
+    that holds it.
+    """
     chain, tree = whole.chain, whole.chain.tree
     frames = {frame for line in whole.lines for frame in line.frames}
     frames |= {f for tie in chain.closures for f in (tie.frame_a, tie.frame_b)}
@@ -292,14 +301,15 @@ def _without_effect(whole: Assembly) -> list[Note]:
     if not without:
         return []
     words = (
-        f"compliant links that do not move frame {chain.frame!r}: {', '.join(without)} (the "
+        f"compliant links that do not move frame {chain.frame!r}: {', '.join(without)} "
+        "(the "
         "spring of such a link moves what hangs on it, but not the link's own frame)"
     )
     return [Note("idle-link", words, {"links": without})]
 
 
 def _ends_elsewhere(beam: Beam, chain: Chain) -> list[Note]:
-    """Return a note on a beam with nothing at its far end: its link may not lie along its x."""
+    """A note on a beam with nothing at its far end: its link may not lie along its x."""
     model = chain.tree.model
     last = list(model.idx_vs).index(int(beam.indices[-1, -1]))
     hung = [
@@ -314,7 +324,8 @@ def _ends_elsewhere(beam: Beam, chain: Chain) -> list[Note]:
         return []
     begins = (nearest + np.array([length, 0.0, 0.0])).tolist()
     words = (
-        f"the beam of link {beam.link!r} runs along the x axis of the link or its offset, to "
+        f"the beam of link {beam.link!r} runs along the x axis of the link or its "
+        "offset, to "
         f"({length:.6g}, 0, 0); what hangs on it begins at "
         f"({', '.join(f'{x:.6g}' for x in begins)}), joined rigidly"
     )

@@ -1,8 +1,8 @@
 """Read tables in text files: one row a line, with units in the head.
 
-Cells are separated by commas, semicolons or tabs; a comma between semicolons or tabs is a decimal
-comma. Units are in square or round brackets: ``elbow [deg]``, ``x (mm)``. Empty lines and lines
-that start with # are ignored.
+Cells are separated by commas, semicolons or tabs; a comma between semicolons or tabs is a
+decimal comma. Units are in square or round brackets: ``elbow [deg]``, ``x (mm)``. Empty
+lines and lines that start with # are ignored.
 """
 
 from __future__ import annotations
@@ -58,10 +58,11 @@ class Rows(NamedTuple):
     def arranged(
         self, *layouts: tuple[str, ...]
     ) -> tuple[tuple[str, ...], Array, tuple[str, ...]]:
-        """Return the layout that fits, its columns in order, and the names of other columns.
+        """The layout that fits, its columns in order, and the names of other columns.
 
-        Named columns may be in any order. Other columns must not belong to another layout, nor look
-        like a typing error. For columns without names their number decides.
+        Named columns may be in any order. Other columns must not belong to another
+        layout, nor look like a typing error. For columns without names their number
+        decides.
 
         Raises
         ------
@@ -113,7 +114,8 @@ _ALONG = re.compile(rf"([mfd][xyz])_({'|'.join(AXES)})")
 
 
 def along_axes(names: tuple[str, ...], place: str) -> tuple[tuple[str, ...], Axes | None]:
-    """Names of columns without the axes that loads and directions name, as ``fx_world``; the axes.
+    """Names of columns without the axes that loads and directions name, as ``fx_world``;
+    the axes.
 
     Raises
     ------
@@ -250,8 +252,8 @@ def cells_of(table: Any, what: str, joints: tuple[str, ...] = ()) -> Cells:
     Parameters
     ----------
     table : mapping of str to sequence, or data frame
-        Columns by name; a data frame has ``columns`` and ``to_numpy()``, as that of pandas. Cells
-        that are None or NaN are empty.
+        Columns by name; a data frame has ``columns`` and ``to_numpy()``, as that of
+        pandas. Cells that are None or NaN are empty.
     what, joints
         As of `read_cells`.
 
@@ -378,7 +380,8 @@ def read_rows(
     factors: Mapping[str, float] = MappingProxyType({}),
     joints: tuple[str, ...] = (),
 ) -> Rows:
-    """Read rows of numbers from a file; words in the first line are the names of the columns.
+    """Read rows of numbers from a file; words in the first line are the names of
+    the columns.
 
     Parameters
     ----------
@@ -403,7 +406,8 @@ def read_rows(
 
 
 _ROUND = re.compile(
-    r"\(\s*((?:[mcdu\u00b5\u03bc]?m|in|ft|k?N(?:[ *]?[mcd]?m)?(?:/\w+)?|kg|g|m?s|m?rad|deg|\u00b0))"
+    r"\(\s*((?:[mcdu\u00b5\u03bc]?m|in|ft|k?N(?:[ "
+    r"*]?[mcd]?m)?(?:/\w+)?|kg|g|m?s|m?rad|deg|\u00b0))"
     r"\s*\)\s*$"
 )
 # First line of some spreadsheets' tables.
@@ -430,14 +434,15 @@ UNITS: Final[Mapping[str, Mapping[str, float]]] = {
 
 
 def in_brackets(head: str) -> str:
-    """Return a head with its unit in square brackets in place of round ones: ``x (mm)``."""
+    """A head with its unit in square brackets in place of round ones: ``x (mm)``."""
     return _ROUND.sub(r"[\1]", head)
 
 
 def head_of(
     cell: str, place: str, kind: str | None = None
 ) -> tuple[str, str | None, float]:
-    """Return the name of a column, the kind of its unit (None without one), and the factor to SI.
+    """Return the name of a column, the kind of its unit (None without one),
+    and the factor to SI.
 
     Parameters
     ----------
@@ -478,7 +483,8 @@ def head_of(
 
 
 def named_unit(cell: str, units: Units, place: str) -> tuple[str, float | None]:
-    """Return the name of a column, and the factor of its numbers to radians, seconds and `units`.
+    """Return the name of a column, and the factor of its numbers to radians,
+    seconds and `units`.
 
     None for a column without a unit.
     """

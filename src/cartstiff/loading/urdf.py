@@ -1,9 +1,10 @@
 """Check a URDF before Pinocchio reads it, and read the parts that Pinocchio drops.
 
-Everything that affects statics is read or refused. A fault of a single joint, and an element that
-closes a loop, holds or springs joints and cannot be read, refuse the robot only where such a joint
-moves the frame of interest. Elements and attributes that neither URDF nor its known extensions
-define are named in a note, and refused where they look like a typing error.
+Everything that affects statics is read or refused. A fault of a single joint, and an
+element that closes a loop, holds or springs joints and cannot be read, refuse the robot
+only where such a joint moves the frame of interest. Elements and attributes that neither
+URDF nor its known extensions define are named in a note, and refused where they look like
+a typing error.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ from cartstiff.loading.plausible import large_angles, large_lengths
 from cartstiff.notes import Note
 
 _MAX_JOINTS = 2000
-#: Pinocchio's workspace takes a second to set up for 200 joints in a row, an hour for 2000.
+#: Pinocchio's workspace takes a second to set up for 200 joints in a row, an hour for
+#: 2000.
 MOST_MOVING = 200
 _AXIAL_TYPES = {"revolute", "continuous", "prismatic"}
 _LIMITED_TYPES = ("revolute", "prismatic")
@@ -50,9 +52,10 @@ Refuse = Callable[..., InputError]
 _VERSIONS = ("1.0", "1.1", "1.2")
 
 
-# By tag: the child elements that are passed on to Pinocchio (of others it might refuse some that
-# have no effect here), the known ones without effect on statics, and the attributes with the count
-# of their numbers, some of which are not in URDF but in many files.
+# By tag: the child elements that are passed on to Pinocchio (of others it might refuse
+# some that have no effect here), the known ones without effect on statics, and the
+# attributes with the count of their numbers, some of which are not in URDF but in many
+# files.
 _USED_CHILDREN = {
     "robot": "link joint",
     "link": "inertial",
@@ -61,7 +64,8 @@ _USED_CHILDREN = {
 }
 _IGNORED_CHILDREN = {
     "robot": "material gazebo transmission ros2_control sensor group",
-    "link": "visual collision material gazebo sensor contact surface gravity kinematic self_filter "
+    "link": "visual collision material gazebo sensor contact surface gravity kinematic "
+    "self_filter "
     "self_collision_checking collision_checking",
     "joint": "calibration safety_controller gazebo",
 }
@@ -81,7 +85,8 @@ _ATTRIBUTES = {
     "gear_velocity command_effort",
 }
 
-# Parts of a joint whose faults concern the joint alone, as long as it does not move the frame.
+# Parts of a joint whose faults concern the joint alone, as long as it does not move the
+# frame.
 _JOINT_PARTS = ("limit", "mimic", "dynamics")
 
 # Elements that may have these attributes only, and no content.
@@ -90,15 +95,15 @@ _STRICT_TAGS = ("origin", "axis", "parent", "child", "mass", "mimic")
 # An attribute that was written outside of a tag.
 _ASSIGNMENT = re.compile(r"\w\s*=\s*[\"']")
 
-# Similarity (difflib's ratio) from which on an unknown name is taken for a typing error: one letter
-# too many, too few or exchanged in a name of four has 0.75 or more.
+# Similarity (difflib's ratio) from which on an unknown name is taken for a typing error:
+# one letter too many, too few or exchanged in a name of four has 0.75 or more.
 _TYPO_SIMILARITY = 0.7
 
 # Simulators' names of the stiffness of a joint and its rest position.
 _STIFFNESS = re.compile(r"spring_?stiffness", re.IGNORECASE)
 _REFERENCE = re.compile(r"spring_?reference", re.IGNORECASE)
-# Tags, without their namespace, of elements that change the mechanics, by the key of a mechanism
-# file that replaces them.
+# Tags, without their namespace, of elements that change the mechanics, by the key of a
+# mechanism file that replaces them.
 _MECHANICAL = {
     "closures": re.compile(r"constraint|closure|loop|connect|equality|weld|coupling"),
     "lines": re.compile(r"force_?element|cable|tendon|muscle|linear_?spring"),
@@ -236,8 +241,10 @@ class _Robot:
         if child in self.carrier:
             raise refuse(
                 f"link {child!r} has two parent joints",
-                expected="a tree: leave one of both out, give its side a link of its own at that "
-                "place, and join it to the other under 'closures' in a mechanism file of kind "
+                expected="a tree: leave one of both out, give its side a link of its own "
+                "at that "
+                "place, and join it to the other under 'closures' in a mechanism file of "
+                "kind "
                 "closed-chain",
                 got=f"the second is {name!r}",
             )
@@ -261,7 +268,9 @@ class _Robot:
         return str(kind)
 
     def _read_plane(self, name: str, element: ET.Element | None) -> None:
-        """Read the normal of a planar joint's plane, where it is not z as for Pinocchio."""
+        """Read the normal of a planar joint's plane,
+        where it is not z as for Pinocchio.
+        """
         if element is None:
             words = (
                 f"planar joint {name!r} has no axis: it moves across its frame's z axis"
@@ -378,7 +387,9 @@ class _Robot:
             del self.mimics[name]
 
     def hold_followers(self) -> dict[str, float]:
-        """Positions of the joints that follow a fixed one, which are no followers any more."""
+        """Positions of the joints that follow a fixed one,
+        which are no followers any more.
+        """
         held = {}
         for name in self.mimics:
             leader, _, offset = to_root(name, self.mimics)
@@ -460,7 +471,8 @@ class _Robot:
         self.closures.append(FileClosure(kind, a, b, T_a, T_b, self.between(links)))
 
     def _read_sdf_joint(self, joint: ET.Element) -> None:
-        """Read a joint of SDF between two links as a closure; a slide has to be written as one.
+        """Read a joint of SDF between two links as a closure;
+        a slide has to be written as one.
 
         A joint that fixes the root to the room adds nothing.
         """
@@ -509,7 +521,10 @@ class _Robot:
     def _leave_out_element(
         self, element: ET.Element, key: str, frames: Mapping[str, str]
     ) -> None:
-        """Leave out an element that changes the mechanics; show the YAML that replaces it."""
+        """Leave out an element that changes the mechanics.
+
+        Show the YAML that replaces it.
+        """
         links: list[str] = []
         points: list[list[float]] = []
         values: dict[str, str] = {}
@@ -537,7 +552,10 @@ class _Robot:
         elif key == "lines":
             rows = ", ".join(map(_row, points[:2])) or "..."
             k, rest = (values.get(word, "...") for word in ("stiffness", "rest_length"))
-            line = f"frames: [{frame_words}], points: [{rows}], stiffness: {k}, rest_length: {rest}"
+            line = (
+                f"frames: [{frame_words}], points: [{rows}], stiffness: {k}, "
+                f"rest_length: {rest}"
+            )
             self._leave_out_acting(what, links, key, f"lines: [{{{line}}}]")
         else:
             entries = [
@@ -610,7 +628,8 @@ def _placed(origin: ET.Element | None) -> se3.Array:
 
 
 def retype_joints(root: ET.Element, kinds: Mapping[str, str], where: str) -> None:
-    """Change types of joints: "fixed", "spherical", or "ujoint_xy" for turns about x, then y.
+    """Change types of joints: "fixed", "spherical", or "ujoint_xy" for turns about x,
+    then y.
 
     Turns are named joint.x, joint.y, joint.z, and so are the links between them.
 
@@ -689,7 +708,10 @@ def read_urdf(
     held = robot.hold_followers()
     for name, element in links.items():
         if not _check_inertial(element, f"link {name!r}", refuse):
-            words = f"link {name!r}: no body has this inertia; none counts, which vibrations feel"
+            words = (
+                f"link {name!r}: no body has this inertia; none counts, which "
+                "vibrations feel"
+            )
             robot.notes.append(Note("impossible-inertia", words, {"link": name}))
     robot.read_extensions(reader.beside)
     springs, curved = on_leaders(robot.springs, mimics)
@@ -720,7 +742,9 @@ def read_urdf(
 
 
 def _moving_parts(root: ET.Element) -> str:
-    """URDF of links with their masses and of joints: the C++ parser may complain about the rest."""
+    """URDF of links with their masses and of joints: the C++ parser may complain
+    about the rest.
+    """
     kept = ET.Element("robot", root.attrib)
     for part in root:
         if part.tag == "joint":
@@ -736,14 +760,19 @@ def _texts(element: ET.Element) -> dict[str, str]:
 
 
 def _mechanical(tag: str) -> str | None:
-    """Key of a mechanism file that replaces an element; None for elements without effect."""
+    """Key of a mechanism file that replaces an element.
+
+    None for elements without effect.
+    """
     return next(
         (key for key, words in _MECHANICAL.items() if words.search(tag.lower())), None
     )
 
 
 def _about_axis(joint: ET.Element, values: Mapping[str, str]) -> str:
-    """Stiffness of a bushing about or along the axis of a joint, as far as it is known."""
+    """Stiffness of a bushing about or along the axis of a joint,
+    as far as it is known.
+    """
     word = "force" if joint.get("type") == "prismatic" else "torque"
     text = next((v for k, v in values.items() if k.endswith(f"{word}_stiffness")), "")
     try:
@@ -782,8 +811,8 @@ def _check_inertial(link: ET.Element, what: str, refuse: Refuse) -> bool:
         raise refuse(f"{what}: inertial has no mass")
     if mass[0] < 0:
         raise refuse(f"{what}: mass is negative", got=f"{mass[0]:g}")
-    # Statics needs masses and centres only: a missing or impossible rotational inertia becomes
-    # zero.
+    # Statics needs masses and centres only: a missing or impossible rotational inertia
+    # becomes zero.
     inertia = inertial.find("inertia")
     if inertia is not None and _is_possible(inertia):
         return True
@@ -794,7 +823,9 @@ def _check_inertial(link: ET.Element, what: str, refuse: Refuse) -> bool:
 
 
 def _is_possible(inertia: ET.Element) -> bool:
-    """Whether six numbers are the inertia of some body: its principal moments form a triangle."""
+    """Whether six numbers are the inertia of some body: its principal moments
+    form a triangle.
+    """
     try:
         xx, xy, xz, yy, yz, zz = (
             float(inertia.get(key, "")) for key in _ATTRIBUTES["inertia"].split()
@@ -805,14 +836,15 @@ def _is_possible(inertia: ET.Element) -> bool:
     if not np.isfinite(matrix).all() or np.abs(matrix).max() > LARGEST_INPUT:
         return False
     small, middle, large = np.linalg.eigvalsh(matrix)
-    # Thin plates meet the triangle rule with equality, to the digits that are printed. Rods, such
-    # as two point masses, have a moment of zero, to rounding.
+    # Thin plates meet the triangle rule with equality, to the digits that are printed.
+    # Rods, such as two point masses, have a moment of zero, to rounding.
     is_positive = small >= -numerics.NEGLIGIBLE_DIFFERENCE * large
     return bool(is_positive and small + middle >= (1.0 - 1e-3) * large)
 
 
 class _Reader:
-    """Removes elements without effect from a URDF; refuses typing errors and repeated elements.
+    """Removes elements without effect from a URDF; refuses typing errors and
+    repeated elements.
 
     All numbers are checked; faults within `_JOINT_PARTS` are the joint's own.
 

@@ -1,7 +1,8 @@
 """Shapes of the links of a robot, for pictures, from its URDF or MJCF file.
 
-Each shape is attached to a frame of the tree by name, so that it moves with the joints of the tree.
-A missing mesh file is named and left out, and so is a shape of a URDF that cannot be read.
+Each shape is attached to a frame of the tree by name, so that it moves with the joints of
+the tree. A missing mesh file is named and left out, and so is a shape of a URDF that
+cannot be read.
 """
 
 from __future__ import annotations
@@ -158,7 +159,7 @@ def _present(pieces: Sequence[Piece]) -> tuple[list[Piece], list[str]]:
 def geometry_pieces(
     model: Any, geometry: Any, source: str
 ) -> tuple[list[Piece], list[str]]:
-    """Return the pieces of a Pinocchio geometry model, and sentences on those it cannot show.
+    """The pieces of a Pinocchio geometry model, and sentences on those it cannot show.
 
     Parameters
     ----------
@@ -215,7 +216,9 @@ def _urdf_shape(element: ET.Element, path: Path, packages: Sequence[Path]) -> Sh
 
 
 def _mesh_file(name: str, path: Path, packages: Sequence[Path]) -> Path:
-    """File of a mesh by its name: package://, file://, absolute, or relative to the URDF."""
+    """File of a mesh by its name: package://, file://, absolute,
+    or relative to the URDF.
+    """
     scheme, separator, rest = name.rpartition("://")
     advice, places = "", list[Path]()
     if scheme in ("package", "model"):
@@ -226,7 +229,10 @@ def _mesh_file(name: str, path: Path, packages: Sequence[Path]) -> Path:
         places = [folder / inside for folder in (*folders, *named)]
         advice = f"; package {package} is there and lacks it"
         if not folders:
-            advice = f"; package {package} is not found; expected {where_packages_are(package)}"
+            advice = (
+                f"; package {package} is not found; expected "
+                f"{where_packages_are(package)}"
+            )
     elif scheme == "file" or not separator:
         places = [path.resolve().parent / rest]
     file = next((place for place in places if place.is_file()), None)

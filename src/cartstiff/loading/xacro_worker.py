@@ -1,11 +1,13 @@
-"""Expands one xacro file; run as a script in a process of its own (`cartstiff.loading.ros`).
+"""Expands one xacro file; run as a script in a process of its own
+(`cartstiff.loading.ros`).
 
-A xacro file is a program from an unknown source. The package xacro expands macros, properties and
-conditions; the text in ``${...}`` is evaluated after its syntax tree has been checked: numbers,
-texts, lists, dictionaries, arithmetic, comparisons, and the functions listed below. Functions are
-not values, attributes are keys of dictionaries, and no attribute is left in the code. Files are
-read below the folders that the parent names. ``$(eval)`` is evaluated like ``${...}``, with the
-file's arguments by name; ``$(env)`` is refused, and ``$(optenv)`` is its default.
+A xacro file is a program from an unknown source. The package xacro expands macros,
+properties and conditions; the text in ``${...}`` is evaluated after its syntax tree has
+been checked: numbers, texts, lists, dictionaries, arithmetic, comparisons, and the
+functions listed below. Functions are not values, attributes are keys of dictionaries, and
+no attribute is left in the code. Files are read below the folders that the parent names.
+``$(eval)`` is evaluated like ``${...}``, with the file's arguments by name; ``$(env)`` is
+refused, and ``$(optenv)`` is its default.
 """
 
 from __future__ import annotations
@@ -27,7 +29,8 @@ from xacro.substitution_args import convert_value
 from cartstiff.child_process import read_regular, serve
 from cartstiff.ros_packages import package_folders
 
-# Largest sizes in bytes of the expanded text and of each file; characters or entries of one value.
+# Largest sizes in bytes of the expanded text and of each file; characters or entries of
+# one value.
 _MAX_BYTES = 16 * 1024 * 1024
 _MAX_VALUE_SIZE = 1_000_000
 _MAX_EXPRESSION_LENGTH = 10_000
@@ -36,7 +39,8 @@ _MEGABYTES, _SECONDS = 512, 6
 
 # Methods that may be called, by type: they only read.
 _METHODS: dict[type, str] = {
-    str: "capitalize count endswith find index isalpha isdigit isnumeric join lower lstrip replace "
+    str: "capitalize count endswith find index isalpha isdigit isnumeric join lower "
+    "lstrip replace "
     "rsplit rstrip split splitlines startswith strip title upper",
     list: "count index",
     tuple: "count index",
@@ -46,11 +50,13 @@ _CONSTANTS: dict[str, Any] = {
     n: getattr(math, n) for n in ("pi", "e", "tau", "inf", "nan")
 }
 _MATH = """
-acos acosh asin asinh atan atan2 atanh ceil copysign cos cosh degrees exp fabs floor fmod hypot
-isclose isfinite isinf isnan log log10 log2 pow radians sin sinh sqrt tan tanh trunc
+acos acosh asin asinh atan atan2 atanh ceil copysign cos cosh degrees exp fabs floor
+fmod hypot isclose isfinite isinf isnan log log10 log2 pow radians sin sinh sqrt tan tanh
+trunc
 """
 _PLAIN = """
-abs all any bool dict divmod float int isinstance len list max min ord repr set sorted str sum tuple
+abs all any bool dict divmod float int isinstance len list max min ord repr set sorted
+str sum tuple
 """
 _KNOWN = (
     ast.Expression,
@@ -82,7 +88,8 @@ class RefusedError(Exception):
 class _Guard(ast.NodeTransformer):
     """Rewrites an expression so that only the listed nodes are left, and no attribute.
 
-    Functions get names that no expression can contain (``len()``), so that they are no values.
+    Functions get names that no expression can contain (``len()``), so that they are no
+    values.
     """
 
     def __init__(self, functions: Container[str]) -> None:
@@ -157,7 +164,9 @@ def _short(value: Any) -> Any:
 
 
 def _remaining(value: Any, most: int) -> int:
-    """Remaining number of characters and entries, of which repeated ones count repeatedly."""
+    """Remaining number of characters and entries, of which repeated ones
+    count repeatedly.
+    """
     most -= len(value) if isinstance(value, (str, range)) else 1
     if most < 0:
         raise RefusedError("a value is too large")
@@ -239,7 +248,9 @@ class _Reader:
             raise RefusedError(f"{_innermost(error)} in ${{{_shown(text)}}}") from None
 
     def extension(self, text: str) -> str:
-        """Replace xacro.eval_extension: ``$(arg x)``, ``$(find p)``, ``$(optenv X y)``."""
+        """Replace xacro.eval_extension: ``$(arg x)``, ``$(find p)``,
+        ``$(optenv X y)``.
+        """
         match = re.fullmatch(r"\$\(\s*(\w+)\s*(.*?)\s*\)", text, re.DOTALL)
         command, rest = match.groups() if match else ("", "")
         if command == "arg":

@@ -21,7 +21,8 @@ Lines = dict[tuple[str | int, ...], int]
 
 #: Largest size of a mechanism file in bytes: such a file is a page of text.
 LARGEST = 1024 * 1024
-#: Largest number of keys, values and list entries, repeated by aliases; 40 000 take two seconds.
+#: Largest number of keys, values and list entries, repeated by aliases; 40 000 take two
+#: seconds.
 MOST_VALUES = 40_000
 _MAX_DEPTH = 30
 # More brackets in a row than any mechanism file has: they cost the parser seconds.
@@ -33,7 +34,7 @@ _TRUTHS = {"true": True, "false": False}
 
 
 def checked_status(path: Path, largest: int, where: str) -> os.stat_result:
-    """Return the status of a regular file; refuse other files, and one that is too large."""
+    """The status of a regular file; refuse other files, and one that is too large."""
     try:
         status = path.stat()
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
@@ -94,10 +95,10 @@ def read_text(path: Path, largest: int = LARGEST, *, recorded: bool = True) -> s
 def read_yaml(path: Path) -> tuple[dict[str, Any], Lines]:
     """Read the mapping in a YAML file, and the line of each of its values.
 
-    Only mappings, sequences and plain scalars are accepted: no tags, no key twice, no second
-    document. An alias is a copy of its anchor's value; ``<<`` adds the keys of one or several
-    mappings, of which the first has precedence, and keys beside it have precedence over all.
-    Numbers follow YAML 1.2 (``3e5`` is a number, ``1:30`` is text).
+    Only mappings, sequences and plain scalars are accepted: no tags, no key twice, no
+    second document. An alias is a copy of its anchor's value; ``<<`` adds the keys of one
+    or several mappings, of which the first has precedence, and keys beside it have
+    precedence over all. Numbers follow YAML 1.2 (``3e5`` is a number, ``1:30`` is text).
 
     Raises
     ------
@@ -126,7 +127,8 @@ def _parsed(text: str, where: str) -> tuple[dict[str, Any], Lines]:
     _check_directives(text, where)
     if _BRACKETS.search(text):
         raise InputError("YAML is nested too deeply", where=where)
-    # Every value but the first follows one of these characters, so that their number is a bound.
+    # Every value but the first follows one of these characters, so that their number is a
+    # bound.
     _check_count(sum(map(text.count, ",:\n")) - len(_COMMENTS.findall(text)), where)
     lines: Lines = {}
     try:
@@ -181,7 +183,10 @@ def with_scalars(resolver: Any) -> Any:
 
 @cache
 def _loader(pure: bool) -> Any:
-    """A class that composes nodes in Python, which limits their depth; libyaml or Python parses."""
+    """A class that composes nodes in Python, which limits their depth.
+
+    Libyaml or Python parses.
+    """
     from yaml.composer import Composer
     from yaml.parser import Parser
     from yaml.reader import Reader
@@ -222,7 +227,9 @@ def _documents(text: str, pure: bool = False) -> list[Any]:
 
 
 def _check_directives(text: str, where: str) -> None:
-    """Refuse all but %YAML 1.2: under 1.1 "yes", "no", "on", 010 and 1:30 mean other things."""
+    """Refuse all but %YAML 1.2: under 1.1 "yes", "no", "on",
+    010 and 1:30 mean other things.
+    """
     for number, line in enumerate(text.splitlines(), start=1):
         if line.startswith("%"):
             if not re.fullmatch(r"%YAML\s+1\.2\s*(#.*)?", line):
@@ -247,7 +254,8 @@ class _Reader:
         line = node.start_mark.line + 1
         place = f"{self._where}, line {line}"
         self._lines[at] = line
-        # The number of lines would be too small: merged mappings share the lines of common keys.
+        # The number of lines would be too small: merged mappings share the lines of
+        # common keys.
         self._seen += 1
         _check_count(self._seen, place)
         if len(at) > _MAX_DEPTH:  # an alias may be inside its own anchor
@@ -314,7 +322,8 @@ def _check_count(count: int, where: str) -> None:
 def _scalar(node: Any, tag: str, place: str) -> Any:
     kind = tag.removeprefix("tag:yaml.org,2002:")
     text = str(node.value)
-    # An explicit tag (!!bool abc) may precede any text: it is used only where the text fits.
+    # An explicit tag (!!bool abc) may precede any text: it is used only where the text
+    # fits.
     if kind == "null" and text in _NULLS:
         return None
     if kind == "bool" and text.lower() in _TRUTHS:
@@ -324,7 +333,8 @@ def _scalar(node: Any, tag: str, place: str) -> Any:
         for convert in (lambda x: int(x, 0), float):
             with suppress(ValueError):
                 value = convert(number)
-                # A number beyond all floats is kept as text, which whoever needs a number refuses.
+                # A number beyond all floats is kept as text, which whoever needs a number
+                # refuses.
                 return text if abs(value) == math.inf and "inf" not in number else value
     if kind in ("", "str", "timestamp", "value", "null", "bool", "int", "float"):
         return text

@@ -28,8 +28,8 @@ from cartstiff.maps.sampling import (
 )
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 
-#: Choice of the posture on a self-motion: nearest to the base posture, or best in the map's first
-#: quantity.
+#: Choice of the posture on a self-motion: nearest to the base posture, or best in the
+#: map's first quantity.
 Redundancy = Literal["nearest", "best"]
 
 _AXIS_NAMES = ("x", "y", "z")
@@ -37,17 +37,19 @@ _AXIS_NAMES = ("x", "y", "z")
 PLACES_AT_ONCE = 200
 # Number of searches from which on their machine code is compiled.
 _COMPILED_FROM = 20_000
-# Largest number of combinations of the legs' solutions among which the branches are chosen.
+# Largest number of combinations of the legs' solutions among which the branches are
+# chosen.
 _MAX_CANDIDATES = 64
 # Machine code of a search uses one shared work space: one search at a time.
 _SEARCH_LOCK = Lock()
 
 
 class CartesianGrid(Sampling):
-    """Positions of the body frame's origin in F, at one orientation, by inverse kinematics.
+    """Positions of the body frame's origin in F, at one orientation,
+    by inverse kinematics.
 
-    The last dimension numbers the branches found at a place, nearest to the base posture first.
-    Places that no start reaches have no posture.
+    The last dimension numbers the branches found at a place, nearest to the base posture
+    first. Places that no start reaches have no posture.
 
     Parameters
     ----------
@@ -56,22 +58,23 @@ class CartesianGrid(Sampling):
     elastic : ElasticMechanism
         The mechanism.
     base : array_like (n,)
-        Posture that supplies the rest of the pose, and the first start of the inverse kinematics.
+        Posture that supplies the rest of the pose, and the first start of the inverse
+        kinematics.
     orientation : array_like (3, 3), optional
         Rotation of the body frame in F; default that of the base posture.
     branches : int
         Largest number of branches that are kept at a place.
     starts : int
-        Random starts of the inverse kinematics besides the base posture; for a body on legs, of
-        each leg.
+        Random starts of the inverse kinematics besides the base posture; for a body on
+        legs, of each leg.
     seed : int
         Seed of the random starts.
     free : {"none", "x", "y", "z", "rotation"}
         Rotation of the body that is left free, about one of its axes or any.
     redundancy : {"nearest", "best"}
-        Choice among the postures of a self-motion: each start's solution moves along it to the
-        local minimum of the distance from the base posture, or to the local optimum of the map's
-        first quantity.
+        Choice among the postures of a self-motion: each start's solution moves along it
+        to the local minimum of the distance from the base posture, or to the local
+        optimum of the map's first quantity.
     """
 
     stores_q = True
@@ -121,7 +124,8 @@ class CartesianGrid(Sampling):
             int(starts),
             checked_seed(seed),
         )
-        #: Number of legs that are searched separately; 0 if the mechanism is searched as a whole.
+        #: Number of legs that are searched separately; 0 if the mechanism is searched as
+        #: a whole.
         self.legs = len(legs_of(elastic) or ())
         self.dims = (*_AXIS_NAMES, "branch")
         self.shape = (*(axis.count for axis in self.axes.values()), self.branches)
@@ -129,7 +133,9 @@ class CartesianGrid(Sampling):
         self._quick: tuple[ElasticMechanism, JointPoses | None] | None = None
 
     def starts(self, elastic: ElasticMechanism) -> Array:
-        """Return the starts of the inverse kinematics (1 + starts, n), the base posture first."""
+        """Return the starts of the inverse kinematics (1 + starts, n),
+        the base posture first.
+        """
         if self._starts is None:
             random = []
             if self.count:
@@ -150,7 +156,7 @@ class CartesianGrid(Sampling):
         return {**vars(self), "_quick": None}
 
     def _solver(self, elastic: ElasticMechanism) -> JointPoses | None:
-        """Return the solver: compiled for large maps, and the same for all parts of a map."""
+        """The solver: compiled for large maps, and the same for all parts of a map."""
         if self._quick is None or self._quick[0] is not elastic:
             solver = None
             if not (self.legs or elastic.mechanism.coordinates_are_pose):
@@ -165,10 +171,10 @@ class CartesianGrid(Sampling):
         elastic: ElasticMechanism,
         cost: Callable[[Array], Array] | None = None,
     ) -> tuple[Array, Array]:
-        """Return the postures of a box (cells * branches, n) and their number at each place.
+        """The postures of a box (cells * branches, n) and their number at each place.
 
-        Rows without a posture are NaN. The postures do not depend on how many places are solved at
-        once. `cost` is minimised along self-motions for "best".
+        Rows without a posture are NaN. The postures do not depend on how many places are
+        solved at once. `cost` is minimised along self-motions for "best".
         """
         values = [axis.values for axis in self.axes.values()]
         places = np.stack(
@@ -235,10 +241,11 @@ class CartesianGrid(Sampling):
 
 
 class AtPoses(Sampling):
-    """Postures at poses of the body, in the working mode of the mechanism's default posture.
+    """Postures at poses of the body, in the working mode of the mechanism's
+    default posture.
 
-    For a body with fewer than six freedoms the other coordinates of the pose follow, as in
-    `cartstiff.at_pose`. Poses that a leg does not reach have no posture.
+    For a body with fewer than six freedoms the other coordinates of the pose follow, as
+    in `cartstiff.at_pose`. Poses that a leg does not reach have no posture.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
-"""Check of what a map's ``zarr.json`` claims, before anything in it is believed or allocated.
+"""Check of what a map's ``zarr.json`` claims, before anything in it is believed
+or allocated.
 
-The file may come from anybody. What is checked here bounds the memory of every reader: numbers of
-postures, parts and arrays, shapes, number types and codecs.
+The file may come from anybody. What is checked here bounds the memory of every reader:
+numbers of postures, parts and arrays, shapes, number types and codecs.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ MAX_PARTS = 10**5
 MAX_DESCRIPTION = 2**22
 # Largest number of arrays, of dimensions, and of coordinates of a mechanism.
 _MAX_ARRAYS, _MAX_DIMENSIONS, _MAX_JOINTS = 300, 32, 1000
-# Largest number of values along an axis, which are one object; and of bytes of a part of an array.
+# Largest number of values along an axis, which are one object; and of bytes of a part of
+# an array.
 _MAX_AXIS, _MAX_PART_BYTES = 10**7, 2**28
 _BYTES = {"float64": 8, "uint32": 4, "uint8": 1}
 _CODECS = (["bytes", "blosc", "crc32c"], ["sharding_indexed"])

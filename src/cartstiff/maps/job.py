@@ -1,4 +1,6 @@
-"""Computation of one part of a map, with all the data that a worker in another process needs."""
+"""Computation of one part of a map, with all the data that a worker in another
+process needs.
+"""
 
 from __future__ import annotations
 
@@ -66,8 +68,9 @@ STATES = (
     "strut-not-found",
 )
 
-# Number of postures computed at once: stacks so small that their matrices stay in the cache, and
-# that every thread may hold some; fewer where each posture is computed by itself.
+# Number of postures computed at once: stacks so small that their matrices stay in the
+# cache, and that every thread may hold some; fewer where each posture is computed by
+# itself.
 _STACK_ROWS = 2048
 _SINGLE_ROWS = 128
 # Least usual number of postures of a part whose postures are computed in stacks.
@@ -93,19 +96,22 @@ class MapJob:
     settings : Settings
         Matrix, length, direction and load that the quantities refer to.
     wrench : tuple of float, optional
-        Load (moment, force), as in `cartstiff.analyse`; `settings` holds its kind and point.
+        Load (moment, force), as in `cartstiff.analyse`; `settings` holds its kind and
+        point.
     load_axes : {"body", "world"}
         Axes of its components.
     path : {"compiled", "portable", "engine"}
-        Backend that computes every posture of the map, as in `analyse_many`. A resumed map keeps
-        its backend, so that the numbers do not depend on where it was interrupted.
+        Backend that computes every posture of the map, as in `analyse_many`. A resumed
+        map keeps its backend, so that the numbers do not depend on where it was
+        interrupted.
     by_kernel : bool
         Whether machine code also evaluates the quantities, as far as it can.
     one_by_one : int, optional
-        Largest number of postures that are analysed singly where the fast backends cannot decide
-        the state; the state of further ones is "other". Default: all.
+        Largest number of postures that are analysed singly where the fast backends cannot
+        decide the state; the state of further ones is "other". Default: all.
     own : tuple of Quantity
-        Those of the quantities that a user has defined, which other processes do not know.
+        Those of the quantities that a user has defined, which other processes do not
+        know.
     """
 
     elastic: ElasticMechanism
@@ -131,7 +137,9 @@ class MapJob:
 
     @property
     def usual_chunk(self) -> int:
-        """Usual number of postures of a part: many enough to outweigh the work for each part."""
+        """Usual number of postures of a part: many enough to outweigh the work
+        for each part.
+        """
         least = None
         if isinstance(self.sampling, CartesianGrid):
             least = PLACES_AT_ONCE * self.sampling.branches
@@ -146,7 +154,9 @@ class MapJob:
 
     @property
     def stores_q(self) -> bool:
-        """Whether the postures are stored: those of a closed chain are found by assembly."""
+        """Whether the postures are stored: those of a closed chain are found
+        by assembly.
+        """
         return self.sampling.stores_q or bool(self._closures)
 
     @property
@@ -159,9 +169,11 @@ class MapJob:
         return self.elastic.mechanism.closures
 
     def compute(self, box: tuple[slice, ...], mapped: Mapped = map) -> dict[str, Array]:
-        """Arrays of a box by name: quantities, ``state``, ``position``, and ``q`` if stored.
+        """Arrays of a box by name: quantities, ``state``, ``position``,
+        and ``q`` if stored.
 
-        The box is computed in pieces along its first axis, by `mapped`, which may use threads.
+        The box is computed in pieces along its first axis, by `mapped`, which may use
+        threads.
         """
         sizes = tuple(s.stop - s.start for s in box)
         count, inner = prod(sizes), prod(sizes[1:])
@@ -209,7 +221,8 @@ class MapJob:
         q = self._sampled(box, arrays)
         count, rows = len(q), _STACK_ROWS if self.in_stacks else _SINGLE_ROWS
         blocks = [slice(i, min(i + rows, count)) for i in range(0, count, rows)]
-        # Machine code leaves few rows open: those of all blocks together take a tenth of the time.
+        # Machine code leaves few rows open: those of all blocks together take a tenth of
+        # the time.
         rest = np.concatenate([self._compute_rows(q, some, arrays) for some in blocks])
         for some in (rest[i : i + rows] for i in range(0, len(rest), rows)):
             self._fill(arrays, some, self._by_matrices(q[some], self.quantities))
@@ -217,7 +230,9 @@ class MapJob:
             arrays["q"][:] = q
 
     def _compute_rows(self, q: Array, rows: slice, arrays: dict[str, Array]) -> Array:
-        """Fill rows; return the numbers (k,) of those whose quantities are still to be read."""
+        """Fill rows; return the numbers (k,) of those whose quantities are
+        still to be read.
+        """
         at: Array = rows.start + np.flatnonzero(np.isfinite(q[rows]).all(axis=1))
         if not at.size:
             return at
@@ -226,7 +241,10 @@ class MapJob:
         return at[unknown]
 
     def _fill(self, arrays: dict[str, Array], at: Array, answer: MapRows) -> None:
-        """Store states, positions and quantities at some rows; quantities beyond limits are NaN."""
+        """Store states, positions and quantities at some rows.
+
+        Quantities beyond limits are NaN.
+        """
         beyond = self._beyond(answer.q, answer.poses)
         some = bool(beyond.any())
         for name, value in answer.values.items():
@@ -235,7 +253,7 @@ class MapJob:
         arrays["position"][at] = answer.poses[:, :3, 3]
 
     def _answer(self, q: Array) -> tuple[MapRows, Array]:
-        """Return the results at postures (N, n), and the rows (k,) left open by machine code."""
+        """The results at postures (N, n), and the rows (k,) left open by machine code."""
         if (reader := self._reader) is None:
             return self._by_matrices(q, self.quantities), np.zeros(0, int)
         read = reader.read(q)
@@ -264,7 +282,8 @@ class MapJob:
         names = readable(self.elastic, [n for n in self.names if n not in own], wrench)
         hertz = float(1.0 / np.sqrt(self.elastic.units.kilogram)) / (2.0 * np.pi)
         readings = Readings(names, self.settings, hertz)
-        # If frequencies take too many operations, the other quantities may still be compiled.
+        # If frequencies take too many operations, the other quantities may still be
+        # compiled.
         few = tuple(name for name in names if name not in FREQUENCIES)
         for some in filter(None, dict.fromkeys((names, few))):
             asked = replace(readings, names=some)
@@ -331,7 +350,10 @@ class MapJob:
 
     @cached_property
     def _lengths(self) -> Array:
-        """Which columns of the Jacobian are per distance; for a platform all (its legs)."""
+        """Which columns of the Jacobian are per distance.
+
+        For a platform all (its legs).
+        """
         if self.elastic.mechanism.at(self.elastic.q).coordinates_are_pose:
             return np.ones(len(self.elastic.names), bool)
         return np.array([c.is_length for c in self.elastic.mechanism.coordinates])

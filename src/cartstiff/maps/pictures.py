@@ -1,7 +1,7 @@
 """Pictures of maps: heat maps, slices, lines, histograms.
 
-Colours come from a map that is readable without colour vision. Cells without a number are grey and
-hatched, and the legend names their state.
+Colours come from a map that is readable without colour vision. Cells without a number are
+grey and hatched, and the legend names their state.
 """
 
 from __future__ import annotations
@@ -47,7 +47,8 @@ _HATCHES = ("////", "....", "xxxx", "\\\\\\\\", "oooo", "----")
 
 @checked
 def draw_map(dataset: xarray.Dataset, quantity: str, *, angle: str = "rad") -> Any:
-    """Draw a map: a line, heat map or slices for one, two or three dimensions, else a histogram.
+    """Draw a map: a line, heat map or slices for one, two or three dimensions,
+    else a histogram.
 
     Parameters
     ----------
@@ -183,7 +184,9 @@ def add_legend(figure: Any, reasons: set[str]) -> None:
 
 
 def _borders(values: Array) -> Array:
-    """Both borders of the cells around equally spaced values, so that hatching follows them."""
+    """Both borders of the cells around equally spaced values,
+    so that hatching follows them.
+    """
     step = (values[-1] - values[0]) / (len(values) - 1) if len(values) > 1 else 1.0
     return np.repeat(np.append(values - step / 2, values[-1] + step / 2), 2)[1:-1]
 
@@ -196,7 +199,8 @@ def _axis_label(coordinate: xarray.DataArray) -> str:
 def _cells(
     axis: Any, dataset: xarray.Dataset, quantity: str, norm: Any
 ) -> tuple[Any, set[str]]:
-    """Draw coloured cells over two dimensions; return them and the states of hatched cells.
+    """Draw coloured cells over two dimensions; return them and the states of
+    hatched cells.
 
     Positions are drawn as in the room: x to the right, z up, equal scales, in mm.
     """
@@ -233,7 +237,9 @@ def heat_map(dataset: xarray.Dataset, quantity: str) -> Any:
 
 
 def slices(dataset: xarray.Dataset, quantity: str) -> Any:
-    """Draw heat maps at up to six values of the shortest dimension, with one colour scale."""
+    """Draw heat maps at up to six values of the shortest dimension,
+    with one colour scale.
+    """
     array = dataset[quantity]
     cut = str(min(array.dims, key=lambda d: array.sizes[d]))
     length = array.sizes[cut]

@@ -1,9 +1,9 @@
 r"""Quantities of a map, computed from stacks of matrices.
 
-The table of quantities is `cartstiff.batch.quantities`; this module evaluates it on stacks
-(N, 6, 6), equal row by row to `cartstiff.analysis` of one posture. An asymmetric matrix (K^A, a
-tangent under load) is read by its symmetric part, as there. A quantity that does not exist at a
-posture is NaN.
+The table of quantities is `cartstiff.batch.quantities`; this module evaluates it on
+stacks (N, 6, 6), equal row by row to `cartstiff.analysis` of one posture. An asymmetric
+matrix (K^A, a tangent under load) is read by its symmetric part, as there. A quantity
+that does not exist at a posture is NaN.
 """
 
 from __future__ import annotations
@@ -49,7 +49,10 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 def on_finite(
     function: Callable[..., Array], *stacks: Array, shape: tuple[int, ...] = ()
 ) -> Array:
-    """Apply a function of stacks to the rows in which all are finite; NaN (N, *shape) elsewhere."""
+    """Apply a function of stacks to the rows in which all are finite.
+
+    NaN (N, *shape) elsewhere.
+    """
     finite = np.ones(len(stacks[0]), bool)
     for stack in stacks:
         finite &= np.isfinite(stack).all(axis=tuple(range(1, stack.ndim)))
@@ -62,7 +65,9 @@ def on_finite(
 
 
 def eigenvalues(K: Array, C: Array, length: float | Array) -> Array:
-    """Eigenvalues (N, 6) of length-scaled stiffness, as in `cartstiff.analysis.indices`."""
+    """Eigenvalues (N, 6) of length-scaled stiffness,
+    as in `cartstiff.analysis.indices`.
+    """
     scaled = with_angles_times(K, 1.0 / np.asarray(length))
     values = numerics.eigenvalues(scaled, with_angles_times(C, length))
     values[~np.isfinite(K).all(axis=(1, 2))] = np.nan
@@ -78,9 +83,10 @@ def block_values(
 ) -> Array:
     """Principal values (N, 3) of a stack of matrices, the other freedoms held or free.
 
-    With the others held these are the eigenvalues of the matrix's block; with the others free the
-    inverses of the eigenvalues of the inverse's block. A block that is ill-conditioned is read by
-    `one`; without an inverse the block of the matrix alone is used.
+    With the others held these are the eigenvalues of the matrix's block; with the others
+    free the inverses of the eigenvalues of the inverse's block. A block that is
+    ill-conditioned is read by `one`; without an inverse the block of the matrix alone is
+    used.
 
     Parameters
     ----------
@@ -116,7 +122,9 @@ def block_values(
 
 
 class Stacks(Source):
-    """Arrays of many postures by output name, with intermediate results of the quantities."""
+    """Arrays of many postures by output name, with intermediate results of
+    the quantities.
+    """
 
     def __init__(
         self,
@@ -148,7 +156,9 @@ class Stacks(Source):
 
     @property
     def C(self) -> Array:  # noqa: N802
-        """Inverse (N, 6, 6) of `K`, as in `StiffnessInFrame.inverse_of_symmetric_part`."""
+        """Inverse (N, 6, 6) of `K`, as in
+        `StiffnessInFrame.inverse_of_symmetric_part`.
+        """
         if self.settings.matrix != "load":
             return self.arrays[f"compliance_{self.settings.matrix}"]
 
@@ -183,7 +193,9 @@ class Stacks(Source):
     def principal(
         self, kind: str, freedom: Freedom, others: Others, of_held: bool = False
     ) -> Rows:
-        """Principal values (3, N) of stiffness or compliance, the other freedoms held or free."""
+        """Principal values (3, N) of stiffness or compliance,
+        the other freedoms held or free.
+        """
 
         def make() -> Array:
             stiff = kind == "stiffness"
@@ -234,7 +246,9 @@ class Stacks(Source):
         return stiffnesses_on_axes(*self.pair(others), u, freedom, others)
 
     def connection_change(self) -> Numbers:
-        """Largest change that `cartstiff.analysis.asymmetry.compare_connections` finds."""
+        """Largest change that
+        `cartstiff.analysis.asymmetry.compare_connections` finds.
+        """
         own, scale = self.settings.connection, 1.0 / self.settings.length
         reference = self.arrays[f"stiffness_{own}"]
         scaled = with_angles_times(reference, scale)
@@ -301,7 +315,9 @@ def needed_outputs(quantities: Sequence[Quantity], settings: Settings) -> tuple[
 
 
 class MapRows(NamedTuple):
-    """Assembled postures (N, n), their states (N,), poses (N, 4, 4) and quantities (N,)."""
+    """Assembled postures (N, n), their states (N,),
+    poses (N, 4, 4) and quantities (N,).
+    """
 
     q: Array
     state: NDArray[np.uint8]
@@ -336,8 +352,8 @@ def choose_quantities(
     UnknownNameError
         For a name that is not in `QUANTITIES`.
     InputError
-        If a quantity needs a setting that is missing, is named twice, or does not exist for this
-        kind of mechanism.
+        If a quantity needs a setting that is missing, is named twice, or does not exist
+        for this kind of mechanism.
     """
     if settings.connection not in OF_MANY:
         raise UnknownNameError("connection", settings.connection, OF_MANY)
@@ -367,7 +383,8 @@ def choose_quantities(
         lines = len(mechanism.points) or 6
         if "jacobian" in quantity.needs and (mechanism.closures or lines != 6):
             raise InputError(
-                f"the quantity {name} is not defined for a mechanism with closures, or lines "
+                f"the quantity {name} is not defined for a mechanism with closures, or "
+                "lines "
                 "other than six",
                 expected="a serial chain or a platform on six legs",
             )

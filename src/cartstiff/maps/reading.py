@@ -1,8 +1,8 @@
 """Reading of a map: summary, best postures, slices. Large maps are read in parts.
 
-The summary (number of postures in each state, range of every quantity) is added up from statistics
-of the parts. A map file stores these statistics, so that its summary needs neither its arrays nor
-xarray.
+The summary (number of postures in each state, range of every quantity) is added up from
+statistics of the parts. A map file stores these statistics, so that its summary needs
+neither its arrays nor xarray.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ def state_names(dataset: xarray.Dataset) -> dict[int, str]:
 def map_of_mechanism(
     path: Any, elastic: ElasticMechanism, where: str
 ) -> tuple[xarray.Dataset, list[str]]:
-    """Open a map as one of a mechanism: the check of all that shows a map beside a mechanism.
+    """Open a map as one of a mechanism: the check of all that shows a map beside
+    a mechanism.
 
     Parameters
     ----------
@@ -88,7 +89,8 @@ def each_block(
 ) -> dict[str, list[Any]]:
     """Apply one function to every part of each named array; results in C order.
 
-    One Dask graph serves all parts, since a graph for each part takes longer than reading the part.
+    One Dask graph serves all parts, since a graph for each part takes longer than reading
+    the part.
     """
     from dask.delayed import delayed
 
@@ -144,8 +146,8 @@ def best(dataset: xarray.Dataset, quantity: str, count: int = 1) -> xarray.Datas
     dataset : xarray.Dataset
         From `open_map`, or a slice of it.
     quantity : str
-        A stiffness is best where it is largest, a deflection where it is smallest; see the
-        attribute ``better``.
+        A stiffness is best where it is largest, a deflection where it is smallest; see
+        the attribute ``better``.
     count : int
         Number of postures; fewer are returned if fewer exist.
 
@@ -222,7 +224,9 @@ def slice_map(dataset: xarray.Dataset, **at: float) -> xarray.Dataset:
 
 
 def places_of(dataset: xarray.Dataset, names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Value and unit of a slice on its axes: the grid values nearest to the requested ones."""
+    """Value and unit of a slice on its axes: the grid values nearest to the
+    requested ones.
+    """
     return {
         name: {
             "value": float(dataset[name]),
@@ -235,8 +239,8 @@ def places_of(dataset: xarray.Dataset, names: Iterable[str]) -> dict[str, dict[s
 def best_branch(dataset: xarray.Dataset, quantity: str) -> xarray.Dataset:
     """Return the map with the best branch of a quantity at every place.
 
-    Where neither end is better, the largest is taken; where no branch has a value, the first
-    branch, with its state.
+    Where neither end is better, the largest is taken; where no branch has a value, the
+    first branch, with its state.
     """
     array = quantity_of(dataset, quantity)
     if "branch" not in array.dims:
@@ -259,15 +263,17 @@ def summary(dataset: xarray.Dataset | MapFile) -> dict[str, Any]:
     Parameters
     ----------
     dataset : xarray.Dataset or MapFile
-        A whole map, or a part of one; from a file only the statistics of its parts are read.
+        A whole map, or a part of one; from a file only the statistics of its parts are
+        read.
 
     Returns
     -------
     dict
-        "states": counts by name; "quantities": by name, "unit", "smallest", "mean", "largest" over
-        the finite values (None if there are none), and "undefined", the number of the others; for a
-        Cartesian map "branches": "starts" of each search, number of "legs" searched separately (0:
-        the mechanism as a whole), largest number of branches "found" at a place, and number "kept".
+        "states": counts by name; "quantities": by name, "unit", "smallest", "mean",
+        "largest" over the finite values (None if there are none), and "undefined", the
+        number of the others; for a Cartesian map "branches": "starts" of each search,
+        number of "legs" searched separately (0: the mechanism as a whole), largest number
+        of branches "found" at a place, and number "kept".
     """
     arrays: Any
     facts: Mapping[str, Any]

@@ -1,8 +1,8 @@
 """Computation of a map, new or resumed, by threads or by the workers of a Dask scheduler.
 
-All arguments are checked and the file is created or recognised before anything is computed. The
-result of a part does not depend on the worker that computes it. Each worker writes its own parts,
-so that a worker that dies loses only the parts it was computing.
+All arguments are checked and the file is created or recognised before anything is
+computed. The result of a part does not depend on the worker that computes it. Each worker
+writes its own parts, so that a worker that dies loses only the parts it was computing.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ _DESCRIBED_SETTINGS = (
 
 
 def default_connection(elastic: ElasticMechanism, wrench: Array | None = None) -> str:
-    """Return the matrix to read: "load" (tangent under the load) if a load can act, else "B"."""
+    """The matrix to read: "load" (tangent under the load) if a load can act, else "B"."""
     if wrench is not None:
         return "load" if wrench.any() else "B"
     return "load" if elastic.potentials or elastic.may_be_loaded else "B"
@@ -102,7 +102,8 @@ def default_connection(elastic: ElasticMechanism, wrench: Array | None = None) -
 def default_length(
     elastic: ElasticMechanism, connection: str = "B", **load: Any
 ) -> float:
-    """Characteristic length of a map: the natural length at the default posture, or one unit.
+    """Characteristic length of a map: the natural length at the default posture,
+    or one unit.
 
     `load` as `wrench` and its kind in `cartstiff.analyse`.
     """
@@ -140,23 +141,24 @@ def map_job(
     quantities : str or sequence of str
         Names in `cartstiff.batch.quantities.QUANTITIES`.
     connection : {"load", "B", "A", "K", "F"}, optional
-        Matrix that is read. Default under a load: load, the tangent stiffness under it, as in the
-        analysis of one posture; without a load all but F are the same.
+        Matrix that is read. Default under a load: load, the tangent stiffness under it,
+        as in the analysis of one posture; without a load all but F are the same.
     length : float, optional
-        Characteristic length, which makes angles comparable with lengths, for all postures; default
-        the natural length at the default posture.
+        Characteristic length, which makes angles comparable with lengths, for all
+        postures; default the natural length at the default posture.
     direction : array_like (3,), optional
         Direction for stiffness along and about it, in the body's axes.
     deflect : array_like (6,), optional
-        Wrench added to the load, whose linear deflection is computed: moment and force, in the
-        body's axes; default the load itself.
+        Wrench added to the load, whose linear deflection is computed: moment and force,
+        in the body's axes; default the load itself.
     deflect_at : array_like (3,)
-        Point of the body, in M, at which that wrench acts; the deflection is that of M's origin.
+        Point of the body, in M, at which that wrench acts; the deflection is that of M's
+        origin.
     world : bool
         Whether direction and added wrench are in the axes of F, not of the body.
     wrench, load_kind, load_at, load_axes
-        Load at every posture: wrench, behaviour while the body moves, point and axes, as in
-        `cartstiff.analyse`.
+        Load at every posture: wrench, behaviour while the body moves, point and axes, as
+        in `cartstiff.analyse`.
     damping : Damping or float
         Damping besides the mechanism's dampers, for ``damping_1`` ...
 
@@ -411,7 +413,8 @@ def _check_used(settings: Settings, chosen: Sequence[Quantity]) -> None:
 def map_of(
     elastic: ElasticMechanism, sampling: Sampling, quantities: Sequence[str], **asked: Any
 ) -> xarray.Dataset:
-    """Quantities of the stiffness at many postures, as a dataset that is computed when used.
+    """Quantities of the stiffness at many postures, as a dataset that is
+    computed when used.
 
     Parameters
     ----------
@@ -421,8 +424,9 @@ def map_of(
     Returns
     -------
     xarray.Dataset
-        As `open_map` reads it from the store that `compute_map` writes; its arrays are Dask's.
-        ``.compute()``, ``.to_zarr(...)``, ``.sel(...)`` and ``.plot()`` are xarray's own.
+        As `open_map` reads it from the store that `compute_map` writes; its arrays are
+        Dask's. ``.compute()``, ``.to_zarr(...)``, ``.sel(...)`` and ``.plot()`` are
+        xarray's own.
     """
     job, layout = planned(elastic, sampling, quantities, **asked)
     import dask.array
@@ -482,7 +486,8 @@ def prepare_map(
     existing = MapFile.at(file)
     there = json.loads(existing.attributes["description"])
     here = json.loads(layout.attributes["description"])
-    # A resumed map keeps its backend, so that its numbers do not depend on the interruption.
+    # A resumed map keeps its backend, so that its numbers do not depend on the
+    # interruption.
     taken = {name: there.get(name) for name in ("path", "by_kernel")}
     require_same(there, here | taken, file, "map")
     if asked.get("chunk") and layout.chunk != existing.parts.chunk:
@@ -501,7 +506,8 @@ def part_of(job: MapJob, file: MapFile, number: int, mapped: Mapped = map) -> in
     if not file.is_done(number):
         _return_large_arrays()
         arrays = job.compute(file.parts.box(number), mapped)
-        # Large parts are written one at a time: compression holds a second copy in memory.
+        # Large parts are written one at a time: compression holds a second copy in
+        # memory.
         one = _WRITING_LOCK if file.count(number) > INNER else nullcontext()
         go_on = "the same command to go on from the parts that are there"
         with one, reached(file.address, "map cannot be written", go_on):
@@ -511,7 +517,10 @@ def part_of(job: MapJob, file: MapFile, number: int, mapped: Mapped = map) -> in
 
 @cache
 def _return_large_arrays() -> None:
-    """Let the C library return large arrays to the system; it would keep them in every thread."""
+    """Let the C library return large arrays to the system.
+
+    It would keep them in every thread.
+    """
     if (
         set_option := getattr(ctypes.CDLL(None), "mallopt", None)
     ) is not None:  # of glibc
@@ -519,8 +528,8 @@ def _return_large_arrays() -> None:
         set_option(_ARENA_MAX, _HEAPS)
 
 
-# Options of glibc: the size of arrays in bytes from which on each has memory of its own, and the
-# number of heaps, which all threads share, for smaller ones.
+# Options of glibc: the size of arrays in bytes from which on each has memory of its own,
+# and the number of heaps, which all threads share, for smaller ones.
 _MMAP_THRESHOLD, _LARGE_BYTES = -3, 2**19
 _ARENA_MAX, _HEAPS = -8, 4
 _LOADING_LOCK, _WRITING_LOCK = Lock(), Lock()
@@ -539,7 +548,9 @@ def part_elsewhere(
 def _received(
     data: bytes, known: Versions, path: str, identity: str
 ) -> tuple[MapJob, MapFile]:
-    """Unpack a job once in each worker, so that code compiled for the mechanism is reused."""
+    """Unpack a job once in each worker, so that code compiled for the
+    mechanism is reused.
+    """
     require_versions(
         dict(known)
     )  # another version of Pinocchio may unpickle other numbers
@@ -592,7 +603,8 @@ def _client(scheduler: Any) -> Iterator[Any]:
                 raise InputError(
                     "no scheduler answers",
                     where=where,
-                    expected="the address of a running Dask scheduler, such as tls://10.0.0.5:8786",
+                    expected="the address of a running Dask scheduler, such as "
+                    "tls://10.0.0.5:8786",
                     got=type(error).__name__,
                 ) from None
         checked_kind(
@@ -622,7 +634,9 @@ def _client(scheduler: Any) -> Iterator[Any]:
 def _workers(
     job: MapJob, file: MapFile, scheduler: Any
 ) -> Iterator[Callable[[int], Future[int]]]:
-    """Yield a function that submits a part to threads, or to the workers of a scheduler."""
+    """Yield a function that submits a part to threads,
+    or to the workers of a scheduler.
+    """
     if scheduler is None:
         # Few large parts are in memory at once; all threads compute their pieces.
         threads = (cpu_count() or 1) if job.in_stacks else 1
@@ -668,11 +682,11 @@ def compute_map(
     elastic, sampling, quantities, **asked
         As in `cartstiff.maps.run.map_job`; also `chunk` and `command` of `planned`.
     file : path, address or store
-        A folder that ends in ``.zarr``, an address that fsspec knows (``memory://``, ``s3://``), or
-        a store of Zarr.
+        A folder that ends in ``.zarr``, an address that fsspec knows (``memory://``,
+        ``s3://``), or a store of Zarr.
     dask : str or distributed.Client, optional
-        Address or client of a running Dask scheduler, whose workers compute instead. They must see
-        the file under the same path.
+        Address or client of a running Dask scheduler, whose workers compute instead. They
+        must see the file under the same path.
     progress : bool or None
         Bar on standard error; None shows it on a terminal only.
 
@@ -696,7 +710,10 @@ def compute_map(
 def run_map(
     job: MapJob, file: MapFile, *, dask: Any = None, progress: bool | None = False
 ) -> int:
-    """Compute the parts that are missing; return their number. Arguments as in `compute_map`."""
+    """Compute the parts that are missing.
+
+    Return their number. Arguments as in `compute_map`.
+    """
     with file.locked(), _bar(job.sampling.size, progress) as advance:
         done = file.done()
         file.forget(set(file.marks()).difference(done))
@@ -717,7 +734,9 @@ def run_map(
 
 @contextmanager
 def _bar(total: int, progress: bool | None) -> Iterator[Callable[[int], Any]]:
-    """Yield the `update` of a bar that counts postures, or a function that does nothing."""
+    """Yield the `update` of a bar that counts postures,
+    or a function that does nothing.
+    """
     if progress is False or (progress is None and not sys.stderr.isatty()):
         yield lambda _: None
         return

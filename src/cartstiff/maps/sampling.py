@@ -1,8 +1,9 @@
-"""Samplings of a map: grids of coordinates, random postures, trajectories; and its chunks.
+"""Samplings of a map: grids of coordinates, random postures, trajectories;
+and its chunks.
 
-A sampling has named dimensions with a shape, and returns the postures of any box in it. The numbers
-do not depend on the boxes, so that a map can be split, interrupted and resumed. The chunks are the
-parts of a map that are computed and stored one by one.
+A sampling has named dimensions with a shape, and returns the postures of any box in it.
+The numbers do not depend on the boxes, so that a map can be split, interrupted and
+resumed. The chunks are the parts of a map that are computed and stored one by one.
 """
 
 from __future__ import annotations
@@ -105,8 +106,8 @@ class Sampling(ABC):
     whole : tuple of str
         Dimensions that are never split.
     stores_q : bool
-        Whether the file keeps the coordinates of the postures, because computing them again takes
-        time.
+        Whether the file keeps the coordinates of the postures, because computing them
+        again takes time.
     """
 
     dims: tuple[str, ...]
@@ -127,7 +128,8 @@ class Sampling(ABC):
     def postures(
         self, box: tuple[slice, ...], elastic: ElasticMechanism | None = None
     ) -> Array:
-        """Coordinates (m, n) of the postures of a box in C order; NaN rows where there is none.
+        """Coordinates (m, n) of the postures of a box in C order;
+        NaN rows where there is none.
 
         Only samplings of poses need the mechanism.
         """
@@ -138,7 +140,7 @@ class Sampling(ABC):
 
 
 def dimension_name(coordinate: str) -> str:
-    """Return the name of a coordinate's dimension: in a file a slash would start a folder."""
+    """The name of a coordinate's dimension: in a file a slash would start a folder."""
     return coordinate.replace("/", ".")
 
 
@@ -212,7 +214,8 @@ class Grid(Sampling):
 class RandomPostures(Sampling):
     """Independent postures, uniform between the limits of each coordinate.
 
-    Posture i depends only on the seed and on i. A map stores the postures for other readers.
+    Posture i depends only on the seed and on i. A map stores the postures for other
+    readers.
 
     Parameters
     ----------
@@ -247,7 +250,8 @@ class RandomPostures(Sampling):
         seed: int = 0,
         ranges: Mapping[str, tuple[float, float]] | None = None,
     ) -> RandomPostures:
-        """Draw postures within the limits of a mechanism; compliant links stay undeflected.
+        """Draw postures within the limits of a mechanism; compliant links stay
+        undeflected.
 
         Angles without limits are drawn within one turn.
 
@@ -258,7 +262,8 @@ class RandomPostures(Sampling):
         count, seed : int
             As above.
         ranges : mapping of str to (low, high), optional
-            Limits of coordinates instead of the mechanism's; equal ends hold a coordinate.
+            Limits of coordinates instead of the mechanism's; equal ends hold a
+            coordinate.
 
         Raises
         ------
@@ -337,7 +342,8 @@ class Trajectory(Sampling):
     def from_table(
         cls, columns: Mapping[str, ArrayLike], elastic: ElasticMechanism, base: ArrayLike
     ) -> Trajectory:
-        """Make a trajectory of columns by coordinate name, with an optional column ``time``.
+        """Make a trajectory of columns by coordinate name,
+        with an optional column ``time``.
 
         Coordinates without a column have the values of `base`.
 
@@ -382,8 +388,8 @@ class Trajectory(Sampling):
         return {"kind": "trajectory", "count": len(self.q), "sha256": digest.hexdigest()}
 
 
-# Smallest and largest number of postures in a chunk, and the number of chunks aimed at: the second
-# one where the overhead of a chunk exceeds the time of a posture.
+# Smallest and largest number of postures in a chunk, and the number of chunks aimed at:
+# the second one where the overhead of a chunk exceeds the time of a posture.
 _MIN_CHUNK, _TARGET_CHUNKS, _TARGET_LARGE_CHUNKS = 64, 128, 32
 MAX_CHUNK = 11 * 2**16
 
@@ -399,7 +405,8 @@ def usual_chunk(count: int, least: int | None = None) -> int:
 
 
 def chunk_shape(sampling: Sampling, postures: int | None = None) -> tuple[int, ...]:
-    """Return the shape of a chunk: close to a cube, so that slices in any direction cut few chunks.
+    """Return the shape of a chunk: close to a cube, so that slices in any direction
+    cut few chunks.
 
     `postures` is the largest number in a chunk; default `usual_chunk`.
     """

@@ -40,10 +40,11 @@ class SealedStore(WrapperStore):  # type: ignore[type-arg]
     cuts : tuple of int
         Number of parts along each dimension.
     seals : mapping of int to ndarray (arrays,)
-        Checksums of the parts that have been written; the objects of the others do not exist.
+        Checksums of the parts that have been written; the objects of the others do not
+        exist.
     pieces : mapping of str to (int, int)
-        Bytes of each compressed piece of an array, and number of pieces of a part; 0 where a part
-        is one piece.
+        Bytes of each compressed piece of an array, and number of pieces of a part; 0
+        where a part is one piece.
     """
 
     def __init__(
@@ -70,7 +71,9 @@ class SealedStore(WrapperStore):  # type: ignore[type-arg]
         await super().set(key, value)
 
     async def get(self, key: str, prototype: Any, byte_range: Any = None) -> Any:
-        """Read an object, or a byte range of it after the whole object has been checked."""
+        """Read an object, or a byte range of it after the whole object has
+        been checked.
+        """
         expected, salt, place = self._expected(key)
         if expected is None:
             return await super().get(key, prototype, byte_range)
@@ -79,7 +82,8 @@ class SealedStore(WrapperStore):  # type: ignore[type-arg]
         value = await super().get(key, prototype)
         if value is None or seal(salt, key, value.as_numpy_array().data) != expected:
             raise InputError(
-                f"{place} is damaged: {one_line(key)} is missing, or not what was written there",
+                f"{place} is damaged: {one_line(key)} is missing, or not what was "
+                "written there",
                 where=one_line(str(self._store)),
                 expected=RECOMPUTED,
             )
@@ -112,14 +116,17 @@ class SealedStore(WrapperStore):  # type: ignore[type-arg]
         return own, salt, f"part {part + 1} of {prod(cuts)}"
 
 
-# Header of compressed bytes: the size that a reader allocates for them is its second word.
+# Header of compressed bytes: the size that a reader allocates for them is its second
+# word.
 _HEADER = 16
 
 
 def _largest_piece(value: Array, count: int) -> int:
-    """Bytes to which the largest of `count` compressed pieces expands; 0: the object is one.
+    """Bytes to which the largest of `count` compressed pieces expands; 0:
+    the object is one.
 
-    The places of pieces are at the end of the object, each with its length; then a checksum.
+    The places of pieces are at the end of the object, each with its length; then a
+    checksum.
     """
     starts = np.zeros(1, np.uint64)
     if count and len(value) >= 16 * count + 4:

@@ -1,9 +1,9 @@
 """Storage of maps: self-describing Zarr groups of labelled arrays.
 
-A map is split into parts. Each array of a part is written as one object, ``state`` last, and then
-the mark of the part: the checksums of these objects and their statistics for the summary. A part
-without its mark or one of its objects has not been computed. An object that differs from its
-checksum is refused when it is read.
+A map is split into parts. Each array of a part is written as one object, ``state`` last,
+and then the mark of the part: the checksums of these objects and their statistics for the
+summary. A part without its mark or one of its objects has not been computed. An object
+that differs from its checksum is refused when it is read.
 """
 
 from __future__ import annotations
@@ -33,13 +33,15 @@ if TYPE_CHECKING:
     import xarray
 
 SCHEMA = "cartstiff-map/6"
-#: Attribute of the group that holds the checksum of its description and that of its arrays.
+#: Attribute of the group that holds the checksum of its description and that of its
+#: arrays.
 CHECKSUM = "description_checksum"
 #: Value of ``state`` where nothing has been computed yet.
 NOT_COMPUTED = 255
 #: Arrays of a map without statistics.
 PLACES = ("position", "q", "time")
-#: Largest number of postures compressed together: a few are read without the rest of a part.
+#: Largest number of postures compressed together: a few are read without the rest of a
+#: part.
 INNER = 2**16
 # Largest number of bytes of a file: the limit of Blosc.
 _MAX_FILE_BYTES = 2**31
@@ -61,7 +63,9 @@ class Kind(NamedTuple):
 
 @dataclass(frozen=True)
 class Parts:
-    """Division of an array's shape into chunks, which are computed and stored one by one."""
+    """Division of an array's shape into chunks, which are computed and
+    stored one by one.
+    """
 
     shape: tuple[int, ...]
     chunk: tuple[int, ...]
@@ -135,7 +139,7 @@ class Layout:
         return [(known | dict(self.sizes))[dim] for dim in dims]
 
     def encoding(self, kind: Kind) -> dict[str, Any]:
-        """Return the Zarr encoding of an array: one object per part, compressed in pieces."""
+        """The Zarr encoding of an array: one object per part, compressed in pieces."""
         from zarr.codecs import BloscCodec, Crc32cCodec
 
         known = dict(zip(self.sampling.dims, self.chunk, strict=True)) | dict(self.sizes)
@@ -148,8 +152,8 @@ class Layout:
         return {
             "chunks": (inner, *part[1:]),
             **({} if inner == part[0] else {"shards": tuple(part)}),
-            # Shuffled bytes compress better and faster; with the CRC any Zarr reader notices a
-            # changed bit.
+            # Shuffled bytes compress better and faster; with the CRC any Zarr reader
+            # notices a changed bit.
             "compressors": (
                 BloscCodec(cname="lz4", clevel=1, shuffle="shuffle"),
                 Crc32cCodec(),
@@ -161,8 +165,8 @@ class Layout:
 def fact(name: str, values: Array) -> Array:
     """Statistics of an array of a part for the summary; sizes as in `_fact_size`.
 
-    Counts by value for ``state``, the maximum for ``branches``, and for quantities minimum,
-    maximum, sum and number of the finite values.
+    Counts by value for ``state``, the maximum for ``branches``, and for quantities
+    minimum, maximum, sum and number of the finite values.
     """
     if name == "state":
         return np.bincount(np.ravel(values), minlength=256).astype(float)
@@ -231,7 +235,9 @@ def _stored(address: Any) -> Any:
 def reached(
     address: Any, what: str = "store cannot be used", expected: str | None = None
 ) -> Iterator[None]:
-    """Refuse in one line what a store raises: protocols and their packages raise any kind."""
+    """Refuse in one line what a store raises: protocols and their packages
+    raise any kind.
+    """
     try:
         yield
     except CartstiffError:
@@ -250,7 +256,9 @@ def _read(store: Any, key: str) -> bytes | None:
 
 
 def _description_checksum(root: Mapping[str, Any]) -> str:
-    """SHA-256 of the group's ``zarr.json``, which describes all arrays, without this checksum."""
+    """SHA-256 of the group's ``zarr.json``, which describes all arrays,
+    without this checksum.
+    """
     attributes = {
         key: value for key, value in root["attributes"].items() if key != CHECKSUM
     }
@@ -323,7 +331,9 @@ def _checked_attributes(address: Any, store: Any) -> dict[str, Any]:
 
 
 def _require_plain_files(folder: Path) -> None:
-    """Refuse links, devices and pipes: their targets may be endless or belong to others."""
+    """Refuse links, devices and pipes: their targets may be endless or
+    belong to others.
+    """
     for path in folder.rglob("*"):
         about = path.lstat()
         if not (stat.S_ISDIR(about.st_mode) or stat.S_ISREG(about.st_mode)):
@@ -342,7 +352,9 @@ def _require_plain_files(folder: Path) -> None:
 
 
 def _objects(layout: Layout) -> dict[str, bytes]:
-    """Objects that describe a map, by key: the group, its arrays, and the values of the axes."""
+    """Objects that describe a map, by key: the group, its arrays,
+    and the values of the axes.
+    """
     zarr, kept = zarr_library(), dict[str, Any]()
     from cartstiff.maps.sealed import seal
 
@@ -474,7 +486,9 @@ class MapFile:
         return [f"{name}/{code}" for name, code in zip(self.names, codes, strict=True)]
 
     def marks(self) -> dict[int, Array]:
-        """Marks of the parts that have one: checksum of the mark, of each object, statistics."""
+        """Marks of the parts that have one: checksum of the mark, of each object,
+        statistics.
+        """
         there = sorted(_result_of(_numbers(self.inner, f"{_MARKS}/c/")))
         return {part: self._mark(part) for part in there if part < len(self.parts)}
 
@@ -547,7 +561,9 @@ class MapFile:
         return {name: rows for name, rows in found.items() if rows.shape[1]}
 
     def write(self, part: int, arrays: dict[str, Array]) -> None:
-        """Write the arrays of a part, which are removed from `arrays`, and then its mark."""
+        """Write the arrays of a part, which are removed from `arrays`,
+        and then its mark.
+        """
         group, facts = self._unread, []
         for name in self.names:
             # Chunks that hold only the fill value are written as well.
@@ -563,7 +579,9 @@ class MapFile:
         _put(self.inner, {f"{_MARKS}/c/{part}/0": row.astype("<f8").tobytes()})
 
     def complete(self, layout: Layout) -> None:
-        """Write what is missing of the objects that describe the map, and check the others."""
+        """Write what is missing of the objects that describe the map,
+        and check the others.
+        """
         from cartstiff.maps.sealed import RECOMPUTED, seal
 
         fixed = self._fixed
@@ -624,17 +642,18 @@ def open_map(path: Any) -> xarray.Dataset:
     Returns
     -------
     xarray.Dataset
-        The dataset of `xarray.open_zarr` without damaged parts, with ``q`` (..., joint) of grids.
-        Variables: every quantity over the map's dimensions; ``state`` (0 is regular; the attribute
-        ``flag_meanings`` names the others, 255 is not computed); ``position`` (..., xyz) of the
-        body frame's origin in F. Attributes: mechanism, frame, units, versions, the command, and
-        ``chunks_done`` of ``chunks``. The arrays are split like the store, so that reductions of a
-        large map need little memory.
+        The dataset of `xarray.open_zarr` without damaged parts, with ``q`` (..., joint)
+        of grids. Variables: every quantity over the map's dimensions; ``state`` (0 is
+        regular; the attribute ``flag_meanings`` names the others, 255 is not computed);
+        ``position`` (..., xyz) of the body frame's origin in F. Attributes: mechanism,
+        frame, units, versions, the command, and ``chunks_done`` of ``chunks``. The arrays
+        are split like the store, so that reductions of a large map need little memory.
 
     Raises
     ------
     InputError
-        If there is no map, or its description is damaged; a damaged part is refused when read.
+        If there is no map, or its description is damaged; a damaged part is refused when
+        read.
     MissingDependencyError
         Without xarray, zarr or dask.
     """

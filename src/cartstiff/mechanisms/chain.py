@@ -1,8 +1,10 @@
-r"""Mechanisms made of a kinematic tree: serial arms, and closed chains where frames are tied.
+r"""Mechanisms made of a kinematic tree: serial arms, and closed chains where
+frames are tied.
 
-A closure ties frame b to frame a: a weld's residual is log(T_a_b), a common point's the position
-of one in the other's directions. At closure its second derivative is the bracket form along the
-path from a to b (up to terms that vanish on the motions that keep the closure).
+A closure ties frame b to frame a: a weld's residual is log(T_a_b), a common point's the
+position of one in the other's directions. At closure its second derivative is the bracket
+form along the path from a to b (up to terms that vanish on the motions that keep the
+closure).
 """
 
 from __future__ import annotations
@@ -100,12 +102,14 @@ _HALVES = np.repeat(np.eye(2), 3, axis=1)
 
 
 def _mean_distance(jacobian: Array, reach: float) -> float | None:
-    """Root mean square distance of axes from the origin; None without axes and if all meet it.
+    """Root mean square distance of axes from the origin;
+    None without axes and if all meet it.
 
-    A coordinate that turns the body by less than `NEGLIGIBLE_DISTANCE` has no axis: joints with
-    opposite turns, as in a parallelogram, turn the body by round-off only. Nor has one that turns
-    it by less than `LOST_ERROR` about an axis as many times beyond the reach: parallel axes that
-    are not quite so in the file would make a length of kilometres.
+    A coordinate that turns the body by less than `NEGLIGIBLE_DISTANCE` has no axis:
+    joints with opposite turns, as in a parallelogram, turn the body by round-off only.
+    Nor has one that turns it by less than `LOST_ERROR` about an axis as many times beyond
+    the reach: parallel axes that are not quite so in the file would make a length of
+    kilometres.
     """
     turning, moments = _HALVES.dot(jacobian * jacobian).tolist()
     small, far = LOST_ERROR**2, (reach / LOST_ERROR) ** 2
@@ -146,8 +150,9 @@ class ChainPosture(MechanismPosture):
     def length(self) -> float:  # type: ignore[override]
         """Root mean square distance of the joint axes from the body frame's origin.
 
-        The axes are those of the joints on the way to the body; those of all joints where the
-        former meet in its origin (a free-floating base, a wrist and its centre); else it is 1.
+        The axes are those of the joints on the way to the body; those of all joints where
+        the former meet in its origin (a free-floating base, a wrist and its centre); else
+        it is 1.
         """
         # Distances have the round-off of positions in F.
         reach = max(map(abs, self.pose[:3, 3].tolist()))
@@ -210,7 +215,9 @@ class ChainPosture(MechanismPosture):
         return self._state.mass_matrix()
 
     def momentum(self) -> tuple[Array, float, Array]:
-        """Momentum (6, n) per coordinate rate, the moving mass [kg], and its centre, in F."""
+        """Momentum (6, n) per coordinate rate, the moving mass [kg], and its centre,
+        in F.
+        """
         return self._state.momentum()
 
     @cached_property
@@ -241,7 +248,9 @@ class ChainPosture(MechanismPosture):
         return self._chain.selection
 
     def chart(self) -> SecondOrderMap | str:
-        """Return the joint coordinates, or the actuated ones of a closed chain, if they are six."""
+        """Return the joint coordinates, or the actuated ones of a closed chain,
+        if they are six.
+        """
         chain = self._chain
         actuated, n = chain.actuated, self.q.size
         if actuated is None:
@@ -342,7 +351,8 @@ class Chain(Mechanism):
         T_frame_M = np.eye(4) if offset is None else np.asarray(offset, float)
         self.body = FixedFrame(at.joint, at.T_j_f @ T_frame_M)
         self.frame_offset = read_only(T_frame_M.copy())
-        #: Mass [kg] of the payload on each joint that carries some, and that of the links there.
+        #: Mass [kg] of the payload on each joint that carries some, and that of the links
+        #: there.
         self.payload: dict[int, tuple[float, float]] = {}
         self.legs: tuple[PlacedLeg, ...] = ()  # those with kinematics in closed form
         self.home: ReferencePosture | None = None  # the file's posture, closed
@@ -382,7 +392,7 @@ class Chain(Mechanism):
         T_j_M: ArrayLike,
         frames: Mapping[str, FixedFrame] | None = None,
     ) -> Chain:
-        """Return the chain with other places of joints, of M on its joint, and of frames."""
+        """The chain with other places of joints, of M on its joint, and of frames."""
         other = copy(self)
         other.tree = self.tree.changed(placements, frames=frames)
         other.body, other.legs = FixedFrame(self.body.joint, np.array(T_j_M, float)), ()
@@ -410,7 +420,7 @@ class Chain(Mechanism):
     def with_mass(
         self, mass: float, centre: Array, carrier: FixedFrame | None = None
     ) -> Chain:
-        """Return the chain with a point mass [kg] added at a point of M, or of another frame."""
+        """The chain with a point mass [kg] added at a point of M, or of another frame."""
         other, at = copy(self), carrier or self.body
         other.tree = self.tree.with_mass(at, mass, centre)
         if at.joint > 0:
@@ -498,11 +508,13 @@ class Chain(Mechanism):
         return [clearances(diameters, anchors, points, are_fixed, ends)]
 
     def numbers(self) -> dict[str, Number]:
-        """Return placements of joints, of M and of the closures' frames, and masses of links.
+        """Return placements of joints, of M and of the closures' frames,
+        and masses of links.
 
-        "placement.JOINT.x" to ".rz", "frame.x" to ".rz", "closure.FRAME.x" to ".rz", each against
-        what carries it, rotations about its own axes and nominally zero; "mass.LINK". Virtual
-        joints are within a link, and of frames that share a point the rotations do not matter.
+        "placement.JOINT.x" to ".rz", "frame.x" to ".rz", "closure.FRAME.x" to ".rz", each
+        against what carries it, rotations about its own axes and nominally zero;
+        "mass.LINK". Virtual joints are within a link, and of frames that share a point
+        the rotations do not matter.
         """
         welded = {
             f for c in self.closures if c.type == "weld" for f in (c.frame_a, c.frame_b)
@@ -549,7 +561,9 @@ class Chain(Mechanism):
         return other.with_masses(masses) if masses else other
 
     def _placed(self) -> dict[str, tuple[int, Array]]:
-        """Joint and placement on it of what has a place, by its name; of joints their own."""
+        """Joint and placement on it of what has a place, by its name;
+        of joints their own.
+        """
         tree, model = self.tree, self.tree.model
         joints = list(range(1, model.njoints))
         if not self.closures:
@@ -592,18 +606,18 @@ class Chain(Mechanism):
         """Return the posture near `q_start` that satisfies the closures.
 
         Newton's method with steps of least change; each is limited to 0.2 rad (or 0.2
-        characteristic lengths). The held coordinates do not change if the others can close the
-        chain: those that were named, else actuated joints, and virtual joints of links. If the
-        others are as at `home`, the held ones move from there (`ReferencePosture.continue_from`),
-        so that the assembly mode is kept.
+        characteristic lengths). The held coordinates do not change if the others can
+        close the chain: those that were named, else actuated joints, and virtual joints
+        of links. If the others are as at `home`, the held ones move from there
+        (`ReferencePosture.continue_from`), so that the assembly mode is kept.
 
         Parameters
         ----------
         q_start : array_like, shape (n,)
             Coordinates to start from.
         named : sequence of int, optional
-            Coordinates with given values; default, where no joint is actuated: those that differ
-            from `home`.
+            Coordinates with given values; default, where no joint is actuated: those that
+            differ from `home`.
         hold : sequence of int, optional
             Coordinates to hold, and no others; `home` is not used.
         tolerance : float
@@ -642,7 +656,8 @@ class Chain(Mechanism):
     def given(self, q: Array) -> Array:
         """Which coordinates q (..., n) were given: those that differ from `home`.
 
-        No coordinate where joints are actuated, so that these are held, or where all differ.
+        No coordinate where joints are actuated, so that these are held, or where all
+        differ.
         """
         given = np.zeros(q.shape, bool)
         if self.actuated is None and self.home is not None and self.closures:

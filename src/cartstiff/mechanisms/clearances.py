@@ -1,4 +1,6 @@
-r"""Angles of legs' joints and distances of legs: limits of use, on which nothing comes to rest."""
+r"""Angles of legs' joints and distances of legs: limits of use,
+on which nothing comes to rest.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ Ends = Callable[[Array, Array], tuple[Array, Array]]
 
 
 def tilts(ends: Ends, axes: Array, where: str, q: Array, pose: Array) -> Array:
-    """Angles (..., m) of lines from axes (m, 3) at their "base", or in M at the "platform"."""
+    """Angles (..., m) of lines from axes (m, 3) at their "base",
+    or in M at the "platform".
+    """
     starts, stops = ends(q, pose)
     along = stops - starts
     along = along / np.maximum(
@@ -39,8 +43,8 @@ def clearances(
 ) -> Quantities:
     """Distances of rods with diameters: at least the mean of the two.
 
-    Rods that end at one point of the body, or fixed ones that start at one point, have no such
-    limit. `points` (m, 3) are those of the body.
+    Rods that end at one point of the body, or fixed ones that start at one point, have no
+    such limit. `points` (m, 3) are those of the body.
     """
     same = numerics.NEGLIGIBLE_DISTANCE * max(np.abs(anchors).max(), np.abs(points).max())
     rows, pairs = [], []
@@ -71,9 +75,11 @@ def _distances(pairs: NDArray[np.intp], ends: Ends, q: Array, pose: Array) -> Ar
 
 
 def distances_of_segments(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Return the least distances (...) of segments from a to b and from c to d, arrays (..., 3).
+    """Return the least distances (...) of segments from a to b and from c to d,
+    arrays (..., 3).
 
-    It is the least distance of the lines, where that is within both segments; else that of an end.
+    It is the least distance of the lines, where that is within both segments; else that
+    of an end.
     """
     u, v, w = b - a, d - c, a - c
     uu, vv, uv = (u * u).sum(-1), (v * v).sum(-1), (u * v).sum(-1)

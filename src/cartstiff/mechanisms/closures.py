@@ -1,8 +1,9 @@
 r"""All closures of a chain at once: residual, Jacobian, curvature.
 
-A closure ties frame b to frame a. A weld's residual is log(T_a_b), a common point's the position of
-b's origin in b's directions. At closure its second derivative is the bracket form along the path
-from a to b (up to terms that vanish on the motions that keep the closure).
+A closure ties frame b to frame a. A weld's residual is log(T_a_b), a common point's the
+position of b's origin in b's directions. At closure its second derivative is the bracket
+form along the path from a to b (up to terms that vanish on the motions that keep the
+closure).
 """
 
 from __future__ import annotations
@@ -21,12 +22,14 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.tree import FixedFrame, KinematicTree, TreeState
 from cartstiff.potentials.contract import SecondOrderMap
 
-#: Largest change of a coordinate in a step towards closure (rad, or characteristic lengths).
+#: Largest change of a coordinate in a step towards closure (rad, or characteristic
+#: lengths).
 LONGEST_STEP = 0.2
 
 #: Largest number of steps from the reference posture to another.
 MOST_STEPS = 100
-#: Closes a chain near coordinates (N, n): those found, whether each is closed, and whether none is.
+#: Closes a chain near coordinates (N, n): those found, whether each is closed, and
+#: whether none is.
 Near = Callable[[Array], tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]]
 
 _ROWS = {"weld": slice(0, 6), "point": slice(3, 6)}
@@ -60,9 +63,9 @@ class Closure:
 class ReferencePosture:
     """A closed posture of a chain, from which other postures are reached.
 
-    Newton's steps towards closure from a distant posture may end in another assembly mode, or
-    diverge. The held coordinates therefore move straight to their wanted values, in steps of at
-    most `LONGEST_STEP`, and the chain is closed after each step.
+    Newton's steps towards closure from a distant posture may end in another assembly
+    mode, or diverge. The held coordinates therefore move straight to their wanted values,
+    in steps of at most `LONGEST_STEP`, and the chain is closed after each step.
 
     Attributes
     ----------
@@ -79,7 +82,9 @@ class ReferencePosture:
     lengths: Array
 
     def steps(self, q: Array) -> NDArray[np.intp]:
-        """Return the number of steps (N,) to the held coordinates of q (N, n); 0 for too many."""
+        """Return the number of steps (N,) to the held coordinates of q (N, n);
+        0 for too many.
+        """
         held = list(self.held)
         changes = np.abs(q[:, held] - self.q[held]) / self.lengths[held]
         largest = changes.max(axis=1, initial=0.0)
@@ -87,7 +92,9 @@ class ReferencePosture:
         return np.where(steps <= MOST_STEPS, steps, 0)
 
     def steps_where_asked(self, q: Array) -> NDArray[np.intp]:
-        """Return `steps` where several are needed and all other coordinates are as here, else 0."""
+        """Return `steps` where several are needed and all other coordinates are as here,
+        else 0.
+        """
         others = np.ones(len(self.q), bool)
         others[list(self.held)] = False
         alike = (q[:, others] == self.q[others]).all(axis=1)
@@ -97,7 +104,7 @@ class ReferencePosture:
         return np.where(steps > 1, steps, 0)
 
     def lead_to(self, q: Array, close: Callable[[Array], Any]) -> Any:
-        """Return the posture of `close` at the held coordinates of q (n,), reached in steps.
+        """The posture of `close` at the held coordinates of q (n,), reached in steps.
 
         None where `close` fails, and where several steps are not needed.
         """
@@ -115,7 +122,9 @@ class ReferencePosture:
     def continue_from(
         self, near: Near, q: Array, steps: NDArray[np.intp]
     ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-        """Reach the held coordinates of q (N, n) in so many steps; returned as by `near`."""
+        """Reach the held coordinates of q (N, n) in so many steps;
+        returned as by `near`.
+        """
         held, at = list(self.held), np.tile(self.q, (len(q), 1))
         begin, change = at[:, held], q[:, held] - self.q[held]
         is_closed, has_failed = np.zeros(len(q), bool), np.zeros(len(q), bool)

@@ -1,4 +1,6 @@
-"""The contract of a mechanism: named coordinates, and a posture for each value of them."""
+"""The contract of a mechanism: named coordinates,
+and a posture for each value of them.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +62,9 @@ class Skeleton(NamedTuple):
 
 
 class MechanismPosture(ABC):
-    """A mechanism at given coordinates, with everything its potentials and the reduction need."""
+    """A mechanism at given coordinates, with everything its potentials and the
+    reduction need.
+    """
 
     q: Array
     #: ``T_F_M`` (4, 4).
@@ -76,10 +80,11 @@ class MechanismPosture(ABC):
     #: 1 for angles, `length` for distances: natural sizes of the coordinates, shape (n,).
     coordinate_lengths: Array
 
-    #: Jacobian of the actuators' positions (m, n): rows of chosen joints, or of leg lengths; None
-    #: where every coordinate is actuated.
+    #: Jacobian of the actuators' positions (m, n): rows of chosen joints, or of leg
+    #: lengths; None where every coordinate is actuated.
     actuation: Array | None = None
-    #: Whether the coordinates are the pose itself; its Jacobian is then that of the chart.
+    #: Whether the coordinates are the pose itself; its Jacobian is then that of the
+    #: chart.
     coordinates_are_pose: bool = False
 
     @abstractmethod
@@ -106,7 +111,9 @@ class MechanismPosture(ABC):
         return SecondOrderMap(rows, lambda _: np.zeros((n, n)))
 
     def legs(self, anchors: Array, points: Array) -> LineGeometry | None:  # noqa: ARG002
-        """Return lines from ground to body that are known for these very arrays; or None."""
+        """Return lines from ground to body that are known for these very
+        arrays; or None.
+        """
         return None
 
     @abstractmethod
@@ -114,11 +121,14 @@ class MechanismPosture(ABC):
         """Return the potential energy of the masses in a uniform field."""
 
     def mass_matrix(self) -> Array | None:
-        """Mass matrix (n, n), kg and length units: kinetic energy ``1/2 dq^T M dq``; or None."""
+        """Mass matrix (n, n), kg and length units: kinetic energy ``1/2 dq^T M dq``;
+        or None.
+        """
         return None
 
     def momentum(self) -> tuple[Array, float, Array] | None:
-        """Momentum (6, n) per coordinate rate, the moving mass [kg], and its centre (3,); or None.
+        """Momentum (6, n) per coordinate rate, the moving mass [kg], and its centre (3,);
+        or None.
 
         Moment of momentum about the origin of F, then momentum, along the axes of F.
         """
@@ -126,7 +136,7 @@ class MechanismPosture(ABC):
 
     @abstractmethod
     def chart(self) -> SecondOrderMap | str:
-        """Return the map to the six coordinates of K^F, or the reason why there is none."""
+        """The map to the six coordinates of K^F, or the reason why there is none."""
 
 
 class Quantities(NamedTuple):
@@ -167,7 +177,8 @@ class Mechanism(ABC):
     frame_offset: Array = fixed(np.eye(4))
     #: Rigid coordinates, which no load moves.
     rigid: frozenset[int] = frozenset()
-    #: Coordinates without an actuator, to which a single stiffness for all joints does not apply.
+    #: Coordinates without an actuator, to which a single stiffness for all joints does
+    #: not apply.
     undriven: frozenset[int] = frozenset()
     #: Coordinates that are no joints: deflections of compliant links.
     virtual: frozenset[int] = frozenset()
@@ -222,10 +233,10 @@ class Mechanism(ABC):
         named: Sequence[int] | None = None,  # noqa: ARG002
         hold: Sequence[int] | None = None,  # noqa: ARG002
     ) -> MechanismPosture:
-        """Return the posture near `q_start` that satisfies the closures; at it without closures.
+        """The posture near `q_start` that satisfies the closures; at it without closures.
 
-        The `named` coordinates are held if the others can close the mechanism, those in `hold`
-        always.
+        The `named` coordinates are held if the others can close the mechanism, those in
+        `hold` always.
         """
         return self.at(q_start)
 
@@ -235,10 +246,10 @@ class Mechanism(ABC):
         q: Array,  # noqa: ARG002
         named: Sequence[int] | None = None,  # noqa: ARG002
     ) -> tuple[Note, ...]:
-        """Return a note on coordinates that closing moved from given values (n,) to q (n,).
+        """A note on coordinates that closing moved from given values (n,) to q (n,).
 
-        Only coordinates that were `named` or are actuated are considered; without any, those that
-        differ from the mechanism's reference posture.
+        Only coordinates that were `named` or are actuated are considered; without any,
+        those that differ from the mechanism's reference posture.
         """
         return ()
 
@@ -295,7 +306,9 @@ class Mechanism(ABC):
         return []
 
     def bounded(self, q: Array, pose: Array) -> Array:  # noqa: ARG002
-        """Return what `bounds` limits, (..., k), at coordinates (..., n) and poses (..., 4, 4)."""
+        """Return what `bounds` limits, (..., k), at coordinates (..., n) and poses
+        (..., 4, 4).
+        """
         return q
 
     def coordinates_of(self, T_F_M: ArrayLike) -> Array:  # noqa: ARG002
@@ -309,11 +322,14 @@ class Mechanism(ABC):
         raise InputError("coordinates are no pose", got=self.kind)
 
     def closed_as_given(self, q: Array) -> Array:
-        """Close those of coordinates (N, n) of which a part was given; none without closures."""
+        """Close those of coordinates (N, n) of which a part was given;
+        none without closures.
+        """
         return q
 
     def forward_kinematics(self, lengths: ArrayLike, start: ArrayLike) -> Array:  # noqa: ARG002
-        """Return coordinates near `start` at which the lines that hold the body have lengths.
+        """Return coordinates near `start` at which the lines that hold the body
+        have lengths.
 
         Raises
         ------
@@ -323,7 +339,9 @@ class Mechanism(ABC):
         raise InputError("leg lengths are for platforms", got=self.kind)
 
     def as_one_of_many(self) -> Self:
-        """Return a copy for computing many that differ in their points, where that is quicker."""
+        """Return a copy for computing many that differ in their points,
+        where that is quicker.
+        """
         return self
 
     def numbers(self) -> dict[str, Number]:
@@ -354,7 +372,9 @@ class Mechanism(ABC):
 
     @property
     def frames_of_body(self) -> list[str]:
-        """Names of the frames that may take the place of M, the present one among them."""
+        """Names of the frames that may take the place of M,
+        the present one among them.
+        """
         return [self.frame]
 
     def with_frame(self, name: str) -> Mechanism:
@@ -385,7 +405,8 @@ class Mechanism(ABC):
         return [("m", n) for n in dict.fromkeys((len(self.names), len(self.joint_names)))]
 
     def undeflected(self, rows: Array) -> Array:
-        """Return coordinates (..., n) from joint positions (..., m), without link deflections.
+        """Return coordinates (..., n) from joint positions (..., m),
+        without link deflections.
 
         Rows of all coordinates are returned as they are.
         """

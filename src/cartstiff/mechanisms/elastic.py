@@ -63,8 +63,8 @@ class ElasticMechanism(ShownInLines):
     notes : tuple of Note
         Notes on what was assumed in loading.
     damping : ndarray or None
-        Dampers beside the springs: (n,) of the joints, moment (force) per rate, or (m,) of the
-        lines, force per velocity; None where there are none. Seconds in all units.
+        Dampers beside the springs: (n,) of the joints, moment (force) per rate, or (m,)
+        of the lines, force per velocity; None where there are none. Seconds in all units.
     identified : Identified or None
         Uncertainty of the stiffnesses, where they were measured.
     source : str
@@ -109,9 +109,11 @@ class ElasticMechanism(ShownInLines):
     def _lines(self) -> list[str]:
         m = self.mechanism
         lines = [
-            f"{self.name} ({m.kind}) to {m.frame}, in {m.units.force} and {m.units.length}",
+            f"{self.name} ({m.kind}) to {m.frame}, in {m.units.force} and "
+            f"{m.units.length}",
             f"  coordinates {', '.join(m.names)}",
-            f"  potentials  {', '.join(type(p).__name__ for p in self._acting()) or 'none'}",
+            "  potentials  "
+            f"{', '.join(type(p).__name__ for p in self._acting()) or 'none'}",
         ]
         if self.gravity is not None:
             lines.append(f"  gravity     {self.gravity.tolist()}")
@@ -138,7 +140,9 @@ class ElasticMechanism(ShownInLines):
 
     @property
     def is_illustrative(self) -> bool:
-        """Whether the file says that its springs are illustrative, and not all were replaced."""
+        """Whether the file says that its springs are illustrative,
+        and not all were replaced.
+        """
         if "illustrative" not in self.source.lower():
             return False
         if self.springs is None or len(self.parted_terms()[0]) > 1:
@@ -147,7 +151,9 @@ class ElasticMechanism(ShownInLines):
 
     @property
     def illustrative(self) -> frozenset[str]:
-        """Names of the springs that the file calls illustrative, and that were not replaced."""
+        """Names of the springs that the file calls illustrative,
+        and that were not replaced.
+        """
         if "illustrative" not in self.source.lower() or self.springs is None:
             return frozenset()
         sprung = zip(
@@ -205,12 +211,16 @@ class ElasticMechanism(ShownInLines):
 
     @property
     def limits(self) -> dict[str, tuple[float, float]]:
-        """Lower and upper limit of each joint (rad, lengths), or of each leg of a platform."""
+        """Lower and upper limit of each joint (rad, lengths),
+        or of each leg of a platform.
+        """
         return self.mechanism.bounds
 
     @property
     def masses(self) -> dict[str, float]:
-        """Masses [kg] of what the joints carry, by the first link, and of the "payload"."""
+        """Masses [kg] of what the joints carry, by the first link,
+        and of the "payload".
+        """
         return self.mechanism.masses()
 
     @property
@@ -224,7 +234,7 @@ class ElasticMechanism(ShownInLines):
         *,
         where: str | None = None,
     ) -> ElasticMechanism:
-        """Return the mechanism in another uniform field, with a note where it acts on no mass.
+        """The mechanism in another uniform field, with a note where it acts on no mass.
 
         Parameters
         ----------
@@ -258,7 +268,9 @@ class ElasticMechanism(ShownInLines):
 
     @property
     def names_with_units(self) -> list[str]:
-        """Names of the coordinates as heads of a table in their own units: "elbow [rad]"."""
+        """Names of the coordinates as heads of a table in their own units:
+        "elbow [rad]".
+        """
         units = self.units
         return [
             f"{c.name} [{units.coordinate(c.is_length)}]"
@@ -273,9 +285,9 @@ class ElasticMechanism(ShownInLines):
         Parameters
         ----------
         q : array_like (n,) or mapping, optional
-            Coordinates in joint order or by name; default the mechanism's posture. Coordinates that
-            are named stay where they are if the others can close the mechanism; a note says which
-            of them moved.
+            Coordinates in joint order or by name; default the mechanism's posture.
+            Coordinates that are named stay where they are if the others can close the
+            mechanism; a note says which of them moved.
         what : str
             Name of q in messages.
 
@@ -299,7 +311,9 @@ class ElasticMechanism(ShownInLines):
         return elastic.with_notes(*mechanism.adjusted(values, posture.q, named)), posture
 
     def _with_given(self, values: Array, named: Sequence[int] | None) -> ElasticMechanism:
-        """Limit the note on the default posture to the joints without a given position."""
+        """Limit the note on the default posture to the joints without a
+        given position.
+        """
         if not any(note.code == "default-posture" for note in self.notes):
             return self
         notes = [note for note in self.notes if note.code != "default-posture"]
@@ -329,10 +343,10 @@ class ElasticMechanism(ShownInLines):
         Parameters
         ----------
         stiffness, rest
-            One number for all joints, one per joint, or a mapping from joint names for some of
-            them; None changes nothing. A single stiffness is for the joints that are actuated or
-            have a spring: passive joints stay free. A stiffness may be a text with its unit, such
-            as "392 N m/arcmin".
+            One number for all joints, one per joint, or a mapping from joint names for
+            some of them; None changes nothing. A single stiffness is for the joints that
+            are actuated or have a spring: passive joints stay free. A stiffness may be a
+            text with its unit, such as "392 N m/arcmin".
 
         Raises
         ------
@@ -396,8 +410,9 @@ class ElasticMechanism(ShownInLines):
     def numbers(self) -> dict[str, Number]:
         """Return the numbers that `with_numbers` changes, by name.
 
-        "stiffness.SPRING", "rest.SPRING", a factor "stiffness.LINK (link)", and those of the
-        mechanism: "mass.LINK", "placement.JOINT.x", "base.leg1.x"; see `Mechanism.numbers`.
+        "stiffness.SPRING", "rest.SPRING", a factor "stiffness.LINK (link)", and those of
+        the mechanism: "mass.LINK", "placement.JOINT.x", "base.leg1.x"; see
+        `Mechanism.numbers`.
         """
         found, springs = dict[str, Number](), self.springs
         if springs is not None:
@@ -407,7 +422,7 @@ class ElasticMechanism(ShownInLines):
         return found | self.mechanism.numbers()
 
     def with_numbers(self, values: Mapping[str, float]) -> ElasticMechanism:
-        """Return the mechanism with some of `numbers` changed; other names are ignored."""
+        """The mechanism with some of `numbers` changed; other names are ignored."""
         springs, mechanism = self.springs, self.mechanism.with_numbers(values)
         if springs is not None:
             springs = springs.with_numbers(values, self.spring_names)
@@ -418,7 +433,8 @@ class ElasticMechanism(ShownInLines):
 
     @property
     def commanded(self) -> list[int]:
-        """Coordinates of drives: the motors of a closed chain, else all but those of links.
+        """Coordinates of drives: the motors of a closed chain,
+        else all but those of links.
 
         A closed chain without named motors has those with a spring, if there are any.
         """
@@ -433,7 +449,10 @@ class ElasticMechanism(ShownInLines):
 
     @property
     def stiffnesses(self) -> list[float]:
-        """Stiffness of each of `spring_names`; infinite for rigid joints, not used with a law."""
+        """Stiffness of each of `spring_names`.
+
+        Infinite for rigid joints, not used with a law.
+        """
         own = (
             []
             if self.springs is None
@@ -453,8 +472,8 @@ class ElasticMechanism(ShownInLines):
     def frames_of_body(self) -> list[str]:
         """Names of the frames that may take the place of M, the present one among them.
 
-        Those of M's link, for chains. A spring or a load that is fixed to M itself would move with
-        it: then there are no others.
+        Those of M's link, for chains. A spring or a load that is fixed to M itself would
+        move with it: then there are no others.
         """
         mechanism = self.mechanism
         fixed_to = {
@@ -487,8 +506,9 @@ class ElasticMechanism(ShownInLines):
     ) -> ElasticMechanism:
         """Return the mechanism with a point mass [kg] fixed to a point (3,) of M.
 
-        If the mechanism has gravity, springs without a rest position carry its weight, too. For
-        the deflection under it use `cartstiff.payload` as a load of `equilibrium`.
+        If the mechanism has gravity, springs without a rest position carry its weight,
+        too. For the deflection under it use `cartstiff.payload` as a load of
+        `equilibrium`.
 
         Raises
         ------
@@ -523,7 +543,7 @@ class ElasticMechanism(ShownInLines):
         )
 
     def at_rest(self, q: Array) -> ElasticMechanism:
-        """Return the mechanism with all springs of its joints at rest at coordinates q (n,)."""
+        """The mechanism with all springs of its joints at rest at coordinates q (n,)."""
         springs = self.springs
         return replace(self, springs=None if springs is None else springs.at_rest(q))
 
@@ -540,7 +560,8 @@ class ElasticMechanism(ShownInLines):
     def may_be_loaded(self) -> bool:
         """Whether the environment may have to hold a load although none is given.
 
-        Open rest positions are chosen so that it need not, unless a preload is to be held.
+        Open rest positions are chosen so that it need not, unless a preload is to be
+        held.
         """
         if self.springs is None:
             return True
@@ -554,10 +575,11 @@ class ElasticMechanism(ShownInLines):
     def before_load(self) -> Literal["balanced", "given", "partly"] | None:
         """What the mechanism carries before any load, the same for every question.
 
-        That is its own weight and the payload, of the file or of an option. Springs without a rest
-        position balance both at the posture ("balanced"), as after a program was taught there. Rest
-        positions that are given, and a preload that is held, decide themselves where it comes to
-        rest ("given"); "partly" is both. None without springs.
+        That is its own weight and the payload, of the file or of an option. Springs
+        without a rest position balance both at the posture ("balanced"), as after a
+        program was taught there. Rest positions that are given, and a preload that is
+        held, decide themselves where it comes to rest ("given"); "partly" is both. None
+        without springs.
         """
         if (
             self.springs is None
@@ -574,7 +596,9 @@ class ElasticMechanism(ShownInLines):
         return inner, [term for term in terms if term.is_external]
 
     def diagnostics(self, posture: MechanismPosture) -> list[Note]:
-        """Return notes on limits of the answer: slack cables, corners of springs, bent beams."""
+        """Return notes on limits of the answer: slack cables, corners of springs,
+        bent beams.
+        """
         own = [note for term in self.terms() for note in term.diagnostics(posture)]
         return [*own, *self._corners(posture.q)]
 
@@ -595,7 +619,8 @@ class ElasticMechanism(ShownInLines):
             )
             words = (
                 f"the spring of {name} is at a corner of its table, at a deflection of "
-                f"{engineering(corner.deflection, unit, 4)}: its stiffness is {below} for smaller "
+                f"{engineering(corner.deflection, unit, 4)}: its stiffness is {below} "
+                "for smaller "
                 f"deflections and {above} for larger ones; the answer is with {used}"
             )
             values = {"joint": name, **corner._asdict()}

@@ -1,15 +1,16 @@
 r"""The elastic parts of a mechanism as one list of springs, with their compliance matrix.
 
-Each *element* is one scalar deflection x_e with its force: a joint on its spring, a leg, a line, a
-virtual joint of a compliant link. With B = dx/dq and Gamma the compliances, block by block,
+Each *element* is one scalar deflection x_e with its force: a joint on its spring, a leg,
+a line, a virtual joint of a compliant link. With B = dx/dq and Gamma the compliances,
+block by block,
 
-    forces  t = Gamma^-1 x,      Phi'' = B^T Gamma^-1 B + (geometric stiffness of the forces)
+    forces  t = Gamma^-1 x,  Phi'' = B^T Gamma^-1 B + (geometric stiffness of the forces)
 
-A compliance parameter is a symmetric pattern S on the elements: Gamma = ... + theta S. Polynomial
-springs, which are no elements, have their coefficients as parameters. Under a constant load the
-torque ``t = c_1 x + c_2 x^2 + ...`` of such a spring is constant. With its tangent stiffness k and
-the derivative k' of k by the deflection, its compliance there changes by
-``d(1/k)/dc_m = -(m x^(m-1) - k' x^m / k) / k^2``.
+A compliance parameter is a symmetric pattern S on the elements: Gamma = ... + theta S.
+Polynomial springs, which are no elements, have their coefficients as parameters. Under a
+constant load the torque ``t = c_1 x + c_2 x^2 + ...`` of such a spring is constant. With
+its tangent stiffness k and the derivative k' of k by the deflection, its compliance there
+changes by ``d(1/k)/dc_m = -(m x^(m-1) - k' x^m / k) / k^2``.
 """
 
 from __future__ import annotations
@@ -50,8 +51,8 @@ class Elements:
         self.elastic = elastic
         names: list[str] = []
         lengths: list[bool] = []
-        #: Index of each potential (-1: the springs), potential, names, its elements among its
-        #: parts and among all.
+        #: Index of each potential (-1: the springs), potential, names, its elements among
+        #: its parts and among all.
         self._parts: list[tuple[int, Potential, Sequence[str], list[int], slice]] = []
         springs, posture = elastic.springs, elastic.mechanism.at(elastic.q)
         ideal_joints_only(springs, "sensitivities to springs")
@@ -76,7 +77,10 @@ class Elements:
 
     @property
     def deflect_by_length(self) -> dict[str, bool]:
-        """Whether each spring deflects by a distance; those with polynomials, no elements, too."""
+        """Whether each spring deflects by a distance.
+
+        Those with polynomials, no elements, too.
+        """
         coordinates = self.elastic.mechanism.coordinates
         joints = {c.name: c.is_length for c in coordinates}
         return joints | dict(zip(self.names, self.is_length.tolist(), strict=True))
@@ -109,7 +113,10 @@ class Elements:
         return np.concatenate([np.zeros((0, n)), *each])
 
     def forces(self, posture: MechanismPosture) -> Array:
-        """Return the force (E,) of each element at a posture; zero with an open rest position."""
+        """Return the force (E,) of each element at a posture.
+
+        Zero with an open rest position.
+        """
         each = [own.forces[rows] for own, rows in self._at(posture)]
         return np.nan_to_num(np.concatenate([np.zeros(0), *each]))
 
@@ -142,7 +149,7 @@ class Elements:
         return with_coefficients(self.with_compliance(self.compliance + S), laws)
 
     def with_compliance(self, compliance: Array) -> ElasticMechanism:
-        """Return the mechanism with another Gamma (E, E); a beam's is a multiple of its own."""
+        """The mechanism with another Gamma (E, E); a beam's is a multiple of its own."""
         springs, potentials = self.elastic.springs, list(self.elastic.potentials)
         for part, potential, _, _, block in self._parts:
             C = compliance[block, block]
@@ -167,7 +174,7 @@ def law_of(elastic: ElasticMechanism, name: str, where: str | None = None) -> Sp
 
 
 def coefficient(elastic: ElasticMechanism, law: tuple[str, int]) -> float:
-    """Return a polynomial spring's parameter: a coefficient, for the first power its inverse."""
+    """A polynomial spring's parameter: a coefficient, for the first power its inverse."""
     name, power = law
     c = (*law_of(elastic, name).powers, *[0.0] * power)[power - 1]
     return 1.0 / c if power == 1 else c

@@ -1,4 +1,6 @@
-"""Compliant links: their virtual joints, and the frames and masses on either side of them."""
+"""Compliant links: their virtual joints, and the frames and masses on either
+side of them.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ VIRTUAL = (
     ("ry", "RY"),
     ("rz", "RZ"),
 )
-#: Virtual joints of a beam's segment: section to chord, along and about it, chord to section.
+#: Virtual joints of a beam's segment: section to chord, along and about it, chord to
+#: section.
 SEGMENT = (
     ("near_ry", "RY"),
     ("near_rz", "RZ"),
@@ -37,7 +40,8 @@ SEGMENT = (
 
 #: A joint, and the pose of another frame in its frame.
 Place = tuple[int, Array]
-#: Frame index of a joint without a frame, as in models that were made by hand: links carry it.
+#: Frame index of a joint without a frame, as in models that were made by hand: links
+#: carry it.
 UNFRAMED = -1
 
 
@@ -54,8 +58,8 @@ class Give:
     segments : int
         Equal parts of the beam.
     own : tuple of float, optional
-        The beam's own mass per length, and its moments of inertia per length about the y and z axes
-        of the section.
+        The beam's own mass per length, and its moments of inertia per length about the y
+        and z axes of the section.
     mass : ndarray, shape (6, 6), optional
         Mass of a spring's deflection, order angular-linear.
     """
@@ -67,10 +71,11 @@ class Give:
     mass: Array | None = None
 
     def half(self, sign: float) -> Any:
-        """Inertia of half a segment as a rigid bar along x that begins or ends in the origin.
+        """Inertia of half a segment as a rigid bar along x that begins or ends
+        in the origin.
 
-        Every node of the beam carries the halves of the segments beside it: a lumped mass, with the
-        mass, the centre and the moments of inertia of the straight beam.
+        Every node of the beam carries the halves of the segments beside it: a lumped
+        mass, with the mass, the centre and the moments of inertia of the straight beam.
         """
         if self.own is None or not self.segments:
             return None
@@ -107,7 +112,9 @@ class Give:
 
 @dataclass(frozen=True)
 class LinkSpring:
-    """Virtual joints of a link, placed in the joint's frame, and the frames that they carry."""
+    """Virtual joints of a link, placed in the joint's frame,
+    and the frames that they carry.
+    """
 
     link: str
     frame: int
@@ -117,10 +124,11 @@ class LinkSpring:
 
 @dataclass(frozen=True, eq=False)
 class DeflectionMass:
-    """Mass of a compliant link's deflection: the near end of its spring, and its first coordinate.
+    """Mass of a compliant link's deflection: the near end of its spring,
+    and its first coordinate.
 
-    With the spring's rates u the kinetic energy is ``1/2 |R u|^2``, ``R^T R`` the mass: six rotors
-    of unit inertia turn by R u.
+    With the spring's rates u the kinetic energy is ``1/2 |R u|^2``, ``R^T R`` the mass:
+    six rotors of unit inertia turn by R u.
     """
 
     link: str
@@ -173,7 +181,9 @@ def springs_by_joint(
 
 
 def _carried(model: pin.Model, link: int) -> frozenset[int]:
-    """Indices of the frames that a link carries, directly or through others; and `UNFRAMED`."""
+    """Indices of the frames that a link carries, directly or through others;
+    and `UNFRAMED`.
+    """
     frames = list(model.frames)
     joint, base = int(frames[link].parentJoint), int(frames[link].parentFrame)
     alone = [
@@ -200,12 +210,13 @@ def masses_by_side(
     near: Place,
     is_soft: bool,
 ) -> list[tuple[Place, Any]]:
-    """Return the masses on a joint as (place, inertia): on its own side, and beyond each spring.
+    """The masses on a joint as (place, inertia): on its own side, and beyond each spring.
 
-    ``side(frame, joint)`` returns the place that carries a frame; without a spring (`is_soft`) all
-    masses are on one side.
+    ``side(frame, joint)`` returns the place that carries a frame; without a spring
+    (`is_soft`) all masses are on one side.
     """
-    # Pinocchio stores the masses of fixed links with their frames, but not that of the moved link.
+    # Pinocchio stores the masses of fixed links with their frames, but not that of the
+    # moved link.
     own = model.inertias[joint]
     if not is_soft:
         return [(near, own)]

@@ -1,4 +1,6 @@
-"""Stiffnesses and rest positions as users give them: by name, for all at once, with units."""
+"""Stiffnesses and rest positions as users give them: by name, for all at once,
+with units.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +25,11 @@ def with_values(
     rest: float | Mapping[str, float] | ArrayLike | None,
     undriven: frozenset[int] = frozenset(),
 ) -> Springs:
-    """Return the springs with other stiffness and rest, see `ElasticMechanism.with_springs`.
+    """Return the springs with other stiffness and rest, see
+    `ElasticMechanism.with_springs`.
 
-    A single stiffness for all joints does not apply to `undriven` coordinates without a spring.
+    A single stiffness for all joints does not apply to `undriven` coordinates without a
+    spring.
     """
     k, passive = springs.stiffness, []
     if stiffness is not None:
@@ -83,8 +87,8 @@ def in_own_units(
 ) -> Any:
     """Return stiffnesses, some with units, as numbers in the mechanism's own units.
 
-    `slides` says of each spring whether it slides or turns. One stiffness for all has the unit of
-    the springs of driven coordinates.
+    `slides` says of each spring whether it slides or turns. One stiffness for all has the
+    unit of the springs of driven coordinates.
     """
     if isinstance(given, Mapping):
         return {

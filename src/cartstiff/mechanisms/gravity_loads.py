@@ -31,12 +31,13 @@ class GravityLoads:
     acceleration : tuple of float or None
         Acceleration of the uniform field, in F; None without gravity.
     bodies : mapping of str to float
-        Mass [kg] that each joint carries, by the name of its (first) link; the payload of the
-        mechanism's file under "payload". Empty without gravity.
+        Mass [kg] that each joint carries, by the name of its (first) link; the payload of
+        the mechanism's file under "payload". Empty without gravity.
     massless : tuple of str
         Moving links without mass, if there is gravity.
     payload, weight : float
-        Mass [kg] of the payloads among the loads, and their weight, which the loads contain.
+        Mass [kg] of the payloads among the loads, and their weight, which the loads
+        contain.
     unit : str
         The mechanism's unit of force.
     before : {"balanced", "given", "partly"} or None
@@ -91,7 +92,9 @@ class GravityLoads:
 
 
 def without_mass(mechanism: Mechanism, masses: Mapping[str, float]) -> tuple[str, ...]:
-    """Links without mass; ends of the joints that closures and contacts have are no links."""
+    """Links without mass; ends of the joints that closures and contacts have
+    are no links.
+    """
     parts = [c.name.rpartition(".") for c in mechanism.coordinates]
     joints = {frame for frame, _, axis in parts if axis in ("x", "y", "z")}
     return tuple(
@@ -102,7 +105,9 @@ def without_mass(mechanism: Mechanism, masses: Mapping[str, float]) -> tuple[str
 def gravity_loads(
     elastic: ElasticMechanism, loads: Sequence[Potential] = ()
 ) -> GravityLoads:
-    """Return the masses on which gravity acts in a mechanism, and the payloads among its loads."""
+    """Return the masses on which gravity acts in a mechanism,
+    and the payloads among its loads.
+    """
     acting = (*elastic.potentials, *loads)
     # A load's mass, as its weight, is in the unit of force.
     hung = [own for load in acting if (own := load.dead) is not None and own.mass]

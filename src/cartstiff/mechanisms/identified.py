@@ -39,8 +39,9 @@ class CompliancePattern:
     entries : tuple of (str, str, float)
         Names of two elements and S there; S is symmetric, and each pair occurs once.
     law : (str, int), optional
-        Joint and power of the deflection of a polynomial spring, in place of entries. The value of
-        the first power is a compliance, those of others are coefficients of the torque.
+        Joint and power of the deflection of a polynomial spring, in place of entries. The
+        value of the first power is a compliance, those of others are coefficients of the
+        torque.
     """
 
     name: str
@@ -49,7 +50,9 @@ class CompliancePattern:
 
     @property
     def is_share(self) -> bool:
-        """Whether the parameter is a share of a beam's own compliance: a number without unit."""
+        """Whether the parameter is a share of a beam's own compliance:
+        a number without unit.
+        """
         return self.name.endswith(BEAM)
 
     @property
@@ -67,7 +70,8 @@ class Identified:
     Attributes
     ----------
     patterns : tuple of CompliancePattern
-        The measured compliances and coefficients of polynomial springs, in the mechanism's units.
+        The measured compliances and coefficients of polynomial springs, in the
+        mechanism's units.
     values : ndarray (P,)
         Their estimates; for a beam its share of the file's own compliance.
     covariance : ndarray (P, P)
@@ -127,7 +131,10 @@ class Identified:
         )
 
     def scaled(self, lengths: Mapping[str, bool], a: float) -> Identified:
-        """Return it with all lengths times `a`; `lengths` says which springs deflect by one."""
+        """Return it with all lengths times `a`.
+
+        `lengths` says which springs deflect by one.
+        """
         size = {name: a if is_length else 1.0 for name, is_length in lengths.items()}
 
         def per(one: str, other: str) -> float:
@@ -156,7 +163,8 @@ class Identified:
                     ),
                 )
             )
-        # Parameters of several springs have names of their own, and so have axes of a link.
+        # Parameters of several springs have names of their own, and so have axes of a
+        # link.
         of = {name: per(name, name) for name in size} | dict(
             zip(self.names, factors, strict=True)
         )

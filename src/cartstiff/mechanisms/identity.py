@@ -1,7 +1,8 @@
-"""Identity of stored results: files that were read, options, and versions of the programs.
+"""Identity of stored results: files that were read, options,
+and versions of the programs.
 
-Loading records the files (`recorded`, `was_read`); maps and design studies store `identity_of`
-beside their results, and `require_same` compares it before they resume.
+Loading records the files (`recorded`, `was_read`); maps and design studies store
+`identity_of` beside their results, and `require_same` compares it before they resume.
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ Files = tuple[tuple[str, str], ...]
 
 # Packages that compute the numbers, besides this one.
 _PACKAGES = ("numpy", "scipy", "pin", "llvmlite")
-# Relative difference of numbers from two processors. Files are compared byte by byte; this is for
-# numbers that were computed from them, or made in Python.
+# Relative difference of numbers from two processors. Files are compared byte by byte;
+# this is for numbers that were computed from them, or made in Python.
 _TOLERANCE = UNCOUPLED
 # Fields of a mechanism that hold numbers, in words.
 _PARTS = {
@@ -77,7 +78,9 @@ def was_read(name: str, content: bytes) -> None:
 
 
 def _meaning(content: bytes) -> bytes:
-    """Content of a file without line ends, and of XML without comments and order of attributes."""
+    """Content of a file without line ends, and of XML without comments and order
+    of attributes.
+    """
     is_plain_xml = content.lstrip().startswith(b"<") and not re.search(
         rb"<!(?!--)", content
     )
@@ -90,12 +93,13 @@ def _meaning(content: bytes) -> bytes:
 
 
 def identity_of(elastic: ElasticMechanism, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the identity of a result for JSON; a result can be resumed with the same identity.
+    """The identity of a result for JSON; a result can be resumed with the same identity.
 
     Parameters
     ----------
     elastic : ElasticMechanism
-        Its files and its numbers count, so that changes in Python are found as those of files are.
+        Its files and its numbers count, so that changes in Python are found as those of
+        files are.
     options : mapping
         Everything else on which the numbers depend.
     """
@@ -137,7 +141,8 @@ def require_versions(wanted: Mapping[str, str]) -> None:
 def require_same(
     there: Mapping[str, Any], here: Mapping[str, Any], path: Path, what: str
 ) -> None:
-    """Refuse to resume a stored result of another identity, in one line with the difference.
+    """Refuse to resume a stored result of another identity,
+    in one line with the difference.
 
     Parameters
     ----------
@@ -244,7 +249,7 @@ def _numeric(value: Any) -> bool:
 
 
 def fingerprint(value: Any) -> str:
-    """Return the SHA-256 of an object's contents, numbers to ten digits, without its shapes."""
+    """The SHA-256 of an object's contents, numbers to ten digits, without its shapes."""
     return _Fingerprints().of(value)
 
 
@@ -278,12 +283,14 @@ class _Fingerprints:
         own = value if isinstance(value, (type, types.FunctionType)) else kind
         version = getattr(value, "version", None)
         if isinstance(version, (str, int)) and not _is_installed(own.__module__):
-            yield f"{own.__module__}.{own.__qualname__} {version!r}"  # in place of its code
+            # In place of its code.
+            yield f"{own.__module__}.{own.__qualname__} {version!r}"
             if not isinstance(value, (type, types.FunctionType)):
                 yield self.of(_state(value))
             return
         if isinstance(value, Units):
-            yield f"{value.length} {value.force}"  # not the unit of angles in tables for people
+            # Not the unit of angles in tables for people.
+            yield f"{value.length} {value.force}"
             return
         if isinstance(value, Mapping):
             yield "mapping"
@@ -359,7 +366,9 @@ _OF_CLASS = {
 
 @cache
 def _is_installed(module: str | None) -> bool:
-    """Whether a module is of an installed package or of Python, whose versions are compared."""
+    """Whether a module is of an installed package or of Python,
+    whose versions are compared.
+    """
     if module in (None, "__main__"):
         return False
     file = getattr(sys.modules.get(module), "__file__", None)
@@ -382,7 +391,9 @@ def _content(cell: Any) -> Any:
 
 
 def _named_by(function: types.FunctionType) -> list[tuple[str, Any]]:
-    """Names and values of what the code of a function names in its module, and in modules there."""
+    """Names and values of what the code of a function names in its module,
+    and in modules there.
+    """
     names, codes = set[str](), [function.__code__]
     for code in codes:
         names.update(code.co_names)
@@ -412,7 +423,8 @@ def _state(value: Any) -> Any:
         )
     except Exception:  # an object that cannot be pickled
         raise InputError(
-            "own code names an object whose contents cannot be compared with those of a file",
+            "own code names an object whose contents cannot be compared with those of a "
+            "file",
             where=one_line(f"{type(value).__module__}.{type(value).__qualname__}"),
             expected='an attribute version="1" of the function or class that names it',
         ) from None

@@ -1,15 +1,17 @@
-r"""Legs of parallel machines whose kinematics are known in closed form: struts, rails, cranks.
+r"""Legs of parallel machines whose kinematics are known in closed form: struts, rails,
+cranks.
 
 Every such leg ends at a point B of the body and has a straight *rod* from a point C to B,
 
-    strut   C is fixed to the ground, the length of the rod changes          UPS, RPS, SPR, UCU, UP
-    rail    C slides along a straight line, C = A + s d, the rod is rigid        PUS, PRS, PUU, PSS
-    crank   C moves on a circle, C = A + r e(t), the rod is rigid                RUS, RUU, RSS, RRR
+    strut   C is fixed to the ground, the rod changes its length    UPS, RPS, SPR, UCU, UP
+    rail    C slides along a straight line, C = A + s d, rigid rod  PUS, PRS, PUU, PSS
+    crank   C moves on a circle, C = A + r e(t), rigid rod          RUS, RUU, RSS, RRR
 
-so that with B known from the body's pose the driven coordinate follows from :math:`|B - C| = l`: a
-length, the root of a quadratic, or of :math:`a \cos t + b \sin t = c` [MER]_. The joints at C and B
-follow from the rotations of the rod and the body. Passive coordinates are zero where the leg was
-drawn (its *home*); the driven coordinate is a distance or an angle.
+so that with B known from the body's pose the driven coordinate follows from :math:`|B -
+C| = l`: a length, the root of a quadratic, or of :math:`a \cos t + b \sin t = c` [MER]_.
+The joints at C and B follow from the rotations of the rod and the body. Passive
+coordinates are zero where the leg was drawn (its *home*); the driven coordinate is a
+distance or an angle.
 """
 
 from __future__ import annotations
@@ -38,7 +40,8 @@ def turns(axis: Array, angle: Array) -> Array:
 
 
 def frame_along(first: Array, second: Array) -> Array:
-    """Return rotations (..., 3, 3): x along the first vectors, y across them towards the second.
+    """Return rotations (..., 3, 3): x along the first vectors,
+    y across them towards the second.
 
     NaN where the second lies along the first.
     """
@@ -70,10 +73,11 @@ class LegShape:
     along : ndarray (3,)
         Unit vector along a rail, or along a crank at angle zero.
     axis : ndarray (3,)
-        Unit axis in F of the crank, and at home of the hinge or first axis of the universal joint
-        at C.
+        Unit axis in F of the crank, and at home of the hinge or first axis of the
+        universal joint at C.
     end_axis : ndarray (3,)
-        Unit axis at home of the hinge at B, or of the body's axis of the universal joint there.
+        Unit axis at home of the hinge at B, or of the body's axis of the universal joint
+        there.
     crank, rod : float
         Lengths; 0 without a crank, and for a rod whose length changes.
     home : float
@@ -107,7 +111,7 @@ class LegShape:
         return {"anchor": 1, "crank": 1, "rod": 1, "home": home, "end_home": POSE}
 
     def driven(self, B: Array, mode: int) -> tuple[Array, Array]:
-        """Return the driven coordinate (N,) and C (N, 3) with the leg's end at points B (N, 3).
+        """The driven coordinate (N,) and C (N, 3) with the leg's end at points B (N, 3).
 
         NaN where the leg does not reach B; `mode` is the sign of the root.
         """
@@ -141,18 +145,20 @@ class LegShape:
         return max(0.0, near - self.rod, self.rod - far)
 
     def inverse(self, T: Array, mode: int) -> tuple[Array, Array]:
-        """Return coordinates (N, k), in the joints' order, with the leg's end at poses T (N, 4, 4).
+        """Return coordinates (N, k), in the joints' order,
+        with the leg's end at poses T (N, 4, 4).
 
-        Also the rotation errors (N,) in rad: a leg with fewer than six freedoms reaches some poses
-        only. NaN where it does not reach B.
+        Also the rotation errors (N,) in rad: a leg with fewer than six freedoms reaches
+        some poses only. NaN where it does not reach B.
         """
         return self._solved(T, mode)[:2]
 
     def gaps(self, T: Array, mode: int) -> Array:
-        """Return smooth residuals (N, 6) at poses T (N, 4, 4), zero where the leg reaches the pose.
+        """Return smooth residuals (N, 6) at poses T (N, 4, 4),
+        zero where the leg reaches the pose.
 
-        The difference of the rod's direction from the wanted one, and the axis of the remaining
-        turn at B times its sine.
+        The difference of the rod's direction from the wanted one, and the axis of the
+        remaining turn at B times its sine.
         """
         return self._solved(T, mode)[2]
 
@@ -246,7 +252,8 @@ class LegShape:
 
     @cached_property
     def universal(self) -> tuple[Array, Array]:
-        """Axes across the first axis of a universal joint at C: near the rod, and its second axis.
+        """Axes across the first axis of a universal joint at C: near the rod,
+        and its second axis.
 
         Raises
         ------
@@ -277,7 +284,9 @@ class LegShape:
         return R
 
     def _end(self, left: Array) -> tuple[list[Array], Array]:
-        """Angles of the hinge or universal joint at B, and the rotation that they make."""
+        """Angles of the hinge or universal joint at B,
+        and the rotation that they make.
+        """
         if not self.end:
             return [], np.broadcast_to(np.eye(3), left.shape)
         if self.end == "R":
@@ -312,7 +321,9 @@ def _across(axis: Array, line: Array) -> tuple[Array, Array]:
 
 
 def _about_three_axes(frame: Array, R: Array) -> list[Array]:
-    """Angles (N,) of successive turns about x, y, z of a frame that make rotations (N, 3, 3)."""
+    """Angles (N,) of successive turns about x, y, z of a frame that make
+    rotations (N, 3, 3).
+    """
     M = frame.T @ R @ frame
     return [
         np.arctan2(-M[:, 1, 2], M[:, 2, 2]),
@@ -348,12 +359,14 @@ class PlacedLeg:
     length_powers: ClassVar = {"shape": 0, "T_M_end": POSE, "diameter": 1}
 
     def rod(self, q: Array, pose: Array) -> tuple[Array, Array]:
-        """Return the ends (..., 3) of the rod at coordinates q (..., n) and poses (..., 4, 4)."""
+        """Return the ends (..., 3) of the rod at coordinates q (..., n) and poses
+        (..., 4, 4).
+        """
         B = pose[..., :3, :3] @ self.T_M_end[:3, 3] + pose[..., :3, 3]
         return np.broadcast_to(self.shape.centre_at(q[..., self.driven]), B.shape), B
 
     def mode(self, q: Array, T_F_M: Array) -> int:
-        """Return the working mode of coordinates q (n,) of the chain at the body's pose."""
+        """The working mode of coordinates q (n,) of the chain at the body's pose."""
         B = (T_F_M @ self.T_M_end)[None, :3, 3]
         value, is_angle = float(q[self.driven]), self.shape.family == "crank"
 

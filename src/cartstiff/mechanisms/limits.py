@@ -1,8 +1,8 @@
 r"""Limits of joints and of the legs of platforms.
 
-The mechanism can come to rest on limits of joints and of the lengths of legs. It cannot on limits
-of the angles of the legs' joints, of distances between legs, and of their forces: these limit its
-use.
+The mechanism can come to rest on limits of joints and of the lengths of legs. It cannot
+on limits of the angles of the legs' joints, of distances between legs, and of their
+forces: these limit its use.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ from cartstiff.units import engineering
 
 #: Round-off of a quantity at its limit, relative to the quantity or to its natural size.
 _ROUNDOFF = numerics.LIMIT_SLACK
-# Largest plausible deflections: of a joint in rad, of the tip over the reach, of a leg over its
-# length.
+# Largest plausible deflections: of a joint in rad, of the tip over the reach, of a leg
+# over its length.
 MAX_WIND_UP, MAX_RELATIVE_DEFLECTION = float(np.radians(5.0)), 0.1
-# Angles beyond their limits look like degrees if they are larger than this, angles without limits
-# if they are larger than twice this, those of a pose if they are larger than this.
+# Angles beyond their limits look like degrees if they are larger than this, angles
+# without limits if they are larger than twice this, those of a pose if they are larger
+# than this.
 _TURN = 2.0 * np.pi
 _DEGREES = ". Degrees? Angles are in radians"
 
@@ -57,7 +58,8 @@ class Limits:
     ignore : bool
         Leave all limits out.
     contacts : bool
-        Only limits on which the mechanism can come to rest: of joints and lengths of legs.
+        Only limits on which the mechanism can come to rest: of joints and lengths of
+        legs.
 
     Attributes
     ----------
@@ -101,14 +103,18 @@ class Limits:
         return len(self.names)
 
     def values(self, q: Array, pose: Array) -> Array:
-        """Return the quantities (..., m) at coordinates q (..., n) and poses (..., 4, 4) of M."""
+        """Return the quantities (..., m) at coordinates q (..., n) and poses
+        (..., 4, 4) of M.
+        """
         every = q if self.legs is None else self.legs.bounded(q, pose)
         own = np.asarray(every[..., self.columns])
         parts = [own, *(quantities.values(q, pose) for quantities in self._more)]
         return np.concatenate(parts, axis=-1) if self._more else own
 
     def holds(self, q: Array, pose: Array) -> bool:
-        """Whether all quantities are within their limits at one posture, to the last digit."""
+        """Whether all quantities are within their limits at one posture,
+        to the last digit.
+        """
         if self.legs is None and not self._more:  # comparing lists is faster than arrays
             own = q.tolist()
             each = zip(
@@ -134,13 +140,17 @@ class Limits:
         return other
 
     def side(self, values: Array, sizes: Array | float = 1.0) -> Array:
-        """-1 where a quantity (..., m) is below its limit, 1 above, 0 within (to rounding)."""
+        """-1 where a quantity (..., m) is below its limit, 1 above,
+        0 within (to rounding).
+        """
         roundoff = _ROUNDOFF * np.maximum(sizes, np.abs(values))
         below, above = values < self.lower - roundoff, values > self.upper + roundoff
         return np.where(below, -1, np.where(above, 1, 0))
 
     def exceeded(self, values: Array) -> Array:
-        """Whether one of the quantities (..., m) is beyond its limits, so that `side` is not 0."""
+        """Whether one of the quantities (..., m) is beyond its limits,
+        so that `side` is not 0.
+        """
         beyond = ~self._within(values)
         if beyond.any():  # some may be round-off or NaN
             beyond[beyond] = self.side(values[beyond]).any(axis=-1)
@@ -178,7 +188,8 @@ def finite(numbers: Mapping[str, float]) -> dict[str, float | None]:
 
 
 def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[Note]:
-    """Return notes on quantities beyond their limits, and on angles that look like degrees.
+    """Return notes on quantities beyond their limits, and on angles that look
+    like degrees.
 
     Parameters
     ----------
@@ -232,7 +243,7 @@ def beyond_limits(notes: Iterable[Note]) -> list[str]:
 
 
 def tensions_of(elastic: ElasticMechanism, posture: _Placed) -> Array | None:
-    """Return the tensions (m,) of a platform's legs at a posture; None for other mechanisms.
+    """The tensions (m,) of a platform's legs at a posture; None for other mechanisms.
 
     Legs without a rest length have NaN.
     """
@@ -243,7 +254,9 @@ def tensions_of(elastic: ElasticMechanism, posture: _Placed) -> Array | None:
 
 
 def forces_beyond(bounds: Array, tensions: Array) -> NDArray[np.bool_]:
-    """Which tensions (..., m) are beyond their bounds (m, 2), to rounding of the largest."""
+    """Which tensions (..., m) are beyond their bounds (m, 2),
+    to rounding of the largest.
+    """
     roundoff = _ROUNDOFF * np.abs(tensions).max(axis=-1, initial=0.0, keepdims=True)
     below, above = tensions < bounds[:, 0] - roundoff, tensions > bounds[:, 1] + roundoff
     return np.asarray(below | above)
@@ -270,10 +283,12 @@ def force_notes(elastic: ElasticMechanism, posture: _Placed) -> list[Note]:
 
 
 def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
-    """Return a note on joint deflections over 5 deg, and tip deflections over a tenth of the reach.
+    """Return a note on joint deflections over 5 deg, and tip deflections over a tenth
+    of the reach.
 
-    Also on legs and cables that a load stretches by a tenth of their length; where rest lengths
-    were given, or are those of springs without a platform, the stretch is intended.
+    Also on legs and cables that a load stretches by a tenth of their length; where rest
+    lengths were given, or are those of springs without a platform, the stretch is
+    intended.
 
     Parameters
     ----------
@@ -315,12 +330,17 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
             values |= {"moved": moved, "reach": reach}
     if not parts:
         return []
-    words = f"{'; '.join(parts)}. Is the load meant, and the unit of the springs (1 N m/arcmin is "
+    words = (
+        f"{'; '.join(parts)}. Is the load meant, and the unit of the springs (1 N "
+        "m/arcmin is "
+    )
     return [Note("implausible-deflection", f"{words}3438 N m/rad)?", values)]
 
 
 def stretch_is_doubted(mechanism: Mechanism, springs: Springs) -> NDArray[np.bool_]:
-    """Which lines (m,) are legs or cables of a robot: springs without a platform may be soft."""
+    """Which lines (m,) are legs or cables of a robot: springs without a platform
+    may be soft.
+    """
     return np.asarray(springs.cables | mechanism.has_legs)
 
 

@@ -1,8 +1,9 @@
 r"""Convert mechanisms to another unit of length; the only place that does so.
 
-Lengths are multiplied by a, such as 1000 from m to mm, forces stay. A moment, the stiffness of a
-joint that turns, and an energy are then a times as large in number (N mm), the stiffness of one
-that slides 1/a (N/mm); masses stay in kg and accelerations in m/s^2, which gives forces in N.
+Lengths are multiplied by a, such as 1000 from m to mm, forces stay. A moment, the
+stiffness of a joint that turns, and an energy are then a times as large in number (N mm),
+the stiffness of one that slides 1/a (N/mm); masses stay in kg and accelerations in m/s^2,
+which gives forces in N.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ def in_units(elastic: ElasticMechanism, length: str) -> ElasticMechanism:
     Raises
     ------
     InputError
-        For an unknown unit, another kind of mechanism, or energies that cannot be converted:
-        functions of the user's, and loads.
+        For an unknown unit, another kind of mechanism, or energies that cannot be
+        converted: functions of the user's, and loads.
     """
     units = Units(length, elastic.units.force)
     a, _ = convert_length(elastic.units, units)
@@ -58,7 +59,9 @@ def in_units(elastic: ElasticMechanism, length: str) -> ElasticMechanism:
 
 
 def shown(elastic: ElasticMechanism, q: Array) -> Array:
-    """Return coordinates (..., n) in the units of texts and pictures, as `shown_heads`."""
+    """Return coordinates (..., n) in the units of texts and pictures,
+    as `shown_heads`.
+    """
     units = elastic.units
     sizes = (units.shown_per_radian, units.shown_per_length)
     return q * np.array([sizes[c.is_length] for c in elastic.mechanism.coordinates])

@@ -1,15 +1,18 @@
-r"""A rigid body held by lines from the ground: Stewart-Gough platforms, line springs, cable robots.
+r"""A rigid body held by lines from the ground: Stewart-Gough platforms, line springs,
+cable robots.
 
-The coordinates are the body's pose; derivatives are taken in exponential coordinates at the pose,
-so the body Jacobian is the identity and the Hessian of any potential is its K^B.
+The coordinates are the body's pose; derivatives are taken in exponential coordinates at
+the pose, so the body Jacobian is the identity and the Hessian of any potential is its
+K^B.
 
-A leg's mass consists of a bar on the base's joint and a bar on the platform's joint. The line from
-the base point a to the platform point b has length L and direction u; the platform point moves with
-v, so that the line turns with ``u' = P v / L``, ``P = 1 - u u^T``. The bar on the base has its
-centre at ``a + c_f u``, the one on the platform at ``b - c_m u``. Both are straight cylinders from
-their joint to twice that distance, with the moment of inertia ``J = m (c^2 / 3 + r^2 / 4)`` about
-each centre across the line; a spin about the line is left out, since it does not follow from the
-platform's motion. Their kinetic energy is ``1/2 v^T A v`` with
+A leg's mass consists of a bar on the base's joint and a bar on the platform's joint. The
+line from the base point a to the platform point b has length L and direction u; the
+platform point moves with v, so that the line turns with ``u' = P v / L``, ``P = 1 - u
+u^T``. The bar on the base has its centre at ``a + c_f u``, the one on the platform at ``b
+- c_m u``. Both are straight cylinders from their joint to twice that distance, with the
+moment of inertia ``J = m (c^2 / 3 + r^2 / 4)`` about each centre across the line; a spin
+about the line is left out, since it does not follow from the platform's motion. Their
+kinetic energy is ``1/2 v^T A v`` with
 
     A = m_m u u^T + ( m_m (1 - c_m/L)^2 + (m_f c_f^2 + J_f + J_m) / L^2 ) P
 """
@@ -125,7 +128,9 @@ class Struts:
 
     @property
     def turning_moments(self) -> tuple[Array, Array]:
-        """Moments of inertia (m,) of the bars about their own centres, across the line."""
+        """Moments of inertia (m,) of the bars about their own centres,
+        across the line.
+        """
         about = [
             mass * (com * com / 3 + self.radius**2 / 4)
             for mass, com in (
@@ -151,7 +156,10 @@ class Struts:
         return total
 
     def momentum(self, lines: LineGeometry, points: Array, pose: Array) -> Array:
-        """Momentum (moment about F's origin, linear; axes of F) per body twist, (6, 6)."""
+        """Momentum (moment about F's origin, linear.
+
+        Axes of F) per body twist, (6, 6).
+        """
         R = pose[:3, :3]
         total = np.zeros((6, 6))
         fixed, moving = self._centres(lines, points, pose)
@@ -172,7 +180,9 @@ class Struts:
     def _centres(
         self, lines: LineGeometry, points: Array, pose: Array
     ) -> tuple[Array, Array]:
-        """Mass centres (m, 3) in F of the bars on the base's and the platform's joints."""
+        """Mass centres (m, 3) in F of the bars on the base's and the
+        platform's joints.
+        """
         u, b = lines.directions @ pose[:3, :3].T, points @ pose[:3, :3].T + pose[:3, 3]
         fixed = b + (self.fixed_com - lines.lengths)[:, None] * u
         return fixed, b - self.moving_com[:, None] * u
@@ -187,7 +197,7 @@ class Struts:
     def gravity(
         self, lines: LineGeometry, points: Array, pose: Array, weight: Array
     ) -> tuple[Any, Array, Array]:
-        """Return the energy of their weights, `weight` (3,) per kg in F, with its derivatives.
+        """The energy of their weights, `weight` (3,) per kg in F, with its derivatives.
 
         The derivatives are on body twists; lines and pose may be recorded.
         """
@@ -208,7 +218,8 @@ class Struts:
                 energy - (b @ in_body) * (fixed + moving) - along * (share - L * fixed)
             )
             alpha, K = held_force(in_body * moving + across * (per * share), b)
-            # The direction u, along which a part of the weight acts, changes with b as well.
+            # The direction u, along which a part of the weight acts, changes with b as
+            # well.
             P = np.eye(3) - np.outer(u, u)
             second = np.outer(u, across) + np.outer(across, u) + P * along
             D = _velocity(b)
@@ -229,7 +240,8 @@ class LegLimits:
     Attributes
     ----------
     base_axes, platform_axes : ndarray (m, 3) or None
-        Unit vectors in F, and in M: middle directions of the joints, from the joint along the leg.
+        Unit vectors in F, and in M: middle directions of the joints, from the joint along
+        the leg.
     base_angles, platform_angles : ndarray (m,) or None
         Largest angle of each leg from the axis of its joint, in rad.
     diameters : ndarray (m,) or None
@@ -467,7 +479,9 @@ class Platform(Mechanism):
         self.close()
 
     def close(self) -> None:
-        """Make its arrays read-only, so that results that are cached for it stay valid."""
+        """Make its arrays read-only, so that results that are cached for
+        it stay valid.
+        """
         for name in (
             "anchors",
             "points",
@@ -490,7 +504,7 @@ class Platform(Mechanism):
         return other
 
     def with_points(self, base: ArrayLike, platform: ArrayLike) -> Self:
-        """Return the platform with other anchors in F and other points of the body in P."""
+        """The platform with other anchors in F and other points of the body in P."""
         other, T_M_P = copy(self), se3.inverse(self.T_P_M)
         other.anchors = checked_array(base, None, "base points")
         other.points_P = checked_array(platform, None, "platform points")
@@ -499,7 +513,7 @@ class Platform(Mechanism):
         return other
 
     def at(self, q: ArrayLike) -> PlatformPosture:
-        """Return the posture at a pose of P in F: x, y, z, roll, pitch, yaw (fixed axes)."""
+        """The posture at a pose of P in F: x, y, z, roll, pitch, yaw (fixed axes)."""
         return PlatformPosture(self, self.checked(q, "pose"))
 
     def pose_of(self, q: Array) -> Array:
@@ -507,7 +521,9 @@ class Platform(Mechanism):
         return se3.from_roll_pitch_yaw(q[:3], q[3:]) @ self.T_P_M
 
     def coordinates_of(self, T_F_M: ArrayLike) -> Array:
-        """Return coordinates (..., 6) of P: x, y, z, roll, pitch, yaw, from poses of M."""
+        """Return coordinates (..., 6) of P: x, y, z, roll, pitch, yaw,
+        from poses of M.
+        """
         T_F_P = real_array(T_F_M) @ se3.inverse(self.T_P_M)
         return np.concatenate([T_F_P[..., :3, 3], se3.roll_pitch_yaw(T_F_P)], axis=-1)
 
@@ -522,7 +538,9 @@ class Platform(Mechanism):
         return {f"leg{i + 1}": (low, high) for i, (low, high) in enumerate(limits)}
 
     def masses(self) -> dict[str, float]:
-        """Masses [kg] of the platform with its payload, and of the legs where they have one."""
+        """Masses [kg] of the platform with its payload, and of the legs where
+        they have one.
+        """
         masses = {self.frame: self.mass}
         return masses if self.struts is None else masses | {"legs": self.struts.mass}
 
@@ -630,10 +648,10 @@ class Platform(Mechanism):
         return self.at(q).lines.lengths
 
     def forward_kinematics(self, lengths: ArrayLike, start: ArrayLike) -> Array:
-        """Return the pose coordinates near `start` at which the six legs have given lengths.
+        """The pose coordinates near `start` at which the six legs have given lengths.
 
-        Newton's method on SE(3) with the line coordinates as its matrix, steps bounded to keep
-        the assembly mode.
+        Newton's method on SE(3) with the line coordinates as its matrix, steps bounded to
+        keep the assembly mode.
 
         Raises
         ------
@@ -664,7 +682,8 @@ class Platform(Mechanism):
             values = numerics.singular_values(equations(T)[1])
             if not numerics.is_regular(values):
                 raise UndefinedError(
-                    "the legs' lines are dependent (type-2 singularity): the pose does not follow "
+                    "the legs' lines are dependent (type-2 singularity): the pose does "
+                    "not follow "
                     "from the leg lengths",
                     code="type-2-singularity",
                     values={"singular_values": values.tolist()},

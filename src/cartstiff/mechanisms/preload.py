@@ -1,8 +1,10 @@
-"""Notes on preload and rest positions: which hold at a posture, and which a load replaces.
+"""Notes on preload and rest positions: which hold at a posture,
+and which a load replaces.
 
-The drives of a platform wind its legs: at every commanded posture these have their preload. A rest
-length or rest position is a fixed number. A load that has to be balanced at a posture decides on
-the forces of all springs instead, except where more lines than motions leave a choice.
+The drives of a platform wind its legs: at every commanded posture these have their
+preload. A rest length or rest position is a fixed number. A load that has to be balanced
+at a posture decides on the forces of all springs instead, except where more lines than
+motions leave a choice.
 """
 
 from __future__ import annotations
@@ -49,8 +51,10 @@ def preload_notes(elastic: ElasticMechanism, is_loaded: bool) -> list[Note]:
     unit, low, high = elastic.units.force, min(tensions), max(tensions)
     sizes = engineering(low, unit) if low == high else f"{low:g} to {high:g} {unit}"
     words = (
-        f"the drives hold the preload of the file at every commanded pose ({_listed(names)}: "
-        f"{sizes}); the legs cannot balance it among themselves, so that the environment holds it "
+        "the drives hold the preload of the file at every commanded pose "
+        f"({_listed(names)}: "
+        f"{sizes}); the legs cannot balance it among themselves, so that the environment "
+        "holds it "
         "with the wrench that is stated"
     )
     return [
@@ -68,8 +72,10 @@ def _replaced(what: str, names: list[str], whose: str) -> Note:
 
 def _shifted(names: list[str]) -> Note:
     words = (
-        f"the drives change the rest lengths of {_listed(names)} as little as balances the load: "
-        "of all sets of forces these are the nearest to those of the given lengths; `equilibrium` "
+        f"the drives change the rest lengths of {_listed(names)} as little as balances "
+        "the load: "
+        "of all sets of forces these are the nearest to those of the given lengths; "
+        "`equilibrium` "
         "keeps the lengths and moves the body"
     )
     return Note(

@@ -1,9 +1,11 @@
 r"""Kinematic trees of one-degree-of-freedom joints, computed by Pinocchio.
 
-Every joint has one coordinate and a constant axis (`cartstiff.mechanisms.tree_building` rewrites
-any Pinocchio model so). The second derivative of every pose is then a Lie bracket,
+Every joint has one coordinate and a constant axis (`cartstiff.mechanisms.tree_building`
+rewrites any Pinocchio model so). The second derivative of every pose is then a Lie
+bracket,
 
-    d J[:, a] / d q_b = [J_a, J_b]   for joint a before joint b on the way to the frame, else 0,
+    d J[:, a] / d q_b = [J_a, J_b] for joint a before joint b on the way to the frame,
+    else 0,
 
 exact, with no tensor; Pinocchio's own second derivatives are not used.
 """
@@ -27,7 +29,8 @@ from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import Coordinate
 from cartstiff.potentials.contract import POSE, Evaluation, SecondOrderMap, rescaled
 
-#: Largest number for a tree. Pinocchio's workspace grows with its cube: 200 take 0.3 GB, 600 7 GB.
+#: Largest number for a tree. Pinocchio's workspace grows with its cube: 200 take 0.3 GB,
+#: 600 7 GB.
 MOST_COORDINATES = 200
 
 
@@ -45,8 +48,8 @@ def check_coordinates(model: pin.Model) -> None:
         )
 
 
-# Successive one-coordinate joints that replace joints with several coordinates, in the order of
-# Pinocchio's own configuration, translations before rotations.
+# Successive one-coordinate joints that replace joints with several coordinates, in the
+# order of Pinocchio's own configuration, translations before rotations.
 _EXPANSIONS: dict[str, tuple[tuple[str, str], ...]] = {
     "JointModelSpherical": (("x", "RX"), ("y", "RY"), ("z", "RZ")),
     "JointModelSphericalZYX": (("z", "RZ"), ("y", "RY"), ("x", "RX")),
@@ -74,7 +77,9 @@ _UNBOUNDED = {"JointModelRUBX": "RX", "JointModelRUBY": "RY", "JointModelRUBZ": 
 
 
 def _axis(joint: Any) -> Array:
-    """Axis of an unbounded revolute joint, which has no attribute for it, by a turn of 90 deg."""
+    """Axis of an unbounded revolute joint, which has no attribute for it,
+    by a turn of 90 deg.
+    """
     model = pin.Model()
     model.addJoint(0, joint, pin.SE3.Identity(), "joint")
     data = pin.Data(model)
@@ -96,7 +101,10 @@ def axis_coordinate(name: str, kind: str) -> Coordinate:
 def add_joint(
     model: pin.Model, parent: int, joint: Any, T: Array, name: str, limits: ArrayLike
 ) -> int:
-    """Add a joint with one coordinate and its limits to a model; return the joint's index."""
+    """Add a joint with one coordinate and its limits to a model.
+
+    Return the joint's index.
+    """
     unbounded = np.full(1, np.inf)  # efforts and velocities
     lower, upper = np.array(limits, float)[:, None]
     added = model.addJoint(
@@ -106,7 +114,7 @@ def add_joint(
 
 
 def expansion(joint: Any, name: str) -> list[tuple[str, str, Any, Array]]:
-    """Return the one-coordinate joints (name, type, model, placement) that replace `joint`.
+    """The one-coordinate joints (name, type, model, placement) that replace `joint`.
 
     Raises
     ------
@@ -144,14 +152,15 @@ def expansion(joint: Any, name: str) -> list[tuple[str, str, Any, Array]]:
         return every
     raise InputError(
         f"joint {name!r} has a type that is not supported",
-        expected="revolute, continuous, prismatic, helical, universal, spherical, planar, "
+        expected="revolute, continuous, prismatic, helical, universal, spherical, "
+        "planar, "
         "translation, free or a composite of these",
         got=short,
     )
 
 
 def standing(model: pin.Model, i: int, q: Array) -> Any:
-    """Return the pose ``T_parent_i`` of a joint at a configuration, as Pinocchio's SE3."""
+    """The pose ``T_parent_i`` of a joint at a configuration, as Pinocchio's SE3."""
     joint = model.joints[i]
     data = joint.createData()
     joint.calc(data, q)
@@ -159,7 +168,10 @@ def standing(model: pin.Model, i: int, q: Array) -> Any:
 
 
 def planar(name: str, axis: Array) -> list[tuple[str, str, Any, Array]]:
-    """Return a planar joint across an axis; the least turn of z to the axis gives its x and y."""
+    """Return a planar joint across an axis.
+
+    The least turn of z to the axis gives its x and y.
+    """
     z = np.array([0.0, 0.0, 1.0])
     R = pin.Quaternion.FromTwoVectors(z, axis).toRotationMatrix()
     slides = [pin.JointModelPrismaticUnaligned(R[:, i]) for i in range(2)]
@@ -225,8 +237,8 @@ class Route:
     Attributes
     ----------
     order : ndarray of int
-        Joints (counted from 0) in the order of the path: from frame a up to the common ancestor,
-        then down to frame b.
+        Joints (counted from 0) in the order of the path: from frame a up to the common
+        ancestor, then down to frame b.
     signs : ndarray
         For every joint of the tree: -1 on the path up, +1 on the path down, 0 elsewhere.
     """
@@ -288,7 +300,8 @@ class KinematicTree:
     def workspace(self) -> Iterator[Any]:
         """Provide Pinocchio's workspace of the model, one for each simultaneous use.
 
-        Workspaces cost more to make than to use, and grow with the cube of the coordinates.
+        Workspaces cost more to make than to use, and grow with the cube of the
+        coordinates.
         """
         try:
             data = self._workspaces.pop()
@@ -311,10 +324,11 @@ class KinematicTree:
 
     @cached_property
     def depth_first(self) -> tuple[KinematicTree, NDArray[np.intp]]:
-        """Tree in depth-first order of the joints, and the indices of its coordinates in this one.
+        """Tree in depth-first order of the joints, and the indices of its coordinates
+        in this one.
 
-        Pinocchio's mass matrix and derivatives of gravity require this order. The tree itself is
-        returned where it has this order.
+        Pinocchio's mass matrix and derivatives of gravity require this order. The tree
+        itself is returned where it has this order.
         """
         here = np.arange(self.model.nv)
         supports = [{0, *self.support(j)} for j in range(self.model.njoints)]
@@ -377,7 +391,7 @@ class KinematicTree:
         return self._paths[key]
 
     def _with_model(self, model: pin.Model) -> KinematicTree:
-        """Return the tree with another model of the same joints, which shares its workspaces."""
+        """The tree with another model of the same joints, which shares its workspaces."""
         other = KinematicTree(
             model, self.coordinates, self.frames, self.mimic, self.offset
         )
@@ -394,7 +408,8 @@ class KinematicTree:
     ) -> int:
         """Add a joint with its masses to another model; return its index there.
 
-        The joint keeps its placement in its parent; one on the ground is placed from ``T_root``.
+        The joint keeps its placement in its parent; one on the ground is placed from
+        ``T_root``.
         """
         own = self.model
         placement = own.jointPlacements[joint]
@@ -416,9 +431,10 @@ class KinematicTree:
         masses: Mapping[int, float] | None = None,
         frames: Mapping[str, FixedFrame] | None = None,
     ) -> KinematicTree:
-        """Return the tree with other poses ``T_parent_joint``, masses [kg] of joints, or frames.
+        """The tree with other poses ``T_parent_joint``, masses [kg] of joints, or frames.
 
-        Joints are counted from 1. Mass centres, and moments of inertia about them, do not change.
+        Joints are counted from 1. Mass centres, and moments of inertia about them, do not
+        change.
         """
         model = self.model.copy()
         for joint, T in (placements or {}).items():
@@ -431,7 +447,9 @@ class KinematicTree:
         return other
 
     def with_zeros(self, zeros: Mapping[str, float]) -> KinematicTree:
-        """Return the tree whose joints stand at these positions by name where they are 0 here."""
+        """Return the tree whose joints stand at these positions by name where
+        they are 0 here.
+        """
         if not zeros:
             return self
         z = np.array([zeros.get(name, 0.0) for name in self.names])
@@ -484,7 +502,7 @@ class KinematicTree:
         return full
 
     def placements(self) -> list[Array]:
-        """Return the poses ``T_parent_joint`` of all joints, in their order from joint 1."""
+        """The poses ``T_parent_joint`` of all joints, in their order from joint 1."""
         return [np.array(T.homogeneous) for T in list(self.model.jointPlacements)[1:]]
 
     def screws(self) -> Array:
@@ -499,13 +517,17 @@ class KinematicTree:
         return screws
 
     def masses(self) -> tuple[Array, Array]:
-        """Return masses (joints,) that the joints carry, and their centres (joints, 3) there."""
+        """Return masses (joints,) that the joints carry, and their centres
+        (joints, 3) there.
+        """
         inertias = list(self.model.inertias)[1:]
         centres = np.array([body.lever for body in inertias]).reshape(-1, 3)
         return np.array([body.mass for body in inertias]), centres
 
     def links(self) -> dict[int, str]:
-        """Return the name of the first link or site on each joint, by the joint's index from 1."""
+        """Return the name of the first link or site on each joint,
+        by the joint's index from 1.
+        """
         names: dict[int, str] = {}
         for name, placement in self.frames.items():
             if placement.joint > 0:
@@ -544,7 +566,9 @@ class TreeState:
         return np.array([poses[joint] for joint in joints])
 
     def relative(self, a: FixedFrame, b: FixedFrame) -> tuple[Array, SecondOrderMap]:
-        """Return the pose ``T_a_b`` and its map: body twist of b against a, in components of b."""
+        """Return the pose ``T_a_b`` and its map: body twist of b against a,
+        in components of b.
+        """
         T_F_b, path = self.pose(b), self.tree.path(a.joint, b.joint)
         J = pin.SE3(T_F_b).toActionMatrixInverse().dot(self._twists).take(SWAP, axis=0)
         J *= path.signs
@@ -574,7 +598,9 @@ class TreeState:
         return full if (M := self.tree.mimic) is None else np.asarray(M.T @ full @ M)
 
     def momentum(self) -> tuple[Array, float, Array]:
-        """Momentum (6, n) about F's origin per coordinate rate, mass of the tree, its centre."""
+        """Momentum (6, n) about F's origin per coordinate rate, mass of the tree,
+        its centre.
+        """
         model = self.tree.model
         with self.tree.workspace() as data:
             pin.ccrba(model, data, self.q, np.zeros(model.nv))

@@ -1,7 +1,7 @@
 """Rewrite Pinocchio models as plain trees; join and extend such trees.
 
-Continuous joints become plain revolutes, spherical, planar and composite joints are expanded,
-locked joints become links, compliant links get six virtual joints.
+Continuous joints become plain revolutes, spherical, planar and composite joints are
+expanded, locked joints become links, compliant links get six virtual joints.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ from cartstiff.mechanisms.tree import (
 
 
 def find_frame(model: pin.Model, name: str) -> Any:
-    """Return Pinocchio's frame of a name: a link before a site before a joint of the same name.
+    """Return Pinocchio's frame of a name: a link before a site before a joint of
+    the same name.
 
     Raises
     ------
@@ -91,13 +92,14 @@ def plain_tree(
     model : pinocchio.Model
         Any model; it is not modified.
     keep : collection of int, optional
-        Indices of joints that stay movable; all others become links at their neutral position.
-        Default: all.
+        Indices of joints that stay movable; all others become links at their neutral
+        position. Default: all.
     locked : mapping of int to float, optional
         Positions of one-coordinate joints that become links.
     flexible : mapping of str to Give, optional
-        Compliant links by frame name: virtual joints are added there, which carry everything that
-        the link carries; the link's own frame and mass stay at the near side.
+        Compliant links by frame name: virtual joints are added there, which carry
+        everything that the link carries; the link's own frame and mass stay at the near
+        side.
     planar_axes : mapping of str to ndarray (3,), optional
         Unit normals of the planes in which planar joints move, by joint name; default z.
 
@@ -113,8 +115,9 @@ def plain_tree(
     for index, value in locked.items():
         set_position(model, index, value, fixed_q)
     still = [i for i in range(1, model.njoints) if i not in kept]
-    # Pinocchio joins links faster than the loop below. It crashes where a joint has no frame of its
-    # own (joints from files have one), and refuses several frames of one name.
+    # Pinocchio joins links faster than the loop below. It crashes where a joint has no
+    # frame of its own (joints from files have one), and refuses several frames of one
+    # name.
     joints = list(model.names)[1:]
     if (
         still
@@ -138,13 +141,16 @@ def plain_tree(
     rotors: list[DeflectionMass] = []
 
     def side(frame: int, joint: int) -> Place:
-        """Place that carries a frame on a joint: the joint, or the last spring that carries it."""
+        """Place that carries a frame on a joint: the joint,
+        or the last spring that carries it.
+        """
         if joint not in beyond:
             return near[joint]
         carriers = [place for carried, place in beyond[joint] if frame in carried]
         if frame == UNFRAMED and len(carriers) > 1:
             raise InputError(
-                "several compliant links are fixed together, and a joint has no frame that tells "
+                "several compliant links are fixed together, and a joint has no frame "
+                "that tells "
                 "which of them carries it",
                 expected="a frame for each joint",
             )
@@ -275,7 +281,9 @@ def _block_diagonal(blocks: Sequence[Array]) -> Array:
 def extended(
     tree: KinematicTree, frame: str, joints: Sequence[tuple[str, str]], end: str
 ) -> KinematicTree:
-    """Return the tree with more joints (name, kind as "RX") from a frame to a new frame `end`."""
+    """Return the tree with more joints (name, kind as "RX") from a frame to a new
+    frame `end`.
+    """
     at = tree.placement(frame)
     model = tree.model.copy()
     joint, T = at.joint, at.T_j_f

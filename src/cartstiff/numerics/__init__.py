@@ -1,4 +1,6 @@
-"""The numeric policy, and inverses, bases and eigenvalues that keep the digits that are there."""
+"""The numeric policy, and inverses, bases and eigenvalues that keep the digits
+that are there.
+"""
 
 # ruff: noqa: F403 - each module says what it holds
 

@@ -1,4 +1,6 @@
-"""Bases of motions in which the stiffness of soft springs is not lost beside stiff ones."""
+"""Bases of motions in which the stiffness of soft springs is not lost
+beside stiff ones.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +17,10 @@ def stiffness_scaled_basis(
 ) -> tuple[Array, NDArray[np.intp]]:
     r"""Basis of given motions in which soft springs are not lost beside stiff ones.
 
-    The stiffest coordinates that determine the motions are *leading*: each motion moves one of them
-    by 1 and the others not at all; softer coordinates follow. A stiff spring is then in its own row
-    and column of the stiffness matrix only. A coordinate that is stiffer than the leading one and
-    moves by less than `RANK` is set to zero.
+    The stiffest coordinates that determine the motions are *leading*: each motion moves
+    one of them by 1 and the others not at all; softer coordinates follow. A stiff spring
+    is then in its own row and column of the stiffness matrix only. A coordinate that is
+    stiffer than the leading one and moves by less than `RANK` is set to zero.
 
     Parameters
     ----------
@@ -27,8 +29,8 @@ def stiffness_scaled_basis(
     stiffness : ndarray, shape (n,)
         Stiffness of each coordinate, not negative.
     across : ndarray, shape (n, n - f), optional
-        Independent columns orthogonal to the motions; with them the cost depends on the lesser of f
-        and n - f.
+        Independent columns orthogonal to the motions; with them the cost depends on the
+        lesser of f and n - f.
 
     Returns
     -------
@@ -57,7 +59,9 @@ def stiffness_scaled_basis(
 
 
 def first_independent(columns: Array) -> NDArray[np.intp]:
-    """Indices (m,) of independent columns of a matrix (m, n) of rank m, the largest first."""
+    """Indices (m,) of independent columns of a matrix (m, n) of rank m,
+    the largest first.
+    """
     m = len(columns)
     chosen = np.empty(m, np.intp)
     size = np.einsum("ij,ij->j", columns, columns)

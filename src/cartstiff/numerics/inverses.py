@@ -32,9 +32,11 @@ def inverted(matrices: Array) -> Array:
 
 
 def equilibration(matrix: ArrayLike) -> Array:
-    r"""Sizes s (..., n) so that the largest entries of ``M[i, j] / (s_i s_j)`` are about 1.
+    r"""Sizes s (..., n) so that the largest entries of ``M[i,
+    j] / (s_i s_j)`` are about 1.
 
-    The sizes come from the diagonal, or from larger entries beside it. A row of zeros has size 1.
+    The sizes come from the diagonal, or from larger entries beside it. A row of zeros has
+    size 1.
     """
     size = np.abs(np.asarray(matrix, float))
     s: Array = np.sqrt(size.diagonal(0, -2, -1))
@@ -88,7 +90,8 @@ def invert(
 
 
 def invert_each(matrices: Array, sizes: ArrayLike | None = None) -> tuple[Array, Array]:
-    """`invert` for each of a stack of square matrices; symmetric inverses to round-off only.
+    """`invert` for each of a stack of square matrices; symmetric inverses to
+    round-off only.
 
     Returns
     -------
@@ -114,13 +117,18 @@ def _squares(matrices: Array) -> Array:
 
 
 def inverse_of_sum(inverse: Array, change: Array) -> Array | None:
-    r"""``(M + D)^-1 = C (1 + D C)^-1`` from ``C = M^-1``, without M; None if there is none."""
+    r"""``(M + D)^-1 = C (1 + D C)^-1`` from ``C = M^-1``, without M;
+    None if there is none.
+    """
     (one,), _ = inverses_of_sums(inverse[None], change[None])
     return None if np.isnan(one).any() else np.asarray(one)
 
 
 def inverses_of_sums(inverses: Array, changes: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """`inverse_of_sum` of stacks (N, n, n), NaN where there is none; where no digits are lost."""
+    """`inverse_of_sum` of stacks (N, n, n), NaN where there is none.
+
+    Where no digits are lost.
+    """
     exists = np.isfinite(inverses + changes).all(axis=(1, 2))
     factors = np.eye(inverses.shape[2]) + changes @ inverses
     factors[~exists] = 0.0

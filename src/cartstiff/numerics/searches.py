@@ -1,4 +1,6 @@
-"""Newton's method with steps of least norm, limits of a step, and criteria for the end."""
+"""Newton's method with steps of least norm, limits of a step,
+and criteria for the end.
+"""
 
 from __future__ import annotations
 
@@ -28,11 +30,13 @@ def least_change(
     rank: float = RANK,
     weights: Array | float = 1.0,
 ) -> tuple[T, float, int]:
-    """The point near x with the least residual, that residual, and the number of evaluations.
+    """The point near x with the least residual, that residual,
+    and the number of evaluations.
 
-    The search ends at `ATTAINABLE_PRECISION`; below `tolerance` once a step no longer halves the
-    residual; after `MAX_FUTILE_STEPS` consecutive whole steps without progress, at a minimum
-    that is not zero; and when steps are too small to change the point.
+    The search ends at `ATTAINABLE_PRECISION`; below `tolerance` once a step no longer
+    halves the residual; after `MAX_FUTILE_STEPS` consecutive whole steps without
+    progress, at a minimum that is not zero; and when steps are too small to change the
+    point.
 
     Parameters
     ----------
@@ -49,7 +53,8 @@ def least_change(
     tolerance : float
         Largest residual that is accepted when steps no longer halve it.
     rank : float
-        Share of the largest singular value of the rates below which directions are not used.
+        Share of the largest singular value of the rates below which directions are not
+        used.
     weights : ndarray (n,) or float
         Relative mobility of the coordinates.
     """

@@ -17,8 +17,9 @@ _STEPS = 10
 def shortest_above(G: Array, g: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Shortest y with ``G y >= g``, and whether there is one, for stacks of p systems.
 
-    By the dual active set method ([GoldfarbIdnani]_): from y = 0 the row that is missed most
-    enters the active ones, which are met exactly, and rows whose multipliers reach zero leave.
+    By the dual active set method ([GoldfarbIdnani]_): from y = 0 the row that is missed
+    most enters the active ones, which are met exactly, and rows whose multipliers reach
+    zero leave.
 
     Parameters
     ----------
@@ -32,8 +33,8 @@ def shortest_above(G: Array, g: Array) -> tuple[Array, NDArray[np.bool_]]:
     y : ndarray (p, d)
         Zero where there is none.
     exists : ndarray of bool (p,)
-        Whether y misses no row by more than `BALANCE_TOLERANCE`, and is not longer than the
-        inverse root of that.
+        Whether y misses no row by more than `BALANCE_TOLERANCE`, and is not longer than
+        the inverse root of that.
     """
     p, r, d = G.shape
     y, exists = np.zeros((p, d)), np.zeros(p, bool)
@@ -67,7 +68,8 @@ class _ActiveSets:
     ----------
     which : ndarray of int (p,)
     G, g : ndarray (p, r + 1, d), (p, r + 1)
-        The rows, and one of zeros, number r, that fills free places of `active` and `enters`.
+        The rows, and one of zeros, number r, that fills free places of `active` and
+        `enters`.
     sizes, tolerance : ndarray (p, r + 1), (p, 1)
         Norms of the rows, and what may be missed by round-off.
     y : ndarray (p, d)
@@ -128,7 +130,10 @@ class _ActiveSets:
         return np.asarray(missing)
 
     def choose(self, missing: Array) -> NDArray[np.bool_]:
-        """Let the row enter that is missed most where none does; whether none is missed."""
+        """Let the row enter that is missed most where none does.
+
+        Whether none is missed.
+        """
         is_free = self.enters == self.none
         relative = np.where(missing > self.tolerance, missing / self.sizes, 0.0)
         self.enters = np.where(is_free, relative.argmax(axis=1), self.enters)
@@ -152,7 +157,8 @@ class _ActiveSets:
         each = np.arange(len(self.which))
         A, gram = self._rows()
         n, left = self.G[each, self.enters], missing[each, self.enters]
-        # z: what y gains along n while the active rows stay met; s: what their multipliers lose.
+        # z: what y gains along n while the active rows stay met; s: what their
+        # multipliers lose.
         s = np.linalg.solve(gram, (A @ n[:, :, None]))[:, :, 0]
         z = n - (s[:, None, :] @ A)[:, 0]
         gain = (z * n).sum(axis=1)
@@ -182,7 +188,9 @@ class _ActiveSets:
         return np.asarray(goes_on)
 
     def exact(self) -> Array:
-        """Shortest y (p, d) that meets the active rows, without the round-off of the steps."""
+        """Shortest y (p, d) that meets the active rows, without the round-off
+        of the steps.
+        """
         A, gram = self._rows()
         wanted, y = np.take_along_axis(self.g, self.active, axis=1), np.zeros_like(self.y)
         for _ in range(3):  # the last two correct the round-off of the squared rows

@@ -17,27 +17,30 @@ def eigenvalues(
 ) -> Array:
     r"""Eigenvalues of symmetric matrices with their signs, smallest first.
 
-    A matrix M of doubles determines its eigenvalues to about ``EPSILON |M|``, its inverse C their
-    inverses to ``EPSILON |C|``: the k largest (by size) are taken from M, the others from C, with
-    the k that makes the largest error least. A well-conditioned matrix needs no inverse. Without an
-    inverse, eigenvalues below `ZERO_SHARE` times the largest become exactly zero.
+    A matrix M of doubles determines its eigenvalues to about ``EPSILON |M|``, its inverse
+    C their inverses to ``EPSILON |C|``: the k largest (by size) are taken from M, the
+    others from C, with the k that makes the largest error least. A well-conditioned
+    matrix needs no inverse. Without an inverse, eigenvalues below `ZERO_SHARE` times the
+    largest become exactly zero.
 
     Parameters
     ----------
     matrix : array_like, shape (..., n, n)
         Only the symmetric part counts.
     inverse : array_like, shape (..., n, n), optional
-        Inverse of each matrix; NaN if there is none. If the matrix is NaN, the inverse alone is
-        used.
+        Inverse of each matrix; NaN if there is none. If the matrix is NaN, the inverse
+        alone is used.
     losses : tuple of float
-        Relative errors of matrix and inverse, divided by `EPSILON`; more than 1 for differences.
+        Relative errors of matrix and inverse, divided by `EPSILON`; more than 1 for
+        differences.
     doubtful : bool
         Whether to return eigenvalues with an error above `LOST_ERROR`, too.
 
     Returns
     -------
     ndarray, shape (..., n)
-        NaN if neither matrix is known, or if one of the values has an error above `LOST_ERROR`.
+        NaN if neither matrix is known, or if one of the values has an error above
+        `LOST_ERROR`.
     """
     a = _of_symmetric(matrix)
     n = a.shape[-1]
@@ -85,7 +88,8 @@ def eigenpairs(
     if _errors(*sizes, cut, losses)[0] > LOST_ERROR:
         return np.full(len(a), np.nan), u
     i, j = i[: cut[0]], j[cut[0] :]
-    # The vectors of two matrices are not exactly orthogonal: the first keep their directions.
+    # The vectors of two matrices are not exactly orthogonal: the first keep their
+    # directions.
     q, r = np.linalg.qr(np.concatenate((u[:, i], v[:, j]), axis=1))
     vectors = np.where(r.diagonal() < 0.0, -q, q)
     values = np.concatenate((a[i], c[j]))
@@ -124,7 +128,10 @@ def _of_symmetric(matrix: ArrayLike) -> Array:
 
 
 def without_roundoff(values: Array, size: float | Array) -> Array:
-    """Eigenvalues of a matrix whose terms have a size; those that are its round-off are zero."""
+    """Eigenvalues of a matrix whose terms have a size.
+
+    Those that are its round-off are zero.
+    """
     return np.where(np.abs(values) <= ZERO_SHARE * size, 0.0, values)
 
 
@@ -151,7 +158,9 @@ def _merged(a: Array, c: Array, losses: tuple[float, float], doubtful: bool) -> 
 def _errors(
     a: Array, c: Array, k: NDArray[np.intp], losses: tuple[float, float]
 ) -> Array:
-    """Largest relative error (m,) if k are taken from a, the others from c, both sizes (m, n)."""
+    """Largest relative error (m,) if k are taken from a, the others from c,
+    both sizes (m, n).
+    """
     rows = np.arange(len(a))
     with np.errstate(divide="ignore", invalid="ignore"):
         of_a = losses[0] * a[:, 0] / a[rows, np.maximum(k, 1) - 1]
@@ -168,14 +177,18 @@ def _cut(sizes_a: Array, sizes_c: Array, losses: tuple[float, float]) -> NDArray
     with np.errstate(divide="ignore", invalid="ignore"):
         cost[:, 1:] = losses[0] * sizes_a[:, :1] / sizes_a
         cost[:, :-1] = np.maximum(cost[:, :-1], losses[1] * sizes_c / sizes_c[:, -1:])
-        # No cut between equal sizes: their order, and with it their signs, may differ in a and c.
+        # No cut between equal sizes: their order, and with it their signs, may differ in
+        # a and c.
         equal = sizes_a[:, :-1] < (1.0 + 1e-6) * sizes_c[:, 1:]
     cost[:, 1:-1][equal & (cost[:, 1:-1] < np.minimum(cost[:, :1], cost[:, -1:]))] *= 1e3
     return np.argmin(np.where(np.isnan(cost), np.inf, cost), axis=-1)
 
 
 def condition(values: ArrayLike) -> Array:
-    """Largest over smallest absolute eigenvalue (...); infinite if one is zero, NaN if unknown."""
+    """Largest over smallest absolute eigenvalue (...).
+
+    Infinite if one is zero, NaN if unknown.
+    """
     size = np.abs(np.asarray(values, float))
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = size.max(axis=-1) / size.min(axis=-1)
@@ -197,7 +210,9 @@ def singular_values(matrix: Array) -> Array:
 
 
 def ratios(matrices: Array) -> Array:
-    """Smallest over largest singular value of each matrix of a stack; 0 where all vanish."""
+    """Smallest over largest singular value of each matrix of a stack;
+    0 where all vanish.
+    """
     values = singular_values(matrices)
     return np.asarray(values[..., -1] / np.maximum(values[..., 0], TINY))
 

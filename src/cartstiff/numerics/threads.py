@@ -29,12 +29,13 @@ _before: list[tuple[Any, int]] = []
 
 @contextmanager
 def one_thread(rows: int | None = None) -> Iterator[None]:
-    """Use one thread of BLAS for matrices with `rows` rows, or, without rows, for many matrices.
+    """Use one thread of BLAS for matrices with `rows` rows, or, without rows,
+    for many matrices.
 
-    An active thread of BLAS polls for more work for a while, on a processor that the threads of a
-    map need. The number of threads belongs to the process: it is restored when the last context
-    ends. Enter the context for many matrices in the main thread: once that has set the number,
-    OpenBLAS 0.3.30 and 0.3.31 ignore other threads.
+    An active thread of BLAS polls for more work for a while, on a processor that the
+    threads of a map need. The number of threads belongs to the process: it is restored
+    when the last context ends. Enter the context for many matrices in the main thread:
+    once that has set the number, OpenBLAS 0.3.30 and 0.3.31 ignore other threads.
     """
     global _inside
     if rows is not None and not _LEAST_ROWS <= rows < _LARGEST_ROWS:
@@ -61,7 +62,10 @@ def one_thread(rows: int | None = None) -> Iterator[None]:
 
 
 def _blas() -> list[Any]:
-    """The BLAS libraries of this process; SciPy loads its own when it is first imported."""
+    """The BLAS libraries of this process.
+
+    SciPy loads its own when it is first imported.
+    """
     with_scipy = "scipy.linalg" in sys.modules
     if with_scipy not in _libraries:
         from threadpoolctl import ThreadpoolController

@@ -139,14 +139,14 @@ def show(
     Returns
     -------
     Page or StaticPage
-        As the last expression of a notebook's cell it is displayed there. A `Page` is served until
-        `close`, or until Python ends.
+        As the last expression of a notebook's cell it is displayed there. A `Page` is
+        served until `close`, or until Python ends.
 
     Raises
     ------
     InputError
-        For a posture, wrench or trajectory that does not fit; CartstiffError if there is no
-        posture.
+        For a posture, wrench or trajectory that does not fit; CartstiffError if there is
+        no posture.
     MissingDependencyError
         Without tornado or meshcat.
     """

@@ -1,9 +1,11 @@
-"""The program of a page that computes in the browser: recorded formulas as JavaScript, and words.
+"""The program of a page that computes in the browser: recorded formulas as JavaScript,
+and words.
 
-`cartstiff.batch` records the formulas of arms, closed chains and bodies on straight legs. Printed
-as JavaScript they compute pose, Jacobian, load and stiffness of any posture, under any load and
-with any springs, without a server, and the steps that close a closed chain. ``static/program.js``
-derives all other numbers from these. It refuses a posture that the recorded formulas do not cover.
+`cartstiff.batch` records the formulas of arms, closed chains and bodies on straight legs.
+Printed as JavaScript they compute pose, Jacobian, load and stiffness of any posture,
+under any load and with any springs, without a server, and the steps that close a closed
+chain. ``static/program.js`` derives all other numbers from these. It refuses a posture
+that the recorded formulas do not cover.
 """
 
 from __future__ import annotations
@@ -64,8 +66,8 @@ class BrowserProgram:
     Attributes
     ----------
     script : str
-        Sets ``globalThis.cartstiffProgram``: a function without a given load, one with, and those
-        that take a step towards closure.
+        Sets ``globalThis.cartstiffProgram``: a function without a given load, one with,
+        and those that take a step towards closure.
     data : dict
         Numbers and words that ``static/program.js`` needs beside the functions.
     """
@@ -125,7 +127,8 @@ def browser_program(
             n: rows[0].tolist() for n, rows in {**free.shared, **loaded.shared}.items()
         },
         "words": _shared_words(),
-        # K^X - K^B of each kind of load at M's origin, (36, 6): follower is K^A, conservative K^K.
+        # K^X - K^B of each kind of load at M's origin, (36, 6): follower is K^A,
+        # conservative K^K.
         "changes": {
             kind: LoadKind(kind).change(np.eye(6)).reshape(6, 36).T  # type: ignore[arg-type]
             for kind in LOAD_KINDS
@@ -139,7 +142,7 @@ def browser_program(
 
 
 def _left_out(chosen: TracedModel) -> str | None:
-    """Return what the recorded formulas of a plan leave out; None if they are complete."""
+    """What the recorded formulas of a plan leave out; None if they are complete."""
     if getattr(chosen.case, "laws", ()):
         return "its nonlinear springs have no stiffness that could be set here"
     if chosen.settles:
@@ -156,7 +159,9 @@ def _left_out(chosen: TracedModel) -> str | None:
 def _link_deflection(
     chosen: TracedModel, names: tuple[str, ...]
 ) -> tuple[dict[str, Any] | None, str | None]:
-    """Return data and programs that deflect compliant links, or why the browser cannot do so."""
+    """Return data and programs that deflect compliant links,
+    or why the browser cannot do so.
+    """
     terms, case = chosen.untraced, chosen.case
     bends = chosen.settles and terms.beams and not terms.is_dense
     if not (bends and isinstance(case, ChainCase) and case.is_closed) or case.coupled:
@@ -290,7 +295,7 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
 
 
 def _some_assumed(elastic: ElasticMechanism) -> str | None:
-    """Return the words of a note on springs of which only those named at {} are assumed."""
+    """The words of a note on springs of which only those named at {} are assumed."""
     for note in elastic.notes:
         if note.code == "stiffness-assumed":
             values: Any = note.values
@@ -299,13 +304,15 @@ def _some_assumed(elastic: ElasticMechanism) -> str | None:
 
 
 def _always_illustrative(elastic: ElasticMechanism) -> bool:
-    """Whether springs of the file remain illustrative, whichever of the page's are replaced."""
+    """Whether springs of the file remain illustrative, whichever of the page's
+    are replaced.
+    """
     others = len(elastic.parted_terms()[0]) > 1 or not elastic.illustrative
     return elastic.is_illustrative and others
 
 
 def _doubted_legs(elastic: ElasticMechanism) -> dict[str, Any] | None:
-    """Return the legs whose stretch is doubted from a share of their length on, with units."""
+    """The legs whose stretch is doubted from a share of their length on, with units."""
     springs, units = elastic.springs, elastic.units
     if springs is None:
         return None

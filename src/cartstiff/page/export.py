@@ -1,9 +1,10 @@
 """The page as one file that opens anywhere without a network.
 
-The file of an arm, a closed chain or a body on straight legs computes: it has their formulas as
-JavaScript (`cartstiff.page.browser_program`). The browser cannot compute other mechanisms: their
-file has one posture, its numbers and its picture, and says so. The same input makes the same file.
-A live page gets the same data, so that it continues without its server.
+The file of an arm, a closed chain or a body on straight legs computes: it has their
+formulas as JavaScript (`cartstiff.page.browser_program`). The browser cannot compute
+other mechanisms: their file has one posture, its numbers and its picture, and says so.
+The same input makes the same file. A live page gets the same data, so that it continues
+without its server.
 """
 
 from __future__ import annotations
@@ -67,7 +68,8 @@ def export_page(
     source : Source
         The input of the page.
     elastic : ElasticMechanism, optional
-        The mechanism with the frame of interest that a tab has chosen; default the source's.
+        The mechanism with the frame of interest that a tab has chosen; default the
+        source's.
     state : ViewState, optional
         The state in which the file opens.
     picture : callable
@@ -111,7 +113,8 @@ def client_data(
 ) -> tuple[dict[str, Any], list[bytes]]:
     """Return the data of a page without a server, and the picture's commands.
 
-    With a `program` the page computes; with a reason instead it has the numbers of one posture.
+    With a `program` the page computes; with a reason instead it has the numbers of one
+    posture.
     """
     hello = session.hello().data
     if isinstance(program, str):
@@ -137,7 +140,9 @@ def _session(
     state: ViewState | None,
     picture: PictureMaker,
 ) -> tuple[Session, ViewState]:
-    """Return a session whose mechanism has commands, payload and gravity of a state; the state."""
+    """Return a session whose mechanism has commands, payload and gravity of a state;
+    the state.
+    """
     here = replace(source, elastic=elastic)
     session = Session(here, picture)
     first = session.start if state is None else state

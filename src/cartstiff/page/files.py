@@ -62,7 +62,8 @@ def page_files() -> dict[str, tuple[str, bytes]]:
     }
     files["/page/style.css"] = (_KINDS[".css"], page_style().encode())
     files["/"] = files.pop("/page/index.html")
-    # One script instead of one for each module, which a browser would ask for one after another.
+    # One script instead of one for each module, which a browser would ask for one after
+    # another.
     files["/page/main.js"] = (_KINDS[".js"], page_script().encode())
     files["/viewer.js"] = (_KINDS[".js"], viewer_script())
     return files
@@ -72,8 +73,8 @@ def page_files() -> dict[str, tuple[str, bytes]]:
 def page_script(main: str = _MAIN) -> str:
     """All modules that one of the page's needs as one, each after those that it imports.
 
-    Modules import by name from "./x.js" and export declarations only, so that taking both words
-    away and putting the files in order is all there is to do.
+    Modules import by name from "./x.js" and export declarations only, so that taking both
+    words away and putting the files in order is all there is to do.
     """
     done: dict[str, str] = {}
 
@@ -92,7 +93,8 @@ def page_script(main: str = _MAIN) -> str:
 
 
 def page_document(packed: bytes, title: str, more: str = "") -> str:
-    """The page as one file: data that the script unpacks, and `more` script behind the viewer's.
+    """The page as one file: data that the script unpacks,
+    and `more` script behind the viewer's.
 
     The policy of the file allows these scripts and no others.
     """
@@ -101,7 +103,8 @@ def page_document(packed: bytes, title: str, more: str = "") -> str:
         raise ValueError("the page's script must not hold its own end")
     policy = (
         f"default-src 'none'; script-src {_hash(script)} {_hash(viewer)}; "
-        "style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'"
+        "style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action "
+        "'none'"
     )
     head = (
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'

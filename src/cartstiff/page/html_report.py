@@ -1,4 +1,6 @@
-"""The report of one posture as one HTML file: the answer first, then picture and numbers."""
+"""The report of one posture as one HTML file: the answer first,
+then picture and numbers.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,8 @@ from cartstiff.toolpaths.better import better_posture
 from cartstiff.units import SI, Units, convert_length, engineering, sized
 from cartstiff.version import __version__
 
-# Values along the sweep of a coordinate, and how far it goes: rad, or characteristic lengths.
+# Values along the sweep of a coordinate, and how far it goes: rad, or characteristic
+# lengths.
 _COUNT, _REACH = 21, 0.5
 # Curves that have their names beside them.
 _NAMED_CURVES = 14
@@ -102,8 +105,8 @@ def report_page(
     Parameters
     ----------
     elastic : ElasticMechanism
-        The mechanism, with its springs; what carries gravity at the posture is chosen as in
-        `cartstiff.analyse`.
+        The mechanism, with its springs; what carries gravity at the posture is chosen as
+        in `cartstiff.analyse`.
     q : array_like (n,) or mapping, optional
         The posture without the load; default the mechanism's.
     wrench, load_kind, load_at, load_axes
@@ -158,7 +161,8 @@ def report_page(
         f'<section><h2>Made by</h2><p class="quiet"><code>{_text(command)}</code><br>'
         f"{', '.join(about)}</p></section>",
     ]
-    # One picture in three dimensions, of the worst posture: it is the largest part of the file.
+    # One picture in three dimensions, of the worst posture: it is the largest part of the
+    # file.
     worst = pages[0]
     parts.insert(5, worst.picture())
     return (
@@ -217,14 +221,17 @@ def _page(elastic: ElasticMechanism, start: Array, load: _Load, name: str) -> _P
     if legs := _legs(result):
         parts.append(f"<section><h2>Legs</h2>{legs}</section>")
     parts += [
-        f"<section><h2>Posture</h2>{_joints(result, start, analysis)}{_near(result)}</section>",
-        f"<section><h2>Load and weight</h2><ul>{_items(_acting(elastic, load))}</ul></section>",
+        f"<section><h2>Posture</h2>{_joints(result, start, analysis)}{_near(result)}</section>",  # noqa: E501
+        "<section><h2>Load and "
+        f"weight</h2><ul>{_items(_acting(elastic, load))}</ul></section>",
         f"<section><h2>Stiffness</h2>{_matrix(result, load)}</section>",
     ]
     if swept:
         parts.append(
-            "<section><h2>One joint at a time</h2><p>Displacement of the tip under the same load "
-            f"in the room, while one coordinate moves from here.</p><figure>{_plot(swept, elastic)}"
+            "<section><h2>One joint at a time</h2><p>Displacement of the tip under the "
+            "same load "
+            "in the room, while one coordinate moves from "
+            f"here.</p><figure>{_plot(swept, elastic)}"
             "</figure></section>"
         )
     return _Page(elastic, name, result, load, answer, said, "\n".join(parts))
@@ -269,8 +276,8 @@ class _Load:
     added : ndarray (6,) or None
         The load of the report, as it was given.
     held : ndarray (6,) or None
-        The wrench that holds the mechanism at the posture before the load, at the same point and
-        along the same axes; None if its springs hold it there.
+        The wrench that holds the mechanism at the posture before the load, at the same
+        point and along the same axes; None if its springs hold it there.
     kind : LoadKind
         Their behaviour while the body moves, and the point at which they act.
     axes : {"body", "world"}
@@ -294,7 +301,9 @@ class _Load:
         kind: LoadKind,
         axes: Literal["body", "world"],
     ) -> _Load:
-        """The load at a posture, with what holds the mechanism there by the springs' rest."""
+        """The load at a posture, with what holds the mechanism there by the
+        springs' rest.
+        """
         added = None if wrench is None else checked_vector(wrench, 6, "wrench")
         alone = analyse(elastic, q)
         held = None if alone.wrench is None else alone.shown_wrench(alone.wrench)
@@ -320,9 +329,11 @@ class _Load:
         return added if self.axes == "world" else _turned(self.pose[:3, :3], added)
 
     def result(self, elastic: ElasticMechanism, q: Array) -> PostureStiffness:
-        """The posture as `analyse` answers it: with the load where its springs can take it over.
+        """The posture as `analyse` answers it: with the load where its springs can
+        take it over.
 
-        Rest positions that the file gives are kept: then it is the posture before the load.
+        Rest positions that the file gives are kept: then it is the posture before the
+        load.
         """
         return analyse(
             elastic,
@@ -349,7 +360,10 @@ class _Load:
         )
 
     def analysis(self, result: PostureStiffness) -> dict[str, Any]:
-        """Analysis of a posture under all that acts; its deflection is that of the load alone."""
+        """Analysis of a posture under all that acts.
+
+        Its deflection is that of the load alone.
+        """
         if self.held is None:
             return analyse_posture(result)
         if self.added is None:
@@ -408,7 +422,9 @@ def _answer(
     analysis: dict[str, Any],
     answer: Answer,
 ) -> _Said:
-    """The answer: displacement, what contributes, stability, softest direction, what is better."""
+    """The answer: displacement, what contributes, stability, softest direction,
+    what is better.
+    """
     lines = [_under(elastic, load, result)]
     notes = {str(note): None for note in result.notes}
     ends: tuple[Array, Array | None] = (start, None)
@@ -460,9 +476,11 @@ def _moved(way: Array, length: float, load: _Load, elastic: ElasticMechanism) ->
     ]
     which = f", {_towards(moved, elastic)}" if far else ""
     return (
-        f"The tip moves {engineering(far, units.length)} ({', '.join(along)} {unit} along x, y, z "
+        f"The tip moves {engineering(far, units.length)} ({', '.join(along)} {unit} "
+        "along x, y, z "
         f"of the room){which}, under {_acting_words(load, elastic)}, and turns "
-        f"{engineering(angle, 'rad')}: from the equilibrium without the load to that with it."
+        f"{engineering(angle, 'rad')}: from the equilibrium without the load to that "
+        "with it."
     )
 
 
@@ -479,7 +497,8 @@ def _acting_words(load: _Load, elastic: ElasticMechanism) -> str:
     moment, force = np.split(load.in_room, 2)
     units = elastic.units
     parts = [
-        f"a {kind} of {engineering(float(np.linalg.norm(size)), unit)}, {_towards(size, elastic)}"
+        f"a {kind} of {engineering(float(np.linalg.norm(size)), unit)}, "
+        f"{_towards(size, elastic)}"
         for kind, size, unit in (
             ("force", force, units.force),
             ("moment", moment, units.moment),
@@ -490,7 +509,9 @@ def _acting_words(load: _Load, elastic: ElasticMechanism) -> str:
 
 
 def _linear(analysis: dict[str, Any], far: float, units: Units) -> list[str]:
-    """The displacement by the stiffness, where its four digits are not those of the equilibrium."""
+    """The displacement by the stiffness, where its four digits are not those of the
+    equilibrium.
+    """
     linear = resisted_deflection(analysis)
     if not linear:
         return []
@@ -509,7 +530,9 @@ _AT_THE_HEAD = ("stiffness-assumed", "held-by-lines", "open-loops")
 
 
 def _doubt(elastic: ElasticMechanism) -> str:
-    """Lines in amber: springs that are assumed, or illustrative by their file, and open loops."""
+    """Lines in amber: springs that are assumed, or illustrative by their file,
+    and open loops.
+    """
     lines = [
         f"{note.message[0].upper()}{note.message[1:]}."
         for note in elastic.notes
@@ -551,7 +574,10 @@ def _held(elastic: ElasticMechanism, load: _Load, result: PostureStiffness) -> s
 
 
 def _softest(answer: Answer) -> list[str]:
-    """Direction of the least stiffness against a force; nothing where a force is not resisted."""
+    """Direction of the least stiffness against a force.
+
+    Nothing where a force is not resisted.
+    """
     found = answer.extreme("softest")
     if found is None or found.stiffness is None:
         return []
@@ -666,7 +692,8 @@ def _legs(result: PostureStiffness) -> str:
 def _near(result: PostureStiffness) -> str:
     """How far the posture is from each kind of singularity."""
     return "".join(
-        f"<p>Distance to a singularity ({entry['kind']}): {entry['ratio']:.3g}, the smallest over "
+        f"<p>Distance to a singularity ({entry['kind']}): {entry['ratio']:.3g}, the "
+        "smallest over "
         "the largest singular value, lengths in "
         f"{engineering(entry['length'], result.units.length)}.</p>"
         for entry in distance_to_singularity(result)
@@ -679,7 +706,9 @@ def _quantity(value: float | None, unit: str) -> str:
 
 
 def _joints(result: PostureStiffness, q: Array, analysis: dict[str, Any]) -> str:
-    """Each coordinate and spring: position before the load, stiffness, share of the deflection."""
+    """Each coordinate and spring: position before the load, stiffness,
+    share of the deflection.
+    """
     elastic, units = result.elastic, result.elastic.units
     deflection = resisted_deflection(analysis)
     shares, links = shares_of_parts(deflection, elastic), links_of_coordinates(elastic)
@@ -739,7 +768,7 @@ def _table(rows: Sequence[Sequence[str]], head: Sequence[str] = ()) -> str:
     kept = [j for j in range(len(rows[0])) if any(row[j] for row in rows)] if rows else []
     cells = "".join(f"<th>{_text(head[j])}</th>" for j in kept if head)
     lines = ["".join(f"<td>{_text(row[j])}</td>" for j in kept) for row in rows]
-    return f"<table>{''.join(f'<tr>{line}</tr>' for line in (cells, *lines) if line)}</table>"
+    return f"<table>{''.join(f'<tr>{line}</tr>' for line in (cells, *lines) if line)}</table>"  # noqa: E501
 
 
 def _acting(elastic: ElasticMechanism, load: _Load) -> list[str]:
@@ -784,7 +813,9 @@ def _vector(values: Array, unit: str) -> str:
 
 
 def _matrix(result: PostureStiffness, load: _Load) -> str:
-    """The stiffness, in task axes where the body has fewer than six freedoms; or the compliance."""
+    """The stiffness, in task axes where the body has fewer than six freedoms;
+    or the compliance.
+    """
     units = result.units
     K = result.tangent if result.is_loaded else result.matrices["B"]
     name = "K, the tangent stiffness under the load" if result.is_loaded else "K"
@@ -814,7 +845,9 @@ _DIGITS = 4
 
 
 def _block_table(matrix: Array, names: Sequence[str], blocks: Mapping[str, str]) -> str:
-    """A matrix with four digits, each block in the unit in which people read its largest entry."""
+    """A matrix with four digits, each block in the unit in which people read its
+    largest entry.
+    """
     kinds = np.array(["t" if name in ("x", "y", "z") else "r" for name in names])
     small = numerics.PRINTED_AS_ZERO * np.abs(matrix).max()
     shown, units = np.where(np.abs(matrix) < small, 0.0, matrix), {}
@@ -847,7 +880,9 @@ def _ticks(low: float, high: float, count: int = 5) -> Array:
 
 
 def _plot(swept: dict[str, tuple[Array, Array]], elastic: ElasticMechanism) -> str:
-    """The sweeps as curves over the change of the coordinate, angles and lengths apart."""
+    """The sweeps as curves over the change of the coordinate,
+    angles and lengths apart.
+    """
     mm = convert_length(elastic.units, Units("mm", SI.force))[0]
     lengths = {c.name: c.is_length for c in elastic.mechanism.coordinates}
     finite = np.concatenate([y[np.isfinite(y)] for _, y in swept.values()])
@@ -872,7 +907,9 @@ def _curves(
     rises: Array,
     top: float,
 ) -> str:
-    """Curves (mm) over the change of coordinates, which is at most `reach` in its unit."""
+    """Curves (mm) over the change of coordinates,
+    which is at most `reach` in its unit.
+    """
     lines = [
         f'<path d="M50 {220 - 200 * x / top:.1f}h380" stroke="#ddd"/>'
         f'<text x="45" y="{224 - 200 * x / top:.1f}" text-anchor="end">{x:.4g}</text>'
@@ -887,7 +924,7 @@ def _curves(
     for i, (name, (x, y)) in enumerate(swept.items()):
         known, middle = np.isfinite(y), 0.5 * (x[0] + x[-1])
         drawn = "".join(
-            f"{'L' if k and known[k - 1] else 'M'}{240 + 190 * per * (x[k] - middle) / reach:.1f},"
+            f"{'L' if k and known[k - 1] else 'M'}{240 + 190 * per * (x[k] - middle) / reach:.1f},"  # noqa: E501
             f"{max(220 - 200 * mm * y[k] / top, 10):.1f}"
             for k in np.flatnonzero(known)
         )
@@ -900,7 +937,8 @@ def _curves(
                 f'<text x="440" y="{20 + 15 * i}" fill="{colour}">{_text(name)}</text>'
             )
     lines.append(
-        f'<text x="240" y="252" text-anchor="middle">change of the coordinate [{unit}], within '
+        f'<text x="240" y="252" text-anchor="middle">change of the coordinate [{unit}], '
+        "within "
         'the limits</text><text x="50" y="8">displacement of the tip [mm]</text>'
     )
     return (

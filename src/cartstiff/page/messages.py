@@ -1,7 +1,8 @@
 """The messages of a tab; all are checked here before anything is computed.
 
-Messages are JSON objects with the keys "id", "do" and "state", and for some kinds a few numbers.
-Nothing in them is a path, a command or a name that is looked up outside a fixed list.
+Messages are JSON objects with the keys "id", "do" and "state", and for some kinds a few
+numbers. Nothing in them is a path, a command or a name that is looked up outside a fixed
+list.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ _Axes = Literal["body", "world"]
 
 
 class _Strict(BaseModel):
-    # Tuples are lists in JSON, so strictness is required of the numbers and words themselves.
+    # Tuples are lists in JSON, so strictness is required of the numbers and words
+    # themselves.
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
@@ -61,25 +63,27 @@ class ViewState(_Strict):
     connection, quantity, axes
         Which matrix, stiffness or compliance, and along whose axes its components are.
     others : {"free", "held"}
-        Whether the other three freedoms are free or held in principal values and ellipsoids.
+        Whether the other three freedoms are free or held in principal values and
+        ellipsoids.
     point : (3,)
         Reference point in the frame M.
     stiffness : list of float or None
-        Stiffness of the joints or legs; None for the mechanism's own. In the list None is a rigid
-        joint.
+        Stiffness of the joints or legs; None for the mechanism's own. In the list None is
+        a rigid joint.
     load : (6,) or None
         Wrench (moment, force) that the environment applies, along `load_axes`.
     load_kind : {"dead", "follower", "conservative"}
         Behaviour of the load while the body moves.
     load_at : (3,) or None
-        Point in M at which the load acts; None for the reference point, and for the origin of M
-        where the springs decide what the load is.
+        Point in M at which the load acts; None for the reference point, and for the
+        origin of M where the springs decide what the load is.
     gravity : (3,) or None
         Acceleration in F in m/s^2; None for the mechanism's own.
     payload : (4,) or None
         A mass in kg on the body, and its centre in M.
     command : list of float or None
-        How far each spring's drive is commanded to move from `q`; the pose that results is shown.
+        How far each spring's drive is commanded to move from `q`; the pose that results
+        is shown.
     ghost : list of float or None
         A second posture, drawn pale.
     quantity_of_map : str or None
@@ -88,7 +92,8 @@ class ViewState(_Strict):
         The mode, from 1, whose nodal axis is drawn; None for no modes at all.
 
     measures : dict or None
-        How large the ellipsoids are drawn, by freedom; None for sizes that fit their values.
+        How large the ellipsoids are drawn, by freedom; None for sizes that fit their
+        values.
 
     The others say what the picture shows.
     """
@@ -144,7 +149,8 @@ class Towards(_Strict):
 
 
 class Draw(_Request):
-    """The numbers and the picture of a state; of the posture that follows a hand, if one pulls.
+    """The numbers and the picture of a state; of the posture that follows a hand,
+    if one pulls.
 
     With `lengths` that of the platform's legs, next to the state's.
     """
@@ -207,13 +213,18 @@ class Analysis(_Request):
 
 
 class Said(_Request):
-    """The answer at a posture in sentences, its displacement checked by the equilibrium."""
+    """The answer at a posture in sentences, its displacement checked by the
+    equilibrium.
+    """
 
     do: Literal["answer"]
 
 
 class Export(_Request):
-    """The page at this state as one file; the rest of the page's state is in `address`."""
+    """The page at this state as one file.
+
+    The rest of the page's state is in `address`.
+    """
 
     do: Literal["export"]
     address: str | None = Field(default=None, max_length=20_000)
@@ -267,8 +278,8 @@ def read_message(text: str | bytes) -> Message:
     Raises
     ------
     InputError
-        For a message that is too long, is no JSON, or holds an unknown key, a wrong type, or a
-        number that is not finite.
+        For a message that is too long, is no JSON, or holds an unknown key, a wrong type,
+        or a number that is not finite.
     """
     return _read(_MESSAGES, text)
 

@@ -48,11 +48,16 @@ class PageScene:
         return self._scene.draw(result, _appearance(state, nodal))
 
     def assets(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
-        """Every part that another state needs is sent; what places them, see `Scene.assets`."""
+        """Every part that another state needs is sent.
+
+        What places them, see `Scene.assets`.
+        """
         return self._scene.assets(result, _appearance(state))
 
     def along(self, postures: Sequence[MechanismPosture]) -> list[list[bytes]]:
-        """Commands that bring the mechanism from each posture to the next; no numbers change."""
+        """Commands that bring the mechanism from each posture to the next;
+        no numbers change.
+        """
         pictures = []
         for posture in postures:
             self._scene.move(posture)
@@ -60,7 +65,10 @@ class PageScene:
         return pictures
 
     def cloud(self, cloud: Cloud, quantity: str) -> dict[str, Any]:
-        """Draw a map's points, coloured by a quantity; returns the facts of the colour bar."""
+        """Draw a map's points, coloured by a quantity.
+
+        Returns the facts of the colour bar.
+        """
         values, words = cloud.values[quantity], None
         carried = {"value": values} | ({} if cloud.q is None else {"q": cloud.q})
         if values.dtype.kind == "U":  # a point carries the number of its word
@@ -71,7 +79,9 @@ class PageScene:
         return facts if words is None else facts | {"words": words.tolist()}
 
     def bounds(self, result: PostureStiffness) -> list[list[float]]:
-        """Two corners, in the viewer's units, of what has to be in the picture at a posture."""
+        """Two corners, in the viewer's units, of what has to be in the picture
+        at a posture.
+        """
         return self._scene.bounds(result).tolist()
 
     def changes(self) -> list[bytes]:

@@ -1,7 +1,7 @@
 """The drawing of a report: the robot, its load, and its pose under the load, exaggerated.
 
-Links are drawn as the outlines of their shapes, or as sticks where a file has none. It is plain
-SVG, so that it prints.
+Links are drawn as the outlines of their shapes, or as sticks where a file has none. It is
+plain SVG, so that it prints.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from cartstiff.units import Units, engineering
 
 # Pixels of a panel, and around it.
 _WIDTH, _HEIGHT, _ROOM = 320.0, 300.0, 26.0
-# Share of the picture's size by which the tip moves in it, and the largest turn of a joint (rad).
+# Share of the picture's size by which the tip moves in it, and the largest turn of a
+# joint (rad).
 _SHOWN, _TURN = 0.1, 0.5
 # Share of the size that arrows have, and of which a part along the view is not drawn.
 _ARROW, _HIDDEN = 0.2, 0.02
@@ -258,7 +259,7 @@ def _panel(
     if ghost is not None:
         yield from _figure(ghost, view, at, ("none", _GHOST), 0.9)
     (x, y), (u, v) = at(flange), at(tip)
-    yield f'<path d="M{x:.1f} {y:.1f}L{u:.1f} {v:.1f}" stroke="{_EDGE}" stroke-width="3"/>'
+    yield f'<path d="M{x:.1f} {y:.1f}L{u:.1f} {v:.1f}" stroke="{_EDGE}" stroke-width="3"/>'  # noqa: E501
     x, y = at(tip)
     yield f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{_TIP}"/>'
     if force is not None:
@@ -305,8 +306,9 @@ def _figure(
         flat = at(line)
         corners = " ".join(f"{x:.1f},{y:.1f}" for x, y in flat)
         yield (
-            f'<polyline points="{corners}" fill="none" stroke="{stroke}" stroke-width="3.5" '
+            f'<polyline points="{corners}" fill="none" stroke="{stroke}" '
+            'stroke-width="3.5" '
             f'stroke-linejoin="round" stroke-linecap="round" opacity="{opacity}"/>'
         )
         for x, y in flat:
-            yield f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="{stroke}" opacity="{opacity}"/>'
+            yield f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="{stroke}" opacity="{opacity}"/>'  # noqa: E501

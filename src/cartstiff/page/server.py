@@ -1,11 +1,11 @@
 """The page's server: one port of this machine, behind a token, bounded in everything.
 
-Files are a fixed table; nothing in a request is ever a path. A socket is opened only to a page of
-the same origin. Each tab has its own `Session`.
+Files are a fixed table; nothing in a request is ever a path. A socket is opened only to a
+page of the same origin. Each tab has its own `Session`.
 
-Any user of this machine reaches a port on it, and any web page can make a browser call one. What
-they do not know is the token in the page's address: without it every request gets a
-403 and nothing else.
+Any user of this machine reaches a port on it, and any web page can make a browser call
+one. What they do not know is the token in the page's address: without it every request
+gets a 403 and nothing else.
 """
 
 from __future__ import annotations
@@ -66,7 +66,8 @@ _HEADERS = {
 }
 
 _DOOR_POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src "
+    "data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 
@@ -74,8 +75,8 @@ _DOOR_POLICY = (
 def is_local_name(host_header: str, names: tuple[str, ...] = ()) -> bool:
     """Whether a Host header is an address, "localhost", or one of `names`.
 
-    A web page elsewhere can make a browser call this server under a name of its own; it cannot do
-    so under an address.
+    A web page elsewhere can make a browser call this server under a name of its own; it
+    cannot do so under an address.
     """
     host = host_header.rsplit(":", 1)[0] if not host_header.endswith("]") else host_header
     if host in ("localhost", *names):
@@ -108,7 +109,8 @@ class Guarded(RequestHandler):
 class _Refused(Guarded):
     """The same 403 for whatever comes without the token, or under a strange name.
 
-    People get it as a page that asks for the address; it keeps the state that a link holds.
+    People get it as a page that asks for the address; it keeps the state that a link
+    holds.
     """
 
     def send_error(self, status_code: int = 403, **_: Any) -> None:  # noqa: ARG002
@@ -134,7 +136,9 @@ class _Refused(Guarded):
 
 
 class Gate(Application):
-    """An application behind a token: its handlers see the address without it, as `inside`."""
+    """An application behind a token: its handlers see the address without it,
+    as `inside`.
+    """
 
     def __init__(
         self, handlers: Any, *, token: str, names: tuple[str, ...], **settings: Any
@@ -161,8 +165,9 @@ class Gate(Application):
 class GatedServer(HTTPServer):
     """An HTTP server on which no crowd can lock out a visitor with the token.
 
-    Connections stand in the order of their last request with the token, or of their beginning.
-    If there are too many, the address with most connections loses its first one.
+    Connections stand in the order of their last request with the token, or of their
+    beginning. If there are too many, the address with most connections loses its first
+    one.
     """
 
     def initialize(self, *arguments: Any, **options: Any) -> None:
@@ -205,13 +210,14 @@ _MOST_WAITING = 16
 _SLICE = 0.004
 # Time (s) between two checks whether dragging has ended.
 _POLL = 0.05
-# Pictures that follow each other faster than this (s) mean that the user is dragging. Curves wait
-# meanwhile: one of their postures may take longer than the next picture should.
+# Pictures that follow each other faster than this (s) mean that the user is dragging.
+# Curves wait meanwhile: one of their postures may take longer than the next picture
+# should.
 _DRAG_PAUSE = 0.25
 # Close code of a socket that is one too many; the page knows it.
 _FULL = 4029
-# Bytes in a message: an answer that is larger comes in pieces behind its size, and the page shows
-# how much of it has come.
+# Bytes in a message: an answer that is larger comes in pieces behind its size, and the
+# page shows how much of it has come.
 _PIECE = 65_536
 
 _ID = re.compile(r'"id": ?(\d{1,15})\b')
@@ -227,8 +233,8 @@ class TabSocket(Guarded, WebSocketHandler):
     def prepare(self) -> None:
         """Know the page; refuse a request that is not from a page of this server.
 
-        Every browser says where a page comes from. That is checked here, before tornado looks at
-        the request in its own way.
+        Every browser says where a page comes from. That is checked here, before tornado
+        looks at the request in its own way.
         """
         self._page: PageServer = self.application.settings["page"]
         origins = self.request.headers.get_list("Origin")
@@ -315,7 +321,8 @@ class TabSocket(Guarded, WebSocketHandler):
             self.push(refusal(late, message.id, message.do))
         self._awake.set()
 
-    # -- answering --------------------------------------------------------------------------
+    # -- answering
+    # --------------------------------------------------------------------------
 
     async def _serve(self) -> None:
         """Answer until the socket closes: what is quick first, slices of what is long."""
@@ -356,7 +363,9 @@ class TabSocket(Guarded, WebSocketHandler):
             await self.write_message(packed[start : start + _PIECE], binary=True)
 
     def _next(self, session: Session) -> Answer | None:
-        """The next answer, or None after a slice of a long one, or if nothing is asked."""
+        """The next answer, or None after a slice of a long one,
+        or if nothing is asked.
+        """
         if self._pushed:
             return self._pushed.popleft()
         message: Message
@@ -429,14 +438,19 @@ class TabSocket(Guarded, WebSocketHandler):
 
 
 def _number(text: str | bytes) -> int:
-    """The number of a message that could not be read, 0 if even that is not to be found."""
+    """The number of a message that could not be read,
+    0 if even that is not to be found.
+    """
     start = text[:200] if isinstance(text, str) else text[:200].decode("latin-1")
     match = _ID.search(start)
     return 0 if match is None else int(match.group(1))
 
 
 def _answered(message: Message, answer: Callable[[], Answer | None]) -> Answer | None:
-    """An answer, or the refusal that explains why there is none; a tab outlives any fault."""
+    """An answer, or the refusal that explains why there is none.
+
+    A tab outlives any fault.
+    """
     try:
         return answer()
     except CartstiffError as error:
@@ -446,7 +460,8 @@ def _answered(message: Message, answer: Callable[[], Answer | None]) -> Answer |
         return refusal(CartstiffError(words), message.id, message.do)
 
 
-# Beyond this a socket is closed; between `LARGEST_MESSAGE` and this the message is refused.
+# Beyond this a socket is closed; between `LARGEST_MESSAGE` and this the message is
+# refused.
 _LARGEST_FRAME = 1024 * 1024
 # A notebook shows the page in a frame; nothing on it can do harm by a click.
 _FRAMES = "'self' http://localhost:* http://127.0.0.1:* vscode-webview:"
@@ -469,12 +484,14 @@ class _File(Guarded):
         self.set_header(
             "Content-Security-Policy",
             "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
-            f"img-src 'self' data: blob:; connect-src 'self' ws://{host}; base-uri 'none'; "
+            f"img-src 'self' data: blob:; connect-src 'self' ws://{host}; base-uri "
+            "'none'; "
             f"form-action 'none'; frame-ancestors {_FRAMES}",
         )
         self.set_header("Vary", "Accept-Encoding")
         if self.request.path != "/":
-            # The same for everybody: kept by the browser, which asks whether it still holds.
+            # The same for everybody: kept by the browser, which asks whether it still
+            # holds.
             self.set_header("Cache-Control", "private, no-cache")
         if "gzip" in self.request.headers.get("Accept-Encoding", ""):
             self.set_header("Content-Encoding", "gzip")
@@ -529,7 +546,8 @@ class PageServer:
     port : int
         0 takes a free one.
     token : str, optional
-        First part of the address, without which nothing is answered; a new secret by default.
+        First part of the address, without which nothing is answered; a new secret by
+        default.
     picture : callable, optional
         Makes the picture of a mechanism; for tests.
     beside : sequence of Source
@@ -584,7 +602,9 @@ class PageServer:
         self.prepared = asyncio.ensure_future(asyncio.to_thread(self._prepare))
 
     def _prepare(self) -> None:
-        """Read the meshes of a picture, and import what that takes, before anybody asks."""
+        """Read the meshes of a picture, and import what that takes,
+        before anybody asks.
+        """
         for source in (self.source, *self.beside):
             with suppress(Exception):  # the tab that asks gets the reason
                 Session(source, self.picture).hello()
@@ -626,8 +646,8 @@ def serve(
     source : Source
         The input of the page.
     host : str
-        Address to listen on. Any other than the default lets in other machines that know the
-        printed address; what they exchange is not encrypted.
+        Address to listen on. Any other than the default lets in other machines that know
+        the printed address; what they exchange is not encrypted.
     port : int
         Port of this machine; 0 takes 7266, where links lead, or a free one.
     ready : callable
@@ -661,7 +681,10 @@ def serve(
 
 
 class Background:
-    """A page served by a thread of this process; options and errors are those of `PageServer`."""
+    """A page served by a thread of this process.
+
+    Options and errors are those of `PageServer`.
+    """
 
     def __init__(self, source: Source, **options: Any) -> None:
         self._loop = asyncio.new_event_loop()

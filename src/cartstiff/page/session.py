@@ -1,7 +1,7 @@
 """One tab: its messages become numbers and commands for its own picture.
 
-A session has no socket. `answer` answers messages about one posture. `work` answers those about
-many postures; it is a generator, which a server can interrupt between two postures.
+A session has no socket. `answer` answers messages about one posture. `work` answers those
+about many postures; it is a generator, which a server can interrupt between two postures.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ from cartstiff.version import __version__
 from cartstiff.vibration.modes import modes
 
 _Work = Generator[None, None, Answer]
-# Why a row has no values if a drive has moved: by more than this, relative to 1 or its size.
+# Why a row has no values if a drive has moved: by more than this, relative to 1 or its
+# size.
 _OPEN = "the loops do not close with the drives there"
 _REACHED = numerics.NEGLIGIBLE_DIFFERENCE
 #: The plotted numbers of a posture with its "q", or the "reason" why it is not reached.
@@ -140,14 +141,17 @@ class Session:
             }
         )
 
-    # -- answers ----------------------------------------------------------------------------
+    # -- answers
+    # ----------------------------------------------------------------------------
 
     def hello(
         self, number: int = 0, now: ViewState | None = None, *, with_numbers: bool = False
     ) -> Answer:
-        """Everything a new page needs, and the whole picture as it is; `now` is shown at once.
+        """Everything a new page needs, and the whole picture as it is;
+        `now` is shown at once.
 
-        With the numbers of that picture a page that wants nothing else need not ask for them.
+        With the numbers of that picture a page that wants nothing else need not ask for
+        them.
         """
         trajectory, cloud = self.source.trajectory, self.source.cloud
         state = self.start
@@ -222,7 +226,8 @@ class Session:
     def work(self, message: Sweep | Series) -> _Work:
         """Answer a question that takes many postures, yielding between them.
 
-        The answer says how much processor time (s) that took: a page asks seldom for what is slow.
+        The answer says how much processor time (s) that took: a page asks seldom for what
+        is slow.
         """
         steps = (
             self._sweep(message) if isinstance(message, Sweep) else self._series(message)
@@ -238,10 +243,13 @@ class Session:
             spent += thread_time() - begin
             yield
 
-    # -- postures ---------------------------------------------------------------------------
+    # -- postures
+    # ---------------------------------------------------------------------------
 
     def result(self, state: ViewState) -> PostureStiffness:
-        """The posture of a state, with its springs, its load and the commands of its drives."""
+        """The posture of a state, with its springs, its load and the commands
+        of its drives.
+        """
         commanded = state.command is not None and any(state.command)
         return self._analysed(*self._placed(state, is_left=not commanded), state)
 
@@ -271,7 +279,9 @@ class Session:
     def _placed(
         self, state: ViewState, is_left: bool = False
     ) -> tuple[ElasticMechanism, Array]:
-        """The mechanism with the springs of a state, and its coordinates before any command."""
+        """The mechanism with the springs of a state, and its coordinates before
+        any command.
+        """
         elastic = self.changed(state)
         mechanism = elastic.mechanism
         q = mechanism.checked(self._q if state.q is None else state.q)
@@ -291,8 +301,9 @@ class Session:
     def before_load(self, result: PostureStiffness, state: ViewState) -> Array:
         """Coordinates before drives are commanded to move and before a load bends links.
 
-        A page sends them back with the next state, which must not begin with bent links: a closed
-        chain whose links are bent may not close at other positions of its drives.
+        A page sends them back with the next state, which must not begin with bent links:
+        a closed chain whose links are bent may not close at other positions of its
+        drives.
         """
         q = self._q if state.q is None else state.q
         is_bent = any(result.q[i] != q[i] for i in self._elastic.mechanism.virtual)
@@ -330,7 +341,9 @@ class Session:
         )
 
     def _drawn(self, message: Draw) -> Answer:
-        """Numbers and picture of the state, or of the posture that follows a hand from there."""
+        """Numbers and picture of the state, or of the posture that follows a
+        hand from there.
+        """
         state, followed, mechanism = message.state, None, self._elastic.mechanism
         start = self._q if state.q is None else state.q
         if message.lengths is not None:
@@ -357,7 +370,8 @@ class Session:
         data = {"numbers": numbers, "followed": followed, "legend": legend}
         return Answer({"id": message.id, "do": "draw", **data}, self.picture.changes())
 
-    # -- questions --------------------------------------------------------------------------
+    # -- questions
+    # --------------------------------------------------------------------------
 
     def _other_frame(self, message: Frame) -> Answer:
         before, first = self._elastic.mechanism, self.source.elastic
@@ -392,7 +406,9 @@ class Session:
         )
 
     def analysis(self, result: PostureStiffness, state: ViewState) -> dict[str, str]:
-        """The answer and the analysis of the shown matrix at the reference point, as text."""
+        """The answer and the analysis of the shown matrix at the reference point,
+        as text.
+        """
         at = se3.pose(np.eye(3), state.point)
         analysis = analyse_posture(result, connection=state.connection, at=at)
         text = summary_text(analysis, self._elastic.units, "full")
@@ -401,7 +417,9 @@ class Session:
         return {"title": title, "text": "\n".join([*lines, "", text])}
 
     def _better(self, state: ViewState) -> dict[str, Any]:
-        """Coordinates of a better posture, None where there is none, and what is said of it."""
+        """Coordinates of a better posture, None where there is none,
+        and what is said of it.
+        """
         if state.load is None:
             raise InputError("a better posture needs a load")
         elastic, q = self._placed(state)
@@ -430,7 +448,8 @@ class Session:
         values = np.linspace(*swept_range(*ends, is_length), message.steps)
         is_commanded = message.state.command is not None
         rows = [Row()] * message.steps
-        # Outwards from the posture, each from its neighbour: a closed chain keeps its branch.
+        # Outwards from the posture, each from its neighbour: a closed chain keeps its
+        # branch.
         last = {-1: base, 1: base}
         for k in np.argsort(np.abs(values - base[i]), kind="stable"):
             side = 1 if values[k] >= base[i] else -1
@@ -438,7 +457,8 @@ class Session:
             q[i] = values[k]
             rows[k] = row = self._row(message.state, q, i)
             if "reason" not in row:
-                # Commands of drives have moved the coordinates of a row on from where it began.
+                # Commands of drives have moved the coordinates of a row on from where it
+                # began.
                 last[side] = q if is_commanded else np.array(row["q"])
             yield
         answer = {"coordinate": i, "at": values.tolist(), "rows": rows}
@@ -462,7 +482,9 @@ class Session:
         )
 
     def _row(self, state: ViewState, q: Array, moved: int | None) -> Row:
-        """One posture of a series, or the "reason" why there is none, with drives that moved."""
+        """One posture of a series, or the "reason" why there is none,
+        with drives that moved.
+        """
         at = state.model_copy(update={"q": q.tolist(), "moved": moved})
         try:
             with np.errstate(all="ignore"):
@@ -479,7 +501,9 @@ class Session:
     def _moved_on(
         self, reached: Array, state: ViewState
     ) -> list[tuple[int, float, float]]:
-        """Drives that closures have moved, with their wanted and their reached coordinate."""
+        """Drives that closures have moved, with their wanted and their
+        reached coordinate.
+        """
         wanted = state.q or ()
         return [
             (i, wanted[i], float(reached[i]))
@@ -503,7 +527,9 @@ def said(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
 
 
 def _seen_from(state: ViewState, T: Array) -> ViewState:
-    """The same with another frame N of the body, ``T_N_M``: numbers at N, the load where it was."""
+    """The same with another frame N of the body, ``T_N_M``: numbers at N,
+    the load where it was.
+    """
     new: dict[str, Any] = {"point": (0.0, 0.0, 0.0)}
     if state.payload is not None:
         mass, *centre = state.payload

@@ -34,8 +34,8 @@ from cartstiff.stiffness.posture import StiffnessInFrame
 from cartstiff.vibration.modes import modes
 from cartstiff.vibration.response import frequency_response
 
-# Half-ranges of coordinates without limits: angles of a platform, angles of a joint, and lengths
-# as a share of the mechanism's size.
+# Half-ranges of coordinates without limits: angles of a platform, angles of a joint, and
+# lengths as a share of the mechanism's size.
 _TILT = np.pi / 6
 _TURN = np.pi
 _SHARE = 0.25
@@ -120,7 +120,9 @@ def _joints(elastic: ElasticMechanism) -> list[int]:
 
 
 def _axes(elastic: ElasticMechanism) -> list[list[float]]:
-    """The line along or about which each joint of the tree moves, in the joint's own frame."""
+    """The line along or about which each joint of the tree moves,
+    in the joint's own frame.
+    """
     screws = elastic.mechanism.screws()
     return [(s[:3] if s[:3].any() else s[3:]).tolist() for s in screws]
 
@@ -141,17 +143,20 @@ def slider_ranges(elastic: ElasticMechanism, q: Array) -> list[tuple[float, floa
     return ranges
 
 
-# Postures on the way to the end of a stroke, and how often the way between two is divided again.
+# Postures on the way to the end of a stroke, and how often the way between two is divided
+# again.
 _SAMPLES, _DIVISIONS = 201, 3
 
 
 def _within_strokes(
     platform: Mechanism, q: Array, i: int, size: float, own: tuple[float, float]
 ) -> tuple[float, float]:
-    """Ends of coordinate i of a platform's pose q (6,): where the first leg reaches a limit.
+    """Ends of coordinate i of a platform's pose q (6,): where the first leg
+    reaches a limit.
 
-    The other coordinates stay; a limit that is exceeded at q does not count. `own` is the range
-    without limits, used where none is reached within twice `size` or a quarter of a turn.
+    The other coordinates stay; a limit that is exceeded at q does not count. `own` is the
+    range without limits, used where none is reached within twice `size` or a quarter of a
+    turn.
     """
     limits, pose = limits_of(platform), platform.at(q).pose
     limits = limits.leaving_out(limits.side(limits.values(q, pose), size))
@@ -174,7 +179,9 @@ def _within_strokes(
 
 
 def swept_range(lower: float, upper: float, is_length: bool) -> tuple[float, float]:
-    """Ends of a sweep: those of the slider, of an angle one turn at most, about 0 where it can."""
+    """Ends of a sweep: those of the slider, of an angle one turn at most,
+    about 0 where it can.
+    """
     if is_length or upper - lower <= 2.0 * _TURN:
         return lower, upper
     start = min(max(lower, -_TURN), upper - 2.0 * _TURN)
@@ -206,15 +213,15 @@ def shown_numbers(
     state : ViewState
         The state of the tab.
     whole : bool
-        Whether "result" is all that ``cartstiff analyse --json`` prints; else without the Jacobian
-        and without the matrices of the quantity that is not shown.
+        Whether "result" is all that ``cartstiff analyse --json`` prints; else without the
+        Jacobian and without the matrices of the quantity that is not shown.
 
     Returns
     -------
     dict
         Keys "result", "has_compliance", "position", "frame", "stiffness", "compliance",
-        "wrench", "principal", "softest", "indices", "symmetric", "singularity", "legs", "moved",
-        "modes", "verdict", "doubts"; None for numbers that do not exist.
+        "wrench", "principal", "softest", "indices", "symmetric", "singularity", "legs",
+        "moved", "modes", "verdict", "doubts"; None for numbers that do not exist.
     """
     T = reference_frame(result, state)
     here = result.at(T)
@@ -249,7 +256,9 @@ def shown_numbers(
 def verdict_words(
     result: PostureStiffness, connection: str, indices: Mapping[str, Any] | None
 ) -> dict[str, Any]:
-    """The verdict on the matrix shown: level, sentence, and its code unless it is good."""
+    """The verdict on the matrix shown: level, sentence,
+    and its code unless it is good.
+    """
     definiteness = None if indices is None else indices["definiteness"]
     found = verdict_at(result, connection, definiteness)
     code = None if found.level == "good" else found.code
@@ -265,7 +274,7 @@ def reference_frame(result: PostureStiffness, state: ViewState) -> Array | None:
 
 
 def _part(result: PostureStiffness, quantity: str) -> dict[str, Any]:
-    """Return the part of the object of `analyse` that is shown and depends on the posture."""
+    """The part of the object of `analyse` that is shown and depends on the posture."""
     table = result.matrices if quantity == "stiffness" else result.compliances
     return {
         "q": result.q.tolist(),
@@ -279,7 +288,9 @@ def _part(result: PostureStiffness, quantity: str) -> dict[str, Any]:
 
 
 def modes_part(result: PostureStiffness) -> dict[str, Any]:
-    """Return the part of ``cartstiff modes --json`` that the page shows, or why there is none."""
+    """Return the part of ``cartstiff modes --json`` that the page shows,
+    or why there is none.
+    """
     try:
         answer = modes(result).to_dict()
     except UndefinedError as error:
@@ -301,7 +312,8 @@ def modes_part(result: PostureStiffness) -> dict[str, Any]:
 def response_curves(
     result: PostureStiffness, state: ViewState, ratio: float
 ) -> dict[str, Any]:
-    """Size of the receptance at the reference point along x, y, z of the body, over all modes.
+    """Size of the receptance at the reference point along x, y, z of the body,
+    over all modes.
 
     Parameters
     ----------
@@ -342,7 +354,9 @@ def response_curves(
 
 
 def _principal(here: StiffnessInFrame, state: ViewState) -> dict[str, Any] | None:
-    """Principal values of the shown matrix, the other freedoms free or held, with their axes."""
+    """Principal values of the shown matrix, the other freedoms free or held,
+    with their axes.
+    """
     shown = {}
     for freedom in _FREEDOMS:
         try:
@@ -362,7 +376,8 @@ def _principal(here: StiffnessInFrame, state: ViewState) -> dict[str, Any] | Non
 
 
 def softest_in_room(here: StiffnessInFrame) -> dict[str, Any] | None:
-    """Least stiffness against a force, the body free to turn, and its direction in F, if it is one.
+    """Least stiffness against a force, the body free to turn, and its direction in F,
+    if it is one.
 
     None where a force is not resisted along every direction.
     """
@@ -460,13 +475,15 @@ def legs(result: PostureStiffness) -> list[dict[str, Any]] | None:
 def _deflection(
     result: PostureStiffness, state: ViewState, notes: Notes
 ) -> FoundDeflection | None:
-    """Return the deflection of the reference point under the load, as the analysis has it."""
+    """The deflection of the reference point under the load, as the analysis has it."""
     point = np.array(state.point)
     return deflection_found(result, "load", None, np.zeros(3), point, notes)
 
 
 def _resists(result: PostureStiffness) -> bool:
-    """Whether the load is resisted: a negative compliance would let it move the body on and on."""
+    """Whether the load is resisted: a negative compliance would let it move the
+    body on and on.
+    """
     C = result.at().compliances["load"]
     return C is None or bool(numerics.eigenvalues(C)[0] >= 0.0)
 
@@ -491,11 +508,13 @@ def _moved(result: PostureStiffness, state: ViewState) -> dict[str, Any] | None:
 
 
 def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
-    """One posture of a sweep or a trajectory: what ``static/curves.js`` plots, each a list or None.
+    """One posture of a sweep or a trajectory: what ``static/curves.js`` plots,
+    each a list or None.
 
-    "translation", "rotation": principal values; "condition" of the stiffness and of its blocks;
-    "singularity": the least ratio of singular values; "deflection", "turn" under the load;
-    "energy"; "leg_force", the largest. "unstable" says that the load is not resisted.
+    "translation", "rotation": principal values; "condition" of the stiffness and of its
+    blocks; "singularity": the least ratio of singular values; "deflection", "turn" under
+    the load; "energy"; "leg_force", the largest. "unstable" says that the load is not
+    resisted.
     """
     here = result.at(reference_frame(result, state))
     try:

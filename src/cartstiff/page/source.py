@@ -73,11 +73,13 @@ class Cloud:
     positions : ndarray (N, 3)
         In F.
     values : mapping of str to ndarray (N,)
-        By quantity; NaN where one does not exist. Or words: of a boundary the limit that cuts.
+        By quantity; NaN where one does not exist. Or words: of a boundary the limit that
+        cuts.
     units : mapping of str to str
         By quantity.
     thinned : int
-        How far apart in the file the points are that are kept: 1 keeps all, 2 every second.
+        How far apart in the file the points are that are kept: 1 keeps all, 2 every
+        second.
     q : ndarray (N, n) or None
         Coordinates of each point; None where the points are no postures of the mechanism.
     """
@@ -141,9 +143,11 @@ def changed(
     payload: Sequence[float] | None,
     gravity: Sequence[float] | None,
 ) -> ElasticMechanism:
-    """The mechanism with other springs, a payload and another gravity, as a state names them.
+    """The mechanism with other springs, a payload and another gravity,
+    as a state names them.
 
-    Springs whose number is that of `elastic.stiffnesses` stay as they are, with their laws.
+    Springs whose number is that of `elastic.stiffnesses` stay as they are, with their
+    laws.
     """
     if stiffness is not None:
         given: Any = [np.inf if k is None else k for k in stiffness]
@@ -170,10 +174,11 @@ def read_trajectory(
 ) -> Playback:
     """A trajectory from CSV: one posture a line, in joint order or under a line of names.
 
-    The postures have columns `names` (all coordinates), or `joints` if only those are given.
+    The postures have columns `names` (all coordinates), or `joints` if only those are
+    given.
 
-    A column named ``t`` or ``time``, or a first one more than there are coordinates, is the time in
-    seconds. Lines that start with # are comments.
+    A column named ``t`` or ``time``, or a first one more than there are coordinates, is
+    the time in seconds. Lines that start with # are comments.
 
     Raises
     ------
@@ -282,7 +287,9 @@ def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Clo
 
 
 def _rows(table: Any, shape: tuple[int, ...], wanted: Array) -> Array:
-    """Rows (N, n) of labelled arrays (*shape, n) by their numbers in order, read part by part."""
+    """Rows (N, n) of labelled arrays (*shape, n) by their numbers in order,
+    read part by part.
+    """
     inner = prod(shape[1:])
     parts = []
     for first in range(0, shape[0], step := max(1, _AT_ONCE // inner)):
@@ -325,7 +332,8 @@ def _read_boundary(path: Path, elastic: ElasticMechanism | None) -> Cloud:
 
 
 def cloud_of_workspace(reached: Workspace) -> Cloud:
-    """Positions on a workspace's boundary, the limit that cuts at each, and singular positions.
+    """Positions on a workspace's boundary, the limit that cuts at each,
+    and singular positions.
 
     Raises
     ------
@@ -352,7 +360,9 @@ def cloud_of_workspace(reached: Workspace) -> Cloud:
 def _cut(
     positions: Array, names: Sequence[str], elastic: ElasticMechanism | None
 ) -> Cloud:
-    """A boundary's positions (N, 3) by the names of the limits that cut, which get their bounds."""
+    """A boundary's positions (N, 3) by the names of the limits that cut,
+    which get their bounds.
+    """
     bounds = {} if elastic is None else _bounds_in_words(elastic)
     limits = np.array([" ".join([name, *bounds.get(name, ())]) for name in names])
     return _thinned(Cloud(positions, {_CUTS: limits}, {_CUTS: ""}))

@@ -1,1 +1,3 @@
-"""Potential energies of a mechanism: joint springs, line springs, gravity, users' functions."""
+"""Potential energies of a mechanism: joint springs, line springs, gravity,
+users' functions.
+"""

@@ -1,20 +1,22 @@
 r"""Beams that feel their own axial force: segments with exact stability functions.
 
-A segment of length h is seen from its chord, the straight line between its ends. What is left of
-the motion is small: the elongation u of the chord, a twist phi, and at each end the rotation of
-the section against the chord. In each plane of bending the two rotations are taken apart into
-theta_s = (theta_1 - theta_2) / 2, a bow, and theta_a = (theta_1 + theta_2) / 2, an S. The
-differential equation of a beam under an axial force N (tension positive) is solved exactly:
+A segment of length h is seen from its chord, the straight line between its ends. What is
+left of the motion is small: the elongation u of the chord, a twist phi, and at each end
+the rotation of the section against the chord. In each plane of bending the two rotations
+are taken apart into theta_s = (theta_1 - theta_2) / 2, a bow, and theta_a = (theta_1 +
+theta_2) / 2, an S. The differential equation of a beam under an axial force N (tension
+positive) is solved exactly:
 
-    U = G J phi^2 / 2h + max_N [ N u - N^2 h / 2EA + sum (s_s(N) theta_s^2 + s_a(N) theta_a^2) ] ,
-    s_s = (2EI/h) y ,  s_a = (EI/2h) b / (b^2 z + f y) ,
-    y = m coth m ,  z = (y - 1) / 4m^2 ,  4 m^2 = N b h^2 / EI ,
+    U = G J phi^2 / 2h + max_N [ N u - N^2 h / 2EA + sum (s_s(N) theta_s^2 + s_a(N)
+    theta_a^2) ] , s_s = (2EI/h) y ,  s_a = (EI/2h) b / (b^2 z + f y) , y = m coth m ,  z
+    = (y - 1) / 4m^2 ,  4 m^2 = N b h^2 / EI ,
 
-with b = 1 - N / GA_s and f = EI / (GA_s h^2) for a section that yields to shear (b = 1, f = 0 for
-one that does not). Of a section that yields, the slant is no small turn: it enters by its sine and
-cosine (`cartstiff.potentials.segment_shapes.sheared`). What is maximised is concave in N; at the
-maximum elongation and bowing together make up u. So the energy is one of the relative pose of the
-ends, and the axial force, the end moments and the tangent stiffness are its derivatives.
+with b = 1 - N / GA_s and f = EI / (GA_s h^2) for a section that yields to shear (b = 1, f
+= 0 for one that does not). Of a section that yields, the slant is no small turn: it
+enters by its sine and cosine (`cartstiff.potentials.segment_shapes.sheared`). What is
+maximised is concave in N; at the maximum elongation and bowing together make up u. So the
+energy is one of the relative pose of the ends, and the axial force, the end moments and
+the tangent stiffness are its derivatives.
 """
 
 from __future__ import annotations
@@ -40,25 +42,30 @@ from cartstiff.potentials.segment_shapes import (
     with_derivatives,
 )
 
-# Below this |x| the series of z(x) is exact to rounding with the terms kept (it converges up to
-# 4 pi^2); above it the closed forms, and their derivatives by recursion, lose less than a digit.
+# Below this |x| the series of z(x) is exact to rounding with the terms kept (it converges
+# up to 4 pi^2); above it the closed forms, and their derivatives by recursion, lose less
+# than a digit.
 SERIES = 4.0
 _TERMS = 20
-# Bounds of the axial force, as a share of the clamped buckling load (under tension: of the shear
-# stiffness); beyond them the force is constant, as in a buckled bar. Forces within the relative
-# distance _AT_BOUND of a bound are at it, as bisection has ended there.
+# Bounds of the axial force, as a share of the clamped buckling load (under tension: of
+# the shear stiffness); beyond them the force is constant, as in a buckled bar. Forces
+# within the relative distance _AT_BOUND of a bound are at it, as bisection has ended
+# there.
 _LARGEST_SHARE, _AT_BOUND = 0.999, numerics.ROUNDOFF
 _MAX_STEPS = 100
-# Least share of the clamped buckling load, and least turn against the chord [rad], for the notes
-# that ask for more segments; and least relative error of a stiffness.
+# Least share of the clamped buckling load, and least turn against the chord [rad], for
+# the notes that ask for more segments; and least relative error of a stiffness.
 _NOTED_COMPRESSION, _NOTED_TURN, _NOTED_ERROR = 0.75, 0.4, 0.03
-# Relative errors of stiffnesses as shares of the squares of turns, found beside beams of eight
-# and sixteen segments: of leaf springs in an S, where torsion and bending are coupled, and else.
+# Relative errors of stiffnesses as shares of the squares of turns, found beside beams of
+# eight and sixteen segments: of leaf springs in an S, where torsion and bending are
+# coupled, and else.
 _ERROR_OF_S, _ERROR_OF_TURNS = 1.2, 0.1
 
 
 def _series() -> Array:
-    """Coefficients (terms, 3) of z(x) and its derivatives, from 2 x z' = 1/4 - 3 z - x z^2."""
+    """Coefficients (terms, 3) of z(x) and its derivatives,
+    from 2 x z' = 1/4 - 3 z - x z^2.
+    """
     c = [1 / 12]
     for k in range(1, _TERMS):
         c.append(-sum(c[i] * c[k - 1 - i] for i in range(k)) / (2 * k + 3))
@@ -71,8 +78,8 @@ _Z = _series()
 def stability_functions(x: Array) -> tuple[Array, Array, Array]:
     """z(x) = (m coth m - 1) / x with 4 m^2 = x, and its first two derivatives.
 
-    x = N h^2 / EI is positive under tension, and above -4 pi^2, where a clamped segment buckles.
-    Recorded numbers (an array of objects) have the series only: up to `SERIES`.
+    x = N h^2 / EI is positive under tension, and above -4 pi^2, where a clamped segment
+    buckles. Recorded numbers (an array of objects) have the series only: up to `SERIES`.
     """
     if x.dtype == object:
         z, z1, z2 = power_series(_Z, x)
@@ -102,8 +109,8 @@ class Section(NamedTuple):
     bending : tuple of float
         EI about y and about z (force length^2).
     shear : tuple of float
-        GA_s for the force along z, which bends about y, and along y, which bends about z; infinite
-        without shear deformation (Euler-Bernoulli).
+        GA_s for the force along z, which bends about y, and along y, which bends about z;
+        infinite without shear deformation (Euler-Bernoulli).
     """
 
     axial: float
@@ -128,10 +135,11 @@ class Section(NamedTuple):
 
 
 class _Segments(NamedTuple):
-    """Segments of a beam: energies (m,), gradients (m, 6), Hessians (m, 6, 6), axial forces (m,).
+    """Segments of a beam: energies (m,), gradients (m, 6), Hessians (m, 6, 6),
+    axial forces (m,).
 
-    `turns` (m,) is the larger of the sections' turns against the chord and the twist [rad], and
-    `errors` (m,) the estimated relative error of the stiffness.
+    `turns` (m,) is the larger of the sections' turns against the chord and the twist
+    [rad], and `errors` (m,) the estimated relative error of the stiffness.
     """
 
     energies: Array
@@ -146,9 +154,9 @@ class _Segments(NamedTuple):
 class Beam(Potential):
     """A straight beam in equal segments, each with six coordinates.
 
-    Per segment, in the order of the chain: rotations about y and z from the near section to the
-    chord, elongation, twist, rotations about z and y from the chord to the far section (the joints
-    of `cartstiff.mechanisms.tree_building.SEGMENT`).
+    Per segment, in the order of the chain: rotations about y and z from the near section
+    to the chord, elongation, twist, rotations about z and y from the chord to the far
+    section (the joints of `cartstiff.mechanisms.tree_building.SEGMENT`).
 
     Attributes
     ----------
@@ -161,7 +169,8 @@ class Beam(Potential):
     link : str
         Name of the link, for diagnostics.
     mass : float
-        The beam's own [kg], which is part of the joints' inertias at its nodes; 0 if not given.
+        The beam's own [kg], which is part of the joints' inertias at its nodes; 0 if not
+        given.
     """
 
     indices: Array
@@ -252,15 +261,18 @@ class Beam(Potential):
         many = f"beam {self.link!r} with {count} segment{'s' if count > 1 else ''}"
         if share > _NOTED_COMPRESSION:
             message = (
-                f"{many}: one carries {100 * share:.0f} % of the load at which it buckles between "
+                f"{many}: one carries {100 * share:.0f} % of the load at which it "
+                "buckles between "
                 "clamped ends, which its six coordinates do not show: give more segments"
             )
             values = {"link": self.link, "share": share, "segments": count}
             diagnostics.append(Note("beam-compressed", message, values))
         if bent > _NOTED_TURN or error > _NOTED_ERROR:
             message = (
-                f"{many}: one turns by {bent:.2g} rad against its chord, so that stiffnesses may "
-                f"be wrong by about {100 * error:.2g} %: give more segments (segments: {2 * count})"
+                f"{many}: one turns by {bent:.2g} rad against its chord, so that "
+                "stiffnesses may "
+                f"be wrong by about {100 * error:.2g} %: give more segments (segments: "
+                f"{2 * count})"
             )
             values = {"link": self.link, "turn": bent, "segments": count, "error": error}
             diagnostics.append(Note("beam-bent", message, values))
@@ -309,23 +321,30 @@ class Beam(Potential):
         return _Segments(*terms, N, bent, self._errors(bent, turns.value))
 
     def _errors(self, bent: Array, turns: Array) -> Array:
-        """Estimated relative errors (m,) of the stiffness of segments with turns (m, 4)."""
+        """Estimated relative errors (m,) of the stiffness of segments with
+        turns (m, 4).
+        """
         errors = _ERROR_OF_TURNS * bent * bent
         about_y, about_z = self.section.bending
         if about_y == about_z:
             return errors
         soft = int(about_y > about_z)
         S = (1.0 - self._slants[soft]) * turns[:, 2 + soft]
-        # Flexibility of the torsion against that of the stiff bending, see `internal_twist`.
+        # Flexibility of the torsion against that of the stiff bending, see
+        # `internal_twist`.
         share = abs(about_z - about_y) / self.section.torsion * (3.0 / 7.0) * S * S
         return errors + _ERROR_OF_S * S * S * share / (1.0 + share)
 
     def segments(self, x: Array) -> tuple[Array, Array, Array]:
-        """Energies (m,), gradients (m, 6), Hessians (m, 6, 6) of segments at coordinates (m, 6)."""
+        """Energies (m,), gradients (m, 6), Hessians (m, 6, 6) of segments at
+        coordinates (m, 6).
+        """
         return self._evaluated(x)[:3]
 
     def shapes(self, x: Array) -> tuple[Jet, Jet, Jet]:
-        """Twist (m,), elongation (m,), turns (m, 4) of segments at coordinates x (m, 6)."""
+        """Twist (m,), elongation (m,), turns (m, 4) of segments at
+        coordinates x (m, 6).
+        """
         h, ratios = self.length, self._slants
         phi, turns = deformations(x, ratios)
         stretch = variables(x)[2]
@@ -340,10 +359,11 @@ class Beam(Potential):
         rotational: Sequence[Array],
         follows: Array,
     ) -> tuple[Array, Array, Array]:
-        """Energies (m,), gradients (m, 6) and Hessians (m, 6, 6) under axial forces N (m,).
+        """Energies (m,), gradients (m, 6) and Hessians (m, 6, 6) under axial
+        forces N (m,).
 
-        From `shapes`, `rotational` at N, and `follows`: 1 where N depends on the elongation, 0 at a
-        bound.
+        From `shapes`, `rotational` at N, and `follows`: 1 where N depends on the
+        elongation, 0 at a bound.
         """
         (phi, stretch, turns), (s, s1, s2), h = shapes, rotational, self.length
         u, theta = stretch.value, turns.value
@@ -396,7 +416,8 @@ class Beam(Potential):
         return f / (1 / 12 + f)
 
     def _axial_force(self, u: Array, theta: Array) -> tuple[Array, Array, Array, Array]:
-        """Tension at which elongation and bowing add up to u, by Newton's method in a bracket.
+        """Tension at which elongation and bowing add up to u,
+        by Newton's method in a bracket.
 
         Also s (m, 4) at that tension, with its first two derivatives by N.
         """
@@ -423,7 +444,9 @@ class Beam(Potential):
         return N, s, s1, s2
 
     def rotational(self, N: Array) -> tuple[Array, Array, Array]:
-        """s_s about y and z, s_a about y and z (m, 4), and their first two derivatives by N."""
+        """s_s about y and z, s_a about y and z (m, 4), and their first two
+        derivatives by N.
+        """
         h = self.length
         EI, GA = np.array(self.section.bending), np.array(self.section.shear)
         b, b1, f = 1 - N[:, None] / GA, -1 / GA, EI / (GA * h * h)
@@ -453,7 +476,10 @@ def alike(beams: Iterable[Beam]) -> Iterable[list[Beam]]:
 
 
 def evaluate_together(terms: Sequence[Potential], posture: Posture) -> list[Evaluation]:
-    """Each potential at a posture; equal segments of several beams are evaluated together."""
+    """Each potential at a posture.
+
+    Equal segments of several beams are evaluated together.
+    """
     bent = (t for t in terms if isinstance(t, Beam) and posture.q[t.indices].any())
     for beams in alike(bent):
         xs = [posture.q[beam.indices] for beam in beams]

@@ -1,8 +1,9 @@
 r"""Interfaces: a potential, and the posture at which it is evaluated.
 
-A posture has *maps* of its coordinates (to the end-effector's pose, between any two frames, to the
-closure residual): the first derivative is a Jacobian, the second derivative is contracted with a
-covector. A potential returns energy, gradient and Hessian in the same coordinates.
+A posture has *maps* of its coordinates (to the end-effector's pose, between any two
+frames, to the closure residual): the first derivative is a Jacobian, the second
+derivative is contracted with a covector. A potential returns energy, gradient and Hessian
+in the same coordinates.
 """
 
 from __future__ import annotations
@@ -30,12 +31,13 @@ class SecondOrderMap:
     jacobian : ndarray, shape (m, n)
         First derivative. For a map to poses: the body Jacobian.
     curvature : callable
-        ``curvature(w)`` is the (n, n) symmetric matrix sum_k w_k Hess(component k). For a map to
-        poses the components are exponential coordinates at the posture, so that
+        ``curvature(w)`` is the (n, n) symmetric matrix sum_k w_k Hess(component k). For a
+        map to poses the components are exponential coordinates at the posture, so that
         ``S[a, b] = 1/2 w . [J_a, J_b]`` for joint a before joint b.
     sizes : ndarray, shape (m,), or None
-        Natural sizes of the residual of closures: 1 for an angle, the characteristic length for a
-        distance, so that results do not depend on the unit of length. None: 1 each.
+        Natural sizes of the residual of closures: 1 for an angle, the characteristic
+        length for a distance, so that results do not depend on the unit of length. None:
+        1 each.
     """
 
     jacobian: Array
@@ -54,8 +56,9 @@ IDENTITY = SecondOrderMap(np.eye(6), _flat)
 class Evaluation(NamedTuple):
     """Energy, gradient (n,) and Hessian (n, n) in the mechanism's coordinates.
 
-    ``hessian[a, b]`` is the derivative of gradient a along coordinate b. It is asymmetric if the
-    forces have no potential (wrenches that follow the body); the energy is then NaN.
+    ``hessian[a, b]`` is the derivative of gradient a along coordinate b. It is asymmetric
+    if the forces have no potential (wrenches that follow the body); the energy is then
+    NaN.
     """
 
     energy: float
@@ -96,7 +99,9 @@ class Posture(Protocol):
         """Coordinates (n,)."""
 
     def relative(self, frame_a: str, frame_b: str) -> tuple[Array, SecondOrderMap]:
-        """Pose ``T_a_b`` and its map, twists being those of b against a in components of b."""
+        """Pose ``T_a_b`` and its map, twists being those of b against a in
+        components of b.
+        """
 
     @property
     def closure(self) -> SecondOrderMap | None:
@@ -110,7 +115,9 @@ class Posture(Protocol):
         """Pose ``T_F_b`` of a frame, without its map."""
 
     def legs(self, anchors: Array, points: Array) -> LineGeometry | None:
-        """Lines from the ground to the body that the posture has cached for these very arrays."""
+        """Lines from the ground to the body that the posture has cached for these
+        very arrays.
+        """
 
     def gravity(self, acceleration: Array) -> Evaluation:
         """Potential energy of all masses in a uniform field, with derivatives."""
@@ -125,8 +132,9 @@ POSE = np.outer([1, 1, 1, 0], [0, 0, 0, 1])
 def rescaled(thing: Any, a: float) -> Any:
     """The same with all lengths multiplied by `a`, and unchanged forces.
 
-    `length_powers` of the object has the power of the unit of length of each number: one, or one
-    for each entry. The power is not used for parts that have `length_powers` themselves.
+    `length_powers` of the object has the power of the unit of length of each number: one,
+    or one for each entry. The power is not used for parts that have `length_powers`
+    themselves.
     """
     powers = thing.length_powers
     changed = {name: _times(getattr(thing, name), a, powers[name]) for name in powers}
@@ -188,8 +196,8 @@ class Named(Protocol):
 class Parts(NamedTuple):
     """The m deflections x(q) in which a potential stores energy, at a posture.
 
-    The potential's gradient is ``rows^T forces``, its Hessian ``rows^T stiffness rows`` with the
-    curvature of x.
+    The potential's gradient is ``rows^T forces``, its Hessian ``rows^T stiffness rows``
+    with the curvature of x.
 
     Attributes
     ----------
@@ -204,7 +212,8 @@ class Parts(NamedTuple):
     forces : ndarray (m,)
         Forces; NaN for springs without a rest position.
     whole : str
-        Name of the one thing that deflects so, as a link; "" if each deflection has its own spring.
+        Name of the one thing that deflects so, as a link; "" if each deflection has its
+        own spring.
     """
 
     names: Sequence[str]
@@ -255,7 +264,8 @@ class Drawn(NamedTuple):
 class Potential(ABC):
     """A potential energy of a mechanism.
 
-    All but `evaluate` has a default, so that a user's own energy has shares, units and pictures.
+    All but `evaluate` has a default, so that a user's own energy has shares, units and
+    pictures.
     """
 
     #: Whether it is a load or the weight, and not a part of the mechanism.
@@ -264,7 +274,8 @@ class Potential(ABC):
     length_powers: ClassVar[Mapping[str, Any] | None] = None
     #: Numbered, the name of what has none of its own.
     stem: ClassVar[str] = "energy "
-    #: Coordinates that deflect together as one part, as those of a flexible link, and its name.
+    #: Coordinates that deflect together as one part, as those of a flexible link, and its
+    #: name.
     members: tuple[int, ...] = ()
     link: str = ""
     #: Whether its stiffness is known but for a factor, as that of a beam.
@@ -289,7 +300,8 @@ class Potential(ABC):
         """Energy, gradient and Hessian at a posture."""
 
     def in_units(self, a: float, sizes: Array, efforts: Array) -> Self:  # noqa: ARG002
-        """The same with lengths times `a`, coordinates times `sizes`, their forces times `efforts`.
+        """The same with lengths times `a`, coordinates times `sizes`,
+        their forces times `efforts`.
 
         Raises
         ------
@@ -319,7 +331,9 @@ class Potential(ABC):
         return []
 
     def labels(self, first: int) -> Sequence[str]:
-        """Names of its parts, after `first` parts with the same `stem`; by default it is one."""
+        """Names of its parts, after `first` parts with the same `stem`;
+        by default it is one.
+        """
         return [f"{self.link or f'{self.stem}{first + 1}'}{LINK * bool(self.members)}"]
 
     def numbers(self, names: Sequence[str]) -> dict[str, Number]:  # noqa: ARG002
@@ -333,7 +347,8 @@ class Potential(ABC):
     def parts(
         self, posture: Posture, coordinates: Sequence[Named], names: Sequence[str]
     ) -> Parts | None:
-        """What deflects; by default the coordinates that it acts on, together as one part.
+        """What deflects; by default the coordinates that it acts on,
+        together as one part.
 
         None for loads.
         """
@@ -352,7 +367,10 @@ class Potential(ABC):
 
     @property
     def own_stiffness(self) -> Array | None:
-        """Stiffness (m, m) of its undeflected `parts`; None if it is no number of its own."""
+        """Stiffness (m, m) of its undeflected `parts`.
+
+        None if it is no number of its own.
+        """
         return None
 
     def with_compliance(self, compliance: Array) -> Self:  # noqa: ARG002
@@ -372,11 +390,15 @@ class Potential(ABC):
         return self
 
     def conservative(self, posture: Posture) -> Potential | None:  # noqa: ARG002
-        """A load with a potential that is the same at a posture; None if there is none."""
+        """A load with a potential that is the same at a posture;
+        None if there is none.
+        """
         return None
 
     def wrench_on(self, frame: str, T_F_b: Array) -> Array | None:  # noqa: ARG002
-        """Wrench (6,) of a load on a frame at a pose, in its components; None if on another."""
+        """Wrench (6,) of a load on a frame at a pose, in its components;
+        None if on another.
+        """
         return None
 
     def attachments(self) -> Sequence[tuple[str, Array]]:
@@ -388,7 +410,9 @@ class Potential(ABC):
         return self
 
     def lines_and_rest(self, posture: Posture) -> tuple[Array, Array, Array] | None:  # noqa: ARG002
-        """Lines g (m, 6) from ground to body, their k (m,), and the rest of K^B; None without."""
+        """Lines g (m, 6) from ground to body, their k (m,), and the rest of K^B;
+        None without.
+        """
         return None
 
 
@@ -399,8 +423,8 @@ class PosePotential(Potential):
     Attributes
     ----------
     frame_a, frame_b : str
-        The potential is a function of ``T_a_b``. "world" is the inertial frame F, "body" the frame
-        of interest M.
+        The potential is a function of ``T_a_b``. "world" is the inertial frame F, "body"
+        the frame of interest M.
     """
 
     frame_a: str = "world"

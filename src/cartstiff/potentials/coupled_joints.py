@@ -1,7 +1,8 @@
-r"""Springs that couple joints: each on a sum of coordinates, as a tendon or a differential has it.
+r"""Springs that couple joints: each on a sum of coordinates,
+as a tendon or a differential has it.
 
-Energy Phi = 1/2 sum_i k_i (c_i . q - r_i)^2 with factors c_i of the coordinates and rest positions
-r_i of the sums; MuJoCo calls such a spring a fixed tendon.
+Energy Phi = 1/2 sum_i k_i (c_i . q - r_i)^2 with factors c_i of the coordinates and rest
+positions r_i of the sums; MuJoCo calls such a spring a fixed tendon.
 """
 
 from __future__ import annotations
@@ -28,10 +29,11 @@ class CoupledJointSprings(Potential):
     factors : ndarray, shape (m, n)
         Factors c of the coordinates in the sum of each spring.
     stiffness : ndarray, shape (m,)
-        Force (in the sum's unit: of angles N m/rad, of lengths N/m) per change of the sum.
+        Force (in the sum's unit: of angles N m/rad, of lengths N/m) per change of the
+        sum.
     rest : ndarray, shape (m,)
-        Rest positions of the sums; NaN where they are to be chosen so that the springs balance the
-        load at the posture.
+        Rest positions of the sums; NaN where they are to be chosen so that the springs
+        balance the load at the posture.
     names : tuple of str
         Names for people.
     """
@@ -85,7 +87,9 @@ class CoupledJointSprings(Potential):
         return np.abs(self.factors).T @ np.abs(self.stiffness * x)
 
     def in_units(self, a: float, sizes: Array, efforts: Array) -> Self:  # noqa: ARG002
-        """The same springs in other units: a sum of slides alone is a length, any other none."""
+        """The same springs in other units: a sum of slides alone is a length,
+        any other none.
+        """
         slides = ~np.any((self.factors != 0.0) & (sizes == 1.0), axis=1) & (a != 1.0)
         own = np.where(slides, a, 1.0)
         return replace(
@@ -104,7 +108,8 @@ class CoupledJointSprings(Potential):
         return replace(self, rest=self.rest + np.nan)
 
     def with_forces(self, posture: Posture, forces: Array) -> CoupledJointSprings:
-        """The same springs with rest positions at which they exert forces (m,) at a posture.
+        """The same springs with rest positions at which they exert forces (m,)
+        at a posture.
 
         Where a force is NaN the rest position stays.
         """
@@ -119,7 +124,8 @@ def balancing(
     own: Array,
     every: bool,
 ) -> list[CoupledJointSprings]:
-    """The springs with the rest positions that balance a gradient with joints and closures.
+    """The springs with the rest positions that balance a gradient with joints
+    and closures.
 
     Parameters
     ----------
@@ -128,8 +134,8 @@ def balancing(
     posture, every
         As of `JointSprings.with_rest_balancing`.
     gradient, own : ndarray, shape (n,)
-        What they, the springs of joints and the closures have to balance, and the stiffness of the
-        springs of joints, see `least_forces`.
+        What they, the springs of joints and the closures have to balance, and the
+        stiffness of the springs of joints, see `least_forces`.
     """
     free = [term.rest_is_free(every) for term in coupled]
     for term, is_free in zip(coupled, free, strict=True):
@@ -164,16 +170,19 @@ def least_forces(
     carried: Array,
     sizes: Array,
 ) -> Array:
-    """Forces (m,) of coupled springs that balance a gradient together with joints and closures.
+    """Forces (m,) of coupled springs that balance a gradient together with joints
+    and closures.
 
     Parameters
     ----------
     factors, stiffness : ndarray, shape (m, n) and (m,)
         The springs whose rest positions are chosen.
     wanted : ndarray, shape (n,)
-        Gradient that these springs, the springs of joints and the closures have to balance.
+        Gradient that these springs, the springs of joints and the closures have to
+        balance.
     own : ndarray, shape (n,)
-        Stiffness of the springs of joints whose rest positions are chosen as well; 0 elsewhere.
+        Stiffness of the springs of joints whose rest positions are chosen as well; 0
+        elsewhere.
     carried : ndarray, shape (n, c)
         Directions of the closures' forces.
     sizes : ndarray, shape (n,)
@@ -182,9 +191,9 @@ def least_forces(
     Returns
     -------
     ndarray, shape (m,)
-        Of the forces that balance the coordinates without a spring of their own, those with the
-        least energy in all chosen springs: springs that were free of force before the load share it
-        so.
+        Of the forces that balance the coordinates without a spring of their own, those
+        with the least energy in all chosen springs: springs that were free of force
+        before the load share it so.
     """
     m, is_own = len(factors), own > 0.0
     both = np.concatenate([factors.T, carried], axis=1)

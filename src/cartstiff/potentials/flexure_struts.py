@@ -1,20 +1,21 @@
 r"""Struts between flexure joints, each condensed to a function of the body's pose.
 
-From the ground to the body: a flexure, a rigid bar that a spring (the actuator's) lets slide along
-its own line, a flexure. A flexure is three slides and three hinges about x, y, z in a row, z along
-the strut as made; each has a spring, or is rigid. With the coordinates q of one strut, their
-stiffnesses k, the pose T of its end and its body Jacobian J, the energy at a given pose is least
-where
+From the ground to the body: a flexure, a rigid bar that a spring (the actuator's) lets
+slide along its own line, a flexure. A flexure is three slides and three hinges about x,
+y, z in a row, z along the strut as made; each has a spring, or is rigid. With the
+coordinates q of one strut, their stiffnesses k, the pose T of its end and its body
+Jacobian J, the energy at a given pose is least where
 
-    k (q - q_0) = J^T W,    T(q) = T_wanted,                                                   (1)
+    k (q - q_0) = J^T W,    T(q) = T_wanted,                                           (1)
 
 W being the wrench of the body on the strut. Its stiffness there is a Schur complement,
 
-    K^B = (J H^-1 J^T)^-1,    H = diag k - S_W,    S_W[a, b] = 1/2 W . [J_a, J_b],             (2)
+    K^B = (J H^-1 J^T)^-1,    H = diag k - S_W,    S_W[a, b] = 1/2 W . [J_a, J_b],     (2)
 
-a before b: the equation of `cartstiff.stiffness.reduction` for a redundant chain. H need not have
-an inverse: (2) is a block of the inverse of ``[[H, -J^T], [J, 0]]``, the matrix of Newton's steps
-for (1). The strut has buckled if H is not positive on the motions that leave its end in place.
+a before b: the equation of `cartstiff.stiffness.reduction` for a redundant chain. H need
+not have an inverse: (2) is a block of the inverse of ``[[H, -J^T], [J, 0]]``, the matrix
+of Newton's steps for (1). The strut has buckled if H is not positive on the motions that
+leave its end in place.
 """
 
 from __future__ import annotations
@@ -51,7 +52,8 @@ def _name(end: str, word: str) -> str:
 #: Index of the sliding coordinate.
 SLIDE = 6
 _MAX_STEPS = 40
-#: Round-off of residuals, which are sums of a few dozen products, in units of their terms.
+#: Round-off of residuals, which are sums of a few dozen products, in units of their
+#: terms.
 ROUNDINGS = 64.0
 
 
@@ -93,9 +95,11 @@ class Flexure(NamedTuple):
 
 
 class StrutStates(NamedTuple):
-    """Struts at poses: energies (N, m), wrenches (N, m, 6), K^B (N, m, 6, 6), in M; rest lengths.
+    """Struts at poses: energies (N, m), wrenches (N, m, 6), K^B (N, m, 6, 6), in M;
+    rest lengths.
 
-    `is_found` and `is_stable` (N, m): whether (1) was solved, and whether the strut is not buckled.
+    `is_found` and `is_stable` (N, m): whether (1) was solved, and whether the strut is
+    not buckled.
     """
 
     energy: Array
@@ -111,7 +115,8 @@ class FlexureStruts(LineSprings):
     """Struts with a flexure joint at either end.
 
     `stiffness` is that of the straight strut from end to end, including its flexures, and
-    `rest_length` its length without load, so that a straight strut has the force of a line spring.
+    `rest_length` its length without load, so that a straight strut has the force of a
+    line spring.
 
     Attributes
     ----------
@@ -166,7 +171,9 @@ class FlexureStruts(LineSprings):
         upper: Flexure,
         rest_length: Array,
     ) -> FlexureStruts:
-        """Struts as made between points of F and points of M (m, 3) with the body at a pose."""
+        """Struts as made between points of F and points of M (m, 3) with the
+        body at a pose.
+        """
         ends = points @ T_F_M[:3, :3].T + T_F_M[:3, 3]
         along = ends - anchors
         made = np.linalg.norm(along, axis=1)
@@ -205,7 +212,8 @@ class FlexureStruts(LineSprings):
     ) -> dict[str, Number]:
         """Springs and rest lengths of the struts, and the flexures at either end of all.
 
-        "stiffness.LEG", "stiffness.lower.bending", "offset.upper"; rigid parts have no number.
+        "stiffness.LEG", "stiffness.lower.bending", "offset.upper"; rigid parts have no
+        number.
         """
         found = {
             f"stiffness.{n}": Number(k, -1.0, 1.0, True)
@@ -245,7 +253,9 @@ class FlexureStruts(LineSprings):
         return other.replaced(stiffness, np.array(rest))
 
     def at_points(self, anchors: Array, points: Array) -> Self:
-        """Struts made at the same pose of the body between other points; rest lengths stay."""
+        """Struts made at the same pose of the body between other points;
+        rest lengths stay.
+        """
         ends = np.array(self.feet)
         ends[:, :3, 3] += self.made[:, None] * ends[:, :3, 2]
         T_F_M = (ends @ se3.inverse(self.home))[0]
@@ -303,7 +313,9 @@ class FlexureStruts(LineSprings):
         return self.home @ se3.inverse(se3.pose(translation=[0, 0, self.upper.offset]))
 
     def wanted(self, T_a_b: Array) -> Array:
-        """Poses (N, m, 4, 4) of the upper flexures' middles relative to the lower ones'."""
+        """Poses (N, m, 4, 4) of the upper flexures' middles relative to the
+        lower ones'.
+        """
         low = self.feet @ se3.pose(translation=[0, 0, self.lower.offset])
         return se3.inverse(low) @ T_a_b[:, None] @ self.ends
 
@@ -317,10 +329,12 @@ class FlexureStruts(LineSprings):
         gradient: Array | None = None,
         free: Any = None,
     ) -> StrutStates:
-        """States of the struts at poses (N, 4, 4) with rest lengths (N, m), from (1) and (2).
+        """States of the struts at poses (N, 4, 4) with rest lengths (N, m),
+        from (1) and (2).
 
-        With `gradient` (N, 6) the rest lengths of the struts `free` (m,) are changed, as little as
-        possible if these are more than six, until all struts together exert the gradient.
+        With `gradient` (N, 6) the rest lengths of the struts `free` (m,) are changed, as
+        little as possible if these are more than six, until all struts together exert the
+        gradient.
         """
         N, m = len(T_a_b), len(self.made)
         k = self.springs
@@ -332,7 +346,8 @@ class FlexureStruts(LineSprings):
         q = rest.copy()
         ends = self.ends
         wanted = self.wanted(T_a_b)
-        # Scaled by roots of energies, so that soft springs keep their digits beside stiff ones.
+        # Scaled by roots of energies, so that soft springs keep their digits beside stiff
+        # ones.
         whole = np.sqrt(self.slides) * self.made
         x_size = 1.0 / np.sqrt(np.where(k > 0.0, k, whole[:, None] ** 2))[:, free_q]
         W_size = whole[:, None] * np.repeat([1.0, 1.0 / float(self.made.mean())], 3)
@@ -404,7 +419,8 @@ class FlexureStruts(LineSprings):
     def with_rest_balancing(
         self, posture: Posture, gradient: Array, every: bool = False
     ) -> FlexureStruts:
-        """The same struts with rest lengths at which they exert a gradient (6,) at a posture.
+        """The same struts with rest lengths at which they exert a gradient (6,)
+        at a posture.
 
         Raises
         ------
@@ -422,9 +438,11 @@ class FlexureStruts(LineSprings):
         return replace(self, rest_length=at.rest_length[0])
 
     def many(self, T_a_b: Array, gradients: Array, every: bool = False) -> StrutStates:
-        """`solve` at poses (N, 4, 4), the open or all rest lengths chosen to exert gradients.
+        """`solve` at poses (N, 4, 4), the open or all rest lengths chosen to
+        exert gradients.
 
-        As for lines, open struts that cannot balance one another have their preload instead.
+        As for lines, open struts that cannot balance one another have their preload
+        instead.
         """
         rest, free = self.start_rest(T_a_b, every)
         if not free.any():
@@ -432,10 +450,11 @@ class FlexureStruts(LineSprings):
         return self._bearing_by(T_a_b, rest, gradients, free)
 
     def start_rest(self, T_a_b: Array, every: bool = False) -> tuple[Array, Array]:
-        """Rest lengths (N, m) at poses, and the struts (m,) of which they are to be chosen.
+        """Rest lengths (N, m) at poses, and the struts (m,) of which they are
+        to be chosen.
 
-        Those start from the given rest length, or from the length that they have there, more than
-        six with their preload.
+        Those start from the given rest length, or from the length that they have there,
+        more than six with their preload.
         """
         held = np.zeros(len(self.made), bool) if every else self.holding()
         free = self.rest_is_free(every) & ~held
@@ -469,7 +488,9 @@ class FlexureStruts(LineSprings):
         return at._replace(is_found=at.is_found & again.is_found & same)
 
     def evaluate(self, posture: Posture) -> Evaluation:
-        """Energy, gradient and Hessian at a posture, from the pose and not from lengths alone."""
+        """Energy, gradient and Hessian at a posture, from the pose and not from
+        lengths alone.
+        """
         return PosePotential.evaluate(self, posture)
 
     def on_pose(self, T_a_b: Array) -> tuple[float, Array, Array]:
@@ -484,7 +505,8 @@ class FlexureStruts(LineSprings):
             )
         if not at.is_stable.all():
             raise NoEnergyError(
-                f"strut {first} has buckled: between its flexures it gives way by itself, and what "
+                f"strut {first} has buckled: between its flexures it gives way by "
+                "itself, and what "
                 "is left is no stiffness of a balance that lasts",
                 code="strut-buckled",
                 values={"strut": first},
@@ -522,7 +544,9 @@ def solved(M: Array, right: Array) -> Array:
 
 
 def turned(angles: Array) -> tuple[Array, Array]:
-    """Rotations (..., 3, 3) by hinges about x, y, z in a row, and their axes at the far end."""
+    """Rotations (..., 3, 3) by hinges about x, y, z in a row,
+    and their axes at the far end.
+    """
     (sx, sy, sz), (cx, cy, cz) = (
         np.moveaxis(f(angles), -1, 0) for f in (sines_of, cosines_of)
     )

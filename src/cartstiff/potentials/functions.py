@@ -23,8 +23,8 @@ from cartstiff.geometry.differences import STEP, gradient_and_hessian
 from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, PosePotential, Posture, Potential
 
-# Largest difference of derivatives with the full and with half the step, as a share of the
-# Hessian's scale; smooth functions of unit curvature reach 1e-10.
+# Largest difference of derivatives with the full and with half the step, as a share of
+# the Hessian's scale; smooth functions of unit curvature reach 1e-10.
 _AGREEMENT = numerics.DERIVATIVE_DISAGREEMENT
 # Largest step of `taylor_check` for which the energy must be finite.
 _FINITE_STEP = 1e-2
@@ -39,11 +39,13 @@ def _differentiate(
     natural = np.outer(scale, scale)
     size = np.abs(h * natural).max() + np.abs(g * scale).max()
     error = max(np.abs((h - h_half) * natural).max(), np.abs((g - g_half) * scale).max())
-    # Second differences of the half step carry the energy's own rounding, times 1 / step^2.
+    # Second differences of the half step carry the energy's own rounding, times 1 /
+    # step^2.
     rounding = 100 * numerics.EPSILON * abs(value) / (STEP / 2) ** 2
     if not np.isfinite(error) or error > _AGREEMENT * size + rounding:
         raise InputError(
-            "the energy cannot be differentiated numerically here (not smooth, or its length "
+            "the energy cannot be differentiated numerically here (not smooth, or its "
+            "length "
             "scale is far from the one given); pass its derivatives",
             expected=f"two step sizes to agree within {_AGREEMENT:g}",
             got=f"relative difference {error / size if size else np.nan:.3g}",
@@ -69,8 +71,8 @@ class JointFunction(Potential):
     energy : callable
         ``energy(q)`` in the mechanism's units.
     gradient, hessian : callable, optional
-        ``gradient(q)`` (n,) and ``hessian(q)`` (n, n). Give both or none; without them they are
-        taken by eighth-order differences and checked at two step sizes.
+        ``gradient(q)`` (n,) and ``hessian(q)`` (n, n). Give both or none; without them
+        they are taken by eighth-order differences and checked at two step sizes.
     scale : float
         Natural size of a change of q, in rad or length.
     """
@@ -105,8 +107,8 @@ class PoseFunction(PosePotential):
     energy : callable
         ``energy(T)`` of a 4x4 pose.
     wrench, stiffness : callable, optional
-        ``wrench(T)`` = dPhi (6,) and ``stiffness(T)`` = K^A or K^B (6, 6; the symmetric part
-        counts), in components of frame b. Give both or none.
+        ``wrench(T)`` = dPhi (6,) and ``stiffness(T)`` = K^A or K^B (6, 6; the symmetric
+        part counts), in components of frame b. Give both or none.
     length : float
         Natural length, in the mechanism's unit, for the numerical derivatives.
     """
@@ -117,7 +119,9 @@ class PoseFunction(PosePotential):
     length: float = 1.0
 
     def on_pose(self, T_a_b: Array) -> tuple[float, Array, Array]:
-        """Energy, wrench, K^B; in exponential coordinates at the pose, whose Hessian K^B is."""
+        """Energy, wrench, K^B; in exponential coordinates at the pose,
+        whose Hessian K^B is.
+        """
         if self.wrench is None or self.stiffness is None:
             scale = np.array([1.0] * 3 + [self.length] * 3)
             return _differentiate(lambda x: float(self.energy(T_a_b @ se3.exp(x))), scale)
@@ -154,8 +158,9 @@ def taylor_check(
 ) -> TaylorCheck:
     """Check first and second derivatives at 0 against the energy along a direction.
 
-    The error |energy(t d) - energy(0) - t g.d - t^2/2 d.H d| must fall like t^3. The slope is
-    fitted where it is steadiest over a decade and a half of steps, above the rounding floor.
+    The error |energy(t d) - energy(0) - t g.d - t^2/2 d.H d| must fall like t^3. The
+    slope is fitted where it is steadiest over a decade and a half of steps, above the
+    rounding floor.
 
     Parameters
     ----------
@@ -174,8 +179,8 @@ def taylor_check(
     Raises
     ------
     InputError
-        For wrong shapes, numbers that are not finite, a direction of zero, or an energy that is not
-        a finite number at 0.
+        For wrong shapes, numbers that are not finite, a direction of zero, or an energy
+        that is not a finite number at 0.
     """
     d = checked_array(direction, ("n",), "direction")
     g, H = (
@@ -201,7 +206,8 @@ def taylor_check(
     usable = np.flatnonzero((errors > floor) & np.isfinite(errors))
     if usable.size < 4:
         return TaylorCheck(np.inf, (float(steps[-1]), float(steps[0])), True)
-    # A right Hessian leaves few points above the floor; fit the order to the smallest of them.
+    # A right Hessian leaves few points above the floor; fit the order to the smallest of
+    # them.
     last = usable[-min(usable.size, 12) :]
     fitted = float(np.polyfit(np.log(steps[last]), np.log(errors[last]), 1)[0])
     return TaylorCheck(

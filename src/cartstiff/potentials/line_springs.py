@@ -1,7 +1,7 @@
 r"""Straight springs between a point of one frame and a point of another.
 
-With anchor a (frame A), body point b (frame B), length l, unit vector u, tension t = k (l - l0),
-all in components of B: g = (b x u, u), W = t g and, with D = [-[b]x, I],
+With anchor a (frame A), body point b (frame B), length l, unit vector u, tension t = k (l
+- l0), all in components of B: g = (b x u, u), W = t g and, with D = [-[b]x, I],
 
     K^A[i, j] = k g_i g_j + t [ D_i . (I - u u^T) D_j / l + u . (w_j x (w_i x b + v_i)) ]
 
@@ -44,7 +44,9 @@ from cartstiff.potentials.tensions import (
 
 
 def _placed(turning: Array, coupling: Array, weight: Array) -> Array:
-    """``[[tr(t) I - sym(t), [c]x], [-[c]x, w I]]`` of stacks t (..., 3, 3), c (..., 3), w (...)."""
+    """``[[tr(t) I - sym(t), [c]x], [-[c]x, w I]]`` of stacks t (..., 3, 3), c (..., 3),
+    w (...).
+    """
     total = np.zeros((*turning.shape[:-2], 6, 6), turning.dtype)
     trace = np.asarray(turning.trace(axis1=-2, axis2=-1))[..., None, None]
     total[..., :3, :3] = trace * np.eye(3) - 0.5 * (turning + turning.swapaxes(-1, -2))
@@ -59,7 +61,8 @@ _SUM_ROUNDOFF = 64.0
 
 
 def line_geometry(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
-    """Lines from `anchors` (m, 3) in frame a to `points` (m, 3) in frame b, in components of b.
+    """Lines from `anchors` (m, 3) in frame a to `points` (m, 3) in frame b,
+    in components of b.
 
     ``lines[s]`` is the gradient of length s along body twists: (b x u, u).
 
@@ -81,7 +84,10 @@ def line_geometry(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
 
 
 def lines_of_many(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
-    """`line_geometry` of poses (..., 4, 4), or recorded ones; lines of zero length have u = 0."""
+    """`line_geometry` of poses (..., 4, 4), or recorded ones.
+
+    Lines of zero length have u = 0.
+    """
     R, p = T_a_b[..., :3, :3], T_a_b[..., None, :3, 3]
     along = points - (anchors - p) @ R
     lengths = np.sqrt((along * along).sum(axis=-1))
@@ -94,12 +100,15 @@ def lines_of_many(T_a_b: Array, anchors: Array, points: Array) -> LineGeometry:
 
 
 def second_derivative(geometry: LineGeometry, points: Array, weights: Array) -> Array:
-    """``sum_s weights_s Hess(length_s)`` on exponential coordinates, a symmetric (6, 6) matrix."""
+    """``sum_s weights_s Hess(length_s)`` on exponential coordinates,
+    a symmetric (6, 6) matrix.
+    """
     lengths, u, lines = geometry
     w = weights / lengths
-    # (I - u u^T) in the metric of point velocities: sum w (D^T D - g g^T), where
-    # D^T D = [[(b.b) I - b b^T, [b]x], [-[b]x, I]]. With it sym of u . (w_j x (w_i x b + v_i)),
-    # the rotation of the line's own direction: [[sym(b u^T) - (b.u) I, -[u]x / 2], [[u]x / 2, 0]].
+    # (I - u u^T) in the metric of point velocities: sum w (D^T D - g g^T), where D^T D =
+    # [[(b.b) I - b b^T, [b]x], [-[b]x, I]]. With it sym of u . (w_j x (w_i x b + v_i)),
+    # the rotation of the line's own direction: [[sym(b u^T) - (b.u) I, -[u]x / 2], [[u]x
+    # / 2, 0]].
     turning = points.T.dot(points * w[:, None] - u * weights[:, None])
     coupling = w.dot(points) - 0.5 * weights.dot(u)
     return _placed(turning, coupling, w.sum()) - (lines.T * w).dot(lines)
@@ -118,23 +127,24 @@ class LineSprings(PosePotential, Springs):
     stiffness : ndarray, shape (m,)
         Force per length, above zero.
     rest_length : ndarray, shape (m,)
-        Lengths at which the springs carry no force; NaN where they are to be chosen so that the
-        lines balance the load at the posture (see `with_rest_balancing`).
+        Lengths at which the springs carry no force; NaN where they are to be chosen so
+        that the lines balance the load at the posture (see `with_rest_balancing`).
     unilateral : bool or tuple of bool (m,)
-        Cables: a line shorter than its rest length is slack and carries nothing. A tuple where some
-        lines are cables and others push as well.
+        Cables: a line shorter than its rest length is slack and carries nothing. A tuple
+        where some lines are cables and others push as well.
     preload : ndarray (m,), optional
-        Tensions of driven lines at every commanded posture, whose rest lengths follow it; NaN for
-        the others. Where a rest length is given, or was chosen, that one counts.
+        Tensions of driven lines at every commanded posture, whose rest lengths follow it;
+        NaN for the others. Where a rest length is given, or was chosen, that one counts.
     driven : bool or tuple of bool (m,)
-        Lines whose rest length a drive changes, so that a given load replaces it; the others keep
-        it, where the driven ones can balance the load.
+        Lines whose rest length a drive changes, so that a given load replaces it; the
+        others keep it, where the driven ones can balance the load.
     least, most : ndarray (m,), optional
-        Limits of the forces, which tensions that are chosen keep if that is possible; infinite
-        where there is none. Not for lines with a given rest length.
+        Limits of the forces, which tensions that are chosen keep if that is possible;
+        infinite where there is none. Not for lines with a given rest length.
     balanced_at : tuple of ndarray (m,), (m,), (m,), or None
-        Lengths, the tensions chosen there, which the rest length of a stiff line would round, and
-        those to which they are the nearest. None if the rest lengths were given.
+        Lengths, the tensions chosen there, which the rest length of a stiff line would
+        round, and those to which they are the nearest. None if the rest lengths were
+        given.
     """
 
     anchors: Array
@@ -289,7 +299,9 @@ class LineSprings(PosePotential, Springs):
         return float(np.abs(self.anchors).max()) if self.frame_a == "world" else 0.0
 
     def shifted(self, posture: Posture, which: Sequence[int], less: Array) -> LineSprings:
-        """The same with the tensions of some lines reduced at a posture, not their lengths."""
+        """The same with the tensions of some lines reduced at a posture,
+        not their lengths.
+        """
         lengths = self.geometry(posture).lengths
         tensions = self.tensions(lengths)
         tensions[which] -= less
@@ -326,7 +338,9 @@ class LineSprings(PosePotential, Springs):
         ]
 
     def diagnostics(self, posture: Posture) -> list[Note]:
-        """Notes on slack cables, cables at the edge of slackness, and non-unique tensions."""
+        """Notes on slack cables, cables at the edge of slackness,
+        and non-unique tensions.
+        """
         notes = []
         if slack := self.slack(posture):
             numbers = ", ".join(map(str, slack))
@@ -343,8 +357,10 @@ class LineSprings(PosePotential, Springs):
             if at_edge:
                 numbers = ", ".join(map(str, at_edge))
                 message = (
-                    f"cables {numbers} are at the edge of slackness: they resist a motion that "
-                    "stretches them and not its opposite, so that the stiffness depends on the "
+                    f"cables {numbers} are at the edge of slackness: they resist a "
+                    "motion that "
+                    "stretches them and not its opposite, so that the stiffness depends "
+                    "on the "
                     "direction; here they count as taut"
                 )
                 notes.append(Note("direction-dependent", message, {"cables": at_edge}))
@@ -360,12 +376,14 @@ class LineSprings(PosePotential, Springs):
         is_given = given.any() and (np.abs(tensions - given) <= largest).all()
         if len(lines) > numerics.rank(values) and not is_given:
             message = (
-                "several sets of tensions balance the load; this is the set nearest to the given "
+                "several sets of tensions balance the load; this is the set nearest to "
+                "the given "
                 "tensions (least squares), or to zero"
             )
             if given.any() and not tensions.any():
                 message = (
-                    "no tensions of these cables balance one another at this pose: they cannot "
+                    "no tensions of these cables balance one another at this pose: they "
+                    "cannot "
                     "hold the given tensions, and have none"
                 )
             elif self.unilateral:
@@ -382,7 +400,10 @@ class LineSprings(PosePotential, Springs):
         return self.rest_length
 
     def replaced(self, stiffness: Array, rest: Array) -> Self:
-        """The same lines with other stiffnesses and rest lengths; new ones replace a preload."""
+        """The same lines with other stiffnesses and rest lengths.
+
+        New ones replace a preload.
+        """
         preload = self.preload
         if preload is not None:
             is_new = ~np.isnan(rest) & (rest != self.rest_length)
@@ -398,12 +419,14 @@ class LineSprings(PosePotential, Springs):
     def with_rest_balancing(
         self, posture: Posture, gradient: Array, every: bool = False
     ) -> LineSprings:
-        """The same lines with rest lengths at which they exert a gradient (6,) at a posture.
+        """The same lines with rest lengths at which they exert a gradient (6,)
+        at a posture.
 
-        Open lines with a preload have exactly that tension where they cannot balance a load
-        among themselves (see `holding`) and `every` is False. All other open lines, or with
-        `every` all driven ones, have the tensions nearest to the given ones that exert the
-        gradient together with the others, cables taut: see `cartstiff.potentials.tensions`.
+        Open lines with a preload have exactly that tension where they cannot balance a
+        load among themselves (see `holding`) and `every` is False. All other open lines,
+        or with `every` all driven ones, have the tensions nearest to the given ones that
+        exert the gradient together with the others, cables taut: see
+        `cartstiff.potentials.tensions`.
 
         Raises
         ------
@@ -412,7 +435,7 @@ class LineSprings(PosePotential, Springs):
         """
         if every and isinstance(self.driven, tuple):
             free = np.array(self.driven) | self.rest_is_free()
-            try:  # springs that nothing drives keep their rest lengths, if that is possible
+            try:  # springs that nothing drives keep their rest lengths, if possible
                 return self._balancing(posture, gradient, free)
             except InputError:
                 pass
@@ -423,7 +446,10 @@ class LineSprings(PosePotential, Springs):
     def _balancing(
         self, posture: Posture, gradient: Array, free: Array, holds: bool = False
     ) -> LineSprings:
-        """`with_rest_balancing` by the lines `free` (m,); `holds`: or with their preload."""
+        """`with_rest_balancing` by the lines `free` (m,).
+
+        `holds`: or with their preload.
+        """
         geometry = self.geometry(posture)
         lines, scale = _scaled(geometry.lines)
         held = self.holding(lines) if holds else np.zeros(len(free), bool)
@@ -443,7 +469,9 @@ class LineSprings(PosePotential, Springs):
         return self._at_rest(rest, exerted, given, geometry.lengths)
 
     def _staying_slack(self, exerted: Array, lengths: Array) -> Array:
-        """Tensions (m,), below zero for a slack cable that stays slack with its rest length."""
+        """Tensions (m,), below zero for a slack cable that stays slack with its
+        rest length.
+        """
         pull = self._pull(lengths)
         return np.where(self.cables & (exerted == 0.0) & (pull < 0.0), pull, exerted)
 
@@ -476,7 +504,9 @@ class LineSprings(PosePotential, Springs):
     def _balanced(
         self, lines: Array, gradient: Array, free: Array, given: Array, fixed: Array
     ) -> Array:
-        """Tensions of the free lines that exert a gradient beside the fixed tensions (m,)."""
+        """Tensions of the free lines that exert a gradient beside the fixed
+        tensions (m,).
+        """
         matrix, wanted = lines[:, free], gradient - lines @ fixed
         count = int(np.count_nonzero(free))
         several = count > 6 or count > numerics.rank(numerics.singular_values(matrix))
@@ -493,7 +523,8 @@ class LineSprings(PosePotential, Springs):
             raise InputError(
                 "no tensions of the lines balance this load at this pose"
                 if free.all()
-                else "no tensions of the lines without a rest length balance the other ones here",
+                else "no tensions of the lines without a rest length balance the other "
+                "ones here",
                 expected="forces that the lines can carry (not a type-2 singularity)",
                 got=f"an unbalanced moment of {_length(missed[:3]):.3g} and force of "
                 f"{_length(missed[3:] / size):.3g}, in the file's units",
@@ -505,7 +536,8 @@ class LineSprings(PosePotential, Springs):
         taut, exist = within_bounds(null, tensions[None], bounds, largest)
         if not exist[0]:
             raise InputError(
-                "the cables cannot balance this load at this pose: one would have to push",
+                "the cables cannot balance this load at this pose: one would have to "
+                "push",
                 expected="a load that tensions alone can carry",
             )
         return np.asarray(taut[0])
@@ -513,10 +545,10 @@ class LineSprings(PosePotential, Springs):
     def holding(self, lines: Array | None = None) -> Array:
         """Lines (m,) that are to have exactly their preload at a posture, whatever acts.
 
-        These are the open ones with a preload, where the open lines are not more than the motions
-        that they determine, so that no set of tensions balances itself. All others, as the cables
-        of a cable robot, choose their tensions. `lines` (6, m) are those at the posture; without
-        them six or fewer lines count as independent.
+        These are the open ones with a preload, where the open lines are not more than the
+        motions that they determine, so that no set of tensions balances itself. All
+        others, as the cables of a cable robot, choose their tensions. `lines` (6, m) are
+        those at the posture; without them six or fewer lines count as independent.
         """
         is_open = self.rest_is_free()
         if self.preload is None:
@@ -536,11 +568,12 @@ class LineSprings(PosePotential, Springs):
         return np.nan_to_num(given)
 
     def bounds(self, tensions: Array, which: Array) -> Bounds:
-        """Bounds (p, ...) of lines `which` (m,), for their tensions (p, ...) without a bound.
+        """Bounds (p, ...) of lines `which` (m,), for their tensions (p, ...)
+        without a bound.
 
-        Cables keep their least force, else a share of the mean preload, or without one of those
-        tensions, if that is possible. Neither that nor limits of drives are for lines with a rest
-        length.
+        Cables keep their least force, else a share of the mean preload, or without one of
+        those tensions, if that is possible. Neither that nor limits of drives are for
+        lines with a rest length.
         """
         is_open, cables = self.rest_is_free()[which], self.cables[which]
         preload = 0.0
@@ -562,7 +595,9 @@ class LineSprings(PosePotential, Springs):
     def _at_rest(
         self, rest: Array, tensions: Array, given: Array, lengths: Array
     ) -> LineSprings:
-        """The same lines with rest lengths at which they exert tensions, nearest to given ones."""
+        """The same lines with rest lengths at which they exert tensions,
+        nearest to given ones.
+        """
         for numbers in (tensions, given):
             numbers.flags.writeable = False
         return replace(self, rest_length=rest, balanced_at=(lengths, tensions, given))
@@ -601,7 +636,9 @@ class LineSprings(PosePotential, Springs):
         return 0.5 * float(t.dot(stretch)), t.dot(geometry.lines), K
 
     def lines_and_rest(self, posture: Posture) -> tuple[Array, Array, Array] | None:
-        """Lines g (m, 6) from F to M, stiffnesses k (m,), and the rest of K^B: the tensions'."""
+        """Lines g (m, 6) from F to M, stiffnesses k (m,), and the rest of K^B:
+        the tensions'.
+        """
         if (self.frame_a, self.frame_b) != ("world", "body"):
             return None
         geometry = self.geometry(posture)

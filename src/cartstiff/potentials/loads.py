@@ -1,18 +1,21 @@
-r"""External loads as terms of the energy: forces constant in F, wrenches that follow the body.
+r"""External loads as terms of the energy: forces constant in F,
+wrenches that follow the body.
 
-A load is the one-form alpha on motions of its frame: alpha = -(wrench on the body), as gradient of
-the total energy. With T[i, j] = L_j alpha(L_i), its derivatives along left-invariant fields, and
-maps of the coordinates whose curvature is S,
+A load is the one-form alpha on motions of its frame: alpha = -(wrench on the body), as
+gradient of the total energy. With T[i, j] = L_j alpha(L_i), its derivatives along
+left-invariant fields, and maps of the coordinates whose curvature is S,
 
-    gradient_a = alpha(J_a),   hessian[a, b] = T(J_a, J_b) + S_alpha[a, b] + 1/2 alpha([J_a, J_b])
+    gradient_a = alpha(J_a), hessian[a, b] = T(J_a, J_b) + S_alpha[a, b] + 1/2 alpha([J_a,
+    J_b])
 
-because d J_a / d q_b is the symmetric curvature plus half a bracket on every map to SE(3). Where
-alpha is exact, T is K^A and the last term makes it K^B: the Hessian is symmetric.
+because d J_a / d q_b is the symmetric curvature plus half a bracket on every map to
+SE(3). Where alpha is exact, T is K^A and the last term makes it K^B: the Hessian is
+symmetric.
 
-A moment m that is constant in the world, or in the body, has no potential in space, but it has
--m . n times the angle where all joints on the way to the body turn about one direction n: they
-leave n as it is, at all coordinates. With the rotational rows J_w of the map the angle's part is
-the constant m^T J_w, and the potential -m^T J_w q.
+A moment m that is constant in the world, or in the body, has no potential in space, but
+it has -m . n times the angle where all joints on the way to the body turn about one
+direction n: they leave n as it is, at all coordinates. With the rotational rows J_w of
+the map the angle's part is the constant m^T J_w, and the potential -m^T J_w q.
 """
 
 from __future__ import annotations
@@ -68,10 +71,15 @@ class Load(Potential):
 
     @abstractmethod
     def on_pose(self, T_F_b: Array) -> tuple[float, Array, Array]:
-        """Energy (NaN if there is none), alpha (6,) and T (6, 6), in components of frame b."""
+        """Energy (NaN if there is none), alpha (6,) and T (6, 6),
+        in components of frame b.
+        """
 
     def parted(self, T_F_b: Array) -> tuple[float, Array] | None:  # noqa: ARG002
-        """Energy of all but the moment, and the moment (3,) in b; None if that is not all."""
+        """Energy of all but the moment, and the moment (3,) in b.
+
+        None if that is not all.
+        """
         return None
 
     def conservative(self, posture: Posture) -> Potential:
@@ -99,7 +107,10 @@ class Load(Potential):
 
 
 def _energy_about_one_axis(moment: Array, turns: Array, q: Array) -> float:
-    """``-m^T J_w q`` of a moment (3,), see the module; NaN if turns (3, n) have several axes."""
+    """``-m^T J_w q`` of a moment (3,), see the module.
+
+    NaN if turns (3, n) have several axes.
+    """
     sizes = np.linalg.norm(turns, axis=0)
     n = turns[:, int(np.argmax(sizes))]
     across = np.abs(se3.skew(n) @ turns).max(initial=0.0)
@@ -109,7 +120,9 @@ def _energy_about_one_axis(moment: Array, turns: Array, q: Array) -> float:
 
 
 def _forms_of_force() -> Array:
-    """Alpha and K^A of a force -f at a point c, linear in f and the entries of f c^T (12, 42)."""
+    """Alpha and K^A of a force -f at a point c, linear in f and the entries of f
+    c^T (12, 42).
+    """
     forms = np.zeros((4, 3, 42))
     for i, f in enumerate(np.eye(3)):
         forms[0, i, 3:6] = f
@@ -136,7 +149,8 @@ _OF_FORCE_B[:, 6:] = np.array([_symmetric(form) for form in _OF_FORCE[:, 6:]])
 def held_force(
     force: Array, point: Array, forms: Array = _OF_FORCE_B
 ) -> tuple[Array, Array]:
-    """Alpha and K^B of a force (3,), constant in F, given along the axes of b at a point of b.
+    """Alpha and K^B of a force (3,), constant in F, given along the axes of b at
+    a point of b.
 
     Numbers may be recorded. With `_OF_FORCE` as forms, K^A instead.
     """
@@ -166,8 +180,8 @@ class DeadForce(Load):
     mass : float
         Mass whose weight the force is; 0 for any other force.
     lifted : float
-        Mass [kg] whose weight the force carries, as gravity compensation does: it follows the
-        field of `ElasticMechanism.with_gravity`. 0 for any other force.
+        Mass [kg] whose weight the force carries, as gravity compensation does: it follows
+        the field of `ElasticMechanism.with_gravity`. 0 for any other force.
 
     Raises
     ------
@@ -204,9 +218,10 @@ class DeadForce(Load):
 class DeadWrench(Load):
     """A moment and a force constant in the world, at the origin of a frame.
 
-    The force has a potential. A moment constant in the world has none, as its work depends on the
-    path: with it the energy is NaN and the derivative asymmetric, unless all joints on the way to
-    the frame turn about one direction, as those of a planar machine.
+    The force has a potential. A moment constant in the world has none, as its work
+    depends on the path: with it the energy is NaN and the derivative asymmetric, unless
+    all joints on the way to the frame turn about one direction, as those of a planar
+    machine.
 
     Attributes
     ----------
@@ -252,17 +267,20 @@ class DeadWrench(Load):
 class SemitangentialWrench(Load):
     r"""A force constant in the world and a moment that turns by half, from dead forces.
 
-    The moment m at the rotation R_0 comes from equal and opposite dead forces at the ends of two
-    crossed bars of the body. With ``R_0^T R`` the rotation since then and ``n = R_0^T m``
+    The moment m at the rotation R_0 comes from equal and opposite dead forces at the ends
+    of two crossed bars of the body. With ``R_0^T R`` the rotation since then and ``n =
+    R_0^T m``
 
         Phi = -1/2 tr([n]x^T R_0^T R) - f . p
 
-    so that the moment turns by half to first order, and as the cosine of a turn about its own axis.
+    so that the moment turns by half to first order, and as the cosine of a turn about its
+    own axis.
 
     Attributes
     ----------
     wrench : ndarray, shape (6,)
-        (moment, force) on the body at that rotation, components in F, moment about the point.
+        (moment, force) on the body at that rotation, components in F, moment about the
+        point.
     rotation : ndarray, shape (3, 3)
         R_0 of the frame that carries the load.
     frame_b : str
@@ -300,10 +318,11 @@ class SemitangentialWrench(Load):
 
 @dataclass(frozen=True)
 class FollowerWrench(Load):
-    """A wrench constant in the moving frame: pressure, thrust, a tool that turns with the body.
+    """A wrench constant in the moving frame: pressure, thrust,
+    a tool that turns with the body.
 
-    It has no potential, but for a moment alone on a planar machine, as `DeadWrench`. Its part of
-    K^A vanishes, as its body components are constant.
+    It has no potential, but for a moment alone on a planar machine, as `DeadWrench`. Its
+    part of K^A vanishes, as its body components are constant.
 
     Attributes
     ----------
@@ -379,7 +398,8 @@ def payload(
     Parameters
     ----------
     mass : float
-        Not negative; in the mechanism's unit of force over that of `acceleration` (kg in SI).
+        Not negative; in the mechanism's unit of force over that of `acceleration` (kg in
+        SI).
     acceleration : array_like, shape (3,)
         Acceleration of the uniform field, in F.
     point : array_like, shape (3,)

@@ -1,15 +1,16 @@
-r"""Struts between a compliant base and a compliant platform: two 6x6 springs in series with them.
+r"""Struts between a compliant base and a compliant platform:
+two 6x6 springs in series with them.
 
-From the ground to the body: the spring of the base, the struts in parallel, the spring of the
-platform. A spring is three slides and three hinges about x, y, z in a row, as in a compliant link;
-the struts add six coordinates for the relative pose T' of their ends, whose Hessian is their K^B.
-With coordinates x of the base and y of the platform, the body Jacobian J of all three at M and the
-wrench W on the body,
+From the ground to the body: the spring of the base, the struts in parallel, the spring of
+the platform. A spring is three slides and three hinges about x, y, z in a row, as in a
+compliant link; the struts add six coordinates for the relative pose T' of their ends,
+whose Hessian is their K^B. With coordinates x of the base and y of the platform, the body
+Jacobian J of all three at M and the wrench W on the body,
 
     K_b x = J_x^T W,    W_s(T') = J_s^T W,    K_p y = J_y^T W,    D_b(x) T' D_p(y) = T,
 
-and K^B is the Schur complement of equation (2) in `cartstiff.potentials.flexure_struts`, without
-terms of S_W within T'.
+and K^B is the Schur complement of equation (2) in `cartstiff.potentials.flexure_struts`,
+without terms of S_W within T'.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ class Mount(NamedTuple):
     place : ndarray (4, 4)
         Pose of the spring, in F or in M.
     stiffness : ndarray (6, 6)
-        Symmetric and positive definite, for slides along x, y, z and hinges about x, y, z.
+        Symmetric and positive definite, for slides along x, y, z and hinges about x, y,
+        z.
     """
 
     place: Array
@@ -62,7 +64,9 @@ class Mount(NamedTuple):
         return {"place": POSE, "stiffness": 1.0 - slides - slides[:, None]}
 
     def displaced(self, x: Array) -> tuple[Array, Array]:
-        """Motion (N, 4, 4) of the far side for coordinates x (N, 6), and its body Jacobian."""
+        """Motion (N, 4, 4) of the far side for coordinates x (N, 6),
+        and its body Jacobian.
+        """
         R, axes = turned(x[:, 3:])
         J = np.zeros((len(x), 6, 6))
         J[:, :3, 3:], J[:, 3:, :3] = axes, R.swapaxes(-1, -2)
@@ -111,7 +115,9 @@ class MountedStruts(FlexureStruts):
         return MountedStruts(**own, base=base, tip=tip)
 
     def lengths_at(self, T_a_b: Array) -> Array:
-        """Distances (m,) of the struts' ends at a pose of M, with base and platform deflected."""
+        """Distances (m,) of the struts' ends at a pose of M,
+        with base and platform deflected.
+        """
         if not self.is_complete:
             return super().lengths_at(T_a_b)
         return super().lengths_at(
@@ -123,7 +129,9 @@ class MountedStruts(FlexureStruts):
         return self.lengths_at(posture.relative(self.frame_a, self.frame_b)[0])
 
     def wound(self, T_a_b: Array, tensions: Array) -> Array:
-        """Rest lengths (N, m) of struts with tensions (m,), with base and platform deflected."""
+        """Rest lengths (N, m) of struts with tensions (m,),
+        with base and platform deflected.
+        """
         lines = lines_of_many(T_a_b, self.anchors, self.points)
         W, before = tensions @ lines.lines, lines.lengths
         for _ in range(_MAX_STEPS if tensions.any() else 0):
@@ -141,7 +149,9 @@ class MountedStruts(FlexureStruts):
         )
 
     def _exactly_wound(self, T: Array, tensions: Array, rest: Array) -> Array:
-        """Rest lengths (N, m) near given ones, by Newton's method: bent struts turn the mounts."""
+        """Rest lengths (N, m) near given ones, by Newton's method:
+        bent struts turn the mounts.
+        """
         for _ in range(_WINDING_STEPS if tensions.any() else 0):
             missed = self._tensions_of(T, rest) - tensions
             if (
@@ -172,7 +182,9 @@ class MountedStruts(FlexureStruts):
         gradient: Array | None = None,
         free: Any = None,
     ) -> StrutStates:
-        """As for struts alone; each strut has an equal share of the springs' energy and of K^B."""
+        """As for struts alone; each strut has an equal share of the springs'
+        energy and of K^B.
+        """
         if gradient is None:
             at = self._at_rest_in(T_a_b, rest_length)
             own = super().solve(at.T, rest_length)
@@ -181,8 +193,8 @@ class MountedStruts(FlexureStruts):
             own = super().solve(
                 at.T, rest_length, _pulled(at.J[..., self._struts], at.W), free
             )
-        # K^B from the inverse of the chain's matrix with multipliers; stable if the rest is
-        # positive.
+        # K^B from the inverse of the chain's matrix with multipliers; stable if the rest
+        # is positive.
         M, sizes = self._matrix(at, own.stiffness.sum(axis=1))
         n, m = len(sizes) - 6, len(self.made)
         inverse = solved(M, np.broadcast_to(np.eye(n + 6), M.shape))
@@ -202,7 +214,9 @@ class MountedStruts(FlexureStruts):
 
     @np.errstate(over="ignore", invalid="ignore")
     def _bearing(self, T: Array, W: Array) -> _Row:
-        """The chain under W (N, 6) at M's poses T, by fixed-point steps for the springs."""
+        """The chain under W (N, 6) at M's poses T,
+        by fixed-point steps for the springs.
+        """
         q = np.zeros((len(T), len(self._springs)))
         sprung = np.delete(np.arange(q.shape[1]), self._struts)
         compliance = np.zeros_like(self._springs)
@@ -223,7 +237,9 @@ class MountedStruts(FlexureStruts):
         over="ignore", invalid="ignore"
     )  # a diverging search has `is_found` False
     def _at_rest_in(self, T: Array, rest_length: Array) -> _Row:
-        """The chain at rest at M's poses T, by Newton's method for coordinates, T' and W."""
+        """The chain at rest at M's poses T, by Newton's method for
+        coordinates, T' and W.
+        """
         N, struts = len(T), self._struts
         at = self._row(T, np.zeros((N, len(self._springs))), np.zeros((N, 6)))
         settled, missed = np.zeros(N, bool), np.full(N, np.inf)
@@ -231,7 +247,8 @@ class MountedStruts(FlexureStruts):
         for _ in range(_MAX_STEPS):
             own = super().solve(at.T, rest_length)
             M, sizes = self._matrix(at, own.stiffness.sum(axis=1))
-            # Missing balance and missing pose; a row is settled once round-off is all that is left.
+            # Missing balance and missing pose; a row is settled once round-off is all
+            # that is left.
             pull = _pulled(at.J, at.W) - at.q @ self._springs
             pull[:, struts] -= own.wrench.sum(axis=1)
             gap = se3.log(se3.inverse(at.base @ at.T @ at.tip) @ T)
@@ -257,7 +274,10 @@ class MountedStruts(FlexureStruts):
 
     @cached_property
     def _springs(self) -> Array:
-        """Stiffnesses (n, n) of the springs at base and tip; zero for the struts' pose."""
+        """Stiffnesses (n, n) of the springs at base and tip.
+
+        Zero for the struts' pose.
+        """
         n = self._struts.stop + 6 * (self.tip is not None)
         K = np.zeros((n, n))
         if self.base is not None:
@@ -267,7 +287,9 @@ class MountedStruts(FlexureStruts):
         return K
 
     def _row(self, T: Array, q: Array, W: Array, struts: Array | None = None) -> _Row:
-        """The chain at coordinates q, the struts at a pose or at that which closes the chain."""
+        """The chain at coordinates q, the struts at a pose or at that which
+        closes the chain.
+        """
         base = tip = np.broadcast_to(np.eye(4), (len(T), 4, 4))
         parts = []
         if self.base is not None:

@@ -10,7 +10,8 @@ import numpy as np
 from cartstiff.geometry.jets import Jet, cosines_of, sines_of, stacked, variables
 from cartstiff.geometry.se3 import Array
 
-# Below this w, 0.6 rad, the series of asin(sqrt w) / sqrt(w (1 - w)) is exact to rounding.
+# Below this w, 0.6 rad, the series of asin(sqrt w) / sqrt(w (1 - w)) is exact to
+# rounding.
 SMALL_TURN = 0.09
 _TURN_TERMS = np.cumprod([1.0, *((2 * k + 2) / (2 * k + 3) for k in range(18))])
 # Number of terms of the sine and cosine of a slant.
@@ -50,11 +51,13 @@ _COSINE_LESS_1 = with_derivatives(
 )
 
 
-# Coordinates that rotate about y and z at the near and at the far end, and their selections.
+# Coordinates that rotate about y and z at the near and at the far end, and their
+# selections.
 _TURNS = np.array([[0, 1], [5, 4]])
 _OF_ENDS = np.eye(6)[_TURNS][:, None]
-# From (y, z) of the near and far vectors, each times (cos, sin) of half the twist, to the bows
-# about y and z and the S about y and z: the rotations against the chord are -near and far.
+# From (y, z) of the near and far vectors, each times (cos, sin) of half the twist, to the
+# bows about y and z and the S about y and z: the rotations against the chord are -near
+# and far.
 _ONE_Y, _ONE_Z = [-1, 0, 0, -1, 0, 0, 0, 0], [0, 1, -1, 0, 0, 0, 0, 0]
 _TWO_Y, _TWO_Z = [0, 0, 0, 0, 1, 0, 0, -1], [0, 0, 0, 0, 0, 1, 1, 0]
 _SECTIONS = np.array([_ONE_Y, _ONE_Z, _TWO_Y, _TWO_Z], float)
@@ -63,9 +66,11 @@ _BOW_AND_S = 0.5 * np.block([[np.eye(2), -np.eye(2)], [np.eye(2), np.eye(2)]]) @
 
 
 def deformations(x: Array, ratios: Array) -> tuple[Jet, Jet]:
-    """Twist (m,), and bow about y and z and S about y and z (m, 4), at coordinates x (m, 6).
+    """Twist (m,), and bow about y and z and S about y and z (m, 4),
+    at coordinates x (m, 6).
 
-    `ratios` (2,) are the parts of the S about y and about z that are slant; the rest is bending.
+    `ratios` (2,) are the parts of the S about y and about z that are slant; the rest is
+    bending.
     """
     ends = _swing(x[:, _TURNS]).among(
         _OF_ENDS
@@ -81,8 +86,8 @@ def deformations(x: Array, ratios: Array) -> tuple[Jet, Jet]:
         turned.gradient.reshape(count, 8, 6),
         turned.hessian.reshape(count, 8, 6, 6),
     ).combined(_BOW_AND_S)
-    # Bending in two planes winds the line: this rotation is no strain. Slanted sections rotate
-    # about the chord, not about themselves, which is missing.
+    # Bending in two planes winds the line: this rotation is no strain. Slanted sections
+    # rotate about the chord, not about themselves, which is missing.
     winding = turns[:, 2:] * (1 - 2 * ratios) * turns[:, 1::-1]
     return phi - winding[:, 0] + winding[:, 1], turns
 
@@ -94,13 +99,15 @@ def sheared(stretch: Jet, turns: Jet, h: float, ratios: Array) -> tuple[Jet, Jet
 
         gamma = r theta_a ,  r = f / (1/12 + f)  (`ratios`, of the S about y and z) .
 
-    In the axes of the middle section, the chord of length h + u has the components h + e and h S:
+    In the axes of the middle section, the chord of length h + u has the components h + e
+    and h S:
 
         S = (1 + u/h) sin|gamma| gamma / |gamma| ,  e = (h + u) cos|gamma| - h .
 
-    With theta_a + S - gamma in place of theta_a, and e + h S^2 / 2 in place of u, the energy of
-    short segments is EA (e/h)^2 / 2 + GA_s S^2 / 2 a length: E. Reissner, On one-dimensional
-    finite-strain beam theory: the plane problem, J. Appl. Math. Phys. 23, 1972.
+    With theta_a + S - gamma in place of theta_a, and e + h S^2 / 2 in place of u, the
+    energy of short segments is EA (e/h)^2 / 2 + GA_s S^2 / 2 a length: E. Reissner, On
+    one-dimensional finite-strain beam theory: the plane problem, J. Appl. Math. Phys. 23,
+    1972.
     """
     slant = turns[:, 2:] * ratios
     squares = slant * slant
@@ -117,20 +124,24 @@ def sheared(stretch: Jet, turns: Jet, h: float, ratios: Array) -> tuple[Jet, Jet
 def internal_twist(
     twist: Array, turns: Array, stiffer: float, torsion: float, ratios: Array, axis: int
 ) -> tuple[Array, Array, Array]:
-    r"""Energy (m,) of the coupling of bending and torsion within segments, with derivatives.
+    r"""Energy (m,) of the coupling of bending and torsion within segments,
+    with derivatives.
 
-    Where a section is bent about its soft axis s, its stiff bending p = `axis` turns with the
-    section: its curvature is that of the line along the turned axis. With chi the turn of the
-    sections along the segment, of xi from -1/2 to 1/2, and s = +1 for p = y and -1 for p = z,
+    Where a section is bent about its soft axis s, its stiff bending p = `axis` turns with
+    the section: its curvature is that of the line along the turned axis. With chi the
+    turn of the sections along the segment, of xi from -1/2 to 1/2, and s = +1 for p = y
+    and -1 for p = z,
 
-        U = D / 2h int [P (k_p + s chi k_s)]^2 - k_p^2 + GJ / 2h int chi'^2 ,  D = EI_p - EI_s ,
+        U = D / 2h int [P (k_p + s chi k_s)]^2 - k_p^2 + GJ / 2h int chi'^2 , D = EI_p -
+        EI_s ,
 
         k = alpha + 12 beta xi ,  alpha = -2 bow ,  beta = S  (of S the part that bends).
 
-    P is the projection on 1 and xi: any other curvature is made up for by bending between the
-    ends, which costs nothing to this order. The turn chi = phi xi + further turns that vanish at
-    the ends minimises U. These enter by three moments, and with their flexibility
-    (``int 1, xi, xi^2`` of the turn of a bar of unit torsion stiffness under 1, xi, xi^2)
+    P is the projection on 1 and xi: any other curvature is made up for by bending between
+    the ends, which costs nothing to this order. The turn chi = phi xi + further turns
+    that vanish at the ends minimises U. These enter by three moments, and with their
+    flexibility (``int 1, xi, xi^2`` of the turn of a bar of unit torsion stiffness under
+    1, xi, xi^2)
 
         F = h / GJ [[alpha^2 / 12 + beta^2 / 5, 2 sqrt(3) alpha beta / 15],
                     [                      ..., alpha^2 / 60 + 3 beta^2 / 7]]
@@ -138,9 +149,9 @@ def internal_twist(
         U = 1/2 d^T (W^-1 + F)^-1 d - 1/2 k^T W k ,  W = D / h diag(1, 1 - r_p) ,
         k = (alpha_p, sqrt(12) beta_p) ,  d = k + s phi (beta_s, alpha_s / sqrt(12)) .
 
-    Torsion is thus a spring in series with the stiff bending: support stiffness of a leaf spring
-    that is bent decreases with the square of its deflection. In a straight segment U is zero with
-    all derivatives.
+    Torsion is thus a spring in series with the stiff bending: support stiffness of a leaf
+    spring that is bent decreases with the square of its deflection. In a straight segment
+    U is zero with all derivatives.
 
     Parameters
     ----------
@@ -237,7 +248,8 @@ def internal_twist(
 
 
 def _swing(angles: Array) -> Jet:
-    """Ry(b) Rz(g) as (y, z, twist): a rotation vector (0, y, z), after or before a turn about e_x.
+    """Ry(b) Rz(g) as (y, z, twist): a rotation vector (0, y, z),
+    after or before a turn about e_x.
 
     The angle of the vector is acos(cos b cos g); the twist is 2 atan(tan(b/2) tan(g/2)).
     Angles (..., 2), found (..., 3) in these two variables.

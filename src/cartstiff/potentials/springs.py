@@ -30,8 +30,8 @@ from cartstiff.potentials.contract import (
     Potential,
 )
 
-# Least share of a link's Euler load for a note that a 6x6 spring neglects it: the deflection is too
-# small by about that share.
+# Least share of a link's Euler load for a note that a 6x6 spring neglects it: the
+# deflection is too small by about that share.
 _NOTED_COMPRESSION = 0.05
 
 
@@ -63,7 +63,8 @@ class SpringLaw(ABC):
         """
 
     def in_units(self, size: float, effort: float) -> SpringLaw:  # noqa: ARG002
-        """The same law with the numbers of deflections times `size` and of torques times `effort`.
+        """The same law with the numbers of deflections times `size` and of torques
+        times `effort`.
 
         Raises
         ------
@@ -98,7 +99,9 @@ class PolynomialLaw(SpringLaw):
             )
 
     def evaluate(self, x: Any) -> tuple[Any, Any, Any]:
-        """Energy, torque and tangent stiffness at a deflection, each of (N,), or a number."""
+        """Energy, torque and tangent stiffness at a deflection, each of (N,),
+        or a number.
+        """
         energy = torque = stiffness = 0.0
         for power, c in reversed(list(enumerate(self.coefficients, start=1))):
             energy, torque = (energy + c / (power + 1)) * x, (torque + c) * x
@@ -137,16 +140,17 @@ class Corner(NamedTuple):
 
 @dataclass(frozen=True)
 class TabulatedLaw(SpringLaw):
-    """Torque through points: straight between them, or a smooth curve; straight beyond them.
+    """Torque through points: straight between them, or a smooth curve;
+    straight beyond them.
 
     Attributes
     ----------
     deflections, torques : tuple of float
         At least two points; deflections strictly increasing.
     pieces : {"linear", "smooth"}
-        Straight pieces, as a catalogue means them: the stiffness jumps at the points, and that of
-        the piece above is taken there. Or a shape-preserving cubic (PCHIP): energy, torque and
-        stiffness are continuous.
+        Straight pieces, as a catalogue means them: the stiffness jumps at the points, and
+        that of the piece above is taken there. Or a shape-preserving cubic (PCHIP):
+        energy, torque and stiffness are continuous.
     """
 
     deflections: tuple[float, ...]
@@ -183,7 +187,9 @@ class TabulatedLaw(SpringLaw):
 
     @cached_property
     def corner_width(self) -> float:  # type: ignore[override]
-        """Distance to a corner below which the deflection counts as that of the corner."""
+        """Distance to a corner below which the deflection counts as that
+        of the corner.
+        """
         return numerics.NEGLIGIBLE_DIFFERENCE * (
             self.deflections[-1] - self.deflections[0]
         )
@@ -195,9 +201,11 @@ class TabulatedLaw(SpringLaw):
 
     @cached_property
     def _rows(self) -> Array:
-        """A row for each piece: knot, energy, torque, slope, two more coefficients of the torque.
+        """A row for each piece: knot, energy, torque, slope,
+        two more coefficients of the torque.
 
-        The first and the last piece are straight. The energy is that without a deflection.
+        The first and the last piece are straight. The energy is that without a
+        deflection.
         """
         x, y = np.asarray(self.deflections, float), np.asarray(self.torques, float)
         h, secants = np.diff(x), np.diff(y) / np.diff(x)
@@ -222,7 +230,10 @@ class TabulatedLaw(SpringLaw):
 
     @cached_property
     def _ends(self) -> Array:
-        """Ascending deflections at which the pieces end; a corner belongs to the piece above."""
+        """Ascending deflections at which the pieces end.
+
+        A corner belongs to the piece above.
+        """
         x = np.asarray(self.deflections, float)
         return x - numerics.ROUNDOFF * (x[-1] - x[0]) * (self.pieces == "linear")
 
@@ -237,7 +248,9 @@ class TabulatedLaw(SpringLaw):
 
     @staticmethod
     def on_piece(piece: Any, x: Any) -> tuple[Any, Any, Any]:
-        """`evaluate` on one piece: knot, energy, torque, slope and two coefficients there."""
+        """`evaluate` on one piece: knot, energy, torque, slope and two
+        coefficients there.
+        """
         knot, energy, torque, slope, second, third = piece
         d = x - knot
         return (
@@ -264,7 +277,9 @@ class TabulatedLaw(SpringLaw):
         return min(found, key=abs)
 
     def _on_piece_at(self, i: int, torque: float) -> float | None:
-        """Deflection of smallest size on one piece that carries a torque; None if none does."""
+        """Deflection of smallest size on one piece that carries a torque;
+        None if none does.
+        """
         ends = (-np.inf, *self.deflections, np.inf)
         knot, _, at_knot, slope, *_ = self._rows[i].tolist()
         low, high = ends[i], ends[i + 1]
@@ -352,13 +367,17 @@ class Springs(Potential):
         """The same springs with other stiffnesses and rest positions."""
 
     def with_forces(self, posture: Posture, forces: Array) -> Self:  # noqa: ARG002
-        """The same with rest positions of coordinates' springs at which they exert forces (n,)."""
+        """The same with rest positions of coordinates' springs at which they exert
+        forces (n,).
+        """
         return self
 
     def with_rest_balancing(
         self, posture: Posture, gradient: Array, every: bool = False
     ) -> Self:
-        """The same with rest positions at which they exert a gradient (n,) at a posture."""
+        """The same with rest positions at which they exert a gradient (n,)
+        at a posture.
+        """
         chosen = np.where(self.rest_is_free(every), gradient, np.nan)
         return self.with_forces(posture, chosen)
 
@@ -399,7 +418,10 @@ class Springs(Potential):
         return self.torque(q)
 
     def of_coordinates(self, count: int) -> Array:  # noqa: ARG002
-        """Stiffness of each coordinate's own spring (n,); zero without one, or with a law."""
+        """Stiffness of each coordinate's own spring (n,).
+
+        Zero without one, or with a law.
+        """
         return self.stiffness
 
     def has_coordinate(self, count: int) -> Array:
@@ -429,15 +451,22 @@ class Springs(Potential):
         return self
 
     def unloaded(self, positions: Array) -> Self:
-        """The same at rest at `positions` (m,), NaN where these are open; cables are bars."""
+        """The same at rest at `positions` (m,), NaN where these are open;
+        cables are bars.
+        """
         return self.replaced(self.stiffness, positions)
 
     def at_points(self, anchors: Array, points: Array) -> Self:  # noqa: ARG002
-        """The same between other points of F and of M; springs of coordinates have none."""
+        """The same between other points of F and of M.
+
+        Springs of coordinates have none.
+        """
         return self
 
     def shifted(self, posture: Posture, which: Sequence[int], less: Array) -> Self:  # noqa: ARG002
-        """The same with the tensions of some springs reduced, where that is a number they have."""
+        """The same with the tensions of some springs reduced,
+        where that is a number they have.
+        """
         return self
 
     @property
@@ -459,7 +488,9 @@ class Springs(Potential):
     def numbers(
         self, names: Sequence[str], slides: Sequence[bool] | None = None
     ) -> dict[str, Number]:
-        """Stiffnesses of linear springs, and rest positions that are known; lines slide."""
+        """Stiffnesses of linear springs, and rest positions that are known;
+        lines slide.
+        """
         linear = self._linear if names else []
         own = [(i, names[i], slides is None or slides[i]) for i in linear]
         k, rest = self.stiffness.tolist(), self.rest.tolist()
@@ -471,7 +502,9 @@ class Springs(Potential):
         return found | {f"rest.{n}": Number(rest[i], float(x)) for i, n, x in known}
 
     def with_numbers(self, values: Mapping[str, float], names: Sequence[str]) -> Self:
-        """The same with other stiffnesses, "stiffness.NAME", and rest positions, "rest.NAME"."""
+        """The same with other stiffnesses, "stiffness.NAME", and rest positions,
+        "rest.NAME".
+        """
         if not names:
             return self
         k, rest = (
@@ -499,16 +532,16 @@ class JointSprings(Springs):
     Attributes
     ----------
     stiffness : ndarray, shape (n,)
-        N m/rad (N/m for a prismatic joint); 0 for a joint without a spring. Not used for a joint
-        with a nonlinear law.
+        N m/rad (N/m for a prismatic joint); 0 for a joint without a spring. Not used for
+        a joint with a nonlinear law.
     rest : ndarray, shape (n,)
-        Rest positions; NaN where they are to be chosen so that the springs balance the load at
-        the posture.
+        Rest positions; NaN where they are to be chosen so that the springs balance the
+        load at the posture.
     laws : mapping of int to SpringLaw
         Nonlinear springs by coordinate index.
     rigid : frozenset of int
-        Coordinates with infinite stiffness. They store no energy, and `stiffness` is 0 there; the
-        mechanism does not move them.
+        Coordinates with infinite stiffness. They store no energy, and `stiffness` is 0
+        there; the mechanism does not move them.
     """
 
     stiffness: Array
@@ -586,15 +619,17 @@ class JointSprings(Springs):
     def beside_closures(
         self, posture: Posture, gradient: Array, size: float, every: bool = False
     ) -> tuple[Array, Array]:
-        """The part of a gradient that closures leave to the springs, and what no spring has of it.
+        """The part of a gradient that closures leave to the springs,
+        and what no spring has of it.
 
-        Closures carry, as far as they can, what joints with a known torque do not carry: those that
-        are passive, or whose rest position is not to be chosen.
+        Closures carry, as far as they can, what joints with a known torque do not carry:
+        those that are passive, or whose rest position is not to be chosen.
 
         Returns
         -------
         gradient, left : ndarray, shape (n,) each
-            What is left is zero where it is negligible beside the largest gradient and `size`.
+            What is left is zero where it is negligible beside the largest gradient and
+            `size`.
         """
         chosen, closure = self.rest_is_free(every), posture.closure
         left = np.zeros(len(gradient))
@@ -606,8 +641,8 @@ class JointSprings(Springs):
             known, sizes = ~chosen, posture.coordinate_lengths
             _, values, Vt = np.linalg.svd(closure.jacobian * sizes)
             V, N = np.split(Vt.T, [numerics.rank(values)], axis=1)
-            # The small singular values of V[known] and N[chosen] are the same: one threshold,
-            # relative to the largest of N[chosen], decides on both.
+            # The small singular values of V[known] and N[chosen] are the same: one
+            # threshold, relative to the largest of N[chosen], decides on both.
             largest = [
                 numerics.singular_values(m).max(initial=0.0)
                 for m in (N[chosen], V[known])
@@ -643,9 +678,11 @@ class JointSprings(Springs):
         return replace(self, stiffness=stiffness, rest=rest)
 
     def with_forces(self, posture: Posture, forces: Array) -> JointSprings:
-        """The same springs with rest positions at which they exert torques (n,) at a posture.
+        """The same springs with rest positions at which they exert torques (n,)
+        at a posture.
 
-        Where a torque is NaN the rest position stays; those of joints without a spring are ignored.
+        Where a torque is NaN the rest position stays; those of joints without a spring
+        are ignored.
 
         Raises
         ------
@@ -663,7 +700,8 @@ class JointSprings(Springs):
 
 
 def unheld(joint: str, torque: str, others: Collection[str]) -> InputError:
-    """Refusal of a load that needs a torque at a joint where no rest position can be chosen.
+    """Refusal of a load that needs a torque at a joint where no rest position
+    can be chosen.
 
     `others` are the kinds of energy that act on the joint.
     """
@@ -677,7 +715,8 @@ def unheld(joint: str, torque: str, others: Collection[str]) -> InputError:
     return InputError(
         f"{joint} has no spring whose rest position could be chosen, {needed}; "
         f"the energy that acts there ({words}) keeps its own rest",
-        expected="equilibrium (cartstiff equilibrium), which deflects it, or springs whose rest "
+        expected="equilibrium (cartstiff equilibrium), which deflects it, or springs "
+        "whose rest "
         "may be chosen: springs or coupled_springs in the file",
     )
 
@@ -755,8 +794,8 @@ class CoupledSprings(Potential):
     def diagnostics(self, posture: Posture) -> list[Note]:
         """Note on compression that matters in a cantilever with the same compliance.
 
-        Its length l and its axis follow from where a pure force turns the far side: the cross
-        products of l/2 with the forces.
+        Its length l and its axis follow from where a pure force turns the far side: the
+        cross products of l/2 with the forces.
         """
         if not self.link or self.indices.size != 6:
             return []
@@ -775,7 +814,9 @@ class CoupledSprings(Potential):
         if not share >= _NOTED_COMPRESSION:
             return []
         message = (
-            f"link {self.link!r} carries {100 * share:.0f} % of the Euler load of a cantilever "
-            "with its compliance; a 6x6 spring does not feel its own axial force: give it as beam"
+            f"link {self.link!r} carries {100 * share:.0f} % of the Euler load of a "
+            "cantilever "
+            "with its compliance; a 6x6 spring does not feel its own axial force: give "
+            "it as beam"
         )
         return [Note("link-compressed", message, {"link": self.link, "share": share})]

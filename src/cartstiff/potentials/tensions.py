@@ -1,26 +1,29 @@
 r"""Tensions of lines that balance a load: nearest to given ones, with every cable taut.
 
-The tensions t of m lines balance a load w where ``A t = w``, with a column of A for each line. Of
-more lines than motions many t do. The set that is chosen is
+The tensions t of m lines balance a load w where ``A t = w``, with a column of A for each
+line. Of more lines than motions many t do. The set that is chosen is
 
-    min |t - t_0|^2   with   A t = w,   t_c >= kept(s) d_c for every cable c,   t <= (1 + 2 v) h
+    min |t - t_0|^2 with A t = w, t_c >= kept(s) d_c for every cable c, t <= (1 + 2 v) h
 
-where t_0 are the given tensions, d_c > 0 the tension that a cable should keep, and h the largest
-forces of those lines that have such a limit (so for the forces of struts, with both signs). v is
-the least share by which limits must be exceeded to balance the load without a cable that pushes;
-0 mostly. s is the largest share, at most 1, of d that all cables can have at once within these
-limits, and, for lines without one, without tensions above twice the largest one of t_0 and of the
-set with kept = 0. v and s are the values of linear programs, and
+where t_0 are the given tensions, d_c > 0 the tension that a cable should keep, and h the
+largest forces of those lines that have such a limit (so for the forces of struts, with
+both signs). v is the least share by which limits must be exceeded to balance the load
+without a cable that pushes; 0 mostly. s is the largest share, at most 1, of d that all
+cables can have at once within these limits, and, for lines without one, without tensions
+above twice the largest one of t_0 and of the set with kept = 0. v and s are the values of
+linear programs, and
 
     kept(s) = s (1 + s) / 2
 
-is 1 if that is possible, and else below s. The set then has inner points, so that t is continuous
-in the pose wherever taut cables balance the load. Without a limit on tensions, d would be kept by
-ever larger ones towards the poses where the cables no longer hold the body.
+is 1 if that is possible, and else below s. The set then has inner points, so that t is
+continuous in the pose wherever taut cables balance the load. Without a limit on tensions,
+d would be kept by ever larger ones towards the poses where the cables no longer hold the
+body.
 
-With ``t = t_1 + N y``, t_1 the balanced tensions nearest to t_0 and N an orthonormal basis of the
-changes that need no wrench, the set is that of the shortest y within the bounds. All functions
-here but the first take stacks of p postures: one posture is a stack of one.
+With ``t = t_1 + N y``, t_1 the balanced tensions nearest to t_0 and N an orthonormal
+basis of the changes that need no wrench, the set is that of the shortest y within the
+bounds. All functions here but the first take stacks of p postures: one posture is a stack
+of one.
 """
 
 from __future__ import annotations
@@ -34,7 +37,8 @@ from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
 from cartstiff.numerics import shortest_above
 
-#: Largest tension that keeps other cables taut, over the largest tension without that bound.
+#: Largest tension that keeps other cables taut, over the largest tension without that
+#: bound.
 _LARGEST_INCREASE = 2.0
 #: Weight of the changes of tensions in linear programs, see `_smallest`.
 _EASE = 1e-3
@@ -43,7 +47,9 @@ Flags = NDArray[np.bool_]
 
 
 def nearest_balance(matrix: Array, wanted: Array, given: Array) -> Array:
-    """Tensions (m,) nearest to given ones for which ``matrix @ t`` is nearest to `wanted`."""
+    """Tensions (m,) nearest to given ones for which ``matrix @ t`` is nearest
+    to `wanted`.
+    """
     tensions = given
     # A second step corrects the round-off of nearly dependent lines.
     for _ in range(2):
@@ -61,8 +67,8 @@ class Bounds(NamedTuple):
     Attributes
     ----------
     least : ndarray (p, m)
-        For cables the tension that each should keep, above zero or zero; for other lines the
-        lower limit of the force, or -inf.
+        For cables the tension that each should keep, above zero or zero; for other lines
+        the lower limit of the force, or -inf.
     most : ndarray (p, m)
         Largest forces, or inf.
     cables : ndarray of bool (m,)
@@ -100,7 +106,9 @@ class Bounds(NamedTuple):
 
 
 def null_basis(matrix: Array) -> Array:
-    """Changes of tensions that need no wrench: an orthonormal basis (m, d) for a matrix (6, m)."""
+    """Changes of tensions that need no wrench: an orthonormal basis (m, d) for a
+    matrix (6, m).
+    """
     _, values, Vt = np.linalg.svd(matrix)
     return np.asarray(Vt[numerics.rank(values) :].T)
 
@@ -200,7 +208,9 @@ def _nearest(N: Array, own: Array, bounds: Bounds, largest: Array) -> Array:
 
 
 def _edge(N: Array, own: Array) -> Array:
-    """Shortest y (p, d) with which no cable pushes, or the one with which they push least."""
+    """Shortest y (p, d) with which no cable pushes, or the one with which
+    they push least.
+    """
     if not N.shape[1]:
         return np.zeros((len(N), N.shape[2]))
     # Where not all cables can pull, the set has no inner points.
@@ -214,8 +224,8 @@ def _edge(N: Array, own: Array) -> Array:
 def _smallest(G: Array, eased: Array, g: Array) -> tuple[Array, Array]:
     """Smallest u (p,) from 0, and y (p, d), with ``G y + u eased >= g``.
 
-    This linear program is the limit of ``min u^2 + e^2 |y|^2`` for small e. Its vertices are
-    exact for finite e already, unless u is about e^2.
+    This linear program is the limit of ``min u^2 + e^2 |y|^2`` for small e. Its vertices
+    are exact for finite e already, unless u is about e^2.
     """
     count, r, d = G.shape
     rows = np.zeros((count, r + 1, d + 1))

@@ -1,8 +1,8 @@
 r"""Assembly modes: all poses in which the same actuator positions hold a mechanism.
 
-For a six-legged platform all modes are found (`cartstiff.kinematics.platform_assembly`); for a
-closed chain those that random starts lead to, with the actuators held. Struts with flexures come to
-rest near the pose of ideal joints.
+For a six-legged platform all modes are found (`cartstiff.kinematics.platform_assembly`);
+for a closed chain those that random starts lead to, with the actuators held. Struts with
+flexures come to rest near the pose of ideal joints.
 """
 
 from __future__ import annotations
@@ -52,10 +52,11 @@ def closed_from(
     seed: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[list[Array], list[Array]]:
-    """Close a chain from random starts; return distinct coordinates (n,) and places of the joints.
+    """Close a chain from random starts; return distinct coordinates (n,) and places
+    of the joints.
 
-    `q` is closed and comes first; its actuated and virtual joints are held. `progress` is called
-    with (done, total) starts.
+    `q` is closed and comes first; its actuated and virtual joints are held. `progress` is
+    called with (done, total) starts.
     """
     held = list(chain.actuated or ())
     solver = JointPoses(elastic, limits=False)
@@ -63,7 +64,8 @@ def closed_from(
     begin = np.vstack([q, begin])
     begin[:, chain.held] = q[chain.held]
     fixed = chain.with_rigid(chain.rigid | frozenset(chain.held))
-    # Most starts do not close, and their steps take most of the time: all are iterated at once.
+    # Most starts do not close, and their steps take most of the time: all are iterated at
+    # once.
     begin, is_closed, _ = Closer(elastic, "portable", len(begin))(begin)
     first = _MAX_SINGLE_STARTS if is_closed.any() else len(begin)
     closed: list[Array] = []
@@ -90,7 +92,8 @@ def closed_from(
     return closed, places
 
 
-# Largest number of steps of the search for an equilibrium of flexures; successful ones take fewer.
+# Largest number of steps of the search for an equilibrium of flexures; successful ones
+# take fewer.
 _EQUILIBRIUM_STEPS = 20
 
 
@@ -103,10 +106,10 @@ def at_rest_with(
 ) -> tuple[PostureStiffness, tuple[Note, ...]]:
     """Return the stiffness of a platform with leg lengths (m,), at or near a pose q (6,).
 
-    Legs between ideal joints hold the platform at q. Struts with flexures are undeflected at
-    `home`; from there their actuators are commanded to the lengths, and the platform comes to rest
-    near q. If no equilibrium is found, the result is that at q, with a note. `stiffness` is
-    `analyse` at a pose, under the load.
+    Legs between ideal joints hold the platform at q. Struts with flexures are undeflected
+    at `home`; from there their actuators are commanded to the lengths, and the platform
+    comes to rest near q. If no equilibrium is found, the result is that at q, with a
+    note. `stiffness` is `analyse` at a pose, under the load.
     """
     springs, lines = elastic.springs, elastic.mechanism.at(home).lines
     if springs is None or lines is None or not springs.gives_aside:
@@ -137,10 +140,11 @@ class AssemblyMode(ShownInLines):
     residual : float
         Largest difference from the required lengths, or gap of the closures.
     multiplicity : int
-        1; more at a singular pose in which several solutions coincide, and which is found with
-        fewer digits.
+        1; more at a singular pose in which several solutions coincide, and which is found
+        with fewer digits.
     more_notes : tuple of Note
-        Notes besides those of the result: that struts with flexures are not in equilibrium here.
+        Notes besides those of the result: that struts with flexures are not in
+        equilibrium here.
     """
 
     result: PostureStiffness
@@ -171,7 +175,8 @@ class AssemblyMode(ShownInLines):
 
     @cached_property
     def eigenvalue(self) -> float | None:
-        """Smallest eigenvalue of the tangent stiffness, force per length; None if none exists.
+        """Smallest eigenvalue of the tangent stiffness, force per length;
+        None if none exists.
 
         Of the symmetric part, with angles times the characteristic length.
         """
@@ -206,7 +211,8 @@ class AssemblyMode(ShownInLines):
 
     @cached_property
     def determinant(self) -> float | None:
-        """Determinant of six legs' lines, moments over the characteristic length; None for chains.
+        """Determinant of six legs' lines, moments over the characteristic length;
+        None for chains.
 
         Its sign is constant in a region between singularities.
         """
@@ -272,8 +278,8 @@ class AssemblyModes(LabelledResult):
     modes : tuple of AssemblyMode
         Modes by distance from the default posture.
     search : PathCount or Search or None
-        Ends of the 40 paths, or number of starts; None if nothing was searched, with the reason in
-        the notes.
+        Ends of the 40 paths, or number of starts; None if nothing was searched, with the
+        reason in the notes.
     notes : tuple of Note
         Assumptions, and reasons why modes are missing.
     found : int
@@ -317,7 +323,8 @@ class AssemblyModes(LabelledResult):
 
     def _lines(self) -> list[str]:
         return [
-            f"Assembly modes of {self.elastic.name}: {self.found}, {len(self.modes)} listed",
+            f"Assembly modes of {self.elastic.name}: {self.found}, {len(self.modes)} "
+            "listed",
             f"  searched  {self.search}",
             f"  stable    {sum(mode.stable is True for mode in self.modes)}",
         ]
@@ -384,9 +391,10 @@ def assemble(
 ) -> AssemblyModes:
     """Find all assembly modes of a mechanism, with the stiffness in each.
 
-    For a six-legged platform the 40 complex solutions of a general platform are continued to this
-    one. `PathCount` counts their ends; no isolated mode is missing if no path is lost. For a closed
-    chain the named actuated joints are held, and the chain is closed from random starts.
+    For a six-legged platform the 40 complex solutions of a general platform are continued
+    to this one. `PathCount` counts their ends; no isolated mode is missing if no path is
+    lost. For a closed chain the named actuated joints are held, and the chain is closed
+    from random starts.
 
     Parameters
     ----------
@@ -395,18 +403,18 @@ def assemble(
     lengths : array_like (6,), optional
         Leg lengths of a platform; default those at `q`.
     q : array_like (n,) or mapping, optional
-        Posture with the leg lengths or the positions of the actuated joints; modes near it come
-        first. Default the file's posture.
+        Posture with the leg lengths or the positions of the actuated joints; modes near
+        it come first. Default the file's posture.
     starts : int, optional
-        Random starts, for closed chains; default 64. Beyond 100, starts that 40 Newton steps do not
-        close are dropped. Platforms need none.
+        Random starts, for closed chains; default 64. Beyond 100, starts that 40 Newton
+        steps do not close are dropped. Platforms need none.
     seed : int, optional
         Seed of the starts; default 0.
     every : bool
         List all modes; without it only the one nearest to the posture.
     wrench, load_kind, load_at, load_axes : optional
-        The load under which the stiffness of every mode is computed, as in `cartstiff.analyse`;
-        the held actuators carry it.
+        The load under which the stiffness of every mode is computed, as in
+        `cartstiff.analyse`; the held actuators carry it.
     progress : callable, optional
         Called with (done, total) starts.
 
@@ -418,8 +426,8 @@ def assemble(
     Raises
     ------
     InputError
-        For cables, more or fewer than six legs, arms, chains that name no actuated joints, and
-        numbers that cannot be used.
+        For cables, more or fewer than six legs, arms, chains that name no actuated
+        joints, and numbers that cannot be used.
 
     Examples
     --------
@@ -468,7 +476,8 @@ def assemble(
         raise InputError(
             "assembly modes exist for closed chains and platforms",
             got=mechanism.kind,
-            expected="for an arm, the branches of its inverse kinematics (inverse_kinematics)",
+            expected="for an arm, the branches of its inverse kinematics "
+            "(inverse_kinematics)",
         )
     starts = _DEFAULT_STARTS if starts is None else starts
     chain = cast(Chain, mechanism)
@@ -524,8 +533,10 @@ def _of_platform(
     # Notes on solutions that are not isolated, meet, or were lost.
     if search.moving:
         message = (
-            f"{search.moving} of {sum((search.single, search.multiple, search.moving))} solutions "
-            "lie on curves: with these lengths the platform can move while its legs are held, "
+            f"{search.moving} of {sum((search.single, search.multiple, search.moving))} "
+            "solutions "
+            "lie on curves: with these lengths the platform can move while its legs are "
+            "held, "
             + (
                 "for example from the pose in `values`"
                 if len(moving)
@@ -544,7 +555,8 @@ def _of_platform(
         )
     if search.multiple:
         message = (
-            f"{search.multiple} solutions meet in groups at singular poses (their `multiplicity`), "
+            f"{search.multiple} solutions meet in groups at singular poses (their "
+            "`multiplicity`), "
             "which are known to a root of the digits only"
         )
         notes.append(Note("multiple-solutions", message, {"paths": search.multiple}))

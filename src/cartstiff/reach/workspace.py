@@ -1,42 +1,47 @@
-r"""The workspace of a platform: volume, limiting constraints, inscribed bodies, singular poses.
+r"""The workspace of a platform: volume, limiting constraints, inscribed bodies,
+singular poses.
 
-*Workspace.* Rays start at a centre, in the directions of a product rule on the sphere (Gauss in
-height, equal steps around). The poses along each ray are scanned and every boundary is bisected,
-which shows the limit that is reached there. The volume is that of columns along z over a grid of
-the bounding box, scanned and bisected in the same way, so that holes and disconnected parts count.
-Orientations are scanned along rays in the ball of rotation vectors, where turns by up to theta
-about an axis are the share ``(theta - sin theta) / pi`` of all rotations in that direction.
+*Workspace.* Rays start at a centre, in the directions of a product rule on the sphere
+(Gauss in height, equal steps around). The poses along each ray are scanned and every
+boundary is bisected, which shows the limit that is reached there. The volume is that of
+columns along z over a grid of the bounding box, scanned and bisected in the same way, so
+that holes and disconnected parts count. Orientations are scanned along rays in the ball
+of rotation vectors, where turns by up to theta about an axis are the share ``(theta - sin
+theta) / pi`` of all rotations in that direction.
 
-*Margins* are the distances of poses from each limit, zero at the limit and negative beyond it.
-Cables, or more than six legs, with limits of their tensions carry a wrench W if
-``sum t_i g_i = W`` has a solution within the limits. W then lies in a zonotope, whose facets are
-normal to n with n . g = 0 for five of the lines each ([BouchardGosselin]_),
+*Margins* are the distances of poses from each limit, zero at the limit and negative
+beyond it. Cables, or more than six legs, with limits of their tensions carry a wrench W
+if ``sum t_i g_i = W`` has a solution within the limits. W then lies in a zonotope, whose
+facets are normal to n with n . g = 0 for five of the lines each ([BouchardGosselin]_),
 
     n . W <= sum_i max(n . g_i t_i),    t_i between its limits,
 
-and the least of these differences, over \|n\|, is the margin: the wrench (moments over the body's
-length) that may be added in any direction. The distribution of tensions nearest to the middle t_m
-of the limits has a closed form,
+and the least of these differences, over \|n\|, is the margin: the wrench (moments over
+the body's length) that may be added in any direction. The distribution of tensions
+nearest to the middle t_m of the limits has a closed form,
 
     t = t_m + A^+ (W - A t_m),    A = (g_1, ..., g_m),
 
 but exceeds the limits at some poses at which other distributions do not.
 
-*Legs made of joints.* The joints of each leg follow from the body's pose. With the drives held, the
-twists of the legs' passive joints J_i are equal at the body,
+*Legs made of joints.* The joints of each leg follow from the body's pose. With the drives
+held, the twists of the legs' passive joints J_i are equal at the body,
 
     J_1 dq_1 = J_2 dq_2 = ... = J_m dq_m.
 
-Without redundancy these are as many equations as passive joints. Where their determinant vanishes
-the body moves with all drives held; beyond that pose the determinant has the other sign.
+Without redundancy these are as many equations as passive joints. Where their determinant
+vanishes the body moves with all drives held; beyond that pose the determinant has the
+other sign.
 
 *Singular poses* are those where a determinant changes its sign. Poses around (R, p) are
-``(R exp(x_1..3 / L), p + x_4..6)`` with L the body's length: \|x\| is then the distance in the
-metric ``d^2 = |dp|^2 + (L angle)^2``. The nearest x with det(x) = 0 is the limit of
+``(R exp(x_1..3 / L), p + x_4..6)`` with L the body's length: \|x\| is then the distance
+in the metric ``d^2 = |dp|^2 + (L angle)^2``. The nearest x with det(x) = 0 is the limit
+of
 
     x <- g (g . x - det) / |g|^2,    g = grad det,
 
-the shortest root of the linearised determinant, started at the nearest changes of sign on rays.
+the shortest root of the linearised determinant, started at the nearest changes of sign on
+rays.
 """
 
 from __future__ import annotations
@@ -91,7 +96,8 @@ class PoseMargins:
     limits : Limits
         Limits of the mechanism.
     sign : float
-        Sign of the determinant at the centre; poses of the other sign do not count. 0: all count.
+        Sign of the determinant at the centre; poses of the other sign do not count. 0:
+        all count.
     free : sequence of int
         Independent coordinates of the pose; the others follow.
     is_slow : bool
@@ -122,7 +128,9 @@ class PoseMargins:
         return (*own, *self.others(q, home, self._limit_margins(q, home)))
 
     def solved(self, poses: Array) -> Array:
-        """Coordinates (N, n) at poses (N, 4, 4) of M, NaN at poses that are not reached."""
+        """Coordinates (N, n) at poses (N, 4, 4) of M,
+        NaN at poses that are not reached.
+        """
         return at_poses(self.elastic, _coordinates(poses), legs=self.legs)[0]
 
     def others(self, q: Array, poses: Array, limited: Array) -> dict[str, Array]:
@@ -130,11 +138,16 @@ class PoseMargins:
         raise NotImplementedError
 
     def rates(self, q: Array, poses: Array) -> Array | None:
-        """Matrices (N, p, p) that are singular at singular poses; None if they are not square."""
+        """Matrices (N, p, p) that are singular at singular poses.
+
+        None if they are not square.
+        """
         raise NotImplementedError
 
     def distribution(self, pose: Array) -> dict[str, Any]:  # noqa: ARG002
-        """Name of the distribution of tensions, and those at a pose; empty without limits."""
+        """Name of the distribution of tensions, and those at a pose;
+        empty without limits.
+        """
         return {}
 
     def reach(self, pose: Array) -> float:
@@ -152,7 +165,10 @@ class PoseMargins:
         )
 
     def at(self, poses: Array) -> Array:
-        """Margins (N, k) at poses (N, 4, 4) of M; infinity where a limit does not apply."""
+        """Margins (N, k) at poses (N, 4, 4) of M.
+
+        Infinity where a limit does not apply.
+        """
         q = self.solved(poses)
         limited = self._limit_margins(q, poses)
         limited[~np.isfinite(q).all(axis=1)] = np.inf
@@ -173,7 +189,9 @@ class PoseMargins:
         return self._read(numerics.determinants, poses, np.nan)
 
     def ratios(self, poses: Array) -> Array:
-        """Smallest over largest singular value (N,) of `rates`, infinite where none exist."""
+        """Smallest over largest singular value (N,) of `rates`,
+        infinite where none exist.
+        """
         return self._read(numerics.ratios, poses, np.inf)
 
     def _read(
@@ -208,7 +226,8 @@ class LegMargins(PoseMargins):
         if legs is None:
             raise InputError(
                 "workspaces are found for platforms, and for bodies on legs or cables",
-                expected="for an arm, a map of random postures (`cartstiff map --random`)",
+                expected="for an arm, a map of random postures "
+                "(`cartstiff map --random`)",
                 got=chain.kind,
             )
         super().__init__(elastic, float(chain.at(elastic.q).length))
@@ -224,11 +243,15 @@ class LegMargins(PoseMargins):
 
     @property
     def keeps_modes(self) -> bool:
-        """Whether the driven joint of every leg is known in closed form, in one working mode."""
+        """Whether the driven joint of every leg is known in closed form,
+        in one working mode.
+        """
         return self.is_quick or all(rod is not None for rod in self.rods.values())
 
     def others(self, q: Array, poses: Array, limited: Array) -> dict[str, Array]:  # noqa: ARG002
-        """Missing length of each leg at poses that are not reached, and the determinant."""
+        """Missing length of each leg at poses that are not reached,
+        and the determinant.
+        """
         known, margins = np.isfinite(q).all(axis=1), dict[str, Array]()
         reached = np.where(known, np.inf, -1.0)
         for i, leg in enumerate(self.chain.legs):
@@ -247,7 +270,9 @@ class LegMargins(PoseMargins):
         return margins
 
     def reach(self, pose: Array) -> float:  # noqa: ARG002
-        """Twice the length of the shortest stretched leg, with its slides at their ends."""
+        """Twice the length of the shortest stretched leg,
+        with its slides at their ends.
+        """
         chain, lengths = self.chain, []
         bounds = np.array([[c.lower, c.upper] for c in chain.coordinates])
         for leg in self.legs:
@@ -261,7 +286,9 @@ class LegMargins(PoseMargins):
         return 2.0 * _finite_least(lengths, "the slides have no limits")
 
     def rates(self, q: Array, poses: Array) -> Array | None:  # noqa: ARG002
-        """Matrices (N, p, p) of the equations of the module, lengths over `length`; or None."""
+        """Matrices (N, p, p) of the equations of the module, lengths over `length`;
+        or None.
+        """
         first = self.legs[0]
         body = first.solver.kinematics.at(q[:, first.columns]).pose @ se3.inverse(
             first.after
@@ -281,9 +308,9 @@ class LegMargins(PoseMargins):
     def _passive(self, leg: Leg, q: Array, T_M_F: Array) -> Array:
         """Twists in M (N, 6, p) of a leg's passive joints, and of a ball at its end.
 
-        Where universal joints or balls pass a pose at which their axes depend on each other, the
-        determinants of these twists and of all twists change their signs together, though the body
-        stays held: the sign of the latter is taken out.
+        Where universal joints or balls pass a pose at which their axes depend on each
+        other, the determinants of these twists and of all twists change their signs
+        together, though the body stays held: the sign of the latter is taken out.
         """
         there = leg.solver.kinematics.at(q[:, leg.columns])
         lengths = np.repeat([1.0, self.length], 3)
@@ -319,8 +346,8 @@ def _finite_least(lengths: Iterable[float], without: str) -> float:
     return least
 
 
-#: Kind of a load, its (moment, force) (6,) about its point, and the axes along which these are
-#: constant.
+#: Kind of a load, its (moment, force) (6,) about its point, and the axes along which
+#: these are constant.
 CarriedLoad = tuple[LoadKind, Array, Literal["body", "world"]]
 
 
@@ -333,15 +360,19 @@ def limits_forces(elastic: ElasticMechanism) -> bool:
 
 
 def lines_at(platform: Platform, poses: Array) -> tuple[Array, Array]:
-    """Lengths (N, m) and line coordinates (N, m, 6) of the legs, moments over the body's length."""
+    """Lengths (N, m) and line coordinates (N, m, 6) of the legs,
+    moments over the body's length.
+    """
     lines = lines_of_many(poses, platform.anchors, platform.points)
     return lines.lengths, lines.lines / np.repeat([platform.length, 1.0], 3)
 
 
 def wrench_margins(lines: Array, wrench: Array, least: Array, most: Array) -> Array:
-    """Margins (N,) of wrenches (N, 6) that lines (N, m, 6) carry with tensions within limits (m,).
+    """Margins (N,) of wrenches (N, 6) that lines (N, m, 6) carry with tensions within
+    limits (m,).
 
-    For tensions without upper limits, infinity means that every wrench can be carried (closure).
+    For tensions without upper limits, infinity means that every wrench can be carried
+    (closure).
     """
     if len(lines) > _MARGINS_BLOCK:
         blocks = np.array_split(np.arange(len(lines)), len(lines) // _MARGINS_BLOCK + 1)
@@ -372,11 +403,13 @@ _MARGINS_BLOCK = 100
 
 
 def _normals(lines: Array) -> Array:
-    """Vectors (..., 6) normal to five lines (..., 5, 6) each, as long as the lines' volume.
+    """Vectors (..., 6) normal to five lines (..., 5, 6) each,
+    as long as the lines' volume.
 
     Minors of the first rows follow from those of one row less by Laplace's expansion.
     """
-    # Contiguous components: these products take most of the time of a workspace of cables.
+    # Contiguous components: these products take most of the time of a workspace of
+    # cables.
     rows = np.ascontiguousarray(np.moveaxis(lines, (-2, -1), (0, 1)))
     minors: dict[tuple[int, ...], Array] = {(k,): x for k, x in enumerate(rows[0])}
     product = np.empty(rows.shape[2:])
@@ -401,14 +434,14 @@ class Margins(PoseMargins):
     elastic : ElasticMechanism
         A platform, or a body on cables.
     load : CarriedLoad, optional
-        Load that legs with limited forces carry besides the weights. Their forces are those of
-        `cartstiff.analyse`.
+        Load that legs with limited forces carry besides the weights. Their forces are
+        those of `cartstiff.analyse`.
     sign : float
-        Sign of the determinant of six legs' lines; poses of the other sign count as beyond the
-        limit "singularity". 0: no such limit.
+        Sign of the determinant of six legs' lines; poses of the other sign count as
+        beyond the limit "singularity". 0: no such limit.
     tensions : {"any", "closed-form"}
-        Tensions that may carry the load: any within their limits, or only those nearest to the
-        middle of the limits.
+        Tensions that may carry the load: any within their limits, or only those nearest
+        to the middle of the limits.
 
     Attributes
     ----------
@@ -466,7 +499,8 @@ class Margins(PoseMargins):
         forces = self.forces if self.is_spread else None
         if tensions != "any" and (forces is None or not np.isfinite(forces).all()):
             raise InputError(
-                "the middle of the limits exists for cables, or more than six legs, with least and "
+                "the middle of the limits exists for cables, or more than six legs, with "
+                "least and "
                 "largest tensions",
                 where="tensions",
                 expected="legs.force",
@@ -487,7 +521,8 @@ class Margins(PoseMargins):
             least, most = self.forces.T
             if self.is_spread and self.tensions == "any":
                 room = wrench_margins(lines, _wrenches_of(lines, t), least, most)
-                # At the edge itself, as for cables without tension, no more can be carried.
+                # At the edge itself, as for cables without tension, no more can be
+                # carried.
                 margins["tensions"] = np.where(room > 0.0, room, np.fmin(room, -1.0))
             else:
                 if self.is_spread:
@@ -507,7 +542,8 @@ class Margins(PoseMargins):
 
     @staticmethod
     def _strut_margins(poses: Array, others: Array, struts: FlexureStruts) -> Array:
-        """Return 1 where all struts are stable, -1 where one buckles or has no equilibrium (N,).
+        """Return 1 where all struts are stable, -1 where one buckles or has no
+        equilibrium (N,).
 
         Computed only at poses within all `others`; infinity elsewhere.
         """
@@ -521,7 +557,9 @@ class Margins(PoseMargins):
         return standing
 
     def middle_tensions(self, lines: Array, asked: Array) -> Array:
-        """The tensions (N, m) nearest to the middle of the limits that carry wrenches (N, 6)."""
+        """The tensions (N, m) nearest to the middle of the limits that carry
+        wrenches (N, 6).
+        """
         middle = np.mean(self.forces, axis=1)  # type: ignore[arg-type]
         A = lines.swapaxes(1, 2)
         missing = asked - A @ middle
@@ -532,7 +570,9 @@ class Margins(PoseMargins):
         return np.where(carried[:, None], middle + change, np.inf)
 
     def distribution(self, pose: Array) -> dict[str, Any]:
-        """Name of the distribution, and the tensions nearest to the middle of the limits."""
+        """Name of the distribution, and the tensions nearest to the middle
+        of the limits.
+        """
         if self.forces is None or not self.is_spread:
             return {}
         answer: dict[str, Any] = {"distribution": self.tensions, "at_centre": None}
@@ -558,7 +598,9 @@ class Margins(PoseMargins):
         return lines if lines.shape[1] == 6 else None
 
     def _tensions(self, poses: Array) -> Array:
-        """Tensions (N, m) that balance weights and load, as in `cartstiff.analyse`; or NaN."""
+        """Tensions (N, m) that balance weights and load, as in `cartstiff.analyse`;
+        or NaN.
+        """
         kind, wrench, axes = self.load or (DEAD_AT_ORIGIN, None, "body")
         q = self.platform.coordinates_of(poses)
         return tensions_of_many(self.elastic, q, wrench, kind, axes)
@@ -648,8 +690,8 @@ _HALVINGS = 20
 _SCAN_BLOCK = 20_000
 # Largest number of times that the box of the columns is widened.
 _WIDENINGS = 5
-# Search for inscribed bodies: directions of the search and of the result, poses along each
-# direction, and places tried.
+# Search for inscribed bodies: directions of the search and of the result, poses along
+# each direction, and places tried.
 _DIRECTIONS, _CHECKED, _SCAN, _PLACES = 50, 800, 10, 40
 Progress = Callable[[int, int], None]
 #: Poses (N, 4, 4) of offsets (N, 3) from the centre.
@@ -669,8 +711,9 @@ class Rays:
     first : ndarray (d,)
         Distance (or angle) to the first boundary; 0 if the centre is outside.
     ray, distance, enters, limit : ndarray (k,)
-        Every boundary, in order along each ray: number of its ray, distance, whether the ray enters
-        there, and name of the limit that is reached, or "radius" or "half turn" at a ray's end.
+        Every boundary, in order along each ray: number of its ray, distance, whether the
+        ray enters there, and name of the limit that is reached, or "radius" or "half
+        turn" at a ray's end.
     reach : float
         Length of the rays.
     poses : int
@@ -703,7 +746,9 @@ class Rays:
         return float((self.weights[self.ray] * signs * measure(self.distance)).sum())
 
     def shares(self) -> dict[str, float]:
-        """Share of each limit in the outermost boundary, by solid angle from the centre."""
+        """Share of each limit in the outermost boundary,
+        by solid angle from the centre.
+        """
         leaves = np.flatnonzero(~self.enters)
         rays, last = np.unique(self.ray[leaves][::-1], return_index=True)
         names, where = np.unique(self.limit[leaves][::-1][last], return_inverse=True)
@@ -714,7 +759,9 @@ class Rays:
 
 
 def sphere_rule(count: int) -> tuple[Array, Array]:
-    """Return about `count` directions (d, 3) and weights (d,): Gauss in height, equal turns."""
+    """Return about `count` directions (d, 3) and weights (d,): Gauss in height,
+    equal turns.
+    """
     rows = max(2, round(np.sqrt(count / 2.0)))
     height, weight = np.polynomial.legendre.leggauss(rows)
     turns = (np.arange(2 * rows) + 0.5) * np.pi / rows
@@ -733,7 +780,10 @@ def rays_to_boundaries(
     progress: Progress | None = None,
     end: str = "radius",
 ) -> Rays:
-    """Find boundaries along rays; `pose_at` maps offsets (N, 3) from the centre to poses."""
+    """Find boundaries along rays.
+
+    `pose_at` maps offsets (N, 3) from the centre to poses.
+    """
     directions, weights = sphere_rule(count)
     d = len(directions)
     steps = np.tile(np.linspace(0.0, reach, scan + 1), (d, 1))
@@ -774,7 +824,8 @@ class Columns(NamedTuple):
     poses : int
         Number of poses evaluated.
     error : float
-        Three standard errors of the volume, from the scatter of four grids of every second column.
+        Three standard errors of the volume, from the scatter of four grids of every
+        second column.
     """
 
     volume: float
@@ -803,7 +854,8 @@ def columns_inside(
     scan: int,
     reach: float,
 ) -> Columns:
-    """Scan columns over the box around boundary positions (k, 3), widened until it holds all.
+    """Scan columns over the box around boundary positions (k, 3),
+    widened until it holds all.
 
     Positions further than `reach` from the centre do not count.
     """
@@ -852,7 +904,9 @@ def columns_inside(
 def inscribed(
     margins: PoseMargins, pose_at: Moved, centre: Array, positions: Rays
 ) -> tuple[tuple[Array, float], tuple[Array, float]]:
-    """Find the largest sphere and cube inside by a direct search that starts at the centre."""
+    """Find the largest sphere and cube inside by a direct search that starts
+    at the centre.
+    """
     from scipy.optimize import minimize
 
     reach, scan = positions.reach, _SCAN
@@ -862,7 +916,7 @@ def inscribed(
     steps = np.linspace(0.0, reach, scan + 1)
 
     def room(place: Array, directions: Array, size: Array) -> float | None:
-        """Return the least of sizes (d,) times distances to the boundary; None outside."""
+        """The least of sizes (d,) times distances to the boundary; None outside."""
         d = len(directions)
         starts, places = np.tile(place, (d, 1)), np.tile(steps, (d, 1))
         lines = Lines(_side(margins, pose_at), starts, directions, places)
@@ -904,7 +958,8 @@ def inscribed(
 Determinant = Callable[[Array], Array]
 # Search for the nearest singular pose: bisections on rays, Newton steps and starts.
 _BISECTIONS, _STEPS, _STARTS = 40, 60, 48
-# Step of the difference quotients of the determinant, as a share of the characteristic length.
+# Step of the difference quotients of the determinant, as a share of the characteristic
+# length.
 _STEP = numerics.DIFFERENCE_STEP
 
 
@@ -915,11 +970,11 @@ class Singular:
     Attributes
     ----------
     surface : ndarray (k, 3)
-        Values of the workspace's axes at which the determinant changes its sign on the rays,
-        regardless of limits.
+        Values of the workspace's axes at which the determinant changes its sign on the
+        rays, regardless of limits.
     distance : float or None
-        Distance of the nearest singular pose found, in the metric of the module, a length; None if
-        none was found.
+        Distance of the nearest singular pose found, in the metric of the module, a
+        length; None if none was found.
     pose : ndarray (4, 4) or None
         That pose of M.
     shift : float or None
@@ -970,8 +1025,8 @@ def least_ratio(
 ) -> tuple[float, Array] | None:
     """Return the least ratio of singular values found inside the limits, and its offset.
 
-    The search starts at the best of the poses on the rays, and goes from each in steps in random
-    directions, within the limits, that are halved where none of them is better.
+    The search starts at the best of the poses on the rays, and goes from each in steps in
+    random directions, within the limits, that are halved where none of them is better.
     """
     shares = np.linspace(0.0, 1.0, 9)
     offsets = (shares[:, None, None] * rays.first[:, None] * rays.directions).reshape(
@@ -1012,7 +1067,9 @@ def least_ratio(
 def crossings(
     signed: Determinant, moved: Moved, directions: Array, reach: float | Array, scan: int
 ) -> Array:
-    """Return offsets (k, d) along rays of length `reach` where a determinant changes its sign."""
+    """Return offsets (k, d) along rays of length `reach` where a determinant
+    changes its sign.
+    """
     steps = np.linspace(np.zeros(len(directions)), reach, scan + 1, axis=-1)
 
     def state(offsets: Array) -> Array:
@@ -1038,10 +1095,10 @@ def nearest_singular(
     axes: Sequence[int],
     rays: int = 200,
 ) -> Array | None:
-    """Return the shortest x (6,) found, in the module's metric, at which a determinant vanishes.
+    """The shortest x (6,) found, in the module's metric, at which a determinant vanishes.
 
-    Only the components `axes` of x vary. The search starts on `rays` rays per component of length
-    `reach`; None if the determinant changes its sign on none of them.
+    Only the components `axes` of x vary. The search starts on `rays` rays per component
+    of length `reach`; None if the determinant changes its sign on none of them.
     """
     rng = np.random.default_rng(6)
     n = len(axes)
@@ -1084,7 +1141,9 @@ def nearest_singular(
 
 
 def around(pose: Array, turns: Array, shifts: Array) -> Array:
-    """Turn a pose by rotation vectors (N or 1, 3) in M and shift it by vectors in F: (N, 4, 4)."""
+    """Turn a pose by rotation vectors (N or 1, 3) in M and shift it by vectors in F:
+    (N, 4, 4).
+    """
     count = np.broadcast_shapes(turns.shape, shifts.shape)[0]
     poses = np.tile(pose, (count, 1, 1))
     poses[:, :3, :3] = pose[:3, :3] @ se3.exp(np.hstack([turns, 0.0 * turns]))[:, :3, :3]
@@ -1110,7 +1169,7 @@ def carried(
 
 
 def singular_note(margins: Margins, pose: Array) -> Note | None:
-    """Return the note on an architecture or orientation that is singular everywhere, or None."""
+    """The note on an architecture or orientation that is singular everywhere, or None."""
     platform, m = margins.platform, len(margins.platform.points)
     note = None if m < 6 else architecture_of(platform).note()
     if note is not None or m != 6 or margins.springs.unilateral:
@@ -1119,7 +1178,8 @@ def singular_note(margins: Margins, pose: Array) -> Note | None:
     if rank == 6:
         return None
     message = (
-        f"with this orientation the legs' lines have rank {rank} at every position, though the "
+        f"with this orientation the legs' lines have rank {rank} at every position, "
+        "though the "
         "architecture is regular (as Fichter's platform turned by a right angle)"
     )
     return Note("orientation-singularity", message, {"rank": rank})
@@ -1127,7 +1187,8 @@ def singular_note(margins: Margins, pose: Array) -> Note | None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Workspace(LabelledResult):
-    """Workspace of a platform or a body on legs: positions at one orientation, and rotations.
+    """Workspace of a platform or a body on legs: positions at one orientation,
+    and rotations.
 
     Attributes
     ----------
@@ -1136,24 +1197,27 @@ class Workspace(LabelledResult):
     pose : ndarray (4, 4)
         Pose of M at the centre of the rays.
     positions, turns : Rays or None
-        Rays of positions with the orientation of `pose`, and of rotations at its position.
+        Rays of positions with the orientation of `pose`, and of rotations at its
+        position.
     columns : Columns or None
         The positions inside, as columns along z.
     sphere, cube : tuple of (centre (3,), size) or None
         Largest sphere (radius) and cube along the axes of F (edge) found inside.
     singularity : tuple of (ratio, position) or None
-        Least ratio of singular values of six legs' lines, moments over the body's length, that a
-        search from the rays found on the poses inside, and where it is.
+        Least ratio of singular values of six legs' lines, moments over the body's length,
+        that a search from the rays found on the poses inside, and where it is.
     singular : Singular or None
-        Poses where the determinant of six legs changes its sign, and distance of the nearest one.
+        Poses where the determinant of six legs changes its sign, and distance of the
+        nearest one.
     margin : float
         Least margin at the centre, negative if it is outside.
     distribution : dict
-        Name of the "distribution" of tensions and those "at_centre" (m,); empty if no tensions are
-        limited.
+        Name of the "distribution" of tensions and those "at_centre" (m,); empty if no
+        tensions are limited.
     axes : tuple of str
-        Coordinates of the pose that vary: x, y, z, or those of a body with fewer freedoms. Rays and
-        columns use angles as lengths, with a quarter of a turn equal to the reach.
+        Coordinates of the pose that vary: x, y, z, or those of a body with fewer
+        freedoms. Rays and columns use angles as lengths, with a quarter of a turn equal
+        to the reach.
     scales : ndarray (3,)
         Factors from offsets on rays to these coordinates.
     load : mapping, optional
@@ -1193,8 +1257,9 @@ class Workspace(LabelledResult):
     def volume_error(self) -> float | None:
         """Estimate of the volume's error.
 
-        The larger of three standard errors of the columns' sum, `Columns.error`, and the difference
-        from the volume that the rays enclose, ``4 pi/3`` of the mean of their lengths cubed.
+        The larger of three standard errors of the columns' sum, `Columns.error`, and the
+        difference from the volume that the rays enclose, ``4 pi/3`` of the mean of their
+        lengths cubed.
         """
         if self.columns is None or self.positions is None:
             return None
@@ -1211,7 +1276,9 @@ class Workspace(LabelledResult):
 
     @property
     def least_turn(self) -> float | None:
-        """Largest angle in rad by which the body can turn about every axis, from the centre."""
+        """Largest angle in rad by which the body can turn about every axis,
+        from the centre.
+        """
         return None if self.turns is None else float(self.turns.first.min())
 
     @property
@@ -1276,7 +1343,9 @@ class Workspace(LabelledResult):
         )
 
     def plot(self) -> Any:
-        """Draw the boundary in space and along three axes, by the limit that is reached there."""
+        """Draw the boundary in space and along three axes,
+        by the limit that is reached there.
+        """
         figure = new_figure(11.0, 8.0, self.elastic.springs_in_doubt)
         from matplotlib import colormaps
 
@@ -1339,40 +1408,46 @@ def workspace(
     fits: bool = True,
     progress: Progress | None = None,
 ) -> Workspace:
-    """Workspace of a platform, or of a body on cables or legs, within all limits of its file.
+    """Workspace of a platform, or of a body on cables or legs,
+    within all limits of its file.
 
     Parameters
     ----------
     elastic : ElasticMechanism
-        A mechanism with limits of its legs: lengths, angles of joints, diameters, forces or
-        tensions; or a body on legs made of joints, with the limits of these. For a body with fewer
-        than six freedoms its first three independent coordinates vary.
+        A mechanism with limits of its legs: lengths, angles of joints, diameters, forces
+        or tensions; or a body on legs made of joints, with the limits of these. For a
+        body with fewer than six freedoms its first three independent coordinates vary.
     q : array_like (6,), optional
-        Pose at the centre: its orientation is kept for positions, and its position for rotations.
-        Default the file's pose.
+        Pose at the centre: its orientation is kept for positions, and its position for
+        rotations. Default the file's pose.
     wrench : array_like (6,), optional
-        Load W (moment, force) that the environment applies to the body at `load_at`. It is taken
-        into account for limits of forces or tensions, as the body's weight under gravity is.
+        Load W (moment, force) that the environment applies to the body at `load_at`. It
+        is taken into account for limits of forces or tensions, as the body's weight under
+        gravity is.
     load_kind : {"dead", "follower"}
-        dead: it keeps its direction in the room while the body turns; follower: it turns with it.
+        dead: it keeps its direction in the room while the body turns; follower: it turns
+        with it.
     load_at : array_like (3,)
-        The point of the body, in M, about which its moment is and at which its force acts.
+        The point of the body, in M, about which its moment is and at which its force
+        acts.
     load_axes : {"body", "world"}
         Axes of its components: those of M at the centre, or F's.
     directions : int, optional
-        Approximate number of rays, and of columns; 1000, or 200 for cables, for more than six legs
-        with limited forces, for struts with flexures, and for legs made of joints.
+        Approximate number of rays, and of columns; 1000, or 200 for cables, for more than
+        six legs with limited forces, for struts with flexures, and for legs made of
+        joints.
     scan : int
-        Number of poses along each ray. Between two of them a boundary is found by bisection; gaps
-        and parts thinner than ``reach / scan`` may be missed.
+        Number of poses along each ray. Between two of them a boundary is found by
+        bisection; gaps and parts thinner than ``reach / scan`` may be missed.
     radius : float, optional
         Largest distance of positions; default the one that the longest lengths allow.
     through_singularities : bool
-        Count poses beyond singular ones, where the determinant of six legs has the other sign.
+        Count poses beyond singular ones, where the determinant of six legs has the other
+        sign.
     tensions : {"any", "closed-form"}
-        Which tensions of cables, or forces of more than six legs with limits, may carry the load at
-        a pose that counts: any within the limits, or those in closed form that are nearest to the
-        middle of the limits.
+        Which tensions of cables, or forces of more than six legs with limits, may carry
+        the load at a pose that counts: any within the limits, or those in closed form
+        that are nearest to the middle of the limits.
     fits : bool
         Find the largest sphere and cube inside.
     progress : callable, optional
@@ -1419,7 +1494,8 @@ def workspace(
                 raise InputError(
                     "nothing limits forces, so that a load does not change the workspace",
                     where="wrench",
-                    expected="limits of the legs' forces (legs.force in the file), or cables",
+                    expected="limits of the legs' forces (legs.force in the file), or "
+                    "cables",
                 )
             margins.load = carried(
                 kind, checked_input(wrench, (6,), "wrench"), load_axes, pose
@@ -1462,7 +1538,8 @@ def workspace(
         turns = rays_to_boundaries(margins, turned, np.pi, count, scan, end="half turn")
     if isinstance(margins, LegMargins) and not margins.keeps_modes:
         message = (
-            "joints of legs follow from a pose by iterations alone, which may end in another "
+            "joints of legs follow from a pose by iterations alone, which may end in "
+            "another "
             "working mode: single poses may be taken as inside, or outside, that are not"
         )
         notes.append(Note("working-mode-unchecked", message, {}))
@@ -1476,7 +1553,8 @@ def workspace(
             sphere, cube = inscribed(margins, moved, here.centre, positions)
         else:
             message = (
-                "the largest sphere and cube are not looked for: these legs' joints follow from a "
+                "the largest sphere and cube are not looked for: these legs' joints "
+                "follow from a "
                 "pose by iterations, which take too long for it"
             )
             notes.append(Note("no-fits", message, {}))
@@ -1503,10 +1581,10 @@ def workspace(
 def _axes_of_rays(
     margins: PoseMargins, pose: Array, most: float
 ) -> tuple[tuple[str, ...], Array, Moved]:
-    """Return the coordinates that vary, factors from offsets to them, and the poses of offsets.
+    """The coordinates that vary, factors from offsets to them, and the poses of offsets.
 
-    These are the first three independent coordinates of the pose. Angles vary up to a quarter of a
-    turn where lengths vary up to `most`.
+    These are the first three independent coordinates of the pose. Angles vary up to a
+    quarter of a turn where lengths vary up to `most`.
     """
     axes = list(margins.free[:3])
     if len(axes) < 3:

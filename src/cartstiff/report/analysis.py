@@ -42,7 +42,10 @@ from cartstiff.units import SI, Units, engineering
 _SAME = "they are the same here"
 
 #: Advice for springs that push along a self-motion without a given load.
-BALANCING = "--load 0,0,0,0,0,0 (or what acts) chooses rest positions at which the springs balance"
+BALANCING = (
+    "--load 0,0,0,0,0,0 (or what acts) chooses rest positions at which the "
+    "springs balance"
+)
 
 
 def describe(
@@ -55,9 +58,9 @@ def describe(
 ) -> str:
     """Describe a result, with the text of its analysis before the notes.
 
-    The answer and its tables come first. With `at_rest` the stiffness includes the loads, and W is
-    the additional wrench. `only` names the one matrix that is printed. `told` are notes that were
-    said before.
+    The answer and its tables come first. With `at_rest` the stiffness includes the loads,
+    and W is the additional wrench. `only` names the one matrix that is printed. `told`
+    are notes that were said before.
     """
     elastic = result.elastic
     mechanism, units = elastic.mechanism, elastic.units
@@ -98,7 +101,8 @@ def describe(
     lines.append("")
     if any(K is not None for K in result.matrices.values()):
         lines += [
-            "Stiffness: rows wrench (moment, force), columns motion (rotation, translation)",
+            "Stiffness: rows wrench (moment, force), columns motion (rotation, "
+            "translation)",
             "  units [[{rr}, {rt}], [{tr}, {tt}]]".format(**units.blocks),
             "",
         ]
@@ -131,7 +135,8 @@ def _posture(result: PostureStiffness) -> list[str]:
     """The coordinates, one a line."""
     mechanism, units = result.mechanism, result.units
     lines = ["", "Posture"]
-    # Round-off of coordinates as a share of their sizes, larger for those of a closed chain.
+    # Round-off of coordinates as a share of their sizes, larger for those of a closed
+    # chain.
     noise = (
         numerics.PRINTED_AS_ZERO
         if result.posture.closure is None
@@ -145,7 +150,8 @@ def _posture(result: PostureStiffness) -> list[str]:
             lines.append(f"  {coordinate.name:<28} {own:>12.6g} {unit}")
         else:
             lines.append(
-                f"  {coordinate.name:<28} {value:>12.6g} rad {np.degrees(value):>10.4g} deg"
+                f"  {coordinate.name:<28} {value:>12.6g} rad {np.degrees(value):>10.4g} "
+                "deg"
             )
     return lines
 
@@ -163,7 +169,8 @@ def _point(position: Sequence[float], u: Units) -> str:
 def _potential_of_loads(result: PostureStiffness) -> float:
     """Return the potential of gravity and loads; 0 if it is round-off of their work.
 
-    The work is that over natural sizes; a weight over the origin of F has such a potential.
+    The work is that over natural sizes; a weight over the origin of F has such a
+    potential.
     """
     total, works = 0.0, 0.0
     for term in result.elastic.parted_terms()[1]:
@@ -235,7 +242,8 @@ def _reachable(result: PostureStiffness, at_rest: bool) -> list[str]:
     lines = [f"Stiffness along {shown} of {found.axes}, all motions that exist"]
     if not found.is_pure:
         lines[0] = (
-            f"Stiffness along {shown} of {found.axes}; the body's other motions follow from these"
+            f"Stiffness along {shown} of {found.axes}; the body's other motions follow "
+            "from these"
         )
     row_units = [
         ", ".join(
@@ -275,7 +283,8 @@ def summary_text(
     Parameters
     ----------
     summary : mapping
-        Analysis from `cartstiff.analysis.posture.summarise` or `cartstiff.analysis.posture`.
+        Analysis from `cartstiff.analysis.posture.summarise` or
+        `cartstiff.analysis.posture`.
     units : Units, or mapping of str to str
         Keys "length", "force", "angle"; default SI.
     level : {"full", "short", "none"}
@@ -314,7 +323,9 @@ def summary_text(
 
 
 def resisted_deflection(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """Deflection under the load of an analysis if the body resists it, else an empty one."""
+    """Deflection under the load of an analysis if the body resists it,
+    else an empty one.
+    """
     found: dict[str, Any] = summary.get("deflection") or {}
     is_resisted = summary["definiteness"] in (None, "positive")
     return found if is_resisted and found and found["energy"] > 0.0 else {}
@@ -333,7 +344,10 @@ def links_of_coordinates(elastic: ElasticMechanism) -> dict[str, str]:
 def shares_of_parts(
     deflection: Mapping[str, Any], elastic: ElasticMechanism
 ) -> dict[str, float | None]:
-    """Shares of a deflection by joint, link or leg; a link's virtual joints are one part."""
+    """Shares of a deflection by joint, link or leg.
+
+    A link's virtual joints are one part.
+    """
     links, summed = links_of_coordinates(elastic), dict[str, float | None]()
     for part in deflection.get("shares") or []:
         name = f"the link {links[own]}" if (own := part["name"]) in links else own
@@ -342,7 +356,8 @@ def shares_of_parts(
 
 
 def largest_share(deflection: Mapping[str, Any], elastic: ElasticMechanism) -> list[str]:
-    """Words on the joint, link or leg that contributes most to a deflection, if shares exist.
+    """Words on the joint, link or leg that contributes most to a deflection,
+    if shares exist.
 
     Parts with equal shares, as legs of a symmetric machine have, are named together.
     """
@@ -382,7 +397,9 @@ def _heading(s: Mapping[str, Any], u: Units) -> list[str]:
 
 
 def _load(s: Mapping[str, Any], u: Units) -> list[str]:
-    """State the assumed behaviour of the load, and whether the matrix is the tangent under it."""
+    """State the assumed behaviour of the load, and whether the matrix is the
+    tangent under it.
+    """
     load = s.get("load")
     if load is None:
         return []
@@ -402,7 +419,10 @@ def _principal(
     short = ("stiffness",) if exists else ("compliance",)
     lines = []
     for quantity in short if not (full and exists) else ("stiffness", "compliance"):
-        title = f"principal {quantity} (held: the other three freedoms locked; free: unloaded)"
+        title = (
+            f"principal {quantity} (held: the other three freedoms locked; free: "
+            "unloaded)"
+        )
         lines += ["", title]
         for freedom, other in _FREEDOMS.items():
             unit, per = _shown_unit(getattr(u, quantity)[freedom], u)
@@ -429,13 +449,16 @@ def _principal(
                     for column in range(3):
                         axis = [r[column] for r in e["axes"]]
                         lines.append(
-                            f"{'    axis ' + str(column + 1):<42} {row(axis, size=COSINES)}"
+                            f"{'    axis ' + str(column + 1):<42} "
+                            f"{row(axis, size=COSINES)}"
                         )
     return lines
 
 
 def _shown_unit(unit: str, u: Units) -> tuple[str, float]:
-    """Unit of a number in texts, with the factor: N/mm for a translation, else its own."""
+    """Unit of a number in texts, with the factor: N/mm for a translation,
+    else its own.
+    """
     blocks, compliances, mm = u.blocks, u.blocks_of_compliance, u.shown_length
     if unit == blocks["tt"]:
         return f"{u.force}/{mm}", 1.0 / u.shown_per_length
@@ -461,7 +484,10 @@ def softest_words(
     where = "more than one direction alike"
     if direction is not None:
         where = f"({', '.join(f'{round(x, 2) + 0.0:g}' for x in direction)}) of {axes}"
-    return f"(free to {free}): {engineering(stiffness, units.stiffness[freedom])} {along} {where}"
+    return (
+        f"(free to {free}): {engineering(stiffness, units.stiffness[freedom])} "
+        f"{along} {where}"
+    )
 
 
 def _is_turned(s: Mapping[str, Any]) -> bool:
@@ -524,7 +550,8 @@ def _centres(s: Mapping[str, Any], u: Units) -> list[str]:
             else "0 none; not bounded, as the matrix is indefinite"
         )
         lines.append(
-            f"  coupling of rotation and translation: {share(frame['coupling_before'])} here, "
+            f"  coupling of rotation and translation: {share(frame['coupling_before'])} "
+            "here, "
             f"{share(frame['coupling'])} at the point of least coupling ({scale})"
         )
     for what, place in (("normal form", form), ("decoupling frame", frame)):
@@ -535,7 +562,8 @@ def _centres(s: Mapping[str, Any], u: Units) -> list[str]:
                 blocks = np.abs(s["stiffness"])
                 size = float(np.sqrt(blocks[:3, :3].max() * blocks[3:, 3:].max()))
                 lines.append(
-                    f"    coupling there [{u.blocks['tr']}] {numbers(place['coupling'], size=size)}"
+                    f"    coupling there [{u.blocks['tr']}] "
+                    f"{numbers(place['coupling'], size=size)}"
                 )
     return lines
 
@@ -589,7 +617,8 @@ def _connections(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
             rows.append([f"K^{r['name']}", *["-"] * 5])
             continue
         cells = [
-            f"{_difference(r['largest'][b], r['relative'][b])} ({percent(r['relative'][b])})"
+            f"{_difference(r['largest'][b], r['relative'][b])} "
+            f"({percent(r['relative'][b])})"
             for b in u.blocks
         ]
         rows.append([f"K^{r['name']}", *cells, percent(r["change"])])
@@ -623,10 +652,13 @@ def deflection_lines(d: Section, u: Units) -> list[str]:
     angle, turn = u.shown_angle, u.shown_per_radian
     lines = [
         "",
-        f"linear deflection (K^{d['connection']}) under {_wrench(d['wrench'], u)} at the point "
+        f"linear deflection (K^{d['connection']}) under {_wrench(d['wrench'], u)} at the "
+        "point "
         f"{_point(d['acts_at'], u)}",
-        f"  the point {_point(d['point'], u)} moves {number(size)} {mm}: {vector(moves, 4)}",
-        f"  the body turns {vector([turn * x for x in d['twist'][:3]], 4)} {angle} (all in the "
+        f"  the point {_point(d['point'], u)} moves {number(size)} {mm}: "
+        f"{vector(moves, 4)}",
+        f"  the body turns {vector([turn * x for x in d['twist'][:3]], 4)} {angle} (all "
+        "in the "
         f"body's axes), "
         f"energy {number(d['energy'])} {u.moment}",
     ]
@@ -666,7 +698,8 @@ def deflection_lines(d: Section, u: Units) -> list[str]:
         and abs(d["load_share"] or 0.0) > numerics.NEGLIGIBLE_DIFFERENCE
     ):
         lines.append(
-            f"  the rest, {percent(d['load_share'])}, is what the load and other potentials "
+            f"  the rest, {percent(d['load_share'])}, is what the load and other "
+            "potentials "
             "take or give"
         )
     return lines
@@ -697,7 +730,8 @@ def target_lines(t: Section, u: Units, full: bool) -> list[str]:
     lines = ["", f"joint stiffness for the target K^{t['connection']}{order}"]
     if not t["is_symmetric"]:
         lines.append(
-            f"  the load adds an antisymmetric part to K^{t['connection']}, whatever springs"
+            f"  the load adds an antisymmetric part to K^{t['connection']}, whatever "
+            "springs"
         )
     unit = [u.spring(s) for s in t["are_lengths"]]
     fit = t["diagonal_fit"]
@@ -784,7 +818,9 @@ _SPREAD = (("nominal", 5), ("deviation", 3), ("lower", 5), ("upper", 5))
 
 
 def _size(name: str, spreads: Mapping[str, Any]) -> float:
-    """Size for the round-off of a matrix entry: geometric mean of its two diagonal entries."""
+    """Size for the round-off of a matrix entry: geometric mean of its two
+    diagonal entries.
+    """
     if ".axes[" in name:
         return COSINES
     matrix, _, entry = name.partition("[")

@@ -33,7 +33,9 @@ _NO_RATIO = {"both": "does not exist with either", "sign": "is zero or negative"
 
 
 def describe_comparison(comparison: Comparison) -> str:
-    """Describe two mechanisms side by side: the answer, the numbers, what has no ratio."""
+    """Describe two mechanisms side by side: the answer, the numbers,
+    what has no ratio.
+    """
     a, b, units = comparison.first, comparison.second, comparison.units
     lines = [
         f"{b.label} compared with {a.label}",
@@ -94,7 +96,8 @@ def _answer(comparison: Comparison) -> Iterator[str]:
     if moved is not None and moved.ratio is not None:
         yield (
             f"Under the load {b.label} moves {number(moved.ratio, 3)} times as far as "
-            f"{a.label} ({_BY[comparison.displacement_by or 'first order']}): {_both(moved)}"
+            f"{a.label} ({_BY[comparison.displacement_by or 'first order']}): "
+            f"{_both(moved)}"
         )
         for x in (a, b):
             if x.shares is not None:

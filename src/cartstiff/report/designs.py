@@ -48,7 +48,8 @@ def describe_designs(designs: Designs, best: int = 10) -> str:
             "Best design"
             if len(designs.better) == 1
             else (
-                f"Pareto front: {len(designs.front)} designs, of which none is better in everything"
+                f"Pareto front: {len(designs.front)} designs, of which none is better in "
+                "everything"
             )
         )
         lines += [
@@ -58,7 +59,8 @@ def describe_designs(designs: Designs, best: int = 10) -> str:
         ]
         if len(designs.front) > len(shown):
             lines.append(
-                f"  ... {len(designs.front) - len(shown)} more; -o FILE.csv and --json have all"
+                f"  ... {len(designs.front) - len(shown)} more; -o FILE.csv and --json "
+                "have all"
             )
     for state in ("failed", "infeasible"):
         if counts[state]:

@@ -25,10 +25,10 @@ def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:
     Returns
     -------
     dict
-        "frames" fixed to F; "joints" in the order of the tree, each with its parent (the name of a
-        joint, or None for F), its coordinate, spring, mass and the frames fixed to it; "closures"
-        that tie frames; "legs" of a platform; "pose" of M in F at the posture; "gravity"; see
-        `cartstiff.report.json_schema.json_schema`.
+        "frames" fixed to F; "joints" in the order of the tree, each with its parent (the
+        name of a joint, or None for F), its coordinate, spring, mass and the frames fixed
+        to it; "closures" that tie frames; "legs" of a platform; "pose" of M in F at the
+        posture; "gravity"; see `cartstiff.report.json_schema.json_schema`.
     """
     mechanism = elastic.mechanism
     answer: dict[str, Any] = {
@@ -75,7 +75,8 @@ def _joints(elastic: ElasticMechanism, chain: Chain) -> list[dict[str, Any]]:
             if tree.coordinates[k].name != names[j]:
                 follows = tree.coordinates[k].name
             if follows is not None and k in chain.virtual:
-                # A mass in the middle of a compliant link is listed at the link's first joint.
+                # A mass in the middle of a compliant link is listed at the link's first
+                # joint.
                 link = follows.rpartition(".")[0] + "."
                 next(x for x in joints if x["name"].startswith(link))["mass"] += float(
                     masses[j - 1]
@@ -161,7 +162,10 @@ def _legs(mechanism: Mechanism, springs: Springs) -> list[dict[str, Any]]:
 
 
 def describe_frames(answer: Mapping[str, Any], length: float = 0.0) -> str:
-    """Describe the answer of ``cartstiff frames``; round-off of a length is shown as 0."""
+    """Describe the answer of ``cartstiff frames``.
+
+    Round-off of a length is shown as 0.
+    """
     units, joints = Units.from_dict(answer["units"]), answer["joints"]
     mechanism = answer["mechanism"]
     lines = [

@@ -26,8 +26,10 @@ def describe_identification(result: Identification) -> str:
         "" if result.fit == result.recommended else f"the {result.recommended} one is "
     )
     lines = [
-        f"{result.elastic.name}, {body_frame(result.elastic.mechanism)}: {len(result.measured)} "
-        f"rows, {len(result.model.observations)} numbers; {result.fit} fit ({other}recommended) of "
+        f"{result.elastic.name}, {body_frame(result.elastic.mechanism)}: "
+        f"{len(result.measured)} "
+        f"rows, {len(result.model.observations)} numbers; {result.fit} fit "
+        f"({other}recommended) of "
         f"{model}",
         *(f"  DOUBTFUL, {n.code}: {n.message}" for n in result.notes if is_doubt(n)),
         "",
@@ -133,7 +135,9 @@ def _row(e: Estimate, other: float) -> tuple[str, ...]:
 
 
 def describe_plan(plan: Plan) -> str:
-    """Describe the chosen rows, the predicted intervals, and their decrease with more rows."""
+    """Describe the chosen rows, the predicted intervals,
+    and their decrease with more rows.
+    """
     data, rows = plan.to_dict(), plan.rows
     elastic = plan.unknowns.elements.elastic
     what = {

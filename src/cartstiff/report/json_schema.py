@@ -1,4 +1,6 @@
-"""JSON Schema of what commands print with ``--json``, from the tables of `cartstiff.described`."""
+"""JSON Schema of what commands print with ``--json``, from the tables of
+`cartstiff.described`.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,8 @@ def json_schema(command: str = "analyse") -> Schema:
     ----------
     command : {"analyse", "equilibrium", "frames", "modes", "identify", "assemble", "workspace", \
 "design", "compare", "analysis", "answer"}
-        The command; "analysis" and "answer" are the objects that ``analyse`` has under these keys.
+        The command; "analysis" and "answer" are the objects that ``analyse`` has under
+        these keys.
 
     Returns
     -------
@@ -26,7 +29,7 @@ def json_schema(command: str = "analyse") -> Schema:
     ------
     UnknownNameError
         For another command.
-    """
+    """  # noqa: E501
     check_name("command", command, TABLES)
     return (
         _DRAFT

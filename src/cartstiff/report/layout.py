@@ -15,7 +15,8 @@ from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.notes import Note
 from cartstiff.units import Units
 
-#: Size for the round-off of components of unit vectors, so that those below 1e-9 are shown as 0.
+#: Size for the round-off of components of unit vectors, so that those below 1e-9 are
+#: shown as 0.
 COSINES = numerics.REPORTED_ERROR / numerics.PRINTED_AS_ZERO
 
 
@@ -99,7 +100,9 @@ def table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 
 
 def placed(T: Array, units: Units) -> str:
-    """Describe the pose of a frame in another by point and angles; "" for the identity."""
+    """Describe the pose of a frame in another by point and angles;
+    "" for the identity.
+    """
     place = lengths(T[:3, 3], units)
     size = float(np.abs(place).max())
     turned = np.degrees(se3.roll_pitch_yaw(T))

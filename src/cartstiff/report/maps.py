@@ -91,7 +91,8 @@ def _searched(branches: Mapping[str, int] | None) -> list[str]:
     legs = branches["legs"]
     how = f"each of {legs} legs" if legs else "the mechanism as a whole"
     return [
-        f"at most {branches['found']} branches found at a place, up to {branches['kept']} kept; "
+        f"at most {branches['found']} branches found at a place, up to "
+        f"{branches['kept']} kept; "
         f"searched from {branches['starts']} starts: {how}"
     ]
 

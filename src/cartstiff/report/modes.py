@@ -56,7 +56,8 @@ def describe_modes(
     weighed = modes.to_dict()["weighed"]
     masses = ", ".join(f"{part['name']} {part['mass']:.4g}" for part in weighed)
     lines = [
-        f"{elastic.name}: {mechanism.kind}, {body_frame(mechanism)}, small undamped motions "
+        f"{elastic.name}: {mechanism.kind}, {body_frame(mechanism)}, small undamped "
+        "motions "
         f"about rest, {modes.load['words']}",
         _load(modes),
         f"Masses that move [kg]: {masses or 'none'}",
@@ -171,7 +172,8 @@ _MAX_LEFT_OUT = 400
 
 
 def describe_sensitivities(known: Sensitivities, units: Units) -> list[str]:
-    """List changes of each frequency for one per cent of stiffnesses and masses, 1 mm of lengths.
+    """List changes of each frequency for one per cent of stiffnesses and masses,
+    1 mm of lengths.
 
     Without frequencies the changes are those of the diagonal of K^K.
     """
@@ -222,7 +224,9 @@ def describe_sensitivities(known: Sensitivities, units: Units) -> list[str]:
 
 
 def describe_accuracy(known: Accuracy, units: Units) -> list[str]:
-    """List standard deviations of pose, stiffness and frequencies with the main contributors."""
+    """List standard deviations of pose, stiffness and frequencies with the main
+    contributors.
+    """
     lines = [
         "",
         f"Accuracy to first order: standard deviations ({known.factor:.4g} of them hold "
@@ -297,7 +301,9 @@ def describe_response(
 def describe_impedance(
     answer: Impedance, shown: Mapping[str, Any], units: Units
 ) -> list[str]:
-    """Describe stiffness and damping for a controller, and the result of the square-root rule."""
+    """Describe stiffness and damping for a controller, and the result of the
+    square-root rule.
+    """
     turning, moving = (
         f"{units.moment}/rad | {units.force}",
         f"{units.force}/rad | {units.stiffness['translation']}",
@@ -308,7 +314,8 @@ def describe_impedance(
         rows += [f"{units.force} | {units.moment}/rad"] * 3
     lines = [
         "",
-        f"Impedance controller: order {shown['order']}, {AXES_WORDS[shown['axes']]}, about the "
+        f"Impedance controller: order {shown['order']}, {AXES_WORDS[shown['axes']]}, "
+        "about the "
         f"origin of {shown['about']!r}",
         "  stiffness",
         *format_matrix(np.array(shown["stiffness"]), [f"[{row}]" for row in rows]).split(
@@ -325,12 +332,14 @@ def describe_impedance(
     aside = np.linalg.norm(K - np.diag(np.diag(K)))
     left = float(aside) / max(float(np.linalg.norm(K)), numerics.TINY)
     lines.append(
-        f"  joints: J^T K J and J^T D J, {len(K)}x{len(K)}, in --json and -o; gains of single "
+        f"  joints: J^T K J and J^T D J, {len(K)}x{len(K)}, in --json and -o; gains of "
+        "single "
         f"joints, the diagonal, leave out {percent(left)}"
     )
     for z, m in zip(answer.null_motions, answer.null_masses, strict=True):
         lines.append(
-            f"  null motion {vector(z, 2, size=1.0)} of the joints: no stiffness, no damping; with "
+            f"  null motion {vector(z, 2, size=1.0)} of the joints: no stiffness, no "
+            "damping; with "
             f"a stiffness k of its own 2 ratio sqrt({m:.3g} k) damps it"
         )
     if answer.dropped:

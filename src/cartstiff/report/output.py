@@ -18,7 +18,8 @@ def write_json(data: Mapping[str, Any], path: Path) -> None:
 
 
 def write_files(*files: tuple[Path | None, Callable[[], Any]]) -> None:
-    """Write texts, bytes and figures to their files; all are made before the first is written.
+    """Write texts, bytes and figures to their files; all are made before the
+    first is written.
 
     A path that is None was not asked for.
     """

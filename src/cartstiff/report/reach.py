@@ -44,7 +44,8 @@ def describe_assembly(modes: AssemblyModes) -> str:
         f"Held: {held}",
         *(load_lines(modes[0].result) if count and modes[0].result.is_loaded else []),
         gravity_loads(elastic).text,
-        f"Assembly modes: {modes.found}{listed}; searched: {modes.search or 'not, see the notes'}",
+        f"Assembly modes: {modes.found}{listed}; searched: "
+        f"{modes.search or 'not, see the notes'}",
     ]
     if modes.search is not None:
         lines.append(
@@ -56,7 +57,8 @@ def describe_assembly(modes: AssemblyModes) -> str:
         lines += ["", *_table(modes)]
         lines += [
             "",
-            f"min K: smallest eigenvalue of the tangent stiffness, angles times the body's length "
+            "min K: smallest eigenvalue of the tangent stiffness, angles times the "
+            "body's length "
             f"[{units.stiffness['translation']}]",
         ]
         if elastic.mechanism.coordinates_are_pose:
@@ -120,7 +122,7 @@ def _pose_names(elastic: ElasticMechanism) -> list[str]:
 
 
 def _place(mode: AssemblyMode, elastic: ElasticMechanism) -> list[float]:
-    """Return a platform's coordinates or a chain's pose of M in shown units; round-off is 0."""
+    """A platform's coordinates or a chain's pose of M in shown units; round-off is 0."""
     if elastic.mechanism.coordinates_are_pose:
         q = mode.q
     else:
@@ -172,7 +174,9 @@ _MAX_LISTED_LIMITS = 12
 
 
 def describe_workspace(reached: Workspace) -> str:
-    """Describe volume, slices, limits, rotations, inscribed bodies, singularities and notes."""
+    """Describe volume, slices, limits, rotations, inscribed bodies,
+    singularities and notes.
+    """
     elastic, own = reached.elastic, reached.elastic.units
     unit, turn = own.shown_length, own.shown_angle
     powers = [own.coordinate(name in ("x", "y", "z")) for name in reached.axes]
@@ -181,7 +185,8 @@ def describe_workspace(reached: Workspace) -> str:
     is_place = reached.axes == ("x", "y", "z")
     lines = [
         f"{elastic.name}: {elastic.mechanism.kind}, {body_frame(elastic.mechanism)}",
-        f"Orientation of M kept; position {vector(lengths(reached.pose[:3, 3], own), 5)} {unit}"
+        f"Orientation of M kept; position {vector(lengths(reached.pose[:3, 3], own), 5)} "
+        f"{unit}"
         if is_place
         else f"The body takes {', '.join(reached.axes)}; the rest of its pose follows",
         *([f"Load: {_load(reached.load)}"] if reached.load else []),
@@ -208,7 +213,8 @@ def describe_workspace(reached: Workspace) -> str:
         lines += [
             "",
             "Rotations at this position",
-            f"  about every axis by at least {number(least * elastic.units.shown_per_radian, 4)} "
+            "  about every axis by at least "
+            f"{number(least * elastic.units.shown_per_radian, 4)} "
             f"{elastic.units.shown_angle}; "
             f"{percent(reached.share_of_rotations)} of all rotations",
             *_shares(reached.turns.shares()),
@@ -244,7 +250,8 @@ def describe_workspace(reached: Workspace) -> str:
         if not elastic.mechanism.coordinates_are_pose:
             of, over = "passive joints' twists that meet in the body", "lengths"
         lines += [
-            f"Nearest to singular that was found: smallest over largest singular value of the {of} "
+            "Nearest to singular that was found: smallest over largest singular value "
+            f"of the {of} "
             f"{number(ratio, 3)} at {vector(np.array(per) * place, 4)}",
             f"  ({over} over the body's length "
             f"{length_of(elastic.mechanism.at(elastic.q).length, own)}; 0 is singular)",
@@ -284,7 +291,9 @@ def _shares(shares: dict[str, float]) -> list[str]:
 
 
 def boundary_csv(reached: Workspace) -> str:
-    """Write one row per boundary position: the coordinates, and the limit that is reached."""
+    """Write one row per boundary position: the coordinates,
+    and the limit that is reached.
+    """
     limits = [] if reached.positions is None else reached.positions.limit.tolist()
     rows = (
         [*xyz, limit]

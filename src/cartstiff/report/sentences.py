@@ -1,4 +1,6 @@
-"""The words of an answer: one table of sentences, for text, HTML, the page and its script."""
+"""The words of an answer: one table of sentences, for text, HTML,
+the page and its script.
+"""
 
 from __future__ import annotations
 
@@ -40,13 +42,15 @@ VERDICTS: dict[str, str] = {
     "slack": "Slack cables carry nothing",
     "stable": "The equilibrium is stable",
     "unstable": "The equilibrium is NOT stable: the load pushes the body away",
-    "undecided": "Whether the equilibrium is stable is not decided by definiteness: see the notes",
+    "undecided": "Whether the equilibrium is stable is not decided by definiteness: see "
+    "the notes",
 }
 #: Verdicts on more than one matrix.
 _OF_NO_MATRIX = ("stable", "unstable", "undecided")
 _NO_STABILITY = {
     NOT_TANGENT: "it is not the tangent under this load and decides no stability",
-    ASYMMETRIC: "along some motion the load pushes further away; as it has no potential, this "
+    ASYMMETRIC: "along some motion the load pushes further away; as it has no potential, "
+    "this "
     "decides no stability",
 }
 VERDICTS |= {
@@ -63,7 +67,8 @@ _BY = {
 _OTHER = {"translation": "turn", "rotation": "move"}
 _WITH_HELD = {"translation": "with turning blocked", "rotation": "with moving blocked"}
 _TOWARDS = {"translation": "along", "rotation": "about"}
-#: Angles [deg] from a line up to which a direction is along it, and up to which it is almost so.
+#: Angles [deg] from a line up to which a direction is along it, and up to which it is
+#: almost so.
 ALONG, ALMOST = 1.0, 20.0
 
 
@@ -78,7 +83,8 @@ def title(verdict: Verdict) -> str:
 def direction_words(
     direction: Vector, is_line: bool = True, is_upright: bool = True
 ) -> str:
-    """A direction of the room in words: "almost vertical, 4 deg off z", "horizontal, along y".
+    """A direction of the room in words: "almost vertical, 4 deg off z", "horizontal,
+    along y".
 
     Parameters
     ----------
@@ -144,7 +150,10 @@ def is_upright(answer: Answer) -> bool:
 
 
 def _moves(moved: Displacement, answer: Answer) -> str:
-    """Size, cause and direction of a displacement; of the rotation where the point stays."""
+    """Size, cause and direction of a displacement.
+
+    Of the rotation where the point stays.
+    """
     said, by = moved.said, _BY[moved.by]
     size = math.hypot(*said.translation)
     if size == 0.0:
@@ -173,7 +182,10 @@ def share_words(shares: Shares) -> str:
     of = {"displacement": "the first-order displacement", "energy": "its energy"}[
         shares.of
     ]
-    words = f"{percent(shares.parts[0].share)} of {of} comes from {each}{listed(alike, most=6)}"
+    words = (
+        f"{percent(shares.parts[0].share)} of {of} comes from "
+        f"{each}{listed(alike, most=6)}"
+    )
     if abs(shares.rest) >= SMALLEST_SAID_REST:
         rest = percent(shares.rest)
         words += f"; the load and other potentials, no joint, contribute {rest}"

@@ -1,4 +1,6 @@
-"""Equilibria, load-deflection curves and compensated paths as text for people, and as figures."""
+"""Equilibria, load-deflection curves and compensated paths as text for people,
+and as figures.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,8 @@ def describe_equilibrium(state: Equilibrium) -> str:
     units, mm = state.elastic.units, state.elastic.units.shown_per_length
     answer = answer_of_equilibrium(state)
     lines = [
-        f"Equilibrium: {_STABLE[state.stable]}, residual {state.residual:.2g} (relative) after "
+        f"Equilibrium: {_STABLE[state.stable]}, residual {state.residual:.2g} (relative) "
+        "after "
         f"{state.iterations} step(s)",
         _softest(state),
         *answer_lines(answer),
@@ -81,14 +84,19 @@ def describe_equilibrium(state: Equilibrium) -> str:
 
 
 def _displacements(state: Equilibrium) -> list[str]:
-    """Describe the displacement; where it begins with a relaxation, its two parts by name."""
+    """Describe the displacement.
+
+    Where it begins with a relaxation, its two parts by name.
+    """
     turn, length = _sizes(state.posture)
     units, mm = state.elastic.units, state.elastic.units.shown_per_length
 
     def rows(displacement: Array) -> list[str]:
         return [
-            f"  rotation     {wide_row(np.degrees(displacement[:3]), np.degrees(turn))} deg",
-            f"  translation  {wide_row(mm * displacement[3:], mm * length)} {units.shown_length}",
+            f"  rotation     {wide_row(np.degrees(displacement[:3]), np.degrees(turn))} "
+            "deg",
+            f"  translation  {wide_row(mm * displacement[3:], mm * length)} "
+            f"{units.shown_length}",
         ]
 
     whole = "Displacement of the body frame from the start to the equilibrium, axes of F"
@@ -99,7 +107,8 @@ def _displacements(state: Equilibrium) -> list[str]:
     if before is state or not before.iterations:
         return [whole, *rows(state.displacement)]
     return [
-        "Displacement of the body frame before the load, from the start to its rest, axes of F",
+        "Displacement of the body frame before the load, from the start to its rest, "
+        "axes of F",
         *rows(before.displacement),
         "Displacement of the body frame by the load, from that rest, axes of F",
         *rows(by_load),
@@ -151,19 +160,23 @@ def _softest(state: Equilibrium) -> str:
 
 
 def describe_curve(curve: LoadCurve) -> str:
-    """Describe a load-deflection curve in at most twenty lines, with its critical points."""
+    """Describe a load-deflection curve in at most twenty lines,
+    with its critical points.
+    """
     units = curve.elastic.units
     length, mm = units.shown_length, units.shown_per_length
     turn, size = _sizes(curve.elastic.mechanism.at(curve.q[0]))
     lines = [
-        f"Load-deflection curve of {curve.elastic.name}: {len(curve.factors)} equilibria, "
+        f"Load-deflection curve of {curve.elastic.name}: {len(curve.factors)} "
+        "equilibria, "
         f"ended: {curve.reason}",
         curve.weighed.text,
         *beyond_limits(curve.notes),
         "",
         f"  {'factor':>10} {'x ' + length:>12} {'y ' + length:>12} {'z ' + length:>12} "
         f"{'off linear':>11} {'rotation':>11} {'off linear':>11}  stability",
-        f"  {'':>10} {'':>12} {'':>12} {'':>12} {'translation':>11} {'deg':>11} {'rotation':>11}",
+        f"  {'':>10} {'':>12} {'':>12} {'':>12} {'translation':>11} {'deg':>11} "
+        f"{'rotation':>11}",
     ]
     shown = np.unique(np.linspace(0, len(curve.factors) - 1, 16).astype(int))
     for i in shown:
@@ -192,12 +205,14 @@ def describe_curve(curve: LoadCurve) -> str:
     elif not curve.critical:
         massless = any(note.code == "masses-missing" for note in curve.notes)
         lines.append(
-            "No limit point and no branch up to the end of the curve; flutter is not examined."
+            "No limit point and no branch up to the end of the curve; flutter is not "
+            "examined."
             if massless
             else "No critical load up to the end of the curve."
         )
     lines.append(
-        f"The linear prediction stays within 5 % up to factor {curve.linear_up_to():.4g} for the "
+        f"The linear prediction stays within 5 % up to factor {curve.linear_up_to():.4g} "
+        "for the "
         f"translation, {curve.linear_up_to(part='rotation'):.4g} for the rotation."
     )
     lines += [f"  {note}" for note in curve.notes]
@@ -216,7 +231,9 @@ def _carried(path: CompensatedPath) -> str:
 
 
 def describe_path(path: CompensatedPath, *, is_written: bool = False) -> str:
-    """Describe errors before and after compensation, and the largest changes of commands."""
+    """Describe errors before and after compensation,
+    and the largest changes of commands.
+    """
     units = path.elastic.units
     mm = units.shown_per_length
     summary = path.summary()
@@ -249,7 +266,8 @@ def describe_path(path: CompensatedPath, *, is_written: bool = False) -> str:
     ):
         half = known.factor * np.nanmax(path.deviation, axis=0)
         lines.append(
-            f"  {100 * known.level:g} % from the measured springs, at most, along an axis: "
+            f"  {100 * known.level:g} % from the measured springs, at most, along an "
+            "axis: "
             f"{mm * half[3:].max():.3g} {units.shown_length}, "
             f"{np.degrees(half[:3].max()):.3g} deg"
         )
@@ -316,9 +334,11 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
             f"under the path's load, {result.load.kind} at ({at}): {result.load.words}"
         )
     lines = [
-        f"{result.elastic.name}, {body_frame(result.elastic.mechanism)}: {len(result.q)} points, "
+        f"{result.elastic.name}, {body_frame(result.elastic.mechanism)}: {len(result.q)} "
+        "points, "
         f"{result.candidates} postures compared",
-        f"{result.criterion.description} [{result.unit}], {result.criterion.better} is better; "
+        f"{result.criterion.description} [{result.unit}], {result.criterion.better} is "
+        "better; "
         f"K^{result.connection} {under}",
         f"angles count by the characteristic length {length_of(result.length, units)}",
         f"free: {_free(result)}",
@@ -343,7 +363,8 @@ def describe_optimised_path(result: OptimisedPath, *, is_written: bool = False) 
         lines.append("  no constant choice follows the path")
     lines += [
         "",
-        f"worst at point {facts['worst_point']}; smallest over largest singular value at least "
+        f"worst at point {facts['worst_point']}; smallest over largest singular value at "
+        "least "
         f"{facts['smallest_ratio']:.3g}",
         _nearest_limit(result),
         result.configuration,
@@ -382,7 +403,8 @@ def _nearest_limit(result: OptimisedPath) -> str:
         per, unit = units.shown_per_radian, units.shown_angle
     return (
         f"nearest to a limit: {found['name']} at point {found['point']}, "
-        f"{per * found['distance']:.4g} {unit} from it, at {per * found['value']:.4g} {unit}"
+        f"{per * found['distance']:.4g} {unit} from it, at {per * found['value']:.4g} "
+        f"{unit}"
     )
 
 

@@ -1,6 +1,7 @@
 """Stiffness drawn in any meshcat viewer.
 
-The names in `__init__.pyi` draw in any ``meshcat.Visualizer``; they are loaded when first used.
+The names in `__init__.pyi` draw in any ``meshcat.Visualizer``; they are loaded when first
+used.
 """
 
 import lazy_loader

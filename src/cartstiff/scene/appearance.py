@@ -32,27 +32,28 @@ class Appearance:
     Attributes
     ----------
     connection : {"A", "B", "K", "F", "+", "load"}
-        Which stiffness, "load" the tangent under the load; of an unsymmetric one the symmetric part
-        is drawn.
+        Which stiffness, "load" the tangent under the load; of an unsymmetric one the
+        symmetric part is drawn.
     quantity : {"stiffness", "compliance"}
         Quantity of the ellipsoids.
     translation, rotation : bool
         Which ellipsoids.
     others : {"block", "held", "free"}
-        State of the other three freedoms, see `cartstiff.analysis.ellipsoids`. The block of the
-        matrix itself is "held" for a stiffness and "free" for a compliance.
+        State of the other three freedoms, see `cartstiff.analysis.ellipsoids`. The block
+        of the matrix itself is "held" for a stiffness and "free" for a compliance.
     scale : {"root", "linear", "log"}
-        From principal values to lengths: their square roots, themselves, or their logarithms; the
-        legend states it.
+        From principal values to lengths: their square roots, themselves, or their
+        logarithms; the legend states it.
     axes, labels : bool
         Principal axes, and their values.
     wrench : bool
         The load, as arrows.
     deflection : bool
-        Where `added` moves the body, enlarged by `exaggeration` (None: a round factor, stated).
+        Where `added` moves the body, enlarged by `exaggeration` (None: a round factor,
+        stated).
     added : tuple of 6 floats, optional
-        Wrench (moment, force) along the axes of M whose deflection is drawn; default the load
-        itself.
+        Wrench (moment, force) along the axes of M whose deflection is drawn; default the
+        load itself.
     added_at : tuple of 3 floats, optional
         Point in M at which `added` acts; default the reference point.
     centres : bool
@@ -60,11 +61,13 @@ class Appearance:
     ghost : tuple of floats, optional
         Coordinates of a second posture, drawn pale.
     nodal : tuple of int, float and Screw, optional
-        Number of a mode, its frequency [Hz], and the axis in M about which the body turns in it.
+        Number of a mode, its frequency [Hz], and the axis in M about which the body turns
+        in it.
     point : tuple of 3 floats
         Reference point in the frame M.
     measures : mapping, optional
-        How large ellipsoids are drawn, by freedom, as a legend says it; default: so that they fit.
+        How large ellipsoids are drawn, by freedom, as a legend says it; default: so that
+        they fit.
     theme : {"light", "dark"}
         Background.
     grid, frames : bool
@@ -135,6 +138,9 @@ _STATES = {
 
 
 def load_at(result: PostureStiffness, look: Appearance) -> Array | None:
-    """The load (moment, force) about the reference point; None in an unbalanced posture."""
+    """The load (moment, force) about the reference point.
+
+    None in an unbalanced posture.
+    """
     W = reference(result, look).wrench
     return None if W is None else result.shown_wrench(W)

@@ -1,4 +1,6 @@
-"""Wrenches and deflections as arrows: force straight, moment with a ring, displaced frame pale."""
+"""Wrenches and deflections as arrows: force straight, moment with a ring,
+displaced frame pale.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +23,13 @@ from cartstiff.scene.viewer import ViewerNode
 
 #: Length of an arrow, about, over the size of the mechanism.
 LONGEST_ARROW = 0.22
-#: Arrows begin to have a length where a load moves the body by this share of the mechanism's size.
+#: Arrows begin to have a length where a load moves the body by this share of the
+#: mechanism's size.
 SMALLEST_MOTION = 1e-7
 # Turn (rad) that is drawn as large as a displacement of the longest arrow.
 _TURN = 0.6
-# Cosine of the angle below which two arrows from one point cover each other, and the distance
-# between their middles then, over the sum of their lengths: that of their heads.
+# Cosine of the angle below which two arrows from one point cover each other, and the
+# distance between their middles then, over the sum of their lengths: that of their heads.
 _ALONG, _BESIDE = 0.98, 0.07
 # Load at which arrows of `add_wrench` begin: those of 10 then have the wanted size.
 _SMALLEST_LOAD = 1e-3
@@ -50,7 +53,10 @@ class Arrow:
         scale: Callable[[float], float],
         labels: bool = True,
     ) -> float:
-        """Show a vector (3,) at a point, as long as the scale says; returns its drawn length."""
+        """Show a vector (3,) at a point, as long as the scale says.
+
+        Returns its drawn length.
+        """
         size = sqrt(vector.dot(vector))
         length = scale(size) if size else 0.0
         if not 0.0 < length < np.inf:
@@ -111,7 +117,8 @@ class WrenchPicture:
         self, wrench: Array, T: Array, force: str, moment: str, labels: bool = True
     ) -> dict[str, Any]:
         """Show (moment, force) in the axes of a frame with pose T, at its origin."""
-        # Forces that are rounding beside the moment over the size are not shown as arrows.
+        # Forces that are rounding beside the moment over the size are not shown as
+        # arrows.
         R, p = T[:3, :3], T[:3, 3]
         by_force, by_moment = self._scales
         return {
@@ -151,7 +158,8 @@ class DeflectionPicture:
     ) -> dict[str, Any]:
         """Show a twist (6,) of the frame with pose T, enlarged by `wanted` or visibly.
 
-        Beside an arrow along `force` (3,) in F, of that drawn length, if the two point alike.
+        Beside an arrow along `force` (3,) in F, of that drawn length, if the two point
+        alike.
         """
         factor = self._factor(twist) if wanted is None else wanted
         if not self._made:
@@ -189,7 +197,9 @@ class DeflectionPicture:
 
 
 def _aside(along: Array, factor: float, force: Array, length: float) -> Array | None:
-    """Shift (3,) of an arrow ``factor along`` that one of that length along a force covers."""
+    """Shift (3,) of an arrow ``factor along`` that one of that length along a
+    force covers.
+    """
     size, other = float(np.linalg.norm(along)), float(np.linalg.norm(force))
     if not along @ force > _ALONG * size * other:
         return None

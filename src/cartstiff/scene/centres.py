@@ -1,4 +1,7 @@
-"""Nodal axis of a mode, a line with its pitch; centres of an elasticity, balls with their names."""
+"""Nodal axis of a mode, a line with its pitch.
+
+Centres of an elasticity, balls with their names.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,9 @@ _OUTSIDE = 2.5
 
 
 class NodalAxis:
-    """The axis about which the body turns in a mode, with its pitch written at one end."""
+    """The axis about which the body turns in a mode,
+    with its pitch written at one end.
+    """
 
     def __init__(self, node: ViewerNode, size: float, look: theme.Theme) -> None:
         self._node, self._size = node["axis 1"], size

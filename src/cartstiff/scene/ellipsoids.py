@@ -1,10 +1,10 @@
 """Ellipsoids of stiffness and compliance, with their principal axes and values.
 
-Values and axes are those of `cartstiff.analysis.ellipsoids`; the legend states the scale of the
-radii. If principal values are zero, a disc or a rod of a fixed thickness is drawn. A matrix with
-negative principal values has no ellipsoid: only its axes are drawn, negative ones red and dashed.
-An axis that is far too long, near a singularity, is cut and ends in two discs; the softest axis is
-never too short to be seen.
+Values and axes are those of `cartstiff.analysis.ellipsoids`; the legend states the scale
+of the radii. If principal values are zero, a disc or a rod of a fixed thickness is drawn.
+A matrix with negative principal values has no ellipsoid: only its axes are drawn,
+negative ones red and dashed. An axis that is far too long, near a singularity, is cut and
+ends in two discs; the softest axis is never too short to be seen.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ class EllipsoidPicture:
     look : Theme
         Colours of the labels.
     freedom : {"translation", "rotation"}
-        Two ellipsoids at one place have their labels at different ends of the axes, and one is
-        seen through the other.
+        Two ellipsoids at one place have their labels at different ends of the axes, and
+        one is seen through the other.
     """
 
     def __init__(
@@ -174,7 +174,9 @@ class EllipsoidPicture:
     def _draw_rings(
         self, columns: list[list[float]], centre: list[float], step: float, largest: float
     ) -> None:
-        """Draw a ring for each factor of ten of a logarithmic scale, across the softest axis."""
+        """Draw a ring for each factor of ten of a logarithmic scale,
+        across the softest axis.
+        """
         if not step and not self._has_rings:
             return
         self._has_rings = step > 0.0
@@ -231,20 +233,22 @@ def add_ellipsoid(
     Parameters
     ----------
     visualizer : meshcat.Visualizer
-        Where: ``vis["path"]``; it is drawn below, as "ellipsoid". A later call replaces it.
+        Where: ``vis["path"]``; it is drawn below, as "ellipsoid". A later call replaces
+        it.
     matrix : array_like, shape (3, 3) or (6, 6)
-        Its symmetric part is drawn; of a 6x6 matrix, in order (rotation, translation), that of the
-        block of `freedom`.
+        Its symmetric part is drawn; of a 6x6 matrix, in order (rotation, translation),
+        that of the block of `freedom`.
     T : array_like, shape (4, 4), optional
         Pose of the frame of the matrix in `visualizer`, ``T_F_M``; default identity.
     freedom : {"translation", "rotation"}
         Block of a 6x6 matrix, and the default colour.
     size : float
-        Length that the largest principal value is drawn with, about, in units of the scene.
+        Length that the largest principal value is drawn with, about, in units of the
+        scene.
     scale : "linear", "root", "log", or a scale
-        From values to lengths. One made by `from_values` of `Linear`, `Root` or `Logarithmic`
-        serves several ellipsoids, which can then be compared; `size` then plays no part but for
-        the thickness of the axes.
+        From values to lengths. One made by `from_values` of `Linear`, `Root` or
+        `Logarithmic` serves several ellipsoids, which can then be compared; `size` then
+        plays no part but for the thickness of the axes.
     unit : str
         Unit of the values, for the labels.
     colour : int, optional
@@ -257,8 +261,9 @@ def add_ellipsoid(
     Returns
     -------
     dict
-        "shown", "reason" (why not), "definiteness", "eigenvalues" (smallest first), "axes" (the
-        columns, in the frame of the matrix), "unit", "radii" (drawn lengths), "scale", "asymmetry".
+        "shown", "reason" (why not), "definiteness", "eigenvalues" (smallest first),
+        "axes" (the columns, in the frame of the matrix), "unit", "radii" (drawn lengths),
+        "scale", "asymmetry".
 
     Raises
     ------

@@ -46,9 +46,9 @@ _LIGHTS = {
 def scene_units(size: float, unit: str) -> float:
     """Scene units per unit of length: metres, or a power of ten of them.
 
-    One unit of the scene is a metre where the mechanism is between 0.4 m and 8 m large; else as
-    many powers of ten more or less as bring it into that range. A unit that is not known counts
-    as one metre.
+    One unit of the scene is a metre where the mechanism is between 0.4 m and 8 m large;
+    else as many powers of ten more or less as bring it into that range. A unit that is
+    not known counts as one metre.
     """
     metres = _METRES.get(unit, 1.0)
     actual = size * metres
@@ -98,7 +98,9 @@ class Environment:
         self.frame(np.concatenate([self._points, corners]))
 
     def seen(self, points: Array) -> Array:
-        """Points (n, 3) of F in the units of the viewer, from where its camera turns about."""
+        """Points (n, 3) of F in the units of the viewer, from where its camera
+        turns about.
+        """
         return self.scale * (points - self._middle)
 
     def facts(self) -> dict[str, Any]:
@@ -176,7 +178,9 @@ class Environment:
         return self.node["M"]
 
     def legend(self) -> dict[str, Any]:
-        """Lengths: the unit, the distance of the lines on the ground, a round one for examples."""
+        """Lengths: the unit, the distance of the lines on the ground,
+        a round one for examples.
+        """
         return {
             "unit": self._unit,
             "scene_units_per_unit": self.scale,

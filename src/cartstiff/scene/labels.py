@@ -1,4 +1,7 @@
-"""Text at a point of a picture; a small picture of its own for a viewer that writes no words."""
+"""Text at a point of a picture.
+
+A small picture of its own for a viewer that writes no words.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Pictures of mechanisms: chains by meshes or sticks, platforms by plates, lines by tension."""
+"""Pictures of mechanisms: chains by meshes or sticks, platforms by plates,
+lines by tension.
+"""
 
 from __future__ import annotations
 
@@ -91,7 +93,8 @@ class LinesPicture:
                 self._tubes[i].set_columns([share * a, share * b, share * c], y, z, start)
 
     def carry(self, tensions: Array, taut: Array | None = None) -> dict[str, Any]:
-        """Colour each line by its tension (m,), slack cables grey and dashed; return the legend.
+        """Colour each line by its tension (m,), slack cables grey and dashed;
+        return the legend.
 
         Tensions that are not known yet (no rest length) count as zero.
         """
@@ -120,7 +123,9 @@ class LinesPicture:
 
 
 class PlatformPicture:
-    """Draws a Stewart-Gough platform, a body on springs, or a cable robot; then moves it."""
+    """Draws a Stewart-Gough platform, a body on springs, or a cable robot;
+    then moves it.
+    """
 
     def __init__(
         self,
@@ -301,7 +306,9 @@ class ChainPicture:
             )
 
     def facts(self) -> dict[str, Any]:
-        """Nodes by the joints that move them, for a viewer that moves the picture itself."""
+        """Nodes by the joints that move them, for a viewer that moves the
+        picture itself.
+        """
         return {
             "joints": self._moving,
             "sliders": [
@@ -433,7 +440,9 @@ def _geometries(
 
 
 def extent(elastic: ElasticMechanism, posture: MechanismPosture) -> Array:
-    """Points (n, 3) in F that a picture has to hold: origins of joints, anchors, the body frame."""
+    """Points (n, 3) in F that a picture has to hold: origins of joints, anchors,
+    the body frame.
+    """
     lines = _lines(elastic, posture)
     ends = [points for own in lines for points in (own.starts, own.ends)]
     return np.vstack([posture.drawn().points, *ends])
@@ -446,7 +455,9 @@ def _lines(elastic: ElasticMechanism, posture: MechanismPosture) -> list[Drawn]:
 
 
 class PathsPicture:
-    """Draws the lines of `MechanismPosture.drawn`, for a kind of mechanism of the user's own."""
+    """Draws the lines of `MechanismPosture.drawn`, for a kind of mechanism of
+    the user's own.
+    """
 
     def __init__(
         self,
@@ -529,7 +540,10 @@ class MechanismPicture:
             picture.move(own.starts, own.ends)
 
     def corners(self, posture: MechanismPosture) -> Array:
-        """Corners (n, 3) in F of boxes around the links' meshes; none for other pictures."""
+        """Corners (n, 3) in F of boxes around the links' meshes.
+
+        None for other pictures.
+        """
         corners: Array = self._own.corners(posture)
         return corners
 
@@ -539,13 +553,14 @@ class MechanismPicture:
         return facts
 
     def draw(self, result: PostureStiffness) -> dict[str, Any] | None:
-        """Move to a result's posture and colour lines by their tension; returns what colours mean.
+        """Move to a result's posture and colour lines by their tension;
+        returns what colours mean.
 
         Returns
         -------
         dict or None
-            "unit", "limits", "values" and "slack" (numbers from 1), and under "lines" the same for
-            every group of springs between links. None where there are no lines.
+            "unit", "limits", "values" and "slack" (numbers from 1), and under "lines" the
+            same for every group of springs between links. None where there are no lines.
         """
         posture = result.posture
         self.move(posture)

@@ -1,7 +1,7 @@
 """three.js objects as plain values: meshes, lines, points, labels.
 
-Every message is a scene of its own to the viewer, so identifiers need to be unique within one
-object only; equal objects are then equal messages.
+Every message is a scene of its own to the viewer, so identifiers need to be unique within
+one object only; equal objects are then equal messages.
 """
 
 from __future__ import annotations
@@ -56,7 +56,10 @@ def mesh(
     normals: NDArray[Any] | None = None,
     colours: NDArray[Any] | None = None,
 ) -> Object:
-    """Triangles: positions (n, 3), faces (m, 3); normals int8 and colours uint8, (n, 3) each."""
+    """Triangles: positions (n, 3), faces (m, 3).
+
+    Normals int8 and colours uint8, (n, 3) each.
+    """
     attributes = {"position": arrays(positions)}
     if normals is not None:
         attributes["normal"] = arrays(normals, normalized=True)
@@ -73,7 +76,9 @@ _GRID = 12
 
 
 def on_grid(positions: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Corners (n, 3) of a mesh, rounded to 1/4096 of its size, so that they compress well."""
+    """Corners (n, 3) of a mesh, rounded to 1/4096 of its size,
+    so that they compress well.
+    """
     if not len(positions):
         return positions
     size = float(np.ptp(positions, axis=0).max()) or 1.0
@@ -162,7 +167,9 @@ def solid(
 def surface(
     geometry: Object, material: Object, kind: str, matrix: Array | None = None
 ) -> Object:
-    """A geometry and a material as an object of a kind ("Mesh", "LineSegments", "Points")."""
+    """A geometry and a material as an object of a kind
+    ("Mesh", "LineSegments", "Points").
+    """
     M = np.eye(4) if matrix is None else matrix
     return {
         "metadata": {"version": 4.5, "type": "Object"},
@@ -213,8 +220,9 @@ def points(
 ) -> Object:
     """Square points of a size in the scene, with colours (n, 3) in [0, 255].
 
-    `carried` are numbers (n, k) that travel with the points and are not drawn: each as its nearest
-    float32 and, as "NAME rest", what that leaves, together good to 2**-48 of a number.
+    `carried` are numbers (n, k) that travel with the points and are not drawn: each as
+    its nearest float32 and, as "NAME rest", what that leaves, together good to 2**-48 of
+    a number.
     """
     attributes = {
         "position": arrays(np.asarray(positions, np.float32)),
@@ -249,7 +257,8 @@ def sprite(png: bytes, width: float, height: float) -> Object:
     It is drawn over everything else, so that it can be read wherever it stands.
     """
     url = "data:image/png;base64," + base64.b64encode(png).decode("ascii")
-    # As few words as the viewer needs: labels are sent more often than anything else that is long.
+    # As few words as the viewer needs: labels are sent more often than anything else that
+    # is long.
     return {
         "images": [{"uuid": "i", "url": url}],
         "textures": [{"uuid": "t", "image": "i", "minFilter": _LINEAR_FILTER}],
@@ -296,7 +305,9 @@ def axes_along(a: float, b: float, c: float, size: float) -> tuple[list[float], 
 
 
 def segment(start: Array, end: Array) -> Array:
-    """Motion (4, 4) that takes a rod of unit length along x between two points; thickness stays."""
+    """Motion (4, 4) that takes a rod of unit length along x between two points;
+    thickness stays.
+    """
     x, y, z = segment_columns(start.tolist(), end.tolist())
     M = np.eye(4)
     M[:3] = np.array([x, y, z, start.tolist()]).T
@@ -355,7 +366,9 @@ def ends(radius: float, colour: int) -> Object:
 
 
 def arrow(node: ViewerNode, colour: int, thickness: float = 0.022) -> None:
-    """An arrow from the origin to x = 1, for uniform scaling, in two parts below `node`."""
+    """An arrow from the origin to x = 1, for uniform scaling,
+    in two parts below `node`.
+    """
     head = 0.18
     shaft = Y_TO_X.copy()
     shaft[0, 3] = 0.5 * (1 - head)
@@ -406,7 +419,9 @@ def frame(node: ViewerNode, length: float, opacity: float = 1.0) -> None:
 
 
 def shadow(centre: Array, radii: Array) -> Object:
-    """A soft dark spot on the ground: transparent discs about a point, one on the other."""
+    """A soft dark spot on the ground: transparent discs about a point,
+    one on the other.
+    """
     turn = np.linspace(0.0, 2.0 * np.pi, 49)
     circle = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
     circle[0] = 0.0  # the middle of the fan
@@ -428,7 +443,8 @@ def shadow(centre: Array, radii: Array) -> Object:
 
 
 def plate(corners: Array, thickness: float, colour: int, opacity: float) -> Object | None:
-    """A solid through points (n, 3): a plate where they lie in a plane, else their convex hull.
+    """A solid through points (n, 3): a plate where they lie in a plane,
+    else their convex hull.
 
     None where they span no area.
     """

@@ -25,9 +25,9 @@ _WIDE = 50.0
 def colours_of(values: NDArray[Any]) -> tuple[NDArray[np.uint8], dict[str, Any]]:
     """Colours (n, 3) of values, and the facts of the colour bar.
 
-    Values of one sign run from dark to light, by their logarithm where they spread far; values of
-    both signs from red over pale to blue. Values that are not finite are grey, and counted. Each
-    word has its own colour; the rarest of many are grey.
+    Values of one sign run from dark to light, by their logarithm where they spread far;
+    values of both signs from red over pale to blue. Values that are not finite are grey,
+    and counted. Each word has its own colour; the rarest of many are grey.
     """
     if values.dtype.kind == "U":
         return _colours_of_kinds(values)
@@ -113,21 +113,24 @@ def add_points(
     positions : array_like, shape (n, 3)
         In units of `visualizer`.
     values : array_like, shape (n,)
-        NaN where there is none: such points are grey. Or words, each kind in its own colour.
+        NaN where there is none: such points are grey. Or words, each kind in its own
+        colour.
     label, unit : str
         Name and unit of the values.
     size : float, optional
-        Size of a point, in units of `visualizer`; default from the spread of the points and their
-        number.
+        Size of a point, in units of `visualizer`; default from the spread of the points
+        and their number.
     carried : mapping of str to ndarray (n, k), optional
-        Numbers that travel with the points, for whoever points at one: attributes of the geometry.
+        Numbers that travel with the points, for whoever points at one: attributes of the
+        geometry.
 
     Returns
     -------
     dict
-        "label", "unit", "count", "without_value", "lower", "upper", "kind" ("sequential" or
-        "diverging"), "log", and "stops", the bar's colours at equal steps. For words: "label",
-        "unit", "count", "kind" ("kinds") and "kinds", a list of "name", "colour" and "count".
+        "label", "unit", "count", "without_value", "lower", "upper", "kind" ("sequential"
+        or "diverging"), "log", and "stops", the bar's colours at equal steps. For words:
+        "label", "unit", "count", "kind" ("kinds") and "kinds", a list of "name", "colour"
+        and "count".
 
     Raises
     ------

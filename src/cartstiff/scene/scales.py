@@ -1,7 +1,7 @@
 """How large a value is drawn, and what the legend says about it.
 
-A scale follows from the values alone, and from usual ones of the mechanism: the same matrix is
-drawn alike, whatever was drawn before. The legend says what the scale is.
+A scale follows from the values alone, and from usual ones of the mechanism: the same
+matrix is drawn alike, whatever was drawn before. The legend says what the scale is.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ def round_number(x: float) -> float:
     return float(f"{step}e{power}")
 
 
-# A largest value beyond this many times the next one, near a singularity, does not set the scale.
+# A largest value beyond this many times the next one, near a singularity, does not set
+# the scale.
 _LARGEST_RATIO = 30.0
 
 
@@ -53,16 +54,19 @@ class Linear:
     def from_values(
         cls, values: ArrayLike, target: float, usual: ArrayLike = (), *, cut: bool = False
     ) -> Self:
-        """A scale for values (any shape) that are drawn together, the largest about `target` long.
+        """A scale for values (any shape) that are drawn together,
+        the largest about `target` long.
 
-        The scale of `usual` values is kept as long as a length is of use; else it is whole powers
-        of ten away. With `cut` a largest value that lies far apart is cut, and the others are seen.
+        The scale of `usual` values is kept as long as a length is of use; else it is
+        whole powers of ten away. With `cut` a largest value that lies far apart is cut,
+        and the others are seen.
         """
         largest = _bounded_largest if cut else max
         sizes, area = _sizes(values), target**cls._power
         if not sizes:
             return cls()
-        # Rounded down, so that a value is drawn up to 2.5 times the target length at most.
+        # Rounded down, so that a value is drawn up to 2.5 times the target length at
+        # most.
         per = round_number(1.6 * largest(_sizes(usual) or sizes) / area)
         if not cls._least < (size := largest(sizes) / per / area) <= 2.5:
             per *= 10.0 ** ceil(log10(size / 2.5))
@@ -103,7 +107,10 @@ class Root(Linear):
 
 @dataclass(frozen=True)
 class Logarithmic:
-    """Length = `per_decade` log10(value / `zero`); a value of `zero` or less has no length."""
+    """Length = `per_decade` log10(value / `zero`).
+
+    A value of `zero` or less has no length.
+    """
 
     zero: float = 0.0
     per_decade: float = 0.0
@@ -119,9 +126,11 @@ class Logarithmic:
         *,
         cut: bool = False,  # noqa: ARG003
     ) -> Self:
-        """A scale for values (any shape) that are drawn together, the largest about `target` long.
+        """A scale for values (any shape) that are drawn together,
+        the largest about `target` long.
 
-        The scale of `usual` values is kept as long as a length is of use. Nothing has to be `cut`.
+        The scale of `usual` values is kept as long as a length is of use. Nothing has to
+        be `cut`.
         """
         if not (sizes := _sizes(values)):
             return cls()
@@ -174,7 +183,9 @@ def _bounded_largest(sizes: list[float]) -> float:
 
 
 def _smallest(sizes: list[float]) -> float:
-    """The smallest value; round-off beside the largest counts as zero and has no length."""
+    """The smallest value; round-off beside the largest counts as zero and
+    has no length.
+    """
     return min(v for v in sizes if v > numerics.ZERO_SHARE * max(sizes))
 
 
@@ -188,10 +199,11 @@ SCALES: dict[str, type[Linear | Logarithmic]] = {
 
 
 class Growing:
-    """Lengths of arrows: a larger value never has a shorter one, whatever was drawn before.
+    """Lengths of arrows: a larger value never has a shorter one,
+    whatever was drawn before.
 
-    Length = `per_decade` log10(1 + value / `zero`): a quarter of `target` for each factor of ten
-    above `zero`, and a proportional length far below it.
+    Length = `per_decade` log10(1 + value / `zero`): a quarter of `target` for each factor
+    of ten above `zero`, and a proportional length far below it.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
 """The whole picture of a mechanism at a posture, in a meshcat viewer.
 
-Objects are sent once; a new posture moves and stretches them, some twenty-five short commands.
-`Scene.draw` returns the legend: what every length, colour and factor in the picture means.
+Objects are sent once; a new posture moves and stretches them, some twenty-five short
+commands. `Scene.draw` returns the legend: what every length, colour and factor in the
+picture means.
 """
 
 from __future__ import annotations
@@ -64,8 +65,8 @@ class Scene:
     Parameters
     ----------
     visualizer : meshcat.Visualizer
-        Where; the picture is below ``visualizer["cartstiff"]``, and the viewer's own grid,
-        axes, background and camera are set.
+        Where; the picture is below ``visualizer["cartstiff"]``, and the viewer's own
+        grid, axes, background and camera are set.
     elastic : ElasticMechanism
         The mechanism. Its springs may change later, its geometry may not.
 
@@ -82,7 +83,8 @@ class Scene:
         self._environment = Environment(
             self._node, extent(elastic, self._start), elastic.units.length
         )
-        #: Place of the picture: what is added below is in F, in the mechanism's unit of length.
+        #: Place of the picture: what is added below is in F, in the mechanism's unit of
+        #: length.
         self.node = self._node
         self._theme = ""
         self._ghost: MechanismPicture | None = None
@@ -91,7 +93,8 @@ class Scene:
         self._around_map = np.empty((0, 3))
         self.notes: list[str] = []
 
-    # -- the picture -------------------------------------------------------------------------
+    # -- the picture
+    # -------------------------------------------------------------------------
 
     def draw(
         self, result: PostureStiffness, look: Appearance | None = None
@@ -108,9 +111,9 @@ class Scene:
         Returns
         -------
         dict
-            "length" (unit, grid, scene units), "connection", "quantity", "others", "ellipsoids" by
-            freedom, "wrench", "deflection", "centres", "nodal", "tension", "notes". A part that is
-            not shown has a "reason".
+            "length" (unit, grid, scene units), "connection", "quantity", "others",
+            "ellipsoids" by freedom, "wrench", "deflection", "centres", "nodal",
+            "tension", "notes". A part that is not shown has a "reason".
 
         Raises
         ------
@@ -148,7 +151,10 @@ class Scene:
         }
 
     def move(self, posture: MechanismPosture) -> None:
-        """Bring the mechanism and its frame M to a posture; all else stays as it was drawn."""
+        """Bring the mechanism and its frame M to a posture.
+
+        All else stays as it was drawn.
+        """
         if self._theme:
             self._mechanism.move(posture)
             self._frame.set_transform(posture.pose)
@@ -161,7 +167,8 @@ class Scene:
         unit: str = "",
         **more: Any,
     ) -> dict[str, Any]:
-        """Show a map: points (N, 3) in F, in the mechanism's unit, coloured by values (N,).
+        """Show a map: points (N, 3) in F, in the mechanism's unit,
+        coloured by values (N,).
 
         Returns the facts of the colour bar, see `add_points`. No points remove the map.
         """
@@ -180,7 +187,9 @@ class Scene:
         label: str = "",
         unit: str = "",
     ) -> dict[str, Any]:
-        """Show a trajectory: a line through points (N, 3) in F, coloured by values if given."""
+        """Show a trajectory: a line through points (N, 3) in F,
+        coloured by values if given.
+        """
         return add_path(self._node["path"], positions, values, label=label, unit=unit)
 
     def camera(self, preset: str = "iso") -> None:
@@ -188,7 +197,9 @@ class Scene:
         self._environment.camera(preset)
 
     def bounds(self, result: PostureStiffness) -> Array:
-        """Lowest and highest corner (2, 3), in the viewer's units, of what has to be seen."""
+        """Lowest and highest corner (2, 3), in the viewer's units,
+        of what has to be seen.
+        """
         posture = result.posture
         around = _RADIUS * self._environment.size * np.array([[-1.0] * 3, [1.0] * 3])
         points = [
@@ -202,14 +213,17 @@ class Scene:
         return self._environment.seen(np.array([every.min(axis=0), every.max(axis=0)]))
 
     def assets(self, result: PostureStiffness, look: Appearance) -> dict[str, Any]:
-        """Send every part that another posture, load or quantity needs, and what places them.
+        """Send every part that another posture, load or quantity needs,
+        and what places them.
 
-        A viewer that has this moves the picture itself. Lengths are in the mechanism's unit.
+        A viewer that has this moves the picture itself. Lengths are in the mechanism's
+        unit.
 
         Returns
         -------
         dict
-            Sizes, units and usual values, colours of letters by theme, what moves with which joint.
+            Sizes, units and usual values, colours of letters by theme, what moves with
+            which joint.
         """
         self.draw(result, look)
         for freedom in _FREEDOMS:
@@ -255,7 +269,8 @@ class Scene:
             **self._mechanism.facts(),
         }
 
-    # -- parts -------------------------------------------------------------------------------
+    # -- parts
+    # -------------------------------------------------------------------------------
 
     def _build(self, name: str) -> None:
         """Send every object in the colours of a theme."""
@@ -342,7 +357,9 @@ class Scene:
         return self._ellipsoids[freedom, quantity]
 
     def _arrow_scales(self) -> tuple[Growing, Growing]:
-        """Scales of forces and moments, from loads on that move the mechanism very little."""
+        """Scales of forces and moments, from loads on that move the mechanism
+        very little.
+        """
         scales = []
         for freedom, motion in zip(_FREEDOMS, (self._environment.size, 1.0), strict=True):
             stiffness = float(np.abs(self._usual_values("stiffness", freedom)).max())
@@ -355,7 +372,9 @@ class Scene:
         return scales[0], scales[1]
 
     def _usual_values(self, quantity: Quantity, freedom: Freedom) -> Array:
-        """Principal values of K^B in the mechanism's own posture: sizes have no history."""
+        """Principal values of K^B in the mechanism's own posture:
+        sizes have no history.
+        """
         if not self._usual:
             with np.errstate(all="ignore"):
                 here = analyse(self._elastic).at(None)

@@ -1,7 +1,7 @@
 """A chain as a stick figure: links between joint origins, knuckles at the joints.
 
-For robots whose files have no shapes, and in place of missing meshes. Everything is fixed to a
-joint of the tree.
+For robots whose files have no shapes, and in place of missing meshes. Everything is fixed
+to a joint of the tree.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ _FREE = (".x", ".y", ".z", ".rx", ".ry", ".rz")
 def links_of(
     chain: Chain, lines: Sequence[Potential] = ()
 ) -> Iterator[tuple[int, Array]]:
-    """Yield the joint that each link is fixed to, and the link's points (n, 3) in its frame.
+    """Yield the joint that each link is fixed to, and the link's points (n, 3)
+    in its frame.
 
-    Two points are the ends of a straight link, more are the corners of a plate. `lines` are springs
-    whose end points belong to links, too.
+    Two points are the ends of a straight link, more are the corners of a plate. `lines`
+    are springs whose end points belong to links, too.
     """
     model, is_parallel = chain.tree.model, chain.kind == "parallel"
     origins, free, body = _origins(chain), _free(chain), chain.body.T_j_f

@@ -13,7 +13,8 @@ from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.scene.mechanism import extent
 from cartstiff.vibration.modes import Modes
 
-# Largest turn (rad) of a joint that is drawn, and the step (natural units) of the first guess.
+# Largest turn (rad) of a joint that is drawn, and the step (natural units) of the first
+# guess.
 _TURN, _STEP = 0.5, numerics.WIDE_DIFFERENCE_STEP
 
 
@@ -46,8 +47,8 @@ def swing_of(modes: Modes, number: int, share: float = 0.05, count: int = 17) ->
     number : int
         Number of the mode, from 1.
     share : float
-        Amplitude of the point that moves most, over the mechanism's size (a mode has no amplitude
-        of its own); no joint turns by more than half a radian.
+        Amplitude of the point that moves most, over the mechanism's size (a mode has no
+        amplitude of its own); no joint turns by more than half a radian.
     count : int
         How many postures; made odd.
 

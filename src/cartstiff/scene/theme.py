@@ -1,9 +1,10 @@
 """Colours and proportions of every picture, plot and page, in one place.
 
-One hue has one meaning. The hues of `COLOURS` are told apart with each kind of colour-blindness,
-on a light and on a dark ground; whatever they say is also said by a sign, a dash or a word. Values
-between two ends run through a neutral middle (diverging) or from dark to light (sequential), so
-that lightness alone orders them. The page reads the table as properties of its style sheet.
+One hue has one meaning. The hues of `COLOURS` are told apart with each kind of
+colour-blindness, on a light and on a dark ground; whatever they say is also said by a
+sign, a dash or a word. Values between two ends run through a neutral middle (diverging)
+or from dark to light (sequential), so that lightness alone orders them. The page reads
+the table as properties of its style sheet.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from cartstiff.arrays import real_array
 from cartstiff.geometry.se3 import Array
 
-#: Meaning of each hue. Positive and negative are signs of stiffnesses and of values of a map;
-#: "screw" are axes and centres of motion.
+#: Meaning of each hue. Positive and negative are signs of stiffnesses and of values of a
+#: map; "screw" are axes and centres of motion.
 COLOURS = {
     "translation": 0xE69F00,
     "rotation": 0x7C2BD6,
@@ -176,7 +177,9 @@ def _between(table: Array, x: ArrayLike) -> NDArray[np.uint8]:
 
 
 def diverging(x: ArrayLike) -> NDArray[np.uint8]:
-    """Colours (..., 3) for values in [-1, 1]: red below zero, blue above, pale at zero."""
+    """Colours (..., 3) for values in [-1, 1]: red below zero, blue above,
+    pale at zero.
+    """
     return _between(SIGNS, 0.5 + 0.5 * real_array(x))
 
 
@@ -186,7 +189,9 @@ def sequential(x: ArrayLike) -> NDArray[np.uint8]:
 
 
 def style_properties() -> str:
-    """The table for a style sheet: ``--translation: #e69f00`` and so on; lists by commas."""
+    """The table for a style sheet: ``--translation: #e69f00`` and so on;
+    lists by commas.
+    """
     lists = {"axes": AXES, "sequential": [hex_of(colour) for colour in SEQUENTIAL]}
     tables = {**{name: [colour] for name, colour in COLOURS.items()}, **lists}
     rows = (f"--{n}: {','.join(f'#{c:06x}' for c in row)};" for n, row in tables.items())

@@ -1,7 +1,7 @@
 """A place in a scene: takes objects, transforms and properties as plain values.
 
-meshcat's protocol is a stream of dicts; writing them directly gives materials, sprites and packed
-normals that meshcat's own classes lack, for any ``meshcat.Visualizer`` alike.
+meshcat's protocol is a stream of dicts; writing them directly gives materials, sprites
+and packed normals that meshcat's own classes lack, for any ``meshcat.Visualizer`` alike.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ class ViewerNode:
     path : str
         Absolute, "/meshcat/robot".
     enlarged : float
-        Scene units per unit of length here: labels, which have a size on the screen, are made
-        smaller by it.
+        Scene units per unit of length here: labels, which have a size on the screen, are
+        made smaller by it.
     """
 
     __slots__ = ("_children", "_send", "_visible", "enlarged", "path", "window")
@@ -102,7 +102,9 @@ class ViewerNode:
         z: Sequence[float],
         origin: Sequence[float],
     ) -> None:
-        """Affine motion from its columns, plain numbers: twice as fast where there are many."""
+        """Affine motion from its columns, plain numbers: twice as fast where
+        there are many.
+        """
         self._set_matrix([*x, 0.0, *y, 0.0, *z, 0.0, *origin, 1.0])
 
     def move_to(self, point: Iterable[float]) -> None:
@@ -162,13 +164,14 @@ class _Node:
 class RecordingWindow:
     """Keeps commands for a viewer, packed when they are taken.
 
-    Between two calls of `take` a later transform (object, property) of a path replaces an earlier
-    one: a slow viewer gets the newest picture, not a queue.
+    Between two calls of `take` a later transform (object, property) of a path replaces an
+    earlier one: a slow viewer gets the newest picture, not a queue.
 
     Parameters
     ----------
     writes : bool
-        Whether its viewer writes words itself: labels are then commands of a kind "label", as JSON.
+        Whether its viewer writes words itself: labels are then commands of a kind
+        "label", as JSON.
     """
 
     def __init__(self, writes: bool = False) -> None:
@@ -207,7 +210,8 @@ class RecordingWindow:
             elif kind == "set_property":
                 node.properties[data["property"]] = data
             else:
-                # The viewer replaces the object, and with it what was set on the object alone.
+                # The viewer replaces the object, and with it what was set on the object
+                # alone.
                 if (own := path + "/<object>") in self._nodes:
                     self._forget(own, "set_property")
                 node.object = data
@@ -231,7 +235,9 @@ class RecordingWindow:
         return kept
 
     def snapshot(self) -> list[bytes]:
-        """Commands that make the whole picture in a new viewer, or again in an old one."""
+        """Commands that make the whole picture in a new viewer,
+        or again in an old one.
+        """
         roots = {path.split("/")[1] for path, node in self._nodes.items() if node.object}
         commands: list[dict[str, Any]] = [
             {"type": "delete", "path": f"/{root}"} for root in sorted(roots - _OWN_PARTS)

@@ -1,1 +1,3 @@
-"""Equilibrium under load, its stability, load-deflection curves, compensation along a path."""
+"""Equilibrium under load, its stability, load-deflection curves,
+compensation along a path.
+"""

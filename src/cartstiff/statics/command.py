@@ -1,4 +1,6 @@
-"""Commanded displacements of the drives: shifted rest positions, and the resulting pose."""
+"""Commanded displacements of the drives: shifted rest positions,
+and the resulting pose.
+"""
 
 from __future__ import annotations
 
@@ -31,16 +33,16 @@ def commanded(
 ) -> tuple[ElasticMechanism, Array]:
     """The mechanism with its drives commanded to move by given steps.
 
-    Open rest positions are first chosen so that the mechanism is at rest at the posture; then those
-    of the drives are shifted. Rigid drives move by their steps themselves.
+    Open rest positions are first chosen so that the mechanism is at rest at the posture;
+    then those of the drives are shifted. Rigid drives move by their steps themselves.
 
     Parameters
     ----------
     elastic : ElasticMechanism
         The mechanism.
     command : mapping of str to float
-        Step of each drive (rad, lengths), by the name of its joint, or leg1, ... of a platform on
-        lines.
+        Step of each drive (rad, lengths), by the name of its joint, or leg1, ... of a
+        platform on lines.
     q : array_like (n,) or mapping, optional
         Posture before the command; default the file's.
 
@@ -56,8 +58,8 @@ def commanded(
     UnknownNameError
         For a name that is no spring's.
     InputError
-        For a joint without a spring, which has no drive, numbers that are not finite, or rigid
-        drives that cannot move so far.
+        For a joint without a spring, which has no drive, numbers that are not finite, or
+        rigid drives that cannot move so far.
     """
     mechanism, names = checked_elastic(elastic).mechanism, elastic.spring_names
     elastic, posture = elastic.placed(q)
@@ -109,7 +111,8 @@ def after_command(
     Returns
     -------
     Equilibrium
-        Its `elastic` has the shifted springs, its `displacement` is the effect of the command.
+        Its `elastic` has the shifted springs, its `displacement` is the effect of the
+        command.
 
     Raises
     ------
@@ -143,8 +146,8 @@ def analyse_commanded(
     elastic, command, q
         As of `commanded`.
     load : dict
-        `wrench` and its kind, point and axes, as of `after_command`. Without a wrench, kind and
-        point are those of the springs' forces.
+        `wrench` and its kind, point and axes, as of `after_command`. Without a wrench,
+        kind and point are those of the springs' forces.
 
     Raises
     ------

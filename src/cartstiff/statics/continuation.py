@@ -1,15 +1,16 @@
-r"""Load-deflection curves through limit points, critical loads, and the branches that start there.
+r"""Load-deflection curves through limit points, critical loads,
+and the branches that start there.
 
-The loads are multiplied by a factor p that may decrease again along the curve. The curve is
-compared with the linear prediction by the compliance at its start, u = p C W. With g_N and H_N as
-in `cartstiff.statics.problem` and f_N = dg_N/dp, a point and the direction (t, t_p) of its curve
-satisfy
+The loads are multiplied by a factor p that may decrease again along the curve. The curve
+is compared with the linear prediction by the compliance at its start, u = p C W. With g_N
+and H_N as in `cartstiff.statics.problem` and f_N = dg_N/dp, a point and the direction (t,
+t_p) of its curve satisfy
 
     g_N(q, p) = 0,      H_N t + f_N t_p = 0,    |t|^2 + (t_p / range)^2 = 1
 
-A step follows the direction and returns to the curve at right angles to it [Keller]_, which passes
-points where the load is stationary. Where H_N is singular the curve has a limit point (f_N is not
-in its range) or meets another one: a critical load.
+A step follows the direction and returns to the curve at right angles to it [Keller]_,
+which passes points where the load is stationary. Where H_N is singular the curve has a
+limit point (f_N is not in its range) or meets another one: a critical load.
 """
 
 from __future__ import annotations
@@ -171,7 +172,9 @@ class LoadPath:
         return np.concatenate([R @ twist[:3], R @ twist[3:]])
 
     def _at(self, q: Array, factor: float) -> tuple[Point, Array]:
-        """Everything that acts, and the loads' gradient times the range, in natural units."""
+        """Everything that acts, and the loads' gradient times the range,
+        in natural units.
+        """
         point = self.system.at(q)
         columns = point.posture.coordinate_lengths
         pushed = np.zeros(columns.size)
@@ -212,10 +215,11 @@ class LoadPath:
 
     @staticmethod
     def _solved(balance: Balance, push: Array, direction: Array, right: Array) -> Array:
-        """Motions and load factor from the stiffness, bordered by the push and the direction.
+        """Motions and load factor from the stiffness, bordered by the push and
+        the direction.
 
-        Each motion is measured in units of its own stiffness, and the border in units of 1, so that
-        a stiff spring hides no soft motion when the rank is decided.
+        Each motion is measured in units of its own stiffness, and the border in units of
+        1, so that a stiff spring hides no soft motion when the rank is decided.
         """
         t = direction[:-1] if balance.free is None else balance.free.T @ direction[:-1]
         per = 1.0 / np.sqrt(balance.stiffness_scale)
@@ -296,13 +300,14 @@ class CriticalPoint:
         Coordinates.
     kind : {"limit", "bifurcation", "flutter"}
         "limit": the load is stationary along the curve, the mechanism snaps through.
-        "bifurcation": another curve of equilibria starts here, as where a load that has no
-        potential leads to divergence.
-        "flutter": two frequencies meet, and vibrations grow beyond.
+        "bifurcation": another curve of equilibria starts here, as where a load that has
+        no potential leads to divergence. "flutter": two frequencies meet, and vibrations
+        grow beyond.
     mode : ndarray (n,)
         The motion, in natural units, of length 1.
     eigenvalue : float
-        Remaining stiffness along it, as a share of the largest one just before; NaN for flutter.
+        Remaining stiffness along it, as a share of the largest one just before; NaN for
+        flutter.
     frequency : float or None
         In Hz, of the motion that flutters.
     """
@@ -342,7 +347,9 @@ def _measure(index: int) -> Callable[[CurvePoint], float]:
 def crossings(
     path: LoadPath, start: CurvePoint, end: CurvePoint, size: float
 ) -> list[CriticalPoint]:
-    """Critical points between two neighbours on a curve, at a distance `size` of each other."""
+    """Critical points between two neighbours on a curve,
+    at a distance `size` of each other.
+    """
     before, after = _negative(start), _negative(end)
     points = []
     for index in range(min(before, after), max(before, after)):
@@ -412,7 +419,9 @@ def _bracketed(
     size: float,
     measure: Callable[[CurvePoint], float],
 ) -> list[CurvePoint]:
-    """The states that Brent's method visits while it brackets a change of sign, both ends first."""
+    """The states that Brent's method visits while it brackets a change of sign,
+    both ends first.
+    """
     from scipy.optimize import brentq
 
     states = [start, end]
@@ -425,7 +434,8 @@ def _bracketed(
         reached = measure(states[0 if distance == 0.0 else 1 if distance == size else -1])
         return reached if abs(reached) > zero else 0.0
 
-    # At a crossing of curves the way back is ambiguous: the last state is then next to it.
+    # At a crossing of curves the way back is ambiguous: the last state is then next to
+    # it.
     with suppress(*_LOST):
         brentq(
             value,
@@ -480,15 +490,17 @@ class LoadCurve(Result, LabelledResult):
     linear : ndarray (m, 6)
         Prediction by the compliance at the start; NaN if there is none.
     eigenvalue : ndarray (m,)
-        Smallest eigenvalue of H_N; NaN without an energy, as it then depends on the coordinates.
+        Smallest eigenvalue of H_N; NaN without an energy, as it then depends on the
+        coordinates.
     stable : tuple of bool or None
-        Whether H_N is positive definite; None at a zero eigenvalue. Without an energy False if
-        vibrations grow, else None.
+        Whether H_N is positive definite; None at a zero eigenvalue. Without an energy
+        False if vibrations grow, else None.
     critical : tuple of CriticalPoint
         In the order in which the curve meets them.
     reason : str
-        "factor-reached"; "factor-left": the load fell below the range wanted; "points-reached";
-        "limit-contact": a joint limit was reached; "lost": no next point was found.
+        "factor-reached"; "factor-left": the load fell below the range wanted;
+        "points-reached"; "limit-contact": a joint limit was reached; "lost": no next
+        point was found.
     notes : tuple of Note
         Assumptions.
     """
@@ -517,8 +529,8 @@ class LoadCurve(Result, LabelledResult):
     def deviation(self) -> Array:
         """Distance of the linear prediction from the curve over the displacement, (m, 2).
 
-        The first column is for the rotation vectors, the second for the translations: they are
-        never added. 0 without a motion.
+        The first column is for the rotation vectors, the second for the translations:
+        they are never added. 0 without a motion.
         """
         length = self.elastic.mechanism.at(self.q[0]).length
         columns = []
@@ -538,7 +550,9 @@ class LoadCurve(Result, LabelledResult):
         tolerance: float = 0.05,
         part: Literal["rotation", "translation"] = "translation",
     ) -> float:
-        """Factor up to which the linear prediction of a part stays within a relative deviation."""
+        """Factor up to which the linear prediction of a part stays within a
+        relative deviation.
+        """
         off = self.deviation[:, 0 if part == "rotation" else 1]
         factors = np.abs(self.factors)
         bad = np.flatnonzero(~(off <= tolerance))
@@ -573,7 +587,9 @@ class LoadCurve(Result, LabelledResult):
         return plain_dict(data)
 
     def to_csv(self) -> str:
-        """Factor, coordinates, displacement, linear prediction, eigenvalue: one line a point."""
+        """Factor, coordinates, displacement, linear prediction, eigenvalue:
+        one line a point.
+        """
         heads = [
             h for b in ("", "linear_") for h in displacement_heads(self.elastic.units, b)
         ]
@@ -582,7 +598,8 @@ class LoadCurve(Result, LabelledResult):
         return csv_text(np.column_stack(columns), names)
 
     def plot(self, *, rotation: bool = False) -> Any:
-        """Draw load factor over displacement with stability, critical loads and linear prediction.
+        """Draw load factor over displacement with stability,
+        critical loads and linear prediction.
 
         Parameters
         ----------
@@ -655,14 +672,17 @@ class LoadCurve(Result, LabelledResult):
         return figure
 
 
-# A step whose direction changes by more than this cosine is halved, down to the smallest step.
+# A step whose direction changes by more than this cosine is halved, down to the smallest
+# step.
 _SMALLEST_STEP, _COSINE = numerics.NEGLIGIBLE_STEP, 0.9
 
 
 def start_and_loads(
     q: ArrayLike | Mapping[str, float] | Potential | None, loads: tuple[Potential, ...]
 ) -> tuple[ArrayLike | Mapping[str, float] | None, tuple[Potential, ...]]:
-    """Coordinates and loads of a call that may have a load in the place of coordinates."""
+    """Coordinates and loads of a call that may have a load in the place of
+    coordinates.
+    """
     return (None, (q, *loads)) if isinstance(q, Potential) else (q, loads)
 
 
@@ -689,26 +709,27 @@ def load_curve(
     elastic : ElasticMechanism
         From `cartstiff.load`.
     q : array_like or mapping, optional
-        Start of the search for the unloaded equilibrium; default the file's posture. A potential in
-        its place is the first of `loads`.
+        Start of the search for the unloaded equilibrium; default the file's posture. A
+        potential in its place is the first of `loads`.
     *loads : Potential
         Loads that the factor multiplies; factor 1 is the load as given.
     wrench, load_kind, load_at, load_axes
         One more load that the factor multiplies, as in `equilibrium`.
     to : float
-        Trace the load-deflection curve: up to this multiple of the load, with its critical loads;
-        not zero, negative to reverse the load.
+        Trace the load-deflection curve: up to this multiple of the load, with its
+        critical loads; not zero, negative to reverse the load.
     fixed : sequence of Potential
         Further loads, which do not depend on the factor.
     held : Held or mapping, optional
         Displacement prescribed partly; see `equilibrium`.
     resolution : float
-        Largest distance of neighbouring points, in rad and characteristic lengths and in shares of
-        `to`.
+        Largest distance of neighbouring points, in rad and characteristic lengths and in
+        shares of `to`.
     points : int
         Bound on the number of points.
     back : float
-        Past limit points the load may decrease and change its sign: as far as ``-back * to``.
+        Past limit points the load may decrease and change its sign: as far as ``-back *
+        to``.
 
     Raises
     ------
@@ -781,7 +802,8 @@ def branch(
     critical = curve.critical[index]
     if critical.kind != "bifurcation":
         raise UndefinedError(
-            "no branch starts at a limit point or the onset of flutter: the curve itself goes on",
+            "no branch starts at a limit point or the onset of flutter: the curve itself "
+            "goes on",
             code="no-branch",
             values={"factor": critical.factor},
         )
@@ -821,7 +843,8 @@ def _trace(
             landed = _land(path, here, there, goal, size_taken)
             if landed is not None:
                 there = landed
-        # Critical points on the way; a step that jumped to another curve is taken again, shorter.
+        # Critical points on the way; a step that jumped to another curve is taken again,
+        # shorter.
         found: list[CriticalPoint] = []
         if len(states) > 1 or not _is_singular(here):
             found = crossings(path, here, there, size_taken)
@@ -851,10 +874,12 @@ def _trace(
 def _is_elsewhere(
     here: CurvePoint, there: CurvePoint, found: list[CriticalPoint]
 ) -> bool:
-    """Whether a step has led to another curve, as where an imperfection splits a bifurcation.
+    """Whether a step has led to another curve, as where an imperfection splits a
+    bifurcation.
 
-    Then there are no true limit points between, or they do not turn the load: by Cramer's rule
-    det H_N = t_p det B, B the bordered matrix, whose determinant keeps its sign along one curve.
+    Then there are no true limit points between, or they do not turn the load: by Cramer's
+    rule det H_N = t_p det B, B the bordered matrix, whose determinant keeps its sign
+    along one curve.
     """
     limits = [c for c in found if c.kind == "limit"]
     turns = here.direction[-1] * there.direction[-1] < 0.0
@@ -872,7 +897,10 @@ def _is_singular(state: CurvePoint) -> bool:
 def _advance(
     path: LoadPath, here: CurvePoint, size: float
 ) -> tuple[CurvePoint, float] | None:
-    """The next point and its distance; the step is halved until the direction changes little."""
+    """The next point and its distance.
+
+    The step is halved until the direction changes little.
+    """
     while size >= _SMALLEST_STEP:
         try:
             there = path.step(here, size)

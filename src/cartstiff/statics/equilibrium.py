@@ -1,9 +1,9 @@
 r"""Static equilibrium of any elastic mechanism under load, and its stability.
 
-The energy of springs, gravity and loads is minimised over all coordinates that keep the closures,
-the held components of the end-effector's displacement and the limits; forces that have no energy
-are balanced directly. See `cartstiff.statics.problem` for the equations, `cartstiff.statics.newton`
-for the method.
+The energy of springs, gravity and loads is minimised over all coordinates that keep the
+closures, the held components of the end-effector's displacement and the limits; forces
+that have no energy are balanced directly. See `cartstiff.statics.problem` for the
+equations, `cartstiff.statics.newton` for the method.
 """
 
 from __future__ import annotations
@@ -45,11 +45,13 @@ from cartstiff.stiffness.balance import with_rest_balancing
 
 
 def relaxed(elastic: ElasticMechanism, q: ArrayLike | None = None) -> Array:
-    """Coordinates of least energy along the self-motion, at a fixed pose of the end-effector.
+    """Coordinates of least energy along the self-motion,
+    at a fixed pose of the end-effector.
 
-    Under arbitrary joint torques a redundant arm is not in equilibrium with any wrench at its
-    end-effector: it moves along its self-motion until the energy has a minimum over it. There
-    ``Z^T grad Phi = 0`` with Z the null space of the Jacobian, and a wrench exists.
+    Under arbitrary joint torques a redundant arm is not in equilibrium with any wrench at
+    its end-effector: it moves along its self-motion until the energy has a minimum over
+    it. There ``Z^T grad Phi = 0`` with Z the null space of the Jacobian, and a wrench
+    exists.
 
     Parameters
     ----------
@@ -89,38 +91,41 @@ def equilibrium(
 ) -> Equilibrium:
     r"""Equilibrium of a mechanism under load.
 
-    Before the load the mechanism carries its weight and payload. With springs without rest
-    positions it is then at rest at `q`; with given ones it first moves from there to its rest,
-    which is the `Equilibrium.relaxation`, and `Equilibrium.displacement_by_load` counts from it.
+    Before the load the mechanism carries its weight and payload. With springs without
+    rest positions it is then at rest at `q`; with given ones it first moves from there to
+    its rest, which is the `Equilibrium.relaxation`, and
+    `Equilibrium.displacement_by_load` counts from it.
 
     Parameters
     ----------
     elastic : ElasticMechanism
-        Mechanism and potentials, from `cartstiff.load`. Springs without a rest position carry
-        weight and payload at `q`, as in `cartstiff.analyse`.
+        Mechanism and potentials, from `cartstiff.load`. Springs without a rest position
+        carry weight and payload at `q`, as in `cartstiff.analyse`.
     q : array_like (n,) or mapping, optional
-        Start, in rad and length units, in joint order or by name; default the file's posture. A
-        potential in its place is the first of `loads`.
+        Start, in rad and length units, in joint order or by name; default the file's
+        posture. A potential in its place is the first of `loads`.
     *loads : Potential
-        Added loads: `DeadForce`, `DeadWrench`, `FollowerWrench`, `payload` (the weight of a mass
-        that comes with the load; one of ``load(payload=)`` acts before it), or any energy.
+        Added loads: `DeadForce`, `DeadWrench`, `FollowerWrench`, `payload` (the weight of
+        a mass that comes with the load; one of ``load(payload=)`` acts before it), or any
+        energy.
     wrench, load_kind, load_at, load_axes
-        Load (moment, force) on the body, its behaviour while the body moves, the point of the body,
-        in M, at which it acts, and the axes of its components, those of M at the start or of F: as
-        in `cartstiff.analyse`.
+        Load (moment, force) on the body, its behaviour while the body moves, the point of
+        the body, in M, at which it acts, and the axes of its components, those of M at
+        the start or of F: as in `cartstiff.analyse`.
     held : Held or mapping, optional
-        Displacement of a frame prescribed partly or wholly. A mapping such as ``{"z": -0.005}``
-        counts from the pose at the start, along the body's axes there.
+        Displacement of a frame prescribed partly or wholly. A mapping such as ``{"z":
+        -0.005}`` counts from the pose at the start, along the body's axes there.
     against_gravity : array_like (3,), optional
-        Gravity before the load, in F [m/s^2], if it was another: springs without a rest position
-        carry that one at `q`, and the displacement counts from the rest under it.
+        Gravity before the load, in F [m/s^2], if it was another: springs without a rest
+        position carry that one at `q`, and the displacement counts from the rest under
+        it.
     limits : bool
         Keep joint (or leg) limits, as contacts.
     settle : bool
-        Continue from an unstable equilibrium to a stable one, if the loads have a potential; if
-        they have none, from a saddle whose stability only masses decide: the search then starts at
-        the equilibrium under similar loads with a potential. Without it the equilibrium found first
-        is returned, stable or not.
+        Continue from an unstable equilibrium to a stable one, if the loads have a
+        potential; if they have none, from a saddle whose stability only masses decide:
+        the search then starts at the equilibrium under similar loads with a potential.
+        Without it the equilibrium found first is returned, stable or not.
     iterations : int
         Bound on the number of Newton steps, for each stage of loading.
 
@@ -132,10 +137,12 @@ def equilibrium(
     Raises
     ------
     InputError
-        For a wrong count, an unknown name, numbers that are not finite, or a load of a wrong type.
+        For a wrong count, an unknown name, numbers that are not finite, or a load of a
+        wrong type.
     ConvergenceError
-        If no equilibrium is found, neither at once nor with the loads increased in stages; beside
-        stiff springs, nor along the curve of equilibria that ends at the load.
+        If no equilibrium is found, neither at once nor with the loads increased in
+        stages; beside stiff springs, nor along the curve of equilibria that ends at the
+        load.
     UndefinedError
         If a force does not exist at the start (a line of zero length).
 
@@ -201,7 +208,8 @@ def _before_turning(
         ", ".join(f"{x:.6g}" for x in row) for row in (np.asarray(gravity, float), place)
     ]
     words = (
-        f"the displacement counts from the rest under gravity ({shown[0]}) m/s^2, with the body "
+        f"the displacement counts from the rest under gravity ({shown[0]}) m/s^2, with "
+        "the body "
         f"frame at ({shown[1]})"
     )
     values = {"gravity": np.asarray(gravity, float).tolist(), "q": before.q.tolist()}
@@ -213,8 +221,8 @@ def _before_turning(
 def again(state: Equilibrium, elastic: ElasticMechanism, start: Array) -> Equilibrium:
     """Equilibrium of a mechanism that differs a little, under the same loads.
 
-    The search starts at coordinates `start`; the displacement is measured from the same pose as
-    before. Held components and touched limits are the same.
+    The search starts at coordinates `start`; the displacement is measured from the same
+    pose as before. Held components and touched limits are the same.
 
     Raises
     ------
@@ -231,7 +239,9 @@ def again(state: Equilibrium, elastic: ElasticMechanism, start: Array) -> Equili
 
 
 def in_stages(system: System, q: Array, iterations: int, settle: bool) -> Solution | None:
-    """Equilibrium with loads and held displacements increased in steps; None if that fails."""
+    """Equilibrium with loads and held displacements increased in steps;
+    None if that fails.
+    """
     solution = None
     contacts: tuple[Contact, ...] = ()
     try:
@@ -254,10 +264,11 @@ def in_stages(system: System, q: Array, iterations: int, settle: bool) -> Soluti
 
 
 def _from_rest(system: System, q: Array, iterations: int) -> Solution | None:
-    """Equilibrium under loads without a potential, from that under similar ones that have one.
+    """Equilibrium under loads without a potential, from that under similar ones
+    that have one.
 
-    Newton's steps towards a balance of such loads do not distinguish a minimum from a saddle. None
-    if all loads have a potential, or this leads to a saddle, too.
+    Newton's steps towards a balance of such loads do not distinguish a minimum from a
+    saddle. None if all loads have a potential, or this leads to a saddle, too.
     """
     start = system.at(q).posture
     is_kept = [not np.isnan(load.evaluate(start).energy) for load in system.loads]
@@ -286,8 +297,9 @@ def _along_its_curve(
 ) -> Solution | None:
     """Equilibrium at the end of the load curve, for soft motions beside stiff springs.
 
-    The tangent at one point predicts the next: soft motions follow it, stiff ones nearly stay. None
-    if that fails, or the curve passes a critical load: beyond, another equilibrium may be meant.
+    The tangent at one point predicts the next: soft motions follow it, stiff ones nearly
+    stay. None if that fails, or the curve passes a critical load: beyond, another
+    equilibrium may be meant.
     """
     try:
         _, ratio = system.own_stiffness(system.at(q).posture)

@@ -1,8 +1,10 @@
-r"""Displacement of a frame prescribed partly or wholly: components held, with their reactions.
+r"""Displacement of a frame prescribed partly or wholly: components held,
+with their reactions.
 
-From a reference pose (R_0, p_0) the displacement of a frame is the rotation vector log(R_0^T R) and
-the translation p - p_0, both along the axes of the reference pose or of the world. Held
-components are constraints d(q) = value; their multipliers are the reactions.
+From a reference pose (R_0, p_0) the displacement of a frame is the rotation vector
+log(R_0^T R) and the translation p - p_0, both along the axes of the reference pose or of
+the world. Held components are constraints d(q) = value; their multipliers are the
+reactions.
 """
 
 from __future__ import annotations
@@ -26,8 +28,8 @@ from cartstiff.units import Units
 #: Names of the components, rotations first.
 COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
 
-# (1 - (t/2) cot(t/2)) / t^2 = sum_k |B_2k| t^(2k-2) / (2k)!, up to an angle of 1: the first
-# neglected term is then below 1e-16 of the sum.
+# (1 - (t/2) cot(t/2)) / t^2 = sum_k |B_2k| t^(2k-2) / (2k)!, up to an angle of 1: the
+# first neglected term is then below 1e-16 of the sum.
 _BERNOULLI = (
     1 / 6,
     1 / 30,
@@ -57,8 +59,8 @@ class Held:
     Attributes
     ----------
     values : mapping of str to float
-        Held components ("rx", "ry", "rz" in rad; "x", "y", "z" in length units) with the wanted
-        displacement; the others are free.
+        Held components ("rx", "ry", "rz" in rad; "x", "y", "z" in length units) with the
+        wanted displacement; the others are free.
     reference : ndarray (4, 4) or None
         Pose in F from which the displacement is measured; None: the pose at the start.
     axes : {"body", "world"}
@@ -71,8 +73,8 @@ class Held:
     UnknownNameError
         For a component that does not exist.
     InputError
-        For values that are not finite, rotations of half a turn or more, a reference that is no
-        rigid motion, or unknown axes.
+        For values that are not finite, rotations of half a turn or more, a reference that
+        is no rigid motion, or unknown axes.
     """
 
     values: Mapping[str, float]
@@ -127,7 +129,9 @@ class Held:
     def constraint(
         self, posture: MechanismPosture
     ) -> tuple[Array, SecondOrderMap, Array]:
-        """Residual (k,), its map of the coordinates, and its Jacobian (k, 6) on body twists."""
+        """Residual (k,), its map of the coordinates, and its Jacobian (k, 6) on
+        body twists.
+        """
         T, to_pose = posture.relative("world", self.frame)
         reference = T if self.reference is None else self.reference
         displacement, D, second = _components(reference, T, self.axes)
@@ -145,7 +149,9 @@ class Held:
 
 
 def displacement_between(T_F_a: ArrayLike, T_F_b: ArrayLike) -> Array:
-    """Displacement (6,) from pose a to pose b: rotation vector and translation, in axes of F."""
+    """Displacement (6,) from pose a to pose b: rotation vector and translation,
+    in axes of F.
+    """
     return _components(real_array(T_F_a), real_array(T_F_b), "world")[0]
 
 

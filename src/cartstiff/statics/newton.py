@@ -1,12 +1,13 @@
 r"""Newton's method for equilibria: globalised, on the motions that the constraints leave.
 
-With an energy: step -|H_N|^-1 g_N (eigenvalues by their absolute value, so that every step goes
-down), a cap on its size in natural units, pulled back onto the constraints, accepted when the
-energy falls enough [NocedalWright]_; where rounding hides the energy's fall, when the residual
-falls. Without an energy: step -H_N^-1 g_N on the unsymmetric tangent, accepted when the residual
-falls. After a full step that is refused, a few more are tried before it is shortened: a watchdog,
-as stiff springs otherwise stop soft motions ([NocedalWright]_, section 15.6). Limits touched on the
-way become constraints; limits that pull are released. Every loop is bounded.
+With an energy: step -|H_N|^-1 g_N (eigenvalues by their absolute value, so that every
+step goes down), a cap on its size in natural units, pulled back onto the constraints,
+accepted when the energy falls enough [NocedalWright]_; where rounding hides the energy's
+fall, when the residual falls. Without an energy: step -H_N^-1 g_N on the unsymmetric
+tangent, accepted when the residual falls. After a full step that is refused, a few more
+are tried before it is shortened: a watchdog, as stiff springs otherwise stop soft motions
+([NocedalWright]_, section 15.6). Limits touched on the way become constraints; limits
+that pull are released. Every loop is bounded.
 """
 
 from __future__ import annotations
@@ -37,13 +38,14 @@ _ITERATIONS = 200
 _HALVINGS = 30
 # Steps without a halved residual after which a search without an energy ends.
 _MAX_STALLED_STEPS = 40
-# Steps of the watchdog, and the ratio of stiffnesses from which on it is used: elsewhere such steps
-# may lead to another equilibrium.
+# Steps of the watchdog, and the ratio of stiffnesses from which on it is used: elsewhere
+# such steps may lead to another equilibrium.
 _WATCHDOG_STEPS, _WATCHDOG_RATIO = 3, numerics.SLOWING_STIFFNESS_RATIO
 # Cap of the first step and of any, and the largest turn of one step [rad].
 _FIRST_CAP, _LARGEST_CAP, _LARGEST_TURN = 0.3, 1e18, 1.0
 _SUFFICIENT, _ROUNDING = numerics.SUFFICIENT_DECREASE, numerics.LEAST_ENERGY_DECREASE
-# Shares of a motion's stiffness scale: the least stiffness of a step, and a saddle's least slope.
+# Shares of a motion's stiffness scale: the least stiffness of a step, and a saddle's
+# least slope.
 _SOFTEST, _SADDLE = numerics.LEAST_STEP_STIFFNESS, numerics.SADDLE_STIFFNESS
 
 
@@ -51,8 +53,8 @@ _SOFTEST, _SADDLE = numerics.LEAST_STEP_STIFFNESS, numerics.SADDLE_STIFFNESS
 class Solution:
     """The end of the iteration.
 
-    `is_far` says whether a state on the way was a saddle, or the first step predicted less than
-    half of the way: gradually growing loads may then lead elsewhere.
+    `is_far` says whether a state on the way was a saddle, or the first step predicted
+    less than half of the way: gradually growing loads may then lead elsewhere.
     """
 
     point: Point
@@ -64,7 +66,9 @@ class Solution:
 
     @property
     def is_saddle(self) -> bool:
-        """Whether a motion has a negative stiffness, by the symmetric part of the tangent."""
+        """Whether a motion has a negative stiffness, by the symmetric part of
+        the tangent.
+        """
         return bool((self.balance.modes[0] < -_SADDLE).any())
 
 
@@ -216,7 +220,8 @@ class _Iteration:
             return "the load may be beyond what the mechanism carries"
         return "the forces do not balance near this posture"
 
-    # -- steps ------------------------------------------------------------------------------
+    # -- steps
+    # ------------------------------------------------------------------------------
 
     def _balanced(self, point: Point) -> Balance:
         e = point.evaluation
@@ -234,7 +239,9 @@ class _Iteration:
             ) from None
 
     def _direction(self) -> tuple[Array, float]:
-        """Step (n,) in natural units, and the energy's slope along it (NaN without energy)."""
+        """Step (n,) in natural units, and the energy's slope along it
+        (NaN without energy).
+        """
         b = self.balance
         if np.isnan(self.point.evaluation.energy):
             return b.motion(-b.solved(b.force, _SOFTEST)), np.nan
@@ -249,7 +256,8 @@ class _Iteration:
     def _step(self) -> bool:
         """Take one step; False if none helps.
 
-        Without `settle` the nearest equilibrium is wanted, of whatever kind: saddles come first.
+        Without `settle` the nearest equilibrium is wanted, of whatever kind: saddles come
+        first.
         """
         try:
             return (
@@ -261,9 +269,11 @@ class _Iteration:
             return False
 
     def _to_saddle(self, share: float) -> bool:
-        """Take Newton's own step at negative stiffness; False unless it leaves this share of merit.
+        """Take Newton's own step at negative stiffness; False unless it leaves this
+        share of merit.
 
-        Beside stiff springs a few steps: the next one takes back what the first stretches them.
+        Beside stiff springs a few steps: the next one takes back what the first stretches
+        them.
         """
         before = self.balance.merit
         if np.isnan(self.point.evaluation.energy) or self.balance.stiffness.size == 0:
@@ -334,10 +344,12 @@ class _Iteration:
         )
 
     def _watched(self, trial: Point, fall: float, energy_rounding: float) -> bool:
-        """Take a refused step and a few more; False, and nothing done, if these lead up as well.
+        """Take a refused step and a few more; False, and nothing done,
+        if these lead up as well.
 
-        To second order a soft motion may stretch a stiff spring by more energy than it releases,
-        which would stop every step but the shortest; the next step takes it back.
+        To second order a soft motion may stretch a stiff spring by more energy than it
+        releases, which would stop every step but the shortest; the next step takes it
+        back.
         """
         energy, merit = self.point.evaluation.energy, self.balance.merit
 
@@ -360,9 +372,11 @@ class _Iteration:
         is_better: Callable[[], bool],
         first: Point | None = None,
     ) -> bool:
-        """Take steps until one is better than the start; False, and back at the start, if none is.
+        """Take steps until one is better than the start; False, and back at the start,
+        if none is.
 
-        Steps that touch a limit, or do not exist, end the attempt. `first` is a point to begin at.
+        Steps that touch a limit, or do not exist, end the attempt. `first` is a point to
+        begin at.
         """
         start = self.point, self.balance
         try:
@@ -382,7 +396,9 @@ class _Iteration:
         return False
 
     def _trial(self, step: Array) -> tuple[Point, tuple[Contact, ...], float] | None:
-        """Point after a step that ends at the first limit, its contacts, and the share taken."""
+        """Point after a step that ends at the first limit, its contacts,
+        and the share taken.
+        """
         system, contacts, share = self.system, self.contacts, 1.0
         try:
             for _ in range(len(system.limits) + 1):
@@ -403,7 +419,8 @@ class _Iteration:
             pass
         return None
 
-    # -- limits -----------------------------------------------------------------------------
+    # -- limits
+    # -----------------------------------------------------------------------------
 
     def _violated(
         self, point: Point, contacts: tuple[Contact, ...] | None = None
@@ -448,7 +465,9 @@ class _Iteration:
         return True
 
     def _settle(self) -> bool:
-        """Step down from a saddle along its most negative eigenvalue; False at a minimum."""
+        """Step down from a saddle along its most negative eigenvalue;
+        False at a minimum.
+        """
         b = self.balance
         energy = self.point.evaluation.energy
         if np.isnan(energy) or b.stiffness.size == 0:

@@ -1,16 +1,18 @@
 r"""Forces, constraints and remaining motions of an equilibrium.
 
 All forces together have gradient g and derivative H in the n coordinates. Closures, held
-components of a displacement and touched limits are constraints with Jacobian A. On the motions
-that satisfy them, N = null A,
+components of a displacement and touched limits are constraints with Jacobian A. On the
+motions that satisfy them, N = null A,
 
     g_N = N^T g,    g + A^T lam = 0 at equilibrium,    H_N = N^T (H + sum lam_k A_k') N
 
-H_N is the exact second derivative of the energy along motions that are pulled back onto the
-constraints at right angles to N. Coordinates are measured in their natural units, angles in
-radians and distances in the characteristic length, so that g_N and H_N are energies.
+H_N is the exact second derivative of the energy along motions that are pulled back onto
+the constraints at right angles to N. Coordinates are measured in their natural units,
+angles in radians and distances in the characteristic length, so that g_N and H_N are
+energies.
 
-A search is bounded by a number of postures, not by time, so that it ends alike on every machine.
+A search is bounded by a number of postures, not by time, so that it ends alike on every
+machine.
 """
 
 from __future__ import annotations
@@ -45,15 +47,18 @@ from cartstiff.stiffness.leg_length_basis import (
 )
 from cartstiff.stiffness.motions import decompose
 
-# Costs in postures of one coordinate: the largest of a search, the least of a posture, and that of
-# each beam or strut, whose own equilibrium is computed in every posture.
+# Costs in postures of one coordinate: the largest of a search, the least of a posture,
+# and that of each beam or strut, whose own equilibrium is computed in every posture.
 _MAX_SEARCH_COST, _MIN_POSTURE_COST = 150_000, 20
 # Postures that every search may evaluate. Successful ones evaluate some hundred at most.
 _MIN_POSTURES = 300
 
 
 class ExhaustedError(Exception):
-    """A search has evaluated as many postures as it may; only the outermost search catches it."""
+    """A search has evaluated as many postures as it may.
+
+    Only the outermost search catches it.
+    """
 
 
 @dataclass
@@ -95,7 +100,9 @@ def bounded(elastic: ElasticMechanism) -> Iterator[None]:
 
 
 def count() -> None:
-    """Count one more posture; raise `ExhaustedError`, with their number, beyond the bound."""
+    """Count one more posture; raise `ExhaustedError`, with their number,
+    beyond the bound.
+    """
     budget = _budget.get()
     if budget is None:
         return
@@ -157,8 +164,8 @@ class Balance:
     roundoff : ndarray (f,)
         Error of g_N by the rounding of every spring's own deflection too.
     stiffness_scale : ndarray (f,)
-        Reference size of H_N, motion by motion: stiffnesses that act there, at least the rounding
-        of the stiffest.
+        Reference size of H_N, motion by motion: stiffnesses that act there, at least the
+        rounding of the stiffest.
     is_oblique : bool
         Whether the columns of `free` are not at right angles to each other, of length 1.
     """
@@ -209,13 +216,17 @@ class Balance:
 
     @cached_property
     def scaled(self) -> Array:
-        """H_N over the geometric mean of its motions' scales: springs of any ratio alike."""
+        """H_N over the geometric mean of its motions' scales:
+        springs of any ratio alike.
+        """
         per = 1 / np.sqrt(self.stiffness_scale)
         return self.stiffness * per[:, None] * per
 
     @cached_property
     def modes(self) -> tuple[Array, Array]:
-        """Eigenvalues (f,) of `scaled` and motions (f, f): H_N between them is diagonal."""
+        """Eigenvalues (f,) of `scaled` and motions (f, f):
+        H_N between them is diagonal.
+        """
         values, vectors = np.linalg.eigh(0.5 * (self.scaled + self.scaled.T))
         return values, vectors / np.sqrt(self.stiffness_scale)[:, None]
 
@@ -232,7 +243,10 @@ class Balance:
 
 
 def spectrum(balance: Balance, conservative: bool) -> Array:
-    """Eigenvalues of H_N by increasing real part; without a potential they may be complex."""
+    """Eigenvalues of H_N by increasing real part.
+
+    Without a potential they may be complex.
+    """
     stiffness = balance.stiffness
     if balance.is_oblique and balance.free is not None:
         back = np.linalg.inv(np.linalg.qr(balance.free, mode="r"))
@@ -261,8 +275,8 @@ class Contact(NamedTuple):
 def contact_limits(elastic: ElasticMechanism, start: MechanismPosture) -> Limits:
     """Limits that a mechanism can come to rest on.
 
-    If it is at rest without a load at the start, limits that are exceeded there are left out: the
-    way back to them would count as a deflection.
+    If it is at rest without a load at the start, limits that are exceeded there are left
+    out: the way back to them would count as a deflection.
     """
     limits = limits_of(elastic.mechanism, contacts=True)
     if limits.holds(start.q, start.pose) or not _rests_at(elastic, start):
@@ -293,7 +307,10 @@ def notes_at_start(
     notes = limit_notes(mechanism, start, "at the start: ")
     words = ". What follows is computed without the limits that are exceeded there"
     if not acting.left_out.any():
-        words = ". The limits act from there on: the displacement begins with the way back to them"
+        words = (
+            ". The limits act from there on: the displacement begins with the way "
+            "back to them"
+        )
     if not len(acting):
         words = ""
     return [
@@ -328,10 +345,11 @@ def constraint(
 #: Lines g (m, 6) that hold a body, their stiffnesses (m,), the remainder of the Hessian.
 Lines = tuple[Array, Array, Array]
 
-#: Error of an evaluated force, in units of rounding: Jacobians of long chains lose a few, and
-#: coordinates are rounded themselves.
+#: Error of an evaluated force, in units of rounding: Jacobians of long chains lose a few,
+#: and coordinates are rounded themselves.
 ROUNDINGS = 8.0
-#: Longest step onto the constraints, in natural units, and the largest number of such steps.
+#: Longest step onto the constraints, in natural units, and the largest number of such
+#: steps.
 _LONGEST_RETRACTION, _MAX_RETRACTIONS = 0.2, 100
 
 
@@ -360,7 +378,8 @@ def refuse_springs_far_apart(elastic: ElasticMechanism) -> None:
         for i in (stiff, soft)
     ]
     raise InputError(
-        f"two springs differ by more than a factor {numerics.LARGEST_STIFFNESS_RATIO:.0e}, which "
+        "two springs differ by more than a factor "
+        f"{numerics.LARGEST_STIFFNESS_RATIO:.0e}, which "
         f"double precision does not resolve together: {' and '.join(shown)}",
         expected=cure,
     )
@@ -435,7 +454,8 @@ class System:
         return point
 
     def own_stiffness(self, posture: MechanismPosture) -> tuple[Array, float]:
-        """Size (n,) of each coordinate's stiffness without loads, and the ratio of its extremes.
+        """Size (n,) of each coordinate's stiffness without loads,
+        and the ratio of its extremes.
 
         In natural units; stiffnesses that are rounding are 0, and of no extreme.
         """
@@ -447,7 +467,9 @@ class System:
     def constraints(
         self, posture: MechanismPosture, contacts: Sequence[Contact]
     ) -> tuple[Array, SecondOrderMap, Array] | None:
-        """Residual (m,), map, and natural size (m,) of closures, held components, contacts."""
+        """Residual (m,), map, and natural size (m,) of closures, held components,
+        contacts.
+        """
         # Each constraint with the natural sizes of its residual.
         parts: list[tuple[Array, SecondOrderMap]] = []
         units: list[Array] = []
@@ -513,7 +535,8 @@ class System:
             scale = point.stiffness_scale
             own = np.diag(scale)
         else:
-            # Principal motions, so that no soft one is judged by the forces of a stiff one.
+            # Principal motions, so that no soft one is judged by the forces of a stiff
+            # one.
             N = np.eye(len(g)) if N is None else N
             K = N.T @ H @ N
             N = N @ np.linalg.eigh(0.5 * (K + K.T))[1]
@@ -551,10 +574,11 @@ class System:
         return force
 
     def _by_lengths(self, point: Point, parts: Lines | None) -> ByLengths | None:
-        """Motions of a body on lines, with line lengths as coordinates; None if not needed.
+        """Motions of a body on lines, with line lengths as coordinates;
+        None if not needed.
 
-        Stiff lines would hide soft motions in rounding. None if no line is much stiffer than
-        another, or if the lengths do not determine the body's motions.
+        Stiff lines would hide soft motions in rounding. None if no line is much stiffer
+        than another, or if the lengths do not determine the body's motions.
         """
         if parts is None:
             return None
@@ -572,7 +596,8 @@ class System:
     def at_rest(self, point: Point) -> ElasticMechanism:
         """The mechanism in an equilibrium, its lines with the tensions that balance.
 
-        Computed from the lengths of stiff lines, tensions would be rounded and turn soft motions.
+        Computed from the lengths of stiff lines, tensions would be rounded and turn soft
+        motions.
         """
         elastic, posture = self.elastic, point.posture
         springs = elastic.springs
@@ -589,11 +614,16 @@ class System:
 
     @cached_property
     def _farthest_anchor(self) -> float:
-        """Distance from F's origin of the farthest point that a line holds the body to."""
+        """Distance from F's origin of the farthest point that a line holds
+        the body to.
+        """
         return max((term.farthest_anchor for term in self.terms), default=0.0)
 
     def _reach(self, posture: MechanismPosture) -> float:
-        """Largest coordinate in natural units, at least 1; their rounding is proportional to it."""
+        """Largest coordinate in natural units, at least 1.
+
+        Their rounding is proportional to it.
+        """
         if (
             posture.coordinates_are_pose
         ):  # a length is the difference of two points so far away
@@ -607,7 +637,9 @@ class System:
 
     @cached_property
     def _is_constrained(self) -> bool:
-        """Whether closures or held components constrain the coordinates in every posture."""
+        """Whether closures or held components constrain the coordinates in
+        every posture.
+        """
         closure = self.elastic.mechanism.at(self.elastic.q).closure
         return closure is not None or self.held is not None
 
@@ -643,13 +675,16 @@ class System:
         return np.asarray((end.q - start.q) / lengths)
 
     def displaced(self, point: Point, step: Array) -> Array:
-        """Coordinates after a step in natural units, before the constraints are restored."""
+        """Coordinates after a step in natural units,
+        before the constraints are restored.
+        """
         return self.elastic.mechanism.displaced(
             point.q, step * point.posture.coordinate_lengths
         )
 
     def retracted(self, q: Array, contacts: Sequence[Contact] = ()) -> Array:
-        """Coordinates near q that satisfy all constraints, by Newton's steps of least change.
+        """Coordinates near q that satisfy all constraints,
+        by Newton's steps of least change.
 
         Stiff joints move least: there the rounding of a change is a force.
 

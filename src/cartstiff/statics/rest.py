@@ -1,14 +1,15 @@
 r"""State of a mechanism at rest: coordinates, stability, reactions, stiffness.
 
-Its derivative by the springs' compliances: at rest ``g(q, theta) + A^T lam = 0``. A compliance
-parameter with pattern S changes the elements' forces t at fixed q by ``-K S t``, K = Gamma^-1, so
+Its derivative by the springs' compliances: at rest ``g(q, theta) + A^T lam = 0``. A
+compliance parameter with pattern S changes the elements' forces t at fixed q by ``-K S
+t``, K = Gamma^-1, so
 
     dq / d theta = N H_N^-1 N^T B^T K S (t - t_0)
 
-with H_N the tangent of all forces. t_0 are the forces, at the start, of elements whose rest
-positions are chosen to balance the others there: these follow the compliance. A polynomial spring
-``t = c_1 x + c_2 x^2 + ...`` exerts ``x^m - x_0^m k(x) / k(x_0)`` more per c_m, with the deflection
-x_0 at the start if its rest position was chosen, else zero.
+with H_N the tangent of all forces. t_0 are the forces, at the start, of elements whose
+rest positions are chosen to balance the others there: these follow the compliance. A
+polynomial spring ``t = c_1 x + c_2 x^2 + ...`` exerts ``x^m - x_0^m k(x) / k(x_0)`` more
+per c_m, with the deflection x_0 at the start if its rest position was chosen, else zero.
 """
 
 from __future__ import annotations
@@ -152,7 +153,8 @@ def chosen_forces(
 
 
 _NEUTRAL = (
-    "a motion costs no energy to second order, or too little to be seen beside the stiffest "
+    "a motion costs no energy to second order, or too little to be seen beside the "
+    "stiffest "
     "spring: definiteness does not decide stability here"
 )
 
@@ -177,7 +179,8 @@ def state_of_rest(
         notes.append(
             Note(
                 "load-stages",
-                f"the load was put on in {stages} stages: at once, no equilibrium was found",
+                f"the load was put on in {stages} stages: at once, no equilibrium was "
+                "found",
                 {"stages": stages},
             )
         )
@@ -283,7 +286,10 @@ def _without_masses(
         whose = (
             f"unless the inertias of its motions differ by more than a factor {ratio:.2g}"
         )
-    words = f"the mechanism leaves the equilibrium by itself, {whose}: its energy is no minimum"
+    words = (
+        f"the mechanism leaves the equilibrium by itself, {whose}: its energy is no "
+        "minimum"
+    )
     if ratio >= numerics.LARGEST_INERTIA_RATIO:
         return False, squares, [*notes, Note("unstable", words, facts)]
     return (
@@ -294,7 +300,9 @@ def _without_masses(
 
 
 def _unresolved(point: Point, balance: Balance, start: MechanismPosture) -> list[Note]:
-    """Notes on coordinates that are not known, as the rounding of stiff springs moves them."""
+    """Notes on coordinates that are not known, as the rounding of stiff
+    springs moves them.
+    """
     per = 1 / np.sqrt(balance.stiffness_scale)
     if (
         np.isnan(point.evaluation.energy)
@@ -352,7 +360,8 @@ def _reactions(system: System, solution: Solution) -> Reactions:
 MAX_CURVE_POINTS = 200
 # Messages on critical loads of that curve, by kind.
 _CRITICAL_LOADS = {
-    "limit": "a limit point, where the mechanism snaps through: it comes to rest elsewhere than a "
+    "limit": "a limit point, where the mechanism snaps through: it comes to rest "
+    "elsewhere than a "
     "small load leads to",
     "bifurcation": "a bifurcation, where the mechanism buckles",
 }
@@ -365,13 +374,14 @@ class Reactions:
     Attributes
     ----------
     held : mapping of str to float
-        Force or moment that the environment applies in each held component of the displacement.
+        Force or moment that the environment applies in each held component of the
+        displacement.
     wrench : ndarray (6,) or None
-        The same as a wrench (moment, force) on the held frame, in its components; None if nothing
-        is held.
+        The same as a wrench (moment, force) on the held frame, in its components; None if
+        nothing is held.
     limits : mapping of str to float
-        Force of each touched stop on its joint or leg: positive at a lower limit, negative at an
-        upper one.
+        Force of each touched stop on its joint or leg: positive at a lower limit,
+        negative at an upper one.
     closures : ndarray
         Forces of the closures, frame b on frame a per component of the residual.
     rigid : mapping of str to float
@@ -402,20 +412,20 @@ class Equilibrium(Result, LabelledResult):
     energy : float
         Springs, gravity, and loads; NaN if a load has no potential.
     residual : float
-        Largest unbalanced generalised force over the forces that act on the same motion; 0 if all
-        that remains is the rounding of coordinates and forces.
+        Largest unbalanced generalised force over the forces that act on the same motion;
+        0 if all that remains is the rounding of coordinates and forces.
     iterations : int
         Newton steps.
     history : tuple of float
         Residual before each of them.
     stable : bool or None
-        Whether H_N is positive definite. None if that decides nothing: at a zero eigenvalue
-        ("neutral"), and without an energy unless vibrations grow; see
+        Whether H_N is positive definite. None if that decides nothing: at a zero
+        eigenvalue ("neutral"), and without an energy unless vibrations grow; see
         `cartstiff.statics.small_motions`.
     eigenvalues : ndarray
-        Eigenvalues of H_N in natural units (angles in rad, distances in the characteristic length):
-        energies. Without an energy omega^2 of the vibrations (rad^2/s^2), which may be complex;
-        none if masses are missing.
+        Eigenvalues of H_N in natural units (angles in rad, distances in the
+        characteristic length): energies. Without an energy omega^2 of the vibrations
+        (rad^2/s^2), which may be complex; none if masses are missing.
     reactions : Reactions
         Forces of held components, limits and closures.
     """
@@ -447,8 +457,8 @@ class Equilibrium(Result, LabelledResult):
     def notes(self) -> tuple[Note, ...]:
         """Findings, assumptions, and critical loads on the way from zero.
 
-        The latter are sought when this is first read, if the loads have a potential and the
-        equilibrium is far from the first step's prediction.
+        The latter are sought when this is first read, if the loads have a potential and
+        the equilibrium is far from the first step's prediction.
         """
         if not (self.stable and self._solution.is_far):
             return self._own_notes
@@ -503,19 +513,26 @@ class Equilibrium(Result, LabelledResult):
             words, values = words + _CRITICAL_LOADS[passed.kind], {"factor": factor}
             mirror = None if code == "limit-point" else self._mirrored(curve.q[-1])
             if mirror is not None:
-                words += ", and a mirror state exists: it is stable, too, and has the same energy"
+                words += (
+                    ", and a mirror state exists: it is stable, too, and has the "
+                    "same energy"
+                )
                 values["mirror"] = mirror.q.tolist()
             return [Note(code, words, values)]
         if curve.reason == "factor-reached":
             end = system.at(curve.q[-1])
             away = np.abs(system.displacement(end, self._solution.point)).max(initial=0.0)
             if away > numerics.NEGLIGIBLE_DISTANCE:
-                words = "the loads, put on gradually, lead to another equilibrium than this one"
+                words = (
+                    "the loads, put on gradually, lead to another equilibrium than "
+                    "this one"
+                )
                 return [Note("other-equilibrium", words, {"q": end.q.tolist()})]
         return []
 
     def _mirrored(self, middle: Array) -> Equilibrium | None:
-        """The other stable state of the same energy, sought opposite to this one; None without.
+        """The other stable state of the same energy, sought opposite to this one;
+        None without.
 
         Parameters
         ----------
@@ -547,14 +564,18 @@ class Equilibrium(Result, LabelledResult):
         ]
         moved = self.pose[:3, 3] - self.start.pose[:3, 3]
         return [
-            f"Equilibrium of {self.elastic.name} at {self.elastic.mechanism.frame}: {stable}",
+            f"Equilibrium of {self.elastic.name} at {self.elastic.mechanism.frame}: "
+            f"{stable}",
             f"  q      {numbers_text(self.q)}",
-            f"  moved  {numbers_text(moved)} {self.elastic.units.length} since the start, in F",
+            f"  moved  {numbers_text(moved)} {self.elastic.units.length} since the "
+            "start, in F",
             f"  notes  {codes_of(self.notes)}",
         ]
 
     def plot(self) -> Any:
-        """Draw how far M moves under a small added unit force: see `PostureStiffness.plot`."""
+        """Draw how far M moves under a small added unit force:
+        see `PostureStiffness.plot`.
+        """
         return self.stiffness.plot()
 
     @property
@@ -581,12 +602,15 @@ class Equilibrium(Result, LabelledResult):
 
     @cached_property
     def displacement(self) -> Array:
-        """Rotation vector and translation (6,) of the body frame since the start, axes of F."""
+        """Rotation vector and translation (6,) of the body frame since the start,
+        axes of F.
+        """
         return displacement_between(self.start.pose, self.pose)
 
     @cached_property
     def before(self) -> Equilibrium | None:
-        """The rest before the load, without the added loads and held components, near the start.
+        """The rest before the load, without the added loads and held components,
+        near the start.
 
         The equilibrium itself without any; None if no such rest is found.
         """
@@ -606,15 +630,19 @@ class Equilibrium(Result, LabelledResult):
 
     @property
     def relaxation(self) -> Array | None:
-        """The part of `displacement` before the load: from the start to the rest `before`; (6,).
+        """The part of `displacement` before the load: from the start to the rest
+        `before`; (6,).
 
-        Zero where the mechanism is at rest at the start, as with springs without rest positions.
+        Zero where the mechanism is at rest at the start, as with springs without rest
+        positions.
         """
         return None if self.before is None else self.before.displacement
 
     @cached_property
     def displacement_by_load(self) -> Array | None:
-        """Rotation vector and translation (6,) by the load, from the rest `before`; axes of F."""
+        """Rotation vector and translation (6,) by the load, from the rest `before`;
+        axes of F.
+        """
         return (
             None
             if self.before is None
@@ -623,7 +651,9 @@ class Equilibrium(Result, LabelledResult):
 
     @property
     def has_free_motion(self) -> bool:
-        """Whether a motion of the body costs no energy, so that its rest is not determined."""
+        """Whether a motion of the body costs no energy, so that its rest is
+        not determined.
+        """
         balance = self._solution.balance
         if (
             self.stable is not None
@@ -648,7 +678,9 @@ class Equilibrium(Result, LabelledResult):
 
     @cached_property
     def displacement_deviation(self) -> Array | None:
-        """Standard deviation (6,) of `displacement` by measured springs; None without such."""
+        """Standard deviation (6,) of `displacement` by measured springs;
+        None without such.
+        """
         known = self.elastic.identified
         if known is None:
             return None
@@ -669,14 +701,16 @@ class Equilibrium(Result, LabelledResult):
     def stiffness(self) -> PostureStiffness:
         """Stiffness with the loads included, which decides stability.
 
-        If all loads have a potential and nothing is held, W = 0 and all connections agree. Touched
-        limits are rigid.
+        If all loads have a potential and nothing is held, W = 0 and all connections
+        agree. Touched limits are rigid.
         """
         return self._stiffness(self._at_rest.with_potential(*self.loads))
 
     @cached_property
     def elastic_stiffness(self) -> PostureStiffness:
-        """Stiffness of the mechanism without the added loads, which appear as its wrench W."""
+        """Stiffness of the mechanism without the added loads,
+        which appear as its wrench W.
+        """
         return self._stiffness(self._at_rest, self._load_on_body)
 
     @cached_property
@@ -695,15 +729,18 @@ class Equilibrium(Result, LabelledResult):
                 "load on the body, in its frame; springs and structure carry it together"
             )
         return (
-            "part of the load that the springs balance, in the body frame; what the structure "
+            "part of the load that the springs balance, in the body frame; what the "
+            "structure "
             "carries is not known"
         )
 
     @cached_property
     def _load_on_body(self) -> Array | None:
-        """The loads' wrench on the body frame M; None if other loads act on the mechanism.
+        """The loads' wrench on the body frame M; None if other loads act on
+        the mechanism.
 
-        Joint torques do not determine the part of the wrench that does no work on the joints.
+        Joint torques do not determine the part of the wrench that does no work on the
+        joints.
         """
         if self._solution.contacts or self.reactions.held:
             return None
@@ -717,7 +754,9 @@ class Equilibrium(Result, LabelledResult):
 
     @cached_property
     def full_stiffness(self) -> tuple[Array, Array | None]:
-        """K (n, n) of all forces on all coordinates, and the constraints' Jacobian (m, n)."""
+        """K (n, n) of all forces on all coordinates, and the constraints'
+        Jacobian (m, n).
+        """
         point, H = self._solution.point, self._solution.point.evaluation.hessian
         constraints = self._system.constraints(point.posture, self._solution.contacts)
         if constraints is None:
@@ -762,7 +801,9 @@ class Equilibrium(Result, LabelledResult):
         return {"sd": s, "lower": lower, "upper": upper, "level": known.level}
 
     def to_dict(self) -> dict[str, Any]:
-        """The object printed by ``cartstiff equilibrium --json``: the stiffness's, and more."""
+        """The object printed by ``cartstiff equilibrium --json``: the stiffness's,
+        and more.
+        """
         own = {
             "displacement_uncertainty": self._uncertainty(),
             "elastic_wrench": self.elastic_stiffness.wrench,

@@ -1,28 +1,31 @@
-r"""Small undamped vibrations: ``K x = omega^2 M x`` on the motions that constraints leave.
+r"""Small undamped vibrations: ``K x = omega^2 M x`` on the motions that
+constraints leave.
 
 M is singular where a motion moves no mass. These motions are the ones with mu = 0 of
 
     M x = mu P x,    omega^2 = 1 / mu where P = K,
 
-P a positive definite metric of stiffness: K itself, with the sizes of its eigenvalues where a
-motion is unstable or free. So a small inertia is measured by stiffness, and never divided by the
-root of a diagonal entry of M, which may be rounding. Motions without mass but with stiffness follow
-the others at once: with Z a basis of them, ``x + Z z``, ``Z^T K (x + Z z) = 0`` (static
-condensation). One without stiffness either has no equation of motion: it is named and left out.
+P a positive definite metric of stiffness: K itself, with the sizes of its eigenvalues
+where a motion is unstable or free. So a small inertia is measured by stiffness, and never
+divided by the root of a diagonal entry of M, which may be rounding. Motions without mass
+but with stiffness follow the others at once: with Z a basis of them, ``x + Z z``, ``Z^T K
+(x + Z z) = 0`` (static condensation). One without stiffness either has no equation of
+motion: it is named and left out.
 
-A load that turns with the body makes the tangent K unsymmetric, and its definiteness then proves
-nothing. The equilibrium is left by oscillations that grow (flutter) where a pair of omega^2 is
-complex, or in one sense (divergence) where one is real and negative. Both depend on M, except where
-det K < 0: the product of all omega^2 is det K / det M, so that one is negative with any masses.
-Where K = S + A has a symmetric part S with an eigenvalue -l < 0, the equilibrium is left for all M
-whose eigenvalues differ by less than the factor l / |A|_F: if all omega^2 were real and not
-negative, the Schur form of ``M^-1/2 K M^-1/2`` would have N above its diagonal, and
+A load that turns with the body makes the tangent K unsymmetric, and its definiteness then
+proves nothing. The equilibrium is left by oscillations that grow (flutter) where a pair
+of omega^2 is complex, or in one sense (divergence) where one is real and negative. Both
+depend on M, except where det K < 0: the product of all omega^2 is det K / det M, so that
+one is negative with any masses. Where K = S + A has a symmetric part S with an eigenvalue
+-l < 0, the equilibrium is left for all M whose eigenvalues differ by less than the factor
+l / |A|_F: if all omega^2 were real and not negative, the Schur form of ``M^-1/2 K
+M^-1/2`` would have N above its diagonal, and
 
     l / max M <= |N + N^T|_F / 2 = |N - N^T|_F / 2 <= |A|_F / min M
 
-For any M it is left if S has no eigenvalue >= 0, as the sum of all omega^2 is tr(M^-1 S), and if
-A = 0. Otherwise, without a mass on every motion no statement is made. Damping is not modelled, and
-may lower the load of flutter.
+For any M it is left if S has no eigenvalue >= 0, as the sum of all omega^2 is tr(M^-1 S),
+and if A = 0. Otherwise, without a mass on every motion no statement is made. Damping is
+not modelled, and may lower the load of flutter.
 """
 
 from __future__ import annotations
@@ -45,13 +48,16 @@ from cartstiff.units import Units, convert_length
 #: Reason for no statement.
 MASSLESS = Note(
     "masses-missing",
-    "motions without mass or inertia are left: whether a load without a potential leads to flutter "
-    "or divergence depends on them, and no statement is made (give every moving link both)",
+    "motions without mass or inertia are left: whether a load without a potential leads "
+    "to flutter "
+    "or divergence depends on them, and no statement is made (give every moving link "
+    "both)",
 )
 #: Assumptions of a statement.
 UNDAMPED = Note(
     "undamped",
-    "flutter and divergence, under a load without a potential, are those of undamped vibrations "
+    "flutter and divergence, under a load without a potential, are those of undamped "
+    "vibrations "
     "with the masses given; damping may lower the load of flutter",
 )
 
@@ -63,10 +69,11 @@ class Vibrations:
     Attributes
     ----------
     squares : ndarray (f,)
-        omega^2 in rad^2/s^2 by increasing real part, complex in pairs where the motion flutters.
+        omega^2 in rad^2/s^2 by increasing real part, complex in pairs where the motion
+        flutters.
     mode : ndarray (n,)
-        The motion that grows first, or the slowest, in natural units, of length 1; the real part of
-        a complex one.
+        The motion that grows first, or the slowest, in natural units, of length 1; the
+        real part of a complex one.
     growing : {"flutter", "divergence"} or None
         How the equilibrium is left; None if all omega^2 are real and positive.
     frequency : float or None
@@ -80,7 +87,8 @@ class Vibrations:
 
 
 def divergence(balance: Balance) -> Array | None:
-    """The motion (n,), of length 1, along which an equilibrium with det K < 0 is left; or None.
+    """The motion (n,), of length 1, along which an equilibrium with det K < 0 is left;
+    or None.
 
     No masses are needed: see the module. None as well if rounding decides the sign.
     """
@@ -99,7 +107,8 @@ def divergence(balance: Balance) -> Array | None:
 
 
 def unstable_up_to(balance: Balance) -> float:
-    """Ratio of the motions' inertias, in natural units, up to which an equilibrium is unstable.
+    """Ratio of the motions' inertias, in natural units, up to which an equilibrium
+    is unstable.
 
     Infinite if it is unstable with any masses, 0 if no statement is made; see the module.
     """
@@ -170,8 +179,8 @@ class Spectrum:
     Attributes
     ----------
     squares : ndarray (k,)
-        omega^2 by increasing real part, in the units of K over those of M; complex in pairs for a
-        motion that flutters. Exactly zero for a motion that costs no energy.
+        omega^2 by increasing real part, in the units of K over those of M; complex in
+        pairs for a motion that flutters. Exactly zero for a motion that costs no energy.
     vectors : ndarray (f, k)
         Motions; ``X^T M X = 1`` if K is symmetric, else ``x^T M x = 1`` for each of them.
     left : ndarray (f, k)
@@ -183,7 +192,8 @@ class Spectrum:
     loose : ndarray (f, l)
         Motions with neither mass nor stiffness.
     coupled : bool
-        Whether a loose motion is coupled to the forces of the others: then there are no modes.
+        Whether a loose motion is coupled to the forces of the others: then there are no
+        modes.
     """
 
     squares: Array
@@ -203,7 +213,8 @@ class Spectrum:
 def kinetic_matrix(
     posture: MechanismPosture, terms: Iterable[Potential], units: Units
 ) -> Array | None:
-    """Masses' matrix (n, n) of a posture with the payloads among its loads; None without one.
+    """Masses' matrix (n, n) of a posture with the payloads among its loads;
+    None without one.
 
     Kinetic energy ``1/2 dq^T M dq``, masses in kg and lengths in the mechanism's unit.
     """
@@ -233,8 +244,8 @@ def spectrum_of(
     mass : ndarray, shape (f, f)
         M, symmetric and positive semidefinite.
     terms : ndarray, shape (f, f)
-        Sum of the absolute terms of each entry of K: a motion costs no energy if its stiffness is
-        below `numerics.FREE_MOTION_STIFFNESS` times these.
+        Sum of the absolute terms of each entry of K: a motion costs no energy if its
+        stiffness is below `numerics.FREE_MOTION_STIFFNESS` times these.
     mass_terms : ndarray, shape (f, f), optional
         The same for M; default M itself.
     """
@@ -247,7 +258,8 @@ def spectrum_of(
     if Z.shape[1]:
         Z, loose, unmoved, quick = _condensed(stiffness, terms, Z)
         if loose.shape[1] and T.shape[1]:
-            # An entry of a semidefinite matrix is at most the root of its two diagonal ones.
+            # An entry of a semidefinite matrix is at most the root of its two diagonal
+            # ones.
             size = np.sqrt(np.einsum("ij,ik,kj->j", np.abs(T), terms, np.abs(T)))
             least = (
                 np.sqrt(numerics.FREE_MOTION_STIFFNESS * float(np.diag(terms).max()))
@@ -277,10 +289,11 @@ def spectrum_of(
 def _massive(
     stiffness: Array, terms: Array, mass: Array, size: Array
 ) -> tuple[Array, Array]:
-    """Motions (f, r) in which M is the identity, and a basis (f, z) of those without mass.
+    """Motions (f, r) in which M is the identity, and a basis (f, z) of those
+    without mass.
 
-    The rank of M is found in decades: the motions with the most mass per stiffness are taken out
-    first, so that those with less are not hidden by their rounding.
+    The rank of M is found in decades: the motions with the most mass per stiffness are
+    taken out first, so that those with less are not hidden by their rounding.
     """
     sizes = np.sqrt(np.diag(mass).clip(min=0.0))
     if len(mass) and (sizes > 0.0).all():  # a mass on every motion, known to its digits
@@ -288,7 +301,8 @@ def _massive(
         if inertias[0] > numerics.NEGLIGIBLE_DIFFERENCE * inertias[-1]:
             return axes / np.sqrt(inertias) / sizes[:, None], np.zeros((len(mass), 0))
     left, found = _metric(stiffness, terms), []
-    # Rounding of M: of each sum, and of the cancellation if an axis runs through a body's centre.
+    # Rounding of M: of each sum, and of the cancellation if an axis runs through a body's
+    # centre.
     size = size + np.diag(np.full(len(mass), float(np.diag(mass).max(initial=0.0))))
     while left.shape[1]:
         inertias, axes = np.linalg.eigh(left.T @ mass @ left)
@@ -316,10 +330,11 @@ def _metric(stiffness: Array, terms: Array) -> Array:
 def _condensed(
     stiffness: Array, terms: Array, Z: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Motions without mass: with stiffness, without; the latter's left ones; and a compliance.
+    """Motions without mass: with stiffness, without; the latter's left ones;
+    and a compliance.
 
-    The left ones, along which none of Z exerts a force, are the same if K is symmetric. The
-    compliance is that of the motions with stiffness.
+    The left ones, along which none of Z exerts a force, are the same if K is symmetric.
+    The compliance is that of the motions with stiffness.
     """
     size = np.sqrt(np.einsum("ij,ik,kj->j", np.abs(Z), terms, np.abs(Z)))
     Z = Z / np.where(size > 0.0, size, 1.0)
@@ -337,8 +352,9 @@ def _symmetric_pairs(
 ) -> tuple[Array, Array, float]:
     """Eigenvalues, orthonormal vectors, and the rounding error of the eigenvalues.
 
-    Small ones come from the compliance if it exists, without that error. Motions that cost no
-    energy, Z with Z^T M Z = 1, are stiffened for that by K + s M Z Z^T M, which keeps all others.
+    Small ones come from the compliance if it exists, without that error. Motions that
+    cost no energy, Z with Z^T M Z = 1, are stiffened for that by K + s M Z Z^T M, which
+    keeps all others.
     """
     reduced = 0.5 * (reduced + reduced.T)
     values, y = np.linalg.eigh(reduced)

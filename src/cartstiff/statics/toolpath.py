@@ -1,13 +1,13 @@
 r"""Deflection compensation along a path: commands that put the loaded tool on it.
 
-At a posture q where the end-effector has the pose wanted and compliant links, which nothing
-commands, are at rest, the springs must balance everything else,
+At a posture q where the end-effector has the pose wanted and compliant links, which
+nothing commands, are at rest, the springs must balance everything else,
 
     dPhi_springs/dq = - (gravity + other potentials + loads) - C^T lam
 
-and their rest positions, which a controller commands, follow from their laws. Without compensation
-the posture itself is commanded, and the end-effector deflects by the reported error; with it the
-equilibrium is solved again, as a check.
+and their rest positions, which a controller commands, follow from their laws. Without
+compensation the posture itself is commanded, and the end-effector deflects by the
+reported error; with it the equilibrium is solved again, as a check.
 """
 
 from __future__ import annotations
@@ -58,22 +58,24 @@ class CompensatedPath(LabelledResult):
     poses : ndarray (m, 4, 4)
         ``T_F_M`` wanted.
     q : ndarray (m, n)
-        Postures that have these poses under the loads; compliant links are deflected there.
+        Postures that have these poses under the loads; compliant links are deflected
+        there.
     springs : tuple of str
         Names of what is commanded: joints, without those within compliant links, or legs.
     commands : ndarray (m, k)
         Rest positions to command, in the order of `springs`.
     naive : ndarray (m, k)
-        Rest positions without compensation, of the program before: those that balance the weight
-        alone at the posture, or against "all" those at which the springs carry nothing.
+        Rest positions without compensation, of the program before: those that balance the
+        weight alone at the posture, or against "all" those at which the springs carry
+        nothing.
     weight : ndarray (m, k)
-        Change of the command by the weight alone; against "all" it is a part of the compensation,
-        against "load" the program before has it already.
+        Change of the command by the weight alone; against "all" it is a part of the
+        compensation, against "load" the program before has it already.
     against : {"load", "all"}
         Whether the loads are compensated, or all forces.
     before, after : ndarray (m, 6)
-        Error of the loaded end-effector, rotation vector and translation in axes of F, with the
-        naive and with the compensated commands; NaN if no equilibrium was found.
+        Error of the loaded end-effector, rotation vector and translation in axes of F,
+        with the naive and with the compensated commands; NaN if no equilibrium was found.
     deviation : ndarray (m, 6) or None
         Standard deviation of `after` by measured springs; None without such.
     stable : tuple of bool or None
@@ -83,8 +85,8 @@ class CompensatedPath(LabelledResult):
     load_axes : {"body", "world"} or None
         Axes in which the wrenches were given; None for potentials.
     notes : tuple of Note
-        Commands beyond limits, points without an equilibrium or with an unstable one, poses that
-        too few joints cannot give to the body on deflected links.
+        Commands beyond limits, points without an equilibrium or with an unstable one,
+        poses that too few joints cannot give to the body on deflected links.
     """
 
     elastic: ElasticMechanism
@@ -109,7 +111,9 @@ class CompensatedPath(LabelledResult):
         return self.commands - self.naive
 
     def summary(self) -> dict[str, dict[str, float]]:
-        """Largest and root-mean-square errors, in rad and length units, before and after."""
+        """Largest and root-mean-square errors, in rad and length units,
+        before and after.
+        """
         report = {}
         for name, errors in (("before", self.before), ("after", self.after)):
             known = errors[~np.isnan(errors).any(axis=1)]
@@ -153,7 +157,9 @@ class CompensatedPath(LabelledResult):
         return plain_dict(data)
 
     def to_csv(self) -> str:
-        """Commands after and before (taught), errors, postures wanted, one line a point."""
+        """Commands after and before (taught), errors, postures wanted,
+        one line a point.
+        """
         elastic, names, columns = self.elastic, list[str](), list[Array]()
         units = dict(zip(elastic.names, elastic.names_with_units, strict=True))
         heads = [
@@ -171,7 +177,8 @@ class CompensatedPath(LabelledResult):
         return csv_text(np.column_stack(columns), names)
 
     def plot(self) -> Any:
-        """Draw the loaded end-effector's errors before and after compensation, point by point.
+        """Draw the loaded end-effector's errors before and after compensation,
+        point by point.
 
         Raises
         ------
@@ -200,7 +207,8 @@ class CompensatedPath(LabelledResult):
 
 
 AGAINST = ("load", "all")
-# Start of the check of a command, beside the answer, as a share of the uncompensated deflection.
+# Start of the check of a command, beside the answer, as a share of the uncompensated
+# deflection.
 _START_OFFSET = 0.1
 
 
@@ -223,21 +231,24 @@ def compensate(
     elastic : ElasticMechanism
         With springs whose rest positions are commanded; their present ones do not matter.
     path : array_like, shape (m, n) or (m, 4, 4)
-        Postures (of all coordinates, or of the joints alone without those within compliant
-        links), or poses ``T_F_M`` for which postures are found, each near the one before.
+        Postures (of all coordinates, or of the joints alone without those within
+        compliant links), or poses ``T_F_M`` for which postures are found, each near the
+        one before.
     wrenches : array_like (m, 6) or (6,), or a sequence of potentials
-        (moment, force) of the process on the body at `load_at`, at each point or the same at all;
-        or the loads at each point as potentials; None against "all" for no load but the weight.
+        (moment, force) of the process on the body at `load_at`, at each point or the same
+        at all; or the loads at each point as potentials; None against "all" for no load
+        but the weight.
     q : array_like (n,), optional
         Start of the search for the first pose; default the file's posture.
     load_kind, load_at, load_axes
         Behaviour of the wrenches while the body moves, their point, and the axes of their
         components at each posture of the path: as in `cartstiff.analyse`.
     against : {"load", "all"}, optional
-        Compensate the deflection by the load, for a program taught under weight and payload, which
-        its positions include already; or by all, also by the weight and whatever else acts without
-        the load. Default load; all if the file gives every spring's rest position, as the
-        deflection from there is then due to the weight too.
+        Compensate the deflection by the load, for a program taught under weight and
+        payload, which its positions include already; or by all, also by the weight and
+        whatever else acts without the load. Default load; all if the file gives every
+        spring's rest position, as the deflection from there is then due to the weight
+        too.
 
     Raises
     ------
@@ -246,15 +257,17 @@ def compensate(
     ConvergenceError
         If a pose cannot be reached.
     UndefinedError
-        Code ``"not-compensable"`` if no command balances the load at a point: joints without
-        springs would have to carry a part of it.
+        Code ``"not-compensable"`` if no command balances the load at a point: joints
+        without springs would have to carry a part of it.
     """
     springs = _springs(checked_elastic(elastic))
     if elastic.coupled_springs:
         raise InputError(
-            "a path's commands are for the springs of single joints, and springs that couple "
+            "a path's commands are for the springs of single joints, and springs that "
+            "couple "
             "joints are not commanded",
-            expected="springs of single joints; equilibrium or analyse for this mechanism",
+            expected="springs of single joints; equilibrium or analyse for this "
+            "mechanism",
         )
     against = against or ("all" if springs.is_complete else "load")
     if against not in AGAINST:
@@ -308,7 +321,10 @@ def compensate(
             [1.0, posture.length], 3
         )
         if np.abs(away).max() > numerics.NEGLIGIBLE_DIFFERENCE:
-            words = "the joints cannot undo all of the links' deflection: the nearest pose is taken"
+            words = (
+                "the joints cannot undo all of the links' deflection: the nearest "
+                "pose is taken"
+            )
             notes.append(
                 Note("pose-missed", f"point {index + 1}: {words}", {"point": index + 1})
             )
@@ -412,7 +428,9 @@ def _with_links_at_rest(
     target: Array,
     index: int,
 ) -> Array:
-    """Posture (n,) that has a pose while compliant links carry their part of loads and weight."""
+    """Posture (n,) that has a pose while compliant links carry their part of
+    loads and weight.
+    """
     try:
         posture = settled(
             elastic,
@@ -432,7 +450,9 @@ def _with_links_at_rest(
 def _balancing_rest(
     elastic: ElasticMechanism, q: Array, loads: Sequence[Potential], index: int
 ) -> Array:
-    """Rest positions at which the springs, and the closures, balance all other forces at q."""
+    """Rest positions at which the springs, and the closures,
+    balance all other forces at q.
+    """
     posture = elastic.mechanism.at(q)
     columns = posture.coordinate_lengths
     if posture.coordinates_are_pose:  # as under a load: near their preload, if possible
@@ -457,7 +477,8 @@ def _balancing_rest(
     )
     if unbalanced > max(shares):
         raise UndefinedError(
-            f"no command balances the load at point {index + 1}: joints without springs would have "
+            f"no command balances the load at point {index + 1}: joints without springs "
+            "would have "
             "to carry a part of it",
             code="not-compensable",
             values={"point": index + 1, "unbalanced": unbalanced},
@@ -516,7 +537,8 @@ def _verdict(
         notes.append(
             Note(
                 "unstable-command",
-                f"point {index + 1}: under the command and the load this posture is unstable, and "
+                f"point {index + 1}: under the command and the load this posture is "
+                "unstable, and "
                 "the mechanism settles elsewhere",
                 {"point": index + 1, "eigenvalues": state.eigenvalues.tolist()},
             )

@@ -1,17 +1,19 @@
 r"""Behaviour of a load while the body moves, and the resulting tangent stiffness.
 
-With W = (m, f) the load about its point P, along the body's axes, a small motion t = (w, v) of the
-body changes these components by ``R t``, and the tangent in the frame at P is ``K^A - R``:
+With W = (m, f) the load about its point P, along the body's axes, a small motion t = (w,
+v) of the body changes these components by ``R t``, and the tangent in the frame at P is
+``K^A - R``:
 
-    follower       R = 0                                moment and force turn with the body
-    dead           R = [[ [m]x, 0 ], [ [f]x, 0 ]]       both keep their direction in the room
-    conservative   R = [[ 1/2 [m]x, 0 ], [ [f]x, 0 ]]   the force does, the moment turns by half
+    follower       R = 0                               moment and force turn with the body
+    dead           R = [[ [m]x, 0 ], [ [f]x, 0 ]]      both keep their direction in F
+    conservative   R = [[ 1/2 [m]x, 0 ], [ [f]x, 0 ]]  the force does, the moment by half
 
-In the frame M the tangent is ``Ad^T (K^A - R) Ad``, Ad being that of M in P: it is a tensor. Each
-kind is thus a left-invariant affine connection on SE(3), one for each point; "conservative" at
-M's origin is the kinematic one. A force alone has a symmetric tangent under "dead" and
-"conservative"; a dead moment has none, and no potential. A moment that turns by half is the
-semitangential one, as of dead forces on crossed bars: it has a potential.
+In the frame M the tangent is ``Ad^T (K^A - R) Ad``, Ad being that of M in P: it is a
+tensor. Each kind is thus a left-invariant affine connection on SE(3), one for each point;
+"conservative" at M's origin is the kinematic one. A force alone has a symmetric tangent
+under "dead" and "conservative"; a dead moment has none, and no potential. A moment that
+turns by half is the semitangential one, as of dead forces on crossed bars: it has a
+potential.
 """
 
 from __future__ import annotations
@@ -77,19 +79,23 @@ class LoadKind:
 
     @property
     def connection(self) -> Connection:
-        """The affine connection on SE(3) whose stiffness is the tangent under this load, in M."""
+        """The affine connection on SE(3) whose stiffness is the tangent under this load,
+        in M.
+        """
         return _connection(self.kind, self.at)
 
     @property
     def words(self) -> str:
-        """Behaviour of the load in words: "its force and moment keep their direction ..."."""
+        """Behaviour of the load in words: "its force and moment keep their
+        direction ...".
+        """
         return LOAD_KINDS[self.kind]
 
     def changes(self, wrench: Array) -> Array:
         """``K^X - K^B`` (..., 3, 6, 6), X = A, K, load, under wrenches (..., 6) in M.
 
-        ``K^A = K^B - 1/2 [W]`` with the bracket form [W], the asymmetry of K^A, and K^X is K^A less
-        the wrench term of its connection, here ``Ad^T R Ad``.
+        ``K^A = K^B - 1/2 [W]`` with the bracket form [W], the asymmetry of K^A, and K^X
+        is K^A less the wrench term of its connection, here ``Ad^T R Ad``.
         """
         return np.asarray(wrench.dot(self._from_b).reshape(*wrench.shape[:-1], 3, 6, 6))
 
@@ -146,7 +152,8 @@ def checked_load(
     given : bool
         Whether a wrench is given.
     own : bool
-        Whether the springs themselves may exert a load, which has a kind and a point as well.
+        Whether the springs themselves may exert a load, which has a kind and a point as
+        well.
 
     Raises
     ------

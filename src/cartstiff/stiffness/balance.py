@@ -1,16 +1,16 @@
 r"""Rest positions at which the springs of a mechanism balance a load at a posture.
 
-Springs with the forces t on their deflections, B the rates of these, balance a wrench W on the body
-together with the closures C and all other potentials, of gradient g, if
+Springs with the forces t on their deflections, B the rates of these, balance a wrench W
+on the body together with the closures C and all other potentials, of gradient g, if
 
-    B^T t + g + C^T lam = J^T W.                                                              (1)
+    B^T t + g + C^T lam = J^T W.                                                       (1)
 
-A load chooses the forces of all springs; without one, springs that have no rest position choose
-theirs, with W = 0. The rest position of a spring follows from its force by its law. Springs that
-couple joints come first: of all their forces that (1) allows, those with the least energy in the
-chosen springs. Then every spring of a joint has the force that is left for its coordinate, after
-the closures have carried what coordinates without a choice do not carry. Lines choose theirs in
-`cartstiff.potentials.line_springs`.
+A load chooses the forces of all springs; without one, springs that have no rest position
+choose theirs, with W = 0. The rest position of a spring follows from its force by its
+law. Springs that couple joints come first: of all their forces that (1) allows, those
+with the least energy in the chosen springs. Then every spring of a joint has the force
+that is left for its coordinate, after the closures have carried what coordinates without
+a choice do not carry. Lines choose theirs in `cartstiff.potentials.line_springs`.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ def with_rest_balancing(
 ) -> ElasticMechanism:
     """Choose open rest positions so that a posture is an equilibrium.
 
-    Without `wrench`, springs that have no rest position carry gravity and the other potentials, and
-    the end-effector is unloaded. With it, all rest positions are chosen so that the springs balance
-    it.
+    Without `wrench`, springs that have no rest position carry gravity and the other
+    potentials, and the end-effector is unloaded. With it, all rest positions are chosen
+    so that the springs balance it.
     """
     if not elastic.has_open_rest and wrench is None:
         return elastic
@@ -51,13 +51,17 @@ def with_rest_balancing(
 def balanced(
     elastic: ElasticMechanism, posture: MechanismPosture, wrench: Array | None = None
 ) -> tuple[ElasticMechanism, Evaluation]:
-    """`with_rest_balancing` with the energy there; the other potentials are evaluated once."""
+    """`with_rest_balancing` with the energy there.
+
+    The other potentials are evaluated once.
+    """
     elastic, others, exerted = _chosen(elastic, posture, wrench)
     parts = [summed(others)] if others else []
     if elastic.springs is not None:
         own = elastic.springs.evaluate(posture)
         if exerted is not None:
-            # The chosen torque is exact; from the rest position of a stiff spring it is rounded.
+            # The chosen torque is exact; from the rest position of a stiff spring it is
+            # rounded.
             torque = np.where(exerted == exerted, exerted, own.gradient)
             own = own._replace(gradient=torque)
         parts.insert(0, own)
@@ -67,7 +71,8 @@ def balanced(
 def _chosen(
     elastic: ElasticMechanism, posture: MechanismPosture, wrench: Array | None
 ) -> tuple[ElasticMechanism, list[Evaluation], Array | None]:
-    """`with_rest_balancing`, all potentials but the springs there, and chosen torques (n,).
+    """`with_rest_balancing`, all potentials but the springs there,
+    and chosen torques (n,).
 
     Torques are NaN where they are not chosen; None if no spring of a joint chooses.
     """
@@ -77,7 +82,8 @@ def _chosen(
     terms = elastic.terms(springs=False)
     parts = evaluate_together(terms, posture)
     if any(term.rest_is_free(every).any() for term in elastic.coupled_springs):
-        # Springs that couple joints, before those of the joints: these carry what is left.
+        # Springs that couple joints, before those of the joints: these carry what is
+        # left.
         left, own = carried, np.zeros(n)
         if isinstance(springs, JointSprings):
             chosen = springs.rest_is_free(every)

@@ -1,4 +1,6 @@
-r"""From an elastic mechanism at a posture to the stiffness matrices under every connection."""
+r"""From an elastic mechanism at a posture to the stiffness matrices under
+every connection.
+"""
 
 from __future__ import annotations
 
@@ -48,23 +50,26 @@ def analyse(
     elastic : ElasticMechanism
         Mechanism and potentials, from `cartstiff.load`.
     q : array_like (n,) or mapping, optional
-        Coordinates in rad and length units, in joint order or by name; default the file's posture.
-        For a platform: x, y, z, roll, pitch, yaw. A closed chain is assembled from there.
+        Coordinates in rad and length units, in joint order or by name; default the file's
+        posture. For a platform: x, y, z, roll, pitch, yaw. A closed chain is assembled
+        from there.
     wrench : array_like (6,), optional
-        Wrench on the body. Moment about and force at the point `load_at`; all rest positions are
-        then chosen so that the springs balance it at the posture, and it deflects compliant links,
-        whose virtual joints start there. Without it, springs with a rest position keep that, and
-        those without carry gravity.
+        Wrench on the body. Moment about and force at the point `load_at`; all rest
+        positions are then chosen so that the springs balance it at the posture, and it
+        deflects compliant links, whose virtual joints start there. Without it, springs
+        with a rest position keep that, and those without carry gravity.
     load_kind : {"dead", "follower", "conservative"}
-        How the load acts while the body moves. dead: moment and force keep their direction in the
-        room; follower: they turn with the body; conservative: the force keeps its direction, and
-        the moment turns by half of the body's rotation. The tangent stiffness depends on it.
+        How the load acts while the body moves. dead: moment and force keep their
+        direction in the room; follower: they turn with the body; conservative: the force
+        keeps its direction, and the moment turns by half of the body's rotation. The
+        tangent stiffness depends on it.
     load_at : array_like (3,)
         Point of the body, in its frame M, at which the load acts; default its origin.
     load_axes : {"body", "world"}
         Axes of the wrench's components: those of M or of F.
     strict : bool
-        Raise where a stiffness matrix does not exist, instead of returning None with a note.
+        Raise where a stiffness matrix does not exist, instead of returning None with a
+        note.
 
     Returns
     -------
@@ -75,8 +80,8 @@ def analyse(
     Raises
     ------
     InputError
-        For a wrong count, an unknown name, or numbers that are not finite; for `load_kind`,
-        `load_at` or `load_axes` without a load.
+        For a wrong count, an unknown name, or numbers that are not finite; for
+        `load_kind`, `load_at` or `load_axes` without a load.
     UnknownNameError
         For an unknown kind or axes of the load.
     ConvergenceError
@@ -94,13 +99,15 @@ def analyse(
         force = checked_input(wrench, (6,), "wrench")
         if elastic.springs is None:
             raise InputError(
-                "the load of this mechanism follows from its potentials and cannot be given",
+                "the load of this mechanism follows from its potentials and cannot be "
+                "given",
                 expected="no wrench here",
             )
     elastic, posture = elastic.placed(q)
     if force is not None:
         if elastic.mechanism.virtual:
-            # Components refer to the deflected posture, so that they are constant in their axes.
+            # Components refer to the deflected posture, so that they are constant in
+            # their axes.
             carried = LoadKind("dead" if load_axes == "world" else "follower", kind.at)
             posture = settled(
                 elastic, posture, (carried.acting(force, posture.pose, load_axes),)

@@ -25,8 +25,8 @@ class Drive(NamedTuple):
     position, lower, upper : float
         Length of the leg, or coordinate, and its limits; infinite where there is none.
     force : float
-        Of its spring: tension, or torque, above zero where it is longer than at rest; NaN if
-        unknown.
+        Of its spring: tension, or torque, above zero where it is longer than at rest; NaN
+        if unknown.
     """
 
     name: str
@@ -38,7 +38,10 @@ class Drive(NamedTuple):
 
     @property
     def margin(self) -> float:
-        """Distance to the nearest limit, below zero beyond it; infinite without limits."""
+        """Distance to the nearest limit, below zero beyond it.
+
+        Infinite without limits.
+        """
         return min(self.position - self.lower, self.upper - self.position)
 
     def to_dict(self) -> dict[str, Any]:
@@ -85,13 +88,19 @@ def drives_of(
 
 
 def _products(stiffness: list[float], sizes: Array) -> Array:
-    """Forces of springs that are elongated by their sizes; zero where springs are others."""
+    """Forces of springs that are elongated by their sizes.
+
+    Zero where springs are others.
+    """
     if len(stiffness) != len(sizes):
         return np.zeros(len(sizes))
     return np.array(stiffness) * sizes
 
 
 def _without_noise(values: Array, sizes: Array) -> Array:
-    """Values with zeros for what closures leave of sizes; of infinite ones nothing is known."""
+    """Values with zeros for what closures leave of sizes.
+
+    Of infinite ones nothing is known.
+    """
     finite = np.where(np.isfinite(sizes), sizes, 0.0)
     return np.where(np.abs(values) <= numerics.STALLED_RESIDUAL * finite, 0.0, values)

@@ -1,7 +1,9 @@
-r"""The flat connection of a mechanism's own coordinates at one posture: K^F and its symbols.
+r"""The flat connection of a mechanism's own coordinates at one posture:
+K^F and its symbols.
 
-The reduction of `cartstiff.stiffness.reduction` with the coordinates y of the chart as the output,
-mu their force: ``K^F = M^T (H + lam c'' - mu y'') M`` with M the coordinate rates per twist.
+The reduction of `cartstiff.stiffness.reduction` with the coordinates y of the chart as
+the output, mu their force: ``K^F = M^T (H + lam c'' - mu y'') M`` with M the coordinate
+rates per twist.
 """
 
 from __future__ import annotations
@@ -35,7 +37,8 @@ class FlatChart:
     to_chart : ndarray (6, 6) or None
         Rates of the chart's coordinates per twist.
     note : Note or None
-        Reason why there is none; None also if the stiffness does not exist under any connection.
+        Reason why there is none; None also if the stiffness does not exist under any
+        connection.
     """
 
     stiffness: Array | None = None
@@ -117,10 +120,11 @@ def _hessian_in(
 def flat_connection(
     posture: MechanismPosture, reduction: Reduction, flat: FlatChart
 ) -> Connection:
-    """The flat connection of the chart at a posture, [ZK]_ eq. 47, from six probe wrenches.
+    """The flat connection of the chart at a posture, [ZK]_ eq. 47,
+    from six probe wrenches.
 
-    ``Gamma[i, j, k] W_k = K^A - K^F`` is linear in W and holds for any potential: each basis
-    wrench gives one slice.
+    ``Gamma[i, j, k] W_k = K^A - K^F`` is linear in W and holds for any potential: each
+    basis wrench gives one slice.
 
     Raises
     ------
@@ -133,7 +137,8 @@ def flat_connection(
     symbols = np.empty((6, 6, 6))
     motion = posture.motion
     for k, w in enumerate(np.eye(6)):
-        # The linear energy w . log(pose) has gradient J^T w, K^B = 0 and the curvature of J.
+        # The linear energy w . log(pose) has gradient J^T w, K^B = 0 and the curvature of
+        # J.
         probe = Evaluation(0.0, motion.jacobian.T @ w, motion.curvature(w))
         K_F = (
             rates.T @ _hessian_in(chart, to_chart, rates, posture.closure, probe) @ rates
@@ -147,7 +152,10 @@ def flat_connection(
 def pose_by_chart(
     posture: MechanismPosture, flat: FlatChart, natural: Array
 ) -> Array | None:
-    """Twists of the body per rate of the chart's coordinates (6, 6); None where it has none."""
+    """Twists of the body per rate of the chart's coordinates (6, 6).
+
+    None where it has none.
+    """
     chart = posture.chart()
     if isinstance(chart, str):
         return None

@@ -1,4 +1,6 @@
-r"""Free motions, and compliances from them: ``C = J H^-1 J^T``, without a stiffness matrix."""
+r"""Free motions, and compliances from them: ``C = J H^-1 J^T``,
+without a stiffness matrix.
+"""
 
 from __future__ import annotations
 
@@ -25,17 +27,17 @@ class FreeMotions:
     hessian : ndarray, shape (f, f)
         H_L on them.
     terms : ndarray, shape (f, f)
-        Sizes of the terms in the sum of each entry of `hessian`. A motion with all entries below
-        `FREE_MOTION_STIFFNESS` times these costs no energy: those of its column
-        (no force changes along it) or of its row (no force works on it), which differ if there is
-        no energy.
+        Sizes of the terms in the sum of each entry of `hessian`. A motion with all
+        entries below `FREE_MOTION_STIFFNESS` times these costs no energy: those of its
+        column (no force changes along it) or of its row (no force works on it), which
+        differ if there is no energy.
     basis : ndarray, shape (n, f), or None
         The motions; None if they are the coordinates themselves.
     is_symmetric : bool
         Whether `hessian` is that of an energy.
     by_lengths : callable or None
-        The same motions in a basis that separates stiff from soft springs, or None; used where
-        `hessian` has lost digits.
+        The same motions in a basis that separates stiff from soft springs, or None; used
+        where `hessian` has lost digits.
     springs : tuple of ndarray (m, n), (m,), or None
         Rates per coordinate and stiffnesses of the springs that `hessian` separates.
     error : float
@@ -52,12 +54,16 @@ class FreeMotions:
     error: float = 0.0
 
     def inverse(self, change: Array | None = None) -> numerics.Inverse | None:
-        """``(H + J^T D J)^-1`` for a change D (6, 6) of the stiffness; None if singular."""
+        """``(H + J^T D J)^-1`` for a change D (6, 6) of the stiffness;
+        None if singular.
+        """
         inverses, errors = self._inverses(_NO_CHANGES if change is None else change[None])
         return _one(inverses[-1], errors[-1], self.is_symmetric and change is None)
 
     def compliance(self, change: Array | None = None) -> numerics.Inverse | None:
-        """``J (H + J^T D J)^-1 J^T``, the inverse of K + D without K; None if there is none."""
+        """``J (H + J^T D J)^-1 J^T``, the inverse of K + D without K;
+        None if there is none.
+        """
         return self.compliances(_NO_CHANGES if change is None else change[None])[-1]
 
     def compliances(
@@ -65,7 +71,8 @@ class FreeMotions:
     ) -> list[numerics.Inverse | None]:
         """`compliance` of H itself, and for several changes (k, 6, 6).
 
-        And, as the last one, for the Hessian (n, n) of another energy without terms to cancel.
+        And, as the last one, for the Hessian (n, n) of another energy without terms to
+        cancel.
         """
         inverses, errors = self._inverses(changes, other)
         C = self.jacobian @ inverses @ self.jacobian.T
@@ -76,7 +83,9 @@ class FreeMotions:
     def _inverses(
         self, changes: Array, other: Array | None = None
     ) -> tuple[Array, Array]:
-        """Inverses of H, H + J^T D J (k, f, f) and their errors (k,), infinite where singular."""
+        """Inverses of H, H + J^T D J (k, f, f) and their errors (k,),
+        infinite where singular.
+        """
         J, count = self.jacobian, 1 + len(changes)
         changes = np.concatenate([_NO_CHANGE, changes])
         H, loss = self.hessian + J.T @ changes @ J, 0.0
@@ -106,7 +115,9 @@ class FreeMotions:
         )
 
     def _in_basis(self, other: Array) -> tuple[Array, float]:
-        """Another Hessian (n, n) on the motions, and the relative error that it has there."""
+        """Another Hessian (n, n) on the motions, and the relative error that
+        it has there.
+        """
         if self.basis is None:
             return other, 0.0
         if self.springs is None:

@@ -1,8 +1,10 @@
-r"""Forces in the elastic elements under a wrench on the body, and influence of their compliances.
+r"""Forces in the elastic elements under a wrench on the body,
+and influence of their compliances.
 
-With M = dq/dW of the motion under a wrench, B the elements' deflections per coordinate rate and
-Gamma their compliances, the forces in them are ``F W``, ``F = Gamma^-1 B M``. The compliance of
-the body changes with a parameter theta, ``Gamma = ... + theta S``, by the forces of two loads:
+With M = dq/dW of the motion under a wrench, B the elements' deflections per coordinate
+rate and Gamma their compliances, the forces in them are ``F W``, ``F = Gamma^-1 B M``.
+The compliance of the body changes with a parameter theta, ``Gamma = ... + theta S``, by
+the forces of two loads:
 
     dC / dtheta = F^T S F
 
@@ -27,7 +29,8 @@ class Influence(NamedTuple):
     Attributes
     ----------
     forces : ndarray (E, 6)
-        Force in each element per unit wrench (moment, force) on the body frame M, in its axes.
+        Force in each element per unit wrench (moment, force) on the body frame M, in its
+        axes.
     compliance : ndarray (6, 6)
         Twist of M per unit wrench.
     weight_forces : ndarray (E,)

@@ -1,10 +1,10 @@
 r"""Stiffness of a body on lines in the basis of the lines' lengths instead of the pose.
 
-The stiffness of lines g with springs k is ``sum k g g^T + R``, R from tensions and all else. In
-this sum the digits of a soft spring are lost beside those of a stiff one, and near a type-2
-singularity, where the lines are nearly dependent, those of all springs. In the motions B that
-lengthen one of six independent lines, the stiffest ones, by 1 and the others not, ``G B = 1`` and
-the sum is
+The stiffness of lines g with springs k is ``sum k g g^T + R``, R from tensions and all
+else. In this sum the digits of a soft spring are lost beside those of a stiff one, and
+near a type-2 singularity, where the lines are nearly dependent, those of all springs. In
+the motions B that lengthen one of six independent lines, the stiffest ones, by 1 and the
+others not, ``G B = 1`` and the sum is
 
     diag(k) + B^T (sum k g g^T over the other lines + R) B,
 
@@ -28,7 +28,8 @@ from cartstiff.stiffness.free_motions import FreeMotions
 def leg_length_basis(
     elastic: ElasticMechanism, posture: MechanismPosture
 ) -> FreeMotions | None:
-    """Motions of a body on lines by the lines' lengths; None if these do not determine the pose.
+    """Motions of a body on lines by the lines' lengths; None if these do not
+    determine the pose.
 
     Parameters
     ----------
@@ -79,9 +80,11 @@ def line_springs_and_rest(
 
 
 class ByLengths(NamedTuple):
-    """Motions B (6, 6) by lengths of lines, the stiffness on them, and the sizes of its terms.
+    """Motions B (6, 6) by lengths of lines, the stiffness on them,
+    and the sizes of its terms.
 
-    `leading` are the six independent lines, `condition` is the condition number of their matrix.
+    `leading` are the six independent lines, `condition` is the condition number of their
+    matrix.
     """
 
     motions: Array

@@ -1,14 +1,15 @@
 r"""The motions of a mechanism at one posture, and the output that they move.
 
-With C the Jacobian of the closures and J that of the output, free motions N keep the closures, the
-self-motions Z among them do not move the output, and motions Y, one for each of the other columns,
-move it along all directions U that it can move along (section 6 of the theory page, `motions`):
+With C the Jacobian of the closures and J that of the output, free motions N keep the
+closures, the self-motions Z among them do not move the output, and motions Y, one for
+each of the other columns, move it along all directions U that it can move along (section
+6 of the theory page, `motions`):
 
-    C N = 0,     J Z = 0,     J Y has the range of J N, with the orthonormal basis U.         (1)
+    C N = 0,     J Z = 0,     J Y has the range of J N, with the orthonormal basis U.  (1)
 
-All ranks are decided here, on length-scaled matrices: a length is measured in the characteristic
-length, so that every singular value is a pure number. Where the closures lose rank, they are
-redundant, or motions bifurcate, or are blocked to second order.
+All ranks are decided here, on length-scaled matrices: a length is measured in the
+characteristic length, so that every singular value is a pure number. Where the closures
+lose rank, they are redundant, or motions bifurcate, or are blocked to second order.
 """
 
 from __future__ import annotations
@@ -76,15 +77,17 @@ class Closures(NamedTuple):
 
     values: Array
     rank: int
-    #: Covectors (m, r) of the range and (m, m - r) of its complement; motions (n, r) that violate
-    #: the closures, and (n, f) that keep them.
+    #: Covectors (m, r) of the range and (m, m - r) of its complement; motions (n, r) that
+    #: violate the closures, and (n, f) that keep them.
     U: Array
     lost: Array
     V: Array
     N: Array
 
     def forces(self, right: Array, where: list[int]) -> Array:
-        """Multipliers of least norm with ``C^T lam = right`` in the chosen coordinates."""
+        """Multipliers of least norm with ``C^T lam = right`` in the chosen
+        coordinates.
+        """
         if not any(right.tolist()):
             return np.zeros(len(self.U))
         share = (self.V * self.values[: self.rank])[where]
@@ -93,7 +96,9 @@ class Closures(NamedTuple):
 
 
 def decomposed(closure: SecondOrderMap, columns: Array) -> Closures:
-    """Decompose the Jacobian of closures, in natural sizes of closures and coordinates."""
+    """Decompose the Jacobian of closures, in natural sizes of closures and
+    coordinates.
+    """
     matrix = closure.jacobian * columns
     return decompose(matrix if closure.sizes is None else matrix / closure.sizes[:, None])
 
@@ -106,12 +111,13 @@ def decompose(matrix: Array) -> Closures:
 
 
 def irregular(closure: SecondOrderMap, found: Closures, columns: Array) -> Note | None:
-    """State of closures that have lost rank; None if none is lost, or they are merely redundant.
+    """State of closures that have lost rank; None if none is lost,
+    or they are merely redundant.
 
-    Along each covector nu with nu C = 0 the residual grows like the form x nu c'' x of the free
-    motions x. If all forms vanish, the closures are redundant. If they have a common real root,
-    motions bifurcate along it; if they have none, motions that are free to first order are blocked
-    to second order.
+    Along each covector nu with nu C = 0 the residual grows like the form x nu c'' x of
+    the free motions x. If all forms vanish, the closures are redundant. If they have a
+    common real root, motions bifurcate along it; if they have none, motions that are free
+    to first order are blocked to second order.
 
     Parameters
     ----------
@@ -137,7 +143,8 @@ def irregular(closure: SecondOrderMap, found: Closures, columns: Array) -> Note 
     forms = [
         form for form in forms if np.abs(form).max() > numerics.VANISHING_FORM * size
     ]
-    # A motion on which all forms vanish is a branch; without any, every motion is blocked.
+    # A motion on which all forms vanish is a branch; without any, every motion is
+    # blocked.
     root = _common_root(np.array(forms) / size)
     numbers: dict[str, object] = {
         "rank": found.rank,
@@ -148,20 +155,23 @@ def irregular(closure: SecondOrderMap, found: Closures, columns: Array) -> Note 
     if root is not None:
         return Note(
             "constraint-singularity",
-            "the closures lose rank here and branches of motion meet: the energy has no second "
+            "the closures lose rank here and branches of motion meet: the energy has no "
+            "second "
             "derivative along them",
             {**numbers, "branch": (columns * (N @ root)).tolist()},
         )
     return Note(
         "non-regular-redundancy",
-        "the closures lose rank here and block to second order what is free to first order: the "
+        "the closures lose rank here and block to second order what is free to first "
+        "order: the "
         "mechanism is shaky, and its closure forces are not determined",
         numbers,
     )
 
 
 def _common_root(forms: Array) -> Array | None:
-    """Unit vector on which all quadratic forms (k, f, f) vanish, or None if none is found.
+    """Unit vector on which all quadratic forms (k, f, f) vanish,
+    or None if none is found.
 
     Gauss-Newton on the sphere from the forms' own roots and a fixed set of directions.
     """
@@ -196,7 +206,8 @@ class Motions(NamedTuple):
     closures : Closures or None
         The decomposed closures, if there are any.
     N : ndarray (n, f)
-        Free motions by coordinates that lead, see `cartstiff.numerics.stiffness_scaled_basis`.
+        Free motions by coordinates that lead, see
+        `cartstiff.numerics.stiffness_scaled_basis`.
     orthonormal : ndarray (n, f)
         The same motions in an orthonormal basis.
     follow : list of int
@@ -252,7 +263,8 @@ def motions(
         The decomposed closures, which are regular or redundant.
     """
     J, stiff, n = problem.J, problem.stiff, len(problem.g)
-    # Orthonormal motions have the singular values; leading coordinates keep soft springs exact.
+    # Orthonormal motions have the singular values; leading coordinates keep soft springs
+    # exact.
     N, orthonormal, leading, J_N = np.eye(n), np.eye(n), np.arange(n), J
     if closures is not None:
         orthonormal = closures.N
@@ -276,8 +288,8 @@ def motions(
                 usual_rank = problem.rank_nearby(orthonormal) or usual_rank
             for half in still:
                 U[half] = 0.0
-        # Self-motions are parametrised by the stiffest coordinates; the remaining leading ones,
-        # as many as the rank, make the output.
+        # Self-motions are parametrised by the stiffest coordinates; the remaining leading
+        # ones, as many as the rank, make the output.
         across = (U.T @ J @ N).T
         Z, chosen = numerics.stiffness_scaled_basis(
             along[leading], stiff[leading], across
@@ -308,11 +320,11 @@ def _rises(
 ) -> bool:
     """Whether the rank of J N is larger at postures around this one, to first order.
 
-    With u a direction that is lost, ``u^T J = nu^T C``, the motion x turns the self-motion z into
-    one that moves the output along u at the rate ``x^T (u . J' - nu . c'') z``. The posture is
-    singular if a rate exists. If none does, self-motions remain so to first order: spins of rods,
-    joints beside those that move a body with fewer than six freedoms, and where two singularities
-    meet.
+    With u a direction that is lost, ``u^T J = nu^T C``, the motion x turns the
+    self-motion z into one that moves the output along u at the rate ``x^T (u . J' - nu .
+    c'') z``. The posture is singular if a rate exists. If none does, self-motions remain
+    so to first order: spins of rods, joints beside those that move a body with fewer than
+    six freedoms, and where two singularities meet.
 
     Parameters
     ----------
@@ -345,14 +357,15 @@ def _without(some: Array, count: int) -> list[int]:
 def _inverse(matrix: Array, sizes: Array | None) -> Array:
     """Inverse of a regular matrix, with zeros for entries that may be round-off.
 
-    `sizes` (n,) are the sizes of the terms in the sums of each column of the matrix; None if it is
-    no sum.
+    `sizes` (n,) are the sizes of the terms in the sums of each column of the matrix; None
+    if it is no sum.
     """
     try:
         inverse: Array = np.linalg.inv(matrix)
     except np.linalg.LinAlgError:  # chains that are singular in two ways at once
         raise UndefinedError(
-            "the motions of the body and those inside the mechanism cannot be told apart here: the "
+            "the motions of the body and those inside the mechanism cannot be told apart "
+            "here: the "
             "posture is singular in more than one way",
             code="ill-conditioned",
             values={"motions": matrix.tolist()},
@@ -382,21 +395,26 @@ def _scaled(posture: MechanismPosture, J: Array, length: float) -> Array:
 def scaled_values(
     posture: MechanismPosture, jacobian: Array | None = None, length: float | None = None
 ) -> Array:
-    """Singular values of the length-scaled Jacobian of a posture; both may be known already."""
+    """Singular values of the length-scaled Jacobian of a posture.
+
+    Both may be known already.
+    """
     J = posture.motion.jacobian if jacobian is None else jacobian
     length = posture.length if length is None else length
     return numerics.singular_values(_scaled(posture, J, length))
 
 
-#: Lengths, rad or characteristic lengths, of the ways to a posture nearby: far enough that what is
-#: lost at a point is regained, and a shorter one for chains that do not close so far away.
+#: Lengths, rad or characteristic lengths, of the ways to a posture nearby: far enough
+#: that what is lost at a point is regained, and a shorter one for chains that do not
+#: close so far away.
 _AWAY = (0.1, 0.02)
 
 
 def rank_nearby(
     mechanism: Mechanism, posture: MechanismPosture, motions: Array
 ) -> int | None:
-    """Rank of the body's motions at a posture beside this one; None if the chain does not close.
+    """Rank of the body's motions at a posture beside this one;
+    None if the chain does not close.
 
     Parameters
     ----------
@@ -405,7 +423,8 @@ def rank_nearby(
     posture : MechanismPosture
         Where the way starts.
     motions : ndarray (n, f)
-        Free motions, in scaled coordinates: the way is a sum of all, none of them special.
+        Free motions, in scaled coordinates: the way is a sum of all, none of them
+        special.
     """
     way = motions @ np.cos(np.arange(motions.shape[1]) ** 2 + 1.0)
     way = (

@@ -4,8 +4,8 @@ With Ad = Ad(T_M_N), all of them transform as tensors:
 
     K' = Ad^T K Ad,     C' = Ad^-1 C Ad^-T,     W' = Ad^T W
 
-The connections are those in M: K^K belongs to M's origin, and the tangent under a load to the point
-at which the load acts. K^K *recomputed* for N's origin would belong to no load;
+The connections are those in M: K^K belongs to M's origin, and the tangent under a load to
+the point at which the load acts. K^K *recomputed* for N's origin would belong to no load;
 `StiffnessTensor.to_frame` computes it for comparison.
 """
 
@@ -96,13 +96,14 @@ class StiffnessInFrame:
     _of_symmetric_tangent: Callable[[], Array | None]
 
     def pair(self, name: str, others: str) -> tuple[Array | None, Array | None]:
-        """Symmetric matrices K and C, inverse to each other, from which principal values follow.
+        """Symmetric matrices K and C, inverse to each other,
+        from which principal values follow.
 
-        With the other freedoms "held" K is the symmetric part of the stiffness: ``u^T K u`` is the
-        force along u per motion along u. With them "free" C is the symmetric part of the
-        compliance: ``u^T C u`` is the motion along u per force along u. Where the stiffness is
-        asymmetric, as the tangent under a dead moment, these are not each other's inverse, and
-        each reading has its own pair.
+        With the other freedoms "held" K is the symmetric part of the stiffness: ``u^T K
+        u`` is the force along u per motion along u. With them "free" C is the symmetric
+        part of the compliance: ``u^T C u`` is the motion along u per force along u. Where
+        the stiffness is asymmetric, as the tangent under a dead moment, these are not
+        each other's inverse, and each reading has its own pair.
 
         Parameters
         ----------
@@ -124,7 +125,9 @@ class StiffnessInFrame:
         return inverse_pair(K, C)
 
     def inverse_of_symmetric_part(self, name: str) -> Array | None:
-        """Inverse (6, 6) of the symmetric part of a stiffness matrix; None if there is none."""
+        """Inverse (6, 6) of the symmetric part of a stiffness matrix;
+        None if there is none.
+        """
         if name == "load":
             return self._inverse_of_symmetric_tangent
         return self.compliances["B" if name in ("A", "+") else name]
@@ -139,7 +142,9 @@ class StiffnessInFrame:
 
 
 def inverse_pair(K: Array | None, C: Array | None) -> tuple[Array | None, Array | None]:
-    """Symmetric part of a compliance C, and its inverse: that of K unless they are asymmetric."""
+    """Symmetric part of a compliance C, and its inverse:
+    that of K unless they are asymmetric.
+    """
     if C is None:
         return (None if K is None else 0.5 * (K + K.T)), None
     flexible = 0.5 * (C + C.T)
@@ -152,7 +157,10 @@ def inverse_pair(K: Array | None, C: Array | None) -> tuple[Array | None, Array 
 
 
 def _turned(matrices: Mapping[str, Array | None], motion: Array | None) -> NamedArrays:
-    """``A^T M A`` of each matrix that exists (A = I if None); adds the transpose of "A" as "+"."""
+    """``A^T M A`` of each matrix that exists (A = I if None).
+
+    Adds the transpose of "A" as "+".
+    """
     turned = dict(matrices)
     if motion is not None:
         known = {n: M for n, M in matrices.items() if M is not None}
@@ -219,7 +227,8 @@ class PostureStiffness(LabelledResult):
     _notes: tuple[Note, ...] | None = None
     load: LoadKind = DEAD_AT_ORIGIN
     _load_is_given: bool = False
-    #: The mechanism before its open rest positions were chosen; None if that is `elastic`.
+    #: The mechanism before its open rest positions were chosen; None if that is
+    #: `elastic`.
     _asked: ElasticMechanism | None = None
     #: State before the load, if that of `elastic_as_given` is another.
     _before_load: Literal["balanced", "given", "partly"] | None = None
@@ -233,7 +242,8 @@ class PostureStiffness(LabelledResult):
         elastic, W = self.elastic, self.wrench
         exists = [name for name, K in self.matrices.items() if K is not None]
         return [
-            f"Stiffness of {elastic.name} ({elastic.mechanism.kind}) at {elastic.mechanism.frame}",
+            f"Stiffness of {elastic.name} ({elastic.mechanism.kind}) at "
+            f"{elastic.mechanism.frame}",
             f"  q        {numbers_text(self.q)}",
             "  load     "
             + (
@@ -243,13 +253,16 @@ class PostureStiffness(LabelledResult):
             ),
             "  matrices "
             + (", ".join(f"K^{name}" for name in exists) or "none exists here")
-            + f" in {elastic.units.force} and {elastic.units.length}: .A .B .K .F, .matrices",
+            + f" in {elastic.units.force} and {elastic.units.length}: .A .B .K .F, "
+            ".matrices",
             f"  notes    {codes_of(self.notes)}",
             *self._tangent_text().splitlines(),
         ]
 
     def _tangent_text(self) -> str:
-        """The tangent where a load changes the stiffness, as `StiffnessTensor` prints matrices."""
+        """The tangent where a load changes the stiffness, as `StiffnessTensor`
+        prints matrices.
+        """
         if self.tangent is None or not self.is_loaded:
             return ""
         (a, b), (c, d) = self._tangent_units
@@ -263,10 +276,11 @@ class PostureStiffness(LabelledResult):
         return (names["rr"], names["rt"]), (names["tr"], names["tt"])
 
     def plot(self) -> Any:
-        """Draw how far M moves under a unit force of any direction, in the planes of its axes.
+        """Draw how far M moves under a unit force of any direction,
+        in the planes of its axes.
 
-        The curves are the outlines of the ellipsoid ``{C f : |f| = 1}`` of the translational block
-        C of `compliance`; all other freedoms are free.
+        The curves are the outlines of the ellipsoid ``{C f : |f| = 1}`` of the
+        translational block C of `compliance`; all other freedoms are free.
 
         Returns
         -------
@@ -330,21 +344,26 @@ class PostureStiffness(LabelledResult):
 
     @property
     def energy(self) -> float:
-        """Potential energy of all that acts: springs, gravity, and loads added as potentials."""
+        """Potential energy of all that acts: springs, gravity,
+        and loads added as potentials.
+        """
         return self.evaluation.energy
 
     @cached_property
     def stored_energy(self) -> float:
-        """Energy of springs and other potentials, without that of gravity and of loads."""
+        """Energy of springs and other potentials, without that of gravity
+        and of loads.
+        """
         inner, outside = self.elastic.parted_terms()
         each = (term.evaluate(self.posture).energy for term in inner)
         return float(sum(each, 0.0)) if outside else self.energy
 
     def motion_under(self, wrench: ArrayLike, change: ArrayLike | None = None) -> Array:
-        """Linear motion of all coordinates (n,) under an added wrench (6,) in the body frame.
+        """Linear motion of all coordinates (n,) under an added wrench (6,) in
+        the body frame.
 
-        ``dq = N (H_N + J_N^T D J_N)^-1 J_N^T dW`` with D = K^X - K^B for another connection X than
-        B: J dq is then ``(K^X)^-1 dW``.
+        ``dq = N (H_N + J_N^T D J_N)^-1 J_N^T dW`` with D = K^X - K^B for another
+        connection X than B: J dq is then ``(K^X)^-1 dW``.
 
         Parameters
         ----------
@@ -371,12 +390,17 @@ class PostureStiffness(LabelledResult):
 
     @property
     def closure_forces(self) -> Array:
-        """Forces lam (m,) of the closures on the mechanism, in the order of its residual."""
+        """Forces lam (m,) of the closures on the mechanism,
+        in the order of its residual.
+        """
         return fixed(self.reduction.multipliers)
 
     @cached_property
     def matrices(self) -> Mapping[str, Array | None]:
-        """K^A, K^B, K^K, K^F (6, 6), None if one does not exist; "load" is the `tangent`."""
+        """K^A, K^B, K^K, K^F (6, 6), None if one does not exist.
+
+        "load" is the `tangent`.
+        """
         B, A, K, load, *F = [None] * 4 if self._every is None else self._every
         return NamedArrays(
             {"A": A, "B": B, "K": K, "F": F[0] if F else None}, {"load": load}
@@ -384,7 +408,9 @@ class PostureStiffness(LabelledResult):
 
     @cached_property
     def _every(self) -> Array | None:
-        """K^B, K^A, K^K, K^load and, if it exists, K^F (4 or 5, 6, 6); None without K^B."""
+        """K^B, K^A, K^K, K^load and, if it exists, K^F (4 or 5, 6, 6);
+        None without K^B.
+        """
         K, K_F = self.reduction.stiffness, self._flat.stiffness
         if K is None or self.wrench is None:
             return None
@@ -405,10 +431,11 @@ class PostureStiffness(LabelledResult):
 
     @cached_property
     def compliances(self) -> Mapping[str, Array | None]:
-        """Inverses of `matrices`, computed without them; C^A, C^B, C^K exist at singularities, too.
+        """Inverses of `matrices`, computed without them; C^A, C^B,
+        C^K exist at singularities, too.
 
-        ``C^X = J_N (H_N + J_N^T D J_N)^-1 J_N^T`` with D = K^X - K^B, which depends on the load
-        only; for C^F the Hessian is that in the chart.
+        ``C^X = J_N (H_N + J_N^T D J_N)^-1 J_N^T`` with D = K^X - K^B, which depends on
+        the load only; for C^F the Hessian is that in the chart.
         """
         C = {name: None if C is None else C.matrix for name, C in self._inverses.items()}
         return NamedArrays(C, {"load": C.pop("load")})
@@ -424,7 +451,9 @@ class PostureStiffness(LabelledResult):
 
     @cached_property
     def is_loaded(self) -> bool:
-        """Whether there is a load: one was given, or the springs' wrench exceeds round-off."""
+        """Whether there is a load: one was given, or the springs' wrench
+        exceeds round-off.
+        """
         if self.wrench is None or self._load_is_given or not any(self.wrench.tolist()):
             return self.wrench is not None and self._load_is_given
         J, sizes = self.posture.motion.jacobian, self.posture.coordinate_lengths
@@ -432,9 +461,11 @@ class PostureStiffness(LabelledResult):
 
     @property
     def wrench_is_known(self) -> bool:
-        """Whether W is known in full: the load was given, or the joints determine all components.
+        """Whether W is known in full: the load was given, or the joints determine
+        all components.
 
-        Otherwise the part that the structure carries is taken as zero in the length-scaled norm.
+        Otherwise the part that the structure carries is taken as zero in the
+        length-scaled norm.
         """
         return self.wrench is not None and (
             self.reduction.rank == 6 or self._load_is_given
@@ -449,7 +480,10 @@ class PostureStiffness(LabelledResult):
 
     @property
     def change_by_load(self) -> Array:
-        """``K^load - K^B`` (6, 6), zero without a load; exists at singular postures, too."""
+        """``K^load - K^B`` (6, 6), zero without a load.
+
+        Exists at singular postures, too.
+        """
         return fixed(self._changes[2])
 
     @property
@@ -476,17 +510,23 @@ class PostureStiffness(LabelledResult):
 
     @property
     def tensions(self) -> Array | None:
-        """Tensions (m,) of a platform's legs, see `cartstiff.mechanisms.limits.tensions_of`."""
+        """Tensions (m,) of a platform's legs, see
+        `cartstiff.mechanisms.limits.tensions_of`.
+        """
         return tensions_of(self.elastic, self.posture)
 
     @cached_property
     def drives(self) -> tuple[Drive, ...]:
-        """The legs of a platform, or the drives of a closed chain, with limits and forces."""
+        """The legs of a platform, or the drives of a closed chain,
+        with limits and forces.
+        """
         return drives_of(self.elastic, self.posture, self.leg_lengths, self.tensions)
 
     @cached_property
     def task_axes(self) -> TaskAxes | None:
-        """The stiffness along the motions of a body that has fewer than six; None if it has six."""
+        """The stiffness along the motions of a body that has fewer than six;
+        None if it has six.
+        """
         found = self.reduction
         if found.stiffness is not None or found.reachable_stiffness is None:
             return None
@@ -508,14 +548,17 @@ class PostureStiffness(LabelledResult):
     def tangent(self) -> Array | None:
         """K^load (6, 6): change of the applied wrench per motion, under the load.
 
-        The derivative of the elastic wrench less that of the load, which behaves as `load` says:
-        the linear limit of `equilibrium`. None where no stiffness exists.
+        The derivative of the elastic wrench less that of the load, which behaves as
+        `load` says: the linear limit of `equilibrium`. None where no stiffness exists.
         """
         return self.matrices["load"]
 
     @property
     def tangent_compliance(self) -> Array | None:
-        """Inverse of `tangent`, computed as `compliances`; exists at singular postures, too."""
+        """Inverse of `tangent`, computed as `compliances`.
+
+        Exists at singular postures, too.
+        """
         return self.compliances["load"]
 
     @cached_property
@@ -583,7 +626,10 @@ class PostureStiffness(LabelledResult):
 
     @cached_property
     def jacobian(self) -> Array | None:
-        """Body Jacobian of the joint coordinates; for a platform d(pose)/d(leg lengths)."""
+        """Body Jacobian of the joint coordinates.
+
+        For a platform d(pose)/d(leg lengths).
+        """
         if not self.posture.coordinates_are_pose:
             return fixed(self.posture.motion.jacobian)
         J = pose_by_chart(self.posture, self._flat, self._natural)
@@ -628,7 +674,8 @@ class PostureStiffness(LabelledResult):
         return find(self.elastic, self.posture, self.reduction, on_rest)
 
     def tensor(self, connection: str | Connection = "B") -> StiffnessTensor:
-        """Stiffness tensor under a named connection ("A", "B", "K", "+", "F") or any other.
+        """Stiffness tensor under a named connection ("A", "B", "K", "+", "F")
+        or any other.
 
         "load" is the tangent under the load.
 
@@ -737,7 +784,8 @@ class PostureStiffness(LabelledResult):
 def named_tensor(
     result: PostureStiffness, K: Array, W: Array, connection: str | Connection
 ) -> StiffnessTensor:
-    """The tensor under a connection, from K^B (6, 6) and the wrench W (6,), with its own inverse.
+    """The tensor under a connection, from K^B (6, 6) and the wrench W (6,),
+    with its own inverse.
 
     Raises
     ------

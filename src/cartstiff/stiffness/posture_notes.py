@@ -25,7 +25,8 @@ def notes_on_posture(
     reduction: Reduction,
     on_rest: Iterable[Note] = (),
 ) -> tuple[Note, ...]:
-    """Notes of loading, states of the reduction, near singularities and limits at a posture.
+    """Notes of loading, states of the reduction, near singularities and limits
+    at a posture.
 
     `on_rest` are those on preload and rest positions.
     """
@@ -81,7 +82,8 @@ def notes_on_digits(
         notes.append(
             Note(
                 "ill-conditioned",
-                "springs and load nearly cancel along a motion, legs are nearly dependent, or "
+                "springs and load nearly cancel along a motion, legs are nearly "
+                "dependent, or "
                 "springs hardly move along it: the compliance is known " + _known(error),
                 {"matrix": "compliance", "relative_error": error},
             )
@@ -97,7 +99,8 @@ def notes_on_digits(
             notes.append(
                 Note(
                     "ill-conditioned",
-                    f"{words} the stiffness matrix holds the softer directions {known}; the "
+                    f"{words} the stiffness matrix holds the softer directions {known}; "
+                    "the "
                     "compliance, and what is free, hold them",
                     {"matrix": "stiffness", "relative_error": error},
                 )
@@ -111,8 +114,10 @@ def notes_on_digits(
         notes.append(
             Note(
                 "singular-stiffness",
-                f"the stiffness matrix {'under the load ' * under_load}is singular: a motion costs "
-                "nothing, or nothing that can be told from the rounding of the stiffest springs, "
+                f"the stiffness matrix {'under the load ' * under_load}is singular: a "
+                "motion costs "
+                "nothing, or nothing that can be told from the rounding of the stiffest "
+                "springs, "
                 "and there is no compliance matrix",
                 {
                     "eigenvalues": values.tolist(),
@@ -126,15 +131,16 @@ def notes_on_digits(
 def indefinite(
     reduction: Reduction, tangent: Array | None, compliance: Array | None, natural: Array
 ) -> list[Note]:
-    """Note on a posture that its springs and load do not keep: a motion lowers the energy.
+    """Note on a posture that its springs and load do not keep:
+    a motion lowers the energy.
 
     Parameters
     ----------
     reduction : Reduction
         To the end-effector.
     tangent, compliance : ndarray (6, 6) or None
-        K^load and C^load. Under loads without a potential they are asymmetric, and their signs
-        decide nothing.
+        K^load and C^load. Under loads without a potential they are asymmetric, and their
+        signs decide nothing.
     natural : ndarray, shape (6,)
         Natural sizes of the twist's components.
     """
@@ -156,8 +162,10 @@ def indefinite(
     return [
         Note(
             "indefinite",
-            f"the stiffness is negative along {negative} motion(s) of the body, under the load and "
-            "the tensions here: the posture is not stable, and without something else that holds "
+            f"the stiffness is negative along {negative} motion(s) of the body, under "
+            "the load and "
+            "the tensions here: the posture is not stable, and without something else "
+            "that holds "
             "it the mechanism moves away",
             {
                 "eigenvalues": spectra[0].tolist(),
@@ -184,11 +192,13 @@ def error_of_soft_directions(K: Array, C: Array) -> float:
 def error_of_motions(
     posture: MechanismPosture, energy: Evaluation, reduction: Reduction
 ) -> float:
-    """Relative error of the compliance due to the round-off of the motions that keep the closures.
+    """Relative error of the compliance due to the round-off of the motions that keep
+    the closures.
 
-    Motions have an error of ``EPSILON / c``, where c is the smallest relative singular value of the
-    closures. Near a type-2 singularity springs hardly move along a motion, or all else moves far
-    beside them, so that a small error of the motion is a large one of its stiffness.
+    Motions have an error of ``EPSILON / c``, where c is the smallest relative singular
+    value of the closures. Near a type-2 singularity springs hardly move along a motion,
+    or all else moves far beside them, so that a small error of the motion is a large one
+    of its stiffness.
     """
     free, values = reduction.free, reduction.closures
     inverse = None if free is None else free.inverse()
@@ -219,8 +229,8 @@ def error_of_chosen_forces(
 ) -> float:
     """Relative error of the compliance due to internal forces near a type-2 singularity.
 
-    There, forces of actuators under a load grow with the inverse of the least singular value, and
-    with them the round-off of their lines and of their part of the stiffness.
+    There, forces of actuators under a load grow with the inverse of the least singular
+    value, and with them the round-off of their lines and of their part of the stiffness.
     """
     near = [note for note in notes if note.code == "near-type-2-singularity"]
     free = reduction.free
@@ -245,13 +255,16 @@ def error_of_chosen_forces(
 
 
 def near_serial(posture: MechanismPosture, values: Array, rank: int = 6) -> list[Note]:
-    """Note on a near serial singularity, from singular values of the scaled Jacobian of a rank."""
+    """Note on a near serial singularity, from singular values of the scaled
+    Jacobian of a rank.
+    """
     if rank == 0 or not values[rank - 1] < numerics.NEAR_SINGULARITY * values[0]:
         return []
     return [
         Note(
             "near-serial-singularity",
-            f"the end-effector hardly moves in one direction: smallest over largest singular "
+            "the end-effector hardly moves in one direction: smallest over largest "
+            "singular "
             f"value {values[rank - 1] / values[0]:.2g}",
             {"singular_values": values.tolist(), "characteristic_length": posture.length},
         )
@@ -259,10 +272,11 @@ def near_serial(posture: MechanismPosture, values: Array, rank: int = 6) -> list
 
 
 def near_constraint(reduction: Reduction) -> list[Note]:
-    """Note on singular values of closures that are neither zero nor clearly different from zero.
+    """Note on singular values of closures that are neither zero nor clearly
+    different from zero.
 
-    The cause is axes that are not quite parallel, or a near bifurcation. A chain counts as closed
-    within `ROUNDOFF`, which leaves motions of that divided by such a value.
+    The cause is axes that are not quite parallel, or a near bifurcation. A chain counts
+    as closed within `ROUNDOFF`, which leaves motions of that divided by such a value.
     """
     values = np.zeros(0) if reduction.closures is None else reduction.closures
     shares = values / max(float(values.max(initial=0.0)), numerics.TINY)
@@ -275,9 +289,12 @@ def near_constraint(reduction: Reduction) -> list[Note]:
     return [
         Note(
             "near-constraint-singularity",
-            f"the closures nearly repeat each other: {doubtful.size} motion(s) break them by "
-            f"shares of {least:.2g} to {doubtful.max():.2g} only, of which {held} count(s) as "
-            "held; axes that should be parallel and are not quite, or a branching near: what "
+            f"the closures nearly repeat each other: {doubtful.size} motion(s) break "
+            "them by "
+            f"shares of {least:.2g} to {doubtful.max():.2g} only, of which {held} "
+            "count(s) as "
+            "held; axes that should be parallel and are not quite, or a branching near: "
+            "what "
             "moves, and how stiffly, hangs on these digits of the geometry",
             {
                 "singular_values": values.tolist(),
@@ -290,7 +307,8 @@ def near_constraint(reduction: Reduction) -> list[Note]:
 
 
 def nearly_still(posture: MechanismPosture, reduction: Reduction) -> list[Note]:
-    """Note on a body with fewer than six freedoms whose rotation, or translation, nearly vanishes.
+    """Note on a body with fewer than six freedoms whose rotation, or translation,
+    nearly vanishes.
 
     Both are compared in the characteristic length. Below `RANK` they count as none
     (`cartstiff.numerics.still_halves`).
@@ -311,9 +329,12 @@ def nearly_still(posture: MechanismPosture, reduction: Reduction) -> list[Note]:
     return [
         Note(
             "nearly-still",
-            f"the body hardly has a {half}: {share:.2g} of its {other}, in characteristic lengths; "
-            f"axes that should be parallel, or meet, and do not quite in the file's digits? If so, "
-            f"its {half} is none, and compliances of {half}, and of {other} with {half} held, say "
+            f"the body hardly has a {half}: {share:.2g} of its {other}, in "
+            "characteristic lengths; "
+            "axes that should be parallel, or meet, and do not quite in the file's "
+            "digits? If so, "
+            f"its {half} is none, and compliances of {half}, and of {other} with {half} "
+            "held, say "
             "nothing about the machine",
             {"half": half, "share": share, "characteristic_length": posture.length},
         )
@@ -321,7 +342,9 @@ def nearly_still(posture: MechanismPosture, reduction: Reduction) -> list[Note]:
 
 
 def near_type_2(posture: MechanismPosture, free: Array | None = None) -> list[Note]:
-    """Note on a type-2 singularity, or a near one: actuators that do not fix the motions (n, f)."""
+    """Note on a type-2 singularity, or a near one: actuators that do not fix the
+    motions (n, f).
+    """
     if posture.actuation is None:
         return []
     rates = posture.actuation * posture.coordinate_lengths
@@ -342,8 +365,10 @@ def near_type_2(posture: MechanismPosture, free: Array | None = None) -> list[No
     return [
         Note(
             "type-2-singularity" if is_lost else "near-type-2-singularity",
-            f"the actuators {'do not' if is_lost else 'hardly'} hold the mechanism in {weak} "
-            f"direction(s): smallest over largest singular value {each[-1] / each[0]:.2g}",
+            f"the actuators {'do not' if is_lost else 'hardly'} hold the mechanism in "
+            f"{weak} "
+            f"direction(s): smallest over largest singular value "
+            f"{each[-1] / each[0]:.2g}",
             {
                 "singular_values": each,
                 "characteristic_length": posture.length,

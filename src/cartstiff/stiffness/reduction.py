@@ -1,39 +1,43 @@
-r"""One reduction for every mechanism: from energy in coordinates to stiffness of an output.
+r"""One reduction for every mechanism: from energy in coordinates to stiffness
+of an output.
 
-Given the gradient g and Hessian H of the energy in n coordinates, closures with Jacobian C, and an
-output (the end-effector's pose, or the actuated coordinates) with Jacobian J, `reduce_to` takes
-five steps. Each solves one equation, and each is a function with a small value as its result:
+Given the gradient g and Hessian H of the energy in n coordinates, closures with Jacobian
+C, and an output (the end-effector's pose, or the actuated coordinates) with Jacobian J,
+`reduce_to` takes five steps. Each solves one equation, and each is a function with a
+small value as its result:
 
 `motions` of `cartstiff.stiffness.motions`
     free motions N, self-motions Z, and motions Y that move the output along U:
 
-        C N = 0,     J Z = 0,     J Y spans the range of J N                                  (1)
+        C N = 0,     J Z = 0,     J Y spans the range of J N                           (1)
 
 `balance`
     the output's force w and the closures' forces lam:
 
-        g + C^T lam = J^T w,     which needs Z^T g = 0                                        (2)
+        g + C^T lam = J^T w,     which needs Z^T g = 0                                 (2)
 
 `lagrangian`
     the Hessian of the Lagrangian, symmetric for conservative forces:
 
-        H_L = H + sum lam_k c_k'' - sum w_k J_k'                                              (3)
+        H_L = H + sum lam_k c_k'' - sum w_k J_k'                                       (3)
 
 `minimise_self_motion`
     the energy is minimised over the self-motions, which needs Z^T H_L Z > 0:
 
-        S = H_L - H_L Z (Z^T H_L Z)^-1 Z^T H_L,     K_U = Y^T S Y,     J Y = U                (4)
+        S = H_L - H_L Z (Z^T H_L Z)^-1 Z^T H_L,     K_U = Y^T S Y,     J Y = U         (4)
 
 `explain`
-    K = U K_U U^T where U has six directions, the state where it has not, and the motions of
+    K = U K_U U^T where U has six directions, the state where it has not, and the motions
+    of
 
-        C = J_N H_N^-1 J_N^T,     H_N = N^T H_L N,     J_N = J N                              (5)
+        C = J_N H_N^-1 J_N^T,     H_N = N^T H_L N,     J_N = J N                       (5)
 
-On the theory page these are `motions` (24), `closed` (26), `schur` (25) and `compliance` (23). For
-six independent outputs and no self-motion (4) is K = J^-T H_L J^-1. For the pose, K is K^B, in
-components of the body frame. (5) does not invert K: it holds at singular postures and near them,
-where K has lost its digits. `cartstiff.numerics.stiffness_scaled_basis` chooses the motions so that
-the stiffness of stiff springs does not cancel that of soft ones.
+On the theory page these are `motions` (24), `closed` (26), `schur` (25) and `compliance`
+(23). For six independent outputs and no self-motion (4) is K = J^-T H_L J^-1. For the
+pose, K is K^B, in components of the body frame. (5) does not invert K: it holds at
+singular postures and near them, where K has lost its digits.
+`cartstiff.numerics.stiffness_scaled_basis` chooses the motions so that the stiffness of
+stiff springs does not cancel that of soft ones.
 """
 
 from __future__ import annotations
@@ -86,11 +90,12 @@ class Reduction(ShownInLines):
     freedoms : int
         Number of free motions, the columns of N.
     usual_rank : int
-        Rank of J N at the postures around this one: less than six for a body with fewer freedoms,
-        however many free motions are inside the mechanism, such as spins of rods.
+        Rank of J N at the postures around this one: less than six for a body with fewer
+        freedoms, however many free motions are inside the mechanism, such as spins of
+        rods.
     free : FreeMotions or None
-        The motions of (5), without those that cost no energy; None if the posture is unbalanced or
-        the energy has no minimum over the self-motion.
+        The motions of (5), without those that cost no energy; None if the posture is
+        unbalanced or the energy has no minimum over the self-motion.
     reachable, reachable_stiffness : ndarray (6, r), (r, r)
         U and K_U: the stiffness on the motions that exist.
     rates : ndarray (n, 6) or None
@@ -132,8 +137,8 @@ class Reduction(ShownInLines):
     ) -> Reduction:
         """The reduction of a posture whose state leaves neither a force nor a stiffness.
 
-        Without `usual_rank` up to six free motions are expected to move the output; `count` is the
-        number of closures.
+        Without `usual_rank` up to six free motions are expected to move the output;
+        `count` is the number of closures.
         """
         usual = min(6, freedoms) if usual_rank is None else usual_rank
         lam = np.zeros(count)
@@ -184,15 +189,19 @@ _NEITHER = (
     "the stiffness matrix does not exist, nor the compliance, as a motion costs nothing"
 )
 _UNBALANCED = (
-    "no wrench at the end-effector balances this posture: a torque acts along the self-motion and "
-    "the mechanism would move; choose rest positions that balance it, or let the self-motion settle"
+    "no wrench at the end-effector balances this posture: a torque acts along the "
+    "self-motion and "
+    "the mechanism would move; choose rest positions that balance it, or let the "
+    "self-motion settle"
 )
 _IGNORED = (
-    "the wrench given is not the one that the springs exert on the reachable motions; the wrench "
+    "the wrench given is not the one that the springs exert on the reachable motions; "
+    "the wrench "
     "of least norm is used"
 )
 _BUCKLED = (
-    "the self-motion is unstable: the energy has no minimum over it, the mechanism would snap away "
+    "the self-motion is unstable: the energy has no minimum over it, the mechanism would "
+    "snap away "
     "from this posture"
 )
 _COUPLED = " but couple to the others: no minimum exists"
@@ -214,7 +223,8 @@ def reduce_to(
     Parameters
     ----------
     output : SecondOrderMap
-        Jacobian (6, n) of the output with its curvature. Rows 0..2 are angles and 3..5 lengths.
+        Jacobian (6, n) of the output with its curvature. Rows 0..2 are angles and 3..5
+        lengths.
     energy : Evaluation
         Energy, gradient and Hessian in the n coordinates.
     closure : SecondOrderMap or None
@@ -224,12 +234,14 @@ def reduce_to(
     coordinate_lengths : ndarray, shape (n,)
         1 for an angle, `length` for a distance: the natural size of each coordinate.
     force : ndarray (6,), optional
-        The physical wrench, if the structure carries a part that does no work on the coordinates.
+        The physical wrench, if the structure carries a part that does no work on the
+        coordinates.
     by_lengths : callable, optional
         See `FreeMotions`.
     rank_nearby : callable, optional
-        Rank of J N at a posture to which the free motions (n, f), in scaled coordinates, lead; None
-        if none was found. Without it all of up to six free motions are expected to move the output.
+        Rank of J N at a posture to which the free motions (n, f), in scaled coordinates,
+        lead; None if none was found. Without it all of up to six free motions are
+        expected to move the output.
     """
     rows, columns = np.repeat([1.0, 1.0 / length], 3), coordinate_lengths
     with numerics.one_thread(len(columns)):
@@ -332,8 +344,8 @@ def balance(
 ) -> Balance | Note:
     """Solve (2), ``g + C^T lam = J^T w``: the second step.
 
-    Without a given `force` w has the least norm. No w balances a torque along a self-motion,
-    ``Z^T g = 0``: a note with that state is returned.
+    Without a given `force` w has the least norm. No w balances a torque along a
+    self-motion, ``Z^T g = 0``: a note with that state is returned.
     """
     J, g, stiff, N, Z, U = problem.J, problem.g, problem.stiff, free.N, free.Z, free.U
     if Z.size and _is_unbalanced(Z, g, stiff):
@@ -371,7 +383,9 @@ def balance(
 
 
 class Lagrangian(NamedTuple):
-    """Result of equation (3): the Hessian H_L (n, n), and the sizes of the terms in its sums."""
+    """Result of equation (3): the Hessian H_L (n, n), and the sizes of the terms
+    in its sums.
+    """
 
     hessian: Array
     terms: Array
@@ -437,7 +451,9 @@ def explain(
     tangent: Lagrangian,
     minimum: Minimum | Note,
 ) -> Reduction:
-    """Say in the mechanism's units what exists, and why the rest does not: the last step."""
+    """Say in the mechanism's units what exists, and why the rest does not:
+    the last step.
+    """
     rows, every = problem.rows, free.rank == len(problem.rows)
     K = K_U = rates = compliant = None
     note: Note | None
@@ -478,10 +494,12 @@ def _compliant_motions(
     tangent: Lagrangian,
     Z: Array,
 ) -> FreeMotions:
-    """The motions of (5): those that move the output, and the self-motions Z that cost energy."""
+    """The motions of (5): those that move the output, and the self-motions Z that
+    cost energy.
+    """
     B = np.concatenate([free.Y, Z], axis=1)
-    # Self-motions keep their small output rates, as a lost rank need not be exactly zero. Rates
-    # that are round-off of the basis become 0: a rotation that the closures forbid.
+    # Self-motions keep their small output rates, as a lost rank need not be exactly zero.
+    # Rates that are round-off of the basis become 0: a rotation that the closures forbid.
     J_B = problem.J @ B
     if free.closures is not None:
         size = np.outer(np.abs(problem.J).sum(axis=1), np.abs(B).max(axis=0, initial=0.0))
@@ -505,7 +523,9 @@ def _lost_directions(
     K_U: Array | None,
     compliant: FreeMotions | None,
 ) -> Note:
-    """State of an output that cannot move in all directions, with what can be said about it."""
+    """State of an output that cannot move in all directions,
+    with what can be said about it.
+    """
     rows, rank, freedoms = problem.rows, free.rank, free.freedoms
     is_regular = freedoms < len(rows) or rank == free.usual_rank
     inside = " (serial singularity)"
@@ -527,7 +547,8 @@ def _lost_directions(
         numbers["reachable_stiffness"] = K_U.tolist()
     return Note(
         "fewer-than-six-freedoms" if is_regular else "serial-singularity",
-        f"the end-effector cannot move in {len(rows) - rank} of {len(rows)} directions here"
+        f"the end-effector cannot move in {len(rows) - rank} of {len(rows)} directions "
+        "here"
         f"{inside}: {exists}; the wrench along them is carried by the structure"
         f"{'' if is_given else ' and is taken as zero in the scaled norm'}",
         numbers,
@@ -535,7 +556,9 @@ def _lost_directions(
 
 
 def _is_unbalanced(Z: Array, g: Array, stiff: Array) -> bool:
-    """Whether the work of the forces g (n,) along self-motions Z (n, k) exceeds round-off."""
+    """Whether the work of the forces g (n,) along self-motions Z (n, k)
+    exceeds round-off.
+    """
     size, forces = np.abs(Z), np.abs(g)
     most = size.T @ (numerics.BALANCE_TOLERANCE * forces + numerics.ROUNDOFF * stiff)
     # Entries of Z below `RANK` may be missing, and with them the forces there.
@@ -546,10 +569,11 @@ def _is_unbalanced(Z: Array, g: Array, stiff: Array) -> bool:
 def _held_self_motions(
     problem: Problem, free: Motions, tangent: Lagrangian
 ) -> tuple[Array, Array, Note | None] | Note:
-    """Self-motions (n, k) that cost energy, ``(Z^T H_L Z)^-1``, and a note on those that do not.
+    """Self-motions (n, k) that cost energy, ``(Z^T H_L Z)^-1``,
+    and a note on those that do not.
 
-    Each self-motion is judged in a unit of its own, in which the terms along it are 1. Without a
-    minimum a note is returned.
+    Each self-motion is judged in a unit of its own, in which the terms along it are 1.
+    Without a minimum a note is returned.
     """
     H, Y, Z = tangent.hessian, free.Y, free.Z
     if Z.shape[1] == 0:
@@ -589,6 +613,8 @@ def _held_self_motions(
 
 
 def _eigen(matrix: Array) -> tuple[Array, Array]:
-    """Eigenvalues, the smallest first, and eigenvectors of the symmetric part of a matrix."""
+    """Eigenvalues, the smallest first, and eigenvectors of the symmetric part
+    of a matrix.
+    """
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
     return values, vectors

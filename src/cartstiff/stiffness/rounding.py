@@ -12,10 +12,12 @@ _DIRECTION_ERROR = 16.0 * numerics.EPSILON
 
 
 def zero_roundoff(K: Array, rows: Array) -> Array:
-    """K with zeros for motions whose stiffness is only the round-off of the springs' directions.
+    """K with zeros for motions whose stiffness is only the round-off of the
+    springs' directions.
 
-    A spring k whose exact rate along a motion is 0 still adds ``k EPSILON^2`` to the diagonal, and
-    ``k EPSILON`` beside it. A zero on the diagonal alone may come from a load and is kept.
+    A spring k whose exact rate along a motion is 0 still adds ``k EPSILON^2`` to the
+    diagonal, and ``k EPSILON`` beside it. A zero on the diagonal alone may come from a
+    load and is kept.
     """
     # Return quickly if the least entry of the diagonal exceeds all possible round-off.
     least, units = min(map(abs, K.diagonal().tolist())), (1.0, rows.item(-1))
@@ -29,10 +31,11 @@ def zero_roundoff(K: Array, rows: Array) -> Array:
 
 
 def without_cancelled(sums: Array, K: Array, changes: Array, rows: Array) -> Array:
-    """Sums K + D (k, 6, 6) with zeros for rows and columns whose terms cancel to round-off.
+    """Sums K + D (k, 6, 6) with zeros for rows and columns whose terms cancel
+    to round-off.
 
-    Each row is compared with the largest of its terms, with lengths in the unit that `rows` is the
-    inverse of; equilibration would make it a soft motion.
+    Each row is compared with the largest of its terms, with lengths in the unit that
+    `rows` is the inverse of; equilibration would make it a soft motion.
     """
     units = rows * rows[:, None]
     for axis in (-1, -2):
@@ -82,8 +85,8 @@ def shown_wrench(
 ) -> Array:
     """A wrench (6,) with round-off in its moment and force set to 0.
 
-    Round-off is the torque of the springs for a rotation by `numerics.ROUNDOFF`, and that share of
-    the largest component, a force being multiplied by the characteristic length.
+    Round-off is the torque of the springs for a rotation by `numerics.ROUNDOFF`, and that
+    share of the largest component, a force being multiplied by the characteristic length.
     """
     stiffest = 0.0
     if hessian is not None:

@@ -1,4 +1,6 @@
-"""Deflection of compliant links under loads to rest, while sprung joints or the body stay."""
+"""Deflection of compliant links under loads to rest, while sprung joints or
+the body stay.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,8 @@ from cartstiff.stiffness.motions import decompose
 
 #: Largest number of steps.
 STEPS = 60
-#: In natural units: the longest step, and the step that ends the search. A somewhat longer step is
-#: accepted as round-off after all steps.
+#: In natural units: the longest step, and the step that ends the search. A somewhat
+#: longer step is accepted as round-off after all steps.
 LONGEST, LAST, ROUNDED = (
     0.2,
     numerics.EQUILIBRIUM_TOLERANCE,
@@ -27,7 +29,8 @@ LONGEST, LAST, ROUNDED = (
 
 
 def settled_coordinates(elastic: ElasticMechanism) -> Array:
-    """Coordinates (k,) that a wrench deflects to rest: those without springs of their own.
+    """Coordinates (k,) that a wrench deflects to rest: those without springs
+    of their own.
 
     Empty if no link is compliant.
     """
@@ -48,10 +51,11 @@ def settled(
 ) -> MechanismPosture:
     r"""The posture with its links deflected so that they carry loads.
 
-    Coordinates with springs stay where they are: their rest positions are chosen afterwards. The
-    others f, virtual joints of links and joints without springs, move until the forces on them and
-    the closures C balance, by Newton's steps for ``g_f + C_f^T lam = 0`` and the closures. Without
-    compliant links the posture is returned unchanged.
+    Coordinates with springs stay where they are: their rest positions are chosen
+    afterwards. The others f, virtual joints of links and joints without springs, move
+    until the forces on them and the closures C balance, by Newton's steps for ``g_f +
+    C_f^T lam = 0`` and the closures. Without compliant links the posture is returned
+    unchanged.
 
     Parameters
     ----------
@@ -60,9 +64,9 @@ def settled(
     loads : sequence of Potential
         They act besides the mechanism's own potentials.
     away : callable, optional
-        Twist (6,) of M from its pose at a posture to that at rest. Coordinates with springs move as
-        well then: the steps that keep the balance bring the body as near to that pose as they can,
-        and it ends there if there are enough.
+        Twist (6,) of M from its pose at a posture to that at rest. Coordinates with
+        springs move as well then: the steps that keep the balance bring the body as near
+        to that pose as they can, and it ends there if there are enough.
 
     Raises
     ------

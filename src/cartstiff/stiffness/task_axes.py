@@ -1,12 +1,12 @@
 r"""The axes in which the stiffness of a mechanism of fewer than six freedoms is said.
 
-With motions U (6, r) of the body and the stiffness K_U on them, coordinates y = S U a are r of the
-components x, y, z, rx, ry, rz of the body's twist. In them the stiffness is
+With motions U (6, r) of the body and the stiffness K_U on them, coordinates y = S U a are
+r of the components x, y, z, rx, ry, rz of the body's twist. In them the stiffness is
 
     A = S U,     K_y = A^-T K_U A^-1,     twist = U A^-1 y'
 
-so that a delta has K_xx, K_yy, K_zz and a planar machine x, y and phi. Whether the other components
-follow is seen in ``U A^-1``.
+so that a delta has K_xx, K_yy, K_zz and a planar machine x, y and phi. Whether the other
+components follow is seen in ``U A^-1``.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class TaskAxes:
     Attributes
     ----------
     names : tuple of str
-        Components of the twist: translations x, y, z first, then turns rx, ry, rz; the turn of a
-        machine that moves in its plane is called phi.
+        Components of the twist: translations x, y, z first, then turns rx, ry, rz; the
+        turn of a machine that moves in its plane is called phi.
     axes : {"M", "F"}
         Axes of the components, through the origin of M.
     is_pure : bool
@@ -107,7 +107,9 @@ def task_axes(
 
 
 def _chosen(motions: Array, length: float) -> tuple[list[int], bool]:
-    """Components that determine motions (6, r), translations first, and whether only they move."""
+    """Components that determine motions (6, r), translations first,
+    and whether only they move.
+    """
     scaled = motions * np.repeat([length, 1.0], 3)[:, None]
     basis = np.linalg.qr(scaled)[0]
     moving = np.flatnonzero((basis * basis).sum(axis=1) > numerics.NEGLIGIBLE_DIFFERENCE)

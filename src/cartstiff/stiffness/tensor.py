@@ -1,10 +1,12 @@
-r"""The stiffness tensor at a pose: a matrix that knows its connection, frame, load, units, order.
+r"""The stiffness tensor at a pose: a matrix that knows its connection, frame, load,
+units, order.
 
-    K(X, Y) = <nabla_Y dPhi; X> = (Y X - nabla_Y X) Phi,   K[i, j] = K(L_i, L_j)   ([ZK]_ eq. 30-33)
+    K(X, Y) = <nabla_Y dPhi; X> = (Y X - nabla_Y X) Phi, K[i, j] = K(L_i, L_j) ([ZK]_
+    30-33)
 
-Column j is the direction of motion, row i the component of the wrench. Also its inverse, the
-compliance, and both as text, for notebooks, xarray and pandas, with names and units of rows and
-columns.
+Column j is the direction of motion, row i the component of the wrench. Also its inverse,
+the compliance, and both as text, for notebooks, xarray and pandas, with names and units
+of rows and columns.
 """
 
 from __future__ import annotations
@@ -80,10 +82,9 @@ def format_matrix(
     lines = [title] if title else []
     size = float(np.abs(matrix).max(initial=0.0))
     for row, unit in zip(matrix, row_units, strict=True):
-        cells = "".join(
-            f"{0.0 if abs(x) < numerics.ROUNDOFF_OF_SUMS * size else x:>{width}.{digits}g}"
-            for x in row
-        )
+        least = numerics.ROUNDOFF_OF_SUMS * size
+        rounded = [0.0 if abs(x) < least else x for x in row]
+        cells = "".join(f"{x:>{width}.{digits}g}" for x in rounded)
         lines.append(f"{cells}   {unit}".rstrip())
     return "\n".join(lines)
 
@@ -92,7 +93,10 @@ BlockUnits = tuple[tuple[str, str], tuple[str, str]]
 
 
 def numbers_text(values: Array) -> str:
-    """A few numbers on one line, to four digits; round-off of the largest is printed as 0."""
+    """A few numbers on one line, to four digits.
+
+    Round-off of the largest is printed as 0.
+    """
     least = numerics.PRINTED_AS_ZERO * np.abs(values).max(initial=0.0)
     return ", ".join(f"{x if abs(x) > least else 0.0:.4g}" for x in values.tolist())
 
@@ -103,7 +107,9 @@ def codes_of(notes: Iterable[Note]) -> str:
 
 
 def matrix_html(matrix: Array, block_units: BlockUnits, title: str, order: str) -> str:
-    """A 6x6 matrix as a table, the unit of each 3x3 block beside its rows and over its columns."""
+    """A 6x6 matrix as a table, the unit of each 3x3 block beside its rows and over
+    its columns.
+    """
     parts = ("rotation", "translation")
     names = parts if order == "angular-linear" else parts[::-1]
     size = float(np.abs(matrix).max(initial=0.0))
@@ -149,7 +155,10 @@ class LabelledMatrix:
         return self.matrix.T
 
     def to_xarray(self) -> Any:
-        """`xarray.DataArray` with the components' names; MissingDependencyError without xarray."""
+        """`xarray.DataArray` with the components' names.
+
+        MissingDependencyError without xarray.
+        """
         angular = self.order == se3.ANGULAR_LINEAR
         axes = {n: v if angular else (*v[3:], *v[:3]) for n, v in COMPONENTS.items()}
         return with_labels({self._letter: (self._axes, self.matrix)}, axes)[self._letter]
@@ -186,7 +195,10 @@ class LabelledMatrix:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Compliance(LabelledMatrix):
-    """A compliance matrix: twist (rows) per wrench (columns); the inverse of a stiffness matrix."""
+    """A compliance matrix: twist (rows) per wrench (columns).
+
+    The inverse of a stiffness matrix.
+    """
 
     _letter = "C"
     _axes = ("motion", "wrench")
@@ -216,7 +228,8 @@ class StiffnessTensor(LabelledMatrix):
     connection : Connection
         How wrenches at neighbouring poses were compared.
     wrench : ndarray, shape (6,)
-        W = dPhi, which the environment applies to the body to hold it; same frame, order, units.
+        W = dPhi, which the environment applies to the body to hold it; same frame, order,
+        units.
     pose : ndarray, shape (4, 4)
         ``T_F_M`` of the frame.
     frame : str
@@ -262,7 +275,9 @@ class StiffnessTensor(LabelledMatrix):
             )
 
     def __call__(self, x: Field | ArrayLike, y: Field | ArrayLike) -> float:
-        """K(X, Y): fields are evaluated at the pose, arrays are twists in the tensor's order."""
+        """K(X, Y): fields are evaluated at the pose, arrays are twists in the
+        tensor's order.
+        """
         a, b = (
             v.at(self.pose) if isinstance(v, Field) else real_array(v, "twist")
             for v in (x, y)
@@ -274,7 +289,8 @@ class StiffnessTensor(LabelledMatrix):
             )
         return float(a @ self.matrix @ b)
 
-    # -- symmetry ---------------------------------------------------------------------------
+    # -- symmetry
+    # ---------------------------------------------------------------------------
 
     @property
     def asymmetry(self) -> Array:
@@ -285,8 +301,8 @@ class StiffnessTensor(LabelledMatrix):
     def predicted_asymmetry(self) -> Array:
         """K - K^T from load and connection alone, [ZK]_ eq. 50.
 
-        K[i, j] - K[j, i] = [L_j, L_i] Phi - (nabla_{L_j} L_i - nabla_{L_i} L_j) Phi: the wrench
-        against the torsion.
+        K[i, j] - K[j, i] = [L_j, L_i] Phi - (nabla_{L_j} L_i - nabla_{L_i} L_j) Phi: the
+        wrench against the torsion.
         """
         here = self.to_order("angular-linear")
         term = here.connection.wrench_term(here.wrench)
@@ -303,19 +319,21 @@ class StiffnessTensor(LabelledMatrix):
         return 0.5 * (self.matrix + self.matrix.T)
 
     def split(self) -> tuple[Array, Array, Array]:
-        """The three terms (K_I, K_II, K_III) of [ZK]_ eq. 52 in the paper's chart at this pose.
+        """The three terms (K_I, K_II, K_III) of [ZK]_ eq. 52 in the paper's chart
+        at this pose.
 
-        K_I is the Hessian in the chart of section 2.4 placed at the pose, K_II its bracket term
-        (W against the upper triangle of the structure constants), K_III = -Gamma W. The printed
-        matrices hold for w = -dPhi; with W = dPhi, as here and as in the paper's tables, K_II and
-        K_III have the opposite sign. The rotation block of the printed K_II (53) is moreover that
-        of a chart with the rotations in the order z, y, x: its entries stand below the diagonal,
-        those of the chart of section 2.4 above it.
+        K_I is the Hessian in the chart of section 2.4 placed at the pose, K_II its
+        bracket term (W against the upper triangle of the structure constants), K_III =
+        -Gamma W. The printed matrices hold for w = -dPhi; with W = dPhi, as here and as
+        in the paper's tables, K_II and K_III have the opposite sign. The rotation block
+        of the printed K_II (53) is moreover that of a chart with the rotations in the
+        order z, y, x: its entries stand below the diagonal, those of the chart of section
+        2.4 above it.
         """
         here = self.to_order("angular-linear")
         third = -here.connection.wrench_term(here.wrench)
-        # Coordinates act in the order 1..6, so d gamma_a / d xi_b = [L_a, L_b] for b after a and
-        # K_II[i, j] = -W . [L_i, L_j] for i before j.
+        # Coordinates act in the order 1..6, so d gamma_a / d xi_b = [L_a, L_b] for b
+        # after a and K_II[i, j] = -W . [L_i, L_j] for i before j.
         second = -np.triu(se3.bracket_form(here.wrench), 1)
         terms = (here.matrix - second - third, second, third)
         if self.order == se3.ANGULAR_LINEAR:
@@ -323,7 +341,8 @@ class StiffnessTensor(LabelledMatrix):
         first, second, third = (t[se3.SWAP][:, se3.SWAP] for t in terms)
         return first, second, third
 
-    # -- changes ----------------------------------------------------------------------------
+    # -- changes
+    # ----------------------------------------------------------------------------
 
     def to_connection(self, connection: Connection | str) -> StiffnessTensor:
         """The same potential under another connection: K' = K + (Gamma - Gamma') W.
@@ -359,9 +378,10 @@ class StiffnessTensor(LabelledMatrix):
     def to_frame(self, T_M_N: ArrayLike, frame: str = "offset frame") -> StiffnessTensor:
         """The tensor for another frame N fixed to the same body, given ``T_M_N``.
 
-        A tensor changes by Ad: K' = Ad^T K Ad, W' = Ad^T W. The kinematic connection is that of
-        its own origin: under the same name it is another connection for N, and K^K is recomputed
-        from K^A' and W'. A connection known by its symbols is carried along.
+        A tensor changes by Ad: K' = Ad^T K Ad, W' = Ad^T W. The kinematic connection is
+        that of its own origin: under the same name it is another connection for N, and
+        K^K is recomputed from K^A' and W'. A connection known by its symbols is carried
+        along.
         """
         T = checked_pose(T_M_N, "T_M_N")
         here = self.to_order("angular-linear")
@@ -384,7 +404,9 @@ class StiffnessTensor(LabelledMatrix):
         return moved.to_order(self.order)
 
     def to_order(self, order: Order) -> StiffnessTensor:
-        """Components in order "angular-linear" (ours) or "linear-angular" (Pinocchio's)."""
+        """Components in order "angular-linear" (ours) or "linear-angular"
+        (Pinocchio's).
+        """
         if order not in (se3.ANGULAR_LINEAR, se3.LINEAR_ANGULAR):
             raise InputError(
                 "unknown order", expected="angular-linear or linear-angular", got=order
@@ -451,7 +473,8 @@ class StiffnessTensor(LabelledMatrix):
         )
         return tensor if self.order == se3.ANGULAR_LINEAR else tensor.to_order(self.order)
 
-    # -- output -----------------------------------------------------------------------------
+    # -- output
+    # -----------------------------------------------------------------------------
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -478,7 +501,8 @@ class StiffnessTensor(LabelledMatrix):
         frame: str = "body",
         units: Units = SI,
     ) -> StiffnessTensor:
-        """The stiffness that an impedance controller was given, as K^B of the body frame, unloaded.
+        """The stiffness that an impedance controller was given, as K^B of the body frame,
+        unloaded.
 
         Parameters
         ----------
@@ -487,7 +511,8 @@ class StiffnessTensor(LabelledMatrix):
         order : {"linear-angular", "angular-linear"}
             Order of its rows and columns; most controllers have translation first.
         axes : {"base", "body", "world"}
-            Axes of its components: of the robot's own base B, of M, or of the room F (world).
+            Axes of its components: of the robot's own base B, of M, or of the room F
+            (world).
         pose : array_like (4, 4), optional
             ``T_F_M``, which base and world axes need.
         base : array_like (4, 4), optional
@@ -519,7 +544,8 @@ class StiffnessTensor(LabelledMatrix):
     def as_controller(
         self, *, order: Order = "linear-angular", axes: Axes = "base"
     ) -> Array:
-        """The matrix (6, 6) in the order and along the axes of a controller; see `from_controller`.
+        """The matrix (6, 6) in the order and along the axes of a controller;
+        see `from_controller`.
 
         Raises
         ------
@@ -529,7 +555,9 @@ class StiffnessTensor(LabelledMatrix):
         return self.to_frame(self._to_axes(axes), f"{axes} axes").to_order(order).matrix
 
     def _to_axes(self, axes: Axes) -> Array:
-        """Pose in M of the frame at M's origin along M's own axes, the base's or the room's."""
+        """Pose in M of the frame at M's origin along M's own axes,
+        the base's or the room's.
+        """
         if axes not in AXES:
             raise InputError("unknown axes", expected=", ".join(AXES), got=repr(axes))
         if axes == "body":
@@ -564,7 +592,9 @@ class StiffnessTensor(LabelledMatrix):
         return json.dumps(self.to_dict())
 
     def to_csv(self) -> str:
-        """The matrix as CSV at full double precision, with a comment line saying what it is."""
+        """The matrix as CSV at full double precision, with a comment line
+        saying what it is.
+        """
         buffer = io.StringIO()
         (a, b), (c, d) = self.block_units
         header = (
@@ -607,6 +637,8 @@ class StiffnessTensor(LabelledMatrix):
 
 
 def _scale_symbols(symbols: Array, a: float) -> Array:
-    """Christoffel symbols when lengths are multiplied by `a`: each linear component scales."""
+    """Christoffel symbols when lengths are multiplied by `a`:
+    each linear component scales.
+    """
     s = np.array([1.0] * 3 + [a] * 3)
     return symbols / s[:, None, None] / s[None, :, None] * s[None, None, :]

@@ -1,12 +1,13 @@
 r"""A posture at which a load moves the tip less while the tip stays where it is.
 
-*Candidates* are postures with the same pose of the tip: those along the self-motion of a redundant
-arm, other branches of the inverse kinematics, and, where the load allows it, those with the tool
-turned about its z axis. First come those near the posture, with every joint that turns within
-`NEARBY` of it; then, for a larger gain, other configurations.
+*Candidates* are postures with the same pose of the tip: those along the self-motion of a
+redundant arm, other branches of the inverse kinematics, and, where the load allows it,
+those with the tool turned about its z axis. First come those near the posture, with every
+joint that turns within `NEARBY` of it; then, for a larger gain, other configurations.
 
-*Offered* is the candidate of least displacement, if the two equilibria confirm the gain, and if
-nothing else becomes worse by more than the factor `WORST`. What becomes worse is returned with it.
+*Offered* is the candidate of least displacement, if the two equilibria confirm the gain,
+and if nothing else becomes worse by more than the factor `WORST`. What becomes worse is
+returned with it.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ from cartstiff.toolpaths.optimise import NEARBY
 USEFUL_GAIN, USEFUL_GAIN_ELSEWHERE = 0.1, 0.2
 #: Factor by which no measure may become worse, and that from which one is named.
 WORST, NAMED = 2.0, 1.05
-# Share by which a motion of all joints by `NEARBY` must reduce the displacement to be worth it.
+# Share by which a motion of all joints by `NEARBY` must reduce the displacement to be
+# worth it.
 _FAR = 0.25
 # Random starts of the inverse kinematics; turns of a platform's tool that are tried.
 _STARTS = 16
@@ -57,7 +59,8 @@ class Change(NamedTuple):
     ----------
     measure : {"stiffness", "condition", "rotation", "margin"}
         Least stiffness against a force (the body free to turn), condition number at the
-        characteristic length, rotation of the body under the load, distance to the nearest limit.
+        characteristic length, rotation of the body under the load, distance to the
+        nearest limit.
     here, there : float
         At the posture and at the better one.
     of : str
@@ -82,14 +85,15 @@ class BetterPosture:
     start, q : ndarray (n,)
         Coordinates of the posture, and of this one.
     displacement : tuple of float
-        Of the point under the load, from equilibrium to equilibrium: at the posture, at this one.
+        Of the point under the load, from equilibrium to equilibrium: at the posture, at
+        this one.
     turn : float
         Angle by which the tool is turned about its z axis.
     is_near : bool
         Whether every joint that turns stays within `NEARBY`.
     moves_most : int or None
-        The joint that moves most from the posture, relative to 1 rad or the characteristic length;
-        None for a platform.
+        The joint that moves most from the posture, relative to 1 rad or the
+        characteristic length; None for a platform.
     worse : tuple of Change
         What becomes worse, by the factor `NAMED` at least.
     """
@@ -178,7 +182,10 @@ class _Question:
         return np.where(is_kept, cost, np.nan)
 
     def settled(self, q: Array) -> float | None:
-        """Displacement by the load from equilibrium to equilibrium; None where it is not stable."""
+        """Displacement by the load from equilibrium to equilibrium.
+
+        None where it is not stable.
+        """
         load = self.kind.acting(self.wrench, self.elastic.mechanism.at(q).pose, "world")
         try:
             state = equilibrium(self.elastic, q, load)
@@ -191,7 +198,9 @@ class _Question:
         return None if state.stable is False else float(np.linalg.norm(after - before))
 
     def read(self, q: Array) -> dict[str, float | None]:
-        """The condition number and the least stiffness against a force, as `analyse` says them."""
+        """The condition number and the least stiffness against a force,
+        as `analyse` says them.
+        """
         result = analyse(
             self.elastic,
             q,
@@ -210,7 +219,9 @@ class _Question:
 
 
 def next_to(elastic: ElasticMechanism, Q: Array) -> Array:
-    """The same postures (N, n), turned whole turns next to the mechanism's within the limits."""
+    """The same postures (N, n), turned whole turns next to the mechanism's
+    within the limits.
+    """
     coordinates = elastic.mechanism.coordinates
     turning = np.array([c.type == "revolute" for c in coordinates])
     turns = np.round((elastic.q - Q) / (2.0 * np.pi))
@@ -230,14 +241,16 @@ def better_posture(
     load_axes: Literal["body", "world"] = "body",
     point: ArrayLike = (0.0, 0.0, 0.0),
 ) -> BetterPosture | None:
-    """A posture near this one at which the load moves the tip less, with the tip where it is.
+    """A posture near this one at which the load moves the tip less,
+    with the tip where it is.
 
     Collisions and the floor are not checked.
 
     Parameters
     ----------
     elastic : ElasticMechanism
-        An arm or a platform with free rest positions, which carry the load at every posture.
+        An arm or a platform with free rest positions, which carry the load at every
+        posture.
     q : array_like (n,), optional
         The posture; default the mechanism's.
     wrench, load_kind, load_at, load_axes
@@ -253,8 +266,8 @@ def better_posture(
     Raises
     ------
     UndefinedError
-        Code ``"better-not-sought"``: the body does not resist the load or is not moved by it, rest
-        positions are given, or the mechanism is closed by loops.
+        Code ``"better-not-sought"``: the body does not resist the load or is not moved by
+        it, rest positions are given, or the mechanism is closed by loops.
     """
     placed, posture = checked_elastic(elastic).placed(q)
     mechanism, start = placed.mechanism, posture.q
@@ -300,7 +313,10 @@ def _not_sought(reason: str) -> UndefinedError:
 def _candidates(
     question: _Question, load_axes: Literal["body", "world"]
 ) -> Iterator[tuple[Array, bool]]:
-    """Postures (k, n) at the tip's pose, and whether they are near; in the order of preference."""
+    """Postures (k, n) at the tip's pose, and whether they are near.
+
+    In the order of preference.
+    """
     elastic, at = question.elastic, question.kind.at
     in_body = question.pose[:3, :3].T @ question.wrench[3:]
     # A load along axes of the body turns with the tool, unless it lies on the axis.
@@ -366,7 +382,10 @@ def _described(
     settled: float,
     is_near: bool,
 ) -> BetterPosture:
-    """The posture with what changes from the one before; the displacements by the equilibria."""
+    """The posture with what changes from the one before.
+
+    The displacements by the equilibria.
+    """
     elastic, start = question.elastic, question.elastic.q
     old, new = question.read(start), question.read(q)
     old["rotation"], new["rotation"] = (
@@ -393,7 +412,9 @@ def _described(
 
 
 def _margins(elastic: ElasticMechanism, q: Array) -> list[Change]:
-    """The quantity nearest to its limit at a posture, if it is near it and nearer than before."""
+    """The quantity nearest to its limit at a posture, if it is near it and nearer
+    than before.
+    """
     mechanism = elastic.mechanism
     limits = Limits(mechanism)
     bounded = np.isfinite(limits.upper - limits.lower)

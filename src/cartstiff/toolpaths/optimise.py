@@ -1,20 +1,24 @@
-r"""Postures of best stiffness along a path, by choice of a free rotation or a redundant joint.
+r"""Postures of best stiffness along a path, by choice of a free rotation or a
+redundant joint.
 
-A tool that is symmetric about its axis, or an arm with more joints than it needs, leaves a choice
-at every point of a path. The candidates of a point are all branches of the inverse kinematics on a
-grid of the free choices. Candidates near singularities are dropped, and steps of a joint beyond its
-bound are forbidden. Dynamic programming finds the best sequence of candidates exactly. Then each
-point moves along its self-motion by steps that are halved, again with dynamic programming.
+A tool that is symmetric about its axis, or an arm with more joints than it needs, leaves
+a choice at every point of a path. The candidates of a point are all branches of the
+inverse kinematics on a grid of the free choices. Candidates near singularities are
+dropped, and steps of a joint beyond its bound are forbidden. Dynamic programming finds
+the best sequence of candidates exactly. Then each point moves along its self-motion by
+steps that are halved, again with dynamic programming.
 
-*Cost*: a named quantity of the stiffness at a posture, or one over it, so that smaller is better.
+*Cost*: a named quantity of the stiffness at a posture, or one over it, so that smaller is
+better.
 
-*Candidates*: a cell is one value of each free choice, a turn about the tool's axis or the position
-of a redundant joint. From point to point the branches found are followed, and a few random starts
-search for new ones. Every solution of a cell is a start in the neighbouring cells.
+*Candidates*: a cell is one value of each free choice, a turn about the tool's axis or the
+position of a redundant joint. From point to point the branches found are followed, and a
+few random starts search for new ones. Every solution of a cell is a start in the
+neighbouring cells.
 
-*Dynamic programming*: first the sequence whose worst candidate costs least, then among all
-sequences that are no worse the one of least sum. Costs are not negative; candidates of infinite
-cost are never taken.
+*Dynamic programming*: first the sequence whose worst candidate costs least, then among
+all sequences that are no worse the one of least sum. Costs are not negative; candidates
+of infinite cost are never taken.
 """
 
 from __future__ import annotations
@@ -61,9 +65,11 @@ from cartstiff.vibration.response import Damping
 #: What is minimised: the worst cost (and after it the sum), or the sum alone.
 Objective = Literal["worst", "mean"]
 
-# Factor within which costs are equal, so that rounding does not exclude the worst candidate itself.
+# Factor within which costs are equal, so that rounding does not exclude the worst
+# candidate itself.
 _ROUNDING_FACTOR = 1.0 + numerics.ROUNDOFF
-# Number of candidates of a layer in the first trial; each further trial takes four times as many.
+# Number of candidates of a layer in the first trial; each further trial takes four times
+# as many.
 _FIRST_CANDIDATES = 100
 
 
@@ -79,8 +85,9 @@ def best_way(
     costs : sequence of ndarray (c_i,)
         Costs of the candidates of each layer.
     steps : callable
-        ``steps(i, a, b)`` returns the costs (len(a), len(b)) of steps from candidates a (indices in
-        layer i) to candidates b (in layer i + 1), infinite for forbidden steps.
+        ``steps(i, a, b)`` returns the costs (len(a), len(b)) of steps from candidates a
+        (indices in layer i) to candidates b (in layer i + 1), infinite for forbidden
+        steps.
     objective : {"worst", "mean"}
         See `Objective`.
 
@@ -89,8 +96,8 @@ def best_way(
     way : list of int, or None
         Indices; None if no sequence passes through all layers.
     reached : list of ndarray
-        Candidates of each layer that can be reached from the first layer, up to the last layer that
-        is reached.
+        Candidates of each layer that can be reached from the first layer, up to the last
+        layer that is reached.
     """
     check_name("objective", objective, get_args(Objective))
     usable = [np.flatnonzero(np.isfinite(c)) for c in costs]
@@ -122,8 +129,9 @@ def _cheapest(
 ) -> _Ways:
     """Run `_forward` on the candidates that can be part of an optimal sequence.
 
-    A sequence through the cheapest candidates of each layer bounds the optimum. The number of these
-    candidates is increased until a sequence exists or all candidates are used.
+    A sequence through the cheapest candidates of each layer bounds the optimum. The
+    number of these candidates is increased until a sequence exists or all candidates are
+    used.
     """
     count, most = _FIRST_CANDIDATES, max(map(len, usable))
     while count < most:
@@ -133,7 +141,8 @@ def _cheapest(
         ]
         total, *_ = _forward(costs, steps, few, worst)
         if total is not None:
-            # Lower bound of a sequence: its candidate and the cheapest ones of all other layers.
+            # Lower bound of a sequence: its candidate and the cheapest ones of all other
+            # layers.
             least = [float(c[rows].min()) for c, rows in zip(costs, usable, strict=True)]
             bound = float(total.min()) * _ROUNDING_FACTOR
             bounds = [bound - (0.0 if worst else sum(least) - own) for own in least]
@@ -152,7 +161,9 @@ def _forward(
     usable: Sequence[Array],
     worst: bool,
 ) -> _Ways:
-    """Return the least costs to the last layer, the candidates reached, and their predecessors."""
+    """Return the least costs to the last layer, the candidates reached,
+    and their predecessors.
+    """
     reached, origins = [usable[0]], []
     total = costs[0][usable[0]]
     for i in range(1, len(costs)):
@@ -176,7 +187,8 @@ def _forward(
 
 @dataclass(eq=False)
 class Steps:
-    """Costs of steps of the coordinates: they grow with the step and are infinite beyond a bound.
+    """Costs of steps of the coordinates: they grow with the step and are infinite
+    beyond a bound.
 
     Parameters
     ----------
@@ -187,8 +199,8 @@ class Steps:
     bounds : ndarray (n,)
         Largest step of each coordinate.
     price : float
-        Cost of a step in which every coordinate reaches its bound; the cost of other steps is
-        proportional to the mean square.
+        Cost of a step in which every coordinate reaches its bound; the cost of other
+        steps is proportional to the mean square.
     sides : sequence of ndarray (c_i,), optional
         Side of a singularity of each candidate; steps between sides are forbidden.
     """
@@ -200,7 +212,8 @@ class Steps:
     sides: Sequence[Array] | None = None
 
     def shares(self, i: int, a: Array, b: Array) -> tuple[Array, Array]:
-        """Return mean square and maximum of step over bound of all coordinates (len(a), len(b)).
+        """Return mean square and maximum of step over bound of all coordinates
+        (len(a), len(b)).
 
         The maximum is infinite between sides of a singularity.
         """
@@ -217,7 +230,7 @@ class Steps:
         return square / len(self.bounds), worst
 
     def __call__(self, i: int, a: Array, b: Array) -> Array:
-        """Return the costs of steps from candidates a of layer i to candidates b of the next."""
+        """The costs of steps from candidates a of layer i to candidates b of the next."""
         square, worst = self.shares(i, a, b)
         return np.where(worst <= 1.0, self.price * square, np.inf)
 
@@ -239,7 +252,8 @@ class Choices:
     free : {"none", "x", "y", "z", "rotation"}
         Rotation left free.
     angles : ndarray (a,)
-        Turns about the tool's axis from the path's own pose (rad); one value without a choice.
+        Turns about the tool's axis from the path's own pose (rad); one value without a
+        choice.
     joint : int or None
         The joint whose position is chosen.
     positions : ndarray (b,)
@@ -274,7 +288,9 @@ class Choices:
 
     @property
     def is_grid(self) -> bool:
-        """Whether the cells are values of every free choice, and a constant choice means one."""
+        """Whether the cells are values of every free choice,
+        and a constant choice means one.
+        """
         return self.turns + (self.joint is not None) == self.dimension > 0
 
     def at(self, cell: int) -> dict[str, float]:
@@ -308,7 +324,10 @@ class Choices:
 
     @property
     def spacing(self) -> float:
-        """Distance of neighbouring cells, the larger of both; in rad and natural sizes."""
+        """Distance of neighbouring cells, the larger of both.
+
+        In rad and natural sizes.
+        """
         steps = [float(self.angles[1] - self.angles[0])] if self.turns else []
         if self.joint is not None or not steps:
             steps.append(self.position_spacing)
@@ -353,7 +372,8 @@ def choices_of(
 def _most_moving_joint(solver: JointPoses) -> int:
     """Return the joint whose motion in the self-motion has the largest lower decile.
 
-    The position of a joint that stands still while the others move does not determine theirs.
+    The position of a joint that stands still while the others move does not determine
+    theirs.
     """
     q = solver.random_starts(200, np.random.default_rng(0))
     moving = (
@@ -394,8 +414,9 @@ def path_solver(
 
 # Number of random starts of a cell at each point but the first.
 _LATER_STARTS = 2
-# Among the cells that differ only in the sampled joint's position one in so many has random starts.
-# These are solved with that joint free, and their solutions are followed through the other cells.
+# Among the cells that differ only in the sampled joint's position one in so many has
+# random starts. These are solved with that joint free, and their solutions are followed
+# through the other cells.
 _START_SPACING = 6
 _NO_CELLS = np.empty(0, int)
 
@@ -403,8 +424,8 @@ _NO_CELLS = np.empty(0, int)
 class Layer(NamedTuple):
     """Candidates of one point: coordinates (c, n) and the cell (c,) of each.
 
-    A candidate between the positions of the sampled joint is in no cell: its number is -1 minus the
-    index of its angle.
+    A candidate between the positions of the sampled joint is in no cell: its number is -1
+    minus the index of its angle.
     """
 
     q: Array
@@ -420,9 +441,11 @@ def layers(
     tolerance: float = numerics.CONSTRAINT_TOLERANCE,
     advance: Callable[[], None] | None = None,
 ) -> list[Layer]:
-    """Candidates within the limits for each pose (m, 4, 4), up to the first pose without any.
+    """Candidates within the limits for each pose (m, 4, 4),
+    up to the first pose without any.
 
-    At the first point each cell has `starts` random starts. `advance` is called after each point.
+    At the first point each cell has `starts` random starts. `advance` is called after
+    each point.
     """
     rng = np.random.default_rng(checked_seed(seed))
     layers: list[Layer] = []
@@ -435,8 +458,8 @@ def layers(
         layer = cells.solved(
             _joined(begin, cells.random(more, rng)), Layer(before.q[:0], _NO_CELLS)
         )
-        # At the first point all solutions are tried in the neighbouring cells, later only those of
-        # cells with more solutions than their neighbour.
+        # At the first point all solutions are tried in the neighbouring cells, later only
+        # those of cells with more solutions than their neighbour.
         frontier = cells.spread(
             layer, cells.richer_than_neighbours(layer) if layers else None
         )
@@ -473,8 +496,8 @@ class _Cells:
     def random(self, count: int, rng: np.random.Generator) -> Layer:
         """Random starts, and the default posture.
 
-        For a sampled joint, postures at the pose are solved with that joint free; they are starts
-        in the cells on both sides of its solution.
+        For a sampled joint, postures at the pose are solved with that joint free; they
+        are starts in the cells on both sides of its solution.
         """
         solver, grid = self.solver, self.grid
         every = min(_START_SPACING, len(grid.positions))
@@ -495,7 +518,9 @@ class _Cells:
         )
 
     def solved(self, begin: Layer, known: Layer) -> Layer:
-        """Solve from the starts; return the solutions that differ from known ones of their cell."""
+        """Solve from the starts; return the solutions that differ from known ones
+        of their cell.
+        """
         solver, grid = self.solver, self.grid
         q, cells, held = np.clip(begin.q, solver.lower, solver.upper), begin.cell, None
         if grid.joint is not None:
@@ -506,10 +531,11 @@ class _Cells:
         return self.apart(known, Layer(q, cells), SAME, np.inf)
 
     def traced(self, layer: Layer, more: Layer) -> Layer:
-        """Add candidates between the cells, one spacing from each other along each self-motion.
+        """Add candidates between the cells, one spacing from each other along each
+        self-motion.
 
-        Where the sampled joint reverses its direction on a self-motion, its positions alone leave
-        wide gaps.
+        Where the sampled joint reverses its direction on a self-motion, its positions
+        alone leave wide gaps.
         """
         solver, grid = self.solver, self.grid
         if grid.joint is None or solver.redundancy("none") != 1:
@@ -539,12 +565,14 @@ class _Cells:
         return _joined(layer, Layer(known.q[rest], known.cell[rest]))
 
     def _inside(self, q: Array) -> Array:
-        """Return which postures are in the region: without limits a self-motion may not end."""
+        """Which postures are in the region: without limits a self-motion may not end."""
         low, high = self.solver.region()
         return np.asarray(((q >= low) & (q <= high) | self.solver.periodic).all(axis=1))
 
     def apart(self, known: Layer, more: Layer, radius: float, norm: float) -> Layer:
-        """Return the new candidates farther than `radius` from known and from earlier new ones."""
+        """Return the new candidates farther than `radius` from known and from
+        earlier new ones.
+        """
         both, first = _joined(known, more), len(known.q)
         turns = np.where(self.solver.periodic, 2 * np.pi / self.solver.sizes, 0.0)
         places = both.q / self.solver.sizes
@@ -565,12 +593,16 @@ class _Cells:
         return Layer(both.q[rows], both.cell[rows])
 
     def richer_than_neighbours(self, layer: Layer) -> list[Array]:
-        """For each direction, the solutions in cells that have more than their neighbour."""
+        """For each direction, the solutions in cells that have more than
+        their neighbour.
+        """
         counts = np.bincount(layer.cell, minlength=self.grid.count)
         return [counts[to] < counts[layer.cell] for to in self._neighbours(layer.cell)]
 
     def spread(self, layer: Layer, chosen: list[Array] | None = None) -> Layer:
-        """Return all solutions, or those chosen by direction, as starts in neighbouring cells."""
+        """Return all solutions, or those chosen by direction,
+        as starts in neighbouring cells.
+        """
         q, cells = [layer.q[:0]], [_NO_CELLS]
         for side, to in enumerate(self._neighbours(layer.cell)):
             rows = (to != layer.cell) if chosen is None else chosen[side]
@@ -601,12 +633,13 @@ class Judged(NamedTuple):
     cost : ndarray (N,)
         The value, or one over it where larger is better; infinite where there is none.
     ratio : ndarray (N,)
-        Smallest over largest singular value of the length-scaled Jacobian (of a platform's lines);
-        as many singular values are counted as the Jacobian has at most postures.
+        Smallest over largest singular value of the length-scaled Jacobian (of a
+        platform's lines); as many singular values are counted as the Jacobian has at most
+        postures.
     side : ndarray (N,)
-        Sign of the Jacobian's determinant among these postures, which changes only through a
-        singularity; 0 where the Jacobian is not square (or not on the motions that the mechanism
-        has).
+        Sign of the Jacobian's determinant among these postures, which changes only
+        through a singularity; 0 where the Jacobian is not square (or not on the motions
+        that the mechanism has).
     """
 
     q: Array
@@ -640,7 +673,8 @@ class PathCost:
     connection : {"A", "B", "K", "F", "load"}
         The stiffness that is read.
     loaded : bool
-        Whether that stiffness is the one under the path's wrenches, balanced by the springs.
+        Whether that stiffness is the one under the path's wrenches, balanced by the
+        springs.
     load : LoadKind
         Behaviour of the wrenches while the body moves, and the point at which they act.
     solver : JointPoses or PlatformPoses
@@ -749,8 +783,8 @@ class ConstantChoice:
     Attributes
     ----------
     choice : dict of str to float
-        "angle": turn about the tool's axis from the path's own poses (rad); "position": that of
-        the redundant joint (rad or length).
+        "angle": turn about the tool's axis from the path's own poses (rad); "position":
+        that of the redundant joint (rad or length).
     q : ndarray (m, n)
         Coordinates.
     values : ndarray (m,)
@@ -799,8 +833,8 @@ class OptimisedPath(LabelledResult):
     notes : tuple of Note
         Notes of the mechanism.
     off_singular : bool or None
-        Whether steps through singularities were forbidden; None for redundant mechanisms, whose
-        configurations are connected without a singularity.
+        Whether steps through singularities were forbidden; None for redundant mechanisms,
+        whose configurations are connected without a singularity.
     nearby : float or None
         Largest distance (rad) of revolute joints from the required posture.
     length : float
@@ -853,10 +887,11 @@ class OptimisedPath(LabelledResult):
 
     @property
     def nearest_limit(self) -> dict[str, Any] | None:
-        """The joint, or quantity of a leg, that comes nearest to a limit, relative to its range.
+        """The joint, or quantity of a leg, that comes nearest to a limit,
+        relative to its range.
 
-        Keys "name", "distance" to the limit (below zero beyond it), "is_angle", "value" and
-        "point", from 1; None without limits.
+        Keys "name", "distance" to the limit (below zero beyond it), "is_angle", "value"
+        and "point", from 1; None without limits.
         """
         limits = Limits(self.elastic.mechanism)
         if not len(limits):
@@ -878,12 +913,16 @@ class OptimisedPath(LabelledResult):
 
     @property
     def begins_at(self) -> float:
-        """Largest distance [rad] of a turning joint of the first posture from the mechanism's."""
+        """Largest distance [rad] of a turning joint of the first posture from the
+        mechanism's.
+        """
         turning = [not c.is_length for c in self.elastic.mechanism.coordinates]
         return float(np.abs(self.q[0] - self.elastic.q)[turning].max(initial=0.0))
 
     def summary(self) -> dict[str, Any]:
-        """Worst and mean of the criterion, optimised and with a constant choice; largest steps."""
+        """Worst and mean of the criterion, optimised and with a constant choice;
+        largest steps.
+        """
         largest = np.abs(self.steps).max(axis=0, initial=0.0)
         values: dict[str, Any] = {
             "worst": self.worst,
@@ -910,7 +949,10 @@ class OptimisedPath(LabelledResult):
         step, units = shown(self.elastic, largest)[j], self.elastic.units
         slides = self.elastic.mechanism.coordinates[j].is_length
         unit = units.shown_length if slides else units.shown_angle
-        words = f"largest step from point to point {step:.3g} {unit} ({self.elastic.names[j]})"
+        words = (
+            f"largest step from point to point {step:.3g} {unit} "
+            f"({self.elastic.names[j]})"
+        )
         if self.off_singular:
             words += "; the configuration is kept: no step passes through a singularity"
         elif self.off_singular is None:
@@ -926,7 +968,10 @@ class OptimisedPath(LabelledResult):
                 "before the path"
             )
         if self.nearby is not None:
-            words += f"; all joints within {np.degrees(self.nearby):.3g} deg of the given posture"
+            words += (
+                f"; all joints within {np.degrees(self.nearby):.3g} deg of the "
+                "given posture"
+            )
         return words
 
     def to_dict(self) -> dict[str, Any]:
@@ -990,9 +1035,11 @@ class OptimisedPath(LabelledResult):
         )
 
     def to_csv(self) -> str:
-        """One line per point: coordinates, wrench, free angle, criterion, singular value ratio.
+        """One line per point: coordinates, wrench, free angle, criterion,
+        singular value ratio.
 
-        `cartstiff equilibrium --path`, `view --trajectory`, `map --trajectory` and `poses` read it.
+        `cartstiff equilibrium --path`, `view --trajectory`, `map --trajectory` and
+        `poses` read it.
         """
         units, columns = self.elastic.units, [self.q]
         names = self.elastic.names_with_units
@@ -1014,7 +1061,8 @@ class OptimisedPath(LabelledResult):
         return csv_text(np.hstack(columns), names)
 
     def plot(self) -> Any:
-        """Draw the criterion along the path, optimised and with a constant choice, and the choice.
+        """Draw the criterion along the path, optimised and with a constant choice,
+        and the choice.
 
         Returns
         -------
@@ -1062,7 +1110,9 @@ class OptimisedPath(LabelledResult):
         return figure
 
     def _choice(self) -> tuple[str, np.ndarray[Any, Any], float | None] | None:
-        """Return label, values and best constant value of the free choice along the path."""
+        """Return label, values and best constant value of the free choice
+        along the path.
+        """
         constant = {} if self.constant is None else self.constant.choice
         if self.angles is not None:
             angle = constant.get("angle")
@@ -1081,7 +1131,8 @@ class OptimisedPath(LabelledResult):
         return None
 
 
-#: Distance in characteristic lengths beyond which a point suggests another unit of length.
+#: Distance in characteristic lengths beyond which a point suggests another unit of
+#: length.
 _FAR_LENGTHS = 50.0
 
 
@@ -1090,8 +1141,8 @@ def broken(
 ) -> UndefinedError:
     """Return the error for a path without a continuous sequence through its candidates.
 
-    `reached` are the candidates that the first points lead to, see `best_way`; `wound` are joints
-    that would have to turn on beyond their limits.
+    `reached` are the candidates that the first points lead to, see `best_way`; `wound`
+    are joints that would have to turn on beyond their limits.
     """
     # No candidate of the last reached layer leads to the next one.
     i = len(reached) - 2
@@ -1103,11 +1154,13 @@ def broken(
         reason = "every step would pass through a singularity"
     else:
         reason = (
-            f"a joint would have to make a step {factor:.3g} times as large as allowed; a finer "
+            f"a joint would have to make a step {factor:.3g} times as large as allowed; "
+            "a finer "
             "path or a larger step may help"
         )
     return UndefinedError(
-        f"no continuous way leads from point {i + 1} of the path to point {i + 2}: {reason}",
+        f"no continuous way leads from point {i + 1} of the path to point {i + 2}: "
+        f"{reason}",
         code="path-discontinuous",
         values={
             "point": i + 2,
@@ -1154,43 +1207,47 @@ def optimise_path(
     Parameters
     ----------
     elastic : ElasticMechanism
-        A serial arm or a platform with springs. As in `cartstiff.analyse`, those rest positions
-        that are not given are commanded, so that at each posture the springs carry gravity, and
-        with `loaded` all that are driven, so that they carry the path's wrench as well.
+        A serial arm or a platform with springs. As in `cartstiff.analyse`, those rest
+        positions that are not given are commanded, so that at each posture the springs
+        carry gravity, and with `loaded` all that are driven, so that they carry the
+        path's wrench as well.
     path : ToolPath
-        Poses of the body frame M, with wrenches or directions if the criterion needs them.
+        Poses of the body frame M, with wrenches or directions if the criterion needs
+        them.
     free : {"none", "x", "y", "z", "rotation"}
-        Free rotation of the body: about one of its axes (a spindle, a welding wire), or any
-        rotation, which is sampled at random.
+        Free rotation of the body: about one of its axes (a spindle, a welding wire), or
+        any rotation, which is sampled at random.
     redundant : str, optional
-        The joint of a redundant arm whose position is sampled; default the one that moves most
-        with the self-motion.
+        The joint of a redundant arm whose position is sampled; default the one that moves
+        most with the self-motion.
     criterion : str
-        A quantity of `cartstiff.toolpaths.optimise.criteria`: "deflection" under the path's wrench,
-        "along_free" for the stiffness along the path's directions, "translation_free_min", ...
+        A quantity of `cartstiff.toolpaths.optimise.criteria`: "deflection" under the
+        path's wrench, "along_free" for the stiffness along the path's directions,
+        "translation_free_min", ...
     connection : {"load", "A", "B", "K", "F"}, optional
-        Stiffness that the criterion is read from; default "load", the tangent under the path's
-        wrench, with `loaded`, and "B" without.
+        Stiffness that the criterion is read from; default "load", the tangent under the
+        path's wrench, with `loaded`, and "B" without.
     loaded : bool
         Read the stiffness under the path's wrench, which the springs balance.
     load_kind : {"dead", "follower", "conservative"}
         Behaviour of that wrench while the body moves, as in `cartstiff.analyse`.
     load_at : array_like (3,)
-        The point of the body, in M, about which the path's wrenches are given and at which they
-        act.
+        The point of the body, in M, about which the path's wrenches are given and at
+        which they act.
     objective : {"worst", "mean"}
-        Minimise the cost of the worst point, then the sum of costs; or the sum alone. The cost is
-        the value, or one over it where larger is better.
+        Minimise the cost of the worst point, then the sum of costs; or the sum alone. The
+        cost is the value, or one over it where larger is better.
     max_step : float, mapping or array_like (n,), optional
         Largest step of each joint from one point to the next; default 0.5 rad, or half a
         characteristic length.
     singular : float
-        Postures are excluded whose smallest singular value of the length-scaled Jacobian is below
-        this share of the largest, and so are steps through a singularity. 0 allows all.
+        Postures are excluded whose smallest singular value of the length-scaled Jacobian
+        is below this share of the largest, and so are steps through a singularity. 0
+        allows all.
     smoothness : float
-        Cost of a step in which every joint moves as far as allowed, as a share of a point's typical
-        cost; the cost of other steps follows the mean square. It decides between equally stiff
-        postures.
+        Cost of a step in which every joint moves as far as allowed, as a share of a
+        point's typical cost; the cost of other steps follows the mean square. It decides
+        between equally stiff postures.
     samples : int
         Number of values of each free choice.
     starts : int
@@ -1204,9 +1261,10 @@ def optimise_path(
     ranges : mapping of str to (low, high), optional
         Ranges of joints besides their limits.
     near : mapping or array_like (n,) or "anywhere", optional
-        A posture near which the path stays: all revolute joints within `NEARBY` of it. Without it
-        the path of an arm begins so near to `elastic.q`, or at the nearest postures that there
-        are, if it can be followed from there; with "anywhere" it begins at the best.
+        A posture near which the path stays: all revolute joints within `NEARBY` of it.
+        Without it the path of an arm begins so near to `elastic.q`, or at the nearest
+        postures that there are, if it can be followed from there; with "anywhere" it
+        begins at the best.
     progress : callable, optional
         Called with (done, total) steps of the search.
 
@@ -1218,11 +1276,11 @@ def optimise_path(
     Raises
     ------
     InputError
-        For a mechanism with closures or without springs, an unknown criterion, or one without
-        the wrench or direction it needs.
+        For a mechanism with closures or without springs, an unknown criterion, or one
+        without the wrench or direction it needs.
     UndefinedError
-        If the path cannot be followed, with the first point where it breaks (from 1): codes
-        ``"path-unreachable"``, ``"path-beyond-limits"``, ``"path-near-singular"``,
+        If the path cannot be followed, with the first point where it breaks (from 1):
+        codes ``"path-unreachable"``, ``"path-beyond-limits"``, ``"path-near-singular"``,
         ``"path-without-stiffness"``, ``"path-discontinuous"``.
     """
     mechanism = checked_elastic(elastic).mechanism
@@ -1251,7 +1309,8 @@ def optimise_path(
         start = elastic.q
     solver = path_solver(elastic, ranges, near)
     grid = choices_of(solver, free, redundant, samples, list(elastic.names))
-    # The cost of a posture: a criterion of the stiffness, of which load and damping are parts.
+    # The cost of a posture: a criterion of the stiffness, of which load and damping are
+    # parts.
     load = checked_load(load_kind, load_at, "body", given=path.wrenches is not None)
     if load.kind != "dead" and not loaded:
         raise InputError(
@@ -1373,7 +1432,7 @@ class _Search:
         ]
 
     def among(self, candidates: list[Layer]) -> tuple[Array, ConstantChoice | None]:
-        """Return the best postures (m, n) among candidates, and the best constant choice."""
+        """The best postures (m, n) among candidates, and the best constant choice."""
         layers = self._layers([c.q for c in candidates])
         for point, layer in enumerate(layers):
             if not np.isfinite(layer.cost).any():
@@ -1382,7 +1441,8 @@ class _Search:
         self.price = self.smoothness * float(
             np.mean([layer.cost.min() for layer in layers])
         )
-        # Near are postures within `NEARBY`; else those that are little farther than the nearest.
+        # Near are postures within `NEARBY`; else those that are little farther than the
+        # nearest.
         away = self._away(layers[0], self.solver.periodic)[np.isfinite(layers[0].cost)]
         self.reach = max(NEARBY, _LITTLE_FARTHER * float(away.min()))
         begun = [self._begun(layers[0], self.solver.periodic), *layers[1:]]
@@ -1421,7 +1481,8 @@ class _Search:
         best = float(ratios.max())
         if best < self.singular:
             return UndefinedError(
-                f"{here} is reached only near singularities: smallest over largest singular value "
+                f"{here} is reached only near singularities: smallest over largest "
+                "singular value "
                 f"{best:.3g}, and {self.singular:g} is required",
                 code="path-near-singular",
                 values={**values, "ratio": best, "threshold": self.singular},
@@ -1464,11 +1525,12 @@ class _Search:
         return None if best is None else best[1]
 
     def _way(self, layers: list[Judged]) -> tuple[Array, list[Judged]] | UndefinedError:
-        """Return postures and candidates of the best sequence, or the error if there is none.
+        """Return postures and candidates of the best sequence,
+        or the error if there is none.
 
-        At first postures are compared modulo whole turns, and joints are then unwrapped within
-        their limits. For a joint whose limits forbid that, each turn becomes a candidate of its
-        own, and the search is repeated.
+        At first postures are compared modulo whole turns, and joints are then unwrapped
+        within their limits. For a joint whose limits forbid that, each turn becomes a
+        candidate of its own, and the search is repeated.
         """
         periodic = self.solver.periodic.copy()
         while True:
@@ -1501,7 +1563,9 @@ class _Search:
         return np.asarray(np.abs(away[:, turning]).max(axis=1, initial=0.0))
 
     def _begun(self, layer: Judged, periodic: Array) -> Judged:
-        """The first layer, with infinite costs of postures that are not near the start."""
+        """The first layer, with infinite costs of postures that are not
+        near the start.
+        """
         is_near = self._away(layer, periodic) <= self.reach
         return layer._replace(cost=np.where(is_near, layer.cost, np.inf))
 
@@ -1540,7 +1604,9 @@ class _Search:
         )
 
     def refined(self, q: Array) -> Array:
-        """Move the postures along their self-motions, by steps that are halved repeatedly."""
+        """Move the postures along their self-motions, by steps that are
+        halved repeatedly.
+        """
         m, d = len(q), self.grid.dimension
         reach = (-2.0, -1.0, 1.0, 2.0) if d == 1 else (-1.0, 1.0)
         shifts = np.array(

@@ -1,4 +1,6 @@
-"""A path of the tool: poses, with the load or the direction of interest at each of them."""
+"""A path of the tool: poses, with the load or the direction of interest at
+each of them.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,8 @@ from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
 from cartstiff.stiffness.applied_load import wrench_in_body
 
-#: Axes of wrenches and directions: those of the path's poses, of F, or of the body, which also
-#: turns by the free rotation.
+#: Axes of wrenches and directions: those of the path's poses, of F, or of the body, which
+#: also turns by the free rotation.
 Axes = Literal["path", "world", "body"]
 
 
@@ -72,17 +74,20 @@ class ToolPath:
         directions: ArrayLike | None = None,
         axes: Axes | None = None,
     ) -> ToolPath:
-        """Make a path of positions (m, 3) and directions of the tool's axis (m, 3) or (3,), in F.
+        """Make a path of positions (m, 3) and directions of the tool's axis (m, 3)
+        or (3,), in F.
 
-        The first pose is turned from F by the smallest angle that aligns the axis, and each later
-        pose from the previous one. `axes` are those of wrenches and directions, "world" or "body".
-        They are needed unless all of these are along the tool's axis: the other two axes of the
-        poses are chosen here, and nobody can know them before.
+        The first pose is turned from F by the smallest angle that aligns the axis, and
+        each later pose from the previous one. `axes` are those of wrenches and
+        directions, "world" or "body". They are needed unless all of these are along the
+        tool's axis: the other two axes of the poses are chosen here, and nobody can know
+        them before.
 
         Raises
         ------
         InputError
-            For wrong shapes, a direction that is zero, or loads along axes that are not known.
+            For wrong shapes, a direction that is zero, or loads along axes that are not
+            known.
         """
         check_name("axis", axis, ("x", "y", "z"))
         p = checked_array(positions, ("N", 3), "array of positions")
@@ -105,9 +110,11 @@ class ToolPath:
             ):
                 if rows is not None and rows.reshape(-1, 3)[:, across].any():
                     raise InputError(
-                        f"the axes of the {name} are not known: a path by the tool's axis alone "
+                        f"the axes of the {name} are not known: a path by the tool's "
+                        "axis alone "
                         "defines no others",
-                        expected="axes world or body (--world, --axes, columns such as fx_world), "
+                        expected="axes world or body (--world, --axes, columns such as "
+                        "fx_world), "
                         "or poses with roll, pitch, yaw",
                     )
         return path
@@ -116,7 +123,7 @@ class ToolPath:
         return len(self.poses)
 
     def moved(self, T_F_P: ArrayLike) -> ToolPath:
-        """Return the path of a workpiece placed at ``T_F_P``; world axes stay world axes."""
+        """The path of a workpiece placed at ``T_F_P``; world axes stay world axes."""
         return replace(self, poses=checked_pose(T_F_P, "T_F_P") @ self.poses)
 
     @property
@@ -125,7 +132,7 @@ class ToolPath:
         return self.axes == "body"
 
     def wrench(self, point: int) -> Array | None:
-        """Return the wrench at a point, components in F, or in M if it turns with the body."""
+        """The wrench at a point, components in F, or in M if it turns with the body."""
         return self._at(self.wrenches, point)
 
     def wrenches_in_body(
@@ -141,7 +148,9 @@ class ToolPath:
         )
 
     def direction(self, point: int) -> Array | None:
-        """Return the direction at a point, components in F, or in M if it turns with the body."""
+        """Return the direction at a point, components in F,
+        or in M if it turns with the body.
+        """
         return self._at(self.directions, point)
 
     def _at(self, rows: Array | None, point: int) -> Array | None:

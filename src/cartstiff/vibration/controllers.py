@@ -1,12 +1,14 @@
-r"""Impedance controllers: damping that fits a wanted stiffness and the masses at a posture.
+r"""Impedance controllers: damping that fits a wanted stiffness and the masses
+at a posture.
 
-The required stiffness K at M and the operational-space mass ``Lambda = (J M^-1 J^T)^-1`` are
-diagonalised together (double diagonalisation, [AlbuSchaffer]_):
+The required stiffness K at M and the operational-space mass ``Lambda = (J M^-1 J^T)^-1``
+are diagonalised together (double diagonalisation, [AlbuSchaffer]_):
 
     Lambda = Q Q^T,   K = Q diag(k) Q^T,   D = Q diag(2 zeta sqrt k) Q^T
 
-so that the closed loop decouples into six oscillators, each with its ratio. The square-root rule,
-``D = zeta (Lambda^1/2 K^1/2 + K^1/2 Lambda^1/2)``, yields ratios close to the required one.
+so that the closed loop decouples into six oscillators, each with its ratio. The
+square-root rule, ``D = zeta (Lambda^1/2 K^1/2 + K^1/2 Lambda^1/2)``, yields ratios close
+to the required one.
 """
 
 from __future__ import annotations
@@ -33,7 +35,8 @@ from cartstiff.vibration.modes import Modes
 def double_diagonalisation(
     mass: ArrayLike, stiffness: ArrayLike, ratios: float | Sequence[float] = 0.7
 ) -> tuple[Array, Array, Array]:
-    """Damping (n, n) with given ratios in the basis in which mass and stiffness are diagonal.
+    """Damping (n, n) with given ratios in the basis in which mass and stiffness
+    are diagonal.
 
     Parameters
     ----------
@@ -42,21 +45,23 @@ def double_diagonalisation(
     stiffness : array_like (n, n)
         Symmetric, positive semidefinite.
     ratios : float or sequence of float
-        Share of critical damping: one, or one for each oscillator, softest (by omega) first.
+        Share of critical damping: one, or one for each oscillator, softest (by omega)
+        first.
 
     Returns
     -------
     damping : ndarray (n, n)
     basis : ndarray (n, n)
-        V with ``V^T M V = 1``, ``V^T K V = diag(omega^2)``, ``V^T D V = diag(2 zeta omega)``.
+        V with ``V^T M V = 1``, ``V^T K V = diag(omega^2)``, ``V^T D V = diag(2 zeta
+        omega)``.
     squares : ndarray (n,)
         omega^2.
 
     Raises
     ------
     InputError
-        If the mass is not positive definite, the stiffness has negative eigenvalues, a matrix is
-        not symmetric, or for ratios that cannot be used.
+        If the mass is not positive definite, the stiffness has negative eigenvalues, a
+        matrix is not symmetric, or for ratios that cannot be used.
     """
     M, K = (_symmetric(m, what) for m, what in ((mass, "mass"), (stiffness, "stiffness")))
     zeta = _ratios(ratios, len(M))
@@ -78,7 +83,8 @@ def double_diagonalisation(
     if (unlike := same & (np.diff(zeta) != 0.0)).any():
         first = int(np.flatnonzero(unlike)[0])
         raise InputError(
-            f"oscillators {first + 1} and {first + 2} have the same frequency, so that their "
+            f"oscillators {first + 1} and {first + 2} have the same frequency, so that "
+            "their "
             "directions are not determined",
             expected="the same damping ratio for both",
             got=zeta[first : first + 2].tolist(),
@@ -91,7 +97,8 @@ def double_diagonalisation(
 def square_root_damping(
     mass: ArrayLike, stiffness: ArrayLike, ratio: float = 0.7
 ) -> Array:
-    """``zeta (M^1/2 K^1/2 + K^1/2 M^1/2)``: critical damping by square roots, for comparison.
+    """``zeta (M^1/2 K^1/2 + K^1/2 M^1/2)``: critical damping by square roots,
+    for comparison.
 
     Raises
     ------
@@ -169,8 +176,9 @@ class Impedance(Result, LabelledResult):
     by_square_roots : ndarray (6, 6)
         Damping of the square-root rule, applied in metres.
     ratios : ndarray (6,)
-        Damping ratios of the square-root rule: the diagonal of its damping in the basis of the
-        double diagonalisation, over ``2 omega``; NaN for motions without stiffness.
+        Damping ratios of the square-root rule: the diagonal of its damping in the basis
+        of the double diagonalisation, over ``2 omega``; NaN for motions without
+        stiffness.
     coupling : float
         Largest entry of that damping off the diagonal, as a share of the largest entry.
     mass : ndarray (6, 6)
@@ -180,16 +188,16 @@ class Impedance(Result, LabelledResult):
     joint_stiffness, joint_damping : ndarray (n, n)
         ``J^T K J`` and ``J^T D J``.
     null_motions : ndarray (n - 6, n)
-        Motions of the joints, of unit size, that do not move M and get neither stiffness nor
-        damping from the controller.
+        Motions of the joints, of unit size, that do not move M and get neither stiffness
+        nor damping from the controller.
     null_masses : ndarray (n - 6,)
-        ``z^T M z`` of each, in units of the joints' stiffness times s^2: with a stiffness k of its
-        own, ``2 zeta sqrt(k m)`` damps it.
+        ``z^T M z`` of each, in units of the joints' stiffness times s^2: with a stiffness
+        k of its own, ``2 zeta sqrt(k m)`` damps it.
     modes : Modes
         Modes at the posture.
     dropped : float
-        Largest entry of the antisymmetric part of the required stiffness, which no impedance
-        controller can realise, over its largest entry.
+        Largest entry of the antisymmetric part of the required stiffness, which no
+        impedance controller can realise, over its largest entry.
     """
 
     stiffness: Array
@@ -239,7 +247,8 @@ class Impedance(Result, LabelledResult):
     def for_controller(
         self, order: Order = "linear-angular", axes: Axes = "base"
     ) -> dict[str, Any]:
-        """Return stiffness and damping (6, 6) about M's origin, in an order and along axes.
+        """Return stiffness and damping (6, 6) about M's origin,
+        in an order and along axes.
 
         Parameters
         ----------
@@ -251,7 +260,8 @@ class Impedance(Result, LabelledResult):
         Returns
         -------
         dict
-            "order", "axes", "about" (M's origin, by the name of its frame), "stiffness", "damping".
+            "order", "axes", "about" (M's origin, by the name of its frame), "stiffness",
+            "damping".
         """
         mechanism = self.modes.elastic.mechanism
         pose, base = self.modes.posture.pose, mechanism.base_pose
@@ -291,8 +301,8 @@ def impedance(
     modes : Modes
         Modes of the arm at the posture; only its masses are used.
     wanted : StiffnessTensor or array_like (6, 6)
-        A tensor at M (see `StiffnessTensor.from_controller`), or a matrix in the axes of M, order
-        angular-linear. Only the symmetric part is used.
+        A tensor at M (see `StiffnessTensor.from_controller`), or a matrix in the axes of
+        M, order angular-linear. Only the symmetric part is used.
     ratios : float or sequence of float
         Damping ratios of the six oscillators, softest first; default 0.7.
 
@@ -306,7 +316,8 @@ def impedance(
     mass = mass_at_tip(modes)
     if mass is None:
         raise UndefinedError(
-            "the masses as the body feels them do not exist here: it cannot move in every "
+            "the masses as the body feels them do not exist here: it cannot move in "
+            "every "
             "direction, or a motion has no mass",
             code="no-mass",
         )

@@ -1,12 +1,14 @@
-"""Natural frequencies and modes of small undamped motions about a rest state, under its load.
+"""Natural frequencies and modes of small undamped motions about a rest state,
+under its load.
 
 On the motions that keep the closures
 
     K_q phi = omega^2 M phi,    phi^T M phi = 1
 
-K_q is the second derivative of all energies with the load's part, the matrix that decides the
-stability of `cartstiff.equilibrium`, and M the mass matrix. A load changes the frequencies as it
-changes the stiffness: modes belong to one load, which every result names.
+K_q is the second derivative of all energies with the load's part, the matrix that decides
+the stability of `cartstiff.equilibrium`, and M the mass matrix. A load changes the
+frequencies as it changes the stiffness: modes belong to one load, which every result
+names.
 """
 
 from __future__ import annotations
@@ -42,14 +44,14 @@ from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.stiffness.tensor import codes_of
 from cartstiff.units import LENGTHS
 
-# Bounds of the mass [kg] over the cube of the summed lengths of the links [m]. Robot arms are
-# between 1 and 200, a solid block of steel is 7850; beyond these bounds a unit is mistaken (grams,
-# millimetres).
+# Bounds of the mass [kg] over the cube of the summed lengths of the links [m]. Robot arms
+# are between 1 and 200, a solid block of steel is 7850; beyond these bounds a unit is
+# mistaken (grams, millimetres).
 _MAX_DENSITY, _MIN_DENSITY = 2000.0, 0.01
 
 
 def masses_that_move(elastic: ElasticMechanism) -> dict[str, float]:
-    """Return the masses [kg] of links, payload, legs, and payloads among the loads, by name."""
+    """The masses [kg] of links, payload, legs, and payloads among the loads, by name."""
     masses = {
         name: mass for name, mass in elastic.mechanism.masses().items() if mass > 0.0
     }
@@ -67,7 +69,11 @@ def notes_on_masses(elastic: ElasticMechanism) -> Iterator[Note]:
             words = "the legs have no mass (legs.mass): real frequencies are lower"
             yield Note("massless-struts", words, {"legs": len(mechanism.points)})
         if mechanism.mass > 0.0 and not np.diag(mechanism.body_inertia)[:3].any():
-            words = f"{mechanism.frame} is a point mass of {mechanism.mass:g} kg without inertia"
+            words = (
+                f"{mechanism.frame} is a point mass of {mechanism.mass:g} kg "
+                "without "
+                "inertia"
+            )
             yield Note("inertia-missing", words, {"links": [mechanism.frame]})
     if not isinstance(mechanism, Chain):
         return
@@ -86,7 +92,10 @@ def notes_on_masses(elastic: ElasticMechanism) -> Iterator[Note]:
         if body.mass > 0.0 and not np.any(body.inertia)
     ]
     if points:
-        words = f"these links are point masses, without moments of inertia: {', '.join(points)}"
+        words = (
+            "these links are point masses, without moments of inertia: "
+            f"{', '.join(points)}"
+        )
         yield Note("inertia-missing", words, {"links": points})
     for potential in elastic.potentials:
         if isinstance(potential, Beam):
@@ -98,13 +107,16 @@ def _beam_note(beam: Beam) -> Note:
     values = {"link": beam.link, "mass": beam.mass, "segments": len(beam.indices)}
     if beam.mass > 0.0:
         words = (
-            f"the beam {beam.link!r} has its {beam.mass:.4g} kg lumped as rigid half segments at "
-            f"the nodes of {len(beam.indices)} segment(s): the error of a frequency goes with the "
+            f"the beam {beam.link!r} has its {beam.mass:.4g} kg lumped as rigid half "
+            "segments at "
+            f"the nodes of {len(beam.indices)} segment(s): the error of a frequency goes "
+            "with the "
             "square of a segment's length"
         )
         return Note("beam-lumped", words, values)
     words = (
-        f"the beam {beam.link!r} has no mass of its own (density): the mass of its link sits "
+        f"the beam {beam.link!r} has no mass of its own (density): the mass of its link "
+        "sits "
         "rigidly at its near end"
     )
     return Note("beam-massless", words, values)
@@ -113,7 +125,10 @@ def _beam_note(beam: Beam) -> Note:
 def _implausible_masses(
     chain: Chain, bodies: dict[str, Any], metres: float
 ) -> Iterator[Note]:
-    """Notes on masses and inertias that no such machine has; `metres` is its unit of length."""
+    """Notes on masses and inertias that no such machine has.
+
+    `metres` is its unit of length.
+    """
     model = chain.tree.model
     steps = [
         float(np.linalg.norm(T.translation)) for T in list(model.jointPlacements)[1:]
@@ -124,7 +139,8 @@ def _implausible_masses(
         return
     if not _MIN_DENSITY < total / size**3 < _MAX_DENSITY:
         words = (
-            f"{total:.4g} kg on links of {size:.4g} m in all are implausible: robots carry 1 to "
+            f"{total:.4g} kg on links of {size:.4g} m in all are implausible: robots "
+            "carry 1 to "
             "200 kg per cubic metre of that length (grams, or millimetres, in the file?)"
         )
         heavy = max(bodies, key=lambda name: bodies[name].mass)
@@ -139,7 +155,8 @@ def _implausible_masses(
         radius = metres * float(np.sqrt(max(moments[2], 0.0) / mass))
         if radius > size:
             words = (
-                f"the inertia of {name!r} belongs to a body of {radius:.4g} m, larger than the "
+                f"the inertia of {name!r} belongs to a body of {radius:.4g} m, larger "
+                "than the "
                 f"robot's {size:.4g} m"
             )
             yield Note("inertia-absurd", words, values)
@@ -148,7 +165,8 @@ def _implausible_masses(
             or moments[0] + moments[1] < (1 - numerics.NEGLIGIBLE_DISTANCE) * moments[2]
         ):
             words = (
-                f"no body has the moments of inertia of {name!r}: one is negative or larger than "
+                f"no body has the moments of inertia of {name!r}: one is negative or "
+                "larger than "
                 "the other two together"
             )
             yield Note("inertia-absurd", words, values)
@@ -202,20 +220,23 @@ def notes_on_states(
         if len(group) > 1 and squares[group[0]] != 0.0:
             numbers = ", ".join(str(i + 1) for i in group)
             words = (
-                f"modes {numbers} have one frequency: they are a subspace, and any motion in "
+                f"modes {numbers} have one frequency: they are a subspace, and any "
+                "motion in "
                 "it is a mode"
             )
             yield Note("repeated-modes", words, {"modes": [i + 1 for i in group]})
     if spectrum.following.shape[1]:
         words = (
-            f"{spectrum.following.shape[1]} motion(s) have stiffness and no mass: they follow the "
+            f"{spectrum.following.shape[1]} motion(s) have stiffness and no mass: they "
+            "follow the "
             "others at once and have no frequency of their own"
         )
         values = {"shapes": (basis @ spectrum.following).T.tolist()}
         yield Note("massless-motion", words, values)
     if spectrum.loose.shape[1]:
         words = (
-            f"{spectrum.loose.shape[1]} motion(s) have neither mass nor stiffness: nothing says "
+            f"{spectrum.loose.shape[1]} motion(s) have neither mass nor stiffness: "
+            "nothing says "
             "how they move, and they are left out"
         )
         values = {"shapes": (basis @ spectrum.loose).T.tolist()}
@@ -233,8 +254,8 @@ class Modes(Result, LabelledResult):
     posture : MechanismPosture
         Posture of the rest state.
     basis : ndarray (n, f)
-        Motions that satisfy the constraints, as coordinate rates; spectrum and matrices are in this
-        basis.
+        Motions that satisfy the constraints, as coordinate rates; spectrum and matrices
+        are in this basis.
     stiffness, mass : ndarray (f, f)
         K and M on the basis.
     spectrum : Spectrum
@@ -259,7 +280,8 @@ class Modes(Result, LabelledResult):
             "unstable" if f is None else f"{f:.4g}" for f in plain(self.frequencies)
         )
         return [
-            f"Modes of {self.elastic.name} at {self.elastic.mechanism.frame}, {self.load['words']}",
+            f"Modes of {self.elastic.name} at {self.elastic.mechanism.frame}, "
+            f"{self.load['words']}",
             f"  frequencies  {shown} Hz",
             f"  notes        {codes_of(self.notes)}",
         ]
@@ -311,7 +333,8 @@ class Modes(Result, LabelledResult):
         """The load: kind, point, wrench in the body frame, and words."""
         return self._load_with_notes[0]
 
-    # -- frequencies and shapes -------------------------------------------------------------
+    # -- frequencies and shapes
+    # -------------------------------------------------------------
 
     @property
     def q(self) -> Array:
@@ -320,14 +343,19 @@ class Modes(Result, LabelledResult):
 
     @cached_property
     def squares(self) -> Array:
-        """omega^2 (k,) in 1/s^2, by increasing real part; complex where motions flutter."""
+        """omega^2 (k,) in 1/s^2, by increasing real part.
+
+        Complex where motions flutter.
+        """
         return fixed(
             self.spectrum.squares / self.elastic.units.kilogram
         )  # F L over kg L^2
 
     @cached_property
     def frequencies(self) -> Array:
-        """Frequencies in Hz (k,); 0 for a motion without stiffness, NaN for one that grows."""
+        """Frequencies in Hz (k,); 0 for a motion without stiffness,
+        NaN for one that grows.
+        """
         squares = self.squares
         with np.errstate(invalid="ignore"):
             if np.iscomplexobj(squares):
@@ -379,7 +407,8 @@ class Modes(Result, LabelledResult):
         """
         return [screw_of_twist(t, self.posture.length) for t in self.twists.real.T]
 
-    # -- masses -----------------------------------------------------------------------------
+    # -- masses
+    # -----------------------------------------------------------------------------
 
     @cached_property
     def _momentum(self) -> tuple[Array, float, Array] | None:
@@ -389,8 +418,8 @@ class Modes(Result, LabelledResult):
     def effective_masses(self) -> Array | None:
         """Mass [kg] (k, 3) that each mode moves along x, y, z of F; None without masses.
 
-        ``(A_d phi)^2`` with the momentum A per rate, as for excitation by the base. Their sum over
-        all modes is the moving mass, without masses that only turn or are held.
+        ``(A_d phi)^2`` with the momentum A per rate, as for excitation by the base. Their
+        sum over all modes is the moving mass, without masses that only turn or are held.
         """
         if self._momentum is None or self.spectrum.is_complex:
             return None
@@ -402,7 +431,9 @@ class Modes(Result, LabelledResult):
 
     @cached_property
     def participation(self) -> Array:
-        """Share (k, n) of each coordinate in the kinetic energy of each mode; rows sum to 1."""
+        """Share (k, n) of each coordinate in the kinetic energy of each mode;
+        rows sum to 1.
+        """
         moved = self.full_mass @ self.shapes
         shares = (np.conj(self.shapes) * moved).real
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -410,12 +441,15 @@ class Modes(Result, LabelledResult):
 
     @cached_property
     def full_mass(self) -> Array:
-        """Mass matrix (n, n) on all coordinates, in kg and the mechanism's unit of length."""
+        """Mass matrix (n, n) on all coordinates, in kg and the mechanism's
+        unit of length.
+        """
         full = kinetic_matrix(self.posture, self.elastic.terms(), self.elastic.units)
         n = self.posture.coordinate_lengths.size
         return np.zeros((n, n)) if full is None else full
 
-    # -- notes and output --------------------------------------------------------------------
+    # -- notes and output
+    # --------------------------------------------------------------------
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
@@ -429,7 +463,10 @@ class Modes(Result, LabelledResult):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """The object of ``cartstiff modes --json``; complex numbers as [real, imaginary]."""
+        """The object of ``cartstiff modes --json``.
+
+        Complex numbers as [real, imaginary].
+        """
         elastic = self.elastic
         total = None if self._momentum is None else self._momentum[1]
         own = {
@@ -533,7 +570,8 @@ def modes(
     ----------
     subject : ElasticMechanism, PostureStiffness or Equilibrium
         A mechanism from `cartstiff.load`, which is held at q by rest positions as in
-        `cartstiff.analyse`; or the result of `analyse`, or of `equilibrium`, where it came to rest.
+        `cartstiff.analyse`; or the result of `analyse`, or of `equilibrium`, where it
+        came to rest.
     q, wrench, load_kind, load_at, load_axes
         As in `cartstiff.analyse`; for a mechanism only.
 
@@ -547,8 +585,8 @@ def modes(
     InputError
         For q or a load beside a result, or what `analyse` refuses.
     UndefinedError
-        If the posture is no rest state, no mass moves, or a motion without mass and stiffness takes
-        part in the forces of others.
+        If the posture is no rest state, no mass moves, or a motion without mass and
+        stiffness takes part in the forces of others.
 
     Examples
     --------
@@ -638,7 +676,9 @@ def _modes_of_open_chain(
     load: dict[str, Any],
     kind: LoadKind,
 ) -> Modes:
-    """Return the modes where `is_plain`: ``K_q = diag(k) - S_W + J^T D J``, D the load's part."""
+    """Return the modes where `is_plain`: ``K_q = diag(k) - S_W + J^T D J``,
+    D the load's part.
+    """
     elastic, posture = elastic.placed(q)
     columns, springs = posture.coordinate_lengths, elastic.springs
     k = columns * np.nan if springs is None else springs.of_coordinates(len(columns))
@@ -672,7 +712,8 @@ def _under_load(
 
 
 def stiffness_under_load(result: PostureStiffness) -> tuple[Array, Array]:
-    """Return K_q (n, n) on all coordinates with load and closures, and the sizes of its terms.
+    """Return K_q (n, n) on all coordinates with load and closures,
+    and the sizes of its terms.
 
     ``Hess Phi - S_W + J^T (K^load - K^B) J + sum lam_k c_k''``.
     """
@@ -687,9 +728,11 @@ def stiffness_under_load(result: PostureStiffness) -> tuple[Array, Array]:
 
 
 def _force_roundoff(result: PostureStiffness) -> float:
-    """Stiffness in natural units, over `FREE_MOTION_STIFFNESS`, that round-off of forces may cause.
+    """Stiffness in natural units, over `FREE_MOTION_STIFFNESS`,
+    that round-off of forces may cause.
 
-    It counts the closures' forces and the load, and what springs exert beyond a rounding error.
+    It counts the closures' forces and the load, and what springs exert beyond a rounding
+    error.
     """
     columns, reduction = result.posture.coordinate_lengths, result.reduction
     g = np.abs(result.evaluation.gradient * columns)
@@ -736,7 +779,8 @@ def _solved(
     spectrum = spectrum_of(stiffness, 0.5 * (mass + mass.T), terms, size)
     if spectrum.coupled:
         raise UndefinedError(
-            "a motion with neither mass nor stiffness takes part in the forces of the others: "
+            "a motion with neither mass nor stiffness takes part in the forces of the "
+            "others: "
             "there are no modes",
             code="massless-free-motion",
             values={"shapes": (basis @ spectrum.loose).T.tolist()},

@@ -1,15 +1,17 @@
-"""Response over frequency: receptance, mobility, accelerance at the body; transmissibility.
+"""Response over frequency: receptance, mobility, accelerance at the body;
+transmissibility.
 
 A wrench ``w exp(i omega t)`` on the body moves it by ``H(omega) w exp(i omega t)``,
 
     H = J (K - omega^2 M + i omega C)^-1 J^T
 
-a sum over the undamped modes where damping is proportional, else found from the full matrices at
-each frequency. At frequency zero it is the compliance under the load. Motions without mass add
-their static part at every frequency.
+a sum over the undamped modes where damping is proportional, else found from the full
+matrices at each frequency. At frequency zero it is the compliance under the load. Motions
+without mass add their static part at every frequency.
 
-A base that moves by u (translation) excites the mechanism through the momentum A per rate:
-``(K - omega^2 M + i omega C) x = omega^2 A^T u``, and the body moves by ``u + J x`` in the room.
+A base that moves by u (translation) excites the mechanism through the momentum A per
+rate: ``(K - omega^2 M + i omega C) x = omega^2 A^T u``, and the body moves by ``u + J x``
+in the room.
 """
 
 from __future__ import annotations
@@ -91,7 +93,8 @@ class Damping:
         return own or bool(np.any(self.ratios)) or self.mass > 0.0 or self.stiffness > 0.0
 
     def of_modes(self, modes: Modes) -> Array:
-        """Return the ratio (k,) of each mode from `ratios` and Rayleigh damping, without dampers.
+        """Return the ratio (k,) of each mode from `ratios` and Rayleigh damping,
+        without dampers.
 
         Raises
         ------
@@ -115,7 +118,7 @@ class Damping:
 
 
 def dampers(modes: Modes) -> Array | None:
-    """Return the matrix (f, f) of the mechanism's dampers in the basis; None without dampers."""
+    """The matrix (f, f) of the mechanism's dampers in the basis; None without dampers."""
     elastic, posture = modes.elastic, modes.posture
     if elastic.damping is None:
         return None
@@ -182,7 +185,8 @@ class FrequencyResponse(Result, LabelledResult):
         Hz.
     matrix : ndarray (N, 6, 6) or (N, 3, 3), complex
         Motion (angular, linear) of the point per (moment, force) at it, axes of M; of a
-        transmissibility motion of the point per motion of the base, axes of F. NaN at a pole.
+        transmissibility motion of the point per motion of the base, axes of F. NaN at a
+        pole.
     units : Units
         Units of force and length; seconds and radians.
     damping : Damping
@@ -199,7 +203,7 @@ class FrequencyResponse(Result, LabelledResult):
     notes: tuple[Note, ...] = ()
 
     def along(self, direction: ArrayLike, of: ArrayLike | None = None) -> Array:
-        """Return the motion (N,) along `of` per force (or motion of the base) along `direction`.
+        """The motion (N,) along `of` per force (or motion of the base) along `direction`.
 
         Both (3,), in the axes of the matrix; `of` is `direction` by default.
         """
@@ -216,7 +220,9 @@ class FrequencyResponse(Result, LabelledResult):
         return f"{self.units.length}{per[RESPONSES[self.kind]]}/{self.units.force}"
 
     def to_csv(self, direction: ArrayLike | None = None) -> str:
-        """Columns: frequency, then real and imaginary part along x, y, z or along a direction."""
+        """Columns: frequency, then real and imaginary part along x, y,
+        z or along a direction.
+        """
         names, columns = ["frequency [Hz]"], [self.frequencies]
         for name, values in self.curves(direction).items():
             names += [f"real_{name} [{self.unit}]", f"imaginary_{name} [{self.unit}]"]
@@ -246,7 +252,8 @@ class FrequencyResponse(Result, LabelledResult):
         return plain_dict(data)
 
     def plot(self, direction: ArrayLike | None = None, modes: Modes | None = None) -> Any:
-        """Draw a Bode diagram: size and phase of each curve, with thin lines at the modes.
+        """Draw a Bode diagram: size and phase of each curve,
+        with thin lines at the modes.
 
         Parameters
         ----------
@@ -372,7 +379,9 @@ def transmissibility(
 
 
 def motion_at(modes: Modes, point: ArrayLike) -> Array:
-    """Return the twist (6, f) at a point (3,) of the body, axes of M, per motion of the basis."""
+    """Return the twist (6, f) at a point (3,) of the body, axes of M,
+    per motion of the basis.
+    """
     J = (
         se3.adjoint_of_inverse(se3.pose(translation=point))
         @ modes.posture.motion.jacobian
@@ -396,11 +405,17 @@ def _notes(modes: Modes, damping: Damping) -> tuple[Note, ...]:
         acting = {
             n: float(c) for n, c in zip(names, elastic.damping, strict=False) if c > 0.0
         }
-        words = "dampers of the mechanism's or the robot's file act beside the damping given: "
+        words = (
+            "dampers of the mechanism's or the robot's file act beside the damping "
+            "given: "
+        )
         shown = [f"{name} {value:.4g}" for name, value in list(acting.items())[:8]]
         return (Note("dampers-act", words + ", ".join(shown), acting),)
     if own is None and not damping.of_modes(modes).any():
-        words = "nothing damps: the response is that of undamped motions, infinite at resonance"
+        words = (
+            "nothing damps: the response is that of undamped motions, infinite at "
+            "resonance"
+        )
         return (Note("undamped-response", words),)
     return ()
 
@@ -408,7 +423,8 @@ def _notes(modes: Modes, damping: Damping) -> tuple[Note, ...]:
 def transfer(
     modes: Modes, hertz: Array, damping: Damping, out: Array, into: Array
 ) -> Array:
-    """``out (K - omega^2 M + i omega C)^-1 into`` (N, rows, columns) at N frequencies [Hz].
+    """``out (K - omega^2 M + i omega C)^-1 into`` (N, rows, columns) at N
+    frequencies [Hz].
 
     Parameters
     ----------

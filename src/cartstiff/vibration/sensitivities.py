@@ -1,18 +1,20 @@
 """Derivatives of stiffness, pose and frequencies by each parameter of a mechanism.
 
-The parameters are those of `cartstiff.analysis.tolerances`: stiffnesses, masses, placements or
-points, rest positions, and the parameters of the mechanism's file. A held posture keeps its place
-and its load, and rest positions follow. A mechanism that came to rest by itself comes to rest again
-after each change: the derivatives are total, with the motion of the equilibrium.
+The parameters are those of `cartstiff.analysis.tolerances`: stiffnesses, masses,
+placements or points, rest positions, and the parameters of the mechanism's file. A held
+posture keeps its place and its load, and rest positions follow. A mechanism that came to
+rest by itself comes to rest again after each change: the derivatives are total, with the
+motion of the equilibrium.
 
-Every derivative is a difference quotient of the changed mechanism, analysed again. Values below
-round-off are 0. Frequencies may cross, so that their derivatives follow from those of the matrices
-on the left and right modes psi, phi, which are moved so that they keep the closures: with
-``psi^T M phi = 1``
+Every derivative is a difference quotient of the changed mechanism, analysed again. Values
+below round-off are 0. Frequencies may cross, so that their derivatives follow from those
+of the matrices on the left and right modes psi, phi, which are moved so that they keep
+the closures: with ``psi^T M phi = 1``
 
     d(omega^2)/dp = d(psi^T K phi)/dp - omega^2 d(psi^T M phi)/dp
 
-For repeated modes the derivatives are the eigenvalues of that form on the subspace, in order.
+For repeated modes the derivatives are the eigenvalues of that form on the subspace, in
+order.
 """
 
 from __future__ import annotations
@@ -55,7 +57,9 @@ MATRICES = ("A", "B", "K", "F")
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """Derivatives by one parameter, their error, and the relative effect of its natural size."""
+    """Derivatives by one parameter, their error, and the relative effect of its
+    natural size.
+    """
 
     matrices: Array
     pose: Array
@@ -79,7 +83,8 @@ class Home:
         self.state = subject if isinstance(subject, Equilibrium) else None
         if self.state is not None and self.state.has_free_motion:
             raise UndefinedError(
-                "where it rests is not decided, as a motion of the body costs nothing: what is "
+                "where it rests is not decided, as a motion of the body costs nothing: "
+                "what is "
                 "there has no derivatives",
                 code="neutral",
             )
@@ -110,11 +115,12 @@ class Home:
         return result
 
     def _start(self, change: float) -> tuple[Array, bool]:
-        """Extrapolate start coordinates; also return whether a chain is closed by all coordinates.
+        """Extrapolate start coordinates; also return whether a chain is closed by all
+        coordinates.
 
-        The start lies on the polynomial through the coordinates at other values of the parameter.
-        If the drives must move to close a chain, their steps of least change depend on the start,
-        which is then the nominal posture.
+        The start lies on the polynomial through the coordinates at other values of the
+        parameter. If the drives must move to close a chain, their steps of least change
+        depend on the start, which is then the nominal posture.
         """
         home, seen = self.nominal.q, self._seen
         moved = np.array([q - home for q in seen.values()]).reshape(-1, home.size)
@@ -139,9 +145,11 @@ class Home:
         return again(self.state, elastic, start)
 
     def row(self, name: str, modes: Modes | None) -> Row:
-        """Return the derivatives by one parameter, with the first step at which two orders agree.
+        """Return the derivatives by one parameter, with the first step at which two
+        orders agree.
 
-        A small effect is computed again with a wider step, if two orders agree there as well.
+        A small effect is computed again with a wider step, if two orders agree there as
+        well.
         """
         best: Row | None = None
         refused: CartstiffError | None = None
@@ -238,8 +246,8 @@ class Home:
     ) -> Row:
         """Derivatives by one parameter, what is below round-off 0.
 
-        `slopes` are those of the matrices (4, 6, 6), of the pose (4, 4), and of K and M on the
-        modes (k, k); `errors` their errors.
+        `slopes` are those of the matrices (4, 6, 6), of the pose (4, 4), and of K and M
+        on the modes (k, k); `errors` their errors.
         """
         here, natural = self._observed(modes), self.parameters.size(name)
         dK, dT, dH, dM = slopes
@@ -247,7 +255,8 @@ class Home:
         turn = dT[:3, :3] @ R.T
         pose = np.array([turn[2, 1], turn[0, 2], turn[1, 0], *dT[:3, 3]])
         squares = np.zeros(0) if modes is None else change_of_squares(modes, dH, dM)
-        # The error of a matrix that does not depend on the parameter is relative to the matrix.
+        # The error of a matrix that does not depend on the parameter is relative to the
+        # matrix.
         off = effect = 0.0
         for x, e, there in zip(slopes, errors, here, strict=True):
             size = max(_largest(x), _largest(there) / natural)
@@ -281,7 +290,9 @@ def _largest(values: Array) -> float:
 def _observed(
     state: PostureStiffness | Equilibrium, modes: Modes | None
 ) -> tuple[Array, ...]:
-    """K^A, K^B, K^K, K^F; pose; K, M on the modes (k, k), moved so that they keep the closures."""
+    """K^A, K^B, K^K, K^F; pose; K, M on the modes (k, k),
+    moved so that they keep the closures.
+    """
     result = state.stiffness if isinstance(state, Equilibrium) else state
     none = np.full((6, 6), np.nan)
     each = np.array(
@@ -331,8 +342,8 @@ class Sensitivities(Result, LabelledResult):
     values : ndarray (p,)
         Nominal values.
     stiffness : mapping of str to ndarray (p, 6, 6)
-        dK/dp of K^A, K^B, K^K, K^F at M's origin, per unit of the parameter; NaN where the matrix
-        does not exist. For an equilibrium K includes the part of its loads.
+        dK/dp of K^A, K^B, K^K, K^F at M's origin, per unit of the parameter; NaN where
+        the matrix does not exist. For an equilibrium K includes the part of its loads.
     pose : ndarray (p, 6)
         Rotation vector and displacement of M's origin along the axes of F, per unit.
     squares : ndarray (p, k)
@@ -383,7 +394,10 @@ class Sensitivities(Result, LabelledResult):
 
     @property
     def relative(self) -> Array:
-        """Change (p, k) in Hz for one per cent of each parameter; NaN for parameters of zero."""
+        """Change (p, k) in Hz for one per cent of each parameter.
+
+        NaN for parameters of zero.
+        """
         return (
             0.01 * np.where(self.values, self.values, np.nan)[:, None] * self.frequencies
         )
@@ -478,11 +492,12 @@ class Accuracy(LabelledResult):
     spreads : ndarray (p,)
         Their standard deviations, in their units.
     nominal, deviations : mapping of str to ndarray
-        By quantity, to first order: "pose" (6,) for an equilibrium, the rotation vector and the
-        position of M's origin along the axes of F; "A", "B", "K", "F" (6, 6) if they exist;
-        "frequencies" (k,) in Hz.
+        By quantity, to first order: "pose" (6,) for an equilibrium, the rotation vector
+        and the position of M's origin along the axes of F; "A", "B", "K", "F" (6, 6) if
+        they exist; "frequencies" (k,) in Hz.
     shares : mapping of str to ndarray
-        Share (p, ...) of each parameter in the variance of each number; NaN for a variance of zero.
+        Share (p, ...) of each parameter in the variance of each number; NaN for a
+        variance of zero.
     level, factor : float
         Probability of an interval of `factor` deviations to both sides.
     left_out : str or None
@@ -501,7 +516,7 @@ class Accuracy(LabelledResult):
     def main(
         self, quantity: str, index: int | tuple[int, ...]
     ) -> list[tuple[str, float]]:
-        """Return the largest contributors to the variance of one number, with their shares."""
+        """The largest contributors to the variance of one number, with their shares."""
         shares = self.shares[quantity].T[index if isinstance(index, int) else index[::-1]]
         order = np.argsort(-np.nan_to_num(shares), kind="stable")[:_MAX_CONTRIBUTORS]
         least = numerics.NEGLIGIBLE_SHARE
@@ -538,7 +553,8 @@ class Accuracy(LabelledResult):
         return plain_dict(data)
 
     def plot(self) -> Any:
-        """Draw the standard deviation of each number; of the matrices that of the diagonal.
+        """Draw the standard deviation of each number; of the matrices that of
+        the diagonal.
 
         Returns
         -------
@@ -567,7 +583,10 @@ def deviations_of(
     rows: Mapping[str, Row],
     progress: Callable[[int, int], None] | None = None,
 ) -> Accuracy:
-    """Standard deviations of all parameters with a tolerance; `rows` are known derivatives."""
+    """Standard deviations of all parameters with a tolerance.
+
+    `rows` are known derivatives.
+    """
     if level is None:
         identified = home.parameters.result.elastic.identified
         level = 0.95 if identified is None else identified.level
@@ -659,10 +678,11 @@ def intervals(
     level: float | None = None,
     given: Sensitivities | None = None,
 ) -> FrequencyInterval:
-    """Intervals of the frequencies from tolerances, and from the covariance of identified springs.
+    """Intervals of the frequencies from tolerances, and from the covariance of
+    identified springs.
 
-    Repeated frequencies split under any change: each of them gets the variances of all, which bound
-    ``tr F^2`` of the form F that splits them.
+    Repeated frequencies split under any change: each of them gets the variances of all,
+    which bound ``tr F^2`` of the form F that splits them.
 
     Parameters
     ----------
@@ -671,8 +691,8 @@ def intervals(
     tolerances : Tolerances, optional
         Standard deviations, as for `accuracy`.
     compliance_covariance : array_like, shape (j, j), optional
-        Covariance of the joints' compliances (``1/k``), as from ``cartstiff identify``; default
-        that of the mechanism's file.
+        Covariance of the joints' compliances (``1/k``), as from ``cartstiff identify``;
+        default that of the mechanism's file.
     joints : tuple of str, optional
         Their names; default all springs, in order.
     level : float, optional
@@ -683,8 +703,8 @@ def intervals(
     Raises
     ------
     InputError
-        For a covariance of another shape or beside a tolerance of the stiffness, unknown joints, or
-        a level outside (0, 1).
+        For a covariance of another shape or beside a tolerance of the stiffness, unknown
+        joints, or a level outside (0, 1).
     """
     tolerances, identified = tolerances or Tolerances(), None
     if compliance_covariance is not None:

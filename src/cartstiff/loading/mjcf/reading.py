@@ -1,9 +1,9 @@
 """Read MJCF files as MuJoCo's own compiler understands them.
 
-MuJoCo resolves includes, defaults, frames, masses of shapes and references. A process of its own
-compiles the file (`worker`) and returns the model as data; a Pinocchio model with one-coordinate
-joints is made from them, with springs, closures, gravity, the posture, and the parts that this
-program cannot express.
+MuJoCo resolves includes, defaults, frames, masses of shapes and references. A process of
+its own compiles the file (`worker`) and returns the model as data; a Pinocchio model with
+one-coordinate joints is made from them, with springs, closures, gravity, the posture, and
+the parts that this program cannot express.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ from cartstiff.mechanisms.shapes import (
 from cartstiff.mechanisms.tree import add_joint, primitive
 from cartstiff.mechanisms.tree_building import free_name
 
-#: Pinocchio's workspace takes a second to set up for 200 joints in a row, an hour for 2000.
+#: Pinocchio's workspace takes a second to set up for 200 joints in a row, an hour for
+#: 2000.
 LARGEST = {
     "nv": 200,
     "nbody": 5000,
@@ -76,7 +77,8 @@ _SUFFIXES = {
 }
 #: Numbers that must be of moderate size, by their owner.
 _NUMBERS = {
-    "body": "body_pos body_quat body_mass body_ipos body_iquat body_inertia body_gravcomp",
+    "body": "body_pos body_quat body_mass body_ipos body_iquat body_inertia "
+    "body_gravcomp",
     "joint": "jnt_pos jnt_axis jnt_stiffness jnt_stiffnesspoly",
     "site": "site_pos site_quat",
     "equality": "eq_data",
@@ -112,14 +114,18 @@ def compile_mjcf(path: Path, where: str) -> dict[str, Any]:
         message = str(data["error"]).replace(str(path.resolve()), path.name)
         expected = None
         if lost := re.search(r"Error opening file '([^']*)'", message):
-            expected = f"{lost[1]} beside it, as in the repository of the model: fetch its folder"
+            expected = (
+                f"{lost[1]} beside it, as in the repository of the model: fetch "
+                "its folder"
+            )
         raise InputError(
             "not a usable MJCF",
             where=where,
             expected=expected,
             got=one_line(message, 400),
         )
-    # The data include the contents of included files, and of meshes on which masses depend.
+    # The data include the contents of included files, and of meshes on which masses
+    # depend.
     numbers = {key: value for key, value in data.items() if key != "meshes"}
     was_read(f"{path.name} with all that it includes", fingerprint(numbers).encode())
     return data
@@ -128,9 +134,9 @@ def compile_mjcf(path: Path, where: str) -> dict[str, Any]:
 def read_mjcf(path: Path, where: str | None = None) -> RobotDescription:
     """Read an MJCF file.
 
-    The coordinate of a hinge or slide is MuJoCo's own position. The coordinates of a free body are
-    the position of its origin in F and three successive turns x, y, z from its orientation in the
-    file; those of a ball joint are the turns alone.
+    The coordinate of a hinge or slide is MuJoCo's own position. The coordinates of a free
+    body are the position of its origin in F and three successive turns x, y, z from its
+    orientation in the file; those of a ball joint are the turns alone.
 
     Raises
     ------
@@ -151,7 +157,8 @@ class _Compiled:
     data : dict
         MuJoCo's arrays by their own names, as lists; types as MuJoCo's names of them.
     bodies, joints, sites : list of str
-        Names; generated ones where the file has none. Those of sites are not those of bodies.
+        Names; generated ones where the file has none. Those of sites are not those of
+        bodies.
     coordinates : list of list of str
         Names of the coordinates of each joint.
     joints_of : list of list of int
@@ -263,7 +270,10 @@ class _Compiled:
         return frozenset(c for j in joints for c in self.coordinates[j])
 
     def model(self) -> pin.Model:
-        """Return the Pinocchio model with one joint per coordinate; bodies and sites are frames."""
+        """Return the Pinocchio model with one joint per coordinate.
+
+        Bodies and sites are frames.
+        """
         data = self.data
         model = pin.Model()
         model.name = data["name"]
@@ -308,7 +318,9 @@ class _Compiled:
     def _parts(
         self, j: int, T: Array
     ) -> list[tuple[str, Any, Array, tuple[float, float]]]:
-        """One-coordinate joints of joint j of a body at T: name, model, placement, limits."""
+        """One-coordinate joints of joint j of a body at T: name, model, placement,
+        limits.
+        """
         data, kind, names = self.data, self.data["jnt_type"][j], self.coordinates[j]
         free, still = (-np.inf, np.inf), np.eye(4)
         kinds: tuple[str, ...] = ()
@@ -394,7 +406,8 @@ class _Compiled:
     def _equalities(self) -> tuple[list[FileClosure], Followers]:
         """Closures and coupled joints.
 
-        Ties to a mocap body are handles by which a program moves things: they hold nothing.
+        Ties to a mocap body are handles by which a program moves things: they hold
+        nothing.
         """
         data = self.data
         closures: list[FileClosure] = []
@@ -452,13 +465,16 @@ class _Compiled:
     def _coupling(
         self, a: int, b: int, values: list[float], what: str
     ) -> list[tuple[str, str, float, float]]:
-        """Couple joint a to joint b, or lock it: q_a - ref_a = c_0 + c_1 (q_b - ref_b)."""
+        """Couple joint a to joint b, or lock it: q_a - ref_a = c_0 + c_1
+        (q_b - ref_b).
+        """
         data = self.data
         follower = self.coordinates[a][0]
         start = data["qpos0"][data["jnt_qposadr"][a]] + values[0]
         if b >= 0 and any(values[2:5]):
             raise InputError(
-                f"{what} couples joints {self.joints[a]!r} and {self.joints[b]!r} by a curve",
+                f"{what} couples joints {self.joints[a]!r} and {self.joints[b]!r} by a "
+                "curve",
                 where=self.where,
                 expected="a straight line: polycoef with two numbers",
                 got=" ".join(f"{v:g}" for v in values[:5]),
@@ -473,7 +489,9 @@ class _Compiled:
         return [(follower, self.coordinates[b][0], factor, offset)]
 
     def _followers(self, couplings: list[tuple[str, str, float, float]]) -> Followers:
-        """Each coupling as one joint that follows another, reversed where that is needed."""
+        """Each coupling as one joint that follows another,
+        reversed where that is needed.
+        """
         followers: Followers = {}
 
         def refuse(what: str, *joints: str) -> None:
@@ -547,7 +565,9 @@ class _Compiled:
         return springs
 
     def _posture(self) -> tuple[dict[str, float], str | None]:
-        """Positions of the keyframe "home", else of the first one, else the file's own."""
+        """Positions of the keyframe "home", else of the first one,
+        else the file's own.
+        """
         data = self.data
         keys = data["key_names"]
         chosen, q = None, data["qpos0"]
@@ -575,7 +595,8 @@ class _Compiled:
     def _actuators(self) -> dict[str, float]:
         """Coordinates that actuators drive, with the springs of position control.
 
-        A force ``-kp gear q`` on the gear's far side is the spring ``kp gear^2`` at the joint.
+        A force ``-kp gear q`` on the gear's far side is the spring ``kp gear^2`` at the
+        joint.
         """
         data = self.data
         driven: dict[str, float] = {}
@@ -606,10 +627,11 @@ class _Compiled:
     def _tendons(
         self, followers: Followers
     ) -> tuple[list[tuple[LineModel, frozenset[str]]], list[CoupledSpringModel]]:
-        """Straight tendons with stiffness between two sites as lines, fixed ones on joints' sums.
+        """Straight tendons with stiffness between two sites as lines,
+        fixed ones on joints' sums.
 
-        Others become obstacles. A tendon with a range of spring lengths is slack within it; one
-        whose range begins at 0 pulls and never pushes.
+        Others become obstacles. A tendon with a range of spring lengths is slack within
+        it; one whose range begins at 0 pulls and never pushes.
         """
         data = self.data
         further = data["tendon_stiffnesspoly"] or [[]] * len(data["tendon_names"])
@@ -724,7 +746,9 @@ class _Compiled:
         return tuple(weightless)
 
     def pieces(self) -> Iterator[Piece]:
-        """Yield shapes of bodies: geoms of the groups that MuJoCo shows, or all if none is."""
+        """Yield shapes of bodies: geoms of the groups that MuJoCo shows,
+        or all if none is.
+        """
         data = self.data
         groups = data["geom_group"]
         for g in [g for g, group in enumerate(groups) if group < 3] or range(len(groups)):
@@ -740,7 +764,8 @@ class _Compiled:
                     continue  # the mesh is in the MJCF file itself
                 x, y, z = mesh["scale"]
                 shape = MeshFile(Path(mesh["file"]), (x, y, z))
-                # MuJoCo places a mesh by its centre and principal axes, not by the file's origin.
+                # MuJoCo places a mesh by its centre and principal axes, not by the file's
+                # origin.
                 T = T @ se3.inverse(
                     _pose(data["mesh_pos"][index], data["mesh_quat"][index])
                 )

@@ -1,11 +1,13 @@
-"""Compiles one MJCF file with MuJoCo; run as a script in a process of its own (`compiled`).
+"""Compiles one MJCF file with MuJoCo; run as a script in a process of its own
+(`compiled`).
 
-A file from an unknown source cannot harm more than that process. The answer is the compiled model
-as data, or one line under "error".
+A file from an unknown source cannot harm more than that process. The answer is the
+compiled model as data, or one line under "error".
 
-Only the parts that statics needs are compiled: textures are left out, and a mesh is read only where
-a mass depends on it. A unit tetrahedron replaces every other mesh. MuJoCo places a mesh by its own
-centre and reports the centre's place, so the pose of the file's mesh follows without reading it.
+Only the parts that statics needs are compiled: textures are left out, and a mesh is read
+only where a mass depends on it. A unit tetrahedron replaces every other mesh. MuJoCo
+places a mesh by its own centre and reports the centre's place, so the pose of the file's
+mesh follows without reading it.
 """
 
 from __future__ import annotations
@@ -33,12 +35,12 @@ body_mocapid body_plugin
 jnt_type jnt_bodyid jnt_qposadr jnt_pos jnt_axis jnt_limited jnt_range jnt_stiffness
 jnt_stiffnesspoly jnt_dofadr dof_armature dof_damping
 site_bodyid site_pos site_quat
-geom_bodyid geom_type geom_group geom_dataid geom_matid geom_pos geom_quat geom_size geom_rgba
-mat_rgba mesh_pos mesh_quat
+geom_bodyid geom_type geom_group geom_dataid geom_matid geom_pos geom_quat geom_size
+geom_rgba mat_rgba mesh_pos mesh_quat
 eq_type eq_objtype eq_obj1id eq_obj2id eq_active0 eq_data
-tendon_adr tendon_num tendon_limited tendon_stiffness tendon_stiffnesspoly tendon_lengthspring
-wrap_type wrap_objid wrap_prm actuator_trntype actuator_trnid actuator_gear actuator_biastype
-actuator_biasprm flex_vertadr flex_vertnum flex_vertbodyid
+tendon_adr tendon_num tendon_limited tendon_stiffness tendon_stiffnesspoly
+tendon_lengthspring wrap_type wrap_objid wrap_prm actuator_trntype actuator_trnid
+actuator_gear actuator_biastype actuator_biasprm flex_vertadr flex_vertnum flex_vertbodyid
 """
 #: Fields whose numbers are replaced by MuJoCo's names of them.
 _ENUMERATIONS = {
@@ -64,7 +66,10 @@ _NAMED = {
 
 
 def compiled(path: str, largest: dict[str, int]) -> dict[str, Any]:
-    """Return the compiled model; at most `largest` of each count (``nv``, ``nbody``, ...)."""
+    """Return the compiled model.
+
+    At most `largest` of each count (``nv``, ``nbody``, ...).
+    """
     import mujoco
 
     _check_includes(Path(path), Path(path).parent, [])
@@ -129,10 +134,11 @@ def _name(names: bytes, start: int) -> str:
 
 
 def _reduced(mujoco: Any, spec: Any) -> tuple[dict[str, Any], dict[str, list[str]]]:
-    """Remove costly parts without effect; return mesh files, and missing meshes with their bodies.
+    """Remove costly parts without effect; return mesh files,
+    and missing meshes with their bodies.
 
-    The second maps the file of each missing mesh on which a mass depends to the bodies that lack
-    the mass.
+    The second maps the file of each missing mesh on which a mass depends to the bodies
+    that lack the mass.
     """
     for texture in spec.textures:
         texture.file = ""
