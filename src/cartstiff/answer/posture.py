@@ -332,7 +332,10 @@ def _tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
     yield from drive_tables(result, shares)
     row = _Rows.of(result, shares)
     share = "share" if shares is None else f"share of {shares.of}"
-    mechanism = result.mechanism
+    mechanism, is_pose = result.mechanism, result.posture.coordinates_are_pose
+    place = [*result.pose[:3, 3], *se3.roll_pitch_yaw(result.pose)]
+    if is_pose and np.allclose(result.q, place, rtol=0.0, atol=numerics.REPORTED_ERROR):
+        return  # they are the pose of the body
     links = parts_of_links(result.elastic)
     rows = tuple(
         row.at(c.name, x, c.is_length)
@@ -340,10 +343,12 @@ def _tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
         if c.name not in links
     )
     known = {own for own, *_ in rows}
-    rows += tuple(row.at(name, None, None) for name in row.shares if name not in known)
-    yield Table(
-        "joints", ("joint", "position", "lower", "upper", "stiffness", share), rows
-    )
+    if not is_pose:  # shares of legs are in their own table
+        rows += tuple(
+            row.at(name, None, None) for name in row.shares if name not in known
+        )
+    one = "coordinate" if is_pose else "joint"
+    yield Table(f"{one}s", (one, "position", "lower", "upper", "stiffness", share), rows)
 
 
 def drive_tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
