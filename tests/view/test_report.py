@@ -276,6 +276,8 @@ HEAVY = "<robot name='heavy'><link name='l0'/>" + "".join(
 
 CASES = [
     ("ur5", {}, 100.0),
+    ("fanuc-r2000ic", {}, 300.0),  # published springs
+    ("6-ups", {"gravity": [0, 0, -9.81]}, 100.0),
     ("heavy", {"q": [0.2, -0.4, 0.5, 0.3, 0.6, -0.1]}, 50.0),
     ("five-bar", {}, 20.0),
     ("examples/flexible_arm.yaml", {"gravity": [0, 0, -9.81]}, 50.0),

@@ -255,9 +255,9 @@ def _panel(
         plane = (points @ view.axes[:2].T - middle) * scale
         return plane * [1.0, -1.0] + [_WIDTH / 2, _HEIGHT / 2]
 
-    yield from _figure(robot, view, at, (_LINK, _EDGE), 1.0)
+    yield from _figure(robot, view, at, (_LINK, _EDGE, 3.5))
     if ghost is not None:
-        yield from _figure(ghost, view, at, ("none", _GHOST), 0.9)
+        yield from _figure(ghost, view, at, ("none", _GHOST, 1.8))
     (x, y), (u, v) = at(flange), at(tip)
     yield f'<path d="M{x:.1f} {y:.1f}L{u:.1f} {v:.1f}" stroke="{_EDGE}" stroke-width="3"/>'  # noqa: E501
     x, y = at(tip)
@@ -289,26 +289,27 @@ def _panel(
 
 
 def _figure(
-    shown: Drawn, view: View, at: object, paint: tuple[str, str], opacity: float
+    shown: Drawn, view: View, at: object, paint: tuple[str, str, float]
 ) -> Iterator[str]:
     """Outlines from the back to the front, or lines with their joints."""
     assert callable(at)
-    fill, stroke = paint
+    fill, stroke, width = paint
     depths = [float((points @ view.axes[2]).mean()) for points in shown.outlines]
     for i in np.argsort(depths):
         flat = at(shown.outlines[i])
         corners = " ".join(f"{x:.1f},{y:.1f}" for x, y in flat[_hull(flat)])
         yield (
             f'<polygon points="{corners}" fill="{fill}" stroke="{stroke}" '
-            f'stroke-width="0.8" stroke-linejoin="round" opacity="{opacity}"/>'
+            f'stroke-width="0.8" stroke-linejoin="round"/>'
         )
     for line in shown.lines:
         flat = at(line)
         corners = " ".join(f"{x:.1f},{y:.1f}" for x, y in flat)
         yield (
             f'<polyline points="{corners}" fill="none" stroke="{stroke}" '
-            'stroke-width="3.5" '
-            f'stroke-linejoin="round" stroke-linecap="round" opacity="{opacity}"/>'
+            f'stroke-width="{width}" '
+            f'stroke-linejoin="round" stroke-linecap="round"/>'
         )
         for x, y in flat:
-            yield f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="{stroke}" opacity="{opacity}"/>'  # noqa: E501
+            r = f"{0.85 * width:.1f}"
+            yield f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{r}" fill="{stroke}"/>'
