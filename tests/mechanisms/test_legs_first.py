@@ -33,7 +33,7 @@ def test_lengths_margins_and_forces():
 
 def test_they_come_before_everything_but_the_answer():
     text = run("analyse hexapod", LOAD)
-    assert text.index("\nAnswer\n") < text.index("\nLegs\n") < text.index("\nJoints\n")
+    assert text.index("\nAnswer\n") < text.index("\nLegs\n") < text.index("\nPose of")
     data = answer("analyse hexapod", LOAD)
     keys = list(data)
     assert keys.index("legs") < keys.index("q")
