@@ -875,7 +875,8 @@ def _ticks(low: float, high: float, count: int = 5) -> Array:
     step = round_number((high - low) / count)
     steps = [k * step for k in (1.0, 2.0, 2.5, 5.0)]
     step = next((s for s in steps if (high - low) / s <= count), steps[-1])
-    ends = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
+    rounding = numerics.NEGLIGIBLE_DIFFERENCE
+    ends = np.ceil(low / step - rounding), np.floor(high / step + rounding)
     return step * np.arange(ends[0], ends[1] + 1.0) + 0.0
 
 
