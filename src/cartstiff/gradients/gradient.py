@@ -186,7 +186,7 @@ class Gradient(Result):
 
 @checked
 def gradient(
-    mechanism: ElasticMechanism,
+    elastic: ElasticMechanism,
     q: ArrayLike | Mapping[str, float] | None = None,
     *,
     of: str | OwnObjective = "translation_free_min",
@@ -208,7 +208,7 @@ def gradient(
 
     Parameters
     ----------
-    mechanism : ElasticMechanism
+    elastic : ElasticMechanism
         From `cartstiff.load`.
     q : array_like (n,) or mapping, optional
         Coordinates; default the file's posture.
@@ -245,7 +245,7 @@ def gradient(
         "load_at": load_at,
         "load_axes": load_axes,
     }
-    result = analyse(mechanism, q, **load)
+    result = analyse(elastic, q, **load)
     if connection is None:
         connection = "B" if wrench is None else "load"
     settings = Settings(
@@ -261,11 +261,11 @@ def gradient(
         is_loaded=wrench is not None,
     )
     if isinstance(of, str):
-        (quantity,) = choose_quantities([of], settings, mechanism)
+        (quantity,) = choose_quantities([of], settings, elastic)
         if quantity.asks == "length" and length is None:
-            length = default_length(mechanism, connection, **load)
+            length = default_length(elastic, connection, **load)
             settings = replace(settings, length=length)
-        asked: Asked = OfQuantity(quantity, settings, mechanism)
+        asked: Asked = OfQuantity(quantity, settings, elastic)
     else:
         asked = OfFunction(of, settings)
     return _Question(result, asked, load).gradient(by)
