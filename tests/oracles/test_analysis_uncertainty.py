@@ -108,7 +108,7 @@ def test_text_of_the_uncertainty() -> None:
     result = cartstiff.analyse(cartstiff.load("cubic"))
     found = analyse_posture(result, tolerances=Tolerances(0.05, 1e-3))
     short, full = summary_text(found, level="short"), summary_text(found, level="full")
-    assert "Uncertainty from stiffness 5 %, lengths 0.001 m" in short
+    assert "Uncertainty from stiffness 5 %, lengths 1 mm" in short
     assert "principal values meet here" in short
     assert "modes.eigenvalues[0]" in full
     assert "modes.eigenvalues[0]" not in short
