@@ -24,6 +24,8 @@ from cartstiff.maps.sampling import Trajectory
 from cartstiff.page.messages import read_message
 from cartstiff.page.session import Session
 from cartstiff.page.source import Source
+from cartstiff.reach.workspace import Margins
+from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.toolpaths.tool_path import ToolPath
 
 HOME = np.array([0.02, -0.01, 0.8, 0.05, -0.1, 0.08])
@@ -52,7 +54,7 @@ class Drawn:
         if kind == "passive":
             self.driven[:] = False
 
-    def written(self, tmp_path: Any, q: np.ndarray, weighs: bool) -> Any:
+    def written(self, tmp_path: Any, q: np.ndarray, weighs: bool, force: Any = None) -> Any:
         keys: dict[str, Any] = {
             "kind": "springs",
             "base": self.base.tolist(),
@@ -66,9 +68,12 @@ class Drawn:
                 "driven": self.driven.tolist(),
             },
         }
+        if force is not None:
+            keys["legs"]["force"] = force
         if weighs:
             keys |= {"gravity": FIELD.tolist()}
             keys |= {"payload": {"mass": MASS, "com": CENTRE.tolist()}}
+        tmp_path.mkdir(exist_ok=True)
         return write_file(tmp_path, name=f"at{q[0]:.3f}", **keys)
 
     def lines(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -149,6 +154,11 @@ def at_every_door(
     return tensions
 
 
+def carried_by(wrench):
+    """The load of a workspace, along the axes of the body."""
+    return None if wrench is None else (LoadKind("follower", np.zeros(3)), wrench, "body")
+
+
 @pytest.mark.parametrize("weighs", [False, True])
 @pytest.mark.parametrize("loaded", [False, True])
 @pytest.mark.parametrize("seed", [3, 5])
@@ -205,6 +215,13 @@ def test_every_door(seed, kind, loaded, weighs, tmp_path):
         many = at_every_door(elastic, path, one, q, wrench, tmp_path)
         for tensions in many:
             assert tensions == pytest.approx(t, rel=1e-8, abs=1e-6)
+        # A workspace: this pose is within limits that hold these forces, and only then.
+        for low, inside in ((t - 1.0, True), (t + 0.5, False)):
+            limits = [[x, x + 2.0] for x in low.tolist()]
+            bounded = load(drawn.written(tmp_path / f"{q[0]:.3f}{inside}", HOME, weighs, limits))
+            margins = Margins(bounded, carried_by(wrench))
+            pose = bounded.mechanism.pose_of(q)[None]
+            assert margins.inside(pose).tolist() == [inside]
         # At rest under the wrench that holds it the body stays where it is; a load that replaced
         # rest lengths needs the new ones.
         held = one.elastic if loaded else elastic

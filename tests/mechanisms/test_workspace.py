@@ -20,6 +20,7 @@ from cartstiff.errors import InputError
 from cartstiff.reach.workspace import LegMargins, Margins, around, lines_at, wrench_margins
 from cartstiff.report.json_schema import json_schema
 from cartstiff.report.reach import describe_workspace
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
 
 LEGS = {
     "limits": [[0.85, 1.25]] * 6,
@@ -430,6 +431,24 @@ def test_tensions_nearest_to_the_middle_of_their_limits(tmp_path):
         cartstiff.workspace(cartstiff.load("cable-robot"), tensions="closed-form", radius=2.0)
     with pytest.raises(InputError, match="unknown distribution"):
         cartstiff.workspace(robot, tensions="least")
+
+
+def test_what_cables_should_carry_is_known_where_they_cannot(tmp_path):
+    """The limits are asked of this wrench, and no search for taut cables comes before."""
+    text = (Path(__file__).parents[2] / "robots/cable-robot.yaml").read_text("utf-8")
+    (tmp_path / "cables.yaml").write_text(text + "  force: [5, 120]\n")
+    robot = cartstiff.load(tmp_path / "cables.yaml")
+    wrench = np.array([2.0, 0, 0, 300.0, 0, -40.0])
+    load = (DEAD_AT_ORIGIN, wrench, "body")
+    margins = Margins(robot, load, tensions="closed-form")
+    q = np.random.default_rng(5).uniform(-0.6, 0.6, (20, 6)) * [1, 1, 1, 0.3, 0.3, 0.3]
+    poses = np.array([robot.mechanism.pose_of(row + robot.q) for row in q])
+    lines = lines_at(robot.mechanism, poses)[1]
+    t = margins._tensions(poses)
+    assert (t.min(axis=1) < 0.0).any()
+    wrench[:3] /= robot.mechanism.length
+    carried = np.einsum("nm,nmi->ni", t, lines)
+    np.testing.assert_allclose(carried, np.tile(wrench, (20, 1)), atol=1e-9)
 
 
 def test_cables_without_upper_limit_close_around_the_middle():

@@ -472,7 +472,13 @@ class Margins(PoseMargins):
             self.forces = np.column_stack(
                 [np.where(springs.cables, 0.0, -np.inf), [np.inf] * m]
             )
-        self.is_spread = self.forces is not None and (bool(springs.unilateral) or m > 6)
+        # A load determines the forces of six drives; springs that nothing drives keep
+        # the rest lengths that they have.
+        drives = np.broadcast_to(springs.driven, m)
+        chosen = int(drives.sum()) if drives.any() else m
+        self.is_spread = self.forces is not None and (
+            bool(springs.unilateral) or chosen > 6
+        )
         if self.forces is not None:
             ideal_joints_only(springs, "limits of forces")
             if m < 6:
@@ -480,13 +486,16 @@ class Margins(PoseMargins):
                     "the forces in fewer than six legs do not follow from a load", got=m
                 )
         if self.is_spread:
-            # The limits choose among the balancing tensions, not the rest lengths.
+            # The limits choose among the balancing tensions, not the rest lengths. Here
+            # any balancing tensions will do: those without a bound need no search.
             rest = np.full(m, np.nan)
             free = replace(
                 springs,
                 rest_length=rest,
                 unilateral=False,
                 preload=None,
+                least=None,
+                most=None,
                 balanced_at=None,
             )
             self.elastic = replace(elastic, springs=free)
