@@ -95,13 +95,11 @@ class Chart:
     def stiffness_terms(
         self, xi: ArrayLike, gradient: ArrayLike, hessian: ArrayLike
     ) -> tuple[Array, Array, Array]:
-        """Wrench, K_I and K_II of a potential known by its derivatives in these
-        coordinates.
+        """Wrench, K_I and K_II of a potential, from its derivatives in these coordinates.
 
         ``K[i, j] = alpha_j^l alpha_i^k Phi_kl + alpha_j^l (d alpha_i^k / d xi_l) Phi_k
         - Gamma[i, j, k] W_k``: the first term is K_I, the second K_II ([ZK]_ eq. 52, here
-          at any
-        pose); K^A = K_I + K_II.
+        at any pose); K^A = K_I + K_II.
         """
         xi = real_array(xi)
         alpha = self.inverse_basis(xi)
