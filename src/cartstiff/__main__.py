@@ -1,6 +1,6 @@
 """The command ``cartstiff``, and ``python -m cartstiff``."""
 
-import signal
+import _signal as signal  # type: ignore[import-not-found]  # `signal` itself loads more
 
 # An interrupt while the imports run ends the process as it ends any other program:
 # without a word.
