@@ -8,7 +8,7 @@ from scipy.optimize import LinearConstraint, linprog, minimize
 from tests.mechanisms.machines import codes, note, write_file
 
 import cartstiff
-from cartstiff import analyse, analyse_many, equilibrium, load
+from cartstiff import analyse, analyse_many, compensate, equilibrium, load
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 
@@ -303,3 +303,25 @@ def test_largest_forces_bound_the_tensions(tmp_path):
         assert t == pytest.approx(p0 + N @ found.x, abs=1e-3)
         bound += bool(t.max() > 70.0 - 1e-6)
     assert bound > 2
+
+
+def test_what_nothing_drives_is_no_command_of_a_path(tmp_path):
+    """A seventh spring keeps its rest length; rest lengths of passive legs alone are named."""
+    keys = HEXAPOD | {
+        "base": [*HEXAPOD["base"], [0.0, 0.0, 0.0]],
+        "platform": [*HEXAPOD["platform"], [0.0, 0.0, -10.0]],
+    }
+    place = {"xyz": HOME[:3], "rpy": HOME[3:]}
+    W = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -10.0])
+    legs = {"stiffness": [K] * 6 + [5.0], "preload": 5.0, "driven": [True] * 6 + [False]}
+    both = load(write_file(tmp_path, kind="springs", pose=place, legs=legs, **keys))
+    found = compensate(both, [HOME, AWAY], W)
+    assert found.springs == tuple(f"leg{i}" for i in range(1, 7))
+    assert found.commands.shape == (2, 6)
+    assert np.abs(found.after[:, 3:]).max() < 1e-9
+    assert "commands-of-springs" not in codes(found)
+    legs = {"stiffness": K, "driven": False}
+    alone = load(write_file(tmp_path, kind="springs", pose=place, legs=legs, **HEXAPOD))
+    passive = compensate(alone, [HOME, AWAY], W)
+    assert note(passive, "commands-of-springs").values["springs"] == list(found.springs)
+    assert "nothing drives leg1, leg2" in note(passive, "commands-of-springs").message

@@ -28,6 +28,7 @@ from cartstiff.errors import (
     InputError,
     UndefinedError,
     UnknownNameError,
+    listed,
 )
 from cartstiff.figures import new_figure
 from cartstiff.geometry import se3
@@ -37,6 +38,7 @@ from cartstiff.mechanisms.gravity_loads import GravityLoads, gravity_loads
 from cartstiff.mechanisms.limits import finite, limit_notes, limits_of
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
+from cartstiff.potentials.line_springs import LineSprings
 from cartstiff.potentials.springs import Springs
 from cartstiff.results import LabelledResult
 from cartstiff.statics.equilibrium import Equilibrium, equilibrium
@@ -333,9 +335,10 @@ def compensate(
     mass = replace(gravity_loads(elastic, loads[0]), before=taught_under)
     within = {elastic.names[j] for j in elastic.mechanism.virtual}
     names = tuple(name for name in elastic.spring_names if name not in within)
-    own = [elastic.spring_names.index(name) for name in names]
     *columns, verdicts = zip(*points, strict=True)
     reached, commands, unloaded, weight, before, after, deviation = map(np.array, columns)
+    names, undriven = _drives(elastic, names, commands, unloaded)
+    own = [elastic.spring_names.index(name) for name in names]
     return CompensatedPath(
         elastic,
         np.array(poses),
@@ -351,8 +354,32 @@ def compensate(
         verdicts,
         mass,
         load_axes if potentials is None else None,
-        (*notes, *mass.notes),
+        (*notes, *mass.notes, *undriven),
     )
+
+
+def _drives(
+    elastic: ElasticMechanism, names: tuple[str, ...], commands: Array, taught: Array
+) -> tuple[tuple[str, ...], tuple[Note, ...]]:
+    """Those of the names that are commanded, and a note on springs that nothing drives.
+
+    Springs beside drives keep their rest lengths (m, k), and are no commands.
+    """
+    springs = _springs(elastic)
+    passive = np.zeros(len(elastic.spring_names), bool)
+    if isinstance(springs, LineSprings):
+        passive = ~np.broadcast_to(springs.driven, passive.shape)
+    changes = np.ptp(np.vstack([commands, taught]), axis=0)
+    is_kept = passive & (changes <= numerics.ROUNDOFF * np.abs(commands).max(axis=0))
+    every = elastic.spring_names
+    names = tuple(n for n in names if not is_kept[every.index(n)])
+    if not (commanded := tuple(n for n in names if passive[every.index(n)])):
+        return names, ()
+    message = (
+        f"nothing drives {listed(commanded, 12)} by the file: these commands are rest "
+        "lengths, which a drive has to change (driven: true)"
+    )
+    return names, (Note("commands-of-springs", message, {"springs": list(commanded)}),)
 
 
 def _postures(
