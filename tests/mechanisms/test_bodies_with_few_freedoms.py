@@ -197,3 +197,44 @@ def test_legs_in_compression_under_a_flat_plate_are_indefinite(tmp_path):
     values = np.linalg.eigvalsh(result.matrices["load"])
     found = note(result, "indefinite").message
     assert f"along {int((values < 0).sum())} motion(s)" in found
+
+
+@pytest.mark.parametrize("push", [2.0, -2.0])
+def test_a_tensegrity_that_falls_over_is_indefinite(tmp_path, push):
+    """Three rods whose tops push each other (or pull), held by guys to the centre of the floor."""
+    feet = np.array([(np.cos(a), np.sin(a), 0.0) for a in 2 * np.pi * np.arange(3) / 3])
+    joints, lines, k = [], [], 100.0
+    for i, foot in enumerate(feet):
+        joints += [joint(f"x{i}", "base", f"a{i}", at=foot, axis=(1, 0, 0))]
+        joints += [joint(f"y{i}", f"a{i}", f"rod{i}", axis=(0, 1, 0))]
+        for other, end, length, pull in (
+            (f"rod{(i + 1) % 3}", [0, 0, 1], 3**0.5, -push),
+            ("base", [0, 0, 0], 2**0.5, 6**0.5 * push),
+        ):
+            ends = {"frames": [f"rod{i}", other], "points": [[0, 0, 1], end]}
+            lines.append(ends | {"stiffness": k, "rest_length": float(length - pull / k)})
+
+    def energy(q):
+        turned = np.cos(q[0::2]), np.sin(q[0::2]), np.cos(q[1::2]), np.sin(q[1::2])
+        cx, sx, cy, sy = turned
+        tops = feet + np.column_stack([sy, -sx * cy, cx * cy])
+        pairs = (
+            np.linalg.norm(tops - np.roll(tops, -1, axis=0), axis=1),
+            np.linalg.norm(tops, axis=1),
+        )
+        rests = 3**0.5 + push / k, 2**0.5 - 6**0.5 * push / k
+        return sum(0.5 * k * ((x - rest) ** 2).sum() for x, rest in zip(pairs, rests, strict=True))
+
+    h = 1e-3 * np.eye(6)
+    slopes = [energy(a) - energy(-a) for a in h]
+    assert np.abs(slopes).max() < 1e-8  # it is at rest
+    second = [
+        [(energy(a + b) - energy(a - b) - energy(b - a) + energy(-a - b)) / 4e-6 for b in h]
+        for a in h
+    ]
+    least = np.linalg.eigvalsh(second)[0]
+    assert (least < 0) == (push > 0)
+    urdf = write_urdf(tmp_path, *joints, name="rods")
+    content = {"model": urdf.name, "frame": "rod0", "closures": [], "lines": lines}
+    result = cartstiff.analyse(cartstiff.load(write_file(tmp_path, kind="closed-chain", **content)))
+    assert ("indefinite" in codes(result)) == (push > 0)
