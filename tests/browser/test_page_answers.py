@@ -232,7 +232,7 @@ def test_pushes_are_resisted_unless_a_turn_is_not(opened):
         return
     page.evaluate("window.cartstiff.goTo([0, 0, 0.6, 0, 0, Math.PI])")
     settled(page)
-    assert "Indefinite" in page.inner_text("#verdict")
+    assert "Not stable" in page.inner_text("#verdict")
     assert not page.evaluate(said)
 
 

@@ -22,7 +22,6 @@ LOAD = {"--load", "--load-at", "--world", "--load-kind"}
 #: What has no meaning, and why, stands in docs/howto/urdf.md.
 LACKS = {
     "models": TOOL | LOAD,
-    "compare": TOOL | LOAD,
     "frames": LOAD,
     "identify": {"--world", "--load-kind"},
 }

@@ -385,6 +385,8 @@ def test_two_processes_do_not_compute_one_map(elastic, tmp_path):
     assert os.path.isdir(file.address)  # noqa: PTH112
 
 
+# Filters of warnings are not those of one thread alone, and Zarr warns of what it is asked for.
+@pytest.mark.filterwarnings("ignore:Consolidated metadata")
 def test_threads_that_begin_one_map_at_once(elastic, tmp_path):
     """Each computes it, or is told that another one does; nothing else is left in the folder."""
     for name in range(6):

@@ -435,7 +435,8 @@ def test_a_closed_chain_is_assembled_led_and_swept_as_by_the_library(name):
     far = ViewState(q=q.tolist())
     (found,) = asked(name, [far], "program.result(state)")
     whole = json.loads(json.dumps(cartstiff.analyse(elastic, q).to_dict()))
-    del whole["stored_energy"]
+    for key in ("stored_energy", "legs", "task_axes"):
+        whole.pop(key, None)
     same(found, whole)
     assert np.abs(mechanism.closed(found["q"]).q - found["q"]).max() < 1e-12
     goal = json.dumps(cartstiff.analyse(elastic, q).pose.tolist())

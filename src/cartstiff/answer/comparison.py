@@ -474,9 +474,11 @@ def compare(
     --------
     >>> import cartstiff
     >>> load = {"wrench": [0, 0, 0, 0, 0, -100]}
-    >>> a, b = (cartstiff.load("inclined-hexapod", parameters={"sz": z}) for z in (0.5,
-    0.6)) >>> found = cartstiff.compare(cartstiff.analyse(a, **load), cartstiff.analyse(b,
-    **load)) >>> found.numbers[0].quantity, round(found.numbers[0].ratio, 3)
+    >>> files = [{"sz": z} for z in (0.5, 0.6)]
+    >>> a, b = (cartstiff.load("inclined-hexapod", parameters=given) for given in files)
+    >>> results = [cartstiff.analyse(each, **load) for each in (a, b)]
+    >>> found = cartstiff.compare(*results)
+    >>> found.numbers[0].quantity, round(found.numbers[0].ratio, 3)
     ('displacement under the load', 0.694)
     """
     for which, result in (("first", first), ("second", second)):

@@ -329,6 +329,8 @@ class Kinematics:
     fields : tuple of ForceField
     start : joint whose frame before its motion is C, from 1; C is M if that is past
         the last one, and F if it is 0.
+    varied : VariedNumbers, optional
+        Numbers of the geometry that are inputs; default none.
 
     Attributes
     ----------

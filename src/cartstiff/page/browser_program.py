@@ -278,6 +278,9 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
         ],
         "base": result.to_dict(),
     }
+    # What a page as a file does not compute must not stay that of the first posture.
+    for key in ("legs", "task_axes"):
+        described["base"].pop(key, None)
     for key, is_loaded in (("rest_notes", False), ("loaded_rest_notes", True)):
         described[key] = [note.to_dict() for note in preload_notes(elastic, is_loaded)]
     described["reach"] = result.posture.length

@@ -17,7 +17,7 @@ from cartstiff.units import Units, engineering
 VERDICTS: dict[str, str] = {
     "positive": "Positive definite: every small motion is resisted",
     "positive semidefinite": "Positive semidefinite: some motion costs nothing",
-    "indefinite": "Not stable: along some motion the load pushes the body further away",
+    "indefinite": "Not stable: along some motion the body is pushed further away",
     "negative semidefinite": "Not stable: no motion is resisted",
     "negative": "Not stable: every motion is pushed further away",
     "zero": "Zero stiffness: no motion is resisted",

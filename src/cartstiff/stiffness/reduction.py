@@ -32,10 +32,10 @@ small value as its result:
 
         C = J_N H_N^-1 J_N^T,     H_N = N^T H_L N,     J_N = J N                       (5)
 
-On the theory page these are `motions` (24), `closed` (26), `schur` (25) and `compliance`
-(23). For six independent outputs and no self-motion (4) is K = J^-T H_L J^-1. For the
-pose, K is K^B, in components of the body frame. (5) does not invert K: it holds at
-singular postures and near them, where K has lost its digits.
+On the theory page these are `motions` (24), `closed` (26), `schur` (25) and
+`compliance` (23). For six independent outputs and no self-motion (4) is K = J^-T H_L
+J^-1. For the pose, K is K^B, in components of the body frame. (5) does not invert K: it
+holds at singular postures and near them, where K has lost its digits.
 `cartstiff.numerics.stiffness_scaled_basis` chooses the motions so that the stiffness of
 stiff springs does not cancel that of soft ones.
 """

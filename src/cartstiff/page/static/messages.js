@@ -45,7 +45,7 @@
  * @property {boolean} [turning]
  */
 /**
- * @typedef {object} Draw The numbers and the picture of a state; of the posture that follows a hand, if one pulls.
+ * @typedef {object} Draw The numbers and the picture of a state; of the posture that follows a hand,
  * @property {number} id
  * @property {ViewState} [state]
  * @property {"draw"} do
@@ -105,13 +105,13 @@
  * @property {"analysis"} do
  */
 /**
- * @typedef {object} Said The answer at a posture in sentences, its displacement checked by the equilibrium.
+ * @typedef {object} Said The answer at a posture in sentences, its displacement checked by the
  * @property {number} id
  * @property {ViewState} [state]
  * @property {"answer"} do
  */
 /**
- * @typedef {object} Export The page at this state as one file; the rest of the page's state is in `address`.
+ * @typedef {object} Export The page at this state as one file.
  * @property {number} id
  * @property {ViewState} [state]
  * @property {"export"} do
