@@ -213,7 +213,7 @@ def _about_origin(point: Array, force: Array) -> Array:
 def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]:
     """Each joint's or leg's part, with its name and unit kind."""
     posture = r.posture
-    coordinates = r.elastic.mechanism.coordinates
+    coordinates = r.mechanism.coordinates
     if posture.closure is None and not posture.coordinates_are_pose:
         J = posture.motion.jacobian
         W = np.zeros(6) if r.wrench is None else r.wrench

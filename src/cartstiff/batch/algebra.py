@@ -31,7 +31,7 @@ from cartstiff.batch.tape import (
     square_root,
 )
 from cartstiff.geometry.se3 import Array
-from cartstiff.numerics import EPSILON
+from cartstiff.numerics import EPSILON, NEAR_SINGULARITY, REPORTED_ERROR
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, wrench_in_body
 
 
@@ -442,6 +442,9 @@ _NORM_ACCURACY = 0.7
 #: Relative change of an inverse that factors without pivoting may cause: 3 % was the
 #: largest in millions of indefinite matrices.
 _MAX_PIVOT_LOSS = 0.1
+#: Squared norm of an equilibrated matrix beyond which the diagonal is a poor choice of
+#: sizes.
+_MAX_SQUARED_NORM = 1e2
 
 #: Largest angle [rad] whose sine the vector code computes to the last digit.
 LARGEST_ANGLE = 1e6
@@ -550,6 +553,24 @@ def add_compliances(
             arrays[output], condition = scaled_inverse(K, length)
             largest = larger(largest, condition)
     return largest
+
+
+def noteworthy(
+    squared_condition: Scalar, *pairs: tuple[Array, Array], margin: float = 2.0
+) -> Array:
+    """Two numbers, at least 1 where notes on a near singularity, and on lost digits,
+    are possible.
+
+    They bound the squared condition of the scaled Jacobian, and that of matrices given in
+    pairs with their inverses, equilibrated; with a margin, as `cartstiff.analyse`
+    evaluates them in another order, or along other motions.
+    """
+    lost: Scalar = 0.0
+    for pair in pairs:
+        squares, others = equilibrated_squares(*pair)
+        lost = larger(lost, squares * others * (margin * EPSILON / REPORTED_ERROR) ** 2)
+        lost = larger(lost, squares / _MAX_SQUARED_NORM)
+    return np.array([squared_condition * (1.01 * NEAR_SINGULARITY) ** 2, lost], object)
 
 
 def changed_compliance(

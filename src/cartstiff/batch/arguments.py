@@ -30,6 +30,14 @@ OUTPUTS = (
 #: Output for the legs of a platform.
 TENSIONS = "tensions"
 EVERY_OUTPUT = (*OUTPUTS, TENSIONS)
+#: What programs alone have: bounds on what notes remark on (`algebra.noteworthy`), the
+#: characteristic length of a chain, and lengths and lines of a platform's legs.
+DETAILS = NOTEWORTHY, LENGTH, LEGS, LINES = (
+    "noteworthy",
+    "length",
+    "leg_lengths",
+    "actuation",
+)
 
 
 def checked_q(elastic: ElasticMechanism, q: ArrayLike) -> Array:
@@ -89,6 +97,10 @@ def shape_of(name: str, count: int, n: int, legs: int = 0) -> tuple[int, ...]:
         "wrench": (6,),
         "energy": (),
         TENSIONS: (legs,),
+        NOTEWORTHY: (3,),
+        LENGTH: (1,),
+        LEGS: (legs,),
+        LINES: (legs, 6),
     }
     return (count, *sizes.get(name, (6, 6)))
 

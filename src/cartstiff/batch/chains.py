@@ -70,7 +70,9 @@ from cartstiff.batch.algebra import (
     largest,
     limited,
     norm_squared,
+    noteworthy,
     positive_factor,
+    positive_inverse,
     reflections,
     require_pivots,
     scaled_inverse,
@@ -93,6 +95,7 @@ from cartstiff.batch.twists import (
 )
 from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import OF_MANY
+from cartstiff.mechanisms.limits import MAX_WIND_UP
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.numerics import BALANCE_TOLERANCE, ROUNDOFF
 from cartstiff.potentials.springs import PolynomialLaw, SpringLaw, TabulatedLaw
@@ -229,16 +232,18 @@ class JointSpringNumbers:
     Attributes
     ----------
     verdict : on the deflections.
+    deflections : those of the coordinates asked for.
     """
 
     def __init__(self, tape: Tape, n: int, laws: Sequence[tuple[int, SpringLaw]]) -> None:
         self._stiffness, self._rest = tape.vector("stiffness", n), tape.vector("rest", n)
         self._laws = dict(laws)
         self.verdict: Scalar = PLAIN
+        self.deflections: dict[int, Scalar] = {}
 
     def at(self, a: int, q: Scalar) -> tuple[Scalar, Scalar, Scalar]:
         """Energy, torque and stiffness of a spring with a given rest position."""
-        stretch = q - self._rest[a]
+        self.deflections[a] = stretch = q - self._rest[a]
         if a in self._laws:
             self.verdict = larger(
                 self.verdict, _away_from_corners(self._laws[a], stretch)
@@ -253,12 +258,18 @@ class JointSpringNumbers:
         """
         if a not in self._laws:
             k = self._stiffness[a]
-            return torque * (torque / k) * 0.5, k
-        x, verdict = deflection_for(self._laws[a], torque)
-        doubt = _away_from_corners(self._laws[a], x)
+            self.deflections[a] = x = torque / k
+            return torque * x * 0.5, k
+        self.deflections[a], verdict = deflection_for(self._laws[a], torque)
+        doubt = _away_from_corners(self._laws[a], self.deflections[a])
         self.verdict = larger(self.verdict, larger(verdict, doubt))
-        energy, _, k = stretched(self._laws[a], x)
+        energy, _, k = stretched(self._laws[a], self.deflections[a])
         return energy, k
+
+    def wind_up(self, is_length: Sequence[bool]) -> Scalar:
+        """Sum of the deflections of turning coordinates, as a share of `MAX_WIND_UP`."""
+        turned = [absolute(x) for a, x in self.deflections.items() if not is_length[a]]
+        return sum(turned[1:], turned[0]) * (1.0 / MAX_WIND_UP) if turned else 0.0
 
 
 @dataclass(frozen=True)
@@ -585,6 +596,8 @@ class ChainNumbers:
     N : rates of the coordinates in the motions x, ``dq = N dx``.
     rates : those of the joints; None where the motions are the joints'.
     gradient, hessian : on the motions.
+    deflection : at least 1 where `cartstiff.mechanisms.limits.deflection_notes` may have
+        a note.
     """
 
     def __init__(self, tape: Tape, case: ChainCase, start: int = 0) -> None:
@@ -673,6 +686,10 @@ class ChainNumbers:
             energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
             gradient[a] = torque
         self.verdict = larger(self.verdict, springs.verdict)
+        # The deflection of a tip on slides is not bounded by that of its joints.
+        is_length = case.constants.is_length
+        on_slides = bool(case.springs) and any(is_length) and not case.is_closed
+        self.deflection: Scalar = 1.0 if on_slides else springs.wind_up(is_length)
         self.energy, self._of_coordinates = energy, (gradient, hessian)
         self.gradient = self.N.T @ gradient
         self.hessian = congruence(self.N, hessian + self._turning(-gradient))
@@ -786,6 +803,11 @@ class ChainNumbers:
         return size * (
             norm_squared(backward[:3]) + norm_squared(backward[3:]) * self.area
         )
+
+    def noteworthy(self, own: tuple[Array, Array], outer: tuple[Array, Array]) -> Array:
+        """`cartstiff.batch.algebra.noteworthy`, from H_L and K^B with their inverses."""
+        margin = 2.0 if self.n == 6 else 100.0
+        return noteworthy(self.squared_condition, own, outer, margin=margin)
 
     def kinetic(self, bodies: Bodies) -> Array:
         """Mass matrix in the coordinates."""
@@ -1096,4 +1118,10 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
     # An unbalanced posture keeps that verdict, whatever its stiffness would be.
     both = larger(chain.verdict, verdict)
     arrays["verdict"] = np.array([pick(chain.verdict, 1.5, both, chain.verdict)], object)
+    if "noteworthy" in wanted and stiffness and "compliance_B" in arrays:
+        H = chain.lagrangian(W)
+        pairs = (H, positive_inverse(H)), (stiffness["B"], arrays["compliance_B"])
+        arrays["noteworthy"] = np.array(
+            [*chain.noteworthy(*pairs), chain.deflection], object
+        )
     return arrays

@@ -59,6 +59,7 @@ from cartstiff.batch.algebra import (
     largest,
     limited,
     norm_squared,
+    noteworthy,
     positive_factor,
     positive_inverse,
     reflections,
@@ -219,6 +220,46 @@ class ClosedChainNumbers(ChainNumbers):
         self.verdict = larger(self.verdict, limited(condition, JACOBIAN_CONDITION**2))
         self.squared_condition = condition
         return A
+
+    def noteworthy(self, own: tuple[Array, Array], outer: tuple[Array, Array]) -> Array:
+        """As for an open chain, on orthonormal motions.
+
+        With N and x in natural sizes these are ``N (N^T N)^(-1/2)``, along which the
+        independent coordinates, the actuators, move by ``(N^T N)^(-1/2)``; the motion per
+        twist of the body, ``N H^-1 J^T K^B``, bounds the inverse Jacobian.
+        """
+        sizes = np.array(
+            [self.length if d else 1.0 for d in self.case.constants.is_length], object
+        )
+        N = self.N / sizes[:, None] * self.columns
+        (H, softness), (K, _) = own, outer
+        forward = (self.J * self.columns).T
+        back = N @ ((softness @ (self.J.T @ K)) / self.columns[:, None])
+        if self.n > 6:  # (N^T N)^(-1/2) is at most 1
+            if not self.case.independent:
+                return np.array([1.0, 1.0], object)
+            spread = (
+                norm_squared(N) * square_root(float(self.n))
+                if self.case.is_driven
+                else 1.0
+            )
+            serial = self.condition(forward, back.T)
+            return noteworthy(larger(serial, spread), own, outer, margin=100.0)
+        gram = congruence(N, np.eye(len(N)))
+        L, inverses, _ = positive_factor(gram)
+        forward = below(L, forward)
+        for row, inverse_pivot in zip(forward, inverses, strict=True):
+            row *= square_root(inverse_pivot)
+        inverse_gram = congruence(below(L, np.eye(self.n)), np.diag(inverses))
+        spread = square_root(norm_squared(gram) * norm_squared(inverse_gram))
+        serial = self.condition(forward, back.T)
+        near, lost = noteworthy(larger(serial, spread), outer, margin=100.0)
+        both = self.columns * self.columns[:, None]
+        size = norm_squared(H * both) * norm_squared(softness / both) * (spread * spread)
+        lost = larger(
+            lost, size * (self.n * numerics.EPSILON / numerics.REPORTED_ERROR) ** 2
+        )
+        return np.array([near, lost], object)
 
 
 def characteristic_length(tree: Kinematics) -> Scalar:

@@ -35,6 +35,7 @@ from cartstiff.batch.algebra import (
     largest,
     limited,
     norm_squared,
+    noteworthy,
     reflections,
     taut_stiffness,
     upper_inverse,
@@ -43,6 +44,7 @@ from cartstiff.batch.algebra import (
 from cartstiff.batch.tape import Scalar, Tape, absolute, larger, pick
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.limits import MAX_RELATIVE_DEFLECTION
 from cartstiff.mechanisms.platform import Struts
 from cartstiff.potentials.line_springs import lines_of_many, second_derivative
 from cartstiff.potentials.loads import held_force
@@ -312,6 +314,12 @@ def platform_arrays(
     verdict = larger(verdict, limited(product, _MAX_CONDITION_PRODUCT**2))
     verdict = larger(verdict, holds_soft_directions(K_B, wanted))
     arrays["verdict"] = np.array([verdict], object)
+    is_known = body.decomposition is not None and "compliance_B" in arrays
+    if "noteworthy" in wanted and is_known:
+        pair = K_B, arrays["compliance_B"]
+        near, lost = noteworthy(body.squared_condition, pair)
+        doubt = largest(t / body.k / lengths) * (1.0 / MAX_RELATIVE_DEFLECTION)
+        arrays["noteworthy"] = np.array([near, lost, doubt], object)
     return arrays
 
 

@@ -25,6 +25,7 @@ from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_input
 from cartstiff.batch.algebra import PLAIN
 from cartstiff.batch.arguments import (
+    DETAILS,
     EVERY_OUTPUT,
     TENSIONS,
     checked_names,
@@ -245,16 +246,27 @@ class Program:
             self._refuse(wrench)
         if wrench is not None:
             given["wrench"] = _as_vector(wrench, 6, "wrench")
-        if self._answer is not None:
-            if self._closing is not None or self._settling is not None:
-                placed = self._placed(at, given)
-                if placed is None:
-                    return self._by_analyse(at, given)
-                at = placed
-            record = self._answer.record(q=at, **given, **self._derivatives(at, given))
-            if record[self._verdict] == PLAIN:
-                return RecordedPosture(self._places, record, at, self._state, True)
-        return self._by_analyse(at, given)
+        plain = self._plain(at, given)
+        return self._by_analyse(at, given) if plain is None else plain
+
+    def plain(self, q: Array, wrench: Array | None = None) -> RecordedPosture | None:
+        """As a call, but None where `cartstiff.analyse` would be asked."""
+        given = self._usual if wrench is None else {**self._usual, "wrench": wrench}
+        return self._plain(q, given)
+
+    def _plain(self, at: Array, given: Mapping[str, Array]) -> RecordedPosture | None:
+        """Arrays of a plainly regular posture, else None."""
+        if self._answer is None:
+            return None
+        if self._closing is not None or self._settling is not None:
+            placed = self._placed(at, given)
+            if placed is None:
+                return None
+            at = placed
+        record = self._answer.record(q=at, **given, **self._derivatives(at, given))
+        if record[self._verdict] != PLAIN:
+            return None
+        return RecordedPosture(self._places, record, at, self._state, True)
 
     def _refuse(self, wrench: ArrayLike | None) -> None:
         if wrench is None:
@@ -554,7 +566,8 @@ def _shapes(elastic: ElasticMechanism) -> dict[str, tuple[int, ...]]:
     count = len(elastic.mechanism.coordinates)
     legs = len(getattr(elastic.mechanism, "anchors", ()))
     names = (name for name in EVERY_OUTPUT if legs or name != TENSIONS)
-    return {name: shape_of(name, 1, count, legs)[1:] for name in names}
+    own = {name: shape_of(name, 1, count, legs)[1:] for name in names}
+    return {**own, **{name: shape_of(name, 1, count, legs)[1:] for name in DETAILS}}
 
 
 def _as_vector(values: ArrayLike, size: int, what: str) -> Array:

@@ -16,6 +16,7 @@ from cartstiff import numerics
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.answer.posture import answer_at
 from cartstiff.arrays import checked_pose, named_values
+from cartstiff.batch.recorded_postures import RecordedPostures
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -53,7 +54,8 @@ from cartstiff.report.better import NONE_FOUND, better_sentences
 from cartstiff.report.sentences import answer_sentences, displacement_words
 from cartstiff.scene.swing import swing_of
 from cartstiff.statics.command import analyse_commanded
-from cartstiff.stiffness.compute import PostureStiffness, analyse
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
+from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.toolpaths.better import better_posture
 from cartstiff.version import __version__
 from cartstiff.vibration.modes import modes
@@ -103,6 +105,8 @@ class Session:
         self._elastic = elastic
         self._q = np.array(elastic.q if q is None else q, float)
         self._variant: tuple[Any, ElasticMechanism] = ((None, None, None), elastic)
+        #: Its postures without commands, which are soon by a program.
+        self.postures = RecordedPostures(elastic)
         self._follower = Follower(elastic)
         self._cloud_shown: str | None = None
         self._colour_bar: dict[str, Any] | None = None
@@ -257,17 +261,23 @@ class Session:
         self, elastic: ElasticMechanism, q: Array, state: ViewState
     ) -> PostureStiffness:
         """The posture at coordinates of a mechanism with the springs of a state."""
-        # Machine code takes loads along the body's axes, which need no further argument.
-        axes = {} if state.load_axes == "body" else {"load_axes": state.load_axes}
-        load: dict[str, Any] = (
-            {} if state.load is None else {"wrench": state.load, **axes}
-        )
+        wrench: Array | None = None
+        axes: Axes = "body"
+        if state.load is not None:
+            wrench, axes = np.array(state.load, float), state.load_axes
         # Its buttons stay as they are while there is no load.
-        is_usual = state.load_kind == "dead" and not any(state.acts_at)
-        if not is_usual and (load or elastic.may_be_loaded):
-            load |= {"load_kind": state.load_kind, "load_at": state.acts_at}
+        kind = DEAD_AT_ORIGIN
+        if wrench is not None or elastic.may_be_loaded:
+            kind = LoadKind(state.load_kind, state.acts_at)
         if state.command is None or not any(state.command):
-            return analyse(elastic, q, **load)
+            if self.postures.elastic is not elastic:
+                self.postures = RecordedPostures(elastic)
+            return self.postures.posture(q, wrench, kind, axes)
+        load: dict[str, Any] = {}
+        if wrench is not None:
+            load = {"wrench": wrench, "load_axes": axes}
+        if kind != DEAD_AT_ORIGIN:
+            load |= {"load_kind": kind.kind, "load_at": kind.at}
         steps = named_values(
             state.command, elastic.spring_names, state.command, "command"
         )

@@ -246,7 +246,9 @@ def shown_numbers(
         "moved": _moved(result, state),
         "modes": modes_part(result) if state.mode is not None else None,
         "verdict": verdict_words(result, state.connection, numbers),
-        "doubts": [note.code for note in doubts_of(result.elastic, result.notes)],
+        "doubts": [
+            note.code for note in doubts_of(result.elastic_as_given, result.notes)
+        ],
     }
     if T is not None:
         answer[state.quantity] = {n: _listed(M) for n, M in shown.items() if n != "+"}
@@ -422,9 +424,7 @@ def distance_to_singularity(result: PostureStiffness) -> list[dict[str, Any]]:
             values = scaled_values(posture, result.jacobian, result.length)
             freedoms = len(posture.q)
         else:
-            reduction = result.reduction
-            values, freedoms = reduction.singular_values, reduction.usual_rank
-            motions = reduction.motions
+            values, freedoms, motions = result.motions_of_closed
         ratios.append(_ratio("serial", values, min(6, freedoms)))
     if posture.actuation is not None:
         rates = posture.actuation * posture.coordinate_lengths

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -52,6 +52,7 @@ from cartstiff.stiffness.flat_chart import (
     flat_connection,
     pose_by_chart,
 )
+from cartstiff.stiffness.motions import values_of_closed
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import exceeds_roundoff, shown_wrench, without_cancelled
 from cartstiff.stiffness.task_axes import TaskAxes, task_axes
@@ -235,8 +236,33 @@ class PostureStiffness(LabelledResult):
     #: Whether a given wrench determined the rest positions.
     _rest_is_chosen: bool = False
 
+    #: Functions of what `of_numbers` leaves until it is read, by name.
+    _later: ClassVar[Mapping[str, Callable[[], Any]]] = {}
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "q", fixed(self.q))
+
+    @classmethod
+    def of_numbers(
+        cls, known: Mapping[str, Any], later: Mapping[str, Callable[[], Any]]
+    ) -> PostureStiffness:
+        """A regular posture some of whose attributes are `known`.
+
+        `later` finds fields, `notes` and `notes_on_posture` when they are first read.
+        """
+        own = cls.__new__(cls)
+        vars(own).update(known, _later=later)
+        return own
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name):
+            """A field that is found when it is first read."""
+            find = vars(self).get("_later", {}).get(name)
+            if find is None:
+                raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+            value = vars(self)[name] = find()
+            return value
 
     def _lines(self) -> list[str]:
         elastic, W = self.elastic, self.wrench
@@ -325,24 +351,24 @@ class PostureStiffness(LabelledResult):
     @property
     def frame(self) -> str:
         """Name of the body frame M."""
-        return self.elastic.mechanism.frame
+        return self.mechanism.frame
 
     @property
     def units(self) -> Units:
         """Units of every number."""
-        return self.elastic.units
+        return self.elastic_as_given.units
 
-    @property
+    @cached_property
     def pose(self) -> Array:
         """``T_F_M`` (4, 4)."""
         return fixed(self.posture.pose)
 
-    @property
+    @cached_property
     def wrench(self) -> Array | None:
         """W = dPhi in the body frame; None in an unbalanced posture."""
         return None if self.reduction.force is None else fixed(self.reduction.force)
 
-    @property
+    @cached_property
     def energy(self) -> float:
         """Potential energy of all that acts: springs, gravity,
         and loads added as potentials.
@@ -449,6 +475,14 @@ class PostureStiffness(LabelledResult):
         each = dict(zip_longest(("B", "A", "K", "load", "F"), found))
         return {name: each[name] for name in ("A", "B", "K", "F", "load")}
 
+    @property
+    def motions_of_closed(self) -> tuple[Array, int, Array | None]:
+        """Of a closed chain: `Reduction.singular_values`, `usual_rank`, `motions`."""
+        if "motions_of_closed" in self._later:  # regular closures, without the reduction
+            return values_of_closed(self.posture)
+        found = self.reduction
+        return found.singular_values, found.usual_rank, found.motions
+
     @cached_property
     def is_loaded(self) -> bool:
         """Whether there is a load: one was given, or the springs' wrench
@@ -500,15 +534,15 @@ class PostureStiffness(LabelledResult):
     @property
     def mechanism(self) -> Mechanism:
         """The mechanism without its springs."""
-        return self.elastic.mechanism
+        return self.elastic_as_given.mechanism
 
-    @property
+    @cached_property
     def leg_lengths(self) -> Array | None:
         """Lengths (m,) of a platform's legs; None for other mechanisms."""
         lines = self.posture.lines
         return None if lines is None else lines.lengths
 
-    @property
+    @cached_property
     def tensions(self) -> Array | None:
         """Tensions (m,) of a platform's legs, see
         `cartstiff.mechanisms.limits.tensions_of`.
@@ -539,7 +573,7 @@ class PostureStiffness(LabelledResult):
             self.length,
         )
 
-    @property
+    @cached_property
     def length(self) -> float:
         """Characteristic length of the posture, see `MechanismPosture.length`."""
         return self.posture.length
@@ -638,6 +672,8 @@ class PostureStiffness(LabelledResult):
     @cached_property
     def notes(self) -> tuple[Note, ...]:
         """Assumptions, and reasons why something does not exist."""
+        if (find := self._later.get("notes")) is not None:
+            return cast(tuple[Note, ...], find())
         reason = () if self._flat.note is None else (self._flat.note,)
         signs = posture_notes.indefinite(
             self.reduction, self.tangent, self.tangent_compliance, self._natural
@@ -666,6 +702,8 @@ class PostureStiffness(LabelledResult):
     @cached_property
     def notes_on_posture(self) -> tuple[Note, ...]:
         """The `notes` without those on matrices."""
+        if (later := self._later.get("notes_on_posture")) is not None:
+            return cast(tuple[Note, ...], later())
         known, find = self._notes, posture_notes.notes_on_posture
         if known is not None:
             return known

@@ -1,0 +1,143 @@
+"""Postures that a page asks for often are the core's: numbers, notes, words of the load."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+import cartstiff
+from cartstiff.batch.recorded_postures import RecordedPostures
+from cartstiff.errors import ConvergenceError
+from cartstiff.page.messages import ViewState, read_message
+from cartstiff.page.session import Session
+from cartstiff.page.shown import shown_numbers
+from cartstiff.page.source import Source
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind
+
+WRENCH = np.array([4.0, -3.0, 2.0, 20.0, 30.0, -40.0])
+FOLLOWER = LoadKind("follower", (0.05, -0.02, 0.1))
+# The same formulas in another order; the worst of these postures has a condition of some 1e3.
+SAME = 1e-11
+
+
+def later(*case):
+    """A case of `make thorough` and of this file when it is named."""
+    return pytest.param(*case, marks=pytest.mark.thorough)
+
+
+def close(a, b):
+    if b is None:
+        assert a is None
+    else:
+        assert np.abs(a - b).max() <= SAME * np.abs(b).max()
+
+
+@pytest.mark.parametrize(
+    ("name", "wrench", "load", "axes", "spread", "quick"),
+    [
+        ("ur5", None, DEAD_AT_ORIGIN, "body", 0.4, 20),
+        ("ur5", WRENCH, FOLLOWER, "world", 1.5, 15),
+        ("stewart-gough", None, DEAD_AT_ORIGIN, "body", 0.2, 20),  # near type 2 everywhere
+        ("6-ups", None, DEAD_AT_ORIGIN, "body", 0.6, 5),  # far out it cannot be closed
+        later("panda", WRENCH, DEAD_AT_ORIGIN, "world", 0.4, 15),
+        later("hexapod", None, DEAD_AT_ORIGIN, "body", 0.02, 20),
+        later("6-ups", WRENCH, FOLLOWER, "world", 0.1, 15),
+        later("delta", None, DEAD_AT_ORIGIN, "body", 0.3, 15),  # with links that give
+        ("cable-robot", None, DEAD_AT_ORIGIN, "body", 0.01, 0),  # slackness is the core's
+    ],
+)
+def test_every_answer_is_the_cores(name, wrench, load, axes, spread, quick):
+    elastic, rng, found = cartstiff.load(name), np.random.default_rng(3), 0
+    recorded = RecordedPostures(elastic)
+    recorded.posture(elastic.q, wrench, load, axes)
+    recorded.record()
+    moved = list(
+        (elastic.mechanism.closures and elastic.mechanism.actuated) or range(len(elastic.q))
+    )
+    given = {}
+    if wrench is not None:
+        given = {"wrench": wrench, "load_axes": axes, "load_kind": load.kind, "load_at": load.at}
+    for _ in range(20):
+        q = elastic.q.copy()
+        shares = [0.1 if elastic.mechanism.coordinates[i].is_length else 1.0 for i in moved]
+        q[moved] += rng.uniform(-spread, spread, len(moved)) * shares
+        try:
+            core = cartstiff.analyse(elastic, q, **given)
+        except ConvergenceError:
+            with pytest.raises(ConvergenceError):
+                recorded.posture(q, wrench, load, axes)
+            continue
+        ours = recorded.posture(q, wrench, load, axes)
+        found += "reduction" not in vars(ours)
+        close(ours.q, core.q)
+        assert [n.code for n in ours.notes] == [n.code for n in core.notes]
+        assert [n.code for n in ours.notes_on_posture] == [n.code for n in core.notes_on_posture]
+        for matrices, expected in (
+            (ours.matrices, core.matrices),
+            (ours.compliances, core.compliances),
+        ):
+            for c in (*"ABKF", "load"):
+                if expected[c] is not None:
+                    close(matrices[c], expected[c])
+        for what in ("pose", "jacobian", "wrench", "leg_lengths", "tensions"):
+            if np.any(getattr(core, what)):
+                close(getattr(ours, what), getattr(core, what))
+        assert ours.energy == pytest.approx(core.energy, rel=SAME, abs=1e-15)
+        assert ours.stored_energy == pytest.approx(core.stored_energy, rel=SAME, abs=1e-15)
+        assert ours.is_loaded == core.is_loaded
+        assert ours.length == pytest.approx(core.length, rel=SAME)
+        assert ours.load_as_dict().keys() == core.load_as_dict().keys()
+        assert ours.to_dict().keys() == core.to_dict().keys()
+    assert found >= quick
+
+
+@pytest.mark.parametrize("name", ["ur5", "6-ups"])
+def test_the_page_shows_the_same_numbers(name):
+    elastic = cartstiff.load(name)
+    recorded = RecordedPostures(elastic)
+    recorded.posture(elastic.q, WRENCH, DEAD_AT_ORIGIN, "body")
+    recorded.record()
+    ours = recorded.posture(elastic.q, WRENCH, DEAD_AT_ORIGIN, "body")
+    core = cartstiff.analyse(elastic, wrench=WRENCH)
+    assert "reduction" not in vars(ours)
+    state = ViewState(q=elastic.q.tolist(), load=tuple(WRENCH), point=(0.1, 0.0, 0.2))
+    same(shown_numbers(ours, state), shown_numbers(core, state))
+    assert pickle.loads(pickle.dumps(ours)).tangent == pytest.approx(core.tangent)
+
+
+def same(ours, core, where=""):
+    """Equal words, numbers to rounding."""
+    if isinstance(core, dict):
+        assert ours.keys() == core.keys()
+        for key in core:
+            same(ours[key], core[key], f"{where}.{key}")
+    elif isinstance(core, list) and core and isinstance(core[0], (float, list)):
+        scale = np.abs(np.array(core, float)).max()
+        np.testing.assert_allclose(ours, core, rtol=1e-7, atol=1e-9 * scale, err_msg=where)
+    elif isinstance(core, list):
+        assert len(ours) == len(core), where
+        for a, b in zip(ours, core, strict=True):
+            same(a, b, where)
+    elif isinstance(core, float):
+        assert ours == pytest.approx(core, rel=1e-6, abs=1e-9), where
+    else:
+        assert ours == core, where
+
+
+def test_a_session_records_what_is_asked_often_once_for_each_kind_of_load():
+    session = Session(Source(cartstiff.load("ur5")))
+    text = '{"id": 1, "do": "draw", "state": {"q": [0, -1, 1.5, %r, 1, 0]}}'
+    drawn = [session.answer(read_message(text % (0.01 * k))) for k in range(25)]
+    session.postures.record()
+    (recording,) = session.postures._recordings.values()
+    assert recording.program is not None
+    assert recording.program.path != "engine"
+    again = session.answer(read_message(text % 0.0))
+    same(again.data["numbers"], drawn[0].data["numbers"])
+    other = session.postures
+    session.answer(
+        read_message('{"id": 2, "do": "draw", "state": {"payload": [2.0, 0.0, 0.0, 0.1]}}')
+    )
+    assert session.postures is not other  # another mechanism, with programs of its own
