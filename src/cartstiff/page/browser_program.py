@@ -249,6 +249,10 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
     mechanism = elastic.mechanism
     limits = Limits(mechanism)
     chart = [note for note in result.notes if note.code == "kf-undefined"]
+    # What a page as a file does not compute must not stay that of this posture.
+    base = result.to_dict()
+    for key in ("legs", "task_axes"):
+        base.pop(key, None)
     described = {
         "platform": mechanism.coordinates_are_pose,
         "may_be_loaded": elastic.may_be_loaded,
@@ -276,11 +280,8 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
                 *chart,
             )
         ],
-        "base": result.to_dict(),
+        "base": base,
     }
-    # What a page as a file does not compute must not stay that of the first posture.
-    for key in ("legs", "task_axes"):
-        described["base"].pop(key, None)
     for key, is_loaded in (("rest_notes", False), ("loaded_rest_notes", True)):
         described[key] = [note.to_dict() for note in preload_notes(elastic, is_loaded)]
     described["reach"] = result.posture.length
