@@ -109,10 +109,10 @@ class Recorded:
     def named(self, found: Slopes) -> dict[str, Array]:
         """Derivatives (m,) by parameter, the closures kept."""
         by = dict(found.by) if found.closing is None else self._closed(found)
-        if isinstance(self.mechanism, Platform) and "points" in by:
+        if "points" in by:
             # Points are given in P, the recorded ones in M.
             in_M = by["points"].reshape(len(by["points"]), -1, 3)
-            in_P = in_M @ self.mechanism.T_P_M[:3, :3].T
+            in_P = in_M @ self.mechanism.frame_offset[:3, :3].T
             by["points"] = in_P.reshape(len(in_P), -1)
         return {
             name: by[array][:, i]
