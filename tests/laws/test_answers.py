@@ -203,3 +203,12 @@ def test_doubts_are_in_the_order_of_their_weight_and_said_once():
     notes = [Note(code, code) for code in ("slack", "kf-undefined", "beyond-limits", "slack")]
     found = [note.code for note in doubts_of(elastic, notes)]
     assert found == ["springs-illustrative", "beyond-limits", "slack"]
+
+
+def test_the_signs_of_a_matrix_are_those_that_its_keys_describe():
+    from typing import get_args
+
+    from cartstiff.analysis.matrices import Definiteness
+    from cartstiff.described import SIGNS
+
+    assert get_args(Definiteness) == SIGNS
