@@ -21,8 +21,9 @@ from machine_limits import cache_size
 
 import cartstiff
 from cartstiff.batch.postures import Reader, analyse_many
+from cartstiff.batch.quantities import Settings, choose_quantities
 from cartstiff.batch.readings import READINGS, Readings
-from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
+from cartstiff.batch.stacks import evaluate
 
 QUANTITIES = ("translation_free_min", "condition", "deflection")
 DEFLECT = (0.0, 0.0, 0.0, 0.0, 0.0, -50.0)

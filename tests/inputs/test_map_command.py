@@ -102,7 +102,7 @@ def test_cartesian_grid_in_one_option():
 
 
 def test_quantities_are_listed():
-    from cartstiff.maps.quantities import QUANTITIES
+    from cartstiff.batch.quantities import QUANTITIES
 
     out = run("models --quantities")
     for name in QUANTITIES:

@@ -16,11 +16,11 @@ from tests.laws.test_many_engine import assert_same
 import cartstiff
 from cartstiff import ElasticMechanism, RandomPostures, analyse_many
 from cartstiff.batch.postures import Reader
+from cartstiff.batch.quantities import Settings
 from cartstiff.batch.readings import Readings
 from cartstiff.batch.untraced import segments_of_many
 from cartstiff.geometry.se3 import Array
 from cartstiff.maps.job import MapJob
-from cartstiff.maps.quantities import Settings
 from cartstiff.potentials.beams import Beam, Section
 from cartstiff.stiffness.applied_load import LoadKind
 

@@ -43,8 +43,9 @@ from cartstiff import (
     equilibrium,
     numerics,
 )
+from cartstiff.batch.quantities import Settings, choose_quantities
+from cartstiff.batch.stacks import evaluate
 from cartstiff.errors import ConvergenceError
-from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.page.messages import Answer, ViewState

@@ -17,11 +17,11 @@ from cartstiff import analyse_many, analyse_posture, modes
 from cartstiff.analysis.ellipsoids import compliance_ellipsoid
 from cartstiff.analysis.sections import unit_of
 from cartstiff.batch.postures import Reader
-from cartstiff.batch.quantities import FREQUENCIES, QUANTITIES, Settings
+from cartstiff.batch.quantities import FREQUENCIES, QUANTITIES, Settings, choose_quantities
 from cartstiff.batch.readings import READINGS, Readings
+from cartstiff.batch.stacks import evaluate, needed_outputs
 from cartstiff.batch.vibrations import ManyModes
 from cartstiff.errors import InputError
-from cartstiff.maps.quantities import choose_quantities, evaluate, needed_outputs
 from cartstiff.mechanisms.platform import Platform
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.vibration.response import Damping

@@ -14,11 +14,11 @@ from cartstiff.analysis.indices import indices_of
 from cartstiff.analysis.matrices import stiffnesses_of_motions, with_angles_times
 from cartstiff.analysis.posture import PostureMatrices, analyse_posture, summarise
 from cartstiff.batch.postures import analyse_many
-from cartstiff.batch.quantities import BUILT_IN, Quantity
+from cartstiff.batch.quantities import BUILT_IN, QUANTITIES, Quantity, Settings, choose_quantities
+from cartstiff.batch.stacks import evaluate
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.maps import open_map
 from cartstiff.maps.job import STATES
-from cartstiff.maps.quantities import QUANTITIES, Settings, choose_quantities, evaluate
 from cartstiff.maps.run import packed, part_elsewhere, prepare_map
 from cartstiff.maps.store import CHECKSUM
 from cartstiff.stiffness import motions, reduction

@@ -18,7 +18,13 @@ from cartstiff.analysis.matrices import loss_of_elimination
 from cartstiff.batch.algebra import eliminated
 from cartstiff.batch.execution import PortableKernel
 from cartstiff.batch.postures import Reader, analyse_many, readable
-from cartstiff.batch.quantities import FREQUENCIES, QUANTITIES, Settings, frequency_name
+from cartstiff.batch.quantities import (
+    FREQUENCIES,
+    QUANTITIES,
+    Settings,
+    choose_quantities,
+    frequency_name,
+)
 from cartstiff.batch.readings import (
     READINGS,
     Readings,
@@ -27,9 +33,9 @@ from cartstiff.batch.readings import (
     largest_eigenvalue,
     principal_values,
 )
+from cartstiff.batch.stacks import evaluate
 from cartstiff.batch.tape import Tape
 from cartstiff.maps.job import MapJob
-from cartstiff.maps.quantities import choose_quantities, evaluate
 from cartstiff.maps.sampling import RandomPostures
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism

@@ -8,7 +8,8 @@ import pytest
 import cartstiff
 from cartstiff import analyse_posture
 from cartstiff.analysis.principal import block_ellipsoid
-from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
+from cartstiff.batch.quantities import Settings, choose_quantities
+from cartstiff.batch.stacks import evaluate
 from cartstiff.page.messages import ViewState
 from cartstiff.page.shown import shown_numbers
 from cartstiff.report.analysis import describe, summary_text

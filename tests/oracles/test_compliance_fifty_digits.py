@@ -15,7 +15,8 @@ from tests.support.digits import matrix, skew, turned
 
 import cartstiff
 from cartstiff import ElasticMechanism, JointSprings, analyse_many, analyse_posture
-from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
+from cartstiff.batch.quantities import Settings, choose_quantities
+from cartstiff.batch.stacks import evaluate
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.tree_building import plain_tree
 from cartstiff.report.analysis import summary_text

@@ -13,7 +13,8 @@ from tests.support.digits import skew
 
 import cartstiff
 from cartstiff import DeadForce, analyse_many, analyse_posture, equilibrium
-from cartstiff.maps.quantities import Settings, choose_quantities, evaluate
+from cartstiff.batch.quantities import Settings, choose_quantities
+from cartstiff.batch.stacks import evaluate
 
 CORNERS = np.repeat(2 * np.pi / 3 * np.arange(3), 2)
 

@@ -17,7 +17,8 @@ import cartstiff
 from cartstiff.arrays import plain
 from cartstiff.batch.execution import HELPERS, PortableKernel, javascript
 from cartstiff.batch.postures import analyse_many
-from cartstiff.batch.quantities import Settings
+from cartstiff.batch.quantities import Settings, choose_quantities
+from cartstiff.batch.stacks import evaluate, needed_outputs
 from cartstiff.batch.tape import (
     Tape,
     absolute,
@@ -31,7 +32,6 @@ from cartstiff.batch.tape import (
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.kinematics.following import Follower
-from cartstiff.maps.quantities import choose_quantities, evaluate, needed_outputs
 from cartstiff.page.browser_program import BrowserProgram, browser_program
 from cartstiff.page.export import client_data
 from cartstiff.page.files import page_script

@@ -803,9 +803,5 @@ class Reader:
         }
         verdicts = np.zeros(count, np.uint8)
         run(self._plan, self._kernel, q, self._wrench, arrays, verdicts, 1, None)
-        values = {}
-        for name, column in zip(self.readings.names, arrays["readings"].T, strict=False):
-            root = READINGS[name].root
-            with np.errstate(invalid="ignore"):  # at postures without valid numbers
-                values[name] = column if root == 1 else column ** (1.0 / root)
+        values = dict(zip(self.readings.names, arrays["readings"].T, strict=True))
         return Values(values, arrays["pose"], q, verdicts == 0)

@@ -1,8 +1,8 @@
 """The table of quantities that are read from the stiffness of a posture.
 
 An entry has its name, words, unit, required outputs, better end, and formula. A formula
-takes *numbers* from a `Source`: floats in stacks of many postures (`cartstiff.maps`), or
-recorded numbers for machine code (`cartstiff.batch.readings`). Sources compute
+takes *numbers* from a `Source`: floats in stacks of many postures (`batch.stacks`), or
+recorded numbers for machine code (`batch.readings`). Sources compute
 eigenvalues, and decide existence: a number that does not exist is NaN in a stack; a
 recorded one gets the verdict `FALLBACK`, so that the posture is read from a stack.
 """
@@ -10,20 +10,26 @@ recorded one gets the verdict `FALLBACK`, so that the posture is read from a sta
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
 from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cartstiff.analysis.ellipsoids import Freedom, Others
 from cartstiff.analysis.matrices import ROTATION, TRANSLATION, UNITS
+from cartstiff.analysis.metrics import characteristic_length
+from cartstiff.arrays import checked_input, checked_unit
 from cartstiff.batch.tape import absolute, larger, pick, square_root
+from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import OF_MANY
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.applied_load import LoadKind, wrench_in_body
+from cartstiff.stiffness.compute import analyse
 from cartstiff.units import Units
 from cartstiff.vibration.response import Damping
 
@@ -67,6 +73,49 @@ class Settings:
     deflect_at: tuple[float, ...] = (0.0, 0.0, 0.0)
     is_loaded: bool = False
     damping: Damping = field(default_factory=Damping)
+
+    @classmethod
+    def of(
+        cls,
+        elastic: ElasticMechanism,
+        load: LoadKind,
+        wrench: Array | None,
+        load_axes: Literal["body", "world"],
+        *,
+        connection: str | None = None,
+        length: float | None = None,
+        direction: ArrayLike | None = None,
+        deflect: ArrayLike | None = None,
+        deflect_at: ArrayLike = (0.0, 0.0, 0.0),
+        world: bool = False,
+        damping: Damping | None = None,
+    ) -> Settings:
+        """Checked settings of a mechanism under a load; what is not given, as of maps.
+
+        The connection is "load" where a load can act, else "B", and the length is the
+        natural length at the default posture.
+        """
+        if connection is None:
+            connection = default_connection(elastic, wrench)
+        if connection not in OF_MANY:
+            raise UnknownNameError("connection", connection, OF_MANY)
+        if length is None:
+            acting = {"load_kind": load.kind, "load_at": load.at, "load_axes": load_axes}
+            length = default_length(elastic, connection, wrench=wrench, **acting)
+        added = None
+        if deflect is not None:
+            added = checked_input(deflect, (6,), "wrench of the deflection")
+        return cls(
+            connection,
+            characteristic_length(given=length).value,
+            None if direction is None else tuple(checked_unit(direction).tolist()),
+            None if added is None else tuple(added.tolist()),
+            world,
+            load,
+            tuple(checked_input(deflect_at, (3,), "point of the deflection").tolist()),
+            wrench is not None,
+            Damping() if damping is None else damping,
+        )
 
     @property
     def matrix(self) -> str:
@@ -176,8 +225,8 @@ class Source:
         """
         raise NotImplementedError
 
-    def root(self, value: Numbers, degree: int) -> Numbers:
-        """A root; recorded sources leave it to `Quantity.root`."""
+    def sixth_root(self, value: Numbers) -> Numbers:
+        """The sixth root of a number that is not negative."""
         raise NotImplementedError
 
     def where_positive(
@@ -203,9 +252,8 @@ def product_of(values: Rows) -> Numbers:
 def _isotropy(s: Source) -> Numbers:
     values = s.spectrum()
     mean = sum(values[1:], values[0]) * (1.0 / 6.0)
-    return s.root(
-        s.where_positive(product_of([x / mean for x in values]), values[0], 0.0), 6
-    )
+    share = product_of([x / mean for x in values])
+    return s.sixth_root(s.where_positive(share, values[0], 0.0))
 
 
 def _natural_length(s: Source) -> Numbers:
@@ -214,7 +262,7 @@ def _natural_length(s: Source) -> Numbers:
     value = product_of([x / y for x, y in zip(free, held, strict=True)])
     for least in (held[0], free[0]):
         value = s.where_positive(value, least)
-    return s.root(value, 6)
+    return s.sixth_root(value)
 
 
 def _asymmetry(s: Source) -> Numbers:
@@ -258,8 +306,6 @@ class Quantity:
         The setting that it depends on.
     better : {"larger", "smaller"}, optional
         Which end belongs to the better posture.
-    root : int
-        Root to take of the recorded number.
     is_recorded : bool
         Whether the formula can be recorded; else it is computed in stacks only.
     """
@@ -271,7 +317,6 @@ class Quantity:
     needs: tuple[str, ...]
     asks: Literal["direction", "deflect", "length", "damping"] | None = None
     better: Literal["larger", "smaller"] | None = "larger"
-    root: int = 1
     is_recorded: bool = True
 
     def unit_in(self, units: Units) -> str:
@@ -349,7 +394,6 @@ def _vibration_quantities() -> Iterator[Quantity]:
             "Hz",
             partial(_of_mode, of="frequency", i=i),
             ("pose",),
-            root=2,
         )
     for i in range(6):
         yield Quantity(
@@ -411,7 +455,6 @@ QUANTITIES: dict[str, Quantity] = {
             _isotropy,
             _PAIR,
             "length",
-            root=6,
         ),
         Quantity(
             "minimum",
@@ -454,7 +497,6 @@ QUANTITIES: dict[str, Quantity] = {
             _natural_length,
             _PAIR,
             better=None,
-            root=6,
         ),
         Quantity(
             "asymmetry",
@@ -527,3 +569,131 @@ def is_own(name: str) -> bool:
 
 #: Quantities that need the masses.
 FREQUENCIES = frozenset(map(frequency_name, range(6)))
+
+
+def quantity_named(name: str, own: Sequence[Quantity] = ()) -> Quantity:
+    """Return the quantity with a name of `own` or of the table.
+
+    Raises
+    ------
+    UnknownNameError
+        For another name.
+    """
+    known = QUANTITIES | {quantity.name: quantity for quantity in own}
+    if name not in known:
+        raise UnknownNameError("quantity", name, known)
+    return known[name]
+
+
+def choose_quantities(
+    names: Sequence[str],
+    settings: Settings,
+    elastic: ElasticMechanism,
+    own: Sequence[Quantity] = (),
+) -> tuple[Quantity, ...]:
+    """Quantities by name (see `quantity_named`), checked against settings and mechanism.
+
+    Raises
+    ------
+    UnknownNameError
+        For a name that is not in `QUANTITIES`.
+    InputError
+        If a quantity needs a setting that is missing, is named twice, or does not exist
+        for this kind of mechanism.
+    """
+    if settings.connection not in OF_MANY:
+        raise UnknownNameError("connection", settings.connection, OF_MANY)
+    if not names:
+        raise InputError("no quantity was named", expected="one or more names")
+    is_pushed = settings.is_loaded or settings.deflect is not None
+    missing = {
+        "direction": None
+        if settings.direction
+        else "a direction (--direction, direction=)",
+        "deflect": None
+        if is_pushed
+        else "a wrench to deflect the body (--load, or --added-load, deflect=)",
+    }
+    chosen = []
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError("quantity given twice", got=repr(name))
+        quantity = quantity_named(name, own)
+        if (what := missing.get(quantity.asks or "")) is not None:
+            raise InputError(f"the quantity {name} needs {what}")
+        if quantity.asks == "damping" and not settings.damping.acts_on(elastic):
+            raise InputError(
+                f"the quantity {name} needs damping", got="no ratio, no dampers"
+            )
+        mechanism = elastic.mechanism
+        lines = len(mechanism.points) or 6
+        if "jacobian" in quantity.needs and (mechanism.closures or lines != 6):
+            raise InputError(
+                f"the quantity {name} is not defined for a mechanism with closures, or "
+                "lines "
+                "other than six",
+                expected="a serial chain or a platform on six legs",
+            )
+        if name == "manipulability":
+            quantity = replace(quantity, unit=_manipulability_unit(elastic))
+        chosen.append(quantity)
+    return tuple(chosen)
+
+
+def _manipulability_unit(elastic: ElasticMechanism) -> str:
+    """Unit of the product of singular values: each joint counts in its own unit."""
+    mechanism = elastic.mechanism
+    slides = sum(c.is_length for c in mechanism.coordinates)
+    if mechanism.coordinates_are_pose:
+        slides = 6  # what moves are the legs
+    elif len(mechanism.coordinates) < 6 or (slides and len(mechanism.coordinates) > 6):
+        return "mixed, of rad and {length}"
+    return f"{{length}}^{3 - slides}"
+
+
+def default_connection(elastic: ElasticMechanism, wrench: Array | None = None) -> str:
+    """The matrix to read: "load" (tangent under the load) if a load can act, else "B"."""
+    if wrench is not None:
+        return "load" if wrench.any() else "B"
+    return "load" if elastic.potentials or elastic.may_be_loaded else "B"
+
+
+def default_length(
+    elastic: ElasticMechanism, connection: str = "B", **load: Any
+) -> float:
+    """Characteristic length of a map: the natural length at the default posture,
+    or one unit.
+
+    `load` as `wrench` and its kind in `cartstiff.analyse`.
+    """
+    here = analyse(elastic, **load).at()
+    length = characteristic_length(*here.pair(connection, "held")).value
+    return float(f"{length:.6g}")  # the same digits on every processor
+
+
+def check_used(settings: Settings, chosen: Sequence[Quantity]) -> None:
+    """Refuse settings that none of the chosen quantities needs."""
+    asked = {quantity.asks for quantity in chosen}
+    for what, is_given, of in (
+        ("direction", settings.direction is not None, ("direction",)),
+        ("wrench of the deflection", settings.deflect is not None, ("deflect",)),
+        ("damping", settings.damping != Damping(), ("damping",)),
+    ):
+        if is_given and asked.isdisjoint(of):
+            names = [q.name for q in QUANTITIES.values() if q.asks in of]
+            raise InputError(
+                "is given, and no quantity needs it",
+                where=what,
+                expected="one of " + ", ".join(names[:4]) + ", ..." * (len(names) > 4),
+                got=", ".join(q.name for q in chosen) or "no quantity",
+            )
+    for what, is_given, needed in (
+        ("world", settings.world, ("direction", "deflect")),
+        ("deflect_at", any(settings.deflect_at), ("deflect",)),
+    ):
+        if is_given and all(getattr(settings, name) is None for name in needed):
+            raise InputError(
+                f"is about {' and '.join(needed)}, and none is given",
+                where=what,
+                expected="load_axes, load_at for the load",
+            )

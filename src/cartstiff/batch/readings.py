@@ -3,7 +3,7 @@ r"""Quantities of the table `cartstiff.batch.quantities` on recorded numbers.
 A program with quantities does not store the matrices that they are read from. Eigenvalues
 come from a matrix if it has the digits, else from its inverse; a posture that needs more
 than that has the verdict `FALLBACK` and is read from stored matrices
-(`cartstiff.maps.quantities`).
+(`cartstiff.batch.stacks`).
 
 Eigenvalues of symmetric matrices take a fixed number of steps. All of them come from
 Jacobi rotations: a sweep rotates every pair of rows once, and the off-diagonal part
@@ -97,6 +97,8 @@ def _rounds(n: int) -> tuple[tuple[int, int], ...]:
 
 
 _PAIRS = {n: _rounds(n) for n in _SWEEPS}
+#: Fourth roots, and steps, that find cube roots of numbers from 1e-100 to 1e100.
+_QUARTERS, _HALLEY_STEPS = 6, 2
 #: Largest off-diagonal part, as a share of the whole matrix: round-off.
 _MAX_OFF_DIAGONAL = 4.0 * numerics.EPSILON
 #: Largest last step, as a share: round-off where two eigenvalues are near each other.
@@ -272,6 +274,27 @@ def principal_values(
         verdict = larger(verdict, pick(direct, _MAX_BLOCK_CONDITION, PLAIN, of_inverse))
         merged.append(pick(alone, FALLBACK, x, pick(direct, around, x, 1.0 / y)))
     return ascending(merged), larger(doubt, pick(alone, FALLBACK, PLAIN, verdict))
+
+
+def cube_root(x: Scalar) -> tuple[Scalar, Scalar]:
+    """The cube root of a positive number, and the verdict on it.
+
+    As ``1/3 = 1/4 + 1/16 + ...``, square roots come near it, and each of Halley's steps
+
+        y (y^3 + 2 x) / (2 y^3 + x)
+
+    trebles the number of digits.
+    """
+    y: Scalar = 1.0
+    part = x
+    for _ in range(_QUARTERS):
+        part = square_root(square_root(part))
+        y = y * part
+    cube = y * y * y
+    for _ in range(_HALLEY_STEPS):
+        y = y * (cube + x + x) / (cube + cube + x)
+        cube = y * y * y
+    return y, pick(absolute(cube - x), x * numerics.ROUNDOFF, PLAIN, FALLBACK)
 
 
 def periods(
@@ -487,9 +510,11 @@ class RecordedSource(Source):
         """Largest over smallest of positive eigenvalues."""
         return values[-1] / values[0]
 
-    def root(self, value: Scalar, degree: int) -> Scalar:  # noqa: ARG002
-        """The value itself."""
-        return value
+    def sixth_root(self, value: Scalar) -> Scalar:
+        """The cube root of the square root."""
+        root, doubt = cube_root(square_root(value))
+        self.require(doubt)
+        return root
 
     def where_positive(
         self,
@@ -542,7 +567,7 @@ class RecordedSource(Source):
         return reflections((self.arrays["jacobian"] * scale * columns).T).R
 
     def frequency(self, i: int) -> Scalar:
-        """The square of one of the lowest frequencies."""
+        """One of the lowest frequencies in Hz."""
         most = max(i for i in range(6) if frequency_name(i) in self.asked.names)
 
         def make() -> list[Scalar]:
@@ -551,8 +576,7 @@ class RecordedSource(Source):
             self.require(doubt)
             return found
 
-        square: Scalar = self.asked.hertz**2 / self.once("periods", make)[i]
-        return square
+        return square_root(self.asked.hertz**2 / self.once("periods", make)[i])
 
 
 def _scaled(matrix: Array, length: float) -> Array:

@@ -18,6 +18,7 @@ import numpy as np
 
 from cartstiff.arrays import Array, csv_rows
 from cartstiff.batch.kernels import lasting_path
+from cartstiff.batch.quantities import quantity_named
 from cartstiff.checked_call import checked
 from cartstiff.described import described
 from cartstiff.designs.study import (
@@ -43,7 +44,6 @@ from cartstiff.lazily import cached_property
 from cartstiff.loading import file_reader, tool_of
 from cartstiff.maps.cartesian import AtPoses
 from cartstiff.maps.job import STATES, MapJob
-from cartstiff.maps.quantities import quantity_named
 from cartstiff.maps.run import map_job
 from cartstiff.maps.sampling import Axis, Grid, RandomPostures, Sampling, Trajectory
 from cartstiff.mechanisms.elastic import ElasticMechanism

@@ -18,7 +18,7 @@ from cartstiff import numerics
 from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
 from cartstiff.arrays import Array, Result, checked_input
 from cartstiff.batch.gradient import Differentiated
-from cartstiff.batch.quantities import Settings
+from cartstiff.batch.quantities import Settings, choose_quantities, default_length
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
     CartstiffError,
@@ -30,8 +30,6 @@ from cartstiff.figures import draw_bars, new_figure
 from cartstiff.geometry.differences import derivative_with_error
 from cartstiff.gradients.exact import LOAD, Recorded, free_coordinates, rests_are_given
 from cartstiff.gradients.objectives import Asked, OfFunction, OfQuantity, OwnObjective
-from cartstiff.maps.quantities import choose_quantities
-from cartstiff.maps.run import default_length
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 

@@ -10,9 +10,8 @@ import numpy as np
 from cartstiff.arrays import Array
 from cartstiff.batch.quantities import Quantity, Settings
 from cartstiff.batch.readings import READINGS, Readings, RecordedSource
-from cartstiff.batch.tape import square_root
+from cartstiff.batch.stacks import evaluate
 from cartstiff.errors import InputError
-from cartstiff.maps.quantities import evaluate
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.compute import PostureStiffness
 
@@ -66,12 +65,7 @@ class OfQuantity(Asked):
         """Its value on recorded numbers, and the verdict on it."""
         reading = READINGS[self.name]
         source = RecordedSource({**arrays, "lengths": lengths}, self._readings)
-        value = reading.function(source)
-        if reading.root == 2:
-            value = square_root(value)
-        elif reading.root != 1:
-            raise KeyError(self.name)
-        return value, source.verdict
+        return reading.function(source), source.verdict
 
 
 class OfFunction(Asked):

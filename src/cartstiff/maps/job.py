@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,16 +25,16 @@ from cartstiff.batch.postures import (
     readable,
     tensions_of_many,
 )
-from cartstiff.batch.quantities import FREQUENCIES, Quantity, Settings
+from cartstiff.batch.quantities import (
+    FREQUENCIES,
+    Quantity,
+    Settings,
+    choose_quantities,
+)
 from cartstiff.batch.readings import Readings
+from cartstiff.batch.stacks import evaluate, needed_outputs
 from cartstiff.batch.vibrations import ManyModes
 from cartstiff.maps.cartesian import PLACES_AT_ONCE, CartesianGrid
-from cartstiff.maps.quantities import (
-    MapRows,
-    choose_quantities,
-    evaluate,
-    needed_outputs,
-)
 from cartstiff.maps.sampling import Grid, Sampling, usual_chunk
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import Limits, forces_beyond
@@ -79,6 +79,17 @@ _LEAST_CHUNK = 8192
 _PIECE_ROWS = 2**15
 #: Applies a function to each of several arguments, as the built-in `map`.
 Mapped = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+
+
+class MapRows(NamedTuple):
+    """Assembled postures (N, n), their states (N,),
+    poses (N, 4, 4) and quantities (N,).
+    """
+
+    q: Array
+    state: NDArray[np.uint8]
+    poses: Array
+    values: dict[str, Array]
 
 
 @dataclass(frozen=True)

@@ -27,22 +27,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.analysis.metrics import characteristic_length
-from cartstiff.arrays import Array, checked_input, checked_unit
+from cartstiff.arrays import checked_input
 from cartstiff.batch.kernels import WORTH_READING, lasting_path
-from cartstiff.batch.quantities import QUANTITIES, Quantity, Settings, is_own
+from cartstiff.batch.quantities import (
+    Settings,
+    check_used,
+    choose_quantities,
+    is_own,
+)
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
     CartstiffError,
     InputError,
-    UnknownNameError,
     checked_kind,
     imported,
     one_line,
 )
 from cartstiff.maps.cartesian import CartesianGrid
 from cartstiff.maps.job import STATES, MapJob, Mapped
-from cartstiff.maps.quantities import choose_quantities
 from cartstiff.maps.sampling import MAX_CHUNK, Grid, Sampling, chunk_shape, dimension_name
 from cartstiff.maps.store import (
     CHECKSUM,
@@ -60,7 +62,6 @@ from cartstiff.maps.store import (
     with_postures,
     zarr_library,
 )
-from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.identity import (
     fingerprint,
@@ -70,7 +71,6 @@ from cartstiff.mechanisms.identity import (
     versions,
 )
 from cartstiff.stiffness.applied_load import checked_load
-from cartstiff.stiffness.compute import analyse
 from cartstiff.vibration.response import Damping
 
 if TYPE_CHECKING:
@@ -90,26 +90,6 @@ _DESCRIBED_SETTINGS = (
     "deflect_at",
     "world",
 )
-
-
-def default_connection(elastic: ElasticMechanism, wrench: Array | None = None) -> str:
-    """The matrix to read: "load" (tangent under the load) if a load can act, else "B"."""
-    if wrench is not None:
-        return "load" if wrench.any() else "B"
-    return "load" if elastic.potentials or elastic.may_be_loaded else "B"
-
-
-def default_length(
-    elastic: ElasticMechanism, connection: str = "B", **load: Any
-) -> float:
-    """Characteristic length of a map: the natural length at the default posture,
-    or one unit.
-
-    `load` as `wrench` and its kind in `cartstiff.analyse`.
-    """
-    here = analyse(elastic, **load).at()
-    length = characteristic_length(*here.pair(connection, "held")).value
-    return float(f"{length:.6g}")  # the same digits on every processor
 
 
 @checked
@@ -180,38 +160,22 @@ def map_job(
     kind = checked_load(
         load_kind, load_at, load_axes, load is not None, elastic.may_be_loaded
     )
-    asked = (
-        None
-        if deflect is None
-        else checked_input(deflect, (6,), "wrench of the deflection")
-    )
-    along = None if direction is None else tuple(checked_unit(direction).tolist())
-    if connection is None:
-        connection = default_connection(elastic, load)
-    if connection not in OF_MANY:
-        raise UnknownNameError("connection", connection, OF_MANY)
-    acting: dict[str, Any] = {
-        "wrench": load,
-        "load_kind": kind.kind,
-        "load_at": kind.at,
-        "load_axes": load_axes,
-    }
-    settings = Settings(
-        connection,
-        default_length(elastic, connection, **acting)
-        if length is None
-        else characteristic_length(given=length).value,
-        along,
-        None if asked is None else tuple(asked.tolist()),
-        world,
+    settings = Settings.of(
+        elastic,
         kind,
-        tuple(checked_input(deflect_at, (3,), "point of the deflection").tolist()),
-        load is not None,
-        damping if isinstance(damping, Damping) else Damping(damping),
+        load,
+        load_axes,
+        connection=connection,
+        length=length,
+        direction=direction,
+        deflect=deflect,
+        deflect_at=deflect_at,
+        world=world,
+        damping=damping if isinstance(damping, Damping) else Damping(damping),
     )
     names = [quantities] if isinstance(quantities, str) else list(quantities)
     chosen = choose_quantities(names, settings, elastic)
-    _check_used(settings, chosen)
+    check_used(settings, chosen)
     row = None if load is None else tuple(load.tolist())
     is_best = isinstance(sampling, CartesianGrid) and sampling.redundancy == "best"
     if is_best and chosen[0].better is None:
@@ -380,34 +344,6 @@ def _check_postures(sampling: Sampling, elastic: ElasticMechanism) -> None:
             if names != elastic.names
             else f"{np.shape(row)[-1]} coordinates",
         )
-
-
-def _check_used(settings: Settings, chosen: Sequence[Quantity]) -> None:
-    """Refuse settings that none of the map's quantities needs."""
-    asked = {quantity.asks for quantity in chosen}
-    for what, is_given, of in (
-        ("direction", settings.direction is not None, ("direction",)),
-        ("wrench of the deflection", settings.deflect is not None, ("deflect",)),
-        ("damping", settings.damping != Damping(), ("damping",)),
-    ):
-        if is_given and asked.isdisjoint(of):
-            names = [q.name for q in QUANTITIES.values() if q.asks in of]
-            raise InputError(
-                "is given, and no quantity needs it",
-                where=what,
-                expected="one of " + ", ".join(names[:4]) + ", ..." * (len(names) > 4),
-                got=", ".join(q.name for q in chosen),
-            )
-    for what, is_given, needed in (
-        ("world", settings.world, ("direction", "deflect")),
-        ("deflect_at", any(settings.deflect_at), ("deflect",)),
-    ):
-        if is_given and all(getattr(settings, name) is None for name in needed):
-            raise InputError(
-                f"is about {' and '.join(needed)}, and none is given",
-                where=what,
-                expected="load_axes, load_at for the load",
-            )
 
 
 def map_of(

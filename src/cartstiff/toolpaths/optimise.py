@@ -35,7 +35,13 @@ from scipy.spatial import cKDTree
 from cartstiff import numerics
 from cartstiff.arrays import Array, checked_seed, csv_text, named_values, plain_dict
 from cartstiff.batch.postures import analyse_many
-from cartstiff.batch.quantities import QUANTITIES, Quantity, Settings
+from cartstiff.batch.quantities import (
+    QUANTITIES,
+    Quantity,
+    Settings,
+    choose_quantities,
+)
+from cartstiff.batch.stacks import evaluate
 from cartstiff.batch.vibrations import ManyModes
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
@@ -48,7 +54,6 @@ from cartstiff.errors import (
 from cartstiff.figures import new_figure
 from cartstiff.geometry import se3
 from cartstiff.kinematics.joint_poses import SAME, Free, JointPoses, PlatformPoses
-from cartstiff.maps.quantities import choose_quantities, evaluate
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.mechanisms.other_units import shown

@@ -1,19 +1,15 @@
-r"""Quantities of a map, computed from stacks of matrices.
+r"""Quantities of the table `cartstiff.batch.quantities` on stacks of matrices (N, 6, 6).
 
-The table of quantities is `cartstiff.batch.quantities`; this module evaluates it on
-stacks (N, 6, 6), equal row by row to `cartstiff.analysis` of one posture. An asymmetric
-matrix (K^A, a tangent under load) is read by its symmetric part, as there. A quantity
-that does not exist at a posture is NaN.
+They are equal row by row to `cartstiff.analysis` of one posture. An asymmetric matrix
+(K^A, a tangent under load) is read by its symmetric part, as there. A quantity that does
+not exist at a posture is NaN.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.analysis.asymmetry import relative_changes, roots_of_compliances
@@ -33,7 +29,6 @@ from cartstiff.arrays import Array
 from cartstiff.batch.quantities import (
     ASYMMETRIC,
     BLOCKS,
-    QUANTITIES,
     Numbers,
     Quantity,
     Rows,
@@ -41,9 +36,8 @@ from cartstiff.batch.quantities import (
     Source,
 )
 from cartstiff.batch.vibrations import ManyModes
-from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff.errors import InputError, UndefinedError
 from cartstiff.matrix_names import OF_MANY
-from cartstiff.mechanisms.elastic import ElasticMechanism
 
 
 def on_finite(
@@ -225,9 +219,9 @@ class Stacks(Source):
         """Condition number (N,) from eigenvalues (n, N)."""
         return numerics.condition(np.asarray(values).T)
 
-    def root(self, value: Numbers, degree: int) -> Numbers:
-        """A root (N,)."""
-        return value ** (1.0 / degree)
+    def sixth_root(self, value: Numbers) -> Numbers:
+        """The sixth root (N,)."""
+        return value ** (1.0 / 6.0)
 
     def where_positive(
         self, value: Numbers, least: Numbers, at_zero: float = np.nan
@@ -312,97 +306,6 @@ def needed_outputs(quantities: Sequence[Quantity], settings: Settings) -> tuple[
     for quantity in quantities:
         needed.update(quantity.outputs(settings))
     return tuple(sorted(needed))
-
-
-class MapRows(NamedTuple):
-    """Assembled postures (N, n), their states (N,),
-    poses (N, 4, 4) and quantities (N,).
-    """
-
-    q: Array
-    state: NDArray[np.uint8]
-    poses: Array
-    values: dict[str, Array]
-
-
-def quantity_named(name: str, own: Sequence[Quantity] = ()) -> Quantity:
-    """Return the quantity with a name of `own` or of the table.
-
-    Raises
-    ------
-    UnknownNameError
-        For another name.
-    """
-    known = QUANTITIES | {quantity.name: quantity for quantity in own}
-    if name not in known:
-        raise UnknownNameError("quantity", name, known)
-    return known[name]
-
-
-def choose_quantities(
-    names: Sequence[str],
-    settings: Settings,
-    elastic: ElasticMechanism,
-    own: Sequence[Quantity] = (),
-) -> tuple[Quantity, ...]:
-    """Quantities by name (see `quantity_named`), checked against settings and mechanism.
-
-    Raises
-    ------
-    UnknownNameError
-        For a name that is not in `QUANTITIES`.
-    InputError
-        If a quantity needs a setting that is missing, is named twice, or does not exist
-        for this kind of mechanism.
-    """
-    if settings.connection not in OF_MANY:
-        raise UnknownNameError("connection", settings.connection, OF_MANY)
-    if not names:
-        raise InputError("no quantity was named", expected="one or more names")
-    is_pushed = settings.is_loaded or settings.deflect is not None
-    missing = {
-        "direction": None
-        if settings.direction
-        else "a direction (--direction, direction=)",
-        "deflect": None
-        if is_pushed
-        else "a wrench to deflect the body (--load, or --added-load, deflect=)",
-    }
-    chosen = []
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError("quantity given twice", got=repr(name))
-        quantity = quantity_named(name, own)
-        if (what := missing.get(quantity.asks or "")) is not None:
-            raise InputError(f"the quantity {name} needs {what}")
-        if quantity.asks == "damping" and not settings.damping.acts_on(elastic):
-            raise InputError(
-                f"the quantity {name} needs damping", got="no ratio, no dampers"
-            )
-        mechanism = elastic.mechanism
-        lines = len(mechanism.points) or 6
-        if "jacobian" in quantity.needs and (mechanism.closures or lines != 6):
-            raise InputError(
-                f"the quantity {name} is not defined for a mechanism with closures, or "
-                "lines "
-                "other than six",
-                expected="a serial chain or a platform on six legs",
-            )
-        if name == "manipulability":
-            quantity = replace(quantity, unit=_manipulability_unit(elastic))
-        chosen.append(quantity)
-    return tuple(chosen)
-
-
-def _manipulability_unit(elastic: ElasticMechanism) -> str:
-    """Unit of the product of singular values: each joint counts in its own unit."""
-    mechanism = elastic.mechanism
-    slides = sum(c.is_length for c in mechanism.coordinates)
-    if mechanism.coordinates_are_pose:
-        slides = 6  # what moves are the legs
-    elif len(mechanism.coordinates) < 6 or (slides and len(mechanism.coordinates) > 6):
-        return "mixed, of rad and {length}"
-    return f"{{length}}^{3 - slides}"
 
 
 def evaluate(
