@@ -1,17 +1,23 @@
 """An answer as plain data: numbers with units and frames, codes, and no words.
 
-The words are in `cartstiff.report.sentences`; text, JSON, report and page render the same
-object.
+Every question has the same parts: a verdict; statements, each the code of a sentence with
+the numbers in it; the displacement, shares and extremes of a posture, which have
+sentences of their own; doubts; tables, whose columns say in which unit and with how many
+digits people read them; the other notes. The words are in `cartstiff.report.sentences`;
+text, JSON, report and page render the same object.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from cartstiff.analysis.ellipsoids import Freedom, Others
+from cartstiff.answer.doubts import doubts_of
 from cartstiff.answer.verdict import Verdict
 from cartstiff.arrays import plain
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
 from cartstiff.units import Units
 
@@ -162,21 +168,89 @@ class Extreme:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number with its unit; "1" for a share."""
+    """A number, or numbers of one kind, with its unit; "1" for a share."""
 
-    value: float
+    value: float | tuple[float, ...] | None
     unit: str
+
+
+#: What a statement or a cell holds: a name, a number, or None where it does not exist.
+Value = str | int | float | Quantity | None
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A statement by its code, which is that of its sentence, and what is in it.
+
+    Attributes
+    ----------
+    code : str
+        Key of `cartstiff.report.sentences.SENTENCES`.
+    values : mapping
+        Names, numbers, loads, and lists of these, by the name that the sentence uses.
+    """
+
+    code: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+
+def said(code: str, **values: Any) -> Statement:
+    """A statement with its values by name."""
+    return Statement(code, values)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table.
+
+    Attributes
+    ----------
+    head : str
+        Name of what its cells are.
+    unit : str
+        Unit of its numbers; "" where they have none, or each has its own.
+    form : str
+        How people read a number: digits, then what is written; see
+        `cartstiff.report.sentences.value_words`.
+    missing : str
+        What is written for None.
+    """
+
+    head: str
+    unit: str = ""
+    form: str = ""
+    missing: str = "-"
+
+
+def columns(*heads: str, unit: str = "", **form: str) -> tuple[Column, ...]:
+    """Columns of one unit and form."""
+    return tuple(Column(head, unit, **form) for head in heads)
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells under the names of their columns: words, quantities,
-    or None for nothing.
+    """Rows of cells under their columns.
+
+    Attributes
+    ----------
+    name : str
+        Key of `cartstiff.report.sentences.TITLES`, or its title.
+    columns : tuple of Column
+        The columns; those without a cell are not written.
+    rows : tuple of tuple
+        Cells: names, numbers in the unit of their column, quantities with their own, or
+        None.
+    values : mapping
+        What is in the title, by name.
+    below : tuple of Statement
+        What the table needs to be understood.
     """
 
     name: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str | Quantity | None, ...], ...]
+    columns: Sequence[Column]
+    rows: Sequence[Sequence[Value]]
+    values: Mapping[str, Any] = field(default_factory=dict)
+    below: Sequence[Statement] = ()
 
 
 @dataclass(frozen=True)
@@ -189,36 +263,74 @@ class Answer:
         The command's name.
     subject, kind, frame : str
         Name and kind of the mechanism, and the frame of its body.
+    frame_offset : tuple of tuple of float
+        ``T_frame_M``, the pose of the body frame M in that frame.
     units : Units
         Units of every number.
+    verdict : Verdict
+        On the posture, or on what was asked; told by the statement of its code, if there
+        is one.
+    about : tuple of Statement
+        What was asked, the first with the mechanism.
     load : Load or None
-        None in an unbalanced posture.
+        None in an unbalanced posture, and where no posture is asked about.
     displacement : Displacement or None
         Of the analysed point; None without a load, and where the body does not resist it.
     shares : Shares or None
         Of that displacement.
     extremes : tuple of Extreme
         Softest and stiffest directions that exist.
-    verdict : Verdict
-        On the posture, or on what was asked.
+    statements : tuple of Statement
+        What else is found.
     doubts : tuple of Note
         The reasons to doubt the answer, the weightiest first.
     tables : tuple of Table
-        What the answer is read from: joints, legs.
+        What the answer is read from: joints, legs, points, modes.
+    notes : tuple of Note
+        The other notes.
     """
 
     question: str
     subject: str
     kind: str
     frame: str
+    frame_offset: Sequence[Sequence[float]]
     units: Units
     verdict: Verdict
+    about: Sequence[Statement] = ()
     load: Load | None = None
     displacement: Displacement | None = None
     shares: Shares | None = None
     extremes: tuple[Extreme, ...] = ()
+    statements: Sequence[Statement] = ()
     doubts: tuple[Note, ...] = ()
-    tables: tuple[Table, ...] = ()
+    tables: Sequence[Table] = ()
+    notes: Sequence[Note] = ()
+
+    @classmethod
+    def about_mechanism(
+        cls,
+        question: str,
+        elastic: ElasticMechanism,
+        verdict: Verdict,
+        notes: Iterable[Note] = (),
+        **parts: Any,
+    ) -> Answer:
+        """An answer about a mechanism, its notes parted into doubts and others."""
+        mechanism, every = elastic.mechanism, tuple(notes)
+        doubts = doubts_of(elastic, every, verdict)
+        return cls(
+            question=question,
+            subject=elastic.name,
+            kind=mechanism.kind,
+            frame=mechanism.frame,
+            frame_offset=mechanism.frame_offset.tolist(),
+            units=elastic.units,
+            verdict=verdict,
+            doubts=doubts,
+            notes=[note for note in every if note not in doubts],
+            **parts,
+        )
 
     def extreme(
         self, end: str, freedom: Freedom = "translation", others: Others = "free"

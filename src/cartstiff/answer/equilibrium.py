@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from cartstiff.answer.data import Answer, Displacement, Motion
-from cartstiff.answer.doubts import doubts_of
 from cartstiff.answer.posture import extremes_of, load_of, vector
 from cartstiff.answer.verdict import Level, Verdict
 from cartstiff.statics.rest import Equilibrium
@@ -18,21 +17,18 @@ STABILITY: dict[bool | None, tuple[Level, str]] = {
 
 def answer_of_equilibrium(state: Equilibrium) -> Answer:
     """Verdict, displacement by the load, stiffness with the loads included, doubts."""
-    elastic, mechanism, there = state.elastic, state.elastic.mechanism, state.stiffness
+    elastic, there = state.elastic, state.stiffness
     moved = None
     if (by_load := state.displacement_by_load) is not None and state.loads:
         motion = Motion(vector(by_load[3:]), vector(by_load[:3]))
         moved = Displacement("load", "load", (0.0, 0.0, 0.0), None, motion)
     level, code = STABILITY[state.stable]
-    return Answer(
-        question="equilibrium",
-        subject=elastic.name,
-        kind=mechanism.kind,
-        frame=mechanism.frame,
-        units=elastic.units,
-        verdict=Verdict(level, code),
+    return Answer.about_mechanism(
+        "equilibrium",
+        elastic,
+        Verdict(level, code),
+        state.notes,
         load=load_of(state.elastic_stiffness),
         displacement=moved,
         extremes=tuple(extremes_of(there, there.at(), "load")),
-        doubts=doubts_of(elastic, state.notes),
     )

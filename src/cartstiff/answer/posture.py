@@ -21,6 +21,7 @@ from cartstiff.analysis.sections import Notes
 from cartstiff.answer.data import (
     Answer,
     Cause,
+    Column,
     Displacement,
     Extreme,
     Load,
@@ -30,8 +31,8 @@ from cartstiff.answer.data import (
     Shares,
     Table,
     Vector,
+    columns,
 )
-from cartstiff.answer.doubts import doubts_of
 from cartstiff.answer.verdict import UNRESOLVED, Verdict, decide, facts_of
 from cartstiff.errors import CartstiffError, UndefinedError
 from cartstiff.geometry import se3
@@ -101,18 +102,15 @@ def answer_at(
             told = {note.code for note in notes}
             notes += [note for note in more if note.code not in told]
     verdict = verdict_at(result, name, definiteness_of(here, name))
-    return Answer(
-        question="analyse",
-        subject=elastic.name,
-        kind=elastic.mechanism.kind,
-        frame=elastic.mechanism.frame,
-        units=elastic.units,
-        verdict=verdict,
+    return Answer.about_mechanism(
+        "analyse",
+        elastic,
+        verdict,
+        notes,
         load=load_of(result),
         displacement=moved,
         shares=shares,
         extremes=tuple(extremes_of(result, here, name)),
-        doubts=doubts_of(elastic, notes, verdict),
         tables=() if quickly else tuple(_tables(result, shares)),
     )
 
@@ -348,7 +346,7 @@ def _tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
             row.at(name, None, None) for name in row.shares if name not in known
         )
     one = "coordinate" if is_pose else "joint"
-    yield Table(f"{one}s", (one, "position", "lower", "upper", "stiffness", share), rows)
+    yield Table(f"{one}s", _heads(one, "position", "lower", "upper", share), rows)
 
 
 def drive_tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
@@ -368,7 +366,17 @@ def drive_tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Ta
     name, heads = "drives", ("drive", "position", "lower", "upper")
     if result.leg_lengths is not None:
         name, heads = "legs", ("leg", "length", "shortest", "longest")
-    yield Table(name, (*heads, "stiffness", share, "to the limit", "force"), rows)
+    yield Table(name, _heads(*heads, share, "to the limit", "force"), rows)
+
+
+def _heads(one: str, place: str, least: str, most: str, *more: str) -> list[Column]:
+    """Columns of places with their limits; a place with the digits that people type
+    again.
+    """
+    first, where, *others = columns(
+        one, place, least, most, "stiffness", *more, missing=""
+    )
+    return [first, replace(where, form={"position": "6p"}.get(place, "6e")), *others]
 
 
 @dataclass(frozen=True)

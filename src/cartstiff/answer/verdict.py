@@ -29,16 +29,16 @@ class Verdict:
     level : {"good", "warning", "bad"}
         bad: the posture is not stable, or no matrix exists.
     code : str
-        A definiteness, or the code of a note.
+        A definiteness, the code of a note, or that of a statement.
     connection : str
-        The matrix that was read.
+        The matrix that was read; "" if it is not one that decides.
     symmetrised : bool
         Whether its symmetric part was.
     """
 
     level: Level
     code: str
-    connection: str = "load"
+    connection: str = ""
     symmetrised: bool = False
 
 

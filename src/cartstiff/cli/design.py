@@ -87,12 +87,11 @@ def command(
     with Progress("designs", progress) as bar:
         designs = design(study, given=given, progress=bar)
 
-    from cartstiff.report.designs import describe_designs
+    from cartstiff.answer.designs import answer_of_designs
 
-    out.show(
+    out.answer(
         designs.to_dict(),
-        str(study),
-        lambda: describe_designs(designs, best),
+        answer_of_designs(designs, best),
         output,
         csv=designs.to_csv,
         picture=designs.plot,

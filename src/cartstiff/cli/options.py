@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -28,6 +28,7 @@ from cartstiff.notes import DOUBTS, Note
 from cartstiff.parsing import parse_numbers
 
 if TYPE_CHECKING:
+    from cartstiff.answer.data import Answer
     from cartstiff.vibration.response import Damping
 
 
@@ -751,6 +752,24 @@ class Printed:
         for note in doubted:
             say(f"{note['message'][0].upper()}{note['message'][1:]}.\n")
         say(text())
+
+    def answer(
+        self,
+        data: Mapping[str, Any],
+        answer: Answer,
+        output: Files = None,
+        more: Sequence[str] = (),
+        **others: Callable[[], Any],
+    ) -> None:
+        """Write the files, and print the answer: with the result as JSON, or as text
+        with the lines `more` before the notes.
+        """
+        from cartstiff.report.answer import answer_text
+
+        whole = {**data, "answer": answer.to_dict()}
+        self.show(
+            whole, answer.subject, lambda: answer_text(answer, more), output, **others
+        )
 
 
 def only_endings(output: Files, *endings: str, others: str) -> None:

@@ -1,18 +1,39 @@
-"""An answer as text: its sentences, its doubts, its tables."""
+"""An answer as text: what was asked, its sentences, its doubts, its tables."""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from cartstiff.answer.data import Answer, Quantity, Table
+from cartstiff.answer.data import Answer, Column, Quantity, Table, Value
 from cartstiff.answer.posture import answer_at
+from cartstiff.errors import joined
 from cartstiff.notes import DOUBTS
-from cartstiff.report.layout import table
-from cartstiff.report.sentences import answer_sentences, percent
+from cartstiff.report.layout import note_lines, table
+from cartstiff.report.sentences import (
+    SENTENCES,
+    TITLES,
+    answer_sentences,
+    sentence,
+    statement_sentences,
+    value_words,
+)
 from cartstiff.stiffness.posture import PostureStiffness
-from cartstiff.units import engineering
+from cartstiff.units import shown_unit
+
+
+def answer_text(answer: Answer, more: Sequence[str] = ()) -> str:
+    """An answer as its command prints it; `more` lines before the notes."""
+    return joined(
+        [
+            *statement_sentences(answer, answer.about),
+            *answer_lines(answer),
+            *(line for shown in answer.tables for line in table_lines(shown)),
+            *more,
+            *note_lines(answer.notes),
+        ]
+    )
 
 
 def answer_lines(answer: Answer) -> list[str]:
@@ -37,30 +58,36 @@ def displayed(result: PostureStiffness) -> list[str]:
 
 
 def table_lines(shown: Table) -> list[str]:
-    """A table without its empty columns, under its name."""
+    """A table under its title, without empty columns, and what it needs to be read."""
+    title = TITLES.get(shown.name, shown.name.capitalize())
+    cells = zip(*shown.rows, strict=True)
     kept = [
-        i
-        for i in range(len(shown.columns))
-        if any(row[i] is not None for row in shown.rows)
+        (column, [cell_text(cell, column) for cell in own])
+        for column, own in zip(shown.columns, cells, strict=False)
+        if any(cell is not None for cell in own)
     ]
-    heads = [shown.columns[i] for i in kept]
-    rows = [
-        [cell_text(row[i], heads[k]) for k, i in enumerate(kept)] for row in shown.rows
+    heads, texts = zip(*kept, strict=True) if kept else ((), ())
+    left = [i for i, column in enumerate(heads) if column.form == "<"]
+    body = table([_head(column) for column in heads], zip(*texts, strict=True), left)
+    return [
+        "",
+        *([sentence(title, shown.values)] * bool(title)),
+        *(body if kept else ["  none"]),
+        *(sentence(SENTENCES[x.code], x.values) for x in shown.below),
     ]
-    return ["", shown.name.capitalize(), *table(heads, rows)]
 
 
-#: Digits of places, which people type again.
-_DIGITS = {"position": 6, "length": 6}
+def _head(column: Column) -> str:
+    """Name of a column with the unit that people read."""
+    return f"{column.head} [{shown_unit(column.unit)[0]}]" if column.unit else column.head
 
 
-def cell_text(cell: str | Quantity | None, head: str) -> str:
-    """A cell in the unit that people read; positions that are angles in both units."""
-    if cell is None or isinstance(cell, str):
-        return cell or ""
-    if cell.unit == "1":
-        return percent(cell.value)
-    if cell.unit == "rad":
-        both = f"{cell.value:.6g} rad " if head == "position" else ""
-        return f"{both}{math.degrees(cell.value):.4g} deg"
-    return engineering(cell.value, cell.unit, _DIGITS.get(head, 4))
+def cell_text(cell: Value, column: Column) -> str:
+    """A cell as people read it: in the unit of its column, or in its own."""
+    if cell is None:
+        return column.missing
+    if isinstance(cell, Quantity):
+        return value_words(cell, column.form or "4e")
+    if isinstance(cell, float):
+        cell *= shown_unit(column.unit)[1]
+    return value_words(cell, column.form)

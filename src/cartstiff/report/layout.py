@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -89,14 +89,20 @@ def length_of(value: float, units: Units, digits: int = 5) -> str:
     return f"{number(float(lengths(value, units)), digits)} {units.shown_length}"
 
 
-def table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Right-aligned cells under their titles."""
+def table(
+    titles: Sequence[str], rows: Iterable[Sequence[str]], left: Collection[int] = ()
+) -> list[str]:
+    """Right-aligned cells under their titles, if there are any; those of the columns
+    `left` are left-aligned.
+    """
     cells = [titles, *rows]
     widths = [max(len(r[i]) for r in cells) for i in range(len(titles))]
-    return [
-        ("  " + "  ".join(c.rjust(w) for c, w in zip(r, widths, strict=True))).rstrip()
-        for r in cells
+    align = [(str.rjust, str.ljust)[i in left] for i in range(len(titles))]
+    lines = [
+        "  ".join(put(c, w) for put, c, w in zip(align, r, widths, strict=True))
+        for r in cells[not any(titles) :]
     ]
+    return [f"  {line}".rstrip() for line in lines]
 
 
 def placed(T: Array, units: Units) -> str:

@@ -5,13 +5,24 @@ the page and its script.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from string import Formatter
+from typing import Any
 
 from cartstiff import numerics
-from cartstiff.answer.data import Answer, Displacement, Extreme, Shares, Vector
+from cartstiff.answer.data import (
+    Answer,
+    Displacement,
+    Extreme,
+    Quantity,
+    Shares,
+    Statement,
+    Vector,
+)
 from cartstiff.answer.verdict import ASYMMETRIC, NOT_TANGENT, Verdict
 from cartstiff.errors import listed
-from cartstiff.units import Units, engineering
+from cartstiff.report import layout
+from cartstiff.units import Units, engineering, shown_unit
 
 #: What a verdict's code says.
 VERDICTS: dict[str, str] = {
@@ -45,8 +56,6 @@ VERDICTS: dict[str, str] = {
     "undecided": "Whether the equilibrium is stable is not decided by definiteness: see "
     "the notes",
 }
-#: Verdicts on more than one matrix.
-_OF_NO_MATRIX = ("stable", "unstable", "undecided")
 _NO_STABILITY = {
     NOT_TANGENT: "it is not the tangent under this load and decides no stability",
     ASYMMETRIC: "along some motion the load pushes further away; as it has no potential, "
@@ -57,6 +66,30 @@ VERDICTS |= {
     f"{fact} {kind}": f"{kind.capitalize()}: {why}"
     for fact, why in _NO_STABILITY.items()
     for kind in ("indefinite", "negative semidefinite", "negative", "zero")
+}
+
+#: Sentences of statements by their code; "{length:4}" is a value with four digits, see
+#: `value_words`. Those that begin with a line's place belong below a table.
+SENTENCES: dict[str, str] = {
+    "gravity": "{weight.text}",
+    # design
+    "study": "{subject}, {body_frame}: {designs} designs by {method}, {poses} pose(s) "
+    "each",
+    "case": "Load{of}: {load}",
+    "feasible": "{feasible} feasible, {infeasible} infeasible, {failed} failed",
+    "no-feasible-design": "No design is feasible: {infeasible} infeasible, {failed} "
+    "failed",
+    "more-designs": "  ... {count} more; -o FILE.csv and --json have all",
+    "more-reasons": "  ... {count} other reasons",
+}
+
+#: Titles of tables, where these are not their names.
+TITLES: dict[str, str] = {
+    "measures": "Objectives and constraints",
+    "best design": "Best design",
+    "front": "Pareto front: {count} designs, of which none is better in everything",
+    "infeasible": "Why designs are infeasible",
+    "failed": "Why designs fail",
 }
 
 _BY = {
@@ -73,8 +106,8 @@ ALONG, ALMOST = 1.0, 20.0
 
 
 def title(verdict: Verdict) -> str:
-    """The sentence of a verdict, with the matrix that was read."""
-    if verdict.code in _OF_NO_MATRIX:
+    """The sentence of a verdict, with the matrix that was read, if one was."""
+    if not verdict.connection:
         return VERDICTS[verdict.code]
     part = "the symmetric part of " if verdict.symmetrised else ""
     return f"{VERDICTS[verdict.code]} ({part}K^{verdict.connection})"
@@ -239,8 +272,91 @@ def where(extreme: Extreme, answer: Answer) -> str:
 
 
 def answer_sentences(answer: Answer) -> list[str]:
-    """The sentences of an answer, without its doubts."""
-    return [title(answer.verdict), *displacement_words(answer), *extreme_words(answer)]
+    """The sentences of an answer, without its doubts.
+
+    The verdict comes first: it has a title, or is said by the statement of its code.
+    """
+    code = answer.verdict.code
+    titles = [title(answer.verdict)] if code in VERDICTS else []
+    statements = sorted(answer.statements, key=lambda one: one.code != code)
+    return [
+        *titles,
+        *displacement_words(answer),
+        *extreme_words(answer),
+        *statement_sentences(answer, statements),
+    ]
+
+
+def statement_sentences(answer: Answer, statements: Iterable[Statement]) -> list[str]:
+    """The sentences of statements, which may name the mechanism and its frame."""
+    frames = {"frame": answer.frame, "frame_offset": answer.frame_offset}
+    about = {
+        "subject": answer.subject,
+        "kind": answer.kind,
+        "body_frame": layout.body_frame(frames, answer.units),
+    }
+    return [sentence(SENTENCES[s.code], about | dict(s.values)) for s in statements]
+
+
+def sentence(template: str, values: Mapping[str, Any]) -> str:
+    """A sentence with its values."""
+    return _Words().vformat(template, (), values)
+
+
+class _Words(Formatter):
+    """Templates whose fields are written by `value_words`."""
+
+    def format_field(self, value: Any, spec: str) -> str:
+        """A value as people read it."""
+        return value_words(value, spec)
+
+
+def value_words(value: Any, spec: str = "") -> str:
+    """A value as people read it; None as "-", lists with commas.
+
+    Parameters
+    ----------
+    value : str, int, float, Quantity, list or None
+        A quantity is written in the unit of texts, and with its unit.
+    spec : str
+        Digits, default 5, and a letter: f: so many decimal places; n: without the unit;
+        e: in the unit of its size, such as kN; p: angles in both units; %: a share in per
+        cent, with two digits.
+    """
+    letter = spec.lstrip("0123456789")
+    digits = int(spec.removesuffix(letter) or 5)
+    if isinstance(value, (list, tuple)):
+        return ", ".join(value_words(x, spec) for x in value)
+    if isinstance(value, Quantity):
+        return _quantity_words(value, digits, letter)
+    if letter == "f":
+        return f"{round(value, digits) + 0.0:.{digits}f}"
+    if letter == "%":
+        return layout.percent(value)
+    if isinstance(value, float):
+        return layout.number(value, digits)
+    return "-" if value is None else WORDS.get(str(value), str(value))
+
+
+def _quantity_words(quantity: Quantity, digits: int, letter: str) -> str:
+    """A number, or numbers in brackets, with the unit."""
+    x, (unit, per) = quantity.value, shown_unit(quantity.unit)
+    if isinstance(x, tuple):
+        return f"{layout.vector([per * value for value in x], digits)} {unit}"
+    if letter == "n":
+        return layout.number(x and per * x, digits)
+    if letter not in ("e", "p") or x is None:
+        return f"{layout.number(x and per * x, digits)} {unit}"
+    if unit == "1":
+        return percent(x)
+    if quantity.unit == Units.angle:
+        both = f"{x:.{digits}g} rad " * (letter == "p")
+        return f"{both}{per * x:.4g} {unit}"
+    return engineering(x, quantity.unit, digits)
+
+
+#: Words of codes, and of flags.
+WORDS = {"True": "yes", "False": "NO"}
 
 
 def doubt_sentences(answer: Answer) -> list[str]:
