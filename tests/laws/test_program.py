@@ -15,6 +15,7 @@ import pytest
 from tests.support.generated import Arm
 
 import cartstiff
+from cartstiff.batch.quantities import QUANTITIES
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.stiffness.balance import with_rest_balancing
 
@@ -245,6 +246,48 @@ def test_other_languages_are_the_program(language):
     close(np.array(found), expected, 1e-13)
 
 
+@pytest.mark.parametrize(
+    ("name", "quantity"),
+    [
+        ("ur5", "translation_free_min"),
+        *later(("stewart-gough", "deflection"), ("panda", "deflection")),
+    ],
+)
+def test_jax_is_the_program_and_has_its_derivatives(name, quantity):
+    jax = pytest.importorskip("jax")
+    elastic = cartstiff.load(name)
+    program = cartstiff.record(elastic, ["compliance_load", quantity], loaded=True, **ACTING)
+    known: dict[str, Any] = {}
+    exec(program.source("jax", "stiffness"), known)
+    function, Q = known["stiffness"], postures(elastic, 3, 0.05)
+    jax.config.update("jax_enable_x64", True)
+    one, many = jax.jit(function), jax.jit(jax.vmap(function, in_axes=(0, None)))
+
+    def number(q):
+        return function(q, LOAD)[1][quantity]
+
+    plain, together = many(Q, LOAD)
+    slope = jax.jit(jax.grad(number))
+    assert plain.all()
+    for i, q in enumerate(Q):
+        answer, (is_plain, found) = program(q, LOAD), one(q, LOAD)
+        assert is_plain
+        for output, values in answer.items():
+            close(np.asarray(found[output]), values, 1e-12)
+            close(np.asarray(together[output][i]), values, 1e-12)
+        steps = 1e-6 * np.eye(len(q))
+        ends = [[float(program(q + s * d, LOAD)[quantity]) for s in (1, -1)] for d in steps]
+        quotients = np.array([(a - b) / 2e-6 for a, b in ends])
+        close(np.asarray(slope(q)), quotients, 1e-6)
+    if name == "ur5":
+        straight = elastic.q.copy()
+        straight[4] = 0.0
+        assert not one(straight, LOAD)[0]
+    jax.config.update("jax_enable_x64", False)
+    with pytest.raises(RuntimeError, match="jax_enable_x64"):
+        function(Q[0], LOAD)
+
+
 @pytest.mark.parametrize("seed", [3, 4, *later(*range(5, 20))])
 def test_generated_arms(seed, tmp_path):
     """Two to seven joints, some of which slide, with weight and payload, under any load."""
@@ -261,3 +304,95 @@ def test_generated_arms(seed, tmp_path):
         close(answer.pose, core.pose, 1e-13)
         close(answer.wrench, core.wrench)
         assert answer.energy == pytest.approx(core.energy, rel=1e-11)
+
+
+@pytest.mark.parametrize("name", ["ur5", *later("panda", "stewart-gough", "delta")])
+def test_every_quantity_is_an_output(name):
+    """Beside what the matrices and the modes of the core say; what is not recorded is named."""
+    elastic = cartstiff.load(name)
+    names = [n for n in QUANTITIES if not n.startswith("damping")]
+    if elastic.mechanism.closures:
+        names = [n for n in names if "jacobian" not in QUANTITIES[n].needs]
+    settings = {"direction": [0.0, 0.0, 2.0], "length": 0.4, "connection": "B"}
+    program = cartstiff.record(elastic, ["K", *names], loaded=True, **settings)
+    assert "connection_change" in program.from_matrices
+    assert "condition" not in program.from_matrices
+    Q, scale = postures(elastic, 4, 0.05), np.repeat([1.0 / 0.4, 1.0], 3)
+    load = LOAD * [0, 0, 0, 1, 1, 1]  # a moment has no energy, and its modes no matrix here
+    many, plain = program.many(Q, load), 0
+    for i, q in enumerate(Q):
+        answer, core = program(q, load), cartstiff.analyse(elastic, q, wrench=load)
+        plain += answer.is_plain
+        K, C = core.matrices["B"], core.compliances["B"]
+        values = np.linalg.eigvalsh(K * np.outer(scale, scale))
+        free, held = np.linalg.eigvalsh(C[3:, 3:]), np.linalg.eigvalsh(K[3:, 3:])
+        hertz = cartstiff.modes(elastic, q, wrench=load).frequencies if name == "ur5" else []
+        expected = {
+            "translation_free_min": (1.0 / free).min(),
+            "compliance_translation_free_max": free[-1],
+            "translation_held_max": held[-1],
+            "along_free": 1.0 / C[5, 5],
+            "along_held": K[5, 5],
+            "deflection": np.linalg.norm((C @ core.wrench)[3:]),
+            "condition": np.abs(values).max() / np.abs(values).min(),
+            "determinant": np.linalg.det(K),
+            "force": np.linalg.norm(core.wrench[3:]),
+            **{f"frequency_{k + 1}": f for k, f in enumerate(hertz)},
+        }
+        if values[0] > 0.0:
+            expected["isotropy"] = np.exp(np.log(values).mean()) / values.mean()
+        for one, value in expected.items():
+            assert answer[one] == pytest.approx(value, rel=1e-9, nan_ok=True), one
+        for one in names:
+            assert many[one][i] == pytest.approx(
+                float(answer[one]), rel=1e-9, abs=1e-15, nan_ok=True
+            ), one
+    assert plain >= 3 or name != "ur5"
+
+
+def test_quantities_take_settings_and_label_their_data(tmp_path):
+    arm = cartstiff.load("ur5")
+    program = cartstiff.record(arm, ["along_free", "connection_change"], direction=[1.0, 0.0, 0.0])
+    assert program.from_matrices == ("connection_change",)
+    data = program.many(postures(arm, 3, 0.1)).to_xarray()
+    assert data["along_free"].attrs["units"] == "N/m"
+    assert data["connection_change"].attrs["better"] == "smaller"
+    assert data.attrs["frame"] == "tool0"
+    assert data.attrs["length_unit"] == "m"
+    assert "load_kind" not in data.attrs
+    acting = {"load_axes": "world", "load_kind": "follower", "load_at": [0.0, 0.0, 0.1]}
+    loaded = cartstiff.record(arm, ["B", "deflection"], loaded=True, **acting)
+    about = loaded.many(postures(arm, 3, 0.1), LOAD).to_xarray().attrs
+    assert {name: about[name] for name in acting} == acting
+    with pytest.raises(InputError, match="no source: connection_change"):
+        program.source("c")
+    with pytest.raises(InputError, match="no quantity is among the outputs"):
+        cartstiff.record(arm, "B", length=0.3)
+    with pytest.raises(InputError, match="no quantity needs it"):
+        cartstiff.record(arm, "condition", direction=[1.0, 0.0, 0.0])
+    with pytest.raises(InputError, match="needs a direction"):
+        cartstiff.record(arm, "along_free")
+    with pytest.raises(UnknownNameError, match="along_free"):
+        cartstiff.record(arm, "along_fre")
+    copy = pickle.loads(pickle.dumps(cartstiff.record(arm, "condition")))
+    assert copy(arm.q).condition > 1.0
+
+
+def test_many_are_each_under_its_own_load():
+    robot = cartstiff.load("stewart-gough")
+    program = cartstiff.record(robot, ["load", "wrench"], loaded=True, **ACTING)
+    Q = postures(robot, 6, 0.02)
+    loads = LOAD * np.linspace(0.0, 1.0, len(Q))[:, None]
+    many = program.many(Q, loads)
+    assert many.is_regular.all()
+    for i, q in enumerate(Q):
+        core = cartstiff.analyse(robot, q, wrench=loads[i], **ACTING)
+        close(many.load[i], core.tangent)
+        close(many.wrench[i], core.wrench)
+    arm = cartstiff.load("ur5")
+    straight = arm.q.copy()
+    straight[4] = 0.0
+    found = cartstiff.record(arm, ["B", "compliance_B"]).many([arm.q, straight, arm.q + 0.1])
+    assert found.counts() == {"regular": 2, "serial-singularity": 1}
+    assert np.isfinite(found.B[[0, 2]]).all()
+    assert np.isnan(found.B[1]).all()

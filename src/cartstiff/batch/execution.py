@@ -521,6 +521,28 @@ class CompiledPosture(OnePosture):
         self._entry, self._shared = self._kernel.entry(False), shared
         self._free: list[tuple[Any, ...]] = []
 
+    def entry(self, stream: bool) -> Any:  # noqa: ARG002
+        """The function, which writes through the cache."""
+        return self._entry
+
+    def run(
+        self,
+        inputs: Mapping[str, Array],
+        outputs: Mapping[str, Array],
+        count: int,
+        threads: int = 1,
+        stream: bool = False,  # noqa: ARG002
+    ) -> None:
+        """As `Kernel.run`, for any number of rows."""
+        if count == 1:
+            super().run(inputs, outputs, 1)
+            return
+        records = aligned_empty(count, len(self._kernel.program.outputs["record"]))
+        inputs = {**self._shared, **inputs}
+        self._kernel.run(inputs, {"record": records}, count, threads)
+        for name, rows in outputs.items():
+            rows[...] = records[:, self.at[name]]
+
     def record(self, **given: Array) -> Array:
         """As `OnePosture.record`."""
         try:

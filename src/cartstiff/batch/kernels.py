@@ -26,6 +26,7 @@ from cartstiff.batch.plans import (
     program_for,
 )
 from cartstiff.batch.readings import Readings
+from cartstiff.batch.tape import Program
 from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -63,7 +64,7 @@ def _portable_kernel(case: Case, names: tuple[str, ...]) -> PortableKernel:
     return PortableKernel(program_for(case, names))
 
 
-_compiled: dict[tuple[Case, tuple[str, ...], Readings | None], Any] = {}
+_compiled: dict[tuple[Any, ...], Any] = {}
 _lock = process_lock()
 
 
@@ -73,7 +74,8 @@ def _compiled_kernel(
     """Machine code for a case; the last 64 are cached."""
     key = (case, names, readings)
     with _lock:
-        kernel = _compiled.pop(key, None) or CompiledKernel(program_for(*key))
+        program = _reading_program if readings else program_for
+        kernel = _compiled.pop(key, None) or CompiledKernel(program(*key))
         _compiled[key] = kernel
         if len(_compiled) > 64:
             del _compiled[next(iter(_compiled))]
@@ -89,6 +91,12 @@ def kernel_for(case: Case, names: tuple[str, ...], count: int, compiled: bool) -
     return make(case, names)
 
 
+def _reading_program(
+    case: Case, names: tuple[str, ...], readings: Readings | None
+) -> Program:
+    return program_for(case, names, readings, stored=("pose",))
+
+
 def reading_kernel(
     case: Case, names: tuple[str, ...], readings: Readings, path: Backend = "auto"
 ) -> Any:
@@ -96,7 +104,7 @@ def reading_kernel(
 
     None if one does not exist, or no machine code can be made.
     """
-    program = program_for(case, names, readings)
+    program = _reading_program(case, names, readings)
     if "readings" not in program.outputs:
         return None
     if path == "portable":
@@ -345,7 +353,10 @@ def run(
     solver = _PostureSolver(taken, is_compiled, workers)
     shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
     if loads is not None and loads.ndim == 1:
-        shared["wrench"] = np.ascontiguousarray(loads)[None]
+        if "wrench" in kernel.program.shared:
+            shared["wrench"] = np.ascontiguousarray(loads)[None]
+        else:
+            loads = np.broadcast_to(loads, (count, 6))
     verdict = aligned_empty(
         length, 1
     )  # aligned, or no output could be written past the cache

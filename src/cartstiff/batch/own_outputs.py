@@ -17,6 +17,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.batch.algebra import PLAIN, changed_compliance, limited
 from cartstiff.batch.arguments import EVERY_OUTPUT
+from cartstiff.batch.quantities import Settings
 from cartstiff.batch.tape import Scalar, absolute, larger
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.connections import Connection
@@ -51,17 +52,23 @@ class _Function(NamedTuple):
 
 @dataclass(frozen=True)
 class OwnOutputs:
-    """Connections and functions by name.
+    """Connections and functions by name, and quantities of the table.
 
     Attributes
     ----------
     connections : tuple of (str, Connection)
         Each has the outputs "stiffness_NAME" and "compliance_NAME".
     functions : tuple of (str, function with its needs and shape)
+    quantities : tuple of str
+        Names in `cartstiff.batch.quantities.QUANTITIES`.
+    settings : Settings, optional
+        Those of the quantities.
     """
 
     connections: tuple[tuple[str, Connection], ...] = ()
     functions: tuple[tuple[str, _Function], ...] = ()
+    quantities: tuple[str, ...] = ()
+    settings: Settings | None = None
 
     @classmethod
     def of(
@@ -104,7 +111,7 @@ class OwnOutputs:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all outputs."""
+        """Names of the outputs of connections and functions."""
         pairs = [
             (f"stiffness_{name}", f"compliance_{name}") for name, _ in self.connections
         ]

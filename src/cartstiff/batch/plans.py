@@ -105,39 +105,49 @@ def program_for(
     outputs: tuple[str, ...],
     readings: Readings | None = None,
     own: OwnOutputs | None = None,
+    stored: tuple[str, ...] | None = None,
 ) -> Program:
     """Program of the existing outputs of a case and of the verdict on the posture;
     cached.
 
-    With `readings`, if all that they need exists, its outputs are instead "readings" and
-    "pose", and the verdict is still that on all outputs. With `own` it has a user's
-    outputs as well.
+    Parameters
+    ----------
+    case : ChainCase or PlatformCase
+    outputs : tuple of str
+        Those that the verdict is on.
+    readings : Readings, optional
+        For the output "readings", if all that they need exists.
+    own : OwnOutputs, optional
+        A user's outputs.
+    stored : tuple of str, optional
+        Those of the outputs that the program stores beside readings and own ones;
+        default all.
     """
     tape = Tape()
     if isinstance(case, ChainCase) and outputs == CLOSING:
         return tape.program(closing_arrays(tape, case), [])
     if isinstance(case, ChainCase) and outputs == SETTLING:
         return tape.program(settling_arrays(tape, case), shared_inputs(case.wrench))
-    # Outputs, and quantities that are read from them in the same program.
     needed = outputs if readings is None else (*outputs, *readings.needs)
     if own:
         needed = (*needed, "length")
     arrays = recorded_arrays(tape, case, needed)
+    kept = [n for n in (outputs if stored is None else stored) if n in arrays]
     lengths = case.constants.is_length if isinstance(case, ChainCase) else (True,) * 6
     if readings is not None and readings.exist_beside(arrays):
         values, doubt = read({**arrays, "lengths": np.array(lengths)}, readings)
         arrays["verdict"][0] = larger(arrays["verdict"][0], doubt)
         arrays["readings"] = values
-        outputs = ("pose", "readings")
+        kept.append("readings")
     if own is not None and all(name in arrays for name in own.needs):
         length = arrays["length"][0] if "length" in arrays else case.length
         found, doubt = own.record(arrays, length)
         arrays["verdict"][0] = larger(arrays["verdict"][0], doubt)
         arrays |= found
-        outputs = (*outputs, *own.names)
+        kept += own.names
     # Outputs that nobody reads are dropped.
-    kept = {name: arrays[name] for name in (*outputs, "verdict") if name in arrays}
-    return tape.program(kept, shared_inputs(case.wrench))
+    known = {name: arrays[name] for name in (*kept, "verdict")}
+    return tape.program(known, shared_inputs(case.wrench))
 
 
 #: The last plans with their mechanisms, which do not change, and kinds of wrench.

@@ -18,7 +18,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
@@ -53,8 +53,8 @@ from cartstiff.batch.kernels import (
 )
 from cartstiff.batch.plans import Case, TracedModel, given_as, plan
 from cartstiff.batch.platforms import PlatformCase
-from cartstiff.batch.quantities import FREQUENCIES, frequency_name
-from cartstiff.batch.readings import READINGS, Readings, frequencies_of, with_masses
+from cartstiff.batch.quantities import FREQUENCIES
+from cartstiff.batch.readings import Readings, recordable, with_masses
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
     ConvergenceError,
@@ -63,6 +63,7 @@ from cartstiff.errors import (
     UnknownNameError,
 )
 from cartstiff.geometry.se3 import Array
+from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.numerics import BALANCE_TOLERANCE, RANK, ROUNDOFF
 from cartstiff.potentials.line_springs import LineSprings
@@ -70,6 +71,7 @@ from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, che
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.stiffness.settled_links import settled_coordinates
 from cartstiff.stiffness.tensor import COMPONENTS, with_labels
+from cartstiff.units import Units
 
 REGULAR, NOT_ASSEMBLED = "regular", "not-assembled"
 Indices = NDArray[np.intp]
@@ -312,6 +314,46 @@ def by_chosen_tensions(stack: Stack, which: Indices) -> tuple[Indices, Indices]:
     return some[plain], unbalanced
 
 
+def described(
+    elastic: ElasticMechanism, load: LoadKind | None, axes: Axes
+) -> dict[str, Any]:
+    """Mechanism, frames, units and kind of load, as attributes of an xarray data set."""
+    units, mechanism = elastic.units, elastic.mechanism
+    of_joints = [units.coordinate(c.is_length) for c in mechanism.coordinates]
+    about: dict[str, Any] = {
+        "mechanism": elastic.name,
+        "kind": mechanism.kind,
+        "frame": mechanism.frame,
+        # Flattened by rows: attributes of netCDF have one dimension.
+        "frame_offset": mechanism.frame_offset.ravel().tolist(),
+        "base_pose": mechanism.base_pose.ravel().tolist(),
+        "length_unit": units.length,
+        "force_unit": units.force,
+        "angle_unit": "rad",
+        "springs_in_doubt": elastic.springs_in_doubt,
+        "joints": " ".join(elastic.names),
+        "joint_units": " ".join(of_joints),
+        "order": "angular-linear",
+    }
+    if load is not None:
+        about["load_kind"], about["load_at"] = load.kind, list(load.at)
+        about["load_axes"], about["load_meaning"] = axes, load.words
+    return about
+
+
+def units_of(units: Units) -> dict[str, dict[str, str]]:
+    """Unit of each output with one, as attributes of xarray variables."""
+    pairs = {"stiffness": units.stiffness, "compliance": units.compliance}
+    found = {
+        f"{kind}_{name}": f"rotation {of['rotation']}, translation {of['translation']}"
+        for kind, of in pairs.items()
+        for name in OF_MANY
+    }
+    found |= {"energy": units.moment, "wrench": f"{units.moment}, {units.force}"}
+    found |= {"pose": f"1, {units.length}", TENSIONS: units.force}
+    return {name: {"units": unit} for name, unit in found.items()}
+
+
 #: State of postures that exceed the number `one_by_one`.
 UNDECIDED = "undecided"
 
@@ -341,6 +383,10 @@ class Postures:
     fallback : int
         Number of postures that `cartstiff.analyse` has computed one by one: all of them
         on the path "engine", else those that are not well inside the regular ones.
+    about : mapping
+        Mechanism, frames, units and load, as attributes of `to_xarray`.
+    units : mapping
+        Attributes of each output there.
     """
 
     q: Array
@@ -351,6 +397,8 @@ class Postures:
     reason: str = ""
     names: tuple[str, ...] = ()
     fallback: int = 0
+    about: Mapping[str, Any] = field(default_factory=dict)
+    units: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Array:
         try:
@@ -386,7 +434,7 @@ class Postures:
 
     def to_xarray(self) -> Any:
         """`xarray.Dataset` with labels: q, state, and every output;
-        matrices by their letters.
+        matrices by their letters. Attributes say mechanism, frames, units and load.
 
         Raises
         ------
@@ -402,12 +450,15 @@ class Postures:
             "stiffness": ("wrench", "motion"),
             "compliance": ("motion", "wrench"),
         }
+        shown = dict[str, str]()
         arrays: dict[str, tuple[tuple[str, ...], Array]] = {
             "q": (("posture", "coordinate"), self.q),
             "state": (("posture",), np.array(self.codes)[self.state]),
         }
         for name, array in self.arrays.items():
             kind, _, letter = name.partition("_")
+            if array.ndim == 1:  # also of quantities whose names begin likewise
+                kind = name
             # "wrench" is also the name of an axis, so that this array has another name.
             short = {
                 "stiffness": f"K_{letter}",
@@ -415,9 +466,13 @@ class Postures:
                 "wrench": "W",
             }
             own = tuple(f"{name}_{k + 1}" for k in range(array.ndim - 1))
-            arrays[short.get(kind, name)] = ("posture", *axes.get(kind, own)), array
+            shown[name] = short.get(kind, name)
+            arrays[shown[name]] = ("posture", *axes.get(kind, own)), array
         labels = {**COMPONENTS, "posture": range(len(self)), "coordinate": self.names}
-        return with_labels(arrays, labels, path=self.path)
+        dataset = with_labels(arrays, labels, path=self.path, **self.about)
+        for name, own_name in shown.items():
+            dataset[own_name].attrs.update(self.units.get(name, {}))
+        return dataset
 
     def to_pandas(self) -> Any:
         """`pandas.DataFrame` of the 6x6 matrices: a row an entry, a column a matrix.
@@ -433,7 +488,9 @@ class Postures:
             Without xarray.
         """
         names = [
-            name for name in self.arrays if name.startswith(("stiffness", "compliance"))
+            name
+            for name, array in self.arrays.items()
+            if name.startswith(("stiffness", "compliance")) and array.ndim == 3
         ]
         if not names:
             raise InputError(
@@ -549,30 +606,31 @@ def analyse_many(
     )
     if _is_moved(elastic, loads):
         coordinates = coordinates.copy()
+    found = Postures(
+        coordinates,
+        arrays,
+        state,
+        tuple(codes),
+        "engine",
+        reason,
+        elastic.names,
+        len(state),
+        described(elastic, None if loads is None else kind, load_axes),
+        units_of(elastic.units),
+    )
     if taken is None:
         everything = np.arange(len(state))
         _by_reference(
             elastic, coordinates, loads, arrays, everything, state, codes, kind, load_axes
         )
-        return Postures(
-            coordinates,
-            arrays,
-            state,
-            tuple(codes),
-            "engine",
-            reason,
-            elastic.names,
-            len(state),
-        )
+        return replace(found, codes=tuple(codes))
     run(taken, kernel, coordinates, loads, arrays, state, count, size)
     if taken.regular != REGULAR:
         _clear_still_halves(elastic, arrays, slice(None))
     ran: str = "portable" if isinstance(kernel, PortableKernel) else "compiled"
     if not state.any():
         state[:] = _index(codes, taken.regular)
-        return Postures(
-            coordinates, arrays, state, tuple(codes), ran, reason, elastic.names
-        )
+        return replace(found, codes=tuple(codes), path=ran, fallback=0)
     doubtful = np.flatnonzero(state == FALLBACK)
     lost_state, lost_rank = "", doubtful[:0]
     compiled = ran == "compiled"
@@ -610,16 +668,7 @@ def analyse_many(
     _by_reference(
         elastic, coordinates, loads, arrays, doubtful, state, codes, kind, load_axes
     )
-    return Postures(
-        coordinates,
-        arrays,
-        state,
-        tuple(codes),
-        ran,
-        reason,
-        elastic.names,
-        len(doubtful),
-    )
+    return replace(found, codes=tuple(codes), path=ran, fallback=len(doubtful))
 
 
 def _clear_still_halves(
@@ -727,11 +776,8 @@ def readable(
     elastic: ElasticMechanism, names: Sequence[str], wrench: Array | None
 ) -> tuple[str, ...]:
     """Names of the quantities that can be recorded for a mechanism under a load."""
-    taken, frequencies = plan(elastic, given_as(wrench)), 0
-    if isinstance(taken, TracedModel) and with_masses(elastic, taken.case) is not None:
-        frequencies = frequencies_of(taken.case)
-    left = FREQUENCIES.difference(map(frequency_name, range(frequencies)))
-    return tuple(name for name in names if name in READINGS and name not in left)
+    taken = plan(elastic, given_as(wrench))
+    return () if isinstance(taken, str) else recordable(elastic, taken.case, names)
 
 
 class Reader:

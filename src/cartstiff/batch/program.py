@@ -11,8 +11,9 @@ in `record`.
 from __future__ import annotations
 
 import math
+import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -29,22 +30,56 @@ from cartstiff.batch.arguments import (
     EVERY_OUTPUT,
     TENSIONS,
     checked_names,
+    checked_q,
+    checked_wrench,
     full_name,
     shape_of,
 )
 from cartstiff.batch.closed_chains import STEPS, is_shut, settle
-from cartstiff.batch.execution import CompiledPosture, OnePosture, PrintedPosture
-from cartstiff.batch.kernels import has_package
+from cartstiff.batch.execution import (
+    CompiledKernel,
+    CompiledPosture,
+    Kernel,
+    OnePosture,
+    PortableKernel,
+    PrintedPosture,
+)
+from cartstiff.batch.kernels import has_package, run
 from cartstiff.batch.own_outputs import Function, OwnOutputs
-from cartstiff.batch.plans import CLOSING, SETTLING, TracedModel, plan, program_for
-from cartstiff.batch.postures import REGULAR, Postures, analyse_many, fill
+from cartstiff.batch.plans import (
+    CLOSING,
+    SETTLING,
+    Case,
+    TracedModel,
+    plan,
+    program_for,
+)
+from cartstiff.batch.postures import (
+    REGULAR,
+    Postures,
+    analyse_many,
+    described,
+    fill,
+    units_of,
+)
+from cartstiff.batch.quantities import (
+    FREQUENCIES,
+    QUANTITIES,
+    Quantity,
+    Settings,
+    check_used,
+    choose_quantities,
+)
+from cartstiff.batch.readings import Readings, recordable, with_masses
 from cartstiff.batch.sources import (
     LANGUAGES,
     Facts,
     c_source,
     javascript_source,
+    jax_source,
     python_source,
 )
+from cartstiff.batch.stacks import needed_outputs, quantities_of
 from cartstiff.batch.tape import Program as Tape
 from cartstiff.batch.untraced import UntracedTerms
 from cartstiff.checked_call import checked
@@ -58,6 +93,8 @@ from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, che
 
 #: Number of operations beyond which compiling takes more than a quarter of a minute.
 _LARGEST = 150_000
+#: Number of postures from which vectors of full width, which are compiled apart, pay.
+WORTH_WIDENING = 1_000_000
 #: Place of an output in the record, if it exists, and its shape.
 _Place = tuple[slice | None, tuple[int, ...]]
 
@@ -144,6 +181,9 @@ class Program:
         all.
     reason : str
         Why no faster one; empty if there is none.
+    from_matrices : tuple of str
+        Quantities that are not recorded: maps' functions read them from the program's
+        matrices.
     """
 
     def __init__(
@@ -160,11 +200,16 @@ class Program:
         self.load, self.load_axes = load, load_axes
         self._given, self._own = names, own
         self._count = len(elastic.mechanism.coordinates)
+        self._quantities: tuple[Quantity, ...] = ()
+        if own.settings is not None:
+            self._quantities = choose_quantities(own.quantities, own.settings, elastic)
         # What `analyse` computes, and what follows from that.
-        self._base = tuple(dict.fromkeys((*names, *own.needs)))
-        self.names = (*names, *own.names)
-        self._shapes = {**_shapes(elastic), **own.shapes}
+        self._base = (*names, *own.needs, *self._needed(own.quantities))
+        self._base = tuple(dict.fromkeys(self._base))
+        self.names = (*names, *own.names, *own.quantities)
+        self._shapes = _shapes(elastic) | own.shapes | dict.fromkeys(own.quantities, ())
         self.path, self.reason = "engine", ""
+        self.from_matrices: tuple[str, ...] = own.quantities
         self._taken: TracedModel | None = None
         self._untraced: UntracedTerms | None = None
         self._tape: Tape | None = None
@@ -174,29 +219,66 @@ class Program:
         self._places: dict[str, _Place] = {}
         self._usual: dict[str, Array] = {}
         self._verdict, self._state = 0, REGULAR
-        taken = plan(elastic, "shared" if is_loaded else "none")
+        taken = plan(elastic, "each" if is_loaded else "none")
         if isinstance(taken, str):
             self.reason = taken
         else:
             self._compile(taken.under(load, load_axes))
 
+    def _needed(self, quantities: Collection[str]) -> tuple[str, ...]:
+        """Outputs that quantities are read from."""
+        settings = self._own.settings
+        if settings is None or not quantities:
+            return ()
+        some = [quantity for quantity in self._quantities if quantity.name in quantities]
+        return needed_outputs(some, settings)
+
+    def _recorded(self, case: Case) -> Tape:
+        """The program of all outputs that can be recorded, and of what the others
+        are read from.
+        """
+        own, settings, elastic = self._own, self._own.settings, self.elastic
+        plain = replace(own, quantities=(), settings=None)
+        names = recordable(elastic, case, own.quantities)
+        few = tuple(name for name in names if name not in FREQUENCIES)
+        tape: Tape | None = None
+        for some in dict.fromkeys((names, few, ())):
+            self.from_matrices = tuple(n for n in own.quantities if n not in some)
+            stored = (*self._given, *self._needed(self.from_matrices))
+            more: dict[str, Any] = {"own": plain}
+            if some and settings is not None:
+                more["readings"] = Readings.of(elastic, some, settings)
+            if {*stored} != {*self._base}:
+                more["stored"] = tuple(dict.fromkeys(stored))
+            has_masses = not FREQUENCIES.isdisjoint(some)
+            own_case = (has_masses and with_masses(elastic, case)) or case
+            tape = program_for(own_case, self._base, **more)
+            if not some or ("readings" in tape.outputs and tape.size <= _LARGEST):
+                break
+        assert tape is not None
+        outputs = dict(tape.outputs)
+        steps = outputs.pop("readings", ())
+        outputs |= {name: (step,) for name, step in zip(some, steps, strict=False)}
+        return tape.with_outputs(outputs)
+
     def _compile(self, taken: TracedModel) -> None:
         """Record, and make code of, the outputs and the steps towards the posture."""
         compiled = has_package("llvmlite")
         case, one_posture = taken.case, CompiledPosture if compiled else PrintedPosture
-        program = program_for(case, self._base, own=self._own)
+        program = self._recorded(case)
         if program.size > _LARGEST:
             self.reason = f"{program.size} operations would take too long to compile"
             return
-        # What exists at no posture of the mechanism is missing.
-        exist = [name for name in self.names if name in program.outputs]
-        outputs = {name: program.outputs[name] for name in (*exist, "verdict")}
         rows = {name: np.ascontiguousarray(row) for name, row in taken.shared.items()}
         shared = {name: row for name, row in rows.items() if name not in self.inputs}
         self._usual = {name: rows[name][0] for name in self.inputs}
-        self._answer = one_posture(program.with_outputs(outputs), shared)
+        self._answer = one_posture(program, shared)
+        # What exists at no posture of the mechanism is missing.
         at = self._answer.at
         self._places = {name: (at.get(name), self._shapes[name]) for name in self.names}
+        stop = max(place.stop for place in at.values())
+        for i, name in enumerate(self.from_matrices):
+            self._places[name] = slice(stop + i, stop + i + 1), ()
         self._verdict, self._state = at["verdict"].start, taken.regular
         if taken.is_closed:
             self._closing = one_posture(program_for(case, CLOSING), {})
@@ -266,7 +348,39 @@ class Program:
         record = self._answer.record(q=at, **given, **self._derivatives(at, given))
         if record[self._verdict] != PLAIN:
             return None
+        if self.from_matrices:
+            arrays = {
+                name: record[place].reshape(1, *self._shapes[name])
+                for name, place in self._answer.at.items()
+                if name in self._shapes
+            }
+            found = self._read(self.from_matrices, arrays, at[None], given.get("wrench"))
+            record = np.concatenate([record, *(found[n] for n in self.from_matrices)])
         return RecordedPosture(self._places, record, at, self._state, True)
+
+    def _read(
+        self,
+        names: Collection[str],
+        arrays: Mapping[str, Array],
+        q: Array,
+        wrench: Array | None,
+        elastic: ElasticMechanism | None = None,
+    ) -> dict[str, Array]:
+        """Quantities (N,) from matrices, as of maps."""
+        settings = self._own.settings
+        if settings is None or not names:
+            return {}
+        some = [quantity for quantity in self._quantities if quantity.name in names]
+        known = {n: np.full((len(q), *self._shapes[n]), np.nan) for n in self._base}
+        return quantities_of(
+            elastic or self.elastic,
+            some,
+            settings,
+            {**known, **arrays},
+            q,
+            wrench,
+            self.load_axes,
+        )
 
     def _refuse(self, wrench: ArrayLike | None) -> None:
         if wrench is None:
@@ -286,6 +400,7 @@ class Program:
         with numerics.one_thread():
             state, at = fill(elastic, at, wrench, rows, self.load, self.load_axes)
         rows |= self._own.values(rows)
+        rows |= self._read(self._own.quantities, rows, at[None], wrench, elastic)
         places, parts, stop = dict[str, _Place](), list[Array](), 0
         for name in self.names:
             part = np.ravel(rows[name])
@@ -385,14 +500,15 @@ class Program:
     # -------------------------------------------------------------------------------
 
     def source(
-        self, language: Literal["c", "python", "javascript"], name: str = ""
+        self, language: Literal["c", "jax", "python", "javascript"], name: str = ""
     ) -> str:
         """Source text of a function that computes the outputs at a posture.
 
         Parameters
         ----------
-        language : {"c", "python", "javascript"}
-            "c" is one C99 function without allocation for a controller.
+        language : {"c", "jax", "python", "javascript"}
+            "c" is one C99 function without allocation for a controller; "jax" is a
+            function that JAX compiles, maps and differentiates.
         name : str
             Of the function; default that of the mechanism.
 
@@ -410,6 +526,9 @@ class Program:
                 self.reason or "its flexible links or own potentials are found in steps"
             )
             raise InputError(f"no source: {reason}")
+        if self.from_matrices:
+            names = ", ".join(self.from_matrices)
+            raise InputError(f"no source: {names} cannot be recorded")
         if taken.is_closed and language != "c":
             raise InputError("no source: the chain is closed in steps", expected="c")
         name = name or re.sub(r"\W", "_", f"stiffness_of_{self.elastic.name}")
@@ -420,16 +539,23 @@ class Program:
         if language == "c":
             closing = program_for(taken.case, CLOSING) if taken.is_closed else None
             return c_source(tape, shared, self._facts(exist), name, closing)
+        if language == "jax":
+            shapes = {n: self._shapes[n] for n in exist}
+            return jax_source(tape, shared, self._facts(exist), name, shapes)
         write = python_source if language == "python" else javascript_source
         return write(tape, shared, self._facts(exist), name)
 
     def _facts(self, exist: Sequence[str]) -> Facts:
         """Names, shapes and units of what goes in and comes out."""
         units, lines, at = self.elastic.units, list[str](), 0
+        of_quantities = {q.name: q.unit_in(units) for q in self._quantities}
         for name in exist:
             size = math.prod(self._shapes[name])
             shape = " x ".join(map(str, self._shapes[name])) or "1"
-            lines.append(f"{at} to {at + size - 1}: {name} ({shape}, row by row)")
+            words = f" to {at + size - 1}: {name} ({shape}, row by row)"
+            if name in of_quantities:
+                words = f": {name} [{of_quantities[name]}]"
+            lines.append(f"{at}{words}")
             at += size
         wrench = []
         if self.is_loaded:
@@ -458,25 +584,101 @@ class Program:
         """Arrays of postures q (N, n) under one wrench (6,), or one for each (N, 6).
 
         As of `cartstiff.analyse_many`: with the state of every posture, and labels by
-        ``.to_xarray()``. `numbers` as in a call.
+        ``.to_xarray()``. `numbers` as in a call, the same for all postures.
         """
         for name in numbers:
             check_name("input", name, self.inputs)
         elastic = self._with(numbers)
         if (wrench is None) is self.is_loaded:
             self._refuse(wrench)
+        coordinates = elastic.mechanism.closed_as_given(checked_q(elastic, q))
+        count, loads = len(coordinates), checked_wrench(elastic, wrench, len(coordinates))
+        known = np.zeros(count, bool)
+        arrays = {n: np.full((count, *self._shapes[n]), np.nan) for n in self.names}
+        at = coordinates.copy()
+        if self._taken is not None:
+            known = self._rows(at, loads, numbers, arrays)
+        rest = np.flatnonzero(~known)
+        at[rest] = coordinates[rest]
+        codes, state = [self._state], np.zeros(count, np.uint8)
+        fallback, path = 0, "portable" if self.path == "python" else self.path
+        if rest.size or self._taken is None:
+            own = loads if loads is None or loads.ndim == 1 else loads[rest]
+            others = self._analysed(elastic, coordinates[rest], own)
+            at[rest], fallback = others.q, others.fallback
+            for name, array in arrays.items():
+                array[rest] = others.arrays[name]
+            codes = list(dict.fromkeys([REGULAR, self._state, *others.codes]))
+            index = np.array([codes.index(code) for code in others.codes], np.uint8)
+            state[:] = codes.index(self._state)
+            state[rest] = index[others.state]
+        return Postures(
+            at,
+            arrays,
+            state,
+            tuple(codes),
+            path,
+            self.reason,
+            elastic.names,
+            fallback,
+            described(elastic, self.load if self.is_loaded else None, self.load_axes),
+            {
+                **units_of(elastic.units),
+                **{
+                    quantity.name: quantity.words(elastic.units)
+                    for quantity in self._quantities
+                },
+            },
+        )
+
+    def _rows(
+        self,
+        q: Array,
+        loads: Array | None,
+        numbers: Mapping[str, ArrayLike],
+        arrays: Mapping[str, Array],
+    ) -> NDArray[np.bool_]:
+        """Fill arrays of plainly regular postures by the recorded arithmetic;
+        which these are.
+        """
+        taken, tape = self._taken, self._tape
+        assert taken is not None
+        assert tape is not None
+        kernel: Kernel | None = self._answer
+        if self.path != "compiled":
+            kernel = PortableKernel(tape)
+        elif len(q) >= WORTH_WIDENING:
+            kernel = CompiledKernel(tape)
+        given = {name: np.atleast_2d(values) for name, values in numbers.items()}
+        taken = replace(taken, shared={**taken.shared, **given})
+        verdicts, threads = np.zeros(len(q), np.uint8), os.cpu_count() or 1
+        more = {
+            name: np.empty((len(q), *self._shapes[name]))
+            for name in tape.outputs
+            if name not in arrays and name != "verdict"
+        }
+        run(taken, kernel, q, loads, {**arrays, **more}, verdicts, threads, None)
+        known = verdicts == PLAIN
+        own = loads if loads is None or loads.ndim == 1 else loads[known]
+        rows = {name: array[known] for name, array in {**arrays, **more}.items()}
+        found = self._read(self.from_matrices, rows, q[known], own)
+        for name, values in found.items():
+            arrays[name][known] = values
+        return np.asarray(known)
+
+    def _analysed(
+        self, elastic: ElasticMechanism, q: Array, loads: Array | None
+    ) -> Postures:
+        """Postures by `analyse_many`, with own outputs and quantities."""
         load: dict[str, Any] = {}
-        if wrench is not None:
-            load = {
-                "load_kind": self.load.kind,
-                "load_at": self.load.at,
-                "load_axes": self.load_axes,
-            }
-        found = analyse_many(elastic, q, wrench=wrench, outputs=self._base, **load)
-        if self._own:
-            found.arrays.update(self._own.values(found.arrays))
-            for name in set(found.arrays).difference(self.names):
-                del found.arrays[name]
+        if loads is not None:
+            kind = self.load
+            load = {"load_kind": kind.kind, "load_at": kind.at}
+            load["load_axes"] = self.load_axes
+        found = analyse_many(elastic, q, wrench=loads, outputs=self._base, **load)
+        arrays = found.arrays
+        arrays |= self._own.values(arrays)
+        arrays |= self._read(self._own.quantities, arrays, found.q, loads, elastic)
         return found
 
 
@@ -493,6 +695,10 @@ def record(
     load_at: ArrayLike = DEAD_AT_ORIGIN.at,
     load_axes: Literal["body", "world"] = "body",
     inputs: Sequence[Literal["stiffness", "rest"]] = (),
+    connection: str | None = None,
+    length: float | None = None,
+    direction: ArrayLike | None = None,
+    deflect: ArrayLike | None = None,
 ) -> Program:
     """Record the arithmetic of a mechanism: a program that answers in microseconds.
 
@@ -502,7 +708,8 @@ def record(
         Mechanism and potentials, from `cartstiff.load`.
     outputs : sequence or mapping
         Outputs of `cartstiff.analyse_many` by name ("B" is short for "stiffness_B");
-        connections of your own, for "stiffness_NAME" and "compliance_NAME" under each;
+        quantities by name (`cartstiff models --quantities`); connections of your own, for
+        "stiffness_NAME" and "compliance_NAME" under each;
         and functions of a mapping of arrays by name, made of + - * / and products of
         arrays, whose results have their key in a mapping, or else the function's own
         name.
@@ -515,6 +722,10 @@ def record(
     inputs : sequence of {"stiffness", "rest"}
         Numbers of the springs that a call may replace. Rest positions must all be given,
         and without a load, which would replace them.
+    connection, length, direction, deflect
+        Settings of the quantities, as in `cartstiff.maps.map_of`; the default connection
+        of a program under a load is "load", and the default length the natural one at the
+        default posture without it.
 
     Returns
     -------
@@ -540,8 +751,22 @@ def record(
         outputs = [outputs]
     if not isinstance(outputs, Mapping):
         outputs = {_name_of(output): output for output in outputs}
-    names = checked_names([o for o in outputs.values() if isinstance(o, str)])
-    own = OwnOutputs.of(outputs, _shapes(elastic))
+    named = [full_name(o) for o in outputs.values() if isinstance(o, str)]
+    for name in named:
+        check_name("output", name, (*EVERY_OUTPUT, *QUANTITIES))
+    quantities = [o for o in named if o not in EVERY_OUTPUT]
+    names = checked_names([o for o in named if o not in quantities])
+    own = _with_quantities(
+        OwnOutputs.of(outputs, _shapes(elastic)),
+        quantities,
+        elastic,
+        kind,
+        loaded,
+        connection=connection,
+        length=length,
+        direction=direction,
+        deflect=deflect,
+    )
     for name in inputs:
         check_name("input", name, ("stiffness", "rest"))
     if inputs and "rest" in inputs and (loaded or not _springs(elastic).is_complete):
@@ -551,6 +776,35 @@ def record(
             expected="rest positions of all springs, and no load",
         )
     return Program(elastic, names, own, loaded, kind, load_axes, tuple(inputs))
+
+
+def _with_quantities(
+    own: OwnOutputs,
+    names: Sequence[str],
+    elastic: ElasticMechanism,
+    load: LoadKind,
+    loaded: bool,
+    **asked: Any,
+) -> OwnOutputs:
+    """The outputs with quantities and their settings; InputError for settings of none."""
+    given = [name for name, value in asked.items() if value is not None]
+    if given and not names:
+        raise InputError(
+            "is given, and no quantity is among the outputs",
+            where=given[0],
+            expected="a name of cartstiff models --quantities",
+        )
+    if not names:
+        return own
+    if loaded and asked["connection"] is None:
+        asked["connection"] = "load"
+    # The default length is that without the load, which is not known here.
+    acting = DEAD_AT_ORIGIN if loaded else load
+    settings = Settings.of(elastic, acting, None, "body", **asked)
+    settings = replace(settings, load=load, is_loaded=loaded)
+    chosen = choose_quantities(names, settings, elastic)
+    check_used(settings, chosen)
+    return replace(own, quantities=tuple(names), settings=settings)
 
 
 def _springs(elastic: ElasticMechanism) -> Springs:

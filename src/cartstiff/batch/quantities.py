@@ -323,6 +323,11 @@ class Quantity:
         """The unit, with the mechanism's units of length and force."""
         return self.unit.format(length=units.length, force=units.force)
 
+    def words(self, units: Units) -> dict[str, str]:
+        """Unit, meaning and better end, as attributes of an xarray variable."""
+        about = {"units": self.unit_in(units), "long_name": self.description}
+        return about if self.better is None else {**about, "better": self.better}
+
     def outputs(self, settings: Settings) -> tuple[str, ...]:
         """Required outputs of `analyse_many`."""
         names = {"matrix": settings.matrix, "connection": settings.connection}

@@ -24,7 +24,7 @@ motion costs nothing or is unstable.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
@@ -63,6 +63,7 @@ from cartstiff.batch.quantities import (
     Settings,
     Source,
     frequency_name,
+    is_own,
     product_of,
 )
 from cartstiff.batch.tape import Scalar, absolute, copysign, larger, pick, square_root
@@ -366,6 +367,14 @@ class Readings:
     settings: Settings = field(default_factory=Settings)
     hertz: float = 0.5 / math.pi
 
+    @classmethod
+    def of(
+        cls, elastic: ElasticMechanism, names: tuple[str, ...], settings: Settings
+    ) -> Readings:
+        """With the frequencies of a mechanism's units."""
+        hertz = float(1.0 / np.sqrt(elastic.units.kilogram)) / (2.0 * np.pi)
+        return cls(names, settings, hertz)
+
     def __post_init__(self) -> None:
         """Remove settings that no recorded quantity uses, and that are not hashable."""
         settings = replace(self.settings, damping=Damping())
@@ -641,3 +650,12 @@ def frequencies_of(case: _Case) -> int:
     """Number of recorded frequencies: all, or the lowest one of many motions."""
     motions = case.freedoms if isinstance(case, ChainCase) else 6
     return motions if motions <= LARGEST else 1
+
+
+def recordable(
+    elastic: ElasticMechanism, case: _Case, names: Iterable[str]
+) -> tuple[str, ...]:
+    """Names of the quantities that can be recorded for a case."""
+    frequencies = 0 if with_masses(elastic, case) is None else frequencies_of(case)
+    left = FREQUENCIES.difference(map(frequency_name, range(frequencies)))
+    return tuple(n for n in names if n in READINGS and n not in left and not is_own(n))

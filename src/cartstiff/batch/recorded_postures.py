@@ -92,7 +92,7 @@ class _Recording:
         return self.thread
 
     def _record(self) -> None:
-        taken = plan(self.elastic, "shared" if self.is_loaded else "none")
+        taken = plan(self.elastic, "each" if self.is_loaded else "none")
         if isinstance(taken, str) or not notes_are_known(self.elastic, self.is_loaded):
             return
         outside = bool(taken.untraced) or taken.settles

@@ -1,4 +1,4 @@
-"""A recorded program as source text of a function: C for a controller, Python,
+"""A recorded program as source text of a function: C for a controller, JAX, Python,
 JavaScript.
 
 The head of each says the names, shapes and units of what goes in and comes out. Numbers
@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ from cartstiff.batch.tape import Program as Tape
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.closures import LONGEST_STEP
 
-LANGUAGES = ("c", "python", "javascript")
+LANGUAGES = ("c", "jax", "python", "javascript")
 
 
 class Facts(NamedTuple):
@@ -203,6 +204,202 @@ def python_source(
         "",
     ]
     return "\n".join(parts)
+
+
+#: Operations at once of a JAX function.
+_AT_ONCE = 16
+#: Their numbers there.
+_KINDS = ("", "add", "sub", "mul", "div", "neg", "sqrt", "abs", "max", "sin", "cos")
+_KINDS += ("copysign", "pick")
+_JAX = """import jax
+import jax.numpy as jnp
+import numpy as np
+
+# Operations in steps of {width}: kind of each, and the places of what it reads. A place
+# is that of an input or constant, or of an earlier result.
+_KIND = np.array({kinds}, np.int32).reshape(-1, {width})
+_READ = np.array({reads}, np.int32).reshape(-1, {width}, 4)
+_PLACE = {first} + {width} * np.arange(len(_KIND))
+
+
+def _chosen(kind, several):
+    found = 0.0
+    for i, each in several.items():
+        found = jnp.where(kind == i, each, found)
+    return found
+
+
+def _results(x, kind, turns):
+    a, b, c, d = (x[..., i] for i in range(4))
+    over, under = jnp.where(kind == 4, b, 1.0), jnp.where(kind == 6, a, 1.0)
+    several = {{1: a + b, 2: a - b, 3: a * b, 4: a / over, 5: -a, 6: jnp.sqrt(under)}}
+    several |= {{7: jnp.abs(a), 8: jnp.maximum(a, b)}}
+    several |= {{11: jnp.abs(a) * jnp.where(jnp.signbit(b), -1.0, 1.0)}}
+    several |= {{12: jnp.where(a < b, c, d)}}
+    turned = [lambda a: (jnp.sin(a), jnp.cos(a)), lambda a: (a, a)]
+    several[9], several[10] = jax.lax.cond(turns, *turned, a)
+    return _chosen(kind, several)
+
+
+def _slopes(x, y, kind):
+    a, b = x[..., 0], x[..., 1]
+    over, root = jnp.where(kind == 4, b, 1.0), jnp.where(kind == 6, y, 1.0)
+    size, sign = (jnp.where(jnp.signbit(z), -1.0, 1.0) for z in (a, b))
+    taken = jnp.where(a < b, 1.0, 0.0)
+    first = {{1: 1.0, 2: 1.0, 3: b, 4: 1.0 / over, 5: -1.0, 6: 0.5 / root, 7: size}}
+    first |= {{8: 1.0 - taken, 9: jnp.cos(a), 10: -jnp.sin(a), 11: size * sign}}
+    second = {{1: 1.0, 2: -1.0, 3: a, 4: -y / over, 8: taken}}
+    four = first, second, {{12: taken}}, {{12: 1.0 - taken}}
+    slopes = jnp.stack([_chosen(kind, each) for each in four], -1)
+    return jnp.where(jnp.isfinite(slopes), slopes, 0.0)
+
+
+def _along(numbers, function, *rows):
+    def step(known, row):
+        place, read, *more = row
+        found = function(known[read], *more)
+        return jax.lax.dynamic_update_slice(known, found, (place,)), None
+
+    room = jnp.concatenate([numbers, jnp.zeros(_KIND.size)])
+    return jax.lax.scan(step, room, (_PLACE, _READ, *rows))[0]
+
+
+# One posture after the other is faster than the table of many.
+@jax.custom_batching.sequential_vmap
+def _one(numbers):
+    turns = ((_KIND == 9) | (_KIND == 10)).any(axis=1)
+    return _along(numbers, _results, _KIND, turns)
+
+
+@jax.custom_jvp
+def _values(numbers):
+    return _one(numbers)
+
+
+@_values.defjvp
+def _(numbers, changes):
+    values = _values(*numbers)
+    slopes = _slopes(values[_READ], values[{first} :].reshape(_KIND.shape), _KIND)
+
+    def change(x, slope):
+        return jnp.where(slope == 0.0, 0.0, x * slope).sum(-1)
+
+    return values, _along(*changes, change, slopes)
+
+
+def {name}({arguments}):
+    \"\"\"{words}
+    \"\"\"
+    if not jax.config.jax_enable_x64:
+        raise RuntimeError("jax.config.update('jax_enable_x64', True) first")
+    given = {{{given}}}
+    inputs = [given[array].reshape(-1)[i] for array, i in {inputs}]
+    values = _values(jnp.array([*inputs, *{constants}]))
+    found = values[np.array({outputs})]
+    return values[{verdict}] == 0.0, {{
+        name: found[start : start + int(np.prod(shape))].reshape(shape)
+        for name, start, shape in {places}
+    }}
+"""
+
+
+def jax_source(
+    program: Tape,
+    shared: Mapping[str, Array],
+    facts: Facts,
+    name: str,
+    shapes: Mapping[str, tuple[int, ...]],
+) -> str:
+    """A function of JAX arrays: whether the posture is plainly regular,
+    and the outputs by name.
+
+    JAX takes minutes to compile thousands of numbers with names. The operations are
+    therefore rows of a table, and a loop computes some at once; it compiles in a second,
+    whatever their number. Derivatives are those of each operation, along the same loop.
+    """
+    steps, place, first = _in_steps(program)
+    inputs, constants = list[tuple[str, int]](), list[float]()
+    for operation in program.operations:
+        if operation.name == "input":
+            inputs.append(program.inputs[operation.arguments[0]])
+        elif operation.name == "constant":
+            constants.append(operation.value)
+    kinds, reads = list[int](), list[int]()
+    for own in steps:
+        for step in own + [None] * (_AT_ONCE - len(own)):
+            arguments: Sequence[int] = ()
+            kind = 0
+            if step is not None:
+                kind = _KINDS.index(program.operations[step].name)
+                arguments = program.operations[step].arguments
+            kinds.append(kind)
+            reads += [place[a] for a in arguments] + [0] * (4 - len(arguments))
+    starts, places = 0, list[tuple[str, int, tuple[int, ...]]]()
+    for output, shape in shapes.items():
+        places.append((output, starts, shape))
+        starts += math.prod(shape)
+    given = [f"{n!r}: jnp.asarray({n}, float)" for n in facts.arguments]
+    given += [
+        f"{n!r}: np.array({np.ravel(rows).tolist()})"
+        for n, rows in shared.items()
+        if any(array == n for array, _ in inputs)
+    ]
+    head = _words(facts, name, is_closed=False)[:-2]
+    head += [
+        "",
+        "Returns whether the posture is plainly regular, and the outputs by name;",
+    ]
+    head.append("elsewhere they do not count. Takes jax.jit, jax.vmap and jax.grad.")
+    return _JAX.format(
+        width=_AT_ONCE,
+        kinds=kinds,
+        reads=reads,
+        first=first,
+        name=name,
+        arguments=", ".join(facts.arguments),
+        words="\n    ".join(head),
+        given=", ".join(given),
+        inputs=[tuple(each) for each in inputs],
+        constants=f"[{', '.join(map(PYTHON.number, constants))}]",
+        outputs=[place[step] for step in program.outputs["record"]],
+        verdict=place[program.outputs["verdict"][0]],
+        places=places,
+    )
+
+
+def _in_steps(program: Tape) -> tuple[list[list[int]], dict[int, int], int]:
+    """Operations that are computed together, the place of each value,
+    and the number of inputs and constants.
+
+    Those on which the longest chain of operations waits come first.
+    """
+    operations = program.operations
+    leaves = [i for i, o in enumerate(operations) if o.name == "input"]
+    leaves += [i for i, o in enumerate(operations) if o.name == "constant"]
+    place, first = {step: i for i, step in enumerate(leaves)}, len(leaves)
+    readers = dict[int, list[int]]()
+    missing, waits = dict[int, int](), [0] * len(operations)
+    for step, operation in enumerate(operations):
+        if step not in place:
+            own = {a for a in operation.arguments if a not in place}
+            missing[step] = len(own)
+            for argument in own:
+                readers.setdefault(argument, []).append(step)
+    for step in reversed(range(len(operations))):
+        waits[step] = 1 + max((waits[r] for r in readers.get(step, ())), default=0)
+    ready = [(-waits[step], step) for step, count in missing.items() if not count]
+    heapify(ready)
+    steps = list[list[int]]()
+    while ready:
+        own = [heappop(ready)[1] for _ in range(min(_AT_ONCE, len(ready)))]
+        for i, step in enumerate(own):
+            place[step] = first + _AT_ONCE * len(steps) + i
+            for reader in readers.get(step, ()):
+                missing[reader] -= 1
+                if not missing[reader]:
+                    heappush(ready, (-waits[reader], reader))
+        steps.append(own)
+    return steps, place, first
 
 
 def javascript_source(

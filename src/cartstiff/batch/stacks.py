@@ -38,6 +38,8 @@ from cartstiff.batch.quantities import (
 from cartstiff.batch.vibrations import ManyModes
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.matrix_names import OF_MANY
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.stiffness.applied_load import Axes
 
 
 def on_finite(
@@ -342,3 +344,36 @@ def evaluate(
             )
         values[quantity.name] = value
     return values
+
+
+def quantities_of(
+    elastic: ElasticMechanism,
+    quantities: Sequence[Quantity],
+    settings: Settings,
+    arrays: Mapping[str, Array],
+    q: Array,
+    wrench: Array | None,
+    load_axes: Axes,
+    one_by_one: int | None = None,
+) -> dict[str, Array]:
+    """Values (N,) of quantities of a mechanism at postures q (N, n).
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+    quantities, settings, arrays
+        As of `evaluate`.
+    q, wrench, load_axes
+        Closed coordinates, and the load (6,) or (N, 6) with its axes.
+    one_by_one : int, optional
+        As of `ManyModes`.
+    """
+    load = settings.load
+    acting = {"load_kind": load.kind, "load_at": load.at, "load_axes": load_axes}
+    swing = ManyModes(elastic, q, wrench, acting, one_by_one)
+    mechanism = elastic.mechanism
+    lengths = np.array([c.is_length for c in mechanism.coordinates])
+    # The Jacobian of a platform is that of its legs.
+    if mechanism.at(elastic.q).coordinates_are_pose:
+        lengths[:] = True
+    return evaluate(quantities, arrays, settings, lengths, swing)

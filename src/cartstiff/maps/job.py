@@ -32,8 +32,7 @@ from cartstiff.batch.quantities import (
     choose_quantities,
 )
 from cartstiff.batch.readings import Readings
-from cartstiff.batch.stacks import evaluate, needed_outputs
-from cartstiff.batch.vibrations import ManyModes
+from cartstiff.batch.stacks import needed_outputs, quantities_of
 from cartstiff.maps.cartesian import PLACES_AT_ONCE, CartesianGrid
 from cartstiff.maps.sampling import Grid, Sampling, usual_chunk
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -291,8 +290,7 @@ class MapJob:
         wrench = None if self.wrench is None else np.array(self.wrench)
         own = [quantity.name for quantity in self.own]
         names = readable(self.elastic, [n for n in self.names if n not in own], wrench)
-        hertz = float(1.0 / np.sqrt(self.elastic.units.kilogram)) / (2.0 * np.pi)
-        readings = Readings(names, self.settings, hertz)
+        readings = Readings.of(self.elastic, names, self.settings)
         # If frequencies take too many operations, the other quantities may still be
         # compiled.
         few = tuple(name for name in names if name not in FREQUENCIES)
@@ -308,11 +306,15 @@ class MapJob:
     ) -> dict[str, Array]:
         """Quantities (N,) by name."""
         wrench = None if self.wrench is None else np.asarray(self.wrench, float)
-        vibrations = ManyModes(
-            self.elastic, result.q, wrench, self._acting, self.one_by_one
-        )
-        return evaluate(
-            quantities, result.arrays, self.settings, self._lengths, vibrations
+        return quantities_of(
+            self.elastic,
+            quantities,
+            self.settings,
+            result.arrays,
+            result.q,
+            wrench,
+            self.load_axes,
+            self.one_by_one,
         )
 
     def _analysed(self, q: Array, quantities: Sequence[Quantity]) -> Postures:
@@ -358,16 +360,6 @@ class MapJob:
     @cached_property
     def _limits(self) -> Limits:
         return Limits(self.elastic.mechanism)
-
-    @cached_property
-    def _lengths(self) -> Array:
-        """Which columns of the Jacobian are per distance.
-
-        For a platform all (its legs).
-        """
-        if self.elastic.mechanism.at(self.elastic.q).coordinates_are_pose:
-            return np.ones(len(self.elastic.names), bool)
-        return np.array([c.is_length for c in self.elastic.mechanism.coordinates])
 
     def _assembled(self, q: Array, box: tuple[slice, ...]) -> Closed:
         """Assemble the postures (N, n) of a box, with the sampled coordinates held."""

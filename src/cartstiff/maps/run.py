@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.arrays import checked_input
 from cartstiff.batch.kernels import WORTH_READING, lasting_path
+from cartstiff.batch.postures import described
 from cartstiff.batch.quantities import (
     Settings,
     check_used,
@@ -252,29 +253,13 @@ def planned(
         "path": job.path,
         "by_kernel": job.by_kernel,
     }
-    units, mechanism = elastic.units, elastic.mechanism
-    own_units = [units.coordinate(c.is_length) for c in mechanism.coordinates]
+    units = elastic.units
     attributes = {
         "schema": SCHEMA,
         "title": f"stiffness map of {elastic.name}",
-        "mechanism": elastic.name,
-        "kind": mechanism.kind,
-        "frame": mechanism.frame,
-        # Flattened by rows: attributes of netCDF have one dimension.
-        "frame_offset": mechanism.frame_offset.ravel().tolist(),
-        "base_pose": mechanism.base_pose.ravel().tolist(),
+        **described(elastic, kind, job.load_axes),
         "connection": settings.connection,
-        "load_kind": kind.kind,
-        "load_at": list(kind.at),
-        "load_meaning": kind.words,
         "characteristic_length": settings.length,
-        "length_unit": units.length,
-        "force_unit": units.force,
-        "angle_unit": "rad",
-        "springs_in_doubt": elastic.springs_in_doubt,
-        "joints": " ".join(elastic.names),
-        "joint_units": " ".join(own_units),
-        "order": "angular-linear",
         "numerical_path": job.path,
         "command": command,
         "python_version": platform.python_version(),
@@ -289,14 +274,7 @@ def planned(
             if i not in sampling.columns:
                 attributes[f"fixed_{dimension_name(name)}"] = float(sampling.base[i])
     dims = sampling.dims
-    arrays = {
-        q.name: Kind(
-            dims,
-            {"units": q.unit_in(units), "long_name": q.description}
-            | ({} if q.better is None else {"better": q.better}),
-        )
-        for q in chosen
-    }
+    arrays = {q.name: Kind(dims, dict(q.words(units))) for q in chosen}
     state = {
         "long_name": "state of the mechanism",
         "flag_values": [*range(len(STATES)), NOT_COMPUTED],
@@ -320,7 +298,8 @@ def planned(
         found = {"long_name": "number of branches found at the place"}
         arrays["branches"] = Kind(dims[:-1], found, "u4", 0)
     arrays["state"] = Kind(dims, state, "u1", NOT_COMPUTED)
-    joints = dict(zip(map(dimension_name, elastic.names), own_units, strict=True))
+    own = [units.coordinate(c.is_length) for c in elastic.mechanism.coordinates]
+    joints = dict(zip(map(dimension_name, elastic.names), own, strict=True))
     axes = {}
     for name in sampling.axes:
         unit = None if cartesian else joints.get(name)
