@@ -209,8 +209,10 @@ def python_source(
 #: Operations at once of a JAX function.
 _AT_ONCE = 16
 #: Their numbers there.
-_KINDS = ("", "add", "sub", "mul", "div", "neg", "sqrt", "abs", "max", "sin", "cos")
-_KINDS += ("copysign", "pick")
+_KINDS: Sequence[str] = (
+    *("", "add", "sub", "mul", "div", "neg", "sqrt", "abs", "max", "sin", "cos"),
+    *("copysign", "pick"),
+)
 _JAX = """import jax
 import jax.numpy as jnp
 import numpy as np
@@ -391,14 +393,14 @@ def _in_steps(program: Tape) -> tuple[list[list[int]], dict[int, int], int]:
     heapify(ready)
     steps = list[list[int]]()
     while ready:
-        own = [heappop(ready)[1] for _ in range(min(_AT_ONCE, len(ready)))]
-        for i, step in enumerate(own):
+        together = [heappop(ready)[1] for _ in range(min(_AT_ONCE, len(ready)))]
+        for i, step in enumerate(together):
             place[step] = first + _AT_ONCE * len(steps) + i
             for reader in readers.get(step, ()):
                 missing[reader] -= 1
                 if not missing[reader]:
                     heappush(ready, (-waits[reader], reader))
-        steps.append(own)
+        steps.append(together)
     return steps, place, first
 
 
