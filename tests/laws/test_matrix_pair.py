@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cartstiff.analysis.ellipsoids import compliance_ellipsoid, stiffness_ellipsoid
-from cartstiff.analysis.metrics import characteristic_length
-from cartstiff.analysis.principal import MatrixPair
+from cartstiff.analysis.ellipsoids import (
+    MatrixPair,
+    compliance_ellipsoid,
+    principal_pairs,
+    stiffness_ellipsoid,
+)
+from cartstiff.analysis.matrices import ROTATION, TRANSLATION
+from cartstiff.analysis.metrics import characteristic_length, length_of_pair
 
 
 @settings(max_examples=150, deadline=None)
@@ -27,7 +34,7 @@ def test_blocks_and_length_are_those_of_each_function(seed, spread, signs):
     K, C = 0.5 * (K + K.T), 0.5 * (C + C.T)
     pair = MatrixPair(K, C)
     for freedom in ("translation", "rotation"):
-        ours = pair.ellipsoid(freedom)
+        ours = pair.ellipsoid(freedom, "held")
         other = stiffness_ellipsoid(K, freedom, "held", None, C)
         np.testing.assert_allclose(ours.eigenvalues, other.eigenvalues, rtol=1e-9)
         assert ours.definiteness == other.definiteness
@@ -49,19 +56,47 @@ def test_blocks_and_length_are_those_of_each_function(seed, spread, signs):
                 ours.matrix, other.matrix, atol=1e-9 * np.abs(other.matrix).max()
             )
             assert ours.definiteness == other.definiteness
-    length = characteristic_length(K, C)
-    assert (pair.length.origin, pair.length.reason) == (length.origin, length.reason)
-    assert pair.length.value == pytest.approx(length.value, rel=1e-9)
+    length, own = characteristic_length(K, C), length_of_pair(pair)
+    assert (own.origin, own.reason) == (length.origin, length.reason)
+    assert own.value == pytest.approx(length.value, rel=1e-9)
     alone = characteristic_length(K)  # by Cholesky's decomposition
     if spread < 2.0:
-        assert pair.length.origin == alone.origin
-        assert pair.length.value == pytest.approx(alone.value, rel=1e-9)
+        assert own.origin == alone.origin
+        assert own.value == pytest.approx(alone.value, rel=1e-9)
 
 
 def test_a_compliance_is_the_inverse_of_a_stiffness():
     K = np.diag([1.0, 2.0, 3.0, 10.0, 20.0, 30.0])
     shape = compliance_ellipsoid(np.linalg.inv(K), "translation", "held", None, K)
-    own = MatrixPair(K, np.linalg.inv(K)).ellipsoid("translation")
+    own = MatrixPair(K, np.linalg.inv(K)).ellipsoid("translation", "held")
     np.testing.assert_allclose(shape.eigenvalues, 1.0 / own.eigenvalues[::-1], rtol=1e-15)
     # (det S / det K_tt)^(1/6) = (6 / 6000)^(1/6)
-    assert MatrixPair(K, np.linalg.inv(K)).length.value == pytest.approx(10**-0.5, rel=1e-15)
+    length = length_of_pair(MatrixPair(K, np.linalg.inv(K)))
+    assert length.value == pytest.approx(10**-0.5, rel=1e-15)
+
+
+def test_a_stack_is_its_matrices_one_by_one():
+    """Well conditioned, singular by rounding, known by its inverse alone, and unknown."""
+    rng = np.random.default_rng(7)
+    A = rng.normal(size=(6, 6))
+    regular = A @ A.T + np.eye(6)
+    flat = np.diag([1.0, 2.0, 0.0, 4.0, 5.0, 0.0])
+    spread = np.diag([1e-9, 1.0, 1e7, 1e-8, 1.0, 1e8])
+    nothing = np.full((6, 6), np.nan)
+    stack = np.array([regular, flat, spread, nothing])
+    inverses = np.array([np.linalg.inv(regular), nothing, np.linalg.inv(spread), regular])
+    for keep, is_eliminated in product((ROTATION, TRANSLATION), (False, True)):
+        values, axes = principal_pairs(stack, inverses, keep, is_eliminated)
+        assert np.isnan(values[3]).all()
+        for i in range(3):
+            one = principal_pairs(stack[i : i + 1], inverses[i : i + 1], keep, is_eliminated)
+            np.testing.assert_array_equal(values[i], one[0][0])
+            np.testing.assert_allclose(axes[i].T @ axes[i], np.eye(3), atol=1e-14)
+        own = (
+            np.linalg.inv(np.linalg.inv(regular)[keep, keep])
+            if is_eliminated
+            else regular[keep, keep]
+        )
+        np.testing.assert_allclose((axes[0] * values[0]) @ axes[0].T, own, rtol=1e-10)
+        np.testing.assert_allclose(values[1], np.sort(np.diag(flat)[keep]), atol=0.0)
+        np.testing.assert_allclose(values[2], np.diag(spread)[keep], rtol=1e-15)

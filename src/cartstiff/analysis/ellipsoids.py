@@ -28,6 +28,7 @@ from cartstiff.analysis.matrices import (
     Definiteness,
     definiteness,
     eliminate,
+    eliminate_each,
     frame_along,
     loss_of_elimination,
     lost_digits,
@@ -38,11 +39,20 @@ from cartstiff.analysis.matrices import (
 )
 from cartstiff.arrays import Array, checked_matrix, checked_unit, read_only
 from cartstiff.errors import UndefinedError, UnknownNameError
+from cartstiff.lazily import cached_property
 
 Freedom = Literal["translation", "rotation"]
 Others = Literal["free", "held"]
+Quantity = Literal["stiffness", "compliance"]
 
 _BLOCKS = {"rotation": ROTATION, "translation": TRANSLATION}
+# Place among K_tt, K_rr, C_rr, C_tt of the block of a freedom, the others held or free.
+_PLACES: dict[tuple[Freedom, Others], int] = {
+    ("translation", "held"): 0,
+    ("rotation", "held"): 1,
+    ("rotation", "free"): 2,
+    ("translation", "free"): 3,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,24 +97,12 @@ def ellipsoid(matrix: ArrayLike) -> Ellipsoid:
     InputError
         If the matrix is not 3x3 and finite.
     """
-    return _principal(checked_matrix(matrix, "matrix", 3))
-
-
-def _principal(
-    m: Array, inverse: Array | None = None, losses: tuple[float, float] = (1.0, 1.0)
-) -> Ellipsoid:
-    """`ellipsoid`; a known inverse (3, 3) resolves small values,
-    losses as in `eigenpairs`.
-    """
-    other = None if inverse is None else symmetric_part(inverse)
-    values, vectors = numerics.eigenpairs(symmetric_part(m), other, losses)
-    if np.isnan(values).any():
-        raise lost_digits(values, "this block")
-    shape = shape_of(values, vectors, definiteness(values, zero=0.0))
+    m = checked_matrix(matrix, "matrix", 3)
+    shape = shape_of(*numerics.eigenpairs(m))
     return replace(shape, asymmetry=float(np.abs(m - m.T).max()) / 2.0)
 
 
-def shape_of(values: Array, vectors: Array, sign: Definiteness) -> Ellipsoid:
+def shape_of(values: Array, vectors: Array) -> Ellipsoid:
     """`ellipsoid` from eigenvalues (3,), smallest first,
     and their vectors in columns (3, 3).
     """
@@ -127,6 +125,7 @@ def shape_of(values: Array, vectors: Array, sign: Definiteness) -> Ellipsoid:
             *map(abs, sizes),
         ]
     )
+    sign = definiteness(values, zero=0.0)
     return Ellipsoid(rows[:9].reshape(3, 3), rows[12:], rows[9:12], sign)
 
 
@@ -264,7 +263,7 @@ def stiffness_ellipsoid(
         As `stiffness_block`; code ``"ill-conditioned"`` where neither resolves a
         principal value.
     """
-    return _of_pair(True, stiffness, inverse, freedom, others, T_m_n)
+    return _of_pair("stiffness", stiffness, inverse, freedom, others, T_m_n)
 
 
 def compliance_ellipsoid(
@@ -279,40 +278,105 @@ def compliance_ellipsoid(
     The inverse, the stiffness (6, 6), resolves values that the compliance does not. The
     errors are those of `stiffness_ellipsoid`.
     """
-    return _of_pair(False, compliance, inverse, freedom, others, T_m_n)
+    return _of_pair("compliance", compliance, inverse, freedom, others, T_m_n)
 
 
 def _of_pair(
-    is_stiffness: bool,
+    quantity: Quantity,
     matrix: ArrayLike,
     inverse: ArrayLike | None,
     freedom: Freedom,
     others: Others,
     T_m_n: ArrayLike | None,
 ) -> Ellipsoid:
-    """Ellipsoid of a block of a matrix.
-
-    The same block of the inverse matrix is its inverse.
-    """
+    """Ellipsoid of a block of a matrix, of which the inverse may be known."""
     keep, held = _choice(freedom, others)
-    # One of the two blocks is eliminated: for a stiffness that of C if held, that of K if
-    # free.
-    is_eliminated = held != is_stiffness
+    is_stiffness = quantity == "stiffness"
     own = _in_frame(matrix, T_m_n, is_stiffness)
-    size = float(np.abs(own[keep, keep]).max())
-    if inverse is None:
-        # Rounding of a singular matrix is no stiffness: `eliminate` by indices decides
-        # its rank.
-        block = eliminate(own, [*range(6)[keep]]) if is_eliminated else own[keep, keep]
-        return _without_rounding(ellipsoid(block), size)
-    if not is_eliminated:
-        alone = ellipsoid(own[keep, keep])
-        if numerics.hold_all_digits(alone.eigenvalues):
-            return alone
-    other = _in_frame(inverse, T_m_n, not is_stiffness)
+    other = None if inverse is None else _in_frame(inverse, T_m_n, not is_stiffness)
+    is_eliminated = held != is_stiffness
+    shape = shape_of(*_principal_pair(own, other, keep, is_eliminated))
+    if not (own != own.T).any():
+        return shape
+    block = _block(own, keep, is_eliminated)
+    return replace(shape, asymmetry=float(np.abs(block - block.T).max()) / 2.0)
+
+
+def is_direct(quantity: str, others: str) -> bool:
+    """Whether principal values are those of a block of this matrix;
+    else those of a block of the inverse matrix have the same axes, and inverse values.
+    """
+    return (quantity == "stiffness") == (others == "held")
+
+
+def principal_pairs(
+    matrices: Array, inverses: Array, keep: slice, is_eliminated: bool
+) -> tuple[Array, Array]:
+    """Principal values (N, 3), smallest first, and axes in columns (N, 3, 3) of blocks.
+
+    A block is that of the matrix, or with `is_eliminated` what is left of it while the
+    other freedoms follow (`eliminate`): the inverse of the block of the inverse matrix.
+    One that is ill-conditioned is read from both matrices; without an inverse the matrix
+    alone is used, and what is only its rounding is zero.
+
+    Parameters
+    ----------
+    matrices, inverses : ndarray, shape (N, 6, 6)
+        Stiffness and compliance, or the other way round; NaN where there is none.
+    keep : slice
+        `ROTATION` or `TRANSLATION` of `cartstiff.analysis.matrices`.
+    is_eliminated : bool
+        See `is_direct`.
+
+    Returns
+    -------
+    values, axes : ndarray
+        NaN values where neither matrix resolves them.
+    """
+    exists, known = (np.isfinite(m).all(axis=(1, 2)) for m in (matrices, inverses))
+    read_from = inverses if is_eliminated else matrices
+    values, axes = numerics.decomposed(read_from[:, keep, keep])
+    is_whole = numerics.condition(values) < numerics.LARGEST_BLOCK_CONDITION
+    if is_eliminated:
+        values, axes = _inverted(values, axes)
+    values[~exists] = np.nan
+    for i in np.flatnonzero(exists & known & ~is_whole):
+        try:
+            values[i], axes[i] = _of_both(matrices[i], inverses[i], keep, is_eliminated)
+        except UndefinedError:
+            values[i] = np.nan
+    if (alone := exists & ~known).any():
+        own = matrices[alone]
+        blocks = own[:, keep, keep]
+        # Rounding of a singular matrix is no stiffness: the rank is decided.
+        found, axes[alone] = numerics.decomposed(
+            eliminate_each(own, keep) if is_eliminated else blocks
+        )
+        size = np.abs(blocks).max(axis=(1, 2))[:, None]
+        values[alone] = numerics.without_roundoff(found, size)
+    return values, axes
+
+
+def _inverted(values: Array, axes: Array) -> tuple[Array, Array]:
+    """Principal values and axes of the inverses of blocks."""
+    if (values[:, 0] * values[:, 2] > 0.0).all():
+        return 1.0 / values[:, ::-1], axes[:, :, ::-1]
+    with np.errstate(divide="ignore"):
+        values = 1.0 / values
+    order, rows = np.argsort(values, axis=1), np.arange(len(values))[:, None]
+    return values[rows, order], axes.swapaxes(1, 2)[rows, order].swapaxes(1, 2)
+
+
+def _of_both(
+    matrix: Array, inverse: Array, keep: slice, is_eliminated: bool
+) -> tuple[Array, Array]:
+    """`principal_pairs` of one block, each value from the matrix that resolves it.
+
+    UndefinedError where none does.
+    """
     blocks: list[Array | None] = []
     failures = []
-    for whole, eliminated in ((own, is_eliminated), (other, not is_eliminated)):
+    for whole, eliminated in ((matrix, is_eliminated), (inverse, not is_eliminated)):
         try:
             blocks.append(_block(whole, keep, eliminated))
         except UndefinedError as error:
@@ -325,22 +389,101 @@ def _of_pair(
     if m is None:
         raise failures[0]
     if c is None:
-        return _without_rounding(ellipsoid(m), size)
-    loss = loss_of_elimination(own if is_eliminated else other, keep)
+        values, axes = numerics.eigenpairs(m)
+        size = float(np.abs(matrix[keep, keep]).max())
+        return numerics.without_roundoff(values, size), axes
+    loss = loss_of_elimination(matrix if is_eliminated else inverse, keep)
     losses = (loss, 1.0) if is_eliminated else (1.0, loss)
-    return _principal(m, c, losses)
+    values, axes = numerics.eigenpairs(m, c, losses)
+    if np.isnan(values).any():
+        raise lost_digits(values, "this block")
+    return values, axes
 
 
-def _without_rounding(shape: Ellipsoid, size: float) -> Ellipsoid:
-    """Principal values that are only the rounding of a block of this size are zero."""
-    values = numerics.without_roundoff(shape.eigenvalues, size)
-    sign = definiteness(values, zero=0.0)
-    return replace(
-        shape,
-        eigenvalues=read_only(values),
-        radii=read_only(np.abs(values)),
-        definiteness=sign,
-    )
+def _principal_pair(
+    matrix: Array, inverse: Array | None, keep: slice, is_eliminated: bool
+) -> tuple[Array, Array]:
+    """`principal_pairs` of one matrix (6, 6), with the reason why there are none."""
+    other = np.full((6, 6), np.nan) if inverse is None else inverse
+    (values,), (axes,) = principal_pairs(matrix[None], other[None], keep, is_eliminated)
+    if np.isnan(values).any():
+        if inverse is not None:
+            return _of_both(matrix, inverse, keep, is_eliminated)
+        eliminate(matrix, [*range(6)[keep]])
+    return values, axes
+
+
+class MatrixPair:
+    """Symmetric stiffness and compliance of one posture, inverse to each other.
+
+    One decomposition of four blocks serves everything that is read from the pair.
+
+    Parameters
+    ----------
+    K, C : ndarray, shape (6, 6), or None
+        As from `cartstiff.stiffness.posture.StiffnessInFrame.pair`.
+    """
+
+    def __init__(self, K: Array | None, C: Array | None) -> None:
+        self.K, self.C = K, C
+        self._shapes: dict[tuple[Freedom, Others, Quantity], Ellipsoid | None] = {}
+
+    @cached_property
+    def _decomposed(self) -> tuple[Array, Array]:
+        """Values and axes of K_tt, K_rr, C_rr and C_tt."""
+        t, r = (TRANSLATION, TRANSLATION), (ROTATION, ROTATION)
+        K, C = self.K, self.C
+        assert K is not None
+        assert C is not None
+        return np.linalg.eigh(np.array([K[t], K[r], C[r], C[t]]))
+
+    @cached_property
+    def _are_whole(self) -> list[bool]:
+        """Whether these blocks alone have all digits, as nearly always."""
+        if self.K is None or self.C is None:
+            return [False] * len(_PLACES)
+        return [*map(numerics.hold_all_digits, self._decomposed[0])]
+
+    @cached_property
+    def _inverses(self) -> tuple[Array, Array]:
+        """Values and axes of the inverses of these blocks."""
+        return _inverted(*self._decomposed)
+
+    def principal(
+        self, freedom: Freedom, others: Others, quantity: Quantity = "stiffness"
+    ) -> tuple[Array, Array] | None:
+        """Principal values (3,), and axes in columns (3, 3); None without that matrix.
+
+        Raises
+        ------
+        UndefinedError
+            See `stiffness_ellipsoid`.
+        """
+        at, direct = _PLACES[freedom, others], is_direct(quantity, others)
+        if self._are_whole[at]:
+            values, axes = self._decomposed if direct else self._inverses
+            return values[at], axes[at]
+        pair = (self.K, self.C) if quantity == "stiffness" else (self.C, self.K)
+        if pair[0] is None:
+            return None
+        return _principal_pair(pair[0], pair[1], _BLOCKS[freedom], not direct)
+
+    def ellipsoid(
+        self, freedom: Freedom, others: Others, quantity: Quantity = "stiffness"
+    ) -> Ellipsoid | None:
+        """The ellipsoid of `principal`."""
+        key = freedom, others, quantity
+        if key not in self._shapes:
+            found = self.principal(*key)
+            self._shapes[key] = None if found is None else shape_of(*found)
+        return self._shapes[key]
+
+    def condition(self, freedom: Freedom) -> float:
+        """Condition number of a diagonal block of K; NaN where it is not resolved."""
+        with suppress(UndefinedError):
+            if (found := self.principal(freedom, "held")) is not None:
+                return numerics.condition_of(found[0])
+        return float("nan")
 
 
 def stiffnesses_on_axes(

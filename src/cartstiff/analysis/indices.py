@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.analysis.ellipsoids import Freedom, stiffness_ellipsoid
+from cartstiff.analysis.ellipsoids import MatrixPair
 from cartstiff.analysis.matrices import (
     Definiteness,
     as_symmetric,
@@ -120,6 +120,7 @@ def indices_of(
     """
     K, C = symmetric_pair(stiffness, compliance)
     values, x, kind = spectrum(K, length, C)
+    pair = MatrixPair(K, C)
     low, high = int(np.argmin(np.abs(values))), int(np.argmax(np.abs(values)))
     ratio = numerics.condition_of(values)
     shares = np.sum(x[:3] ** 2, axis=0)
@@ -138,8 +139,8 @@ def indices_of(
         float(values[0]),
         twist,
         float(np.prod(values) * length**6),
-        held_condition(K, C, "translation"),
-        held_condition(K, C, "rotation"),
+        pair.condition("translation"),
+        pair.condition("rotation"),
     )
 
 
@@ -170,19 +171,6 @@ def _definiteness(K: Array) -> Definiteness:
     """
     values = numerics.eigenvalues(scale_lengths(K, balancing_length(K)))
     return definiteness(values, zero=0.0)
-
-
-def held_condition(K: Array, C: Array | None, freedom: Freedom) -> float:
-    """Condition number of a diagonal block of K.
-
-    NaN where neither K nor C resolves it.
-    """
-    try:
-        return numerics.condition_of(
-            stiffness_ellipsoid(K, freedom, "held", None, C).eigenvalues
-        )
-    except UndefinedError:
-        return float("nan")
 
 
 def condition_numbers(stiffness: ArrayLike, lengths: ArrayLike) -> Array:

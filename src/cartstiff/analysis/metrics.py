@@ -14,13 +14,14 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
+from math import prod
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.analysis.ellipsoids import Freedom, Others, stiffness_ellipsoid
+from cartstiff.analysis.ellipsoids import Freedom, MatrixPair, Others
 from cartstiff.analysis.matrices import (
     Definiteness,
     as_symmetric,
@@ -90,15 +91,18 @@ def natural_length(stiffness: ArrayLike, compliance: ArrayLike | None = None) ->
     UndefinedError
         Code ``"no-natural-length"`` unless both blocks are positive definite.
     """
-    return _natural_length(*symmetric_pair(stiffness, compliance))
+    return _natural_length(MatrixPair(*symmetric_pair(stiffness, compliance)))
 
 
-def _natural_length(K: Array, C: Array | None) -> float:
+def _natural_length(pair: MatrixPair) -> float:
     """`natural_length` of matrices known to be symmetric."""
     found: dict[str, Array] = {}
     with suppress(UndefinedError):
         for name, freedom, others in _BLOCKS:
-            found[name] = stiffness_ellipsoid(K, freedom, others, None, C).eigenvalues
+            read = pair.principal(freedom, others)
+            if read is None:
+                break
+            found[name] = read[0]
             if not found[name][0] > 0.0:
                 break
     values = list(found.values())
@@ -112,7 +116,7 @@ def _natural_length(K: Array, C: Array | None) -> float:
                 for name, *_ in _BLOCKS
             },
         )
-    return float(np.prod(values[1] / values[0]) ** (1.0 / 6.0))
+    return float(prod((values[1] / values[0]).tolist()) ** (1.0 / 6.0))
 
 
 def _body(mass: float, inertia: ArrayLike) -> tuple[float, Array]:
@@ -162,18 +166,18 @@ def characteristic_length(
         value = length_from_inertia(mass, inertia)
         return CharacteristicLength(value, "inertia", "radius of gyration of the body")
     if stiffness is None:
-        return length_of_pair(None, None)
-    return length_of_pair(*symmetric_pair(stiffness, compliance))
+        return length_of_pair(MatrixPair(None, None))
+    return length_of_pair(MatrixPair(*symmetric_pair(stiffness, compliance)))
 
 
-def length_of_pair(K: Array | None, C: Array | None) -> CharacteristicLength:
+def length_of_pair(pair: MatrixPair) -> CharacteristicLength:
     """The natural length of a `StiffnessInFrame.pair`, else one unit, and why."""
-    if K is None:
+    if pair.K is None:
         return CharacteristicLength(
             1.0, "unit", "one unit of length: there is no stiffness matrix"
         )
     try:
-        value = _natural_length(K, C)
+        value = _natural_length(pair)
     except UndefinedError:
         return NOT_NATURAL
     return CharacteristicLength(value, "natural", NATURAL)

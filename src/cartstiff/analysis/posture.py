@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -27,11 +26,10 @@ from cartstiff.analysis.deflection import (
     spring_shares,
 )
 from cartstiff.analysis.ellipsoids import (
-    Ellipsoid,
     Freedom,
+    MatrixPair,
     Others,
-    compliance_ellipsoid,
-    stiffness_ellipsoid,
+    Quantity,
     stiffnesses_on_axes,
 )
 from cartstiff.analysis.indices import best_conditioned_length, indices_of
@@ -349,7 +347,8 @@ def target_section(
 
 
 _PREFERRED = ("B", "K", "F", "A", "+")
-_FREEDOMS = ("translation", "rotation")
+_QUANTITIES: tuple[Quantity, ...] = ("stiffness", "compliance")
+_FREEDOMS: tuple[Freedom, ...] = ("translation", "rotation")
 _OTHERS: tuple[Others, ...] = ("held", "free")
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -484,7 +483,11 @@ def summarise(given: PostureMatrices, reading: Reading | None = None) -> dict[st
                 "compliance alone"
             )
         notes.add(UndefinedError(reason, code="no-stiffness"), "stiffness")
-    metric, pairs = reading.metric(scale.value), {"held": (K, C), "free": free}
+    metric = reading.metric(scale.value)
+    pairs: dict[Others, MatrixPair] = {
+        "held": MatrixPair(K, C),
+        "free": MatrixPair(*free),
+    }
     axes = {name: np.array(axis) for name, axis in _AXES.items()}
     if reading.direction is not None:
         axes["given"] = checked_unit(reading.direction)
@@ -551,35 +554,18 @@ def _moved(
     return checked_matrix(matrix) if T_m_n is None else move(matrix, T_m_n)
 
 
-def _ellipsoids(
-    pairs: Mapping[str, tuple[Array | None, Array | None]],
-    notes: Notes,
-) -> dict[str, Any]:
+def _ellipsoids(pairs: Mapping[Others, MatrixPair], notes: Notes) -> dict[str, Any]:
     """Ellipsoids nested by quantity, freedom and others; `pairs` by the last."""
-    functions = {"stiffness": stiffness_ellipsoid, "compliance": compliance_ellipsoid}
-
-    def shape(quantity: str, freedom: Any, others: Any) -> Ellipsoid | None:
-        matrix, inverse = pairs[others][:: 1 if quantity == "stiffness" else -1]
+    found: dict[str, Any] = {}
+    for quantity, freedom, others in product(_QUANTITIES, _FREEDOMS, pairs):
         what = f"{quantity} of {freedom}, others {others}"
-        call = partial(
-            functions[quantity], freedom=freedom, others=others, inverse=inverse
-        )
-        found: Ellipsoid | None = (
-            None if matrix is None else notes.attempt(what, call, matrix)
-        )
-        return found
-
-    return {
-        quantity: {
-            freedom: {others: shape(quantity, freedom, others) for others in pairs}
-            for freedom in _FREEDOMS
-        }
-        for quantity in functions
-    }
+        shape = notes.attempt(what, pairs[others].ellipsoid, freedom, others, quantity)
+        found.setdefault(quantity, {}).setdefault(freedom, {})[others] = shape
+    return found
 
 
 def _directions(
-    pairs: Mapping[str, tuple[Array | None, Array | None]], axes: Mapping[str, Array]
+    pairs: Mapping[Others, MatrixPair], axes: Mapping[str, Array]
 ) -> list[dict[str, Any]]:
     """Stiffness along and about lines through the origin.
 
@@ -596,7 +582,7 @@ def _directions(
     for (kind, freedom), others in product(kinds, _OTHERS):
         K, C = (
             np.broadcast_to(nothing if matrix is None else matrix, (len(u), 6, 6))
-            for matrix in pairs[others]
+            for matrix in (pairs[others].K, pairs[others].C)
         )
         for row, x in zip(
             rows, stiffnesses_on_axes(K, C, u, freedom, others), strict=True

@@ -15,6 +15,7 @@ from cartstiff import numerics
 from cartstiff.analysis.asymmetry import is_roundoff
 from cartstiff.analysis.ellipsoids import Freedom, Others, softest, stiffest
 from cartstiff.analysis.indices import spectrum
+from cartstiff.analysis.metrics import length_of_pair
 from cartstiff.analysis.posture import FoundDeflection, deflection_found, is_tangent
 from cartstiff.analysis.principal import block_ellipsoid, matrix_pair
 from cartstiff.analysis.sections import Notes
@@ -117,10 +118,11 @@ def answer_at(
 
 def definiteness_of(here: StiffnessInFrame, connection: str) -> str | None:
     """Definiteness of the symmetric part of a stiffness; None where it has none."""
-    if (pair := matrix_pair(here, connection)) is None:
+    pair = matrix_pair(here, connection)
+    if pair.K is None:
         return None
     try:
-        return spectrum(pair.K, pair.length.value, pair.C)[2]
+        return spectrum(pair.K, length_of_pair(pair).value, pair.C)[2]
     except UndefinedError:
         return None
 

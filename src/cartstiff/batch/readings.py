@@ -31,7 +31,7 @@ from typing import Any, cast
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.analysis.ellipsoids import Freedom, Others
+from cartstiff.analysis.ellipsoids import Freedom, Others, is_direct
 from cartstiff.batch.algebra import (
     FALLBACK,
     PLAIN,
@@ -475,7 +475,7 @@ class RecordedSource(Source):
             return values
 
         values: list[Scalar] = self.once(f"{freedom} {others} {of_held}", make)
-        if (kind == "stiffness") == (others == "held"):
+        if is_direct(kind, others):
             return values
         return [1.0 / x for x in reversed(values)]
 

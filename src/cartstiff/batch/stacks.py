@@ -16,15 +16,11 @@ from cartstiff.analysis.asymmetry import relative_changes, roots_of_compliances
 from cartstiff.analysis.ellipsoids import (
     Freedom,
     Others,
-    compliance_ellipsoid,
-    stiffness_ellipsoid,
+    is_direct,
+    principal_pairs,
     stiffnesses_on_axes,
 )
-from cartstiff.analysis.matrices import (
-    eliminate_each,
-    symmetric_part,
-    with_angles_times,
-)
+from cartstiff.analysis.matrices import symmetric_part, with_angles_times
 from cartstiff.arrays import Array
 from cartstiff.batch.quantities import (
     ASYMMETRIC,
@@ -36,7 +32,7 @@ from cartstiff.batch.quantities import (
     Source,
 )
 from cartstiff.batch.vibrations import ManyModes
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff.errors import InputError
 from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.applied_load import Axes
@@ -67,53 +63,6 @@ def eigenvalues(K: Array, C: Array, length: float | Array) -> Array:
     scaled = with_angles_times(K, 1.0 / np.asarray(length))
     values = numerics.eigenvalues(scaled, with_angles_times(C, length))
     values[~np.isfinite(K).all(axis=(1, 2))] = np.nan
-    return values
-
-
-def block_values(
-    stack: Array,
-    inverse: Array,
-    keep: slice,
-    is_held: bool,
-    one: Callable[[Array, Array], Array],
-) -> Array:
-    """Principal values (N, 3) of a stack of matrices, the other freedoms held or free.
-
-    With the others held these are the eigenvalues of the matrix's block; with the others
-    free the inverses of the eigenvalues of the inverse's block. A block that is
-    ill-conditioned is read by `one`; without an inverse the block of the matrix alone is
-    used.
-
-    Parameters
-    ----------
-    stack, inverse : ndarray, shape (N, 6, 6)
-        Stiffness and compliance, or the other way round; NaN where there is none.
-    keep : slice
-        `ROTATION` or `TRANSLATION` of `cartstiff.analysis.matrices`.
-    is_held : bool
-        Whether the block is that of `stack`.
-    one : callable
-        Values (3,) of one matrix, and its inverse.
-    """
-    exists, known = (
-        np.isfinite(matrices).all(axis=(1, 2)) for matrices in (stack, inverse)
-    )
-    values = numerics.eigenvalues((stack if is_held else inverse)[:, keep, keep])
-    plain = np.asarray(numerics.condition(values) < numerics.LARGEST_BLOCK_CONDITION)
-    if not is_held:
-        values = np.sort(1.0 / values, axis=1)
-    values[~exists] = np.nan
-    for i in np.flatnonzero(exists & known & ~plain):
-        try:
-            values[i] = one(stack[i], inverse[i])
-        except UndefinedError:
-            values[i] = np.nan
-    if (alone := exists & ~known).any():
-        own = stack[alone]
-        blocks = own[:, keep, keep]
-        size = np.abs(blocks).max(axis=(1, 2))[:, None]
-        found = numerics.eigenvalues(blocks if is_held else eliminate_each(own, keep))
-        values[alone] = numerics.without_roundoff(found, size)
     return values
 
 
@@ -194,16 +143,11 @@ class Stacks(Source):
         """
 
         def make() -> Array:
-            stiff = kind == "stiffness"
-            function = stiffness_ellipsoid if stiff else compliance_ellipsoid
-
-            def one(matrix: Array, inverse: Array) -> Array:
-                return function(matrix, freedom, others, None, inverse).eigenvalues
-
-            K, C = self.pair("held" if of_held else others)
-            stack, inverse = (K, C) if stiff else (C, K)
-            is_held = stiff == (others == "held")
-            return block_values(stack, inverse, BLOCKS[freedom], is_held, one).T
+            own, inverse = self.pair("held" if of_held else others)
+            if kind == "compliance":
+                own, inverse = inverse, own
+            is_eliminated = not is_direct(kind, others)
+            return principal_pairs(own, inverse, BLOCKS[freedom], is_eliminated)[0].T
 
         values: Array = self.once(f"{kind} {freedom} {others} {of_held}", make)
         return values

@@ -116,15 +116,32 @@ def number_of_large(a: Array, c: Array) -> tuple[int, float]:
 
 def _of_symmetric(matrix: ArrayLike) -> Array:
     """Eigenvalues of the symmetric parts, NaN for matrices that are not finite."""
+    half, finite = _symmetric_parts(matrix)
+    values = np.asarray(np.linalg.eigvalsh(half), float)
+    if not finite.all():
+        values[~finite] = np.nan
+    return values
+
+
+def decomposed(matrix: ArrayLike) -> tuple[Array, Array]:
+    """Eigenvalues (..., n), smallest first, and vectors in columns (..., n, n)
+    of symmetric parts, NaN values for matrices that are not finite.
+    """
+    half, finite = _symmetric_parts(matrix)
+    values, vectors = np.linalg.eigh(half)
+    if not finite.all():
+        values[~finite] = np.nan
+    return values, vectors
+
+
+def _symmetric_parts(matrix: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+    """Symmetric parts, zero for matrices that are not finite, and which these are not."""
     m = np.asarray(matrix, float)
     half = 0.5 * (m + m.swapaxes(-1, -2))
-    finite = np.isfinite(half).all(axis=(-1, -2))
-    if finite.all():
-        return np.linalg.eigvalsh(half)
-    values = np.full(m.shape[:-1], np.nan)
-    if finite.any():
-        values[finite] = np.linalg.eigvalsh(half[finite])
-    return values
+    finite = np.asarray(np.isfinite(half).all(axis=(-1, -2)))
+    if not finite.all():
+        half = np.where(finite[..., None, None], half, 0.0)
+    return half, finite
 
 
 def without_roundoff(values: Array, size: float | Array) -> Array:

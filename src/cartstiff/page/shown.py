@@ -9,10 +9,11 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.analysis.asymmetry import largest_in_blocks
-from cartstiff.analysis.ellipsoids import Freedom, softest
+from cartstiff.analysis.ellipsoids import Freedom, MatrixPair, softest
 from cartstiff.analysis.indices import spectrum
+from cartstiff.analysis.metrics import length_of_pair
 from cartstiff.analysis.posture import FoundDeflection, deflection_found
-from cartstiff.analysis.principal import MatrixPair, block_ellipsoid, matrix_pair
+from cartstiff.analysis.principal import block_ellipsoid, matrix_pair
 from cartstiff.analysis.sections import Notes
 from cartstiff.answer.doubts import doubts_of
 from cartstiff.answer.posture import verdict_at
@@ -228,10 +229,10 @@ def shown_numbers(
     pair = matrix_pair(here, state.connection)
     shown = here.matrices if state.quantity == "stiffness" else here.compliances
     principal = _principal(here, state)
-    numbers = None if pair is None else _indices(pair)
+    numbers = _indices(pair)
     answer: dict[str, Any] = {
         "result": result.to_dict() if whole else _part(result, state.quantity),
-        "has_compliance": pair is not None or result.reduction.compliance is not None,
+        "has_compliance": pair.K is not None or result.reduction.compliance is not None,
         "position": result.pose[:3, 3].tolist(),
         "frame": None if T is None else T.tolist(),
         "stiffness": None,
@@ -395,9 +396,11 @@ def softest_in_room(here: StiffnessInFrame) -> dict[str, Any] | None:
 
 def _indices(pair: MatrixPair) -> dict[str, Any] | None:
     """The indices that are shown; `cartstiff.analysis.indices` has all of them."""
-    K, C, length = pair.K, pair.C, pair.length
+    if pair.K is None:
+        return None
+    length = length_of_pair(pair)
     try:
-        values, _, definiteness = spectrum(K, length.value, C)
+        values, _, definiteness = spectrum(pair.K, length.value, pair.C)
     except UndefinedError:
         return None
     return {
@@ -521,8 +524,7 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         principal = _principal(here, state)
     except UndefinedError:
         principal = None
-    pair = matrix_pair(here, state.connection)
-    indices = None if pair is None else _indices(pair)
+    indices = _indices(matrix_pair(here, state.connection))
     names = "condition_number", "translational_condition", "rotational_condition"
     conditions = [] if indices is None else [indices[name] for name in names]
     ratios = [entry["ratio"] for entry in distance_to_singularity(result)]

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.analysis.deflection import compliance_deflection
-from cartstiff.analysis.ellipsoids import Ellipsoid, Freedom
+from cartstiff.analysis.ellipsoids import Ellipsoid, Freedom, Quantity
 from cartstiff.analysis.matrices import symmetric_part
-from cartstiff.analysis.principal import Quantity, block_ellipsoid
+from cartstiff.analysis.principal import block_ellipsoid
 from cartstiff.arrays import checked_vector
 from cartstiff.errors import CartstiffError, UndefinedError
 from cartstiff.geometry import se3
