@@ -45,6 +45,8 @@ Definiteness = Literal[
     "zero",
 ]
 
+# Whether a component turns the body.
+_TURNS = np.arange(6) < 3
 ROTATION: Final = slice(0, 3)
 TRANSLATION: Final = slice(3, 6)
 
@@ -113,7 +115,8 @@ def definiteness(
 ) -> Definiteness:
     """Name the signs of eigenvalues; a share `zero` of the largest counts as zero."""
     # Called for every posture of a page: on a few floats NumPy takes ten times as long.
-    values = real_array(eigenvalues).tolist()
+    is_plain = type(eigenvalues) is list
+    values = eigenvalues if is_plain else real_array(eigenvalues).tolist()
     low, high = min(values, default=0.0), max(values, default=0.0)
     if low > max(0.0, zero * high):
         return "positive"
@@ -168,8 +171,7 @@ def scale_lengths(stiffness: ArrayLike, length: float) -> Array:
 
 def with_angles_times(matrix: Array, factor: float | Array) -> Array:
     """Matrices (..., 6, 6) with their first three rows and columns multiplied."""
-    d = np.ones((*np.shape(factor), 6))
-    d[..., :3] = np.asarray(factor)[..., None]
+    d = np.where(_TURNS, np.asarray(factor)[..., None], 1.0)
     return np.asarray(matrix * d[..., :, None] * d[..., None, :])
 
 

@@ -132,7 +132,7 @@ def verdict_at(
 ) -> Verdict:
     """The verdict on the matrix of a connection, from its definiteness and the notes."""
     K = result.at().matrices[connection]
-    is_symmetric = K is None or not (K != K.T).any() or is_roundoff(K - K.T, K)
+    is_symmetric = K is None or numerics.is_symmetric(K) or is_roundoff(K - K.T, K)
     facts = facts_of(
         (note.code for note in result.notes),
         None if K is None else definiteness or UNRESOLVED,

@@ -8,8 +8,9 @@ decision exists.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Set
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal
 
 Level = Literal["good", "warning", "bad"]
@@ -149,6 +150,7 @@ def facts_of(
     return frozenset([*codes, *(fact for fact, holds in known.items() if holds)])
 
 
-def decide(facts: Set[str]) -> Rule:
+@cache
+def decide(facts: frozenset[str]) -> Rule:
     """The first rule whose facts all hold."""
     return next(rule for rule in RULES if rule.needs <= facts)

@@ -556,21 +556,29 @@ def add_compliances(
 
 
 def noteworthy(
-    squared_condition: Scalar, *pairs: tuple[Array, Array], margin: float = 2.0
+    squared_condition: Scalar,
+    tangent: Array,
+    *pairs: tuple[Array, Array],
+    margin: float = 2.0,
 ) -> Array:
-    """Two numbers, at least 1 where notes on a near singularity, and on lost digits,
-    are possible.
+    """Three numbers, at least 1 where notes on a near singularity, on lost digits, and on
+    motions that lower the energy are possible.
 
-    They bound the squared condition of the scaled Jacobian, and that of matrices given in
-    pairs with their inverses, equilibrated; with a margin, as `cartstiff.analyse`
-    evaluates them in another order, or along other motions.
+    The first two bound the squared condition of the scaled Jacobian, and that of matrices
+    given in pairs with their inverses, equilibrated; with a margin, as
+    `cartstiff.analyse` evaluates them in another order, or along other motions. The last
+    is 0 where all pivots of the tangent's symmetric part are positive.
     """
     lost: Scalar = 0.0
     for pair in pairs:
         squares, others = equilibrated_squares(*pair)
         lost = larger(lost, squares * others * (margin * EPSILON / REPORTED_ERROR) ** 2)
         lost = larger(lost, squares / _MAX_SQUARED_NORM)
-    return np.array([squared_condition * (1.01 * NEAR_SINGULARITY) ** 2, lost], object)
+    near = squared_condition * (1.01 * NEAR_SINGULARITY) ** 2
+    unstable: Scalar = 0.0
+    for pivot in positive_factor((tangent + tangent.T) * 0.5)[2]:
+        unstable = pick(0.0, pivot, unstable, 2.0)
+    return np.array([near, lost, unstable], object)
 
 
 def changed_compliance(

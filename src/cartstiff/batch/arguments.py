@@ -31,9 +31,11 @@ OUTPUTS = (
 TENSIONS = "tensions"
 EVERY_OUTPUT = (*OUTPUTS, TENSIONS)
 #: What programs alone have: bounds on what notes remark on (`algebra.noteworthy`), the
-#: characteristic length of a chain, and lengths and lines of a platform's legs.
-DETAILS = NOTEWORTHY, LENGTH, LEGS, LINES = (
+#: inverse of the symmetric part of the tangent under the load, the characteristic length
+#: of a chain, and lengths and lines of a platform's legs.
+DETAILS = NOTEWORTHY, SYMMETRIC, LENGTH, LEGS, LINES = (
     "noteworthy",
+    "inverse_of_symmetric_tangent",
     "length",
     "leg_lengths",
     "actuation",
@@ -97,7 +99,7 @@ def shape_of(name: str, count: int, n: int, legs: int = 0) -> tuple[int, ...]:
         "wrench": (6,),
         "energy": (),
         TENSIONS: (legs,),
-        NOTEWORTHY: (3,),
+        NOTEWORTHY: (4,),
         LENGTH: (1,),
         LEGS: (legs,),
         LINES: (legs, 6),

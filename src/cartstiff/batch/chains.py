@@ -83,6 +83,7 @@ from cartstiff.batch.algebra import (
     vanishes,
     zeros,
 )
+from cartstiff.batch.arguments import SYMMETRIC
 from cartstiff.batch.tape import Scalar, Tape, absolute, larger, pick, square_root
 from cartstiff.batch.twists import (
     NOTHING_VARIED,
@@ -804,10 +805,12 @@ class ChainNumbers:
             norm_squared(backward[:3]) + norm_squared(backward[3:]) * self.area
         )
 
-    def noteworthy(self, own: tuple[Array, Array], outer: tuple[Array, Array]) -> Array:
+    def noteworthy(
+        self, tangent: Array, own: tuple[Array, Array], outer: tuple[Array, Array]
+    ) -> Array:
         """`cartstiff.batch.algebra.noteworthy`, from H_L and K^B with their inverses."""
         margin = 2.0 if self.n == 6 else 100.0
-        return noteworthy(self.squared_condition, own, outer, margin=margin)
+        return noteworthy(self.squared_condition, tangent, own, outer, margin=margin)
 
     def kinetic(self, bodies: Bodies) -> Array:
         """Mass matrix in the coordinates."""
@@ -981,6 +984,16 @@ def _compliances(
                 C, D, chain.length, numerics.LARGEST_CHANGE_CONDITION
             )
             verdict = larger(verdict, doubt)
+    if SYMMETRIC in wanted:
+        D = chain.case.load.change(W)
+        arrays[SYMMETRIC], doubt = (
+            (C, PLAIN)
+            if unloaded
+            else changed_compliance(
+                C, (D + D.T) * 0.5, chain.length, numerics.LARGEST_CHANGE_CONDITION
+            )
+        )
+        verdict = larger(verdict, doubt)
     return verdict
 
 
@@ -1122,6 +1135,6 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
         H = chain.lagrangian(W)
         pairs = (H, positive_inverse(H)), (stiffness["B"], arrays["compliance_B"])
         arrays["noteworthy"] = np.array(
-            [*chain.noteworthy(*pairs), chain.deflection], object
+            [*chain.noteworthy(stiffness["load"], *pairs), chain.deflection], object
         )
     return arrays

@@ -221,7 +221,9 @@ class ClosedChainNumbers(ChainNumbers):
         self.squared_condition = condition
         return A
 
-    def noteworthy(self, own: tuple[Array, Array], outer: tuple[Array, Array]) -> Array:
+    def noteworthy(
+        self, tangent: Array, own: tuple[Array, Array], outer: tuple[Array, Array]
+    ) -> Array:
         """As for an open chain, on orthonormal motions.
 
         With N and x in natural sizes these are ``N (N^T N)^(-1/2)``, along which the
@@ -237,14 +239,15 @@ class ClosedChainNumbers(ChainNumbers):
         back = N @ ((softness @ (self.J.T @ K)) / self.columns[:, None])
         if self.n > 6:  # (N^T N)^(-1/2) is at most 1
             if not self.case.independent:
-                return np.array([1.0, 1.0], object)
+                return np.array([1.0, 1.0, 1.0], object)
             spread = (
                 norm_squared(N) * square_root(float(self.n))
                 if self.case.is_driven
                 else 1.0
             )
             serial = self.condition(forward, back.T)
-            return noteworthy(larger(serial, spread), own, outer, margin=100.0)
+            condition = larger(serial, spread)
+            return noteworthy(condition, tangent, own, outer, margin=100.0)
         gram = congruence(N, np.eye(len(N)))
         L, inverses, _ = positive_factor(gram)
         forward = below(L, forward)
@@ -253,13 +256,15 @@ class ClosedChainNumbers(ChainNumbers):
         inverse_gram = congruence(below(L, np.eye(self.n)), np.diag(inverses))
         spread = square_root(norm_squared(gram) * norm_squared(inverse_gram))
         serial = self.condition(forward, back.T)
-        near, lost = noteworthy(larger(serial, spread), outer, margin=100.0)
+        near, lost, unstable = noteworthy(
+            larger(serial, spread), tangent, outer, margin=100.0
+        )
         both = self.columns * self.columns[:, None]
         size = norm_squared(H * both) * norm_squared(softness / both) * (spread * spread)
         lost = larger(
             lost, size * (self.n * numerics.EPSILON / numerics.REPORTED_ERROR) ** 2
         )
-        return np.array([near, lost], object)
+        return np.array([near, lost, unstable], object)
 
 
 def characteristic_length(tree: Kinematics) -> Scalar:

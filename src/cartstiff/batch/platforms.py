@@ -37,10 +37,12 @@ from cartstiff.batch.algebra import (
     norm_squared,
     noteworthy,
     reflections,
+    scaled_inverse,
     taut_stiffness,
     upper_inverse,
     zeros,
 )
+from cartstiff.batch.arguments import SYMMETRIC
 from cartstiff.batch.tape import Scalar, Tape, absolute, larger, pick
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -307,6 +309,10 @@ def platform_arrays(
     if case.inertia:
         arrays |= {"kinetic": body.kinetic(), "lagrangian": K_B, "motion": np.eye(6)}
     condition = add_compliances(arrays, stiffness, wanted, body.length)
+    if SYMMETRIC in wanted:
+        middle = (stiffness["load"] + stiffness["load"].T) * 0.5
+        arrays[SYMMETRIC], own = scaled_inverse(middle, body.length)
+        condition = larger(condition, own)
     verdict = larger(body.verdict, limited(condition, STIFFNESS_CONDITION**2))
     # Near type 2 the forces of actuators, and their part of the stiffness, are less
     # accurate.
@@ -317,9 +323,9 @@ def platform_arrays(
     is_known = body.decomposition is not None and "compliance_B" in arrays
     if "noteworthy" in wanted and is_known:
         pair = K_B, arrays["compliance_B"]
-        near, lost = noteworthy(body.squared_condition, pair)
+        found = noteworthy(body.squared_condition, stiffness["load"], pair)
         doubt = largest(t / body.k / lengths) * (1.0 / MAX_RELATIVE_DEFLECTION)
-        arrays["noteworthy"] = np.array([near, lost, doubt], object)
+        arrays["noteworthy"] = np.array([*found, doubt], object)
     return arrays
 
 

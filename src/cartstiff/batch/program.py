@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_array, checked_input
+from cartstiff.arrays import checked_array, checked_input, fixed
 from cartstiff.batch.algebra import PLAIN
 from cartstiff.batch.arguments import (
     DETAILS,
@@ -136,6 +136,15 @@ class RecordedPosture(Mapping[str, Array]):
         if place[0] is None:
             return np.full(place[1], np.nan)
         return self._record[place[0]].reshape(place[1])
+
+    def existing(self) -> dict[str, Array]:
+        """Read-only arrays of the outputs that exist, by name."""
+        record = fixed(self._record)
+        return {
+            name: record[place].reshape(shape)
+            for name, (place, shape) in self._places.items()
+            if place is not None
+        }
 
     def __getattr__(self, name: str) -> Array:
         if name.startswith("_"):  # of a copy that has nothing yet

@@ -82,7 +82,7 @@ class _Recording:
         if record is None:
             return None
         question = Question(self.elastic, q, wrench, self.load, self.axes)
-        return with_numbers(question, record.q, record)
+        return with_numbers(question, record.q, record.existing())
 
     def start(self) -> Thread:
         """Record, in a thread of its own."""

@@ -138,7 +138,7 @@ class ElasticMechanism(ShownInLines):
     def _acting(self) -> list[object]:
         return [p for p in (self.springs, *self.potentials) if p is not None]
 
-    @property
+    @cached_property
     def is_illustrative(self) -> bool:
         """Whether the file says that its springs are illustrative,
         and not all were replaced.

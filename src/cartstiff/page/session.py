@@ -294,7 +294,7 @@ class Session:
         """
         elastic = self.changed(state)
         mechanism = elastic.mechanism
-        q = mechanism.checked(self._q if state.q is None else state.q)
+        q = mechanism.checked(self._q if state.q is None else np.array(state.q))
         moved = state.moved
         if moved is not None and moved >= len(q):
             raise InputError(

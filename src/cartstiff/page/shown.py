@@ -483,14 +483,6 @@ def _deflection(
     return deflection_found(result, "load", None, np.zeros(3), point, notes)
 
 
-def _resists(result: PostureStiffness) -> bool:
-    """Whether the load is resisted: a negative compliance would let it move the
-    body on and on.
-    """
-    C = result.at().compliances["load"]
-    return C is None or bool(numerics.eigenvalues(C)[0] >= 0.0)
-
-
 def _moved(result: PostureStiffness, state: ViewState) -> dict[str, Any] | None:
     """Return the displacement of the reference point under the load, to first order."""
     notes = Notes()
@@ -504,7 +496,7 @@ def _moved(result: PostureStiffness, state: ViewState) -> dict[str, Any] | None:
         "rotation": whole.twist[:3].tolist(),
         "energy": plain(whole.energy),
         "acts_at": found.acts_at.tolist(),
-        "resisted": _resists(result),
+        "resisted": result._resists,
         "shares": [{"name": row["name"], "share": plain(row["share"])} for row in rows],
         "notes": [note["message"] for note in notes.entries],
     }
@@ -529,7 +521,7 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
     conditions = [] if indices is None else [indices[name] for name in names]
     ratios = [entry["ratio"] for entry in distance_to_singularity(result)]
     moved = _deflection(result, state, Notes())
-    unstable = moved is not None and not _resists(result)
+    unstable = moved is not None and not result._resists
     if unstable:
         moved = None
     forces = [leg["tension"] for leg in legs(result) or () if leg["tension"] is not None]

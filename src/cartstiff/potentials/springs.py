@@ -479,11 +479,13 @@ class Springs(Potential):
     ) -> Parts:
         """Each spring; slack cables have neither stiffness nor force."""
         names = names or self.names_in(coordinates)
-        own = np.flatnonzero(~self.is_passive).tolist()
-        slides = self.slides_in(coordinates)
+        slides, rows = self.slides_in(coordinates), self.rows(posture)
         k, forces = self.tangent(posture), self.pull(posture)
-        which = [names[i] for i in own], [slides[i] for i in own]
-        return Parts(*which, self.rows(posture)[own], np.diag(k[own]), forces[own])
+        if self.is_passive.any():
+            own = np.flatnonzero(~self.is_passive)
+            names, slides = ([each[i] for i in own] for each in (names, slides))
+            rows, k, forces = rows[own], k[own], forces[own]
+        return Parts(names, slides, rows, np.diag(k), forces)
 
     def numbers(
         self, names: Sequence[str], slides: Sequence[bool] | None = None

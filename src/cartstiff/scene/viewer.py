@@ -201,21 +201,22 @@ class RecordingWindow:
         if kind == "delete":
             self._forget(path)
             self._pending.pop((kind, path, ""), None)  # it comes last
+            self._pending[kind, path, ""] = data
+            return
+        node = self._nodes.get(path)
+        if node is None:
+            node = self._nodes[path] = _Node()
+        if kind == "set_transform":  # nearly all of them
+            node.transform = self._pending[kind, path, ""] = data
+        elif kind == "set_property":
+            name = data["property"]
+            node.properties[name] = self._pending[kind, path, name] = data
         else:
-            node = self._nodes.get(path)
-            if node is None:
-                node = self._nodes[path] = _Node()
-            if kind == "set_transform":  # nearly all of them
-                node.transform = data
-            elif kind == "set_property":
-                node.properties[data["property"]] = data
-            else:
-                # The viewer replaces the object, and with it what was set on the object
-                # alone.
-                if (own := path + "/<object>") in self._nodes:
-                    self._forget(own, "set_property")
-                node.object = data
-        self._pending[kind, path, data.get("property", "")] = data
+            # The viewer replaces the object, and with it what was set on the object
+            # alone.
+            if (own := path + "/<object>") in self._nodes:
+                self._forget(own, "set_property")
+            node.object = self._pending[kind, path, ""] = data
 
     def take(self) -> list[bytes]:
         """Commands since the last call, packed; they are then forgotten."""

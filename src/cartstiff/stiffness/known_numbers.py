@@ -34,6 +34,16 @@ from cartstiff.stiffness.posture import PostureStiffness
 from cartstiff.stiffness.posture_notes import indefinite, near_serial, near_type_2
 from cartstiff.stiffness.reduction import Reduction
 
+# Attributes of a posture that a program has by their names.
+_ALIKE = (
+    "pose",
+    "wrench",
+    "jacobian",
+    "leg_lengths",
+    "tensions",
+    "inverse_of_symmetric_tangent",
+)
+
 
 def notes_are_known(elastic: ElasticMechanism, is_loaded: bool) -> bool:
     """Whether the mechanism cannot change, and its notes are known beside a program."""
@@ -84,27 +94,22 @@ class _Known:
         """The posture; arrays are read-only views of the record."""
         asked, record, wrench = self.asked, self.record, self.asked.wrench
         known: dict[str, Any] = {
-            name: fixed(record[name]) for name in ("pose", "wrench", "jacobian")
-        }
-        if np.isnan(known["jacobian"][0, 0]):
-            known["jacobian"] = None
-        is_platform = bool(len(asked.elastic.mechanism.points))
-        known |= {
             "q": fixed(self.q),
             "energy": float(record["energy"]),
             "matrices": self._named("stiffness"),
             "compliances": self._named("compliance"),
-            "leg_lengths": fixed(record["leg_lengths"]) if is_platform else None,
-            "tensions": fixed(record["tensions"]) if is_platform else None,
             "load": asked.load,
             "_load_is_given": wrench is not None and any(wrench.tolist()),
             "_asked": asked.elastic,
             "_rest_is_chosen": wrench is not None,
         }
+        for name in _ALIKE:
+            known[name] = record.get(name)
+        if self._bounds[2] < 1.0:
+            known["_resists"] = True
         # The code has 1 where no joint on the way turns the body; the posture looks at
         # all joints.
-        length = float(record["length"][0])
-        if length == length and length != 1.0:
+        if "length" in record and (length := float(record["length"][0])) != 1.0:
             known["length"] = length
         self._result = PostureStiffness.of_numbers(
             known,
@@ -121,10 +126,7 @@ class _Known:
         return self._result
 
     def _named(self, kind: str) -> NamedArrays:
-        arrays: dict[str, Array | None] = {}
-        for name in OF_MANY:
-            matrix = self.record[f"{kind}_{name}"]
-            arrays[name] = None if np.isnan(matrix[0, 0]) else fixed(matrix)
+        arrays = {name: self.record.get(f"{kind}_{name}") for name in OF_MANY}
         return NamedArrays.of_fixed(arrays, {"load": arrays.pop("load")})
 
     @property
@@ -135,7 +137,7 @@ class _Known:
         """Kinematics at q."""
         posture = self.asked.elastic.mechanism.at(self.q)
         if posture.coordinates_are_pose:
-            lines = fixed(self.record["actuation"])
+            lines = self.record["actuation"]
             lengths = self._result.leg_lengths
             assert lengths is not None
             cast(Any, posture).lines = LineGeometry(lengths, lines[:, 3:], lines)
@@ -178,30 +180,35 @@ class _Known:
     # -- notes
     # ---------------------------------------------------------------------------------
 
+    @cached_property
+    def _bounds(self) -> list[float]:
+        """At least 1 where notes on a near singularity, on lost digits, on motions that
+        lower the energy, and on wide deflections are possible.
+        """
+        bounds: list[float] = self.record["noteworthy"].tolist()
+        return bounds
+
     def notes(self) -> tuple[Note, ...]:
         """Assumptions, and reasons why something does not exist."""
         own = self._result
-        if not self.record["noteworthy"][1] < 1.0:
+        if not self._bounds[1] < 1.0:
             return self.asked.core.notes
         chart = own.posture.chart()
         reason = [Note("kf-undefined", chart)] if isinstance(chart, str) else []
         return (*own.notes_on_posture, *self._signs(), *reason)
 
     def _signs(self) -> list[Note]:
-        K, natural = self._result.tangent, np.repeat([1.0, self._result.length], 3)
-        assert K is not None
-        try:
-            np.linalg.cholesky(K)  # faster than eigenvalues
-        except np.linalg.LinAlgError:
-            C = self._result.tangent_compliance
-            return indefinite(cast(Reduction, None), K, C, natural)
-        return []
+        own = self._result
+        if self._bounds[2] < 1.0:
+            return []
+        natural = np.repeat([1.0, own.length], 3)
+        pair = own.tangent, own.tangent_compliance
+        return indefinite(cast(Reduction, None), *pair, natural)
 
     def notes_on_posture(self) -> tuple[Note, ...]:
         """The `notes` without those on matrices."""
         own, asked = self._result, self.asked.elastic
-        possible = self.record["noteworthy"]
-        is_near, is_wound = not possible[0] < 1.0, not possible[2] < 1.0
+        is_near, is_wound = not self._bounds[0] < 1.0, not self._bounds[3] < 1.0
         if is_near and self._is_closed:
             return self.asked.core.notes_on_posture
         limits = asked.mechanism.tension_limits
@@ -251,7 +258,7 @@ def with_numbers(
     q : ndarray (n,)
         Coordinates, closed and deflected.
     numbers : mapping
-        Outputs of a program by name, with "noteworthy", and "tensions", "leg_lengths" and
-        "actuation" of a platform; NaN where one does not exist.
+        Outputs of a program by name, read-only, those that exist: with "noteworthy", and
+        "tensions", "leg_lengths" and "actuation" of a platform.
     """
     return _Known(question, q, numbers).result

@@ -596,6 +596,12 @@ class PostureStiffness(LabelledResult):
         return self.compliances["load"]
 
     @cached_property
+    def _resists(self) -> bool:
+        """Whether no load moves the body on and on, as a negative compliance lets it."""
+        C = self.tangent_compliance
+        return C is None or bool(numerics.eigenvalues(C)[0] >= 0.0)
+
+    @cached_property
     def inverse_of_symmetric_tangent(self) -> Array | None:
         """Inverse of the symmetric part of `tangent`; None if there is none."""
         C, change = self.compliances["B"], self.change_by_load
