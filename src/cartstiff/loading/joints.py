@@ -32,7 +32,6 @@ from cartstiff.loading.postures import default_posture
 from cartstiff.mechanisms.tree import KinematicTree
 from cartstiff.mechanisms.tree_building import extended, plain_tree
 from cartstiff.notes import Note
-from cartstiff.units import SI, own_stiffness
 
 
 def named_frame(part: Part) -> Part:
@@ -403,10 +402,7 @@ def contact(part: Part) -> Part:
     leg = part.entry
     if getattr(leg, "contact", "rigid") == "rigid":
         return part
-    soft = {
-        name: FileSpring((own_stiffness(k, SI, name != "contact.z", part.leg),), math.nan)
-        for name, k in leg.contact_springs.items()
-    }
+    soft = {name: FileSpring((k,), math.nan) for name, k in leg.contact_springs.items()}
     joints = [(name, kind) for name, kind in _SOFT_CONTACT if name in soft]
     joints += _CONTACTS[leg.contact]
     given, tree = leg.contact_stiffness, part.tree

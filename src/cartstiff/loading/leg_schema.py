@@ -8,33 +8,37 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, PrivateAttr, Tag, model_validator
 
+from cartstiff.loading.rings import RingModel
 from cartstiff.loading.schema import (
-    GIVEN,
     RIGID,
+    Each,
     FileModel,
     FileWords,
     FlexibleModel,
     Joints,
     JointSpringModel,
+    Limits,
     LineModel,
     NamedSprings,
-    NotNegative,
     Number,
-    Pair,
     PoseModel,
     Positive,
+    Sliding,
     Text,
+    Turning,
+    Two,
     UnitsModel,
     Vector,
+    Vectors,
     keyed,
     only_one,
+    with_unit,
 )
 
-Stiffness = Annotated[Positive, RIGID]
+Stiffness = Annotated[Positive, with_unit("joint"), RIGID]
 _Word = Literal["radial", "tangential", "vertical"]
-Direction = _Word | Vector | Annotated[list[Vector], Field(min_length=1, max_length=100)]
-_PerLeg = Positive | Annotated[list[Positive], Field(min_length=1, max_length=100)]
-_Mode = Literal["plus", "minus"]
+Direction = _Word | Vector | Vectors
+_PerLeg = Each[Positive]
 
 #: Chains that can be drawn: struts, then rails and cranks; a rod between two balls spins
 #: freely.
@@ -46,10 +50,9 @@ _CHAIN_EXAMPLES = (
 )
 
 
-class LegEndsModel(FileModel):
+class LegEndsModel(RingModel):
     """Joints on a circle about z, or points one by one."""
 
-    radius: Positive | None = None
     half_angle: Number | None = keyed(
         "rad, between a joint and the middle of its pair; three pairs, and the two "
         "legs of a pair of the base are mirror images of each other",
@@ -67,16 +70,13 @@ class LegEndsModel(FileModel):
     )
 
     @model_validator(mode="after")
-    def _one(self) -> LegEndsModel:
+    def _is_circle_or_points(self) -> LegEndsModel:
         only_one(self, "radius", "points")
-        on_circle = (
-            self.half_angle is not None or self.angles is not None or self.height != 0.0
-        )
-        if self.points is not None and on_circle:
+        circle = self.half_angle, self.angles, self.height or None
+        if self.points is not None and circle != (None, None, None):
             raise ValueError(
                 "half_angle, angles and height go with radius, not with points"
             )
-        only_one(self, "half_angle", "angles", needed=False)
         return self
 
 
@@ -123,7 +123,7 @@ class NamedLegs(FileModel):
     )
     crank: _PerLeg | None = keyed("length, for chains that begin with R", None)
     rod: _PerLeg | None = keyed("length, for chains that begin with P or R", None)
-    mode: _Mode | list[_Mode] | None = keyed(
+    mode: Each[Literal["plus", "minus"]] | None = keyed(
         "working mode: the smaller (minus) or the larger (plus) of the two slides, or "
         "crank angles between -pi and pi, that reach the file's pose; default the "
         "smaller slide, "
@@ -134,14 +134,14 @@ class NamedLegs(FileModel):
     actuated: list[Text] | None = keyed(
         "names of the driven joints; default slide, or crank; [] for none", None
     )
-    stiffness: Stiffness | list[Stiffness] | None = keyed(
+    stiffness: Each[Stiffness] | None = keyed(
         "of the driven joints, N/m or N m/rad; or rigid", None
     )
-    limits: Pair | list[Pair] | None = keyed("[least, most] of the slide or crank", None)
+    limits: Each[Limits] | None = keyed("[least, most] of the slide or crank", None)
     diameter: _PerLeg | None = keyed(
         "of the rods, or struts, which must not touch each other", None
     )
-    turns: dict[Text, Pair] = keyed(
+    turns: dict[Text, Limits] = keyed(
         "[least, most] rad of other joints by name (u1, s2, ...), zero at home; "
         "a ball is limited about each of its three axes",
         {},
@@ -189,16 +189,17 @@ class NamedLegs(FileModel):
         return self
 
 
+_Across = Annotated[Sliding, RIGID]
+
+
 class ContactStiffnessModel(FileModel):
     """Springs between a fingertip and the body, along the axes of their contact."""
 
-    normal: Stiffness = keyed("along its z, N/m; default rigid", math.inf)
-    tangential: (
-        Stiffness | Annotated[list[Stiffness], Field(min_length=2, max_length=2)]
-    ) = keyed("along its x and y, N/m: one number or two; default rigid", math.inf)
-    spin: Annotated[NotNegative, GIVEN] | None = keyed(
-        "about its z, N m/rad; default 0: free", None
+    normal: _Across = keyed("along its z, N/m; default rigid", math.inf)
+    tangential: _Across | Two[_Across] = keyed(
+        "along its x and y, N/m: one number or two; default rigid", math.inf
     )
+    spin: Turning | None = keyed("about its z, N m/rad; default 0: free", None)
 
     rpy: Vector = keyed(
         "the contact's axes in the chain's end frame, roll, pitch, yaw in rad; z is the "

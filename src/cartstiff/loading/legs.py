@@ -19,7 +19,6 @@ from cartstiff.loading.leg_schema import LegEndsModel, LegModel, NamedLegs, Para
 from cartstiff.loading.schema import (
     JointSpringModel,
     PoseModel,
-    check_limits,
     one_each,
     pose_of,
 )
@@ -50,12 +49,8 @@ class _Layout:
         count = entry.symmetry or (1 if is_drawn else 3)
         #: Rotations (n, 3, 3) about z of the n equal parts.
         self.parts = turns(_Z, 2.0 * np.pi * np.arange(count) / count)
-        # The two legs of a pair of the base end at the neighbouring pairs of the
-        # platform.
-        turn = np.pi / 3.0 if entry.turn is None else entry.turn
-        self.base, self.mirrored = self._points(entry.base, (0.0, 0.0), -1.0)
-        middles = turn - 2.0 * np.pi / 3.0, turn
-        self.platform, _ = self._points(entry.platform, middles, 1.0)
+        self.base, self.mirrored = self._points(entry.base)
+        self.platform, _ = self._points(entry.platform)
         if len(self.platform) != len(self.base):
             raise InputError(
                 "base and platform differ in number",
@@ -74,26 +69,21 @@ class _Layout:
         value = getattr(self.entry, key)
         return one_each(value, len(self.base), self.key(key), row=row)
 
-    def _points(
-        self, ring: LegEndsModel, middles: tuple[float, float], side: float
-    ) -> tuple[list[Array], list[bool]]:
+    def _points(self, ring: LegEndsModel) -> tuple[list[Array], list[bool]]:
         """Points of base or platform, and whether each leg is the mirror image of
         the next one.
 
-        The first two legs are at these middles of pairs, on this side of the first of
-        them.
+        The two legs of a pair of the base end at the neighbouring pairs of the platform.
         """
+        n = len(self.parts)
         if ring.points is not None:
-            own, flips = np.array(ring.points, float), [False] * len(ring.points)
-        else:
-            angles, flips = ring.angles or [0.0], [False] * len(ring.angles or [0.0])
-            if (half := ring.half_angle) is not None:
-                angles = [middles[0] + side * half, middles[1] - side * half]
-                flips = [True, False]
-            a, radius = np.array(angles), ring.radius or 0.0
-            height = np.full(len(a), ring.height)
-            own = np.stack([radius * np.cos(a), radius * np.sin(a), height], axis=1)
-        return [R @ p for R in self.parts for p in own], flips * len(self.parts)
+            own = [R @ p for R in self.parts for p in np.array(ring.points, float)]
+            return own, [False] * len(own)
+        angles, flips = ring.angles or [0.0], [False] * len(ring.angles or [0.0])
+        if ring.half_angle is not None:
+            is_base = ring is self.entry.base
+            angles, flips = ring.pair(self.entry.turn, is_base), [True, False]
+        return list(ring.joints(angles, n)), flips * n
 
     def _frames(self) -> list[Array]:
         """Frame of each leg: x radial on a circle.
@@ -506,8 +496,19 @@ def _legs(entry: NamedLegs, T_F_P: Array, leg: str) -> list[tuple[LegModel, list
         model, names = leg_model(shape)
         main = "crank" if shape.family == "crank" else "slide"
         actuated = [main] if entry.actuated is None else entry.actuated
-        _check_names(entry, actuated, names, main, leg)
-        _limit(entry, model, names, {main: each["limits"][k]}, leg)
+        others = [name for name in names if name != main]
+        for key, named, known in (
+            ("actuated", actuated, names),
+            ("springs", entry.springs, names),
+            ("turns", entry.turns, others),
+        ):
+            for name in named:
+                check_name("joint", name, known, f"{leg}key legs.{key}")
+        limits = {**entry.turns, main: each["limits"][k]}
+        for name, pair in limits.items():
+            if pair is not None:
+                i = names.index(name)
+                model.lowerPositionLimit[i], model.upperPositionLimit[i] = pair
         springs = dict(entry.springs)
         for name in actuated:
             if each["stiffness"][k] is not None:
@@ -533,29 +534,3 @@ def _legs(entry: NamedLegs, T_F_P: Array, leg: str) -> list[tuple[LegModel, list
         drawing = DrawnLeg(robot, shape, tuple(names), main, diameter, other)
         legs.append((model_of_leg.drawn(drawing), [n for n in names if n in actuated]))
     return legs
-
-
-def _check_names(
-    entry: NamedLegs, actuated: list[str], names: list[str], main: str, leg: str
-) -> None:
-    """Refuse names of joints that a leg does not have."""
-    others = [name for name in names if name != main]
-    keys = {"actuated": actuated, "springs": entry.springs, "turns": entry.turns}
-    for key, named in keys.items():
-        for name in named:
-            known = others if key == "turns" else names
-            check_name("joint", name, known, f"{leg}key legs.{key}")
-
-
-def _limit(
-    entry: NamedLegs, model: Any, names: list[str], main: dict[str, Any], leg: str
-) -> None:
-    """Set the limits of a leg's joints: those of `turns`, and of the driven one."""
-    lower = np.array(model.lowerPositionLimit)
-    upper = np.array(model.upperPositionLimit)
-    for key, limits in (("turns", entry.turns), ("limits", main)):
-        for name, pair in limits.items():
-            if pair is not None:
-                check_limits(pair, f"{leg}key legs.{key}", "[least, most]")
-                lower[names.index(name)], upper[names.index(name)] = pair
-    model.lowerPositionLimit, model.upperPositionLimit = lower, upper

@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache, reduce
 from graphlib import CycleError, TopologicalSorter
-from importlib import import_module
 from operator import or_
 from pathlib import Path
 from string import digits
@@ -25,8 +24,10 @@ from cartstiff.expressions import Expression, is_name
 from cartstiff.loading.schema import (
     FILE_KINDS,
     NamedSprings,
+    file_model,
     first_error,
     place_of,
+    way_of,
     with_findings,
 )
 from cartstiff.loading.yaml_file import Lines
@@ -97,6 +98,49 @@ def with_parameters(
         name: checked_number(x, f"parameter {name!r}")
         for name, x in dict(chosen or {}).items()
     }
+    entries = _entries(data, given, place)
+    rest = {key: value for key, value in data.items() if key != "parameters"}
+    units = _own_units(rest)
+    turning = units if data.get("kind") == "parallel" else SI
+    values, used = _evaluated(entries, given, place, (units, turning))
+    # A stiffness with its unit is converted where it is used, as it may slide or turn.
+    texts = {n: x for n, x in entries.items() if isinstance(x, str) and x[:1] != "="}
+
+    def with_numbers(data: Any, at: Place) -> Any:
+        if isinstance(data, dict):
+            return {key: with_numbers(value, (*at, key)) for key, value in data.items()}
+        if isinstance(data, list):
+            return [with_numbers(value, (*at, i)) for i, value in enumerate(data)]
+        if not isinstance(data, str) or not data.startswith("="):
+            return data
+        formula = Expression(data[1:], place(at))
+        used.update(formula.names)
+        name = formula.text.strip()
+        if name in texts and name not in given:
+            return texts[name]
+        value = formula.value(values)
+        # Counts, such as the segments of a beam, are whole numbers.
+        return int(value) if value.is_integer() else value
+
+    # Texts for readers are left as they are.
+    filled = {
+        key: value if key in _TEXT_KEYS else with_numbers(value, (key,))
+        for key, value in rest.items()
+    }
+    for name in entries:
+        if name not in used:
+            raise InputError(
+                f"parameter {name!r} is not used",
+                where=place(("parameters", name)),
+                expected=f"a number such as '={name}' in the file",
+            )
+    return filled, Parameters(values, given)
+
+
+def _entries(
+    data: Mapping[str, Any], given: Mapping[str, float], place: Callable[[Place], str]
+) -> dict[str, Any]:
+    """Parameters of a file, among which are all that are given."""
     entries = data.get("parameters", {})
     if not isinstance(entries, dict):
         raise InputError(
@@ -114,55 +158,20 @@ def with_parameters(
                 got=one_line(str(name)),
             )
         check_name("parameter", name, entries, place(()))
-    rest = {key: value for key, value in data.items() if key != "parameters"}
-    units = _own_units(rest)
-    turning = units if data.get("kind") == "parallel" else SI
-    values, used = _evaluated(entries, given, place, units, turning)
-    # A stiffness with its unit is converted where it is used, as it may slide or turn.
-    texts = {n: x for n, x in entries.items() if isinstance(x, str) and x[:1] != "="}
-
-    def with_numbers(data: Any, at: Place) -> Any:
-        if isinstance(data, dict):
-            return {key: with_numbers(value, (*at, key)) for key, value in data.items()}
-        if isinstance(data, list):
-            return [with_numbers(value, (*at, i)) for i, value in enumerate(data)]
-        if not isinstance(data, str) or data == "rigid":
-            return data
-        if data.startswith("="):
-            formula = Expression(data[1:], place(at))
-            used.update(formula.names)
-            name = formula.text.strip()
-            if name in given or name not in texts:
-                value = formula.value(values)
-                # Counts, such as the segments of a beam, are whole numbers.
-                return int(value) if value.is_integer() else value
-            data = texts[name]
-        return _with_unit(data, at, rest, units, place)
-
-    filled = {
-        key: value if key in _TEXT_KEYS else with_numbers(value, (key,))
-        for key, value in rest.items()
-    }
-    for name in entries:
-        if name not in used:
-            raise InputError(
-                f"parameter {name!r} is not used",
-                where=place(("parameters", name)),
-                expected=f"a number such as '={name}' in the file",
-            )
-    return filled, Parameters(values, given)
+    return entries
 
 
 def _evaluated(
     entries: Mapping[str, Any],
     given: Mapping[str, float],
     place: Callable[[Place], str],
-    units: Units,
-    turning: Units,
+    units: tuple[Units, Units],
 ) -> tuple[dict[str, float], set[str]]:
-    """Value of every parameter, and the names that occur in the arithmetic of others."""
-    formulas: dict[str, Expression | float] = {}
-    needed: dict[str, frozenset[str]] = {}
+    """Value of every parameter, and the names that occur in the arithmetic of others.
+
+    The units are those of stiffnesses of what slides, and of what turns.
+    """
+    numbers: dict[str, Expression | float] = {}
     for name, entry in entries.items():
         where = place(("parameters", name))
         if not is_name(name):
@@ -172,25 +181,11 @@ def _evaluated(
                 got=repr(name),
                 expected="letters, digits and _, no word of arithmetic",
             )
-        if isinstance(entry, str) and entry.startswith("="):
-            formulas[name] = formula = Expression(entry[1:], where)
-            needed[name] = formula.names
-            for other in sorted(formula.names):
-                check_name("parameter", other, entries, where)
-        elif isinstance(entry, (int, float)) and not isinstance(entry, bool):
-            formulas[name] = checked_number(entry, where)
-        elif isinstance(entry, str) and entry[:1] in (*"+-.", *digits):
-            stiffness = GivenStiffness.read(entry, where)
-            own_units = units if stiffness.is_length else turning
-            formulas[name] = stiffness.in_units(own_units, stiffness.is_length)
-        else:
-            raise InputError(
-                "cannot be used",
-                where=where,
-                got=one_line(entry),
-                expected="a number, or arithmetic such as '=2*r', or a stiffness with "
-                "its unit",
-            )
+        numbers[name] = _number_of(entry, where, units)
+    needed = {n: x.names for n, x in numbers.items() if isinstance(x, Expression)}
+    for name, others in needed.items():
+        for other in sorted(others):
+            check_name("parameter", other, entries, place(("parameters", name)))
     try:
         order = [*TopologicalSorter(needed).static_order()]
     except CycleError as error:
@@ -202,15 +197,26 @@ def _evaluated(
         ) from None
     values: dict[str, float] = {}
     for name in [*order, *entries]:
-        own = given.get(name, formulas[name])
+        own = given.get(name, numbers[name])
         values[name] = own.value(values) if isinstance(own, Expression) else own
     return {name: values[name] for name in entries}, set().union(*needed.values())
 
 
-# Keys of stiffnesses that may have a unit: of joints, legs, flexures and contacts that
-# slide; of flexures and contacts that turn, which are in N m/rad in every file.
-_STIFFNESS_KEYS = ("stiffness", "polynomial", "axial", "shear", "normal", "tangential")
-_TURNING_KEYS = ("bending", "torsion", "spin")
+def _number_of(entry: Any, where: str, units: tuple[Units, Units]) -> Expression | float:
+    """Arithmetic or number of an entry under ``parameters``."""
+    if isinstance(entry, str) and entry.startswith("="):
+        return Expression(entry[1:], where)
+    if isinstance(entry, str) and entry[:1] in (*"+-.", *digits):
+        given = GivenStiffness.read(entry, where)
+        return given.in_units(units[not given.is_length], given.is_length)
+    if isinstance(entry, (int, float)) and not isinstance(entry, bool):
+        return checked_number(entry, where)
+    raise InputError(
+        "cannot be used",
+        where=where,
+        got=one_line(entry),
+        expected="a number, or arithmetic such as '=2*r', or a stiffness with its unit",
+    )
 
 
 def _own_units(file: Mapping[str, Any]) -> Units:
@@ -221,34 +227,6 @@ def _own_units(file: Mapping[str, Any]) -> Units:
     except (InputError, TypeError):
         return SI
     return units
-
-
-def _with_unit(
-    text: str,
-    at: Place,
-    file: Mapping[str, Any],
-    units: Units,
-    place: Callable[[Place], str],
-) -> float | str:
-    """Number of a stiffness with a unit; other texts as they are."""
-    key = next((part for part in reversed(at) if isinstance(part, str)), "")
-    if key not in (*_STIFFNESS_KEYS, *_TURNING_KEYS) or at[0] == "identified":
-        return text
-    given = GivenStiffness.read(text, where := place(at))
-    if key in _TURNING_KEYS:
-        return given.in_units(SI, False, where)
-    if "flexible" in at or (key == "polynomial" and at[-1] != 0):
-        row, column = at[-2:]
-        if key == "polynomial" or isinstance(row, str) or (row < 3) != (int(column) < 3):
-            expected = "a number: of its own unit none is read here"
-            raise InputError(
-                "no stiffness", where=where, expected=expected, got=repr(text)
-            )
-        return given.in_units(units, row >= 3, where)
-    if file.get("kind") not in ("stewart-gough", "springs"):
-        # Whether a joint slides or turns is known later: its stiffness is left in SI.
-        return given.in_units(units, True, where) if "lines" in at else given
-    return given.in_units(units, True, where)
 
 
 def checked_file(
@@ -274,12 +252,8 @@ def checked_file(
     if "closed_loop" in data and "kind" not in data:
         data = _from_closure_list(data, path)
     data, parameters = with_parameters(data, lambda at: place_of(path, lines, at), values)
-    if data.get("kind") == "stewart-gough" and data.get("layout") is not None:
-        for key in data.keys() & {"base", "platform", "pose"}:
-            where = place_of(path, lines, (key,))
-            raise InputError(f"give layout or {key}, not both", where=where)
     try:
-        file = _validated(data, path.parent)
+        file = _validated(data)
     except ValidationError as error:
         raise first_error(error, data, lines, path) from None
     except RecursionError:
@@ -338,7 +312,7 @@ def _from_closure_list(data: dict[str, Any], path: Path) -> dict[str, Any]:
     }
 
 
-def _validated(data: dict[str, Any], folder: Path) -> Any:
+def _validated(data: dict[str, Any]) -> Any:
     """Model of a file; the models of other kinds are built for messages only.
 
     Raises
@@ -346,25 +320,20 @@ def _validated(data: dict[str, Any], folder: Path) -> Any:
     ValidationError
         If anything is wrong.
     """
-    kind, context = data.get("kind"), {"folder": folder}
+    kind, context = data.get("kind"), {"units": _own_units(data)}
     if isinstance(kind, str) and kind in FILE_KINDS:
         try:
-            return _model(kind).model_validate(data, context=context)
+            return file_model(kind).model_validate(data, context=context)
         except ValidationError:
             pass
     return _any_kind().validate_python(data, context=context)
-
-
-def _model(kind: str) -> Any:
-    module, name = FILE_KINDS[kind]
-    return getattr(import_module(f"cartstiff.loading.{module}"), name)
 
 
 @cache
 def _any_kind() -> Any:
     from pydantic import Field, TypeAdapter
 
-    kinds = reduce(or_, map(_model, FILE_KINDS))
+    kinds = reduce(or_, map(file_model, FILE_KINDS))
     chosen: Any = Annotated[kinds, Field(discriminator="kind")]
     return TypeAdapter(chosen)
 
@@ -387,6 +356,9 @@ def json_schema() -> dict[str, Any]:
     return _any_kind().json_schema(schema_generator=WithSections)
 
 
+_LEG_AND_KEY = re.compile(r"(?:leg (\d+)(?:, |$))?(?:key (.+))?")
+
+
 @contextmanager
 def places_in(where: str, place: Callable[[Place], str] | None = None) -> Iterator[None]:
     """Add the file, and the key's line, to errors within that name a leg and a key,
@@ -395,17 +367,17 @@ def places_in(where: str, place: Callable[[Place], str] | None = None) -> Iterat
     try:
         yield
     except InputError as error:
-        match = re.fullmatch(r"(?:leg (\d+)(?:, |$))?(?:key (.+))?", error.where or "")
+        own = error.where or ""
+        match = _LEG_AND_KEY.fullmatch(own)
         if match is None:
-            if where in (error.where or ""):
+            if where in own:
                 raise
             raise error.at(where) from None
         leg, key = match.groups()
-        way = [] if leg is None else ["legs", leg]
-        way += [] if key is None else key.split(".")
-        at = tuple(int(part) - 1 if part.isdigit() else part for part in way)
-        own = f"{where}, {error.where}" if error.where else where
-        raise error.moved_to(place(at) if place and at else own) from None
+        at = (*way_of(leg and f"legs.{leg}"), *way_of(key))
+        if place and at:
+            raise error.moved_to(place(at)) from None
+        raise error.moved_to(f"{where}, {own}" if own else where) from None
 
 
 def mechanism_of(

@@ -8,51 +8,36 @@ import math
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import field_validator, model_validator
 
+from cartstiff import numerics
 from cartstiff.arrays import Array
+from cartstiff.errors import InputError
+from cartstiff.loading.plausible import is_inertia
+from cartstiff.loading.rings import RingModel
 from cartstiff.loading.schema import (
+    IN_ORDER,
     RIGID,
+    Each,
     FileModel,
     FileWords,
     Flag,
     FlexibleModel,
+    Limits,
     NotNegative,
     Number,
-    Pair,
     PerLeg,
     PoseModel,
     Positive,
+    Sliding,
+    Turning,
+    Two,
     UnitsModel,
     Vector,
     Vectors,
     keyed,
     only_one,
 )
-
-_THIRD = 2.0 * math.pi / 3.0
-
-
-class RingModel(FileModel):
-    """The joints of base or platform, on a circle around z."""
-
-    radius: Positive | None = keyed("of the circle; not for a cube", None)
-    half_angle: NotNegative | None = keyed(
-        "rad, between a joint and the middle of its pair; default 0, one point", None
-    )
-    angles: list[Number] | None = keyed(
-        "rad, of each leg's joint, in place of that", None, min_length=1, max_length=6
-    )
-    height: Number | None = keyed(
-        "of the circle, along z of F for the base, of P for the platform; default "
-        "0, for a cube that of its vertices",
-        None,
-    )
-
-    @model_validator(mode="after")
-    def _one(self) -> RingModel:
-        only_one(self, "half_angle", "angles", needed=False)
-        return self
 
 
 class CubicModel(FileModel):
@@ -92,15 +77,18 @@ class LayoutModel(FileModel):
     @model_validator(mode="after")
     def _fits(self) -> LayoutModel:
         rings = {"base": self.base, "platform": self.platform}
-        if self.cubic is not None:
-            others = {
-                f"{n}.{k}": getattr(r, k) for n, r in rings.items() for k in _RING_KEYS
-            }
-            others |= {"turn": self.turn, "symmetry": self.symmetry}
-            for key, value in others.items():
-                if value is not None:
-                    raise ValueError(f"{key} is not for a cubic layout")
+        if self.cubic is None:
+            self._fits_circles(rings)
             return self
+        others = {f"{n}.{k}": getattr(r, k) for n, r in rings.items() for k in _RING_KEYS}
+        others |= {"turn": self.turn, "symmetry": self.symmetry}
+        for key, value in others.items():
+            if value is not None:
+                raise ValueError(f"{key} is not for a cubic layout")
+        return self
+
+    def _fits_circles(self, rings: dict[str, RingModel]) -> None:
+        """Refuse what is missing, or more than the circles need."""
         if self.height is None:
             raise ValueError("key 'height' is missing: the height of P over F")
         each = 6 // (self.symmetry or 1)
@@ -118,7 +106,6 @@ class LayoutModel(FileModel):
             raise ValueError(
                 "turn is for pairs: angles of the platform say where its joints are"
             )
-        return self
 
     def points(self) -> tuple[Array, Array, Array]:
         """Return joints of the base in F (6, 3) and the platform in P (6, 3),
@@ -126,42 +113,23 @@ class LayoutModel(FileModel):
         """
         if self.cubic is not None:
             return self._cube(self.cubic)
-        alpha, beta = self.base.half_angle or 0.0, self.platform.half_angle or 0.0
-        turn = math.pi / 3.0 if self.turn is None else self.turn
-        lower = [i * _THIRD + side for i in range(3) for side in (-alpha, alpha)]
-        upper = [
-            i * _THIRD + turn + side for i in range(3) for side in (beta - _THIRD, -beta)
-        ]
         origin = np.array([0.0, 0.0, self.height or 0.0])
-        return self._ring(self.base, lower), self._ring(self.platform, upper), origin
+        return self._ring(self.base, True), self._ring(self.platform, False), origin
 
-    def _ring(self, ring: RingModel, angles: list[float]) -> Array:
+    def _ring(self, ring: RingModel, is_base: bool) -> Array:
         if ring.angles is not None:
-            parts = self.symmetry or 1
-            turns = [2.0 * math.pi * i / parts for i in range(parts)]
-            angles = [turn + angle for turn in turns for angle in ring.angles]
-        radius = ring.radius or 0.0  # a layout without a radius is refused
-        height = ring.height or 0.0
-        return np.array(
-            [[radius * math.cos(a), radius * math.sin(a), height] for a in angles]
-        )
+            return ring.joints(ring.angles, self.symmetry or 1)
+        return ring.joints(ring.pair(self.turn, is_base), 3)
 
     def _cube(self, cubic: CubicModel) -> tuple[Array, Array, Array]:
-        size = (
-            cubic.size if cubic.size is not None else (cubic.edge or 0.0) / math.sqrt(3.0)
+        size = cubic.size or (cubic.edge or 0.0) / math.sqrt(3.0)
+        centre = cubic.centre if isinstance(cubic.centre, list) else [0, 0, cubic.centre]
+        ring = RingModel(radius=math.sqrt(2.0) * size)
+        base, top = (
+            ring.joints(ring.pair(None, is_base), 3) + centre + [0.0, 0.0, height]
+            for is_base, height in ((True, -size / 2.0), (False, size / 2.0))
         )
-        centre = np.array(
-            cubic.centre if isinstance(cubic.centre, list) else [0, 0, cubic.centre]
-        )
-        radius = math.sqrt(2.0) * size
-        lower = RingModel(radius=radius, height=-size / 2.0)
-        upper = RingModel(radius=radius, height=size / 2.0)
-        base, top, _ = LayoutModel(base=lower, platform=upper, height=0.0).points()
-        base, top, origin = (
-            base + centre,
-            top + centre,
-            np.array([0.0, 0.0, self.height or 0.0]),
-        )
+        origin = np.array([0.0, 0.0, self.height or 0.0])
         along = (top - base) / size  # rises by one
 
         def cut(height: float) -> Array:
@@ -188,6 +156,19 @@ class BodyModel(FileModel):
         max_length=3,
     )
 
+    @field_validator("inertia")
+    @classmethod
+    def _is_of_a_body(cls, rows: list[list[float]]) -> list[list[float]]:
+        if numerics.asymmetry(inertia := np.array(rows, float)):
+            raise InputError("inertia is not symmetric", got=rows)
+        if not is_inertia(inertia):
+            raise InputError(
+                "no body has these moments of inertia",
+                expected="each at most the sum of the other two",
+                got=np.linalg.eigvalsh(inertia).tolist(),
+            )
+        return rows
+
 
 class LegMassModel(FileModel):
     """Two straight bars in each leg.
@@ -212,22 +193,19 @@ class LegJointsModel(FileModel):
     angle: PerLeg = keyed("largest angle of the leg from it, rad")
 
 
-_Lengths = Annotated[list[Positive], Field(min_length=2, max_length=2)]
-
-
 class FlexureModel(FileModel):
     """A flexure joint of a strut: a spring, or none, for each of its six motions."""
 
-    axial: Annotated[Positive, RIGID] = keyed(
+    axial: Annotated[Sliding, RIGID] = keyed(
         "along the strut, force per length; default rigid", math.inf
     )
-    shear: Annotated[Positive, RIGID] = keyed(
+    shear: Annotated[Sliding, RIGID] = keyed(
         "across the strut, force per length; default rigid", math.inf
     )
-    bending: Annotated[NotNegative, RIGID] = keyed(
+    bending: Annotated[Turning, RIGID] = keyed(
         "about axes across it, N m/rad whatever the units"
     )
-    torsion: Annotated[NotNegative, RIGID] = keyed(
+    torsion: Annotated[Turning, RIGID] = keyed(
         "about its axis, N m/rad whatever the units; or rigid"
     )
     offset: NotNegative = keyed(
@@ -240,7 +218,7 @@ class StrutModel(FileModel):
     file's pose.
     """
 
-    axial: Positive | Annotated[list[Positive], Field(min_length=1)] = keyed(
+    axial: Each[Sliding] = keyed(
         "stiffness along the strut without its flexures; one number or one per leg"
     )
     lower: FlexureModel = keyed("at the base")
@@ -261,7 +239,7 @@ class StrutModel(FileModel):
 class LinesLegs(FileModel):
     """Springs in the legs; one number for all or one per leg."""
 
-    stiffness: Positive | Annotated[list[Positive], Field(min_length=1)] | None = keyed(
+    stiffness: Each[Sliding] | None = keyed(
         "of legs between ideal joints, force per length", None
     )
     strut: StrutModel | None = keyed(
@@ -273,7 +251,7 @@ class LinesLegs(FileModel):
         "given load only",
         None,
     )
-    preload: Number | Annotated[list[Number], Field(min_length=1)] | None = keyed(
+    preload: Each[Number] | None = keyed(
         "in place of rest_length. Of a driven leg: its tension at every commanded pose, "
         "to which "
         "the drive winds it; more legs than motions have the tensions nearest to it that "
@@ -283,19 +261,19 @@ class LinesLegs(FileModel):
         "rest length",
         None,
     )
-    driven: Flag | Annotated[list[Flag], Field(min_length=1)] | None = keyed(
+    driven: Each[Flag] | None = keyed(
         "a drive changes the length; default: legs of a stewart-gough, and cables, are "
         "driven, "
         "other springs are passive",
         None,
     )
-    limits: _Lengths | Annotated[list[_Lengths], Field(min_length=1)] | None = keyed(
+    limits: Each[Annotated[Two[Positive], IN_ORDER]] | None = keyed(
         "[shortest, longest], or one pair per leg", None
     )
     base_joints: LegJointsModel | None = None
     platform_joints: LegJointsModel | None = None
     diameter: PerLeg | None = keyed("of the legs, which must not touch each other", None)
-    force: Pair | Annotated[list[Pair], Field(min_length=1)] | None = keyed(
+    force: Each[Limits] | None = keyed(
         "[least, largest] tension, or one pair per leg; compression below zero", None
     )
     mass: LegMassModel | PerLeg | None = keyed(
@@ -341,6 +319,8 @@ class PlatformFile(_BodyOnLines):
     @model_validator(mode="after")
     def _has_points(self) -> PlatformFile:
         if self.layout is not None:
+            for key in self.model_fields_set & {"base", "platform", "pose"}:
+                raise InputError(f"give layout or {key}, not both", where=key)
             base, platform, origin = (points.tolist() for points in self.layout.points())
             points = {"base": base, "platform": platform, "pose": PoseModel(xyz=origin)}
             return self.model_copy(update=points)
@@ -358,9 +338,7 @@ class SpringsFile(_BodyOnLines):
     kind: Literal["springs"]
     base: Vectors = keyed("anchor points in F")
     platform: Vectors = keyed("points of the body in P")
-    unilateral: Flag | Annotated[list[Flag], Field(min_length=1)] = keyed(
-        "cables: they cannot push; or one per line", False
-    )
+    unilateral: Each[Flag] = keyed("cables: they cannot push; or one per line", False)
 
     @model_validator(mode="after")
     def _pull(self) -> SpringsFile:

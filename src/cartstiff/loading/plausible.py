@@ -6,6 +6,10 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from cartstiff import numerics
+from cartstiff.arrays import Array
 from cartstiff.notes import Note
 
 if TYPE_CHECKING:
@@ -22,6 +26,18 @@ _MAX_STRETCH = 0.9
 #: Smallest plausible radius of gyration over a platform's size; its inverse is the
 #: largest.
 _MIN_GYRATION = 0.01
+
+
+def is_inertia(moments: Array, share: float = numerics.NEGLIGIBLE_DIFFERENCE) -> bool:
+    """Whether a symmetric matrix (3, 3) is the inertia of some body: its principal
+    moments form a triangle.
+
+    `share` of the largest is rounding. Rods, such as two point masses, have a moment of
+    zero, thin plates meet the rule with equality.
+    """
+    small, middle, large = np.linalg.eigvalsh(moments)
+    rounding = numerics.NEGLIGIBLE_DIFFERENCE * large
+    return bool(small >= -rounding and small + middle >= (1.0 - share) * large)
 
 
 def large_angles(angles: Mapping[str, Sequence[float]]) -> list[Note]:

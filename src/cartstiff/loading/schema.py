@@ -30,6 +30,7 @@ from typing import (
 
 import numpy as np
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -53,7 +54,7 @@ from cartstiff.loading.yaml_file import Lines
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identified import CompliancePattern, Identified
 from cartstiff.notes import Note
-from cartstiff.units import GivenStiffness
+from cartstiff.units import SI, GivenStiffness, Units
 
 #: Module and model of each kind of file: a file imports the classes of its own kind only.
 FILE_KINDS = {
@@ -72,17 +73,59 @@ Text = Annotated[str, Field(strict=True, min_length=1, max_length=4000)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
-def _with_unit(value: Any, check: Any) -> Any:
-    # The unit is kept: whether the joint slides or turns is known later.
-    number = check(value)
-    return value if isinstance(value, GivenStiffness) else number
+Flag = Annotated[bool, Field(strict=True)]
+
+_One = TypeVar("_One")
+#: One for all legs, or one for each; and two entries.
+Each = _One | Annotated[list[_One], Field(min_length=1)]
+Two = Annotated[list[_One], Field(min_length=2, max_length=2)]
+Pair = Two[Number]
+PerLeg = Each[NotNegative]
+Vectors = Annotated[list[Vector], Field(min_length=1, max_length=100_000)]
 
 
-#: A number, which may have a unit; the same, or "rigid" for an infinite one.
-GIVEN = WrapValidator(_with_unit)
-RIGID = WrapValidator(
-    lambda x, check: math.inf if x in ("rigid", math.inf) else _with_unit(x, check)
-)
+def _in_order(pair: list[float]) -> list[float]:
+    if pair[0] > pair[1]:
+        words = "limits are the wrong way round"
+        raise InputError(words, expected="[least, most]", got=pair)
+    return pair
+
+
+IN_ORDER = AfterValidator(_in_order)
+Limits = Annotated[Pair, IN_ORDER]
+
+
+def with_unit(spring: Literal["slides", "turns", "joint"]) -> WrapValidator:
+    """Return the check of a stiffness that may have a unit.
+
+    What slides is in the file's units then, what turns in N m/rad. The unit of a joint's
+    is kept: whether the joint slides or turns is known later.
+    """
+
+    def checked(value: Any, check: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, str) and value != "rigid":
+            value = GivenStiffness.read(value)
+        if not isinstance(value, GivenStiffness):
+            return check(value)
+        if spring == "joint":
+            check(value)
+            return value
+        slides = spring == "slides"
+        return check(value.in_units(units_of(info) if slides else SI, slides))
+
+    return WrapValidator(checked)
+
+
+def units_of(info: ValidationInfo) -> Units:
+    """Units of the file that is checked."""
+    return (info.context or {}).get("units", SI)
+
+
+#: The same for a stiffness of infinity, and its word.
+RIGID = WrapValidator(lambda x, check: math.inf if x in ("rigid", math.inf) else check(x))
+JointStiffness = Annotated[NotNegative, with_unit("joint"), RIGID]
+Sliding = Annotated[Positive, with_unit("slides")]
+Turning = Annotated[NotNegative, with_unit("turns")]
 
 
 def keyed(words: str, default: Any = ..., **rules: Any) -> Any:
@@ -161,12 +204,6 @@ Argument = Annotated[
     WithJsonSchema({"type": ["string", "number", "boolean"]}),
 ]
 
-Flag = Annotated[bool, Field(strict=True)]
-
-Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
-PerLeg = NotNegative | Annotated[list[NotNegative], Field(min_length=1)]
-Vectors = Annotated[list[Vector], Field(min_length=1, max_length=100_000)]
-
 
 class PoseModel(FileModel):
     """A pose by translation and roll, pitch, yaw about fixed axes (radians)."""
@@ -211,13 +248,6 @@ def one_each(value: Any, m: int, where: str, row: bool = False) -> list[Any]:
         expected = f"one, or {m}, one per leg"
         raise InputError("wrong count", where=where, expected=expected, got=len(value))
     return value
-
-
-def check_limits(pair: Sequence[float], where: str, meaning: str) -> None:
-    """Refuse limits the wrong way round."""
-    if pair[0] > pair[1]:
-        what = "limits are the wrong way round"
-        raise InputError(what, where=where, expected=meaning, got=list(pair))
 
 
 # Largest relative difference between a measured compliance and that of the file's spring:
@@ -405,13 +435,13 @@ class SpringTableModel(FileModel):
 class JointSpringModel(FileModel):
     """A spring in a joint: one of stiffness, polynomial, table."""
 
-    stiffness: Annotated[NotNegative | None, RIGID] = keyed(
+    stiffness: JointStiffness | None = keyed(
         "N m/rad, N/m for a prismatic joint, or a text with another unit such as 392 N "
         "m/arcmin; "
         "or rigid",
         None,
     )
-    polynomial: list[Annotated[Number, GIVEN]] | None = keyed(
+    polynomial: list[Annotated[Number, with_unit("joint")]] | None = keyed(
         "torque c1 x + c2 x^2 + ...; c1 may be a text with its unit",
         None,
         min_length=1,
@@ -434,6 +464,8 @@ class JointSpringModel(FileModel):
     @model_validator(mode="after")
     def _one_law(self) -> JointSpringModel:
         only_one(self, "stiffness", "polynomial", "table")
+        if any(isinstance(c, GivenStiffness) for c in (self.polynomial or ())[1:]):
+            raise ValueError("only c1 of a polynomial may have a unit")
         if self.stiffness == math.inf and self.rest is not None:
             raise ValueError("a rigid joint has no rest position: it stays where it is")
         return self
@@ -490,7 +522,7 @@ class CoupledSpringModel(FileModel):
     joints: dict[Text, Number] = keyed(
         "factor of each joint's position in the sum", min_length=1
     )
-    stiffness: Positive = keyed(
+    stiffness: Annotated[Positive, with_unit("joint")] = keyed(
         "force per change of the sum: the energy is half of it times the square of that "
         "change; "
         "N m/rad for a sum of angles, N/m for one of lengths"
@@ -540,6 +572,22 @@ class BeamModel(FileModel):
 _Six = list[Annotated[list[Number], Field(min_length=6, max_length=6)]]
 
 
+def _entry(value: Any, row: int, column: int, info: ValidationInfo) -> Any:
+    """Entry of a stiffness without the unit that it may have on one of both blocks."""
+    if not isinstance(value, str):
+        return value
+    given, place = GivenStiffness.read(value), f"{row + 1}.{column + 1}"
+    if (row < 3) != (column < 3):
+        expected = "a number: of its own unit none is read here"
+        raise InputError("no stiffness", where=place, expected=expected, got=repr(value))
+    return given.in_units(units_of(info), row >= 3, place)
+
+
+def is_symmetric(rows: Sequence[Sequence[float]]) -> bool:
+    """Whether a matrix is symmetric to rounding."""
+    return bool(numerics.is_about_symmetric(np.array(rows, float)))
+
+
 class FlexibleModel(FileModel):
     """A compliant link: a 6x6 spring (order angular-linear) with a 6x6
     mass, or a beam.
@@ -570,25 +618,39 @@ class FlexibleModel(FileModel):
     @model_validator(mode="after")
     def _one(self) -> FlexibleModel:
         only_one(self, "stiffness", "beam")
+        for key in ("stiffness", "mass"):
+            if not is_symmetric(getattr(self, key) or [[0.0]]):
+                raise ValueError(f"{key} must be symmetric")
         if self.mass is None:
             return self
         if self.beam is not None:
             raise ValueError("mass is that of a stiffness; a beam has density")
         M = np.array(self.mass)
         sizes = numerics.equilibration(M)
-        if np.any(np.abs(M - M.T) > numerics.SYMMETRY * np.outer(sizes, sizes)):
-            raise ValueError("mass must be symmetric")
         if np.linalg.eigvalsh(M / np.outer(sizes, sizes))[0] < -numerics.ZERO_SHARE:
             raise ValueError("mass must have no negative eigenvalue")
         return self
+
+    @field_validator("stiffness", mode="before")
+    @classmethod
+    def _with_units(cls, rows: Any, info: ValidationInfo) -> Any:
+        """Convert texts with units, which only what turns or slides alone can have."""
+        if not isinstance(rows, list):
+            return rows
+        return [
+            [_entry(x, i, j, info) for j, x in enumerate(row)]
+            if isinstance(row, list)
+            else row
+            for i, row in enumerate(rows)
+        ]
 
 
 class LineModel(FileModel):
     """A line spring or cable between points of two frames ("world" is F)."""
 
-    frames: list[Text] = Field(min_length=2, max_length=2)
-    points: list[Vector] = Field(min_length=2, max_length=2)
-    stiffness: Positive
+    frames: Two[Text]
+    points: Two[Vector]
+    stiffness: Sliding
     rest_length: NotNegative | None = None
     preload: Number | None = keyed("tension at q", None)
     unilateral: Flag = False
@@ -636,14 +698,12 @@ class DHJoint(FileModel):
     alpha: Number = keyed("angle about x", 0.0)
     d: Number = keyed("distance along z; of a prismatic joint where q is 0", 0.0)
     theta: Number = keyed("angle about z; of a revolute joint where q is 0", 0.0)
-    limits: Pair | None = keyed("[least, most] of q", None)
+    limits: Limits | None = keyed("[least, most] of q", None)
 
     @model_validator(mode="after")
     def _one(self) -> DHJoint:
-        if self.limits is not None and (
-            self.type == "fixed" or self.limits[0] > self.limits[1]
-        ):
-            raise ValueError("limits are [least, most] of a joint that moves")
+        if self.limits is not None and self.type == "fixed":
+            raise ValueError("limits are of a joint that moves")
         return self
 
 
@@ -775,26 +835,22 @@ class ClosureModel(FileModel):
     for the first closure, which may have springs.
     """
 
-    frames: list[Text] = Field(min_length=2, max_length=2)
+    frames: Two[Text]
     type: Literal["point", "ball", "weld", "rigid", "hinge", "universal"] = keyed(
         "point or ball: a common point; weld or rigid: the same pose; hinge: a common "
         "axis and "
         "point; universal: a common point, and two axes that stay square"
     )
-    points: list[Vector] | None = keyed(
+    points: Two[Vector] | None = keyed(
         "points in the frames; default origins, and for the world where the other frame "
         "is at q",
         None,
-        min_length=2,
-        max_length=2,
     )
-    axes: list[Vector] | None = keyed(
+    axes: Two[Vector] | None = keyed(
         "of a hinge in either frame, default z; of a universal joint the first in the "
         "first frame, "
         "default x, the second in the second, default y",
         None,
-        min_length=2,
-        max_length=2,
     )
 
     @model_validator(mode="after")
@@ -835,6 +891,12 @@ class ClosedChainFile(Joints, FileWords):
     lines: list[LineModel] = []
 
 
+def file_model(kind: str) -> Any:
+    """Return the model of a kind of file."""
+    module, name = FILE_KINDS[kind]
+    return getattr(import_module(f"cartstiff.loading.{module}"), name)
+
+
 def place_of(path: Path | str, lines: Lines, at: tuple[str | int, ...]) -> str:
     """File, line and key of a value, for messages."""
     known = at
@@ -856,45 +918,61 @@ def first_error(
     known: set[str] | None = None,
 ) -> InputError:
     """Return the most helpful of pydantic's errors in the words of this program."""
-    # The deepest error belongs to the alternative of a union that the user meant; an
-    # unknown key is more helpful still, as it often explains a missing one.
-    problems = error.errors(include_url=False)
-    chosen = max(problems, key=lambda p: (p["type"] == "extra_forbidden", len(p["loc"])))
+    # The deepest error belongs to the alternative of a union that the user meant. More
+    # helpful is what a check of this program says, and still more an unknown key, which
+    # often explains a missing one.
+    chosen = max(
+        error.errors(include_url=False),
+        key=lambda p: (
+            p["type"] == "extra_forbidden",
+            _refusal(p) is not None,
+            len(p["loc"]),
+        ),
+    )
     kind = chosen["type"]
     at = _keys((*within, *chosen["loc"]), data, kind)
-    got = chosen["input"]
-    got = (
-        "nothing"
-        if got is None or got == ""
-        else repr(got)
-        if isinstance(got, str)
-        else got
-    )
-    if kind == "extra_forbidden":
-        what, got = "unknown key", repr(at[-1])
-        expected = _expected_key(str(at[-1]), _section_keys(at[:-1], data), known)
-    elif kind == "missing":
-        what, expected, got = f"key {at[-1]!r} is missing", _meaning(str(at[-1])), None
-    elif kind in ("union_tag_invalid", "union_tag_not_found"):
-        what, expected, at = "unknown kind", ", ".join(FILE_KINDS), ("kind",)
-        got = repr(data["kind"]) if "kind" in data else "no key 'kind'"
-    elif kind == "value_error":
-        what, expected, got = chosen["msg"].removeprefix("Value error, "), None, None
-    else:
-        what, expected = "cannot be used", _expectation(chosen)
-        if (
-            kind == "float_type"
-            and isinstance(got, str)
-            and _WITH_UNIT.fullmatch(str(chosen["input"]))
-        ):
-            expected = (
-                "a number in the unit of the file, or arithmetic such as '=2*r'; only "
-                "stiffnesses "
-                "are read with a unit, such as '20 N/mm'"
-            )
-        if kind in ("too_short", "too_long"):
-            what, got = "wrong count", str(len(got))
+    if kind.startswith("union_tag"):
+        at = ("kind",)
+    if (own := _refusal(chosen)) is not None:
+        return own.moved_to(place_of(path, lines, (*at, *way_of(own.where))))
+    what, expected, got = _words(chosen, at, data, known)
     return InputError(what, where=place_of(path, lines, at), expected=expected, got=got)
+
+
+def way_of(key: str | None) -> tuple[str | int, ...]:
+    """Keys and indices of a dotted key, which counts from 1."""
+    parts = (key or "").split(".")
+    return tuple(int(part) - 1 if part.isdigit() else part for part in parts if part)
+
+
+def _refusal(problem: Any) -> InputError | None:
+    """Refusal of a check of this program in one of pydantic's errors."""
+    cause = problem.get("ctx", {}).get("error")
+    return cause if isinstance(cause, InputError) else None
+
+
+def _words(
+    problem: Any, at: tuple[str | int, ...], data: dict[str, Any], known: set[str] | None
+) -> tuple[str, str | None, Any]:
+    """What is wrong, what was expected, and what was found."""
+    kind, got, key = problem["type"], problem["input"], str(at[-1]) if at else ""
+    if kind == "extra_forbidden":
+        expected = _expected_key(key, _section_keys(at[:-1], data), known)
+        return "unknown key", expected, repr(key)
+    if kind == "missing":
+        return f"key {key!r} is missing", _meaning(key), None
+    if kind.startswith("union_tag"):
+        got = repr(data["kind"]) if "kind" in data else "no key 'kind'"
+        return "unknown kind", ", ".join(FILE_KINDS), got
+    if kind == "value_error":
+        return problem["msg"].removeprefix("Value error, "), None, None
+    if kind in ("too_short", "too_long"):
+        return "wrong count", _expectation(problem), len(got)
+    if got is None or got == "":
+        got = "nothing"
+    elif isinstance(got, str):
+        got = repr(got)
+    return "cannot be used", _expectation(problem), got
 
 
 def _expected_key(got: str, own: Sequence[str], known: set[str] | None) -> str | None:
@@ -917,8 +995,7 @@ def _section_keys(at: tuple[str | int, ...], data: Any) -> list[str]:
     kind = data.get("kind") if isinstance(data, dict) else None
     if not isinstance(kind, str) or kind not in FILE_KINDS:
         return []
-    module, name = FILE_KINDS[kind]
-    hints: list[Any] = [getattr(import_module(f"cartstiff.loading.{module}"), name)]
+    hints: list[Any] = [file_model(kind)]
     section: Any = data
     part: Any
     for part in at:
@@ -990,36 +1067,38 @@ def _meaning(key: str) -> str | None:
 
 # A number with a unit behind it.
 _WITH_UNIT = re.compile(r"\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*[^\W\d_].*")
-_TYPES = {
+#: Values that pydantic accepts, in the words of the file, by its kinds of errors.
+_EXPECTED = {
     "float_type": "a number",
     "finite_number": "a finite number",
     "string_type": "text",
     "string_unicode": "text",
     "string_too_short": "text",
+    "string_too_long": "at most {max_length} characters",
     "bool_type": "true or false",
     "list_type": "a list",
     "dict_type": "a mapping of keys",
     "model_type": "a mapping of keys",
+    "too_short": "at least {min_length}",
+    "too_long": "at most {max_length}",
+    "less_than_equal": "at most {le:g}",
+    "greater_than_equal": "at least {ge:g}",
 }
 
 
 def _expectation(problem: Any) -> str:
     """Values that pydantic accepts, in the words of the file."""
-    kind, context = problem["type"], problem.get("ctx", {})
-    if kind in _TYPES:
-        return _TYPES[kind]
-    if kind == "too_short":
-        return f"at least {context['min_length']}"
-    if kind == "too_long":
-        return f"at most {context['max_length']}"
-    if kind == "string_too_long":
-        return f"at most {context['max_length']} characters"
-    if kind == "less_than_equal":
-        return f"at most {context['le']:g}"
-    if kind == "greater_than_equal":
-        least = context["ge"]
-        if least > 0:
-            return f"above zero (at least {least:g})"
-        return "zero or more" if least == 0 else f"at least {least:g}"
-    message = problem["msg"].removeprefix("Input should be ")
-    return str(message[0].lower() + message[1:])
+    kind, context, got = problem["type"], problem.get("ctx", {}), problem["input"]
+    if kind == "float_type" and isinstance(got, str) and _WITH_UNIT.fullmatch(got):
+        return (
+            "a number in the unit of the file, or arithmetic such as '=2*r'; only "
+            "stiffnesses are read with a unit, such as '20 N/mm'"
+        )
+    if kind not in _EXPECTED:
+        message = problem["msg"].removeprefix("Input should be ")
+        return str(message[0].lower() + message[1:])
+    words = _EXPECTED[kind].format(**context)
+    least = context.get("ge", -1.0)
+    if least == 0:
+        return "zero or more"
+    return f"above zero ({words})" if least > 0 else words

@@ -196,9 +196,6 @@ def links(whole: Assembly) -> Assembly:
                 springs.append(_beam(entry.beam, indices, part.called(link)))
                 continue
             K = np.array(entry.stiffness, float)
-            if numerics.asymmetry(K):
-                where = part.key(f"flexible.{link}")
-                raise InputError("stiffness of a link must be symmetric", where=where)
             K = K[se3.SWAP][:, se3.SWAP]
             springs.append(CoupledSprings(indices, K, part.called(link)))
     return replace(whole, potentials=(*whole.potentials, *springs))

@@ -36,7 +36,7 @@ from cartstiff.loading.description import (
     to_root,
     turned_axes,
 )
-from cartstiff.loading.plausible import large_angles, large_lengths
+from cartstiff.loading.plausible import is_inertia, large_angles, large_lengths
 from cartstiff.notes import Note
 
 _MAX_JOINTS = 2000
@@ -835,11 +835,7 @@ def _is_possible(inertia: ET.Element) -> bool:
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if not np.isfinite(matrix).all() or np.abs(matrix).max() > LARGEST_INPUT:
         return False
-    small, middle, large = np.linalg.eigvalsh(matrix)
-    # Thin plates meet the triangle rule with equality, to the digits that are printed.
-    # Rods, such as two point masses, have a moment of zero, to rounding.
-    is_positive = small >= -numerics.NEGLIGIBLE_DIFFERENCE * large
-    return bool(is_positive and small + middle >= (1.0 - 1e-3) * large)
+    return is_inertia(matrix, 1e-3)  # to the digits that are printed
 
 
 class _Reader:
