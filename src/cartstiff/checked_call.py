@@ -16,7 +16,7 @@ import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from numbers import Integral, Real
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -102,8 +102,16 @@ def _wrong_kind(
                         known = [f"{own}({place})"]
                     return UnknownArgumentError(f"argument of {own}", name, known)
         return None  # too many or too few arguments: Python's message names them
+    hints = {
+        name: _resolved(signature.parameters[name].annotation, function) for name in given
+    }
+    for name in [n for n, hint in hints.items() if typing.get_origin(hint) is Unpack]:
+        (of_keys,) = typing.get_args(hints[name])
+        given |= given.pop(name)
+        for key, hint in of_keys.__annotations__.items():
+            hints[key] = _resolved(hint.__forward_arg__, function)
     for name, value in given.items():
-        hint = _resolved(signature.parameters[name].annotation, function)
+        hint = hints[name]
         if not _fits(value, hint):
             return InputError(f"{name} cannot be used", expected=_words(hint), got=value)
     return None

@@ -13,7 +13,7 @@ from tests.mechanisms.machines import joint, masses, write_file, write_urdf
 import cartstiff
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry import se3
-from cartstiff.loading import branches, closing, joints, passes, springs
+from cartstiff.loading import joints, passes
 from cartstiff.loading.assembly import Assembly, Part
 from cartstiff.loading.description import FileSpring, Lifted, RobotDescription
 from cartstiff.loading.readers import FORMATS, read_robot_description
@@ -117,7 +117,7 @@ def test_what_is_beyond_the_frame_is_left_out(robot):
     part = run(part_of(robot, springs=entries), joints.named_frame, joints.cut)
     part = joints.without_beyond(part)
     assert (part.beyond, part.idle, [*part.entry.springs]) == (("d",), ("d",), ["a", "b"])
-    assert codes(branches.beside(part)) == ["idle-springs"]
+    assert codes(joints.beside(part)) == ["idle-springs"]
 
 
 def test_checks_refuse_what_acts_on_a_joint_and_cannot_be_expressed(robot):
@@ -137,7 +137,7 @@ def test_default_posture_is_the_entrys_then_the_files(robot):
 
 
 def test_robots_stand_where_their_bases_are(robot):
-    whole = whole_of(robot, closing.joined, base={"xyz": [1.0, 2.0, 3.0]})
+    whole = whole_of(robot, passes.joined, base={"xyz": [1.0, 2.0, 3.0]})
     T = whole.tree.at(whole.q).pose(whole.tree.placement("tool"))
     assert T[:3, 3] == pytest.approx([1.4, 2.0, 3.3])
 
@@ -146,7 +146,7 @@ def test_loops_get_their_joints(robot):
     tie = {"frames": ["world", "tool"], "type": "hinge", "axes": [[0, 1, 0]] * 2}
     keys = {"kind": "closed-chain", "closures": [tie]}
     part = run(part_of(robot, ClosedChainFile, **keys), *passes.OF_ROBOT)
-    whole = run(Assembly(part.entry, "loop", (part,)), closing.joined, closing.closed)
+    whole = run(Assembly(part.entry, "loop", (part,)), passes.joined, passes.closed)
     assert whole.free == ("closure1.x",)
     assert [c.type for c in whole.closures] == ["weld"]
 
@@ -154,10 +154,10 @@ def test_loops_get_their_joints(robot):
 def test_names_under_keys_are_checked(robot):
     for key, value in (("passive", ["nobody"]), ("q", {"nobody": 1.0})):
         with pytest.raises(UnknownNameError, match=f"key {key}: unknown joint"):
-            whole_of(robot, closing.joined, passes.names_of_keys, **{key: value})
+            whole_of(robot, passes.joined, passes.names_of_keys, **{key: value})
 
 
-START = (closing.joined, passes.chain)
+START = (passes.joined, passes.chain)
 
 
 def test_payload_and_lifted_masses(robot):
@@ -177,37 +177,37 @@ def test_home_of_an_arm_without_a_posture_is_regular(robot):
 
 def test_links_and_coupled_springs(robot):
     K = np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
-    whole = whole_of(robot, *START, springs.links, flexible={"upper": {"stiffness": K.tolist()}})
+    whole = whole_of(robot, *START, passes.links, flexible={"upper": {"stiffness": K.tolist()}})
     (link,) = whole.potentials
     assert np.diag(link.matrix).tolist() == [4.0, 5.0, 6.0, 1.0, 2.0, 3.0]
     coupled = [{"joints": {"a": 1.0, "b": -2.0}, "stiffness": 8.0}]
-    (term,) = whole_of(robot, *START, springs.coupled, coupled_springs=coupled).potentials
+    (term,) = whole_of(robot, *START, passes.coupled, coupled_springs=coupled).potentials
     assert term.factors.tolist() == [[1.0, -2.0]]
 
 
 def test_joints_have_the_springs_of_entries_then_of_files_then_assumed_ones(robot):
     own = replace(robot, springs={"b": FileSpring((6.0,), 0.2)})
-    made = whole_of(own, *START, springs.joint_springs)
-    assert made.springs.stiffness.tolist() == [springs.ASSUMED_STIFFNESS, 6.0]
+    made = whole_of(own, *START, passes.joint_springs)
+    assert made.springs.stiffness.tolist() == [passes.ASSUMED_STIFFNESS, 6.0]
     assert codes(made)[0] == "stiffness-assumed"
     given = {"a": {"stiffness": 5.0, "damping": 0.7}, "b": {"stiffness": 9.0, "rest": 0.1}}
-    whole = whole_of(own, *START, springs.joint_springs, passes.damping, springs=given)
+    whole = whole_of(own, *START, passes.joint_springs, passes.damping, springs=given)
     assert whole.springs.stiffness.tolist() == [5.0, 9.0]
     assert whole.damping.tolist() == [0.7, 0.0]
 
 
 def test_lines_have_their_rest_length_or_preload(robot):
     line = {"frames": ["world", "tool"], "points": [[0, 0, 1], [0, 0, 0]], "stiffness": 100.0}
-    whole = whole_of(robot, *START, springs.lines, lines=[line | {"preload": 5.0}])
+    whole = whole_of(robot, *START, passes.lines, lines=[line | {"preload": 5.0}])
     (spring,) = whole.potentials
     assert spring.rest_length == pytest.approx(np.hypot(0.4, 0.7) - 0.05)
     rigid = line | {"frames": ["upper", "upper"]}
     with pytest.raises(InputError, match=r"key lines.1: a line between two points of one link"):
-        whole_of(robot, *START, springs.lines, lines=[rigid])
+        whole_of(robot, *START, passes.lines, lines=[rigid])
 
 
 def test_joints_that_nothing_holds_are_named(robot):
-    steps = (*START, springs.joint_springs, passes.free_joints)
+    steps = (*START, passes.joint_springs, passes.free_joints)
     assert "springs-missing" in codes(whole_of(robot, *steps, passive=["a", "b"]))
 
 

@@ -11,7 +11,7 @@ from tests.inputs.mjcf_tool import SEEDS, compile_here, mutant, verdict
 from cartstiff import analyse, load
 from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.loading.mjcf import reading as mjcf
-from cartstiff.loading.springs import ASSUMED_STIFFNESS
+from cartstiff.loading.passes import ASSUMED_STIFFNESS
 from cartstiff.mechanisms.other_units import in_units
 
 # Central differences of forces known to 1e-16: step^2 and 1e-16 / step, with margin.

@@ -483,7 +483,7 @@ class Posture:
         amount, and the pose of the new rest is found.
     """
 
-    API: ClassVar = ("loading/__init__.py load",)
+    API: ClassVar = ("loading/__init__.py Setup",)
     NEEDS: ClassVar = {"pose_of": "pose"}
     RARE: ClassVar = "pose_of"
 
@@ -509,7 +509,7 @@ class Tool:
     frame : NAME
     """
 
-    API: ClassVar = ("loading/__init__.py load",)
+    API: ClassVar = ("loading/__init__.py Setup",)
     frame: str | None = None
     tcp: Tcp = None
     payload: Payload = None
@@ -525,7 +525,7 @@ class File:
     package_path : FOLDER
     """
 
-    API: ClassVar = ("loading/__init__.py load",)
+    API: ClassVar = ("loading/__init__.py Setup",)
     RARE: ClassVar = "parameters xacro_args package_path"
 
     parameters: Annotated[dict[str, float] | None, Pairs("NAME=VALUE"), "--set"] = None

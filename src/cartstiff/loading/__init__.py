@@ -5,13 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cartstiff.arrays import (
+    checked_number,
+    checked_pose,
+    checked_reach,
+    checked_vector,
+)
 from cartstiff.checked_call import checked
-from cartstiff.errors import InputError, UnknownNameError, one_line
+from cartstiff.errors import (
+    InputError,
+    UnknownArgumentError,
+    UnknownNameError,
+    one_line,
+)
+from cartstiff.geometry import se3
 from cartstiff.loading.catalogue import (
     bundled,
     bundled_files,
@@ -21,28 +33,89 @@ from cartstiff.loading.catalogue import (
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identity import recorded
 from cartstiff.notes import Note
+from cartstiff.units import checked_gravity
 
 if TYPE_CHECKING:
     from cartstiff.loading.yaml_file import Lines
 
 
+class Setup(TypedDict, total=False):
+    """What `load` takes beside the mechanism.
+
+    Attributes
+    ----------
+    frame : str
+        Frame of the body: a link or a site, instead of the file's.
+    locked : mapping of str to float
+        Positions (rad, m) of joints that do not move; for serial arms and closed chains.
+    springs : str
+        Published joint springs by name (see `cartstiff models`), such as
+        "kuka-kr270/klimchik-2013"; your own table (.csv: joint, stiffness [N m/arcmin]);
+        or "actuators": the kp of an MJCF file's position actuators.
+    stiffness, rest : float, mapping of str to float, or array_like
+        Stiffness and rest positions of the joint springs, as in
+        `ElasticMechanism.with_springs`; they replace those of `springs`.
+    tcp : array_like (3,), (6,) or (4, 4)
+        Place of M in the frame. Position and, if wanted, roll, pitch, yaw about fixed
+        axes; or, in Python, the pose.
+    gravity : array_like (3,)
+        Gravity in F [m/s^2], such as 0,0,-9.81, instead of the file's.
+    payload : array_like (1,) or (4,)
+        Mass on the body [kg], and its centre in M; added to that of the file. Without any
+        gravity that of the earth is assumed, along -z of F, and a note says so.
+    xacro_args : mapping of str to str
+        Arguments of a xacro file, by name.
+    package_path : sequence of str or Path
+        Folders in or under which ROS packages are searched, before ROS_PACKAGE_PATH,
+        AMENT_PREFIX_PATH and the folders above the file.
+    parameters : mapping of str to float
+        Values that replace those of the mechanism file's parameters, in its units.
+    """
+
+    frame: str | None
+    locked: Mapping[str, float] | None
+    springs: str | None
+    stiffness: float | str | Mapping[str, float | str] | ArrayLike | None
+    rest: float | Mapping[str, float] | ArrayLike | None
+    tcp: ArrayLike | None
+    gravity: ArrayLike | None
+    payload: ArrayLike | None
+    xacro_args: Mapping[str, str] | None
+    package_path: str | Path | Sequence[str | Path]
+    parameters: Mapping[str, float] | None
+
+
+class ModelSetup(Setup, total=False):
+    """What belongs to Pinocchio's models only.
+
+    Attributes
+    ----------
+    visual : pinocchio.GeometryModel
+        Shapes of the links; default those of the wrapper or the tuple.
+    q : array_like, shape (nq,)
+        Default posture as a configuration of the model; default the wrapper's ``q0``, or
+        a reference configuration of the model ("home", "half_sitting", ..., else the only
+        one).
+    closures : sequence of pinocchio.RigidConstraintModel
+        Loops: ``CONTACT_3D`` ties two points, ``CONTACT_6D`` two frames.
+    actuated : sequence of str
+        Joints with motors, where there are closures.
+    floating : bool
+        Whether a free-flying root moves; by default it is held where `q` has it.
+    name : str
+        Name of the mechanism; default the model's.
+    """
+
+    visual: Any
+    q: ArrayLike | None
+    closures: Sequence[Any]
+    actuated: Sequence[str]
+    floating: bool
+    name: str | None
+
+
 @checked
-def load(
-    source: Any,
-    *,
-    frame: str | None = None,
-    locked: Mapping[str, float] | None = None,
-    springs: str | None = None,
-    stiffness: float | str | Mapping[str, float | str] | ArrayLike | None = None,
-    rest: float | Mapping[str, float] | ArrayLike | None = None,
-    tcp: ArrayLike | None = None,
-    gravity: ArrayLike | None = None,
-    payload: ArrayLike | None = None,
-    xacro_args: Mapping[str, str] | None = None,
-    package_path: Sequence[str | Path] = (),
-    parameters: Mapping[str, float] | None = None,
-    **of_model: Any,
-) -> ElasticMechanism:
+def load(source: Any, **setup: Unpack[ModelSetup]) -> ElasticMechanism:
     """Load a mechanism.
 
     Parameters
@@ -52,35 +125,11 @@ def load(
         MJCF file, XML text, or the name of a robot of example-robot-data ("panda") or of
         robot_descriptions ("ur5e_description"), looked up in this order; or an object of
         Pinocchio: a model, a wrapper, or a tuple (model, collision model, visual model).
-    frame : str, optional
-        Frame of the body: a link or a site, instead of the file's.
-    locked : mapping of str to float, optional
-        Positions (rad, m) of joints that do not move; for serial arms and closed chains.
-    springs : str, optional
-        Published joint springs by name (see `cartstiff models`), such as
-        "kuka-kr270/klimchik-2013"; your own table (.csv: joint, stiffness [N m/arcmin]);
-        or "actuators": the kp of an MJCF file's position actuators.
-    stiffness, rest : float, mapping of str to float, or array_like, optional
-        Stiffness and rest positions of the joint springs, as in
-        `ElasticMechanism.with_springs`; they replace those of `springs`.
-    tcp : array_like (3,), (6,) or (4, 4), optional
-        Place of M in the frame. Position and, if wanted, roll, pitch, yaw about fixed
-        axes; or, in Python, the pose.
-    gravity : array_like (3,), optional
-        Gravity in F [m/s^2], such as 0,0,-9.81, instead of the file's.
-    payload : array_like (1,) or (4,), optional
-        Mass on the body [kg], and its centre in M; added to that of the file. Without any
-        gravity that of the earth is assumed, along -z of F, and a note says so.
-    xacro_args : mapping of str to str, optional
-        Arguments of a xacro file, by name.
-    package_path : sequence of str or Path, optional
-        Folders in or under which ROS packages are searched, before ROS_PACKAGE_PATH,
-        AMENT_PREFIX_PATH and the folders above the file.
-    parameters : mapping of str to float, optional
-        Values that replace those of the mechanism file's parameters, in its units.
-    **of_model
-        For Pinocchio's models, see `cartstiff.loading.pinocchio_model.from_pinocchio`:
-        `visual`, `q`, `closures`, `actuated`, `name`.
+    **setup
+        Keywords of `Setup`: `frame`, `locked`, `springs`, `stiffness`, `rest`, `tcp`,
+        `gravity`, `payload`, `xacro_args`, `package_path`, `parameters`; for Pinocchio's
+        models also those of `ModelSetup`: `visual`, `q`, `closures`, `actuated`,
+        `floating`, `name`.
 
     Returns
     -------
@@ -92,69 +141,86 @@ def load(
     InputError
         With what is wrong, where, what was expected and what was got.
     """
+    for name in setup:
+        if name not in (known := ModelSetup.__annotations__):
+            raise UnknownArgumentError("argument of load", name, known)
+    get, frame = setup.get, setup.get("frame")
+    tcp, payload = get("tcp"), get("payload")
     if frame is not None and not isinstance(frame, str):
         raise InputError("frame is not a name", expected="text", got=frame)
     overrides = {
         "frame": frame,
-        "locked": _positions(locked),
-        **tool_of(tcp, gravity, payload),
+        "locked": _positions(get("locked")),
+        "actuator_springs": get("springs") == "actuators",
+        **tool_of(tcp, get("gravity"), payload),
     }
-    overrides["actuator_springs"] = springs == "actuators"
     if isinstance(source, (str, Path)):
-        if of_model:
-            raise InputError(
-                f"{min(of_model)!r} belongs to Pinocchio's models only",
-                where=one_line(str(source)),
-                expected="frame, locked, stiffness, rest, tcp, gravity, payload",
-            )
-        overrides |= {"parameters": parameters, **_ros_keys(xacro_args, package_path)}
-        with recorded() as files:
-            loaded = _from_name(source, overrides)
-        loaded = replace(loaded, files=tuple(files))
+        loaded = _from_words(source, setup, overrides)
     else:
-        from cartstiff.loading.pinocchio_model import from_pinocchio, is_pinocchio
-
-        if xacro_args or package_path or parameters:
-            raise InputError(
-                "xacro_args, package_path and parameters belong to files",
-                got=type(source).__name__,
-            )
-        if not is_pinocchio(source):
-            raise InputError(
-                "mechanism is neither a name nor a path nor a Pinocchio model",
-                expected="str, Path, pinocchio.Model, RobotWrapper or a tuple of models",
-                got=type(source).__name__,
-            )
-        loaded = from_pinocchio(source, overrides=overrides, **of_model)
+        loaded = _from_object(source, setup, overrides)
+    # What is hung on the body comes after the file's own, then springs by name, by value.
     if tcp is not None and np.size(tcp) == 6:
         from cartstiff.loading.plausible import large_angles
 
-        angles = large_angles(
-            {"the tool's rotation": np.asarray(tcp, float).ravel()[3:].tolist()}
-        )
-        loaded = replace(loaded, notes=(*loaded.notes, *angles))
+        turn = np.asarray(tcp, float).ravel()[3:].tolist()
+        loaded = loaded.with_notes(*large_angles({"the tool's rotation": turn}))
     if payload is not None:
         loaded = loaded.with_payload(*overrides["payload"])
-        if gravity is None:
+        if get("gravity") is None:
             from cartstiff.mechanisms.gravity_loads import with_default_gravity
 
             loaded = with_default_gravity(loaded, overrides["payload"][0])
     body = getattr(loaded.mechanism, "body", None)
     if body is not None:
-        from cartstiff.arrays import checked_reach
-
         checked_reach(body.T_j_f[:3, 3], f"frame {loaded.mechanism.frame!r}")
+    springs = get("springs")
     if springs is not None and springs != "actuators":
         from cartstiff.loading.published import with_named_springs
 
         loaded = with_named_springs(loaded, springs)
-    return loaded.with_springs(stiffness, rest)
+    return loaded.with_springs(get("stiffness"), get("rest"))
+
+
+def _from_words(
+    source: str | Path, setup: ModelSetup, overrides: dict[str, Any]
+) -> ElasticMechanism:
+    """Load what has a name, a path, or XML text."""
+    if of_model := setup.keys() - Setup.__annotations__.keys():
+        raise InputError(
+            f"{min(of_model)!r} belongs to Pinocchio's models only",
+            where=one_line(str(source)),
+            expected="frame, locked, stiffness, rest, tcp, gravity, payload",
+        )
+    ros = _ros_keys(setup.get("xacro_args"), setup.get("package_path", ()))
+    overrides |= {"parameters": setup.get("parameters"), **ros}
+    with recorded() as files:
+        loaded = _from_name(source, overrides)
+    return replace(loaded, files=tuple(files))
+
+
+def _from_object(
+    source: Any, setup: ModelSetup, overrides: dict[str, Any]
+) -> ElasticMechanism:
+    """Load an object of Pinocchio."""
+    from cartstiff.loading.pinocchio_model import is_pinocchio, of_pinocchio
+
+    if any(map(setup.get, ("xacro_args", "package_path", "parameters"))):
+        raise InputError(
+            "xacro_args, package_path and parameters belong to files",
+            got=type(source).__name__,
+        )
+    if not is_pinocchio(source):
+        raise InputError(
+            "mechanism is neither a name nor a path nor a Pinocchio model",
+            expected="str, Path, pinocchio.Model, RobotWrapper or a tuple of models",
+            got=type(source).__name__,
+        )
+    own = {key: x for key, x in setup.items() if key not in Setup.__annotations__}
+    return of_pinocchio(source, overrides, **own)
 
 
 def _positions(locked: Any) -> dict[str, float]:
     """Check the positions of locked joints."""
-    from cartstiff.arrays import checked_number
-
     named = dict(locked or {})
     return {
         name: checked_number(x, f"position of locked {name!r}")
@@ -164,10 +230,6 @@ def _positions(locked: Any) -> dict[str, float]:
 
 def tool_of(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
     """Check tool, gravity and payload; return them as keys of overrides."""
-    from cartstiff.arrays import checked_pose, checked_reach, checked_vector
-    from cartstiff.geometry import se3
-    from cartstiff.units import checked_gravity
-
     keys: dict[str, Any] = {}
     if tcp is not None:
         if np.shape(tcp) == (4, 4):
@@ -190,8 +252,6 @@ def tool_of(tcp: Any, gravity: Any, payload: Any) -> dict[str, Any]:
 
 def _padded(value: Any, least: int, full: int, name: str) -> list[float]:
     """Check `least` or `full` numbers; the missing ones are zero."""
-    from cartstiff.arrays import checked_vector
-
     numbers = checked_vector(value, least if np.size(value) == least else full, name)
     return [*numbers.tolist(), *[0.0] * (full - numbers.size)]
 
@@ -203,13 +263,14 @@ def _ros_keys(arguments: Any, folders: Any) -> dict[str, Any]:
     """
     folders = [folders] if isinstance(folders, (str, Path)) else list(folders)
     keys: dict[str, Any] = {}
+    if arguments and not isinstance(arguments, Mapping):
+        raise InputError(
+            "xacro_args is not a mapping",
+            expected="names and values",
+            got=type(arguments).__name__,
+        )
     if arguments:
-        if not isinstance(arguments, Mapping):
-            raise InputError(
-                "xacro_args is not a mapping",
-                expected="names and values",
-                got=type(arguments).__name__,
-            )
+        # xacro writes truth values in lower case.
         keys["xacro"] = {
             str(k): str(v).lower() if isinstance(v, bool) else str(v)
             for k, v in arguments.items()
@@ -220,9 +281,7 @@ def _ros_keys(arguments: Any, folders: Any) -> dict[str, Any]:
                 "no such folder", where="--package-path", got=one_line(str(folder))
             )
     if folders:
-        keys["package_path"] = [
-            str(Path(folder).expanduser().resolve()) for folder in folders
-        ]
+        keys["package_path"] = [str(Path(f).expanduser().resolve()) for f in folders]
     return keys
 
 
@@ -233,43 +292,45 @@ def _from_name(source: str | Path, overrides: dict[str, Any]) -> ElasticMechanis
     from cartstiff.loading.yaml_file import read_yaml
 
     text = str(source)
+    if isinstance(source, str) and text.lstrip().startswith("<"):
+        return _from_robot(text, "robot", overrides)
+    path = _path_of(text)
+    suffix = path.suffix.lower()
+    file = bundled(text) or (path if suffix in (".yaml", ".yml") else None)
+    if file is not None:
+        return from_data(*read_yaml(file), file, overrides)
+    if suffix in robot_files():
+        return _from_robot(str(path), path.stem.removesuffix(".urdf"), overrides)
+    robots, exists = example_robots(), path.exists()
+    if text in robots or (is_description_name(text) and not exists):
+        return _from_robot(text, text, overrides)
+    if exists:
+        expected = ".yaml, .urdf, .xacro or MJCF .xml"
+        if suffix == ".csv":
+            expected += "; a DH table goes into a .yaml as 'dh: {table: ...}'"
+        what = "is a directory" if path.is_dir() else "unknown kind of file"
+        raise InputError(what, where=one_line(text), expected=expected)
+    if not robots and text.isidentifier():
+        # Its error says how to install the robots that may have this name.
+        example_robot(text)
+    also = " (see `cartstiff models`), or a file: .yaml, .urdf, .xacro, MJCF .xml"
+    raise UnknownNameError("mechanism", text, [*bundled_files(), *robots], also=also)
+
+
+def _path_of(text: str) -> Path:
+    """Path of a text that the system can look for."""
     if not text.strip() or "\0" in text:
         raise InputError(
             "mechanism has no name", expected="a name or a path", got=repr(text)
         )
-    if isinstance(source, str) and text.lstrip().startswith("<"):
-        return _from_robot(text, "robot", overrides)
     try:
         path = Path(text).expanduser()
-        exists = path.exists()
+        path.exists()
     except (RuntimeError, OSError) as error:
         raise InputError(
             "not a usable path", where=one_line(text), got=str(error)
         ) from None
-    file = bundled(text)
-    if file is not None:
-        return from_data(*read_yaml(file), file, overrides)
-    suffix = path.suffix.lower()
-    if suffix in (".yaml", ".yml"):
-        return from_data(*read_yaml(path), path, overrides)
-    if suffix in robot_files():
-        return _from_robot(str(path), path.stem.removesuffix(".urdf"), overrides)
-    robots = example_robots()
-    if text in robots or (is_description_name(text) and not exists):
-        return _from_robot(text, text, overrides)
-    if exists:
-        raise InputError(
-            "is a directory" if path.is_dir() else "unknown kind of file",
-            where=one_line(text),
-            expected=".yaml, .urdf, .xacro or MJCF .xml"
-            + "; a DH table goes into a .yaml as 'dh: {table: ...}'" * (suffix == ".csv"),
-        )
-    if not robots and text.isidentifier():
-        example_robot(
-            text
-        )  # its error says how to install the robots that may have this name
-    also = " (see `cartstiff models`), or a file: .yaml, .urdf, .xacro, MJCF .xml"
-    raise UnknownNameError("mechanism", text, [*bundled_files(), *robots], also=also)
+    return path
 
 
 def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMechanism:
@@ -280,21 +341,19 @@ def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMech
     from cartstiff.loading.schema import SerialFile
 
     where = "XML text" if model.lstrip().startswith("<") else one_line(model)
-    if overrides.get("parameters"):
-        got = ", ".join(overrides["parameters"])
+    if parameters := overrides.get("parameters"):
         raise InputError(
             "parameters belong to mechanism files",
             where=where,
             expected="a .yaml file",
-            got=got,
+            got=", ".join(parameters),
         )
     alone = SerialFile.model_construct(kind="serial", model=model)
     with places_in(where):
         serial = with_overrides(alone, overrides)
-        robot = robot_of(serial, None)
-        notes = []
-        if (field := robot.gravity) is not None and serial.gravity is None:
-            gravity = field.tolist()
+        robot, notes = robot_of(serial, None), list[Note]()
+        if robot.gravity is not None and serial.gravity is None:
+            gravity = robot.gravity.tolist()
             serial = serial.model_copy(update={"gravity": gravity})
             shown = ", ".join(f"{g:g}" for g in gravity)
             words = f"gravity ({shown}) m/s^2 acts, as the file says"
@@ -469,9 +528,6 @@ def parallel(
 
 
 def _numbers(pose: ArrayLike) -> list[float]:
-    from cartstiff.arrays import checked_pose, checked_vector
-    from cartstiff.geometry import se3
-
     if np.shape(pose) == (4, 4):
         T = checked_pose(pose, "pose")
         return [*T[:3, 3].tolist(), *se3.roll_pitch_yaw(T).tolist()]

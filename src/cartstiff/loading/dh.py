@@ -12,6 +12,7 @@ of a modified row are those that Craig numbers i-1.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -54,51 +55,60 @@ def read_dh_table(path: Path) -> list[DHJoint]:
     InputError
         With file and line.
     """
-    cells, heads = (
-        read_cells(path, "rows of the DH table"),
-        list[tuple[str, str | None, float]](),
-    )
-    for cell in cells.names:
-        name, kind, size = head_of(cell, cells.place)
-        check_name("column", name, _COLUMNS, cells.place)
-        if kind not in (kinds := _COLUMNS[name] or (None,)):
-            units = ", ".join(str(unit) for k in kinds for unit in UNITS.get(str(k), ()))
-            expected = f"{name} [unit], one of {units}" if units else name
-            raise InputError(
-                f"column {cell!r} cannot be used", where=cells.place, expected=expected
-            )
-        heads.append((name, kind, size))
+    cells = read_cells(path, "rows of the DH table")
+    heads = [_column(cell, cells.place) for cell in cells.names]
     rows = []
     for line, place in zip(cells.rows, cells.places, strict=True):
         row: dict[str, Any] = {}
         limits: dict[str, tuple[str, float]] = {}
         for (name, kind, size), text in zip(heads, line, strict=True):
+            if not text:
+                continue
             if kind is None:
-                row["name" if name == "joint" else name] = text or None
-            elif text:
-                value = float(parse_numbers(text, f"{place}, column {name}", 1)[0]) * size
-                if name in ("lower", "upper"):
-                    limits[name] = kind, value
-                else:
-                    row[name] = value
-        slides = row.get("type") == "prismatic"
+                row["name" if name == "joint" else name] = text
+                continue
+            value = parse_numbers(text, f"{place}, column {name}", 1)[0] * size
+            if name in ("lower", "upper"):
+                limits[name] = kind, value
+            else:
+                row[name] = value
         if limits:
-            given = {kind for kind, _ in limits.values()}
-            if len(limits) != 2 or given != {"length" if slides else "angle"}:
-                raise InputError(
-                    "limits do not fit the joint",
-                    where=place,
-                    expected=f"lower and upper, {'a length' if slides else 'an angle'} "
-                    "each",
-                )
-            row["limits"] = [limits["lower"][1], limits["upper"][1]]
+            row["limits"] = _limits(limits, row.get("type") == "prismatic", place)
         try:
-            rows.append(
-                DHJoint.model_validate({k: v for k, v in row.items() if v is not None})
-            )
+            rows.append(DHJoint.model_validate(row))
         except ValidationError as error:
             raise first_error(error, row, {}, place, ("row",)) from None
     return rows
+
+
+def _column(cell: str, place: str) -> tuple[str, str | None, float]:
+    """Name of a column, kind of its unit, and its factor to m or rad."""
+    name, kind, size = head_of(cell, place)
+    check_name("column", name, _COLUMNS, place)
+    kinds = _COLUMNS[name]
+    if kind not in (kinds or (None,)):
+        expected = name
+        if kinds:
+            units = ", ".join(unit for k in kinds for unit in UNITS[k])
+            expected = f"{name} [unit], one of {units}"
+        raise InputError(
+            f"column {cell!r} cannot be used", where=place, expected=expected
+        )
+    return name, kind, size
+
+
+def _limits(
+    given: Mapping[str, tuple[str, float]], slides: bool, place: str
+) -> list[float]:
+    """Limits of a joint by column: kinds of their units, and numbers."""
+    kind, words = ("length", "a length") if slides else ("angle", "an angle")
+    if len(given) != 2 or {own for own, _ in given.values()} != {kind}:
+        raise InputError(
+            "limits do not fit the joint",
+            where=place,
+            expected=f"lower and upper, {words} each",
+        )
+    return [given["lower"][1], given["upper"][1]]
 
 
 def dh_description(table: DHModel, folder: Path, floating: bool) -> RobotDescription:
@@ -113,20 +123,17 @@ def dh_description(table: DHModel, folder: Path, floating: bool) -> RobotDescrip
     rows = table.joints
     if rows is None:
         rows = read_dh_table(folder / Path(table.table or "").expanduser())
-    model = pin.Model()
+    model, joint = pin.Model(), 0
     model.name = "DH table"
-    joint = (
-        model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
-        if floating
-        else 0
-    )
+    if floating:
+        joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
     model.addFrame(_frame("base", joint, np.eye(4)))
     T, links = np.eye(4), ["world", "base"]
     length, angle = UNITS["length"][table.units.length], UNITS["angle"][table.units.angle]
     for i, row in enumerate(rows, start=1):
-        moves = row.type != "fixed"
-        name = row.name or (f"j{i}" if moves else f"link{i}")
-        link = f"link{i}" if moves else name
+        moves, slides = row.type != "fixed", row.type == "prismatic"
+        link = f"link{i}" if moves else row.name or f"link{i}"
+        name = row.name or (f"j{i}" if moves else link)
         if link in links or name in model.names:
             raise InputError(
                 "two rows have one name", where=f"key dh.joints.{i}", got=repr(name)
@@ -136,23 +143,20 @@ def dh_description(table: DHModel, folder: Path, floating: bool) -> RobotDescrip
             [row.a * length, 0, 0], [row.alpha * angle, 0, 0]
         )
         along = se3.from_roll_pitch_yaw([0, 0, row.d * length], [0, 0, row.theta * angle])
-        before, after = (
-            (across @ along, np.eye(4))
-            if table.convention == "modified"
-            else (along, across)
-        )
-        T = T @ before
+        # A joint is along z between what comes before and after it.
+        parts = [along, across]
+        if table.convention == "modified":
+            parts = [across @ along, np.eye(4)]
+        T = T @ parts[0]
         if moves:
-            slides = row.type == "prismatic"
             kind = pin.JointModelPZ() if slides else pin.JointModelRZ()
-            limits = np.array(row.limits or [-np.inf, np.inf]) * (
-                length if slides else angle
-            )
+            limits = np.array(row.limits or [-np.inf, np.inf])
+            limits *= length if slides else angle
             joint = add_joint(model, joint, kind, T, name, limits)
             T = np.eye(4)
-        T = T @ after
+        T = T @ parts[1]
         model.addFrame(_frame(link, joint, T))
-    if not any(row.type != "fixed" for row in rows):
+    if model.njoints == 1 + floating:
         raise InputError("robot has no movable joints", where="key dh.joints")
     weightless = ("masses of the links, which a DH table does not have",)
     return RobotDescription(model, pieces=(), weightless=weightless)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import pinocchio as pin
@@ -18,11 +18,8 @@ from cartstiff.arrays import Array, checked_vector
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
-from cartstiff.loading.description import (
-    Followers,
-    RobotDescription,
-    successive_turns,
-)
+from cartstiff.loading import ModelSetup, load
+from cartstiff.loading.description import Followers, RobotDescription, successive_turns
 from cartstiff.loading.mechanism_file import places_in
 from cartstiff.loading.overrides import with_overrides
 from cartstiff.loading.passes import one_robot
@@ -48,19 +45,9 @@ def is_pinocchio(source: object) -> bool:
 
 @checked
 def from_pinocchio(
-    model: Any,
-    visual: Any = None,
-    *,
-    frame: str | None = None,
-    q: ArrayLike | None = None,
-    locked: Mapping[str, float] | None = None,
-    closures: Sequence[Any] = (),
-    actuated: Sequence[str] = (),
-    floating: bool = False,
-    name: str | None = None,
-    overrides: Mapping[str, Any] | None = None,
+    model: Any, visual: Any = None, **setup: Unpack[ModelSetup]
 ) -> ElasticMechanism:
-    """Build the elastic mechanism of a Pinocchio model.
+    """Build the elastic mechanism of a Pinocchio model, as `cartstiff.load` does.
 
     Joint stiffnesses are assumed, as for a URDF; give them with
     `ElasticMechanism.with_springs`.
@@ -72,25 +59,9 @@ def from_pinocchio(
         it, or (model, visual model). Not changed.
     visual : pinocchio.GeometryModel, optional
         Shapes of the links; default those of the wrapper or the tuple.
-    frame : str, optional
-        Frame of interest M, by the name of a frame of the model; default the one at the
-        end of the longest chain.
-    q : array_like, shape (nq,), optional
-        Default posture as a configuration of the model; default the wrapper's ``q0``, or
-        a reference configuration of the model ("home", "half_sitting", ..., else the only
-        one).
-    locked : mapping of str to float, optional
-        Positions (rad, m) of joints that do not move.
-    closures : sequence of pinocchio.RigidConstraintModel
-        Loops: ``CONTACT_3D`` ties two points, ``CONTACT_6D`` two frames.
-    actuated : sequence of str
-        Joints with motors, where there are closures.
-    floating : bool
-        Whether a free-flying root moves; by default it is held where `q` has it.
-    name : str, optional
-        Name of the mechanism; default the model's.
-    overrides : mapping, optional
-        Other keys of `cartstiff.loading.overrides.with_overrides`: "tcp", "gravity".
+    **setup
+        `frame`, `q`, `locked`, `closures`, `actuated`, `floating`, `name`, `tcp`,
+        `gravity` and others, see `cartstiff.loading.ModelSetup`.
 
     Raises
     ------
@@ -99,18 +70,34 @@ def from_pinocchio(
     UnknownNameError
         For a frame or joint that the model does not have.
     """
-    keys = {"frame": frame, "locked": dict(locked or {}), **(overrides or {})}
-    locked, wrapper = keys["locked"], None
-    if isinstance(model, pin.RobotWrapper):
-        wrapper, model, visual = model, model.model, visual or model.visual_model
-    elif isinstance(model, tuple):
-        model, visual = model[0], visual or (model[-1] if len(model) > 1 else None)
-    if not isinstance(model, pin.Model):
+    if not is_pinocchio(model):
         raise InputError(
             "not a Pinocchio model",
             expected="pinocchio.Model, RobotWrapper or a tuple of models",
             got=type(model).__name__,
         )
+    return load(model, visual=visual, **setup)
+
+
+def of_pinocchio(
+    model: Any,
+    overrides: Mapping[str, Any],
+    visual: Any = None,
+    q: ArrayLike | None = None,
+    closures: Sequence[Any] = (),
+    actuated: Sequence[str] = (),
+    floating: bool = False,
+    name: str | None = None,
+) -> ElasticMechanism:
+    """Build the mechanism of an object of Pinocchio with overrides.
+
+    The other parameters are those of `cartstiff.loading.ModelSetup`.
+    """
+    wrapper = None
+    if isinstance(model, pin.RobotWrapper):
+        wrapper, model, visual = model, model.model, visual or model.visual_model
+    elif isinstance(model, tuple):
+        model, visual = model[0], visual or (model[-1] if len(model) > 1 else None)
     if visual is not None and not isinstance(visual, pin.GeometryModel):
         raise InputError(
             "not a geometry model",
@@ -119,6 +106,7 @@ def from_pinocchio(
         )
     name = name or model.name or "pinocchio model"
     where = f"Pinocchio model {name!r}"
+    # The model becomes the description that the readers of files return.
     configuration, notes = _configuration(model, wrapper, q)
     own, mimics = _with_plain_joints(model)
     ties = [_tie(own, closure, i, where) for i, closure in enumerate(closures)]
@@ -127,7 +115,7 @@ def from_pinocchio(
     held = frozenset() if floating else _hold_root(own, model, configuration, notes)
     description = RobotDescription(own, pieces=tuple(pieces), held=held, followers=mimics)
     posture = {} if configuration is None else _positions(model, configuration, mimics)
-    posture = {joint: value for joint, value in posture.items() if joint not in locked}
+    posture = {n: x for n, x in posture.items() if n not in overrides["locked"]}
     if not ties and actuated:
         raise InputError(
             "actuated joints are named, but there are no closures",
@@ -138,7 +126,8 @@ def from_pinocchio(
         says: dict[str, Any] = {"model": name}
         if ties:
             says |= {"closures": ties, "actuated": list(actuated)}
-        file = with_overrides(_empty_file(bool(ties)).model_copy(update=says), keys)
+        empty = _empty_file(bool(ties)).model_copy(update=says)
+        file = with_overrides(empty, overrides)
         return one_robot(description, file, name, notes, posture=posture)
 
 
@@ -147,9 +136,8 @@ def _configuration(
 ) -> tuple[Array | None, list[Note]]:
     """The given posture, or that of the model with a note on it."""
     if q is not None:
-        return checked_vector(
-            q, model.nq, "q (a configuration of the Pinocchio model)"
-        ), []
+        what = "q (a configuration of the Pinocchio model)"
+        return checked_vector(q, model.nq, what), []
     if wrapper is not None and np.asarray(wrapper.q0).shape == (model.nq,):
         note = Note("default-posture", "no posture was given: the wrapper's q0 is taken")
         return np.array(wrapper.q0, float), [note]

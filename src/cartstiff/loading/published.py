@@ -47,51 +47,45 @@ def with_named_springs(
     InputError
         For a set that must not be used, or of an arm with other joints; UnknownNameError.
     """
-    known = elastic.mechanism.joint_names
-    joints = [c for c in elastic.mechanism.coordinates if c.name in known]
     if elastic.spring_names != elastic.names:
         raise InputError(
             "is for mechanisms with joints", where=where, expected="--stiffness"
         )
-    numbered = {str(i): c.name for i, c in enumerate(joints, start=1)}
-    numbered |= {c.name: c.name for c in joints}
-    is_table = Path(name).suffix.lower() == ".csv"
-    if is_table:
+    known, beyond = elastic.mechanism.joint_names, elastic.beyond
+    joints = [c for c in elastic.mechanism.coordinates if c.name in known]
+    # Joints may be named by their numbers, also those beyond the frame.
+    names = {str(i): c.name for i, c in enumerate(joints, start=1)}
+    last = len(names) + len(beyond)
+    outside = {*beyond, *map(str, range(len(names) + 1, last + 1))}
+    if Path(name).suffix.lower() == ".csv":
         about: dict[str, Any] = {
             "robot": elastic.name,
             "method": "a table",
             "source": name,
         }
-        stiffness = _table((folder or Path()) / Path(name).expanduser(), numbered)
+        stiffness, grade = _table((folder or Path()) / Path(name).expanduser(), names), ""
     else:
-        check_name("springs", name, published_springs(), where)
-        about = dict(published_springs()[name])
-        if "refused" in about:
-            raise InputError(
-                f"{name!r} is not to be used: {about['refused']}", where=where
-            )
-        more = about["joints"] - len(joints)
-        if not 0 <= more <= len(elastic.beyond) or any(c.is_length for c in joints):
+        about = _published(name, where)
+        fits = len(names) <= about["joints"] <= last
+        if not fits or any(c.is_length for c in joints):
             raise InputError(
                 f"{name!r} is of an arm with {about['joints']} turning joints",
                 where=where,
-                got=", ".join(c.name for c in joints),
+                got=", ".join(names.values()),
             )
         stiffness = {
-            numbered.get(joint, joint): GivenStiffness.read(f"{k} N m/rad")
+            names.get(joint, joint): GivenStiffness.read(f"{k} N m/rad")
             for joint, k in about["stiffness"].items()
         }
-    last = len(joints) + len(elastic.beyond)
-    beyond = {*elastic.beyond, *(str(i) for i in range(len(joints) + 1, last + 1))}
-    left_out = [joint for joint in stiffness if joint in beyond]
-    stiffness = {joint: k for joint, k in stiffness.items() if joint not in beyond}
+        grade = f"grade {about['grade']} ({GRADES[about['grade']]}), "
+    left_out = [joint for joint in stiffness if joint in outside]
+    stiffness = {joint: k for joint, k in stiffness.items() if joint not in outside}
     try:
         elastic = elastic.with_springs(stiffness)
     except InputError as error:
         place = where if where.startswith("key") else f"{where} {name}"
         raise error.moved_to(place) from None
-    missing = [c.name for c in joints if c.name not in stiffness]
-    grade = "" if is_table else f"grade {about['grade']} ({GRADES[about['grade']]}), "
+    missing = [c for c in names.values() if c not in stiffness]
     words = f"springs {name} ({about['robot']}): {grade}method: {about['method']}; "
     words += "; ".join(about[key] for key in ("source", "warning") if key in about)
     if missing:
@@ -101,6 +95,17 @@ def with_named_springs(
         words += ", ".join(left_out)
     values = {"name": name, **about, "stiffness": stiffness, "without_value": missing}
     return elastic.with_notes(Note("published-springs", words, values))
+
+
+def _published(name: str, where: str) -> dict[str, Any]:
+    """Return a bundled set that may be used."""
+    every = published_springs()
+    check_name("springs", name, every, where)
+    if "refused" in every[name]:
+        raise InputError(
+            f"{name!r} is not to be used: {every[name]['refused']}", where=where
+        )
+    return dict(every[name])
 
 
 def _table(path: Path, numbered: Mapping[str, str]) -> dict[str, float]:

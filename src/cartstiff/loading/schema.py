@@ -576,7 +576,7 @@ def _entry(value: Any, row: int, column: int, info: ValidationInfo) -> Any:
     """Entry of a stiffness without the unit that it may have on one of both blocks."""
     if not isinstance(value, str):
         return value
-    given, place = GivenStiffness.read(value), f"{row + 1}.{column + 1}"
+    given = GivenStiffness.read(value, place := f"{row + 1}.{column + 1}")
     if (row < 3) != (column < 3):
         expected = "a number: of its own unit none is read here"
         raise InputError("no stiffness", where=place, expected=expected, got=repr(value))

@@ -12,7 +12,6 @@ import re
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
@@ -46,14 +45,11 @@ class Rows(NamedTuple):
         Names of the columns, where the file begins with a line of words.
     place : str
         File and line of the names, or else of the first row.
-    factors : mapping of str to float
-        Factors of columns without names, by the names that a layout gives them.
     """
 
     values: Array
     names: tuple[str, ...] | None
     place: str
-    factors: Mapping[str, float] = MappingProxyType({})
 
     def arranged(
         self, *layouts: tuple[str, ...]
@@ -69,42 +65,37 @@ class Rows(NamedTuple):
         InputError
             If none fits.
         """
-        width = self.values.shape[1]
-        if self.names is None and sum(len(own) == width for own in {*layouts}) > 1:
+        width, names = self.values.shape[1], self.names
+        if names is None:
+            fitting = [own for own in {*layouts} if len(own) == width]
+            if len(fitting) > 1:
+                raise InputError(
+                    "numbers without names fit two layouts",
+                    where=self.place,
+                    expected="a line of names",
+                )
+            if fitting:
+                return fitting[0], self.values, ()
+            shapes = (f"{len(own)} numbers ({', '.join(own)})" for own in layouts)
+            expected = ", or ".join(dict.fromkeys(shapes))
             raise InputError(
-                "numbers without names fit two layouts",
-                where=self.place,
-                expected="a line of names",
+                "wrong count", where=self.place, expected=expected, got=str(width)
             )
         wanted = {name for layout in layouts for name in layout}
+        # The longest layout is tried first, so that no column of it is left over.
         for layout in sorted(layouts, key=len, reverse=True):
-            if self.names is None and len(layout) == width:
-                return (
-                    layout,
-                    self.values * [self.factors.get(n, 1.0) for n in layout],
-                    (),
-                )
-            if self.names is not None and set(layout) <= set(self.names):
-                more = tuple(name for name in self.names if name not in layout)
-                if not any(
-                    n in wanted or get_close_matches(n, wanted - {*layout}) for n in more
-                ):
-                    columns = [self.names.index(name) for name in layout]
-                    return layout, self.values[:, columns], more
-        if self.names is not None:
-            expected = " or ".join(dict.fromkeys(", ".join(layout) for layout in layouts))
-            raise InputError(
-                "columns do not fit",
-                where=self.place,
-                expected=expected,
-                got=", ".join(self.names),
-            )
-        shapes = dict.fromkeys(
-            f"{len(layout)} numbers ({', '.join(layout)})" for layout in layouts
-        )
-        expected = ", or ".join(shapes)
+            more = tuple(name for name in names if name not in layout)
+            others = wanted - {*layout}
+            if {*layout} <= {*names} and not any(
+                n in wanted or get_close_matches(n, others) for n in more
+            ):
+                columns = [names.index(name) for name in layout]
+                return layout, self.values[:, columns], more
         raise InputError(
-            "wrong count", where=self.place, expected=expected, got=str(width)
+            "columns do not fit",
+            where=self.place,
+            expected=" or ".join(dict.fromkeys(", ".join(own) for own in layouts)),
+            got=", ".join(names),
         )
 
 
@@ -124,19 +115,18 @@ def along_axes(names: tuple[str, ...], place: str) -> tuple[tuple[str, ...], Axe
     """
     named = [_ALONG.fullmatch(name) for name in names]
     bare = tuple(m[1] if m else name for m, name in zip(named, names, strict=True))
-    axes = {
-        m[2] if m else None
-        for m, name in zip(named, bare, strict=True)
-        if name in (*WRENCH, *DIRECTION)
+    along = {
+        name: m and m[2]
+        for name, own, m in zip(names, bare, named, strict=True)
+        if own in (*WRENCH, *DIRECTION)
     }
+    axes = {*along.values()}
     if len(axes) > 1:
         raise InputError(
             "loads and directions are along different axes",
             where=place,
             expected="the same axes for all",
-            got=", ".join(
-                n for n, b in zip(names, bare, strict=True) if b in (*WRENCH, *DIRECTION)
-            ),
+            got=", ".join(along),
         )
     _refuse_twice(bare, place)
     return bare, cast("Axes | None", next(iter(axes), None))
@@ -198,23 +188,22 @@ def read_cells(
     InputError
         With file and line: no line of names, no rows, a row of another length.
     """
-    where, separator = one_line(str(path)), ","
-    names: tuple[str, ...] | None = None
-    begin, rows, places = where, list[list[str]](), list[str]()
-    for n, (place, line) in enumerate(_lines(path, largest)):
-        if n == 0:
-            begin, separator = place, _separator(line)
-            names = _names(line, place, separator)
-            if names is not None:
-                continue
-            if not nameless:
-                raise InputError(
-                    "no line of names", where=begin, expected="names of the columns first"
-                )
+    where = one_line(str(path))
+    lines = [*_lines(path, largest)]
+    begin, first = lines[0] if lines else (where, "")
+    separator = _separator(first)
+    # The first line has the names, or is the first row.
+    names = _names(first, begin, separator) if lines else ()
+    if names is None and not nameless:
+        raise InputError(
+            "no line of names", where=begin, expected="names of the columns first"
+        )
+    rows, places = list[list[str]](), list[str]()
+    for place, line in lines[1:] if names else lines:
         cells = _cells(line, separator)
         if separator != ",":
             cells = _with_points(cells, place)
-        width = len(names) if names else len(rows[0]) if rows else len(cells)
+        width = len(names or (rows or [cells])[0])
         if separator == "," and line.count(",") == 2 * width - 1 > 1:
             raise InputError(
                 "commas between numbers and in them, it seems",
@@ -224,12 +213,8 @@ def read_cells(
             )
         if len(cells) != width:
             kind = "numbers" if nameless else "cells"
-            raise InputError(
-                "wrong count",
-                where=place,
-                expected=f"{width} {kind}",
-                got=str(len(cells)),
-            )
+            expected, got = f"{width} {kind}", str(len(cells))
+            raise InputError("wrong count", where=place, expected=expected, got=got)
         rows.append(cells)
         places.append(place)
     if not rows:
@@ -264,18 +249,14 @@ def cells_of(table: Any, what: str, joints: tuple[str, ...] = ()) -> Cells:
     """
     where = f"{type(table).__name__} of {what}"
     if isinstance(table, Mapping):
-        names, columns = (
-            [*table],
-            [np.asarray(column, object) for column in table.values()],
-        )
-        lengths = {
-            name: len(c) if c.ndim == 1 else -1
-            for name, c in zip(names, columns, strict=True)
-        }
-        if -1 in lengths.values() or len({*lengths.values()}) > 1:
-            expected = "columns of one length"
+        names, columns = [*table], [np.asarray(c, object) for c in table.values()]
+        lengths = [len(c) if c.ndim == 1 else -1 for c in columns]
+        if -1 in lengths or len({*lengths}) > 1:
             raise InputError(
-                "columns do not fit", where=where, expected=expected, got=lengths
+                "columns do not fit",
+                where=where,
+                expected="columns of one length",
+                got=dict(zip(names, lengths, strict=True)),
             )
         rows = [list(row) for row in zip(*columns, strict=True)]
     else:
@@ -377,7 +358,6 @@ def read_rows(
     what: str,
     largest: int = LARGEST,
     units: Units = SI,
-    factors: Mapping[str, float] = MappingProxyType({}),
     joints: tuple[str, ...] = (),
 ) -> Rows:
     """Read rows of numbers from a file; words in the first line are the names of
@@ -389,8 +369,6 @@ def read_rows(
         As in `read_cells`.
     units : Units
         Units of the returned lengths and forces.
-    factors : mapping of str to float
-        Factors of columns whose head has no unit, by name: pi/180 for angles in degrees.
 
     Raises
     ------
@@ -399,10 +377,10 @@ def read_rows(
     """
     cells = read_cells(path, what, largest, joints, nameless=True)
     heads = [named_unit(head, units, cells.place) for head in cells.names]
-    names = tuple(name for name, _ in heads) or None
-    _refuse_twice(names or (), cells.place)
-    sizes = [factors.get(n, 1.0) if f is None else f for n, f in heads]
-    return Rows(cells.numbers() * (sizes or 1.0), names, cells.place, factors)
+    names = tuple(name for name, _ in heads)
+    _refuse_twice(names, cells.place)
+    sizes = [1.0 if factor is None else factor for _, factor in heads] or 1.0
+    return Rows(cells.numbers() * sizes, names or None, cells.place)
 
 
 _ROUND = re.compile(

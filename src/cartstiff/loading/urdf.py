@@ -15,7 +15,6 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
-from functools import partial
 from graphlib import CycleError, TopologicalSorter
 from typing import Literal
 
@@ -46,9 +45,6 @@ MOST_MOVING = 200
 _AXIAL_TYPES = {"revolute", "continuous", "prismatic"}
 _LIMITED_TYPES = ("revolute", "prismatic")
 _JOINT_TYPES = {*_AXIAL_TYPES, "fixed", "floating", "planar"}
-#: Makes an error with the file's name in front.
-Refuse = Callable[..., InputError]
-
 _VERSIONS = ("1.0", "1.1", "1.2")
 
 
@@ -139,12 +135,9 @@ class _Robot:
         Joints that an actuator drives.
     """
 
-    def __init__(self, root: ET.Element, refuse: Refuse) -> None:
-        self.refuse = refuse
-        self.links, self.joints = (
-            _named(root, "link", refuse),
-            _named(root, "joint", refuse),
-        )
+    def __init__(self, root: ET.Element, where: str) -> None:
+        self.where = where
+        self.links, self.joints = (_named(root, tag) for tag in ("link", "joint"))
         self.carrier: dict[str, tuple[str, str]] = {}
         self.springs: dict[str, FileSpring] = {}
         self.mimics: Followers = {}
@@ -183,7 +176,8 @@ class _Robot:
 
     def leave_out(self, joint: str, error: InputError) -> None:
         """Record the fault of a joint."""
-        self.obstacles.append(Obstacle(error.what, frozenset({joint}), error=error))
+        at = error.at(self.where)
+        self.obstacles.append(Obstacle(error.what, frozenset({joint}), error=at))
 
     def attempt(self, joint: str, read: Callable[..., None], *arguments: object) -> None:
         """Read a part of a joint; a refusal becomes the joint's own fault."""
@@ -222,24 +216,24 @@ class _Robot:
         for tag in reader.mechanical.get(name, ()):
             expected = f"in a mechanism file: springs: {{{name}: {{stiffness: ...}}}}"
             self.leave_out(
-                name, self.refuse(f"{what}: <{tag}> cannot be read", expected=expected)
+                name, InputError(f"{what}: <{tag}> cannot be read", expected=expected)
             )
 
     def _attach(self, name: str) -> None:
         """Attach a joint's child to its parent."""
-        refuse, ends = self.refuse, []
+        ends = []
         for end in ("parent", "child"):
             element = self.joints[name].find(end)
             link = None if element is None else element.get("link")
             if not link:
-                raise refuse(f"joint {name!r} has no {end} link")
+                raise InputError(f"joint {name!r} has no {end} link")
             if link not in self.links:
                 what = f"joint {name!r} names a {end} link that does not exist"
-                raise refuse(what, got=repr(link))
+                raise InputError(what, got=repr(link))
             ends.append(link)
         parent, child = ends
         if child in self.carrier:
-            raise refuse(
+            raise InputError(
                 f"link {child!r} has two parent joints",
                 expected="a tree: leave one of both out, give its side a link of its own "
                 "at that "
@@ -249,7 +243,7 @@ class _Robot:
                 got=f"the second is {name!r}",
             )
         if parent == child:
-            raise refuse(f"joint {name!r} joins link {child!r} to itself")
+            raise InputError(f"joint {name!r} joins link {child!r} to itself")
         self.carrier[child] = name, parent
 
     def _type_of(self, name: str, axis: ET.Element | None) -> str:
@@ -257,14 +251,14 @@ class _Robot:
         kind, what = self.joints[name].get("type"), f"joint {name!r}"
         if kind not in _JOINT_TYPES:
             expected = ", ".join(sorted(_JOINT_TYPES))
-            raise self.refuse(
+            raise InputError(
                 f"{what} has an unknown type", expected=expected, got=kind or "none"
             )
         if axis is not None and kind in (*_AXIAL_TYPES, "planar"):
             if axis.get("xyz") is None:
-                raise self.refuse(f"{what}: axis has no xyz", expected="<axis xyz=...>")
+                raise InputError(f"{what}: axis has no xyz", expected="<axis xyz=...>")
             if math.hypot(*_floats(axis, "xyz", "")) < numerics.NEGLIGIBLE_DIFFERENCE:
-                raise self.refuse(f"{what} has a zero axis")
+                raise InputError(f"{what} has a zero axis")
         return str(kind)
 
     def _read_plane(self, name: str, element: ET.Element | None) -> None:
@@ -290,7 +284,7 @@ class _Robot:
                 _floats(element, key, "0") for key in ("lower", "upper")
             )
             if lower > upper:
-                raise self.refuse(
+                raise InputError(
                     f"joint {name!r}: limits are the wrong way round",
                     expected="lower <= upper",
                     got=f"{lower:g}, {upper:g}",
@@ -308,40 +302,37 @@ class _Robot:
             for damping in _floats(element, "damping", ""):
                 if damping < 0.0:
                     words = f"joint {name!r}: damping is negative"
-                    raise self.refuse(words, expected="zero or more", got=f"{damping:g}")
+                    raise InputError(words, expected="zero or more", got=f"{damping:g}")
                 ET.SubElement(joint, "dynamics", damping=repr(damping))
 
     def _read_spring(self, name: str, values: Mapping[str, str]) -> None:
         """Read the spring of a joint from a simulator's extension, where it has one."""
-        what, refuse = f"joint {name!r}", self.refuse
-        found = {}
+        what, found = f"joint {name!r}", {}
         for key, text in values.items():
             for pattern in (_STIFFNESS, _REFERENCE):
                 if pattern.fullmatch(key):
-                    found[pattern] = numbers_in(
-                        text.strip(), 1, f"{what}: {key}", refuse
-                    )[0]
+                    (found[pattern],) = numbers_in(text, 1, f"{what}: {key}")
             if key.lower() == "stiffness":
                 entry = f"{{{name}: {{stiffness: {text.strip()}}}}}"
-                raise refuse(
+                raise InputError(
                     f"{what}: 'stiffness' is no word of URDF",
                     expected=f"in a mechanism file: springs: {entry}",
                 )
         if not (k := found.get(_STIFFNESS, 0.0)):
             return
         if k < 0.0:
-            raise refuse(
+            raise InputError(
                 f"{what}: stiffness is negative", expected="zero or more", got=f"{k:g}"
             )
         if (kind := self.joints[name].get("type")) not in _AXIAL_TYPES:
-            raise refuse(
+            raise InputError(
                 f"{what} has a spring and several coordinates",
                 expected="a revolute, continuous or prismatic joint",
                 got=kind,
             )
         spring = FileSpring((k,), found.get(_REFERENCE, 0.0))
         if self.springs.setdefault(name, spring) != spring:
-            raise refuse(f"{what} has two springs", expected="one")
+            raise InputError(f"{what} has two springs", expected="one")
 
     def _read_mimic(self, name: str, mimic: ET.Element | None) -> None:
         """Read which joint a joint follows."""
@@ -351,15 +342,13 @@ class _Robot:
         # A leader that does not exist matters only where the follower is used.
         leader = mimic.get("joint")
         if not leader:
-            raise self.refuse(
+            raise InputError(
                 f"{what}: mimic names no joint", expected="<mimic joint=...>"
             )
         for other in (name, leader):
-            if other in joints and (kind := joints[other].get("type")) in (
-                "floating",
-                "planar",
-            ):
-                raise self.refuse(
+            kind = joints[other].get("type") if other in joints else None
+            if kind in ("floating", "planar"):
+                raise InputError(
                     f"{what} cannot mimic",
                     expected="two joints with one coordinate",
                     got=f"joint {other!r} of type {kind}",
@@ -370,6 +359,24 @@ class _Robot:
                 _floats(mimic, "offset", "0"),
             )
             self.mimics[name] = leader, factor, offset
+
+    def read_joints(self, reader: _Reader) -> None:
+        """Read all joints, and check that they make a tree."""
+        for name in self.joints:
+            self.read_joint(name, reader)
+        for name, fault in reader.faults:
+            self.leave_out(name, fault)
+        self.check_places()
+        self.check_tree()
+        self.leave_out_rings()
+
+    def check_masses(self) -> None:
+        """Check the masses of the links, with notes on impossible ones."""
+        for name, element in self.links.items():
+            if not _check_inertial(element, f"link {name!r}"):
+                words = f"link {name!r}: no body has this inertia; none counts, which "
+                words += "vibrations feel"
+                self.notes.append(Note("impossible-inertia", words, {"link": name}))
 
     def leave_out_rings(self) -> None:
         """Leave out joints that follow each other, which no joint leads."""
@@ -382,7 +389,7 @@ class _Robot:
                     rings[name] = followed
                     break
         for name, ring in rings.items():
-            error = self.refuse("mimic joints follow each other", got=" -> ".join(ring))
+            error = InputError("mimic joints follow each other", got=" -> ".join(ring))
             self.leave_out(name, error)
             del self.mimics[name]
 
@@ -405,9 +412,9 @@ class _Robot:
             str(e.get("name")): str(e.get("link")) for e in elements if e.tag == "frame"
         }
         for element in elements:
-            tag, joint = element.tag.rpartition("}")[2], element.get("reference")
+            tag, joint = _local(element.tag), element.get("reference")
             if tag == "joint":
-                raise self.refuse(
+                raise InputError(
                     f"joint {element.get('name')!r} is of another dialect than URDF",
                     expected=f"<joint> of type {', '.join(sorted(_JOINT_TYPES))}",
                     got=f"<{element.tag}>",
@@ -436,29 +443,20 @@ class _Robot:
                 f"plugin {plugin.get('name')!r} makes joint {follower!r} follow another"
             )
             expected = f"<mimic joint={leader!r}/> in joint {follower!r}"
-            self.leave_out(follower, self.refuse(what, expected=expected))
+            self.leave_out(follower, InputError(what, expected=expected))
 
     def _read_ball(self, element: ET.Element) -> None:
         """Read Drake's ball constraint."""
         parts = {child.tag.rpartition("_constraint_")[2]: child for child in element}
-        bodies = [
-            parts[key].get("name", "") for key in ("body_A", "body_B") if key in parts
-        ]
-        points = [
-            numbers_in(
-                parts[key].get("value", "") if key in parts else "0 0 0",
-                3,
-                f"ball constraint: {key} value",
-                self.refuse,
-            )
-            for key in ("p_AP", "p_BQ")
-        ]
+        bodies = [parts[k].get("name", "") for k in ("body_A", "body_B") if k in parts]
         if len(bodies) != 2 or not {"world", *self.links} >= set(bodies):
             self._leave_out_element(element, "closures", {})
-        else:
-            self._close(
-                "point", bodies, *(se3.pose(translation=point) for point in points)
-            )
+            return
+        points = []
+        for key in ("p_AP", "p_BQ"):
+            text = parts[key].get("value", "") if key in parts else "0 0 0"
+            points.append(numbers_in(text, 3, f"ball constraint: {key} value"))
+        self._close("point", bodies, *map(_shift, points))
 
     def _close(
         self,
@@ -480,38 +478,26 @@ class _Robot:
             (joint.findtext(end) or "").strip().rpartition("::")[2]
             for end in ("parent", "child")
         ]
-        kind, place = joint.get("type", ""), joint.find("pose")
+        kind = joint.get("type", "")
         if links[0] == "world" and kind == "fixed" and links[1] not in self.carrier:
             return
-        is_elsewhere = any(
-            part.attrib for tag in ("pose", "xyz") for part in joint.iter(tag)
-        )
-        more = [e.text for tag in _SDF_WITHOUT_MEANING for e in joint.iter(tag)]
-        is_more = any(
-            (text or "0").strip().lower() not in ("0", "0.0", "false") for text in more
-        )
-        if not {"world", *self.links} >= set(links) or is_elsewhere or is_more:
+        if not {"world", *self.links} >= set(links) or _has_more(joint):
             self._leave_out_element(joint, "closures", {})
             return
-        text = "0 0 0 0 0 0" if place is None else (place.text or "").strip()
-        numbers = numbers_in(text, 6, "gazebo joint: pose", self.refuse)
+        text = joint.findtext("pose", "0 0 0 0 0 0")
+        numbers = numbers_in(text, 6, "gazebo joint: pose")
         T_a_b = se3.inverse(self.at_zero(links[0])) @ self.at_zero(links[1])
         points = [(T_a_b @ [*numbers[:3], 1.0])[:3].round(9).tolist(), numbers[:3]]
         if kind == "ball":
-            self._close(
-                "point", links, *(se3.pose(translation=point) for point in points)
-            )
+            self._close("point", links, *map(_shift, points))
             return
         closure, names = _SDF_CLOSURES.get(kind, ("weld", ("none",)))
         texts = [joint.findtext(f"{name}/xyz") for name in names]
         if None in texts:
-            self._leave_out_closure(
-                f"<joint type={kind!r}> in <gazebo>", kind, links, points
-            )
+            what = f"<joint type={kind!r}> in <gazebo>"
+            self._leave_out_closure(what, kind, links, points)
             return
-        axes = [
-            numbers_in(text or "", 3, "gazebo joint: axis", self.refuse) for text in texts
-        ]
+        axes = [numbers_in(text or "", 3, "gazebo joint: axis") for text in texts]
         where = f"gazebo joint {joint.get('name')!r}"
         turns = turned_axes(closure, axes and [axes[0], axes[-1]], where)
         T = se3.from_roll_pitch_yaw(numbers[:3], numbers[3:])
@@ -525,36 +511,16 @@ class _Robot:
 
         Show the YAML that replaces it.
         """
-        links: list[str] = []
-        points: list[list[float]] = []
-        values: dict[str, str] = {}
-        for part in element.iter():
-            tag = part.tag.rpartition("}")[2]
-            for word, value in (
-                *part.attrib.items(),
-                ("text", (part.text or "").strip()),
-            ):
-                link = frames.get(value, value)
-                if (link in self.links or link == "world") and link not in links:
-                    links.append(link)
-                if (
-                    word in ("xyz", "value")
-                    and len(value.split()) == 3
-                    and "axis" not in tag
-                ):
-                    with suppress(ValueError):
-                        points.append([float(x) for x in value.split()])
-                values[word if word != "value" else tag] = value
-        what = f"<{element.tag.rpartition('}')[2]}>"
-        frame_words = ", ".join(links[:2]) or "..."
+        links, points, values = self._words_of(element, frames)
+        what = f"<{_local(element.tag)}>"
         if key == "closures":
             self._leave_out_closure(what, element.get("type", ""), links[:2], points)
         elif key == "lines":
-            rows = ", ".join(map(_row, points[:2])) or "..."
             k, rest = (values.get(word, "...") for word in ("stiffness", "rest_length"))
             line = (
-                f"frames: [{frame_words}], points: [{rows}], stiffness: {k}, "
-                f"rest_length: {rest}"
+                f"frames: [{', '.join(links[:2]) or '...'}], "
+                f"points: [{', '.join(map(_row, points[:2])) or '...'}], "
+                f"stiffness: {k}, rest_length: {rest}"
             )
             self._leave_out_acting(what, links, key, f"lines: [{{{line}}}]")
         else:
@@ -563,19 +529,34 @@ class _Robot:
                 for name in sorted(self.between(links))
                 if self.joints[name].get("type") in _AXIAL_TYPES
             ]
-            self._leave_out_acting(
-                what, links, key, f"springs: {{{', '.join(entries[:6])}}}"
-            )
+            yaml = f"springs: {{{', '.join(entries[:6])}}}"
+            self._leave_out_acting(what, links, key, yaml)
+
+    def _words_of(
+        self, element: ET.Element, frames: Mapping[str, str]
+    ) -> tuple[list[str], list[list[float]], dict[str, str]]:
+        """Links, points and values by name in an element of another format."""
+        links, points, values = list[str](), list[list[float]](), dict[str, str]()
+        for part in element.iter():
+            tag, text = _local(part.tag), (part.text or "").strip()
+            for word, value in (*part.attrib.items(), ("text", text)):
+                link = frames.get(value, value)
+                if link in (*self.links, "world") and link not in links:
+                    links.append(link)
+                is_place = word in ("xyz", "value") and "axis" not in tag
+                if is_place and len(value.split()) == 3:
+                    with suppress(ValueError):
+                        points.append([float(x) for x in value.split()])
+                values[tag if word == "value" else word] = value
+        return links, points, values
 
     def _leave_out_closure(
         self, what: str, kind: str, links: list[str], points: Sequence[Sequence[float]]
     ) -> None:
         tied = "weld" if kind in ("fixed", "weld") else "point"
-        at = (
-            ""
-            if len(points) != 2
-            else f", points: [{_row(points[0])}, {_row(points[1])}]"
-        )
+        at = ""
+        if len(points) == 2:
+            at = f", points: [{', '.join(map(_row, points))}]"
         closure = f"{{frames: [{', '.join(links)}], type: {tied}{at}}}"
         yaml = f"kind: closed-chain, closures: [{closure}]"
         self._leave_out_acting(what, links, "closures", yaml)
@@ -592,13 +573,13 @@ class _Robot:
                 {link: {parent} for link, parent in parent_of.items()}
             ).prepare()
         except CycleError as error:
-            raise self.refuse(
+            raise InputError(
                 "links form a cycle", got=" -> ".join(error.args[1])
             ) from None
         roots = [link for link in self.links if link not in parent_of]
         if len(roots) > 1:
             got = ", ".join(roots[:5])
-            raise self.refuse("robot is not one tree", expected="one root link", got=got)
+            raise InputError("robot is not one tree", expected="one root link", got=got)
 
     def check_places(self) -> None:
         """Add notes on places that look like degrees or millimetres."""
@@ -610,6 +591,24 @@ class _Robot:
             for key in ("xyz", "rpy")
         )
         self.notes += [*large_angles(angles), *large_lengths(lengths)]
+
+
+def _has_more(joint: ET.Element) -> bool:
+    """Whether a joint of SDF is placed in another frame, or has a spring."""
+    places = (part for tag in ("pose", "xyz") for part in joint.iter(tag))
+    more = (e.text or "0" for tag in _SDF_WITHOUT_MEANING for e in joint.iter(tag))
+    return any(part.attrib for part in places) or any(
+        text.strip().lower() not in ("0", "0.0", "false") for text in more
+    )
+
+
+def _local(tag: str) -> str:
+    """A tag without its namespace."""
+    return tag.rpartition("}")[2]
+
+
+def _shift(point: Sequence[float]) -> se3.Array:
+    return se3.pose(translation=point)
 
 
 def _floats(element: ET.Element | None, key: str, otherwise: str) -> list[float]:
@@ -627,7 +626,7 @@ def _placed(origin: ET.Element | None) -> se3.Array:
     )
 
 
-def retype_joints(root: ET.Element, kinds: Mapping[str, str], where: str) -> None:
+def retype_joints(root: ET.Element, kinds: Mapping[str, str]) -> None:
     """Change types of joints: "fixed", "spherical", or "ujoint_xy" for turns about x,
     then y.
 
@@ -640,7 +639,7 @@ def retype_joints(root: ET.Element, kinds: Mapping[str, str], where: str) -> Non
     """
     joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
     for name, kind in kinds.items():
-        check_name("joint", name, joints, where)
+        check_name("joint", name, joints)
         joint, child = joints[name], joints[name].find("child")
         if kind == "fixed" or child is None:
             joint.set("type", "fixed")
@@ -675,63 +674,66 @@ def read_urdf(
     InputError
         One line with the file and the element that is wrong.
     """
-    retype_joints(root, joint_types, where)
-    refuse = partial(InputError, where=where)
+    try:
+        # Types and words are checked first, then each joint, then the tree and its masses.
+        retype_joints(root, joint_types)
+        _check_root(root)
+        reader = _Reader(root)
+        robot = _Robot(root, where)
+        robot.notes += reader.notes()
+        robot.read_joints(reader)
+        held = robot.hold_followers()
+        robot.check_masses()
+        robot.read_extensions(reader.beside)
+        return _description(root, robot, held, floating)
+    except InputError as error:
+        raise error.at(where) from None
+
+
+def _check_root(root: ET.Element) -> None:
+    """Refuse a file without links, or with too many joints."""
     if any(e.tag.startswith("{") and "xacro" in e.tag for e in root.iter()):
-        raise refuse(
+        raise InputError(
             "is a xacro file", expected="a URDF: expand it with the xacro command first"
         )
     if root.get("name") is None:
-        raise refuse("robot has no name", expected="<robot name=...>")
-    reader = _Reader(root, refuse)
-    robot = _Robot(root, refuse)
-    links, joints, mimics = robot.links, robot.joints, robot.mimics
-    robot.notes += reader.notes()
-    if not links:
-        raise refuse("robot has no links")
-    moving = sum(joint.get("type") != "fixed" for joint in joints.values())
+        raise InputError("robot has no name", expected="<robot name=...>")
+    if root.find("link") is None:
+        raise InputError("robot has no links")
+    kinds = [joint.get("type") for joint in root.findall("joint")]
+    moving = len(kinds) - kinds.count("fixed")
     for kind, count, most in (
-        ("", len(joints), _MAX_JOINTS),
+        ("", len(kinds), _MAX_JOINTS),
         ("moving ", moving, MOST_MOVING),
     ):
         if count > most:
-            raise refuse(
-                f"too many {kind}joints", expected=f"at most {most}", got=str(count)
+            raise InputError(
+                f"too many {kind}joints", expected=f"at most {most}", got=count
             )
-    for name in joints:
-        robot.read_joint(name, reader)
-    for name, fault in reader.faults:
-        robot.leave_out(name, fault)
-    robot.check_places()
-    robot.check_tree()
-    robot.leave_out_rings()
-    held = robot.hold_followers()
-    for name, element in links.items():
-        if not _check_inertial(element, f"link {name!r}", refuse):
-            words = (
-                f"link {name!r}: no body has this inertia; none counts, which "
-                "vibrations feel"
-            )
-            robot.notes.append(Note("impossible-inertia", words, {"link": name}))
-    robot.read_extensions(reader.beside)
-    springs, curved = on_leaders(robot.springs, mimics)
-    fixed = {name for name, joint in joints.items() if joint.get("type") == "fixed"}
+
+
+def _description(
+    root: ET.Element, robot: _Robot, held: dict[str, float], floating: bool
+) -> RobotDescription:
+    """Return Pinocchio's model of a robot that has been checked, and all beside it."""
+    joints = robot.joints
+    springs, curved = on_leaders(robot.springs, robot.mimics)
+    types = {name: joint.get("type") for name, joint in joints.items()}
     looped = {j for closure in robot.closures for j in closure.joints}
-    free = looped - springs.keys() - robot.actuated - fixed - held.keys()
-    loose = (
-        frozenset(n for n, j in joints.items() if j.get("type") == "floating") - looped
-    )
+    # Joints of loops that nothing holds or drives move freely.
+    free = looped - springs.keys() - robot.actuated - held.keys()
+    loose = frozenset(n for n, kind in types.items() if kind == "floating") - looped
     free_root = (pin.JointModelFreeFlyer(), "root") if floating and not loose else ()
     try:
         model = pin.buildModelFromXML(_moving_parts(root), *free_root)
     except Exception as error:
-        raise InputError("not a usable URDF", where=where, got=str(error)) from None
+        raise InputError("not a usable URDF", got=str(error)) from None
     return RobotDescription(
         model,
         springs=springs,
-        passive=tuple(name for name in joints if name in free),
+        passive=tuple(n for n in joints if n in free and types[n] != "fixed"),
         actuated=tuple(name for name in joints if name in robot.actuated),
-        followers=mimics,
+        followers=robot.mimics,
         locked=held,
         closures=tuple(robot.closures),
         planar_axes=robot.planar_axes,
@@ -789,28 +791,28 @@ def _row(values: Sequence[float]) -> str:
     return "[" + ", ".join(f"{x:.6g}" for x in values) + "]"
 
 
-def _named(root: ET.Element, tag: str, refuse: Refuse) -> dict[str, ET.Element]:
+def _named(root: ET.Element, tag: str) -> dict[str, ET.Element]:
     elements: dict[str, ET.Element] = {}
     for element in root.findall(tag):
         name = element.get("name")
         if not name:
-            raise refuse(f"a {tag} has no name")
+            raise InputError(f"a {tag} has no name")
         if name in elements:
-            raise refuse(f"two {tag}s have the name {name!r}")
+            raise InputError(f"two {tag}s have the name {name!r}")
         elements[name] = element
     return elements
 
 
-def _check_inertial(link: ET.Element, what: str, refuse: Refuse) -> bool:
+def _check_inertial(link: ET.Element, what: str) -> bool:
     """Whether some body has these moments of inertia, which are removed otherwise."""
     inertial = link.find("inertial")
     if inertial is None:
         return True
     mass = _floats(inertial.find("mass"), "value", "")
     if not mass:
-        raise refuse(f"{what}: inertial has no mass")
+        raise InputError(f"{what}: inertial has no mass")
     if mass[0] < 0:
-        raise refuse(f"{what}: mass is negative", got=f"{mass[0]:g}")
+        raise InputError(f"{what}: mass is negative", got=f"{mass[0]:g}")
     # Statics needs masses and centres only: a missing or impossible rotational inertia
     # becomes zero.
     inertia = inertial.find("inertia")
@@ -858,8 +860,8 @@ class _Reader:
         Elements beside links and joints.
     """
 
-    def __init__(self, root: ET.Element, refuse: Refuse) -> None:
-        self.refuse, self.unknown = refuse, list[str]()
+    def __init__(self, root: ET.Element) -> None:
+        self.unknown = list[str]()
         self.faults: list[tuple[str, InputError]] = []
         self.mechanical: dict[str, list[str]] = {}
         self.extensions: dict[str, list[dict[str, str]]] = {}
@@ -867,7 +869,7 @@ class _Reader:
         self.version = root.attrib.pop("version", "1.0").strip()
         if self.version not in _VERSIONS:
             got = repr(self.version)
-            raise refuse(
+            raise InputError(
                 "unknown version of URDF", expected=", ".join(_VERSIONS), got=got
             )
         self.beside = [child for child in root if child.tag not in ("link", "joint")]
@@ -894,7 +896,7 @@ class _Reader:
             if child.tag in used:
                 continue
             element.remove(child)
-            local = child.tag.rpartition("}")[2]
+            local = _local(child.tag)
             if tag == "joint" and child.tag == "gazebo":
                 self.extensions.setdefault(name, []).append(_texts(child))
             if tag == "robot" and (local in ("joint", "frame") or _mechanical(local)):
@@ -913,7 +915,7 @@ class _Reader:
             self._read_own(element, part, name)
         tags = [child.tag for child in element if child not in own]
         for twice in {t for t in tags if tag != "robot" and tags.count(t) > 1}:
-            raise self.refuse(f"{place} has several <{twice}>", expected="one")
+            raise InputError(f"{place} has several <{twice}>", expected="one")
         for child in reversed(element):
             if child not in own:
                 self._read(child, within)
@@ -931,7 +933,7 @@ class _Reader:
                 joint.remove(part)
                 return
             if len(joint.findall(part.tag)) > 1:
-                raise self.refuse(f"{what} has several <{part.tag}>", expected="one")
+                raise InputError(f"{what} has several <{part.tag}>", expected="one")
             if part.tag == "dynamics":
                 self._check_numbers(part, place)
                 return
@@ -948,11 +950,11 @@ class _Reader:
 
     def _refuse_inside(self, place: str, child: ET.Element) -> None:
         what = f"{place} holds an element"
-        raise self.refuse(what, expected="attributes only", got=f"<{child.tag}>")
+        raise InputError(what, expected="attributes only", got=f"<{child.tag}>")
 
     def _refuse_typo(self, name: str, known: Sequence[str], what: str, got: str) -> None:
         if close := get_close_matches(name.lower(), known, n=1, cutoff=_TYPO_SIMILARITY):
-            raise self.refuse(what, expected=close[0], got=got)
+            raise InputError(what, expected=close[0], got=got)
 
     def _check_words(self, element: ET.Element, place: str) -> None:
         """Check attributes and texts: URDF has attributes only, texts may be remarks."""
@@ -964,12 +966,12 @@ class _Reader:
         for key in strange:
             what = f"{place}: unknown attribute"
             if tag in _STRICT_TAGS:
-                raise self.refuse(what, expected=", ".join(known), got=key)
+                raise InputError(what, expected=", ".join(known), got=key)
             self._refuse_typo(key, known[:4], what, key)
             self.unknown.append(f"{key}= in <{tag}>")
         if strange and tag == "limit" and not {"lower", "upper"} & set(element.attrib):
             expected, got = "lower=... upper=...", ", ".join(strange)
-            raise self.refuse(
+            raise InputError(
                 f"{place}: no lower and no upper", expected=expected, got=got
             )
         for text in (element.text, *(child.tail for child in element)):
@@ -977,7 +979,7 @@ class _Reader:
                 continue
             if tag in _STRICT_TAGS or _ASSIGNMENT.search(words):
                 expected = "attributes only, within a tag"
-                raise self.refuse(
+                raise InputError(
                     f"{place} holds text", expected=expected, got=repr(words[:40])
                 )
             self.unknown.append(f"text {words[:40]!r} in <{tag}>")
@@ -990,23 +992,21 @@ class _Reader:
             key, _, count = word.partition("=")
             text = element.get(key)
             if count and text is not None:
-                values = numbers_in(
-                    text, int(count), f"{place} {key}", self.refuse, largest
-                )
+                values = numbers_in(text, int(count), f"{place} {key}", largest)
                 element.set(key, " ".join(map(repr, values)))
 
     def _to_angles(self, origin: ET.Element, place: str) -> None:
         """Write the quaternion of an origin as roll, pitch, yaw."""
         if self.version == "1.0":
             expected = '<robot version="1.1">'
-            raise self.refuse(f"{place}: quat_xyzw needs URDF 1.1", expected=expected)
+            raise InputError(f"{place}: quat_xyzw needs URDF 1.1", expected=expected)
         if origin.get("rpy") is not None:
-            raise self.refuse(
+            raise InputError(
                 f"{place} has both rpy and quat_xyzw", expected="one of them"
             )
         quaternion = np.array(_floats(origin, "quat_xyzw", ""))
         if np.linalg.norm(quaternion) < numerics.NEGLIGIBLE_DIFFERENCE:
-            raise self.refuse(f"{place}: quat_xyzw is zero", expected="a rotation")
+            raise InputError(f"{place}: quat_xyzw is zero", expected="a rotation")
         del origin.attrib["quat_xyzw"]
         R = pin.Quaternion(quaternion / np.linalg.norm(quaternion)).toRotationMatrix()
         origin.set(
@@ -1015,7 +1015,7 @@ class _Reader:
 
 
 def numbers_in(
-    text: str, count: int, what: str, refuse: Refuse, largest: float = LARGEST_INPUT
+    text: str, count: int, what: str, largest: float = LARGEST_INPUT
 ) -> list[float]:
     """Return the finite numbers of a text; refuse another count of them."""
     try:
@@ -1023,9 +1023,9 @@ def numbers_in(
     except ValueError:
         values = []
     if len(values) != count or "_" in text or not all(map(math.isfinite, values)):
-        raise refuse(f"{what} is not {count} finite number(s)", got=repr(text))
+        raise InputError(f"{what} is not {count} finite number(s)", got=repr(text))
     if any(abs(v) > largest for v in values):
-        raise refuse(
+        raise InputError(
             f"{what} is too large", expected=f"at most {largest:g}", got=repr(text)
         )
     return values

@@ -191,7 +191,7 @@ def _numbers(
 ) -> list[float]:
     """Numbers of an attribute."""
     text = otherwise if element is None else element.get(key, otherwise)
-    return numbers_in(text, count, key, InputError, _MAX_SIZE)
+    return numbers_in(text, count, key, _MAX_SIZE)
 
 
 def _urdf_shape(element: ET.Element, path: Path, packages: Sequence[Path]) -> Shape:
