@@ -12,8 +12,9 @@ import importlib.util
 import re
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from itertools import compress
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
@@ -75,15 +76,14 @@ _SUFFIXES = {
     "mjJNT_BALL": ("x", "y", "z"),
     "mjJNT_FREE": ("x", "y", "z", "rx", "ry", "rz"),
 }
-#: Numbers that must be of moderate size, by their owner.
+#: Numbers that must be of moderate size: of elements, and of the whole.
 _NUMBERS = {
-    "body": "body_pos body_quat body_mass body_ipos body_iquat body_inertia "
-    "body_gravcomp",
-    "joint": "jnt_pos jnt_axis jnt_stiffness jnt_stiffnesspoly",
-    "site": "site_pos site_quat",
-    "equality": "eq_data",
-    "": "qpos0 qpos_spring opt.gravity dof_armature dof_damping key_qpos",
+    "body": "pos quat mass ipos iquat inertia gravcomp",
+    "joint": "pos axis stiffness stiffnesspoly",
+    "site": "pos quat",
+    "equality": "data",
 }
+_WHOLE = "qpos0 qpos_spring opt.gravity dof_armature dof_damping key_qpos"
 
 # A note lists twelve names of a group and counts the rest.
 _listed = partial(listed, most=12)
@@ -150,19 +150,24 @@ def read_mjcf(path: Path, where: str | None = None) -> RobotDescription:
 
 
 class _Compiled:
-    """A compiled model as data, checked, with names for everything.
+    """A compiled model, checked, with names for everything.
+
+    Its elements have MuJoCo's fields by their own names without the element's
+    (``jnt_axis`` is the `axis` of one of `joints`), and an `index`.
 
     Attributes
     ----------
     data : dict
         MuJoCo's arrays by their own names, as lists; types as MuJoCo's names of them.
-    bodies, joints, sites : list of str
-        Names; generated ones where the file has none. Those of sites are not those of
-        bodies.
-    coordinates : list of list of str
-        Names of the coordinates of each joint.
-    joints_of : list of list of int
-        Joints of each body, in order.
+    bodies : list
+        Each with its `joints`; generated names where the file has none.
+    joints : list
+        Each with the names of its `coordinates`, and their `armature` and `damping`.
+    sites : list
+        Their names are not those of bodies.
+    tendons : list
+        Each with what it `wraps`.
+    equalities, actuators, flexes : list
     obstacles : list of Obstacle
         Faulty joints, and parts that cannot be expressed.
     ignored : list of str
@@ -176,75 +181,95 @@ class _Compiled:
         self.obstacles: list[Obstacle] = []
         self.ignored: list[str] = []
         self.locked: dict[str, float] = {}
-        self.bodies = _named(data["body_names"], "body")
-        self.joints = _named(data["joint_names"], "joint")
-        taken = {*self.bodies, "world"}
-        self.sites: list[str] = []
-        for name in _named(data["site_names"], "site"):
-            self.sites.append(
-                name if name not in taken else free_name(f"{name} (site)", taken)
-            )
-            taken.add(self.sites[-1])
-        self.coordinates: list[list[str]] = []
-        taken = set()
-        for name, kind in zip(self.joints, data["jnt_type"], strict=True):
-            suffixes = [f".{s}" for s in _SUFFIXES[kind]] if kind in _SUFFIXES else [""]
-            own = [free_name(name + s, taken) for s in suffixes]
-            taken.update(own)
-            self.coordinates.append(own)
-        self.joints_of: list[list[int]] = [[] for _ in self.bodies]
-        for j, body in enumerate(data["jnt_bodyid"]):
-            self.joints_of[body].append(j)
+        self.bodies = _elements(data, "body", "body")
+        self.joints = _elements(data, "jnt", "joint")
+        self.sites = _elements(data, "site", "site")
+        self.equalities = _elements(data, "eq", "equality")
+        self.tendons = _elements(data, "tendon", "tendon")
+        self.actuators = _elements(data, "actuator", "actuator")
+        self.flexes = _elements(data, "flex", "flex")
         if not self.joints:
             raise InputError("robot has no movable joints", where=where)
+        for things, stem, first in (
+            (self.bodies, "body", 0),
+            (self.joints, "joint", 1),
+            (self.sites, "site", 1),
+        ):
+            _name(things, stem, first)
+        taken = {"world", *(body.name for body in self.bodies)}
+        for site in self.sites:
+            if site.name in taken:
+                site.name = free_name(f"{site.name} (site)", taken)
+            taken.add(site.name)
+        self._join()
         self._check_numbers()
+        for joint in self.joints:
+            self._check_joint(joint)
+
+    def _join(self) -> None:
+        """Give bodies their joints, joints their coordinates, tendons what they wrap."""
+        data, taken = self.data, set[str]()
+        for body in self.bodies:
+            body.joints = []
+        for joint in self.joints:
+            suffixes = [f".{s}" for s in _SUFFIXES.get(joint.type, ())] or [""]
+            joint.coordinates = [free_name(joint.name + s, taken) for s in suffixes]
+            taken.update(joint.coordinates)
+            dofs = slice(joint.dofadr, joint.dofadr + len(suffixes))
+            joint.armature, joint.damping = (
+                data[f"dof_{what}"][dofs] for what in ("armature", "damping")
+            )
+            self.bodies[joint.bodyid].joints.append(joint)
+        wraps = _elements(data, "wrap")
+        for tendon in self.tendons:
+            tendon.wraps = wraps[tendon.adr : tendon.adr + tendon.num]
 
     def _check_numbers(self) -> None:
         """Refuse numbers that are not finite or too large, which MuJoCo accepts."""
-        owners = {"body": self.bodies, "joint": self.joints}
+        every = {"body": self.bodies, "joint": self.joints, "site": self.sites}
+        every["equality"] = self.equalities
         for kind, fields in _NUMBERS.items():
             for name in fields.split():
-                values = np.array(self.data[name] or [], float)
-                rows = (
-                    values.reshape(len(values), -1) if values.size else np.zeros((0, 1))
-                )
-                for i in np.flatnonzero(~(np.abs(rows) <= LARGEST_INPUT).all(axis=1))[:1]:
-                    what = f"a position, an armature, a damping or gravity ({name})"
-                    if kind:
-                        owner = (owners.get(kind) or self.data[f"{kind}_names"])[
-                            i
-                        ] or str(i + 1)
-                        what = f"{kind} {owner!r}: {name.partition('_')[2]}"
-                    raise InputError(
-                        f"{what} cannot be used",
-                        where=self.where,
-                        expected=f"finite numbers up to {LARGEST_INPUT:g}",
-                        got=" ".join(f"{v:g}" for v in rows[i]),
-                    )
+                for one in every[kind]:
+                    owner = one.name or str(one.index + 1)
+                    self._check(f"{kind} {owner!r}: {name}", getattr(one, name))
+        for name in _WHOLE.split():
+            what = f"a position, an armature, a damping or gravity ({name})"
+            self._check(what, self.data[name] or [])
         # MuJoCo normalises directions, to rounding, where they are not zero.
-        for name in ("body_quat", "body_iquat", "site_quat", "jnt_axis"):
-            rows = np.reshape(self.data[name], (-1, 3 + name.endswith("quat")))
+        turns = [q for body in self.bodies for q in (body.quat, body.iquat)]
+        turns += [site.quat for site in self.sites]
+        axes = [joint.axis for joint in self.joints]
+        for what, rows in (("an orientation", turns), ("a joint axis", axes)):
             sizes = np.linalg.norm(rows, axis=1)
             if not (np.abs(sizes - 1.0) < numerics.NEGLIGIBLE_DIFFERENCE).all():
-                what = "an orientation" if name.endswith("quat") else "a joint axis"
                 raise InputError(f"{what} has no direction", where=self.where)
-        for j, (name, start) in enumerate(
-            zip(self.joints, self.data["jnt_dofadr"], strict=True)
-        ):
-            lower, upper = self.data["jnt_range"][j]
-            if not lower <= upper:  # to MuJoCo that means no limits
-                words, got = "range is the wrong way round", f"{lower:g} {upper:g}"
-                self._refuse_joint(j, f"joint {name!r}: {words}", "lower upper", got)
-            dofs = slice(start, start + len(self.coordinates[j]))
-            for what in ("armature", "damping", "stiffness"):
-                own = self.data["jnt_stiffness" if what == "stiffness" else f"dof_{what}"]
-                if (least := min([own[j]] if what == "stiffness" else own[dofs])) < 0.0:
-                    words = f"joint {name!r}: {what} is negative"
-                    self._refuse_joint(j, words, "zero or more", f"{least:g}")
 
-    def _refuse_joint(self, j: int, what: str, expected: str, got: str) -> None:
-        error = InputError(what, where=self.where, expected=expected, got=got)
-        self._leave_out(what, self.coordinates[j], error)
+    def _check(self, what: str, values: Any) -> None:
+        numbers = np.ravel(values)
+        wrong = numbers[~(np.abs(numbers) <= LARGEST_INPUT)]
+        if wrong.size:
+            raise InputError(
+                f"{what} cannot be used",
+                where=self.where,
+                expected=f"finite numbers up to {LARGEST_INPUT:g}",
+                got=" ".join(f"{v:g}" for v in wrong),
+            )
+
+    def _check_joint(self, joint: Any) -> None:
+        """Leave out a joint whose limits or dampers cannot be."""
+        faults = []
+        lower, upper = joint.range
+        if not lower <= upper:  # to MuJoCo that means no limits
+            got = f"{lower:g} {upper:g}"
+            faults.append(("range is the wrong way round", "lower upper", got))
+        for what in ("armature", "damping", "stiffness"):
+            if (least := np.min(getattr(joint, what))) < 0.0:
+                faults.append((f"{what} is negative", "zero or more", f"{least:g}"))
+        for words, expected, got in faults:
+            words = f"joint {joint.name!r}: {words}"
+            error = InputError(words, where=self.where, expected=expected, got=got)
+            self._leave_out(words, joint.coordinates, error)
 
     def _leave_out(
         self, what: str, names: Iterable[str], error: InputError | None = None
@@ -256,128 +281,120 @@ class _Compiled:
         """Whether the file disables one of these parts of the physics."""
         return any(f"mjDSBL_{part}" in self.data["disabled"] for part in parts)
 
-    def above(self, *bodies: int) -> set[int]:
-        """Joints between the world and some bodies."""
-        joints: set[int] = set()
+    def above(self, *bodies: int) -> frozenset[str]:
+        """Coordinates between the world and some bodies."""
+        names: set[str] = set()
         for body in bodies:
             while body > 0:
-                joints.update(self.joints_of[body])
-                body = self.data["body_parentid"][body]
-        return joints
-
-    def names_of(self, joints: Iterable[int]) -> frozenset[str]:
-        """All coordinates of some joints."""
-        return frozenset(c for j in joints for c in self.coordinates[j])
+                names.update(*(joint.coordinates for joint in self.bodies[body].joints))
+                body = self.bodies[body].parentid
+        return frozenset(names)
 
     def model(self) -> pin.Model:
         """Return the Pinocchio model with one joint per coordinate.
 
         Bodies and sites are frames.
         """
-        data = self.data
         model = pin.Model()
-        model.name = data["name"]
+        model.name = self.data["name"]
         at: list[tuple[int, Array]] = [(0, np.eye(4))]
-        for b in range(1, len(self.bodies)):
-            joint, T = at[data["body_parentid"][b]]
-            T = T @ _pose(data["body_pos"][b], data["body_quat"][b])
-            for j in self.joints_of[b]:
-                for name, part, T_part, limits in self._parts(j, T):
+        for body in self.bodies[1:]:
+            joint, T = at[body.parentid]
+            T = T @ _pose(body.pos, body.quat)
+            for own in body.joints:
+                for name, part, T_part, limits in self._parts(own, T):
                     joint = add_joint(model, joint, part, T_part, name, limits)
-                turns = data["jnt_type"][j] in ("mjJNT_HINGE", "mjJNT_BALL")
-                back = -np.array(data["jnt_pos"][j]) if turns else np.zeros(3)
-                T = se3.pose(translation=back)
+                turns = own.type in ("mjJNT_HINGE", "mjJNT_BALL")
+                T = se3.pose(translation=-np.array(own.pos) if turns else np.zeros(3))
             at.append((joint, T))
             inertia = pin.Inertia.Zero()
-            if self._has_mass(b):
-                T_b_c = _pose(data["body_ipos"][b], data["body_iquat"][b])
-                moments = np.diag(data["body_inertia"][b])
-                central = pin.Inertia(data["body_mass"][b], np.zeros(3), moments)
-                inertia = central.se3Action(pin.SE3(T_b_c))
-            model.addFrame(
-                pin.Frame(self.bodies[b], joint, pin.SE3(T), pin.FrameType.BODY, inertia)
-            )
+            if self._has_mass(body):
+                T_b_c = pin.SE3(_pose(body.ipos, body.iquat))
+                moments = np.diag(body.inertia)
+                inertia = pin.Inertia(body.mass, np.zeros(3), moments).se3Action(T_b_c)
+            placed = pin.SE3(T), pin.FrameType.BODY, inertia
+            model.addFrame(pin.Frame(body.name, joint, *placed))
         damped = not self.is_off("DAMPER", "PASSIVE")
-        for own, start in zip(self.coordinates, data["jnt_dofadr"], strict=True):
-            for i, name in enumerate(own):
-                at_v = model.idx_vs[model.getJointId(name)]
+        for own in self.joints:
+            for name, armature, damping in zip(
+                own.coordinates, own.armature, own.damping, strict=True
+            ):
+                v = model.idx_vs[model.getJointId(name)]
                 # In successive turns of a ball or free joint it would not stay diagonal.
-                if len(own) == 1:
-                    model.armature[at_v] = data["dof_armature"][start]
+                if len(own.coordinates) == 1:
+                    model.armature[v] = armature
                 if damped:
-                    model.damping[at_v] = data["dof_damping"][start + i]
-        for i, name in enumerate(self.sites):
-            joint, T = at[data["site_bodyid"][i]]
-            T = T @ _pose(data["site_pos"][i], data["site_quat"][i])
-            model.addFrame(pin.Frame(name, joint, pin.SE3(T), pin.FrameType.OP_FRAME))
+                    model.damping[v] = damping
+        for site in self.sites:
+            joint, T = at[site.bodyid]
+            placed = pin.SE3(T @ _pose(site.pos, site.quat)), pin.FrameType.OP_FRAME
+            model.addFrame(pin.Frame(site.name, joint, *placed))
         return model
 
-    def _has_mass(self, body: int) -> bool:
-        return bool(self.data["body_mass"][body] > self.data["no_mass"])
+    def _has_mass(self, body: Any) -> bool:
+        return bool(body.mass > self.data["no_mass"])
 
     def _parts(
-        self, j: int, T: Array
+        self, joint: Any, T: Array
     ) -> list[tuple[str, Any, Array, tuple[float, float]]]:
-        """One-coordinate joints of joint j of a body at T: name, model, placement,
+        """One-coordinate joints of a joint of a body at T: name, model, placement,
         limits.
         """
-        data, kind, names = self.data, self.data["jnt_type"][j], self.coordinates[j]
-        free, still = (-np.inf, np.inf), np.eye(4)
+        free, still, reference = (-np.inf, np.inf), np.eye(4), self._reference(joint)
         kinds: tuple[str, ...] = ()
-        if kind == "mjJNT_FREE":
+        if joint.type == "mjJNT_FREE":
             kinds = ("PX", "PY", "PZ", "RX", "RY", "RZ")
             # The turns begin at the reference; the shifts are along F.
-            home = _pose(np.zeros(3), data["qpos0"][data["jnt_qposadr"][j] :][3:7])
+            home = _pose(np.zeros(3), reference[3:7])
             places = [still, still, still, home, still, still]
-        T = T @ se3.pose(translation=data["jnt_pos"][j])
-        if kind == "mjJNT_BALL":
-            kinds = ("RX", "RY", "RZ")
-            places = [T, still, still]
+        T_axis = T @ se3.pose(translation=joint.pos)
+        if joint.type == "mjJNT_BALL":
+            kinds, places = ("RX", "RY", "RZ"), [T_axis, still, still]
         if kinds:
-            parts = zip(names, map(primitive, kinds), places, strict=True)
+            parts = zip(joint.coordinates, map(primitive, kinds), places, strict=True)
             return [(name, part, place, free) for name, part, place in parts]
-        axis = np.array(data["jnt_axis"][j])
-        step = np.zeros(6)
-        slide = kind == "mjJNT_SLIDE"
-        step[3 if slide else 0 :][:3] = -axis * data["qpos0"][data["jnt_qposadr"][j]]
-        if slide:
-            T = T @ se3.pose(translation=-np.array(data["jnt_pos"][j]))
-        make = (
-            pin.JointModelPrismaticUnaligned if slide else pin.JointModelRevoluteUnaligned
-        )
-        limits = free
-        if data["jnt_limited"][j] and not self.is_off("LIMIT", "CONSTRAINT"):
-            limits = tuple(data["jnt_range"][j])
-        return [(names[0], make(axis), T @ se3.exp(step), limits)]
+        # A hinge or slide is at its reference in the file.
+        axis, step = np.array(joint.axis), np.zeros(6)
+        make, limits = pin.JointModelRevoluteUnaligned, free
+        if joint.type == "mjJNT_SLIDE":
+            make, T_axis = pin.JointModelPrismaticUnaligned, T
+            step[3:] = -axis * reference[0]
+        else:
+            step[:3] = -axis * reference[0]
+        if joint.limited and not self.is_off("LIMIT", "CONSTRAINT"):
+            limits = tuple(joint.range)
+        return [(joint.coordinates[0], make(axis), T_axis @ se3.exp(step), limits)]
+
+    def _reference(self, joint: Any) -> list[float]:
+        """Position of a joint in the file, and what follows it."""
+        own: list[float] = self.data["qpos0"][joint.qposadr :]
+        return own
 
     def description(self, path: Path) -> RobotDescription:
         """Return the model and everything beside it."""
-        data = self.data
-        actuated = self._actuators()
-        springs = self._springs()
+        # Each part is read to what can be used; the rest is ignored, or an obstacle.
+        actuated, springs = self._actuators(), self._springs()
         closures, followers = self._equalities()
         springs, nonlinear = on_leaders(springs, followers)
         self.obstacles += nonlinear
         lines, coupled = self._tendons(followers)
         self._elastic_bodies()
-        gravity = np.array(data["opt.gravity"], float)
-        has_gravity = bool(gravity.any()) and not self.is_off("GRAVITY")
-        posture, keyframe = self._posture()
-        held = {*springs, *actuated}
-        looped = {c for tie in closures for c in tie.joints}
-        floating = {c for own in self.coordinates if len(own) == 6 for c in own}
         self._ignore_parts()
+        posture, keyframe = self._posture()
+        gravity = np.array(self.data["opt.gravity"], float)
+        has_gravity = bool(gravity.any()) and not self.is_off("GRAVITY")
+        looped = {c for tie in closures for c in tie.joints}
+        floating = {
+            c for j in self.joints if len(j.coordinates) == 6 for c in j.coordinates
+        }
+        free = (floating | looped) - springs.keys() - actuated.keys()
+        lifted = [b for b in self.bodies if b.gravcomp and self._has_mass(b)]
         return RobotDescription(
             self.model(),
             path,
             tuple(self.pieces()),
             springs=springs,
-            passive=tuple(
-                c
-                for own in self.coordinates
-                for c in own
-                if c in (floating | looped) - held
-            ),
+            passive=tuple(c for j in self.joints for c in j.coordinates if c in free),
             loose=frozenset(floating - looped),
             actuated=tuple(actuated),
             lines=tuple(lines),
@@ -390,13 +407,7 @@ class _Compiled:
             keyframe=keyframe,
             gravity=gravity if has_gravity else None,
             lifted=tuple(
-                Lifted(
-                    self.bodies[b],
-                    share * data["body_mass"][b],
-                    np.array(data["body_ipos"][b]),
-                )
-                for b, share in enumerate(data["body_gravcomp"])
-                if share and self._has_mass(b)
+                Lifted(b.name, b.gravcomp * b.mass, np.array(b.ipos)) for b in lifted
             ),
             obstacles=tuple(self.obstacles),
             ignored=tuple(self.ignored),
@@ -409,48 +420,43 @@ class _Compiled:
         Ties to a mocap body are handles by which a program moves things: they hold
         nothing.
         """
-        data = self.data
         closures: list[FileClosure] = []
         couplings: list[tuple[str, str, float, float]] = []
         if self.is_off("EQUALITY", "CONSTRAINT"):
             return [], {}
-        for e, kind in enumerate(data["eq_type"]):
-            if not data["eq_active0"][e]:
-                continue
-            a, b, values = data["eq_obj1id"][e], data["eq_obj2id"][e], data["eq_data"][e]
-            what = f"equality {data['equality_names'][e] or e + 1}"
-            if kind in ("mjEQ_CONNECT", "mjEQ_WELD"):
-                closure = self._closure(e, kind, a, b, values)
-                ends = (self.bodies.index(n) for n in (closure.body_a, closure.body_b))
-                if any(data["body_mocapid"][body] >= 0 for body in ends):
-                    tie = (
-                        f"tie of {closure.body_a!r} and {closure.body_b!r} (a mocap body)"
-                    )
-                    self.ignored.append(tie)
-                else:
+        mocap = {body.name for body in self.bodies if body.mocapid >= 0}
+        for one in [e for e in self.equalities if e.active0]:
+            what = f"equality {one.name or one.index + 1}"
+            if one.type in ("mjEQ_CONNECT", "mjEQ_WELD"):
+                closure = self._closure(one)
+                a, b = closure.body_a, closure.body_b
+                if mocap.isdisjoint((a, b)):
                     closures.append(closure)
-            elif kind == "mjEQ_JOINT":
+                else:
+                    self.ignored.append(f"tie of {a!r} and {b!r} (a mocap body)")
+            elif one.type == "mjEQ_JOINT":
                 try:
-                    couplings += self._coupling(a, b, values, what)
+                    couplings += self._coupling(one, what)
                 except InputError as error:
-                    joints = self.names_of(j for j in (a, b) if j >= 0)
-                    self._leave_out(error.what, joints, error)
+                    joints = [self.joints[j] for j in (one.obj1id, one.obj2id) if j >= 0]
+                    names = (c for joint in joints for c in joint.coordinates)
+                    self._leave_out(error.what, names, error)
+            elif one.type == "mjEQ_TENDON":
+                tendon = self.tendons[one.obj1id]
+                self._leave_out(f"{what} of tendons", self._tendon_joints(tendon))
             else:
-                word = kind.removeprefix("mjEQ_").lower()
-                joints = (
-                    self._tendon_joints(a) if word == "tendon" else self._flex_joints(a)
-                )
-                self._leave_out(f"{what} of {word}s", joints)
+                word = one.type.removeprefix("mjEQ_").lower()
+                flex = self.flexes[one.obj1id]
+                self._leave_out(f"{what} of {word}s", self._flex_joints(flex))
         return closures, self._followers(couplings)
 
-    def _closure(
-        self, e: int, kind: str, a: int, b: int, values: list[float]
-    ) -> FileClosure:
-        data = self.data
-        point = kind == "mjEQ_CONNECT"
-        if data["eq_objtype"][e] == "mjOBJ_SITE":
-            T_a, T_b = (_pose(data["site_pos"][s], data["site_quat"][s]) for s in (a, b))
-            a, b = data["site_bodyid"][a], data["site_bodyid"][b]
+    def _closure(self, one: Any) -> FileClosure:
+        a, b, values = one.obj1id, one.obj2id, one.data
+        point = one.type == "mjEQ_CONNECT"
+        if one.objtype == "mjOBJ_SITE":
+            ends = self.sites[a], self.sites[b]
+            T_a, T_b = (_pose(site.pos, site.quat) for site in ends)
+            a, b = (site.bodyid for site in ends)
         elif point:
             T_a, T_b = se3.pose(translation=values[:3]), se3.pose(translation=values[3:6])
         else:
@@ -459,34 +465,30 @@ class _Compiled:
         # A weld whose share of torque is zero ties the points only.
         point = point or values[10] == 0.0
         tied: Literal["point", "weld"] = "point" if point else "weld"
-        joints = self.names_of(self.above(a) ^ self.above(b))
-        return FileClosure(tied, self.bodies[a], self.bodies[b], T_a, T_b, joints)
+        names = self.bodies[a].name, self.bodies[b].name
+        return FileClosure(tied, *names, T_a, T_b, self.above(a) ^ self.above(b))
 
-    def _coupling(
-        self, a: int, b: int, values: list[float], what: str
-    ) -> list[tuple[str, str, float, float]]:
+    def _coupling(self, one: Any, what: str) -> list[tuple[str, str, float, float]]:
         """Couple joint a to joint b, or lock it: q_a - ref_a = c_0 + c_1
         (q_b - ref_b).
         """
-        data = self.data
-        follower = self.coordinates[a][0]
-        start = data["qpos0"][data["jnt_qposadr"][a]] + values[0]
-        if b >= 0 and any(values[2:5]):
+        a, values = self.joints[one.obj1id], one.data
+        b = self.joints[one.obj2id] if one.obj2id >= 0 else None
+        follower, start = a.coordinates[0], self._reference(a)[0] + values[0]
+        if b is not None and any(values[2:5]):
             raise InputError(
-                f"{what} couples joints {self.joints[a]!r} and {self.joints[b]!r} by a "
-                "curve",
+                f"{what} couples joints {a.name!r} and {b.name!r} by a curve",
                 where=self.where,
                 expected="a straight line: polycoef with two numbers",
                 got=" ".join(f"{v:g}" for v in values[:5]),
             )
-        factor = 0.0 if b < 0 else values[1]
-        if factor == 0.0:
+        if b is None or values[1] == 0.0:
             if follower in self.locked:
                 raise InputError(f"joint {follower!r} is held twice", where=self.where)
             self.locked[follower] = start
             return []
-        offset = start - factor * data["qpos0"][data["jnt_qposadr"][b]]
-        return [(follower, self.coordinates[b][0], factor, offset)]
+        offset = start - values[1] * self._reference(b)[0]
+        return [(follower, b.coordinates[0], values[1], offset)]
 
     def _followers(self, couplings: list[tuple[str, str, float, float]]) -> Followers:
         """Each coupling as one joint that follows another,
@@ -498,69 +500,56 @@ class _Compiled:
             self._leave_out(what, joints, InputError(what, where=self.where))
 
         def root(name: str) -> str:
-            while name in followers:
-                name = followers[name][0]
-            return name
+            return to_root(name, followers)[0] if name in followers else name
 
         for follower, leader, factor, offset in couplings:
             if root(follower) == root(leader):
                 refuse(f"joint {follower!r} is coupled to itself", follower, leader)
-                continue
-            if follower in followers:
-                if leader in followers:
-                    words = f"joints {follower!r} and {leader!r} are coupled twice"
-                    refuse(words, follower, leader)
-                    continue
-                follower, leader, factor, offset = (
-                    leader,
-                    follower,
-                    1 / factor,
-                    -offset / factor,
-                )
-            followers[follower] = (leader, factor, offset)
+            elif follower not in followers:
+                followers[follower] = (leader, factor, offset)
+            elif leader not in followers:
+                followers[leader] = (follower, 1 / factor, -offset / factor)
+            else:
+                words = f"joints {follower!r} and {leader!r} are coupled twice"
+                refuse(words, follower, leader)
         return followers
 
-    def _tendon_joints(self, tendon: int) -> frozenset[str]:
-        """Joints that change a tendon's length."""
-        data = self.data
-        start = data["tendon_adr"][tendon]
-        joints: set[int] = set()
-        for i in range(start, start + data["tendon_num"][tendon]):
-            kind, target = data["wrap_type"][i], data["wrap_objid"][i]
-            if kind == "mjWRAP_JOINT":
-                joints.add(target)
-            elif kind == "mjWRAP_SITE":
-                joints |= self.above(data["site_bodyid"][target])
-            elif kind in ("mjWRAP_SPHERE", "mjWRAP_CYLINDER"):
-                joints |= self.above(data["geom_bodyid"][target])
-        return self.names_of(joints)
+    def _tendon_joints(self, tendon: Any) -> frozenset[str]:
+        """Coordinates that change a tendon's length."""
+        names: set[str] = set()
+        for wrap in tendon.wraps:
+            if wrap.type == "mjWRAP_JOINT":
+                names.update(self.joints[wrap.objid].coordinates)
+            elif wrap.type == "mjWRAP_SITE":
+                names |= self.above(self.sites[wrap.objid].bodyid)
+            elif wrap.type in ("mjWRAP_SPHERE", "mjWRAP_CYLINDER"):
+                names |= self.above(self.data["geom_bodyid"][wrap.objid])
+        return frozenset(names)
 
-    def _flex_joints(self, flex: int) -> frozenset[str]:
-        """Joints that move the vertices of a flexible object."""
-        start, count = self.data["flex_vertadr"][flex], self.data["flex_vertnum"][flex]
-        bodies = set(self.data["flex_vertbodyid"][start : start + count])
-        return self.names_of(self.above(*bodies))
+    def _flex_joints(self, flex: Any) -> frozenset[str]:
+        """Coordinates that move the vertices of a flexible object."""
+        vertices = slice(flex.vertadr, flex.vertadr + flex.vertnum)
+        return self.above(*{*self.data["flex_vertbodyid"][vertices]})
 
     def _springs(self) -> dict[str, FileSpring]:
         """Springs of hinges and slides; others become obstacles."""
-        data = self.data
         springs: dict[str, FileSpring] = {}
         if self.is_off("SPRING", "PASSIVE"):
             return springs
-        further = data["jnt_stiffnesspoly"] or [[]] * len(self.joints)
-        for j, (name, own) in enumerate(zip(self.joints, self.coordinates, strict=True)):
-            coefficients = [data["jnt_stiffness"][j], *further[j]]
+        for joint in self.joints:
+            coefficients = [joint.stiffness, *joint.stiffnesspoly]
             while coefficients and coefficients[-1] == 0.0:
                 coefficients.pop()
             if not coefficients:
                 continue
+            own = joint.coordinates
             if len(own) > 1:
                 kind = "ball" if len(own) == 3 else "free"
-                self._leave_out(f"spring of the {kind} joint {name!r}", own)
+                self._leave_out(f"spring of the {kind} joint {joint.name!r}", own)
             elif (
                 len(coefficients) > 1 or coefficients[0] > 0
             ):  # a negative one is a fault
-                rest = data["qpos_spring"][data["jnt_qposadr"][j]]
+                rest = self.data["qpos_spring"][joint.qposadr]
                 springs[own[0]] = FileSpring(tuple(coefficients), rest)
         return springs
 
@@ -568,28 +557,23 @@ class _Compiled:
         """Positions of the keyframe "home", else of the first one,
         else the file's own.
         """
-        data = self.data
-        keys = data["key_names"]
-        chosen, q = None, data["qpos0"]
+        keys, q = self.data["key_names"], self.data["qpos0"]
+        chosen = None
         if keys:
             index = keys.index("home") if "home" in keys else 0
-            chosen, q = keys[index] or f"{index + 1}", data["key_qpos"][index]
+            chosen, q = keys[index] or f"{index + 1}", self.data["key_qpos"][index]
         posture: dict[str, float] = {}
-        for own, kind, start in zip(
-            self.coordinates, data["jnt_type"], data["jnt_qposadr"], strict=True
-        ):
-            if kind == "mjJNT_BALL":
-                values = successive_turns(_pose(np.zeros(3), q[start : start + 4]))
-            elif kind == "mjJNT_FREE":
+        for joint in self.joints:
+            own = q[joint.qposadr :]
+            values = own[:1]
+            if joint.type == "mjJNT_BALL":
+                values = successive_turns(_pose(np.zeros(3), own[:4]))
+            elif joint.type == "mjJNT_FREE":
                 home, now = (
-                    _pose(np.zeros(3), x[start + 3 : start + 7])
-                    for x in (data["qpos0"], q)
+                    _pose(np.zeros(3), x[3:7]) for x in (self._reference(joint), own)
                 )
-                turned = successive_turns(se3.inverse(home) @ now)
-                values = np.concatenate([q[start : start + 3], turned])
-            else:
-                values = np.array([q[start]])
-            posture |= zip(own, values.tolist(), strict=True)
+                values = [*own[:3], *successive_turns(se3.inverse(home) @ now)]
+            posture |= zip(joint.coordinates, map(float, values), strict=True)
         return posture, chosen
 
     def _actuators(self) -> dict[str, float]:
@@ -598,27 +582,17 @@ class _Compiled:
         A force ``-kp gear q`` on the gear's far side is the spring ``kp gear^2`` at the
         joint.
         """
-        data = self.data
         driven: dict[str, float] = {}
         held, others = list[str](), list[str]()
-        for i, (kind, (target, _), gear, bias, law) in enumerate(
-            zip(
-                data["actuator_trntype"],
-                data["actuator_trnid"],
-                data["actuator_gear"],
-                data["actuator_biastype"],
-                data["actuator_biasprm"],
-                strict=True,
-            )
-        ):
+        for one in self.actuators:
             k = 0.0
-            if (
-                kind in (0, 1) and len(self.coordinates[target]) == 1
-            ):  # joint, joint in parent
-                k = -law[1] * gear[0] ** 2 if bias == "mjBIAS_AFFINE" else 0.0
-                name = self.coordinates[target][0]
-                driven[name] = driven.get(name, 0.0) + max(k, 0.0)
-            (held if k > 0.0 else others).append(data["actuator_names"][i] or f"{i + 1}")
+            is_of_joint = one.trntype in (0, 1)  # joint, joint in parent
+            names = self.joints[one.trnid[0]].coordinates if is_of_joint else ()
+            if len(names) == 1:
+                if one.biastype == "mjBIAS_AFFINE":
+                    k = max(-one.biasprm[1] * one.gear[0] ** 2, 0.0)
+                driven[names[0]] = driven.get(names[0], 0.0) + k
+            (held if k > 0.0 else others).append(one.name or f"{one.index + 1}")
         for words, names in ((POSITION_ACTUATORS, held), ("actuators", others)):
             if names:
                 self.ignored.append(f"{words} ({_listed(names)})")
@@ -633,157 +607,141 @@ class _Compiled:
         Others become obstacles. A tendon with a range of spring lengths is slack within
         it; one whose range begins at 0 pulls and never pushes.
         """
-        data = self.data
-        further = data["tendon_stiffnesspoly"] or [[]] * len(data["tendon_names"])
         lines: list[tuple[LineModel, frozenset[str]]] = []
         coupled: list[CoupledSpringModel] = []
-        for t, name in enumerate(data["tendon_names"]):
-            k, joints = data["tendon_stiffness"][t], self._tendon_joints(t)
-            if not (k or any(further[t])) or self.is_off("SPRING", "PASSIVE"):
+        for tendon in self.tendons:
+            k, is_curved = tendon.stiffness, any(tendon.stiffnesspoly)
+            if not (k or is_curved) or self.is_off("SPRING", "PASSIVE"):
                 continue
-            part = slice(
-                data["tendon_adr"][t], data["tendon_adr"][t] + data["tendon_num"][t]
-            )
-            shortest, rest = data["tendon_lengthspring"][t]
-            plain = k > 0.0 and not any(further[t]) and (shortest in (0.0, rest))
-            if plain and data["wrap_type"][part] == ["mjWRAP_SITE"] * 2:
+            joints, kinds = self._tendon_joints(tendon), [w.type for w in tendon.wraps]
+            shortest, rest = tendon.lengthspring
+            is_plain = k > 0.0 and not is_curved and shortest in (0.0, rest)
+            if is_plain and kinds == ["mjWRAP_SITE"] * 2:
                 line = LineModel.model_construct(
-                    frames=[self.sites[s] for s in data["wrap_objid"][part]],
+                    frames=[self.sites[wrap.objid].name for wrap in tendon.wraps],
                     points=[[0.0] * 3] * 2,
                     stiffness=k,
                     rest_length=rest,
                     unilateral=shortest < rest,
                 )
                 lines.append((line, joints))
-            elif (
-                plain
-                and shortest == rest
-                and set(data["wrap_type"][part]) == {"mjWRAP_JOINT"}
-            ):
-                factors = zip(
-                    data["wrap_objid"][part], data["wrap_prm"][part], strict=True
-                )
-                coupled.append(
-                    self._coupled(name or f"tendon {t + 1}", k, rest, factors, followers)
-                )
+            elif is_plain and shortest == rest and {*kinds} == {"mjWRAP_JOINT"}:
+                coupled.append(self._coupled(tendon, followers))
             else:
-                self._leave_out(f"stiffness of tendon {name or t + 1!r}", joints)
+                name = tendon.name or tendon.index + 1
+                self._leave_out(f"stiffness of tendon {name!r}", joints)
         return lines, coupled
 
-    def _coupled(
-        self,
-        name: str,
-        k: float,
-        rest: float,
-        factors: Iterable[tuple[int, float]],
-        followers: Followers,
-    ) -> CoupledSpringModel:
+    def _coupled(self, tendon: Any, followers: Followers) -> CoupledSpringModel:
         """Return a fixed tendon as a spring on a sum of coordinates, those of leaders."""
-        joints = dict[str, float]()
-        for j, factor in factors:
-            (own,) = self.coordinates[j]  # MuJoCo takes hinges and slides only
+        joints, rest = dict[str, float](), tendon.lengthspring[1]
+        for wrap in tendon.wraps:
+            # MuJoCo takes hinges and slides only.
+            (own,), factor = self.joints[wrap.objid].coordinates, wrap.prm
             if own in followers:
                 own, ratio, offset = to_root(own, followers)
                 factor, rest = factor * ratio, rest - factor * offset
             joints[own] = joints.get(own, 0.0) + factor
-        acting = {own: factor for own, factor in joints.items() if factor}
         return CoupledSpringModel.model_construct(
-            name=name, joints=acting, stiffness=k, rest=rest
+            name=tendon.name or f"tendon {tendon.index + 1}",
+            joints={own: factor for own, factor in joints.items() if factor},
+            stiffness=tendon.stiffness,
+            rest=rest,
         )
 
     def _elastic_bodies(self) -> None:
         """Leave out plugins of bodies that exert forces, and flexible objects."""
-        for b, (name, plugin) in enumerate(
-            zip(self.bodies, self.data["body_plugin"], strict=True)
-        ):
-            if plugin >= 0:
-                self._leave_out(f"plugin of body {name!r}", self.names_of(self.above(b)))
-        for i, name in enumerate(self.data["flex_names"]):
-            self._leave_out(f"flex {name!r}", self._flex_joints(i))
+        for body in self.bodies:
+            if body.plugin >= 0:
+                self._leave_out(f"plugin of body {body.name!r}", self.above(body.index))
+        for flex in self.flexes:
+            self._leave_out(f"flex {flex.name!r}", self._flex_joints(flex))
 
     def _ignore_parts(self) -> None:
         """Describe further parts without effect."""
-        data, ignored = self.data, self.ignored
-        names = [name or f"{t + 1}" for t, name in enumerate(data["tendon_names"])]
-        for words, which in (
-            ("tendons without stiffness", [not k for k in data["tendon_stiffness"]]),
-            ("ranges of tendons", data["tendon_limited"]),
+        data, several = self.data, [j for j in self.joints if len(j.coordinates) > 1]
+        for words, some in (
+            ("tendons without stiffness", [t for t in self.tendons if not t.stiffness]),
+            ("ranges of tendons", [t for t in self.tendons if t.limited]),
         ):
-            if some := list(compress(names, which)):
-                ignored.append(f"{words} ({_listed(some)})")
+            if some:
+                names = [t.name or f"{t.index + 1}" for t in some]
+                self.ignored.append(f"{words} ({_listed(names)})")
         if data["pair_names"]:
-            ignored.append(f"contact pairs ({len(data['pair_names'])})")
-        several = [j for j, own in enumerate(self.coordinates) if len(own) > 1]
-        if balls := [self.joints[j] for j in several if data["jnt_limited"][j]]:
-            ignored.append(f"ranges of ball joints ({_listed(balls)})")
-        for what, words in (
-            ("armature", "armature"),
-            ("damping", "how turns away from the file's orientation couple the dampers"),
+            self.ignored.append(f"contact pairs ({len(data['pair_names'])})")
+        dampers = "how turns away from the file's orientation couple the dampers"
+        for words, some in (
+            ("ranges of ball joints", [j for j in several if j.limited]),
+            ("armature of ball and free joints", [j for j in several if j.armature[0]]),
+            (f"{dampers} of ball and free joints", [j for j in several if j.damping[0]]),
         ):
-            values, starts = data[f"dof_{what}"], data["jnt_dofadr"]
-            if named := [self.joints[j] for j in several if values[starts[j]]]:
-                ignored.append(f"{words} of ball and free joints ({_listed(named)})")
+            if some:
+                self.ignored.append(f"{words} ({_listed([j.name for j in some])})")
         if any(data["opt.wind"]) and (data["opt.density"] or data["opt.viscosity"]):
-            ignored.append("wind")
-        if self.is_off("SPRING", "PASSIVE") and any(data["jnt_stiffness"]):
-            ignored.append("springs, which the file switches off")
+            self.ignored.append("wind")
+        if self.is_off("SPRING", "PASSIVE") and any(j.stiffness for j in self.joints):
+            self.ignored.append("springs, which the file switches off")
 
     def _weightless(self) -> tuple[str, ...]:
         """Descriptions of masses that are not known."""
         weightless = [
-            f"mass of body {', '.join(repr(b) for b in bodies)} (mesh {file} is missing)"
+            f"mass of body {', '.join(map(repr, bodies))} (mesh {file} is missing)"
             for file, bodies in self.data["lost_meshes"].items()
         ]
-        bare = [
-            name
-            for b, name in enumerate(self.bodies)
-            if self.joints_of[b] and not self._has_mass(b)
-        ]
+        bare = [b.name for b in self.bodies if b.joints and not self._has_mass(b)]
         if self.data["no_mass"] and bare:
-            weightless.append(
-                f"mass of moving bodies that the file gives none ({_listed(bare)})"
-            )
+            words = "mass of moving bodies that the file gives none"
+            weightless.append(f"{words} ({_listed(bare)})")
         return tuple(weightless)
 
     def pieces(self) -> Iterator[Piece]:
         """Yield shapes of bodies: geoms of the groups that MuJoCo shows,
         or all if none is.
         """
-        data = self.data
-        groups = data["geom_group"]
-        for g in [g for g, group in enumerate(groups) if group < 3] or range(len(groups)):
-            kind = data["geom_type"][g].removeprefix("mjGEOM_")
-            T = _pose(data["geom_pos"][g], data["geom_quat"][g])
-            shape: Shape
+        geoms = _elements(self.data, "geom")
+        for geom in [geom for geom in geoms if geom.group < 3] or geoms:
+            kind, T = geom.type.removeprefix("mjGEOM_"), _pose(geom.pos, geom.quat)
             if kind in ("MESH", "SDF"):
-                index = data["geom_dataid"][g]
-                mesh = (
-                    data["meshes"].get(data["mesh_names"][index]) if index >= 0 else None
-                )
-                if mesh is None:
+                name = self.data["mesh_names"][geom.dataid] if geom.dataid >= 0 else None
+                if name not in self.data["meshes"]:
                     continue  # the mesh is in the MJCF file itself
-                x, y, z = mesh["scale"]
-                shape = MeshFile(Path(mesh["file"]), (x, y, z))
-                # MuJoCo places a mesh by its centre and principal axes, not by the file's
-                # origin.
-                T = T @ se3.inverse(
-                    _pose(data["mesh_pos"][index], data["mesh_quat"][index])
-                )
-                moved = -np.array(mesh["scale"]) * np.array(mesh["refpos"])
-                T = (
-                    T
-                    @ _pose(np.zeros(3), mesh["refquat"]).T
-                    @ se3.pose(translation=moved)
-                )
-            elif kind in _SHAPES:
-                shape = _SHAPES[kind](*data["geom_size"][g])
+                shape, T_m = self._mesh(self.data["meshes"][name], geom.dataid)
+                T = T @ T_m
+            elif kind in SHAPES:
+                shape = SHAPES[kind](*geom.size)
             else:
                 continue
-            material = data["geom_matid"][g]
-            r, gr, b, a = (
-                data["geom_rgba"][g] if material < 0 else data["mat_rgba"][material]
-            )
-            yield Piece(self.bodies[data["geom_bodyid"][g]], T, shape, (r, gr, b, a))
+            colour = geom.rgba if geom.matid < 0 else self.data["mat_rgba"][geom.matid]
+            yield Piece(self.bodies[geom.bodyid].name, T, shape, tuple(colour))
+
+    def _mesh(self, mesh: dict[str, Any], index: int) -> tuple[Shape, Array]:
+        """Mesh of a file, and its pose in a geom.
+
+        MuJoCo places a mesh by its centre and principal axes, not by the file's origin.
+        """
+        x, y, z = mesh["scale"]
+        centre = _pose(self.data["mesh_pos"][index], self.data["mesh_quat"][index])
+        moved = -np.array(mesh["scale"]) * np.array(mesh["refpos"])
+        back = _pose(np.zeros(3), mesh["refquat"]).T @ se3.pose(translation=moved)
+        return MeshFile(Path(mesh["file"]), (x, y, z)), se3.inverse(centre) @ back
+
+
+def _elements(data: dict[str, Any], prefix: str, kind: str = "") -> list[Any]:
+    """Elements of a kind with MuJoCo's fields, less their prefix.
+
+    Fields that this MuJoCo does not have are empty.
+    """
+    columns = {
+        key.removeprefix(f"{prefix}_"): values
+        for key, values in data.items()
+        if key.startswith(f"{prefix}_") and not key.endswith("_names")
+    }
+    columns["name"] = data.get(f"{kind}_names")
+    most = max(len(values) for values in columns.values() if values is not None)
+    return [
+        SimpleNamespace(index=i, **{key: x[i] if x else () for key, x in columns.items()})
+        for i in range(most)
+    ]
 
 
 def _pose(position: ArrayLike, quaternion: Iterable[float]) -> Array:
@@ -792,21 +750,18 @@ def _pose(position: ArrayLike, quaternion: Iterable[float]) -> Array:
     return se3.pose(turn.toRotationMatrix(), position)
 
 
-def _named(names: list[str], stem: str) -> list[str]:
-    """Names; things without one get the stem and a number."""
-    taken = {name for name in names if name}
-    listed = []
-    for number, name in enumerate(names, start=0 if stem == "body" else 1):
-        if not name:
-            while f"{stem}{number}" in taken:
-                number += 1
-            name = f"{stem}{number}"
-            taken.add(name)
-        listed.append(name)
-    return listed
+def _name(things: list[Any], stem: str, first: int) -> None:
+    """Give things without a name the stem and a number."""
+    taken = {thing.name for thing in things}
+    for start, thing in enumerate(things, start=first):
+        if not thing.name:
+            every = (f"{stem}{number}" for number in count(start))
+            thing.name = next(name for name in every if name not in taken)
+            taken.add(thing.name)
 
 
-_SHAPES: dict[str, Callable[[float, float, float], Shape]] = {
+#: Shapes by half of their sizes.
+SHAPES: dict[str, Callable[[float, float, float], Shape]] = {
     "BOX": lambda a, b, c: Box((2 * a, 2 * b, 2 * c)),
     "CYLINDER": lambda a, b, _: Cylinder(a, 2 * b),
     "CAPSULE": lambda a, b, _: Capsule(a, 2 * b),
