@@ -90,8 +90,6 @@ class ModelSetup(Setup, total=False):
 
     Attributes
     ----------
-    visual : pinocchio.GeometryModel
-        Shapes of the links; default those of the wrapper or the tuple.
     q : array_like, shape (nq,)
         Default posture as a configuration of the model; default the wrapper's ``q0``, or
         a reference configuration of the model ("home", "half_sitting", ..., else the only
@@ -106,7 +104,6 @@ class ModelSetup(Setup, total=False):
         Name of the mechanism; default the model's.
     """
 
-    visual: Any
     q: ArrayLike | None
     closures: Sequence[Any]
     actuated: Sequence[str]
@@ -115,7 +112,9 @@ class ModelSetup(Setup, total=False):
 
 
 @checked
-def load(source: Any, **setup: Unpack[ModelSetup]) -> ElasticMechanism:
+def load(
+    source: Any, *, visual: Any = None, **setup: Unpack[ModelSetup]
+) -> ElasticMechanism:
     """Load a mechanism.
 
     Parameters
@@ -125,11 +124,12 @@ def load(source: Any, **setup: Unpack[ModelSetup]) -> ElasticMechanism:
         MJCF file, XML text, or the name of a robot of example-robot-data ("panda") or of
         robot_descriptions ("ur5e_description"), looked up in this order; or an object of
         Pinocchio: a model, a wrapper, or a tuple (model, collision model, visual model).
+    visual : pinocchio.GeometryModel, optional
+        Shapes of the links of a Pinocchio model; default those of the wrapper or tuple.
     **setup
         Keywords of `Setup`: `frame`, `locked`, `springs`, `stiffness`, `rest`, `tcp`,
         `gravity`, `payload`, `xacro_args`, `package_path`, `parameters`; for Pinocchio's
-        models also those of `ModelSetup`: `visual`, `q`, `closures`, `actuated`,
-        `floating`, `name`.
+        models those of `ModelSetup`: `q`, `closures`, `actuated`, `floating`, `name`.
 
     Returns
     -------
@@ -144,7 +144,8 @@ def load(source: Any, **setup: Unpack[ModelSetup]) -> ElasticMechanism:
     for name in setup:
         if name not in (known := ModelSetup.__annotations__):
             raise UnknownArgumentError("argument of load", name, known)
-    get, frame = setup.get, setup.get("frame")
+    given: Mapping[str, Any] = setup
+    get, frame = given.get, given.get("frame")
     tcp, payload = get("tcp"), get("payload")
     if frame is not None and not isinstance(frame, str):
         raise InputError("frame is not a name", expected="text", got=frame)
@@ -155,9 +156,9 @@ def load(source: Any, **setup: Unpack[ModelSetup]) -> ElasticMechanism:
         **tool_of(tcp, get("gravity"), payload),
     }
     if isinstance(source, (str, Path)):
-        loaded = _from_words(source, setup, overrides)
+        loaded = _from_words(source, visual, setup, overrides)
     else:
-        loaded = _from_object(source, setup, overrides)
+        loaded = _from_object(source, visual, setup, overrides)
     # What is hung on the body comes after the file's own, then springs by name, by value.
     if tcp is not None and np.size(tcp) == 6:
         from cartstiff.loading.plausible import large_angles
@@ -182,12 +183,13 @@ def load(source: Any, **setup: Unpack[ModelSetup]) -> ElasticMechanism:
 
 
 def _from_words(
-    source: str | Path, setup: ModelSetup, overrides: dict[str, Any]
+    source: str | Path, visual: Any, setup: ModelSetup, overrides: dict[str, Any]
 ) -> ElasticMechanism:
     """Load what has a name, a path, or XML text."""
-    if of_model := setup.keys() - Setup.__annotations__.keys():
+    of_model = setup.keys() - Setup.__annotations__.keys()
+    if of_model or visual is not None:
         raise InputError(
-            f"{min(of_model)!r} belongs to Pinocchio's models only",
+            f"{min(of_model, default='visual')!r} belongs to Pinocchio's models only",
             where=one_line(str(source)),
             expected="frame, locked, stiffness, rest, tcp, gravity, payload",
         )
@@ -199,7 +201,7 @@ def _from_words(
 
 
 def _from_object(
-    source: Any, setup: ModelSetup, overrides: dict[str, Any]
+    source: Any, visual: Any, setup: ModelSetup, overrides: dict[str, Any]
 ) -> ElasticMechanism:
     """Load an object of Pinocchio."""
     from cartstiff.loading.pinocchio_model import is_pinocchio, of_pinocchio
@@ -215,8 +217,10 @@ def _from_object(
             expected="str, Path, pinocchio.Model, RobotWrapper or a tuple of models",
             got=type(source).__name__,
         )
-    own = {key: x for key, x in setup.items() if key not in Setup.__annotations__}
-    return of_pinocchio(source, overrides, **own)
+    own: dict[str, Any] = {
+        key: x for key, x in setup.items() if key not in Setup.__annotations__
+    }
+    return of_pinocchio(source, overrides, visual, **own)
 
 
 def _positions(locked: Any) -> dict[str, float]:

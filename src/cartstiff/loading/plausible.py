@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.notes import Note
-
-if TYPE_CHECKING:
-    from cartstiff.loading.platform_schema import PlatformFile, SpringsFile
 
 #: rad; a larger angle of a rotation looks like degrees.
 _MAX_ANGLE = 2.0 * math.pi
@@ -68,7 +65,7 @@ def large_strains(strains: Mapping[str, float]) -> list[Note]:
     return _doubtful(large, "", words)
 
 
-def gyration(file: PlatformFile | SpringsFile) -> list[Note]:
+def gyration(file: Any) -> list[Note]:
     """Return a note on an inertia that does not fit its body's size,
     as kg m^2 in a file of mm.
     """

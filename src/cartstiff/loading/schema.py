@@ -22,6 +22,7 @@ from typing import (
     Any,
     Literal,
     Self,
+    TypeAlias,
     TypeVar,
     Union,
     get_args,
@@ -77,7 +78,7 @@ Flag = Annotated[bool, Field(strict=True)]
 
 _One = TypeVar("_One")
 #: One for all legs, or one for each; and two entries.
-Each = _One | Annotated[list[_One], Field(min_length=1)]
+Each: TypeAlias = _One | Annotated[list[_One], Field(min_length=1)]
 Two = Annotated[list[_One], Field(min_length=2, max_length=2)]
 Pair = Two[Number]
 PerLeg = Each[NotNegative]

@@ -675,7 +675,7 @@ def read_urdf(
         One line with the file and the element that is wrong.
     """
     try:
-        # Types and words are checked first, then each joint, then the tree and its masses.
+        # First types and words are checked, then joints, then the tree and its masses.
         retype_joints(root, joint_types)
         _check_root(root)
         reader = _Reader(root)

@@ -327,8 +327,10 @@ class _Compiled:
                     model.damping[v] = damping
         for site in self.sites:
             joint, T = at[site.bodyid]
-            placed = pin.SE3(T @ _pose(site.pos, site.quat)), pin.FrameType.OP_FRAME
-            model.addFrame(pin.Frame(site.name, joint, *placed))
+            T = T @ _pose(site.pos, site.quat)
+            model.addFrame(
+                pin.Frame(site.name, joint, pin.SE3(T), pin.FrameType.OP_FRAME)
+            )
         return model
 
     def _has_mass(self, body: Any) -> bool:
@@ -587,11 +589,11 @@ class _Compiled:
         for one in self.actuators:
             k = 0.0
             is_of_joint = one.trntype in (0, 1)  # joint, joint in parent
-            names = self.joints[one.trnid[0]].coordinates if is_of_joint else ()
-            if len(names) == 1:
+            own = self.joints[one.trnid[0]].coordinates if is_of_joint else []
+            if len(own) == 1:
                 if one.biastype == "mjBIAS_AFFINE":
                     k = max(-one.biasprm[1] * one.gear[0] ** 2, 0.0)
-                driven[names[0]] = driven.get(names[0], 0.0) + k
+                driven[own[0]] = driven.get(own[0], 0.0) + k
             (held if k > 0.0 else others).append(one.name or f"{one.index + 1}")
         for words, names in ((POSITION_ACTUATORS, held), ("actuators", others)):
             if names:
