@@ -5,7 +5,7 @@ springs and cables.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import field_validator, model_validator
@@ -316,11 +316,17 @@ class PlatformFile(_BodyOnLines):
     base: list[Vector] = keyed("points in F", [], min_length=6, max_length=6)
     platform: list[Vector] = keyed("points in P", [], min_length=6, max_length=6)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _says_once(cls, value: dict[str, Any]) -> dict[str, Any]:
+        if value.get("layout") is not None:
+            for key in value.keys() & {"base", "platform", "pose"}:
+                raise InputError(f"give layout or {key}, not both", where=key)
+        return value
+
     @model_validator(mode="after")
     def _has_points(self) -> PlatformFile:
         if self.layout is not None:
-            for key in self.model_fields_set & {"base", "platform", "pose"}:
-                raise InputError(f"give layout or {key}, not both", where=key)
             base, platform, origin = (points.tolist() for points in self.layout.points())
             points = {"base": base, "platform": platform, "pose": PoseModel(xyz=origin)}
             return self.model_copy(update=points)
