@@ -122,6 +122,11 @@ def units_of(info: ValidationInfo) -> Units:
     return (info.context or {}).get("units", SI)
 
 
+def _no_unit(place: str, text: str) -> InputError:
+    expected = "a number: of its own unit none is read here"
+    return InputError("no stiffness", where=place, expected=expected, got=repr(text))
+
+
 #: The same for a stiffness of infinity, and its word.
 RIGID = WrapValidator(lambda x, check: math.inf if x in ("rigid", math.inf) else check(x))
 JointStiffness = Annotated[NotNegative, with_unit("joint"), RIGID]
@@ -465,8 +470,9 @@ class JointSpringModel(FileModel):
     @model_validator(mode="after")
     def _one_law(self) -> JointSpringModel:
         only_one(self, "stiffness", "polynomial", "table")
-        if any(isinstance(c, GivenStiffness) for c in (self.polynomial or ())[1:]):
-            raise ValueError("only c1 of a polynomial may have a unit")
+        for i, c in enumerate(self.polynomial or (), start=1):
+            if i > 1 and isinstance(c, GivenStiffness):
+                raise _no_unit(f"polynomial.{i}", c.text)
         if self.stiffness == math.inf and self.rest is not None:
             raise ValueError("a rigid joint has no rest position: it stays where it is")
         return self
@@ -579,8 +585,7 @@ def _entry(value: Any, row: int, column: int, info: ValidationInfo) -> Any:
         return value
     given = GivenStiffness.read(value, place := f"{row + 1}.{column + 1}")
     if (row < 3) != (column < 3):
-        expected = "a number: of its own unit none is read here"
-        raise InputError("no stiffness", where=place, expected=expected, got=repr(value))
+        raise _no_unit(place, value)
     return given.in_units(units_of(info), row >= 3, place)
 
 
