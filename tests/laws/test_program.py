@@ -396,3 +396,55 @@ def test_many_are_each_under_its_own_load():
     assert found.counts() == {"regular": 2, "serial-singularity": 1}
     assert np.isfinite(found.B[[0, 2]]).all()
     assert np.isnan(found.B[1]).all()
+
+
+@pytest.mark.parametrize("name", ["ur5", "stewart-simscape", *later("panda", "6-ups", "hexapod")])
+@pytest.mark.parametrize("axes", ["body", "world"])
+def test_payload_and_the_load_s_point_may_be_inputs(name, axes):
+    elastic = cartstiff.load(name, gravity=[0.0, 1.0, -9.81])
+    program = cartstiff.record(
+        elastic,
+        ["load", "compliance_load", "wrench", "condition"],
+        loaded=True,
+        load_axes=axes,
+        load_kind="conservative",
+        inputs=["payload", "load_at"],
+    )
+    q, centre = postures(elastic, 1, 0.01)[0], np.array([0.01, -0.02, 0.03])
+    for mass, at in ((2.5, [0.02, 0.05, -0.03]), (0.0, [0.0, 0.0, 0.1])):
+        answer = program(q, LOAD, payload=[mass, *centre], load_at=at)
+        heavy = elastic.with_payload(mass, centre)
+        acting = {"load_axes": axes, "load_kind": "conservative", "load_at": at}
+        core = cartstiff.analyse(heavy, q, wrench=LOAD, **acting)
+        assert answer.is_plain
+        close(answer.load, core.tangent)
+        close(answer.compliance_load, core.tangent_compliance)
+        close(answer.wrench, core.wrench)
+        many = program.many([q, q], LOAD, payload=[mass, *centre], load_at=at)
+        close(many.load[1], core.tangent)
+        close(many["condition"], answer.condition, 1e-9)
+        assert many.to_xarray().attrs["load_at"] == at
+    # What is not given is as recorded.
+    core = cartstiff.analyse(elastic, q, wrench=LOAD, load_axes=axes, load_kind="conservative")
+    close(program(q, LOAD).load, core.tangent)
+
+
+def test_frequencies_are_those_with_the_payload():
+    arm = cartstiff.load("ur5", gravity=[0.0, 0.0, -9.81])
+    program = cartstiff.record(arm, ["B", "frequency_1"], inputs=["payload"])
+    assert program.from_matrices == ("frequency_1",)
+    heavy = arm.with_payload(5.0, [0.0, 0.0, 0.1])
+    expected = cartstiff.modes(heavy, arm.q).frequencies[0]
+    given = {"payload": [5.0, 0.0, 0.0, 0.1]}
+    assert program(arm.q, **given).frequency_1 == pytest.approx(expected, rel=1e-9)
+    assert program.many([arm.q], **given)["frequency_1"][0] == pytest.approx(expected, rel=1e-9)
+    with pytest.raises(InputError, match="a number from zero"):
+        program(arm.q, payload=[-1.0, 0.0, 0.0, 0.0])
+    with pytest.raises(InputError, match="payload"):
+        program(arm.q, payload=[1.0])
+    with pytest.raises(InputError, match="a mechanism with gravity"):
+        cartstiff.record(cartstiff.load("ur5"), "B", inputs=["payload"])
+    with pytest.raises(InputError, match="loaded=True"):
+        cartstiff.record(arm, "B", inputs=["load_at"])
+    with pytest.raises(UnknownNameError, match="input"):
+        cartstiff.record(arm, "B", inputs=["pay"])

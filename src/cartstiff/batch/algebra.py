@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +31,7 @@ from cartstiff.batch.tape import (
     pick,
     square_root,
 )
-from cartstiff.geometry.se3 import Array
+from cartstiff.geometry.se3 import Array, skew_of
 from cartstiff.numerics import EPSILON, NEAR_SINGULARITY, REPORTED_ERROR
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, wrench_in_body
 
@@ -514,6 +515,11 @@ def equilibrated_squares(matrix: Array, inverse: Array) -> tuple[Scalar, Scalar]
     return squares_over(matrix, sizes), squares_over(inverse, 1.0 / sizes)
 
 
+#: Numbers besides those of the springs that may be inputs: the load's point in M, and
+#: mass and centre in M of a payload.
+CASE_INPUTS = ("load_at", "payload")
+
+
 def taut_stiffness(stiffness: Scalar, stretch: Scalar) -> Scalar:
     """Stiffness of a cable: zero where it is slack."""
     return stiffness * pick(stretch, 0.0, 0.0, 1.0)
@@ -523,17 +529,51 @@ def given_wrench(tape: Tape, case: Any, pose: Callable[[], Array]) -> Array | No
     """The given wrench about M's origin in the axes of M; None without one."""
     if case.wrench == "none":
         return None
-    W, at = tape.vector("wrench", 6), case.load.at
-    if case.axes == "body" and not any(at):
+    W, load = tape.vector("wrench", 6), acting(tape, case)
+    turn = pose() if case.axes == "world" else np.eye(4)
+    if isinstance(load, LoadAtInput):
+        W = wrench_in_body(W, turn, DEAD_AT_ORIGIN.at, case.axes)
+        return np.concatenate([W[:3] + cross(load.at, W[3:]), W[3:]])
+    if case.axes == "body" and not any(load.at):
         return W
-    return wrench_in_body(W, pose() if case.axes == "world" else np.eye(4), at, case.axes)
+    return wrench_in_body(W, turn, load.at, case.axes)
 
 
 #: ``K^A - K^B`` (6, 6) of each basis wrench, on the last axis.
 FROM_B_TO_A = np.moveaxis(DEAD_AT_ORIGIN.changes(np.eye(6)), 0, -1)[0]
 
 
-def connections(K_B: Array, W: Array, load: LoadKind) -> dict[str, Array]:
+@dataclass(frozen=True)
+class LoadAtInput:
+    """A kind of load at a point in M that is an input."""
+
+    kind: LoadKind
+    at: Array
+
+    def changes(self, wrench: Array) -> Array:
+        """As `LoadKind.changes`: the tangent about the point, in the axes of M there."""
+        changes = self.kind.changes(wrench).astype(object)
+        changes[2] = self.change(wrench)
+        return changes
+
+    def change(self, wrench: Array) -> Array:
+        """As `LoadKind.change`."""
+        there = np.concatenate([wrench[:3] - cross(self.at, wrench[3:]), wrench[3:]])
+        moved = np.eye(6).astype(object)
+        moved[3:, :3] = -skew_of(self.at)
+        changed: Array = moved.T @ self.kind.change(there) @ moved
+        return changed
+
+
+def acting(tape: Tape, case: Any) -> LoadKind | LoadAtInput:
+    """Kind and point of the load of a case."""
+    kind: LoadKind = case.load
+    if "load_at" not in case.inputs:
+        return kind
+    return LoadAtInput(LoadKind(kind.kind), tape.vector("load_at", 3))
+
+
+def connections(K_B: Array, W: Array, load: LoadKind | LoadAtInput) -> dict[str, Array]:
     """K^A, K^B, K^K and the tangent under a load from K^B and the wrench."""
     changes = zip(("A", "K", "load"), load.changes(W), strict=True)
     return {"B": K_B, **{name: K_B + change for name, change in changes}}
@@ -599,5 +639,5 @@ def shared_inputs(wrench: str) -> list[str]:
     `wrench` is "none", "shared" or "each".
     """
     own = ["stiffness", "rest", "preload", "least", "most", "forces", "weight", "lines"]
-    own += ["anchors", "points", "length"]
+    own += ["anchors", "points", "length", *CASE_INPUTS]
     return own + (["wrench"] if wrench == "shared" else [])

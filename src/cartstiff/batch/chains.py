@@ -57,6 +57,7 @@ from cartstiff.batch.algebra import (
     PLAIN,
     STIFFNESS_CONDITION,
     UNBALANCED,
+    acting,
     below,
     changed_compliance,
     congruence,
@@ -461,6 +462,8 @@ class ChainCase:
         the rows of its twist (0 to 5) that make all closures independent, and the same
         while `held` is fixed; characteristic length at one posture, for scaling; whether
         I are the actuated coordinates.
+    inputs : those of `algebra.CASE_INPUTS` that are inputs. The force on a payload of one
+        unit of mass is then the last of "forces".
     """
 
     constants: TreeConstants
@@ -489,6 +492,7 @@ class ChainCase:
     length: float = 1.0
     is_driven: bool = False
     varied: Varied = NOTHING_VARIED
+    inputs: tuple[str, ...] = ()
 
     @property
     def is_closed(self) -> bool:
@@ -615,6 +619,7 @@ class ChainNumbers:
             self.rates = None
         self.J = self.J_q @ self.N
         self.W = given_wrench(tape, case, self.kinematics.pose)
+        self.acting = acting(tape, case)
         self._measure()
         self._evaluate(tape)
 
@@ -660,8 +665,12 @@ class ChainNumbers:
         and each line.
         """
         case = self.case
-        forces = tape.vector("forces", 3 * len(case.fields)).reshape(-1, 3)
-        for force, beyond in zip(forces, self.kinematics.beyond, strict=True):
+        all_beyond = list(self.kinematics.beyond)
+        if "payload" in case.inputs:
+            mass, *centre = tape.vector("payload", 4)
+            all_beyond.append(self.kinematics.hung(mass, np.array(centre)))
+        forces = tape.vector("forces", 3 * len(all_beyond)).reshape(-1, 3)
+        for force, beyond in zip(forces, all_beyond, strict=True):
             yield _field_terms(force, self.kinematics, beyond)
         lines = tape.vector("lines", 2 * len(case.stretched)).reshape(-1, 2)
         for line, (stiffness, rest) in zip(case.stretched, lines, strict=True):
@@ -979,7 +988,7 @@ def _compliances(
         elif name == "B" or unloaded:
             arrays[f"compliance_{name}"] = C
         else:
-            D = connections(zeros(6, 6), W, chain.case.load)[name]
+            D = connections(zeros(6, 6), W, chain.acting)[name]
             arrays[f"compliance_{name}"], doubt = changed_compliance(
                 C, D, chain.length, numerics.LARGEST_CHANGE_CONDITION
             )
@@ -1100,13 +1109,13 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
         W = _deficient(chain)
     elif chain.n == 6:
         W, K_B, K_F = _six(chain)
-        stiffness = {**connections(K_B, W, chain.case.load), "F": K_F}
+        stiffness = {**connections(K_B, W, chain.acting), "F": K_F}
     elif chain.case.is_closed or chain.case.settled:
         W, K_B = _through_compliance(chain)
-        stiffness = connections(K_B, W, chain.case.load)
+        stiffness = connections(K_B, W, chain.acting)
     else:
         W, K_B = _redundant(chain)
-        stiffness = connections(K_B, W, chain.case.load)
+        stiffness = connections(K_B, W, chain.acting)
     if not chain.has_chart:
         stiffness.pop("F", None)
     arrays["wrench"] = W

@@ -41,7 +41,8 @@ dead one).
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +53,7 @@ from cartstiff.batch.algebra import (
     JACOBIAN_CONDITION,
     PLAIN,
     above,
+    acting,
     below,
     congruence,
     cross,
@@ -506,10 +508,9 @@ def settling_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
     else:
         chain = ChainNumbers(tape, case, len(case.constants.parents) + 1)
     closing = zeros(len(chain.q))
-    W, load = (
-        chain.W,
-        LoadKind("dead" if case.axes == "world" else "follower", case.load.at),
-    )
+    kind: Literal["dead", "follower"] = "dead" if case.axes == "world" else "follower"
+    W = chain.W
+    load = acting(tape, replace(case, load=LoadKind(kind, case.load.at)))
     if W is None:
         raise ValueError("links are deflected by a wrench")
     sizes = np.array(

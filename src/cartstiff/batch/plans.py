@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal, cast
@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.batch.algebra import shared_inputs
+from cartstiff.batch.algebra import CASE_INPUTS, acting, shared_inputs
 from cartstiff.batch.chains import ChainCase, Line, chain_arrays, is_recorded
 from cartstiff.batch.closed_chains import (
     closed_arrays,
@@ -38,6 +38,7 @@ from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.flexure_struts import FlexureStruts
 from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.springs import SpringLaw
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
 
@@ -91,6 +92,42 @@ class TracedModel:
         )
 
 
+def plan_with(
+    elastic: ElasticMechanism, wrench: str, inputs: Collection[str]
+) -> TracedModel | str:
+    """`plan` with some of `algebra.CASE_INPUTS` as inputs.
+
+    A payload is the last of the constant forces, of one kilogram at M's origin as
+    planned.
+    """
+    own, base = tuple(sorted({*inputs} & {*CASE_INPUTS})), elastic
+    if "payload" in own and elastic.gravity is not None:
+        kilogram = elastic.with_payload(1.0)
+        force = _weight(kilogram, elastic.gravity) - _weight(elastic, elastic.gravity)
+        base = elastic.with_potential(DeadForce(force, np.zeros(3)))
+    taken = plan(base, wrench)
+    if not own or isinstance(taken, str):
+        return taken
+    case, shared = replace(taken.case, inputs=own), dict(taken.shared)
+    shared["load_at"] = np.array([taken.case.load.at])
+    if "payload" in own:
+        if isinstance(case, ChainCase):
+            case = replace(case, fields=case.fields[:-1])
+        else:
+            case = replace(case, points_of_forces=case.points_of_forces[:-1])
+        shared["payload"] = np.zeros((1, 4))
+    return replace(taken, case=case, shared=shared)
+
+
+def _weight(elastic: ElasticMechanism, gravity: Array) -> Array:
+    """Weight (3,) of a mechanism's bodies in its unit of force."""
+    mechanism = elastic.mechanism
+    if isinstance(mechanism, Platform):
+        return mechanism.weight(gravity)
+    weight: Array = cast(Chain, mechanism).tree.masses()[0].sum() * gravity
+    return weight
+
+
 def recorded_arrays(tape: Tape, case: Case, needed: tuple[str, ...]) -> dict[str, Array]:
     """Outputs of a case that exist, among them all that are needed, and the "verdict"."""
     if not isinstance(case, ChainCase):
@@ -135,7 +172,8 @@ def program_for(
     kept = [n for n in (outputs if stored is None else stored) if n in arrays]
     lengths = case.constants.is_length if isinstance(case, ChainCase) else (True,) * 6
     if readings is not None and readings.exist_beside(arrays):
-        values, doubt = read({**arrays, "lengths": np.array(lengths)}, readings)
+        known = {**arrays, "lengths": np.array(lengths)}
+        values, doubt = read(known, readings, acting(tape, case))
         arrays["verdict"][0] = larger(arrays["verdict"][0], doubt)
         arrays["readings"] = values
         kept.append("readings")
@@ -146,8 +184,8 @@ def program_for(
         arrays |= found
         kept += own.names
     # Outputs that nobody reads are dropped.
-    known = {name: arrays[name] for name in (*kept, "verdict")}
-    return tape.program(known, shared_inputs(case.wrench))
+    stay = {name: arrays[name] for name in (*kept, "verdict")}
+    return tape.program(stay, shared_inputs(case.wrench))
 
 
 #: The last plans with their mechanisms, which do not change, and kinds of wrench.

@@ -27,6 +27,7 @@ from cartstiff.batch.algebra import (
     LARGEST_ANGLE,
     PLAIN,
     STIFFNESS_CONDITION,
+    acting,
     add_compliances,
     connections,
     from_lower,
@@ -89,6 +90,7 @@ class PlatformCase:
     load, axes : as of `cartstiff.batch.chains.ChainCase`.
     is_chosen : bool
         Whether the tensions that balance a load are inputs, see `balances_among`.
+    inputs : as of `cartstiff.batch.chains.ChainCase`.
     """
 
     anchors: tuple[float, ...]
@@ -107,6 +109,12 @@ class PlatformCase:
     load: LoadKind = DEAD_AT_ORIGIN
     axes: Axes = "body"
     is_chosen: bool = False
+    inputs: tuple[str, ...] = ()
+
+    @property
+    def is_forced(self) -> bool:
+        """Whether constant forces act."""
+        return bool(self.points_of_forces) or "payload" in self.inputs
 
     @property
     def balances_among(self) -> bool:
@@ -120,7 +128,7 @@ class PlatformCase:
         cables that stay slack.
         """
         m = self.lines or len(self.points) // 3
-        carries = self.derivatives or bool(self.points_of_forces) or self.has_weight
+        carries = self.derivatives or self.is_forced or self.has_weight
         is_chosen = self.wrench != "none" or self.rest == "preload"
         return m > 6 and (is_chosen or (self.rest == "open" and carries))
 
@@ -183,9 +191,14 @@ class PlatformNumbers:
             energy = tape.input("energies", 0)
             gradient = tape.vector("gradients", 6)
             hessian = from_lower(tape.vector("hessians", 36).reshape(6, 6))
-        forces = tape.vector("forces", 3 * len(case.points_of_forces)).reshape(-1, 3)
-        for force, point in zip(forces, case.points_of_forces, strict=True):
-            in_body, at = force @ T[:3, :3], np.array(point)
+        points = [(1.0, np.array(point)) for point in case.points_of_forces]
+        if "payload" in case.inputs:
+            mass, *centre = tape.vector("payload", 4)
+            points.append((mass, np.array(centre)))
+        forces = tape.vector("forces", 3 * len(points)).reshape(-1, 3)
+        for force, (mass, at) in zip(forces, points, strict=True):
+            force = force * mass
+            in_body = force @ T[:3, :3]
             g, H = held_force(in_body, at)
             energy = energy - in_body @ at - force @ T[:3, 3]
             gradient, hessian = gradient + g, hessian + H
@@ -194,7 +207,7 @@ class PlatformNumbers:
             E, g, H = case.legs.gravity(self.geometry, self.points, T, per_kg)
             energy, gradient, hessian = energy + E, gradient + g, hessian + H
         self.energy, self.gradient, self.hessian = energy, gradient, hessian
-        self.is_alone = not (case.derivatives or case.points_of_forces or case.has_weight)
+        self.is_alone = not (case.derivatives or case.is_forced or case.has_weight)
 
     def _decompose(self) -> None:
         """Decompose six or more lines; add the verdict on their condition."""
@@ -297,7 +310,7 @@ def platform_arrays(
     }
     pulled = (lines.T * body.taut) @ lines
     K_B = pulled + body.turning(t) + body.hessian
-    stiffness = connections(K_B, W, case.load)
+    stiffness = connections(K_B, W, acting(tape, case))
     if len(t) == 6 and body.decomposition is not None:
         arrays["jacobian"] = body.decomposition.apply(body.inverse_R.T).T
         stiffness["F"] = pulled

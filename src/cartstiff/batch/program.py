@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import checked_array, checked_input, fixed
-from cartstiff.batch.algebra import PLAIN
+from cartstiff.batch.algebra import CASE_INPUTS, PLAIN
 from cartstiff.batch.arguments import (
     DETAILS,
     EVERY_OUTPUT,
@@ -51,7 +51,7 @@ from cartstiff.batch.plans import (
     SETTLING,
     Case,
     TracedModel,
-    plan,
+    plan_with,
     program_for,
 )
 from cartstiff.batch.postures import (
@@ -95,6 +95,8 @@ from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, che
 _LARGEST = 150_000
 #: Number of postures from which vectors of full width, which are compiled apart, pay.
 WORTH_WIDENING = 1_000_000
+#: Numbers that may be inputs.
+INPUTS = ("stiffness", "rest", *CASE_INPUTS)
 #: Place of an output in the record, if it exists, and its shape.
 _Place = tuple[slice | None, tuple[int, ...]]
 
@@ -184,7 +186,8 @@ class Program:
     load_axes : {"body", "world"}
         Axes of the wrench's components.
     inputs : tuple of str
-        Numbers of the springs that a call may replace: "stiffness", "rest".
+        Numbers that a call may replace: "stiffness" and "rest" of the springs, the load's
+        point "load_at" (3,) in M, "payload" (4,): mass and centre in M.
     path : {"compiled", "python", "engine"}
         Machine code, or Python, for plainly regular postures; or `cartstiff.analyse` for
         all.
@@ -228,7 +231,7 @@ class Program:
         self._places: dict[str, _Place] = {}
         self._usual: dict[str, Array] = {}
         self._verdict, self._state = 0, REGULAR
-        taken = plan(elastic, "each" if is_loaded else "none")
+        taken = plan_with(elastic, "each" if is_loaded else "none", inputs)
         if isinstance(taken, str):
             self.reason = taken
         else:
@@ -249,6 +252,8 @@ class Program:
         own, settings, elastic = self._own, self._own.settings, self.elastic
         plain = replace(own, quantities=(), settings=None)
         names = recordable(elastic, case, own.quantities)
+        if "payload" in self.inputs:  # the masses of vibrations are constants
+            names = tuple(name for name in names if name not in FREQUENCIES)
         few = tuple(name for name in names if name not in FREQUENCIES)
         tape: Tape | None = None
         for some in dict.fromkeys((names, few, ())):
@@ -281,6 +286,8 @@ class Program:
         rows = {name: np.ascontiguousarray(row) for name, row in taken.shared.items()}
         shared = {name: row for name, row in rows.items() if name not in self.inputs}
         self._usual = {name: rows[name][0] for name in self.inputs}
+        if "load_at" in self._usual:
+            self._usual["load_at"] = np.array(self.load.at)
         self._answer = one_posture(program, shared)
         # What exists at no posture of the mechanism is missing.
         at = self._answer.at
@@ -332,7 +339,7 @@ class Program:
         at, given = _as_vector(q, self._count, "q"), self._usual.copy()
         for name, values in numbers.items():
             check_name("input", name, self.inputs)
-            given[name] = _as_vector(values, len(_springs(self.elastic).stiffness), name)
+            given[name] = self._checked(name, values)
         if (wrench is None) is self.is_loaded:
             self._refuse(wrench)
         if wrench is not None:
@@ -363,7 +370,10 @@ class Program:
                 for name, place in self._answer.at.items()
                 if name in self._shapes
             }
-            found = self._read(self.from_matrices, arrays, at[None], given.get("wrench"))
+            elastic, load = self._with(given)
+            found = self._read(
+                self.from_matrices, arrays, at[None], given.get("wrench"), elastic, load
+            )
             record = np.concatenate([record, *(found[n] for n in self.from_matrices)])
         return RecordedPosture(self._places, record, at, self._state, True)
 
@@ -373,7 +383,8 @@ class Program:
         arrays: Mapping[str, Array],
         q: Array,
         wrench: Array | None,
-        elastic: ElasticMechanism | None = None,
+        elastic: ElasticMechanism,
+        load: LoadKind,
     ) -> dict[str, Array]:
         """Quantities (N,) from matrices, as of maps."""
         settings = self._own.settings
@@ -382,9 +393,9 @@ class Program:
         some = [quantity for quantity in self._quantities if quantity.name in names]
         known = {n: np.full((len(q), *self._shapes[n]), np.nan) for n in self._base}
         return quantities_of(
-            elastic or self.elastic,
+            elastic,
             some,
-            settings,
+            replace(settings, load=load),
             {**known, **arrays},
             q,
             wrench,
@@ -403,13 +414,14 @@ class Program:
     def _by_analyse(self, q: Array, given: Mapping[str, Array]) -> RecordedPosture:
         """One posture by `cartstiff.analyse`."""
         at = checked_input(q, (self._count,), "q")
-        wrench, elastic = given.get("wrench"), self._with(given)
+        wrench, (elastic, load) = given.get("wrench"), self._with(given)
         wrench = None if wrench is None else checked_input(wrench, (6,), "wrench")
         rows = {name: np.full((1, *self._shapes[name]), np.nan) for name in self._base}
         with numerics.one_thread():
-            state, at = fill(elastic, at, wrench, rows, self.load, self.load_axes)
+            state, at = fill(elastic, at, wrench, rows, load, self.load_axes)
         rows |= self._own.values(rows)
-        rows |= self._read(self._own.quantities, rows, at[None], wrench, elastic)
+        names = self._own.quantities
+        rows |= self._read(names, rows, at[None], wrench, elastic, load)
         places, parts, stop = dict[str, _Place](), list[Array](), 0
         for name in self.names:
             part = np.ravel(rows[name])
@@ -418,19 +430,40 @@ class Program:
             stop += part.size
         return RecordedPosture(places, np.concatenate(parts), at, state, False)
 
-    def _with(self, numbers: Mapping[str, ArrayLike]) -> ElasticMechanism:
-        """The mechanism with other numbers of its springs."""
+    def _with(
+        self, numbers: Mapping[str, ArrayLike]
+    ) -> tuple[ElasticMechanism, LoadKind]:
+        """The mechanism, and the kind of load, with other numbers."""
+        elastic, load = self.elastic, self.load
         own = {name: numbers[name] for name in self.inputs if name in numbers}
-        if not own:
-            return self.elastic
-        springs = _springs(self.elastic)
-        each = {"stiffness": springs.stiffness, "rest": springs.rest, **own}
-        count = len(springs.stiffness)
-        new = (
-            checked_array(each[n], (count,), n, finite=False)
-            for n in ("stiffness", "rest")
-        )
-        return replace(self.elastic, springs=springs.replaced(*new))
+        if "load_at" in own:
+            load = LoadKind(load.kind, own["load_at"])  # type: ignore[arg-type]
+        if "payload" in own:
+            mass, *centre = np.ravel(own["payload"]).tolist()
+            elastic = elastic.with_payload(mass, centre) if mass else elastic
+        if own.keys() & {"stiffness", "rest"}:
+            springs = _springs(elastic)
+            each = {"stiffness": springs.stiffness, "rest": springs.rest, **own}
+            count = len(springs.stiffness)
+            new = (
+                checked_array(each[n], (count,), n, finite=False)
+                for n in ("stiffness", "rest")
+            )
+            elastic = replace(elastic, springs=springs.replaced(*new))
+        return elastic, load
+
+    def _checked(self, name: str, values: ArrayLike) -> Array:
+        """Numbers of an input."""
+        sizes = {"load_at": 3, "payload": 4}
+        size = sizes.get(name) or len(_springs(self.elastic).stiffness)
+        found = _as_vector(values, size, name)
+        if name == "payload" and found[0] < 0.0:
+            raise InputError(
+                "payload mass cannot be used",
+                expected="a number from zero",
+                got=float(found[0]),
+            )
+        return found
 
     def _derivatives(self, q: Array, given: Mapping[str, Array]) -> dict[str, Array]:
         """Derivatives of the terms outside the programs; NaN where they are in doubt."""
@@ -595,9 +628,11 @@ class Program:
         As of `cartstiff.analyse_many`: with the state of every posture, and labels by
         ``.to_xarray()``. `numbers` as in a call, the same for all postures.
         """
-        for name in numbers:
+        given = dict[str, Array]()
+        for name, values in numbers.items():
             check_name("input", name, self.inputs)
-        elastic = self._with(numbers)
+            given[name] = self._checked(name, values)
+        elastic, kind = self._with(given)
         if (wrench is None) is self.is_loaded:
             self._refuse(wrench)
         coordinates = elastic.mechanism.closed_as_given(checked_q(elastic, q))
@@ -606,14 +641,14 @@ class Program:
         arrays = {n: np.full((count, *self._shapes[n]), np.nan) for n in self.names}
         at = coordinates.copy()
         if self._taken is not None:
-            known = self._rows(at, loads, numbers, arrays)
+            known = self._rows(at, loads, given, arrays)
         rest = np.flatnonzero(~known)
         at[rest] = coordinates[rest]
         codes, state = [self._state], np.zeros(count, np.uint8)
         fallback, path = 0, "portable" if self.path == "python" else self.path
         if rest.size or self._taken is None:
             own = loads if loads is None or loads.ndim == 1 else loads[rest]
-            others = self._analysed(elastic, coordinates[rest], own)
+            others = self._analysed(elastic, kind, coordinates[rest], own)
             at[rest], fallback = others.q, others.fallback
             for name, array in arrays.items():
                 array[rest] = others.arrays[name]
@@ -630,7 +665,7 @@ class Program:
             self.reason,
             elastic.names,
             fallback,
-            described(elastic, self.load if self.is_loaded else None, self.load_axes),
+            described(elastic, kind if self.is_loaded else None, self.load_axes),
             {
                 **units_of(elastic.units),
                 **{
@@ -644,7 +679,7 @@ class Program:
         self,
         q: Array,
         loads: Array | None,
-        numbers: Mapping[str, ArrayLike],
+        numbers: Mapping[str, Array],
         arrays: Mapping[str, Array],
     ) -> NDArray[np.bool_]:
         """Fill arrays of plainly regular postures by the recorded arithmetic;
@@ -658,7 +693,8 @@ class Program:
             kernel = PortableKernel(tape)
         elif len(q) >= WORTH_WIDENING:
             kernel = CompiledKernel(tape)
-        given = {name: np.atleast_2d(values) for name, values in numbers.items()}
+        own = {**self._usual, **numbers}
+        given = {name: np.atleast_2d(values) for name, values in own.items()}
         taken = replace(taken, shared={**taken.shared, **given})
         verdicts, threads = np.zeros(len(q), np.uint8), os.cpu_count() or 1
         more = {
@@ -668,26 +704,26 @@ class Program:
         }
         run(taken, kernel, q, loads, {**arrays, **more}, verdicts, threads, None)
         known = verdicts == PLAIN
-        own = loads if loads is None or loads.ndim == 1 else loads[known]
+        some = loads if loads is None or loads.ndim == 1 else loads[known]
         rows = {name: array[known] for name, array in {**arrays, **more}.items()}
-        found = self._read(self.from_matrices, rows, q[known], own)
+        found = self._read(self.from_matrices, rows, q[known], some, *self._with(numbers))
         for name, values in found.items():
             arrays[name][known] = values
         return np.asarray(known)
 
     def _analysed(
-        self, elastic: ElasticMechanism, q: Array, loads: Array | None
+        self, elastic: ElasticMechanism, kind: LoadKind, q: Array, loads: Array | None
     ) -> Postures:
         """Postures by `analyse_many`, with own outputs and quantities."""
         load: dict[str, Any] = {}
         if loads is not None:
-            kind = self.load
             load = {"load_kind": kind.kind, "load_at": kind.at}
             load["load_axes"] = self.load_axes
         found = analyse_many(elastic, q, wrench=loads, outputs=self._base, **load)
         arrays = found.arrays
         arrays |= self._own.values(arrays)
-        arrays |= self._read(self._own.quantities, arrays, found.q, loads, elastic)
+        names = self._own.quantities
+        arrays |= self._read(names, arrays, found.q, loads, elastic, kind)
         return found
 
 
@@ -703,7 +739,7 @@ def record(
     load_kind: Literal["dead", "follower", "conservative"] = "dead",
     load_at: ArrayLike = DEAD_AT_ORIGIN.at,
     load_axes: Literal["body", "world"] = "body",
-    inputs: Sequence[Literal["stiffness", "rest"]] = (),
+    inputs: Sequence[Literal["stiffness", "rest", "load_at", "payload"]] = (),
     connection: str | None = None,
     length: float | None = None,
     direction: ArrayLike | None = None,
@@ -728,9 +764,11 @@ def record(
     load_kind, load_at, load_axes
         Behaviour of that load while the body moves, its point of application and its
         axes, as in `cartstiff.analyse`.
-    inputs : sequence of {"stiffness", "rest"}
-        Numbers of the springs that a call may replace. Rest positions must all be given,
-        and without a load, which would replace them.
+    inputs : sequence of {"stiffness", "rest", "load_at", "payload"}
+        Numbers that a call may replace: those of the springs, the load's point (3,) in M,
+        and (4,) mass [kg] and centre in M of a payload, which hangs besides the
+        mechanism's own. Rest positions must all be given, and without a load, which would
+        replace them; a payload needs gravity.
     connection, length, direction, deflect
         Settings of the quantities, as in `cartstiff.maps.map_of`; the default connection
         of a program under a load is "load", and the default length the natural one at the
@@ -777,7 +815,8 @@ def record(
         deflect=deflect,
     )
     for name in inputs:
-        check_name("input", name, ("stiffness", "rest"))
+        check_name("input", name, INPUTS)
+    _check_inputs(elastic, inputs, loaded)
     if inputs and "rest" in inputs and (loaded or not _springs(elastic).is_complete):
         raise InputError(
             "rest positions that are found at each posture are no inputs",
@@ -785,6 +824,22 @@ def record(
             expected="rest positions of all springs, and no load",
         )
     return Program(elastic, names, own, loaded, kind, load_axes, tuple(inputs))
+
+
+def _check_inputs(
+    elastic: ElasticMechanism, inputs: Collection[str], loaded: bool
+) -> None:
+    """Refuse numbers that cannot be inputs."""
+    refused = "", ""
+    if "load_at" in inputs and not loaded:
+        refused = "the point is that of a load", "loaded=True"
+    if "payload" in inputs and elastic.gravity is None:
+        refused = "a payload weighs nothing here", "a mechanism with gravity"
+    springs = elastic.springs
+    if "load_at" in inputs and springs is not None and springs.gives_aside:
+        refused = "the point is found with the struts between flexures", "other inputs"
+    if refused[0]:
+        raise InputError(refused[0], where="inputs", expected=refused[1])
 
 
 def _with_quantities(

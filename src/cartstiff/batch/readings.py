@@ -35,6 +35,7 @@ from cartstiff.analysis.ellipsoids import Freedom, Others, is_direct
 from cartstiff.batch.algebra import (
     FALLBACK,
     PLAIN,
+    LoadAtInput,
     below,
     changed_compliance,
     congruence,
@@ -72,6 +73,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.vibration.response import Damping
 
 #: Largest number of rows for which all eigenvalues are recorded.
@@ -409,13 +411,19 @@ _LEAST_PIVOT_SHARE = 0.1 / numerics.LARGEST_PAIRED_CONDITION
 class RecordedSource(Source):
     """Recorded matrices of one posture."""
 
-    def __init__(self, arrays: Mapping[str, Array], asked: Readings) -> None:
+    def __init__(
+        self,
+        arrays: Mapping[str, Array],
+        asked: Readings,
+        load: LoadKind | LoadAtInput | None = None,
+    ) -> None:
         super().__init__(arrays, asked.settings)
+        self.load = load or asked.settings.load
         self.asked = asked
         self.verdict: Scalar = PLAIN
         own = asked.settings.connection
         if own == "load":
-            D = asked.settings.load.change(arrays["wrench"])
+            D = self.load.change(arrays["wrench"])
             even = (D + D.T) * 0.5
             self.K = arrays["stiffness_B"] + even
             self.C = self._changed(even)
@@ -580,7 +588,7 @@ class RecordedSource(Source):
         most = max(i for i in range(6) if frequency_name(i) in self.asked.names)
 
         def make() -> list[Scalar]:
-            D = self.settings.load.change(self.arrays["wrench"])
+            D = self.load.change(self.arrays["wrench"])
             found, doubt = periods(self.arrays, D, most + 1)
             self.require(doubt)
             return found
@@ -604,7 +612,11 @@ def _squared_blocks(matrix: Array) -> tuple[Scalar, Scalar, Scalar]:
 READINGS = {name: quantity for name, quantity in BUILT_IN.items() if quantity.is_recorded}
 
 
-def read(arrays: Mapping[str, Array], asked: Readings) -> tuple[Array, Scalar]:
+def read(
+    arrays: Mapping[str, Array],
+    asked: Readings,
+    load: LoadKind | LoadAtInput | None = None,
+) -> tuple[Array, Scalar]:
     """Quantities of one posture in the order of their names, and the verdict on them.
 
     Parameters
@@ -614,8 +626,10 @@ def read(arrays: Mapping[str, Array], asked: Readings) -> tuple[Array, Scalar]:
         Jacobian are distances.
     asked : Readings
         The quantities.
+    load : LoadKind or LoadAtInput, optional
+        Default that of the settings.
     """
-    source = RecordedSource(arrays, asked)
+    source = RecordedSource(arrays, asked, load)
     values = zeros(len(asked.names))
     values[:] = [READINGS[name].function(source) for name in asked.names]
     for value in values:

@@ -40,7 +40,7 @@ class Facts(NamedTuple):
     title : what the function computes.
     coordinates : names with units.
     wrench : names with units, and axes and point; empty without a load.
-    inputs : numbers of the springs that the function takes, and their count.
+    inputs : other numbers that the function takes, and their count.
     outputs : lines on each output: shape and unit.
     """
 
@@ -441,8 +441,12 @@ def _words(facts: Facts, name: str, is_closed: bool) -> list[str]:
     words += [f"  {i}: {text}" for i, text in enumerate(facts.coordinates)]
     if facts.wrench:
         words += ["wrench: the load, which the springs balance", *facts.wrench]
+    meanings = {
+        "load_at": "point of the load in M",
+        "payload": "mass [kg], and its centre in M",
+    }
     for array, count in facts.inputs.items():
-        words.append(f"{array}: of the springs, {count} numbers")
+        words.append(f"{array}: {meanings.get(array, 'of the springs')}, {count} numbers")
     words += ["out:", *(f"  {text}" for text in facts.outputs), ""]
     words.append(
         "Returns 0 where the posture is plainly regular; elsewhere the numbers do not "

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -417,6 +417,14 @@ class Kinematics:
                 first[j] = (
                     walk.R @ (self.links.turns[j].T @ np.array(point)) + walk.p
                 ) * weight
+        return self.carried(weights), self.carried(first)
+
+    def hung(self, mass: Any, centre: Array) -> tuple[Array, Array]:
+        """The same of a mass at a point of M."""
+        weights, first = zeros(self.J.shape[1]), zeros(self.J.shape[1], 3)
+        body = self.constants.carrier - 1
+        weights[body] = mass
+        first[body] = (self.R_C_M @ centre + self.p_C_M) * mass
         return self.carried(weights), self.carried(first)
 
     def carried(self, own: Array) -> Array:
