@@ -16,7 +16,6 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from math import inf
 from typing import Any, Literal
 
 import numpy as np
@@ -35,14 +34,13 @@ from cartstiff.batch.arguments import (
     full_name,
     shape_of,
 )
-from cartstiff.batch.closed_chains import STEPS, is_shut, settle
+from cartstiff.batch.assembly import Assembly, one_posture
+from cartstiff.batch.closed_chains import settle
 from cartstiff.batch.execution import (
     CompiledKernel,
-    CompiledPosture,
     Kernel,
     OnePosture,
     PortableKernel,
-    PrintedPosture,
 )
 from cartstiff.batch.kernels import has_package, run
 from cartstiff.batch.own_outputs import Function, OwnOutputs
@@ -86,7 +84,6 @@ from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, UnknownNameError, check_name
 from cartstiff.geometry.connections import Connection
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.closures import LONGEST_STEP
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.potentials.springs import Springs
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, checked_load
@@ -226,7 +223,7 @@ class Program:
         self._untraced: UntracedTerms | None = None
         self._tape: Tape | None = None
         self._answer: OnePosture | None = None
-        self._closing: OnePosture | None = None
+        self._closing: Assembly | None = None
         self._settling: OnePosture | None = None
         self._places: dict[str, _Place] = {}
         self._usual: dict[str, Array] = {}
@@ -278,7 +275,7 @@ class Program:
     def _compile(self, taken: TracedModel) -> None:
         """Record, and make code of, the outputs and the steps towards the posture."""
         compiled = has_package("llvmlite")
-        case, one_posture = taken.case, CompiledPosture if compiled else PrintedPosture
+        case = taken.case
         program = self._recorded(case)
         if program.size > _LARGEST:
             self.reason = f"{program.size} operations would take too long to compile"
@@ -297,7 +294,7 @@ class Program:
             self._places[name] = slice(stop + i, stop + i + 1), ()
         self._verdict, self._state = at["verdict"].start, taken.regular
         if taken.is_closed:
-            self._closing = one_posture(program_for(case, CLOSING), {})
+            self._closing = Assembly(taken)
         if taken.settles:
             self._settling = one_posture(program_for(case, SETTLING), shared)
         self._taken, self._tape = taken, program
@@ -486,9 +483,7 @@ class Program:
         """Coordinates that close the chain, and at which links carry the load;
         None if unknown.
         """
-        at: Array | None = q
-        if self._closing is not None:
-            at = self._assembled(self._closing, q)
+        at = q if self._closing is None else self._closing(q)
         if self._settling is None or at is None or self._taken is None:
             return at
         evaluate = partial(
@@ -498,45 +493,6 @@ class Program:
         load = {name: values[None] for name, values in given.items()}
         found = settle(self._settling, evaluate, load, moved, np.arange(1))
         return moved[0] if len(found) else None
-
-    def _assembled(self, closing: OnePosture, q: Array) -> Array | None:
-        """Coordinates that close the chain, as `Chain.closed` finds them;
-        None if not found.
-        """
-        home = None if self._taken is None else self._taken.home
-        if home is None or not (steps := home.steps_where_asked(q[None])).any():
-            return self._closed(closing, q)
-
-        def near(start: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-            at = self._closed(closing, start[0])
-            shut = np.array([at is not None])
-            return start if at is None else at[None], shut, ~shut
-
-        at, is_closed, _ = home.continue_from(near, q[None], steps)
-        return at[0] if is_closed[0] else None
-
-    @staticmethod
-    def _closed(closing: OnePosture, q: Array) -> Array | None:
-        """The steps of `closed_chains.close` for one posture.
-
-        None if these do not close it.
-        """
-        left, size, best, futile = closing.at["left"], inf, inf, 0
-        for _ in range(STEPS):
-            record, before = closing.record(q=q), size
-            size, step, length, doubt = record[left].tolist()
-            if is_shut(size, step, length, before):
-                return q
-            futile = 0 if size < 0.9 * best else futile + 1
-            best = min(best, size)
-            if (
-                doubt != PLAIN
-                or not step < inf
-                or (futile >= numerics.MAX_FUTILE_STEPS and step < LONGEST_STEP)
-            ):
-                return None
-            q = record[: len(q)]
-        return None
 
     # -- sources
     # -------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from threading import Thread
 
 from cartstiff.batch.arguments import DETAILS, NOTEWORTHY, OUTPUTS, TENSIONS
+from cartstiff.batch.assembly import Assembly
 from cartstiff.batch.kernels import LARGEST_PROGRAM
 from cartstiff.batch.own_outputs import OwnOutputs
 from cartstiff.batch.plans import plan, program_for
@@ -24,8 +25,9 @@ from cartstiff.stiffness.known_numbers import Question, notes_are_known, with_nu
 from cartstiff.stiffness.posture import PostureStiffness
 
 #: Postures of one kind of load after which a program is worth recording, which takes a
-#: second, and one of more than `LARGEST_PROGRAM` operations, which takes up to fifteen.
-_OFTEN, _VERY_OFTEN = 20, 1000
+#: second, and one of more than `LARGEST_PROGRAM` operations, which takes up to fifteen:
+#: the core answers about as many in that time.
+_OFTEN, _VERY_OFTEN = 20, 3000
 
 #: Whether there is a wrench, its behaviour and point, and its axes.
 _Kind = tuple[bool, LoadKind, Axes]
@@ -48,7 +50,7 @@ class RecordedPostures:
             recording = self._recordings[kind] = _Recording(self.elastic, *kind)
         found = recording.posture(q, wrench)
         if found is None:
-            return Question(self.elastic, q, wrench, load, axes).core
+            return Question(self.elastic, recording.closed(q), wrench, load, axes).core
         return found
 
     def record(self) -> None:
@@ -68,6 +70,8 @@ class _Recording:
     count: int = 0
     thread: Thread | None = None
     program: Program | None = None
+    #: Steps that close the chain before the core is asked.
+    assembly: Assembly | None = None
     #: Whether its program is worth more postures than these.
     is_large: bool = False
 
@@ -84,6 +88,11 @@ class _Recording:
         question = Question(self.elastic, q, wrench, self.load, self.axes)
         return with_numbers(question, record.q, record.existing())
 
+    def closed(self, q: Array) -> Array:
+        """Coordinates that close the chain, if its recorded steps find them; else q."""
+        closed = None if self.assembly is None else self.assembly(q)
+        return q if closed is None else closed
+
     def start(self) -> Thread:
         """Record, in a thread of its own."""
         if self.thread is None or self.is_large:
@@ -93,7 +102,12 @@ class _Recording:
 
     def _record(self) -> None:
         taken = plan(self.elastic, "each" if self.is_loaded else "none")
-        if isinstance(taken, str) or not notes_are_known(self.elastic, self.is_loaded):
+        if isinstance(taken, str):
+            return
+        # Which coordinates were meant, where none is a motor's, only the core can say.
+        if taken.is_closed and self.elastic.mechanism.actuated is not None:
+            self.assembly = Assembly(taken)
+        if not notes_are_known(self.elastic, self.is_loaded):
             return
         outside = bool(taken.untraced) or taken.settles
         is_plain = taken.regular == REGULAR and not taken.untraced.is_dense
