@@ -14,6 +14,7 @@ from click.testing import CliRunner
 import cartstiff
 from cartstiff import DeadForce, analyse_posture, equilibrium
 from cartstiff.analysis.asymmetry import compare_connections
+from cartstiff.answer.posture import answer_at, parts_of_links
 from cartstiff.cli.main import command as cartstiff_command
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
@@ -21,11 +22,10 @@ from cartstiff.potentials.loads import Scaled
 from cartstiff.potentials.springs import JointSprings, PolynomialLaw
 from cartstiff.report.analysis import (
     describe,
-    largest_share,
-    links_of_coordinates,
     summary_text,
 )
 from cartstiff.report.layout import percent
+from cartstiff.report.sentences import share_words
 from cartstiff.report.statics import describe_equilibrium
 from cartstiff.stiffness import posture_notes
 
@@ -282,14 +282,14 @@ def test_a_compliant_link_is_named_with_the_sum_of_its_shares() -> None:
     chain = cartstiff.load("3-rrr")
     result = cartstiff.analyse(chain, wrench=[0.0, 0.0, 0.0, 5.0, 0.0, 0.0])
     deflection = analyse_posture(result)["deflection"]
-    links, summed = links_of_coordinates(chain), dict[str, float]()
+    links, summed = parts_of_links(chain), dict[str, float]()
     for part in deflection["shares"]:
         name = part["name"]
         name = f"the link {links[name]}" if name in links else name
         summed[name] = summed.get(name, 0.0) + part["share"]
     most = max(summed, key=lambda name: abs(summed[name]))
-    (words,) = largest_share(deflection, chain)
-    assert words.endswith(f"comes from {most}")
+    words = share_words(answer_at(result).shares)
+    assert f"comes from {most}" in words
     assert words.startswith(f"{100 * summed[most]:.0f} %")
     assert not any(name in words for name in links)
 
@@ -304,7 +304,7 @@ def test_legs_with_equal_shares_are_named_together(force: list[float], words: st
     deflection = analyse_posture(result)["deflection"]
     shares = {part["name"]: part["share"] for part in deflection["shares"]}
     alike = [name for name, x in shares.items() if x > (1 - 1e-9) * max(shares.values())]
-    (said,) = largest_share(deflection, cubic)
+    said = share_words(answer_at(result).shares)
     assert said.endswith(f" comes from each of {', '.join(alike)}" if len(alike) > 1 else alike[0])
     assert said.endswith(words)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -15,6 +16,7 @@ from tests.support.read_units import read, si
 
 import cartstiff
 from cartstiff.analysis.posture import analyse_posture
+from cartstiff.answer.posture import answer_at
 from cartstiff.cli.main import command as cartstiff_command
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.other_units import in_units
@@ -22,6 +24,7 @@ from cartstiff.page.html_report import report_page
 from cartstiff.page.report_drawing import exaggerated
 from cartstiff.potentials.loads import DeadWrench
 from cartstiff.potentials.springs import PolynomialLaw
+from cartstiff.report.sentences import TITLES, VERDICTS, answer_sentences
 from cartstiff.statics.equilibrium import equilibrium
 
 ARM = "".join(
@@ -69,12 +72,8 @@ def test_displacements_of_two_definitions_are_named(arm):
     result = cartstiff.analyse(soft, Q, wrench=W, load_axes="world")
     linear = 1e3 * np.linalg.norm(analyse_posture(result)["deflection"]["displacement"])
     assert abs(linear - moved) > 5e-3 * moved
-    assert f"The tip moves {moved:.4g} mm" in said
-    assert "from the equilibrium without the load to that with it" in said
-    assert (
-        f"Linear, by K^load at the stated posture (the answer of analyse), it is {linear:.4g} mm"
-        in said
-    )
+    assert f"The body frame moves {moved:.4g} mm under the load" in said
+    assert f"(by the equilibrium; {linear:.4g} mm to first order, K^load)" in said
 
 
 def test_the_answer_is_that_of_the_commands(arm):
@@ -83,21 +82,19 @@ def test_the_answer_is_that_of_the_commands(arm):
         arm, Q, wrench=W, load_axes="world", load_at=[0, 0, 0.1], command="cartstiff <&>"
     )
     said = words(text)
-    at_rest = equilibrium(arm, q=Q, wrench=W, load_at=[0, 0, 0.1], load_axes="world")
-    moved = 1e3 * np.linalg.norm(at_rest.displacement[3:])
-    assert f"The tip moves {moved:.4g} mm" in said
-    assert "The equilibrium is stable." in said
     result = cartstiff.analyse(arm, Q, wrench=W, load_at=[0, 0, 0.1], load_axes="world")
+    for sentence in answer_sentences(answer_at(result)):
+        assert sentence in said
     C = result.tangent_compliance[3:, 3:]
     soft = 1e-3 / np.linalg.eigvalsh((C + C.T) / 2)[-1]
     assert f"{soft:.4g} N/mm" in said
     shown, _ = matrix_after(text, arm)
     assert shown[5, 5] == pytest.approx(result.tangent[5, 5], rel=1e-3)
-    for note in (*result.notes, *at_rest.notes):
+    for note in result.notes:
         assert note.message in said
     assert "on 12 kg" in said
     assert "cartstiff <&>" in said
-    said_share = r"(\d+) % of the first-order displacement comes from (j\d)\."
+    said_share = r"(\d+) % of the first-order displacement comes from (j\d) "
     share, name = re.search(said_share, said).groups()
     shares = analyse_posture(result)["deflection"]["shares"]
     most = max(shares, key=lambda part: abs(part["share"]))
@@ -155,9 +152,11 @@ def test_legs_stand_beside_their_limits_and_passive_joints_are_left_out(tmp_path
     along = (ends - platform.anchors) / np.linalg.norm(ends - platform.anchors, axis=1)[:, None]
     # The legs hold the body against the load.
     assert np.array(forces) @ along == pytest.approx([0, 0, -100], abs=0.05)
-    joints = table_after(report_page(five := cartstiff.load("five-bar")), "Posture")
-    assert len(joints) - 1 < len(five.names)
-    assert "passive joints without a spring are not listed" in words(report_page(five))
+    # Passive joints have no spring, and the loops' drives a table of their own.
+    text = report_page(five := cartstiff.load("five-bar"))
+    joints = table_after(text, "Joints")
+    assert [row[0] for row in table_after(text, "Drives")[1:]] == ["left_motor", "right_motor"]
+    assert [row[0] for row in joints[1:]] == list(five.names)
 
 
 @pytest.mark.parametrize("name", ["cubic", "five-bar", "grasp"])
@@ -166,7 +165,7 @@ def test_every_kind_has_one(name):
     W = [0, 0, 0, 5, -5, 0] if name != "grasp" else None
     said = words(report_page(elastic, wrench=W))
     assert "What is assumed" in said
-    assert "stable" in said
+    assert any(title in said for title in VERDICTS.values())
 
 
 def run(*arguments):
@@ -306,71 +305,160 @@ def test_every_number_is_that_of_the_commands(name, more, size):
     q = elastic.mechanism.assembled(more.get("q", elastic.q))
     W = None if size is None else _load_of(elastic, size)
     text = report_page(elastic, q, wrench=W, load_axes="body" if W is None else "world")
-    said = words(text)
     # What holds the posture without the load stays: the body is not let go first.
     alone = cartstiff.analyse(elastic, q)
-    held = np.zeros(6) if alone.wrench is None else alone.shown_wrench(alone.wrench)
-    R = np.kron(np.eye(2), alone.pose[:3, :3])
-    whole = held if W is None else R.T @ W + held
-    hold = [DeadWrench(R @ held)] if held.any() else []
-    result = alone if W is None or hold else cartstiff.analyse(elastic, q, wrench=whole)
+    is_held = alone.wrench is not None and alone.shown_wrench(alone.wrench).any()
+    added = {}
+    result = alone
+    if W is not None and is_held:
+        R = np.kron(np.eye(2), alone.pose[:3, :3])
+        added = {"wrench": R.T @ W, "load_at": np.zeros(3)}
+    elif W is not None:
+        result = cartstiff.analyse(elastic, q, wrench=W, load_axes="world")
+    states_what_is_said(text, result, answer_at(result, **added).to_dict())
+    # The displacement is near that between two equilibria, by the search itself.
+    if moved := re.search(r"The body frame moves (\S+ \S+) under", said_under(text)):
+        R = np.kron(np.eye(2), alone.pose[:3, :3])
+        held = R @ (np.zeros(6) if alone.wrench is None else alone.shown_wrench(alone.wrench))
+        hold = [DeadWrench(held)] if is_held else []
+        before = equilibrium(elastic, q, *hold, settle=False)
+        after = equilibrium(elastic, q, *hold, DeadWrench(W))
+        far = np.linalg.norm((after.pose - before.pose)[:3, 3])
+        assert si_length(moved.group(1)) == pytest.approx(
+            far * METRES[elastic.units.length], rel=0.02
+        )
+
+
+METRES = {"m": 1.0, "cm": 0.01, "mm": 1e-3}
+
+
+def said_under(text):
+    """The answer of a report, without what is said of another posture."""
+    return words(text).partition("Better posture")[0]
+
+
+def si_length(shown):
+    """A length in m."""
+    number, unit = shown.split()
+    return float(number) * si(unit)
+
+
+def states_what_is_said(text, result, answer):
+    """A report has the numbers, verdict and doubts of an answer's JSON, and no others."""
+    said, units = said_under(text), result.units
+    verdict = answer["verdict"]
+    assert VERDICTS[verdict["code"]] in said
+    assert [title for title in VERDICTS.values() if title in said] == [VERDICTS[verdict["code"]]]
+    for doubt in answer["doubts"]:
+        assert doubt["message"].lower() in said.lower()
+    moved = answer["displacement"]
+    shown = re.search(r"The body frame moves (\S+ \S+) under", said)
+    is_far = moved is not None and (moved["difference"] or 0.0) > 0.02
+    motion = moved and moved["equilibrium" if is_far else "first_order"]
+    if motion is None or not np.any(motion["translation"]):
+        assert shown is None
+    elif moved["by"] != "preload":
+        far = np.linalg.norm(motion["translation"]) * METRES[units.length]
+        assert si_length(shown.group(1)) == pytest.approx(far, rel=6e-4)
+        drawn = re.search(r"the tip moves (\S+ \S+)\)", words(text))
+        assert drawn is None or drawn.group(1) == shown.group(1)
+    # Softest and stiffest directions, against forces and moments.
+    for extreme in answer["extremes"]:
+        own = "turn" if extreme["freedom"] == "translation" else "move"
+        if extreme["others"] == "held" or extreme["stiffness"] is None:
+            continue
+        found = re.search(
+            rf"{extreme['end'].capitalize()} \(free to {own}\): (\S+) (\S+(?: m/rad)?) "
+            r"(?:along|about) (\(.*?\)|more)",
+            said,
+        )
+        unit = units.stiffness[extreme["freedom"]]
+        size = float(found.group(1)) * si(found.group(2)) / si(unit)
+        assert size == pytest.approx(extreme["stiffness"], rel=6e-4)
+        if extreme["direction"] is None:
+            assert found.group(3) == "more"
+        else:
+            named = [float(x) for x in found.group(3).strip("()").split(",")]
+            assert named == pytest.approx(extreme["direction"], abs=6e-3)
+    if answer["shares"] is not None:
+        first = answer["shares"]["parts"][0]
+        assert f"{round(100 * first['share'])} % of" in said
+    # Tables: every cell that has a number.
+    for table in answer["tables"]:
+        rows = table_after(text, TITLES.get(table["name"], table["name"].capitalize()))
+        assert len(rows) == 1 + len(table["rows"])
+        heads = [column["head"] for column in table["columns"]]
+        for cells, row in zip(rows[1:], table["rows"], strict=True):
+            for head, cell in zip(rows[0], cells, strict=True):
+                value = row[heads.index(head)]
+                assert_same_cell(cell, value, (table["name"], row[0], head))
+    # The matrix, each block to four digits.
     K = result.tangent if result.is_loaded else result.matrices["B"]
     if K is None:
         K = result.tangent_compliance if result.is_loaded else result.compliances["B"]
         assert "the compliance C" in said
-    shown, blocks = matrix_after(text, elastic)
+    matrix, blocks = matrix_after(text, result)
     if (task := result.task_axes) is not None:
-        assert len(shown) == len(task.names)
+        assert len(matrix) == len(task.names)
         K = task.tangent
-    # Four digits; of parts that are rounding beside the rest nothing is shown.
     for rows, columns in blocks:
         block = K[np.ix_(rows, columns)]
-        miss = shown[np.ix_(rows, columns)] - block
+        miss = matrix[np.ix_(rows, columns)] - block
         assert np.abs(miss).max() <= 6e-4 * np.abs(block).max() + 1e-12 * np.abs(K).max()
-    mm = {"m": 1e3, "cm": 10.0, "mm": 1.0}[elastic.units.length]
-    before = equilibrium(elastic, q, *hold, settle=False)
-    at_rest = before
-    if W is not None:
-        at_rest = equilibrium(elastic, q, DeadWrench(R @ whole))
-        moved = (at_rest.pose - before.pose)[:3, 3]
-        shown = re.search(r"The tip moves (\S+ \S+) \(", said).group(1)
-        assert read(shown) == pytest.approx(1e-3 * mm * np.linalg.norm(moved), rel=6e-4)
-        # And to first order by the compliance.
-        C = result.tangent_compliance
-        assert np.linalg.norm(moved) == pytest.approx(np.linalg.norm((C @ R.T @ W)[3:]), rel=0.02)
-    else:
-        assert "The tip moves" not in said
-    verdicts = {True: "is stable", False: "is NOT stable", None: "is not decided"}
-    assert verdicts[at_rest.stable] in said
-    eigenvalues = None
-    if (T := result.tangent if result.is_loaded else result.matrices["B"]) is not None:
-        eigenvalues = np.linalg.eigvalsh((T + T.T) / 2)
-        indefinite = eigenvalues[0] < -1e-9 * eigenvalues[-1]
-        assert ("Not stable" in said or "decides no stability" in said) == indefinite
-        if indefinite:
-            assert "is stable" not in said
-            assert "Softest" not in said
-    if soft := re.search(r"Softest \(free to turn\): (.*?) along", said):
-        C = (result.tangent_compliance if result.is_loaded else result.compliances["B"])[3:, 3:]
-        expected = 1e3 * elastic.units.newtons / mm / np.linalg.eigvalsh((C + C.T) / 2)[-1]
-        assert read(soft.group(1)) == pytest.approx(expected, rel=1e-3)
-    if share := re.search(r"(\d+) % of (the first-order displacement|its energy) comes", said):
-        assert 0 < int(share.group(1)) <= 105
-    rows = table_after(text, "Posture")
-    at = {head.partition(" ")[0]: i for i, head in enumerate(rows[0])}
-    stiffness = {row[0]: row[at["stiffness"]] for row in rows[1:] if row[at["stiffness"]]}
-    k = dict(zip(elastic.spring_names, np.asarray(elastic.springs.stiffness), strict=True))
-    own = {name: stiffness[name].split()[-1].endswith("rad") for name in k if name in stiffness}
-    for spring, value in k.items():
-        if 0 < value < np.inf:
-            size = mm / 1e3 if own[spring] else 1e3 / mm  # of N length/rad, or N/length
-            assert read(stiffness[spring]) == pytest.approx(value * size, rel=6e-4)
-    assert all(k.split()[0] != "0" for k in stiffness.values())
-    parts = []
-    if "share" in at:
-        parts = [int(row[at["share"]].split()[0]) for row in rows[1:] if row[at["share"]]]
-    if parts and alone.posture.closure is None and not alone.posture.coordinates_are_pose:
-        assert sum(parts) == pytest.approx(100, abs=len(parts))
+
+
+def assert_same_cell(cell, value, what):
+    """A cell of the report, and of the answer: words, or a value with its unit."""
+    if not isinstance(value, dict):
+        assert cell == (value or ""), what
+        return
+    number, unit = value["value"], value["unit"]
+    if unit == "1":
+        assert cell == f"{round(100 * number) + 0} %", what
+        return
+    shown, own = cell.split(" ", 1)
+    if unit == "rad":
+        assert float(cell.split()[-2]) == pytest.approx(np.degrees(number), rel=6e-4, abs=1e-3), (
+            what
+        )
+        return
+    assert float(shown) * si(own) == pytest.approx(number * si(unit), rel=6e-4, abs=1e-12), what
+
+
+# An arm with springs that its maker publishes, the same without, the paper's platform, six legs
+# with a heavy body, and cables: each as a command, whose JSON has the same numbers.
+FIVE = [
+    ["fanuc-r2000ic", "--load", "0,0,0,200,0,-500", "--world"],
+    ["arm.urdf", "--load", "0,0,0,20,0,-50", "--world"],
+    ["stewart-gough"],
+    ["6-ups", "--gravity", "0,0,-9.81", "--load", "0,0,0,30,0,-200", "--world"],
+    ["cable-robot", "--q", "0.03,0,0.6,0,0,0", "--load", "0,0,0,5,0,-20", "--world"],
+]
+
+
+@pytest.mark.parametrize("line", FIVE, ids=[line[0] for line in FIVE])
+def test_a_report_is_the_json_of_its_command(line, tmp_path, monkeypatch):
+    """Number by number; and the Python API gives both."""
+    monkeypatch.chdir(tmp_path)
+    Path("arm.urdf").write_text(HEAVY + "</robot>", encoding="utf-8")
+    done = run(*line, "-o", "r.html")
+    assert done.exit_code == 0, done.output
+    text = Path("r.html").read_text("utf-8")
+    done = CliRunner().invoke(cartstiff_command, ["analyse", *line, "--json"])
+    assert done.exit_code == 0, done.output
+    told = json.loads(done.output)
+    options = dict(zip(line[1::2], line[2::2], strict=False))
+    elastic = cartstiff.load(line[0])
+    if "--gravity" in line:
+        elastic = elastic.with_gravity([0, 0, -9.81])
+    given = {name: [float(x) for x in value.split(",")] for name, value in options.items()}
+    load = given.get("--load")
+    result = cartstiff.analyse(
+        elastic, given.get("--q"), wrench=load, load_axes="body" if load is None else "world"
+    )
+    mine = answer_at(result).to_dict()
+    assert json.loads(json.dumps(mine)) == told["answer"]
+    states_what_is_said(text, result, told["answer"])
 
 
 def test_no_direction_is_named_where_two_are_alike():
@@ -385,7 +473,6 @@ def test_no_direction_is_named_where_two_are_alike():
     same = r"oftest \(free to turn\): (.*?) along more than one direction alike"
     soft = re.search(f"S{same}", said)
     assert read(soft.group(1)) == pytest.approx(1.0 / most, rel=1e-3)
-    assert "turns 0 rad" in said
     line = ["analyse", "delta", "--load", "0,0,0,0,0,-50", "--world"]
     told = CliRunner().invoke(cartstiff_command, line).output
     assert re.search(f"S{same}", told).group(1) == soft.group(1)
@@ -426,16 +513,15 @@ def test_an_unbalanced_posture_is_not_held():
     said = re.sub(r"<[^>]+>", " ", report_page(cartstiff.load("delta", payload=[3])))
     assert "Unbalanced" in said
     assert "not held at this posture" in said
-    assert "The equilibrium at which it comes to rest is stable." in said
 
 
 def test_rigid_and_nonlinear_springs_stand_in_the_table(arm):
     """A rigid joint is no passive joint; a spring by a law has the stiffness at the posture."""
     springs = replace(arm.springs, rigid=frozenset({1}), laws={2: PolynomialLaw((1e4, 0.0, 1e6))})
     text = report_page(replace(arm, springs=springs, q=np.array(Q)), wrench=[0, 0, 0, 0, 0, -20])
-    rows = dict(re.findall(r"<td>(j\d)</td><td>[^<]*</td><td>([^<]*)</td>", text))
+    heads, *cells = table_after(text, "Joints")
+    rows = {row[0]: row[heads.index("stiffness")] for row in cells}
     assert rows["j2"] == "rigid"
-    assert "passive joints without a spring" not in text
     result = cartstiff.analyse(replace(arm, springs=springs), Q, wrench=[0, 0, 0, 0, 0, -20])
     turned = Q[2] - result.elastic.springs.rest[2]
     number, unit = rows["j3"].split(" ", 1)
@@ -451,12 +537,12 @@ def test_compliant_links_have_one_row_each():
     assert "etter posture" in said
     assert "upper_arm_link.near_ry" not in re.sub("<iframe.*?</iframe>", "", text)
     assert "change of the coordinate [deg], within the limits" in text
-    rows = {row[0]: row for row in table_after(text, "Posture")}
+    rows = {row[0]: row for row in table_after(text, "Joints")}
     assert len(rows) == 1 + 6 + 2
     result = cartstiff.analyse(arm, wrench=[0, 0, 0, 10, 0, -20], load_axes="world")
     shares = analyse_posture(result)["deflection"]["shares"]
     share = sum(part["share"] for part in shares if part["name"].startswith("forearm_link."))
-    assert rows["the link forearm_link"][3] == f"{100 * share:.0f} %"
+    assert rows["the link forearm_link"][-1] == f"{100 * share:.0f} %"
 
 
 def test_a_doubt_about_the_load_is_said_once(arm):
@@ -473,9 +559,9 @@ def test_a_posture_that_does_not_resist_the_load_has_no_linear_displacement(arm)
         soft, [0.0, 0.05, 0.0, 0.0, 0.02, 0.0], wrench=[0, 0, 0, 0, 0, -200], load_axes="world"
     )
     assert "<li>Not stable: " in text
-    assert "Linear, by K^load" not in text
+    assert "to first order" not in text
     assert "etter posture" not in words(text)
-    assert "share of" not in text[text.index("<h2>Posture") : text.index("<h2>Load and")]
+    assert "share of" not in text[text.index("<h2>Joints") : text.index("<h2>Load and")]
 
 
 def test_a_report_has_a_page_for_each_point_the_worst_first(tmp_path, monkeypatch):
@@ -499,11 +585,11 @@ def test_a_report_has_a_page_for_each_point_the_worst_first(tmp_path, monkeypatc
     assert [name for name, _ in pages] == [row[0] for row in rows]
     for (name, page), far in zip(pages, moved, strict=True):
         place = places[int(name.split()[1]) - 1]
-        places_of = dict(re.findall(r"<td>(\w+_joint)</td><td>([^<]*) deg</td>", page))
-        q = np.radians([float(places_of[joint]) for joint in arm.names])
+        places_of = dict(re.findall(r"<td>(\w+_joint)</td><td>(\S+) rad ", page))
+        q = np.array([float(places_of[joint]) for joint in arm.names])
         assert arm.mechanism.at(q).pose[:3, 3] == pytest.approx(place, abs=1e-3)
         assert np.abs(q - arm.q).max() < 1.0
-        assert moved_by(arm, q, load) == pytest.approx(far, rel=1e-2)
+        assert moved_by(arm, q, load) == pytest.approx(far, rel=2e-2)
     assert text.count('<section class="screen">') == 1
 
 
@@ -530,7 +616,7 @@ def test_the_deflected_pose_is_drawn_exaggerated_by_the_stated_factor():
     factor, far = float(said.group(1)), read(said.group(2))
     state = equilibrium(arm, q=arm.q, wrench=W)
     _, there = exaggerated(arm, arm.q, state.posture.q, 1.0)
-    assert far == pytest.approx(np.linalg.norm(state.displacement[3:]), rel=1e-3)
+    assert far == pytest.approx(np.linalg.norm(state.displacement[3:]), rel=0.02)
     drawn = np.linalg.norm((there.pose - arm.mechanism.at(arm.q).pose)[:3, 3])
     other = exaggerated(arm, arm.q, state.posture.q, 1.0)[0]
     assert drawn == pytest.approx(other * far, rel=0.05)

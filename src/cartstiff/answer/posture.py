@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -42,14 +42,18 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import Limits
 from cartstiff.notes import Note
-from cartstiff.potentials.beams import Beam
 from cartstiff.potentials.contract import Potential
-from cartstiff.potentials.springs import CoupledSprings, JointSprings
+from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.posture import StiffnessInFrame
 from cartstiff.units import Units
 
+if TYPE_CHECKING:
+    from cartstiff.mechanisms.contract import MechanismPosture
+    from cartstiff.statics.rest import Equilibrium
+
+Behaviour = Literal["dead", "follower", "conservative"]
 _FREEDOMS: tuple[Freedom, Freedom] = ("translation", "rotation")
 _OTHERS: tuple[Others, Others] = ("free", "held")
 #: Decimal places up to which shares are compared.
@@ -63,6 +67,7 @@ def answer_at(
     at: Array | None = None,
     wrench: Array | None = None,
     load_at: Array | None = None,
+    load_kind: Behaviour = "dead",
     quickly: bool = False,
 ) -> Answer:
     """The answer at a posture.
@@ -81,6 +86,8 @@ def answer_at(
         the load.
     load_at : ndarray (3,), optional
         Point of the body, in M, at which that wrench acts; default the point that moves.
+    load_kind : {"dead", "follower", "conservative"}
+        Its behaviour while the body moves.
     quickly : bool
         Without the equilibrium and without tables, as a page needs it while it is
         dragged.
@@ -99,7 +106,7 @@ def answer_at(
             shares_of(found.shares, elastic),
         )
         if by != "preload" and not quickly:
-            moved, more = _beside_equilibrium(result, moved, found)
+            moved, more = _beside_equilibrium(result, moved, found, load_kind)
             told = {note.code for note in notes}
             notes += [note for note in more if note.code not in told]
     verdict = verdict_at(result, name, definiteness_of(here, name))
@@ -189,42 +196,29 @@ def _displacement(
 
 
 def _beside_equilibrium(
-    result: PostureStiffness, moved: Displacement, found: FoundDeflection
+    result: PostureStiffness, moved: Displacement, found: FoundDeflection, kind: Behaviour
 ) -> tuple[Displacement, list[Note]]:
-    """The displacement between two equilibria beside its first order,
+    """The displacement between two equilibria, see `rests`, beside its first order,
     and notes on the latter.
-
-    The load moves the body from its rest at the posture without it, links straight; an
-    added load from the posture, at which the springs balance the load.
     """
     if result.wrench is None or not any((*found.whole.wrench, *found.whole.twist)):
         return moved, []
     # A posture without a load needs no search.
-    from cartstiff.statics.equilibrium import equilibrium
     from cartstiff.statics.held import displacement_between
 
+    added = None if moved.by == "load" else found.added
     try:
-        if moved.by == "load":
-            start = np.array(result.q)
-            start[sorted(result.mechanism.virtual)] = 0.0
-            state = equilibrium(result.elastic_as_given, start, _acting(result))
-            before = None if state.before is None else state.before.pose
-        else:
-            added = LoadKind("dead", vector(found.acts_at)).acting(
-                found.added, result.pose
-            )
-            held = [_acting(result)] if result.is_loaded else []
-            state = equilibrium(result.elastic, result.q, *held, added)
-            before = result.pose
+        before, state = rests(result, added, LoadKind(kind, vector(found.acts_at)))
     except CartstiffError as error:
         return moved, [
             Note("no-equilibrium", f"no equilibrium under the load was found: {error}")
         ]
     if state.stable is False or before is None:
         return moved, list(state.notes)
+    start = before.pose
     point = np.append(moved.point, 1.0)
-    shift = ((state.pose - before) @ point)[:3]
-    turn = displacement_between(before, state.pose)[:3]
+    shift = ((state.pose - start) @ point)[:3]
+    turn = displacement_between(start, state.pose)[:3]
     far = float(np.linalg.norm(shift))
     miss = float(np.linalg.norm(shift - result.pose[:3, :3] @ found.whole.displacement))
     compared = replace(
@@ -233,6 +227,33 @@ def _beside_equilibrium(
         difference=miss / far if far > 0.0 else None,
     )
     return compared, [] if compared.is_first_order else list(state.notes)
+
+
+def rests(
+    result: PostureStiffness, added: Array | None, acting: LoadKind
+) -> tuple[MechanismPosture | None, Equilibrium]:
+    """The posture before a load, and the equilibrium under it.
+
+    The load moves the body from its rest at the posture without it, links straight; an
+    added wrench (6,), in the axes of M, from the posture, at which the springs balance
+    the load.
+
+    Raises
+    ------
+    CartstiffError
+        As `cartstiff.equilibrium`.
+    """
+    # A posture without a load needs no search.
+    from cartstiff.statics.equilibrium import equilibrium
+
+    if added is None:
+        start = np.array(result.q)
+        start[sorted(result.mechanism.virtual)] = 0.0
+        state = equilibrium(result.elastic_as_given, start, _acting(result))
+        return None if state.before is None else state.before.posture, state
+    held = [_acting(result)] if result.is_loaded else []
+    more = acting.acting(added, result.pose)
+    return result.posture, equilibrium(result.elastic, result.q, *held, more)
 
 
 def _acting(result: PostureStiffness) -> Potential:
@@ -247,8 +268,8 @@ def parts_of_links(elastic: ElasticMechanism) -> dict[str, str]:
     return {
         elastic.names[j]: potential.link
         for potential in elastic.potentials
-        if isinstance(potential, (Beam, CoupledSprings)) and potential.link
-        for j in np.ravel(potential.indices)
+        if potential.link
+        for j in potential.members
     }
 
 

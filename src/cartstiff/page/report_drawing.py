@@ -171,7 +171,7 @@ def drawing(
     start: Array,
     end: Array | None,
     force: Arrow | None,
-    units: Units,
+    far: float,
 ) -> str:
     """The drawing as a figure with its words.
 
@@ -183,10 +183,10 @@ def drawing(
         Coordinates before the load, and under it; None for no equilibrium.
     force : Arrow or None
         The force on the body, of any length.
-    units : Units
-        Of the mechanism.
+    far : float
+        How far the tip moves, as the answer says.
     """
-    mechanism = elastic.mechanism
+    mechanism, units = elastic.mechanism, elastic.units
     shapes = outlines(mechanism) if isinstance(mechanism, Chain) else []
     before = mechanism.at(start)
     robot = drawn(before, shapes)
@@ -195,11 +195,9 @@ def drawing(
     if end is not None and (shown := exaggerated(elastic, start, end, size)):
         factor, there = shown
         ghost = drawn(there, shapes)
-        moved = mechanism.at(end).pose[:3, 3] - before.pose[:3, 3]
-        far = engineering(float(np.linalg.norm(moved)), units.length)
         words.append(
             f"in green under its load, the deflection drawn {factor:g} times as large "
-            f"(the tip moves {far})"
+            f"(the tip moves {engineering(far, units.length)})"
         )
     if force is not None:
         words.append(f"the red arrow is {force.words}")

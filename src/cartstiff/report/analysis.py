@@ -15,10 +15,9 @@ from cartstiff.analysis.sections import unit_of
 from cartstiff.answer.data import Answer
 from cartstiff.answer.posture import drive_tables
 from cartstiff.choices import LEVELS
-from cartstiff.errors import check_name, joined, listed
+from cartstiff.errors import check_name, joined
 from cartstiff.geometry import se3
 from cartstiff.matrix_names import MATRICES
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
 from cartstiff.report.answer import answer_lines, table_lines
 from cartstiff.report.layout import (
@@ -320,58 +319,6 @@ def summary_text(
         lines += ["", "does not exist here, or not to all digits"]
         lines += [f"  {note['message']} [{note['code']}]" for note in summary["notes"]]
     return joined(line[:1].upper() + line[1:] for line in lines) + "\n"
-
-
-def resisted_deflection(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """Deflection under the load of an analysis if the body resists it,
-    else an empty one.
-    """
-    found: dict[str, Any] = summary.get("deflection") or {}
-    is_resisted = summary["definiteness"] in (None, "positive")
-    return found if is_resisted and found and found["energy"] > 0.0 else {}
-
-
-def links_of_coordinates(elastic: ElasticMechanism) -> dict[str, str]:
-    """Compliant link of each virtual joint, by its name."""
-    return {
-        elastic.names[j]: potential.link
-        for potential in elastic.potentials
-        if potential.link
-        for j in potential.members
-    }
-
-
-def shares_of_parts(
-    deflection: Mapping[str, Any], elastic: ElasticMechanism
-) -> dict[str, float | None]:
-    """Shares of a deflection by joint, link or leg.
-
-    A link's virtual joints are one part.
-    """
-    links, summed = links_of_coordinates(elastic), dict[str, float | None]()
-    for part in deflection.get("shares") or []:
-        name = f"the link {links[own]}" if (own := part["name"]) in links else own
-        summed[name] = summed[name] + part["share"] if name in summed else part["share"]
-    return summed
-
-
-def largest_share(deflection: Mapping[str, Any], elastic: ElasticMechanism) -> list[str]:
-    """Words on the joint, link or leg that contributes most to a deflection,
-    if shares exist.
-
-    Parts with equal shares, as legs of a symmetric machine have, are named together.
-    """
-    summed = {
-        n: share or 0.0 for n, share in shares_of_parts(deflection, elastic).items()
-    }
-    if not summed:
-        return []
-    largest = max(summed.values(), key=abs)
-    margin = numerics.NEGLIGIBLE_SHARE * abs(largest)
-    alike = [name for name, share in summed.items() if abs(share - largest) <= margin]
-    of = "this" if deflection["kind"] == "joints" else "the energy that this takes"
-    each = "each of " if len(alike) > 1 else ""
-    return [f"{100 * largest:.0f} % of {of} comes from {each}{listed(alike, most=6)}"]
 
 
 def _heading(s: Mapping[str, Any], u: Units) -> list[str]:

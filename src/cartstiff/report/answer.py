@@ -59,25 +59,36 @@ def displayed(result: PostureStiffness) -> list[str]:
 
 def table_lines(shown: Table) -> list[str]:
     """A table under its title, without empty columns, and what it needs to be read."""
+    title, (columns, texts) = table_title(shown), table_cells(shown)
+    left = [i for i, column in enumerate(columns) if column.form == "<"]
+    body = table([table_head(column) for column in columns], texts, left)
+    return [
+        "",
+        *([title] * bool(title)),
+        *(body if columns else ["  none"]),
+        *(sentence(SENTENCES[x.code], x.values) for x in shown.below),
+    ]
+
+
+def table_title(shown: Table) -> str:
+    """What a table is headed by; its name with a capital, unless it has other words."""
     title = TITLES.get(shown.name, shown.name.capitalize())
+    return sentence(title, shown.values)
+
+
+def table_cells(shown: Table) -> tuple[list[Column], list[list[str]]]:
+    """Columns of a table that are not empty, and their rows of cells."""
     cells = zip(*shown.rows, strict=True)
     kept = [
         (column, [cell_text(cell, column) for cell in own])
         for column, own in zip(shown.columns, cells, strict=False)
         if any(cell is not None for cell in own)
     ]
-    heads, texts = zip(*kept, strict=True) if kept else ((), ())
-    left = [i for i, column in enumerate(heads) if column.form == "<"]
-    body = table([_head(column) for column in heads], zip(*texts, strict=True), left)
-    return [
-        "",
-        *([sentence(title, shown.values)] * bool(title)),
-        *(body if kept else ["  none"]),
-        *(sentence(SENTENCES[x.code], x.values) for x in shown.below),
-    ]
+    rows = zip(*(texts for _, texts in kept), strict=True)
+    return [column for column, _ in kept], [list(row) for row in rows]
 
 
-def _head(column: Column) -> str:
+def table_head(column: Column) -> str:
     """Name of a column with the unit that people read."""
     return f"{column.head} [{shown_unit(column.unit)[0]}]" if column.unit else column.head
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cartstiff.answer.posture import parts_of_links
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.report.analysis import links_of_coordinates
 from cartstiff.toolpaths.better import USEFUL_GAIN, BetterPosture, Change
 from cartstiff.units import Units, engineering
 
@@ -34,7 +34,7 @@ def better_sentences(found: BetterPosture, elastic: ElasticMechanism) -> list[st
     sentences = [f"{lead}."]
     if not found.is_near:
         sentences.append("It is another configuration of the arm.")
-    links = links_of_coordinates(elastic)
+    links = parts_of_links(elastic)
     places = ", ".join(
         f"{c.name} {place(float(x), c.is_length, units)}"
         for c, x in zip(elastic.mechanism.coordinates, found.q, strict=True)

@@ -113,7 +113,7 @@ class BetterPosture:
 
 
 @dataclass(frozen=True, eq=False)
-class _Measures:
+class Measures:
     """Measures (N,) of postures under the load; NaN where the body does not resist it."""
 
     displacement: Array
@@ -123,7 +123,7 @@ class _Measures:
 
 
 @dataclass(frozen=True, eq=False)
-class _Question:
+class LoadedPostures:
     """The mechanism at its posture, the load in the room, and the point that it moves."""
 
     elastic: ElasticMechanism
@@ -133,7 +133,22 @@ class _Question:
     kind: LoadKind
     point: Array
 
-    def measures(self, Q: Array) -> _Measures:
+    @classmethod
+    def of(
+        cls,
+        elastic: ElasticMechanism,
+        q: Array,
+        wrench: Array,
+        kind: LoadKind,
+        point: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> LoadedPostures:
+        """A wrench (6,) along the axes of the room, and a point in M."""
+        posture = elastic.mechanism.at(q)
+        here = checked_vector(point, 3, "point")
+        placed = replace(elastic, q=q)
+        return cls(placed, posture.pose, posture.length, wrench, kind, here)
+
+    def measures(self, Q: Array) -> Measures:
         """Measures of postures (N, n), by the tangent compliance C: the twist is C W."""
         arrays = analyse_many(
             self.elastic,
@@ -155,7 +170,7 @@ class _Question:
         moved = twists[:, 3:] + np.cross(twists[:, :3], self.point)
         with np.errstate(divide="ignore", invalid="ignore"):
             condition = numerics.condition(values)
-        return _Measures(
+        return Measures(
             np.linalg.norm(moved, axis=1),
             np.linalg.norm(twists[:, :3], axis=1),
             np.where(known, np.linalg.eigvalsh(C[:, 3:, 3:])[:, -1], np.nan),
@@ -163,7 +178,7 @@ class _Question:
         )
 
     @cached_property
-    def here(self) -> _Measures:
+    def here(self) -> Measures:
         """Measures of the posture."""
         return self.measures(self.elastic.q[None])
 
@@ -274,16 +289,9 @@ def better_posture(
     given = checked_vector(wrench, 6, "wrench")
     if load_axes == "body":
         given = np.ravel(given.reshape(2, 3) @ posture.pose[:3, :3].T)
-    question = _Question(
-        replace(placed, q=start),
-        posture.pose,
-        posture.length,
-        given,
-        LoadKind(
-            load_kind, tuple(checked_vector(load_at, 3, "point of the load").tolist())
-        ),
-        checked_vector(point, 3, "point"),
-    )
+    at = tuple(checked_vector(load_at, 3, "point of the load").tolist())
+    kind = LoadKind(load_kind, at)
+    question = LoadedPostures.of(placed, start, given, kind, point)
     with np.errstate(all="ignore"):
         alone = analyse(placed, start).wrench
         is_held = alone is None or bool(np.any(alone))
@@ -311,7 +319,7 @@ def _not_sought(reason: str) -> UndefinedError:
 
 
 def _candidates(
-    question: _Question, load_axes: Literal["body", "world"]
+    question: LoadedPostures, load_axes: Literal["body", "world"]
 ) -> Iterator[tuple[Array, bool]]:
     """Postures (k, n) at the tip's pose, and whether they are near.
 
@@ -360,7 +368,7 @@ def _candidates(
     yield found(wide, "none"), False
 
 
-def _best(question: _Question, Q: Array, least: float) -> tuple[Array, float] | None:
+def _best(question: LoadedPostures, Q: Array, least: float) -> tuple[Array, float] | None:
     """The candidate of least cost that the equilibrium confirms to be below `least`."""
     if not len(Q):
         return None
@@ -376,7 +384,7 @@ def _best(question: _Question, Q: Array, least: float) -> tuple[Array, float] | 
 
 
 def _described(
-    question: _Question,
+    question: LoadedPostures,
     before: float,
     q: Array,
     settled: float,
