@@ -16,7 +16,6 @@ import cartstiff
 from cartstiff import DeadForce, analyse_posture
 from cartstiff.identify.identification import identify, with_result
 from cartstiff.mechanisms.other_units import in_units
-from cartstiff.vibration.sensitivities import intervals
 
 Q = np.array([0.3, 0.5, 0.9, 0.2, 0.7, -0.3])
 FORCE = np.array([0, 0, 0, 40.0, -30.0, -160.0])
@@ -116,7 +115,9 @@ def test_frequencies_under_the_weight(known):
     for more, less, per in neighbours(elastic):
         ends = [cartstiff.modes(m, Q).frequencies for m in (more, less)]
         variance += (per * (ends[0] - ends[1])) ** 2
-    assert intervals(found).deviations == pytest.approx(np.sqrt(variance), rel=1e-4)
+    assert cartstiff.accuracy(found).interval.deviations == pytest.approx(
+        np.sqrt(variance), rel=1e-4
+    )
 
 
 def test_other_units_change_nothing(known):

@@ -10,7 +10,6 @@ import pytest
 import cartstiff
 from cartstiff.results import LabelledResult
 from cartstiff.vibration.controllers import impedance
-from cartstiff.vibration.sensitivities import intervals
 
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("matplotlib")
@@ -143,6 +142,6 @@ def test_every_class_of_results_has_a_picture():
             importlib.import_module(module.name)
     assert [c.__name__ for c in LabelledResult.__subclasses__() if not hasattr(c, "plot")] == []
     modes = cartstiff.modes(cartstiff.load("ur5"))
-    spread = intervals(modes, cartstiff.Tolerances(stiffness=0.05))
+    spread = cartstiff.accuracy(modes, cartstiff.Tolerances(stiffness=0.05)).interval
     (lines,) = spread.plot().axes[0].collections
     assert [end[0] for end in lines.get_segments()[0]] == [spread.low[0], spread.high[0]]

@@ -23,8 +23,9 @@ from cartstiff import (
     analyse_posture,
 )
 from cartstiff.analysis.deflection import joint_shares
+from cartstiff.analysis.parameters import Parameters
 from cartstiff.analysis.sections import numbers
-from cartstiff.analysis.tolerances import UncertainParameters
+from cartstiff.analysis.tolerances import Uncertain
 from cartstiff.choices import LEVELS
 from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
@@ -336,12 +337,11 @@ def test_inertia_gives_frequencies() -> None:
 def test_nominal_parameters_give_the_nominal_mechanism(name: str) -> None:
     result = arm(7) if name == "arm" else cartstiff.analyse(cartstiff.load(name))
     before = result.elastic.springs.stiffness.copy()
-    parameters = UncertainParameters(result, Tolerances(0.1, 1e-3, 1e-3))
-    nominal = {name: t.nominal for name, t in parameters.named.items()}
-    again = parameters.at(nominal)
+    parameters = Parameters(result)
+    again = parameters.at(parameters.nominal)
     assert np.allclose(again.B.matrix, result.B.matrix, rtol=1e-9)
-    for name, t in parameters.named.items():
-        parameters.at({name: t.nominal + t.deviation})
+    for name, value in parameters.nominal.items():
+        parameters.at({name: value + 1e-3 * parameters.size(name)})
     assert np.array_equal(result.elastic.springs.stiffness, before)
     assert np.allclose(cartstiff.analyse(result.elastic, result.q).B.matrix, result.B.matrix)
 
@@ -349,8 +349,8 @@ def test_nominal_parameters_give_the_nominal_mechanism(name: str) -> None:
 @pytest.mark.parametrize("name", ["stewart-gough", "cable-robot"])
 def test_a_moved_platform_carries_the_same_load(name: str) -> None:
     result = cartstiff.analyse(cartstiff.load(name))
-    parameters = UncertainParameters(result, Tolerances(0.1, 1e-3))
-    moved = {name: t.nominal + t.deviation for name, t in parameters.named.items()}
+    parameters = Parameters(result)
+    moved = {name: 1.001 * x + 1e-3 for name, x in parameters.nominal.items()}
     again = parameters.at(moved)
     assert np.allclose(again.wrench, result.wrench, rtol=1e-8, atol=1e-8)
     assert not np.allclose(again.B.matrix, result.B.matrix, rtol=1e-3)
@@ -359,9 +359,8 @@ def test_a_moved_platform_carries_the_same_load(name: str) -> None:
 def test_a_joint_placement_is_where_the_joint_stands() -> None:
     """Moving the frame on the last joint is a change of body frame."""
     result = arm(6, wrench=None)
-    parameters = UncertainParameters(result, Tolerances(length=1e-3, angle=1e-3))
-    named = parameters.named
-    shift = {f"frame.{a}": named[f"frame.{a}"].nominal + 0.1 * i for i, a in enumerate("xyz")}
+    parameters = Parameters(result)
+    shift = {f"frame.{a}": parameters.value(f"frame.{a}") + 0.1 * i for i, a in enumerate("xyz")}
     again = parameters.at(shift)
     R = result.elastic.mechanism.body.T_j_f[:3, :3]
     expected = result.B.to_frame(se3.pose(translation=R.T @ [0.0, 0.1, 0.2]))
@@ -412,7 +411,7 @@ def test_refusals() -> None:
     with pytest.raises(InputError, match="tolerance of the length cannot be used"):
         Tolerances(length=-1.0)
     with pytest.raises(UndefinedError, match="no parameter"):
-        _ = UncertainParameters(result, Tolerances()).named
+        Uncertain.of(Parameters(result), Tolerances())
 
 
 @pytest.mark.parametrize("size", [1e-9, 1e-6, 1.0])

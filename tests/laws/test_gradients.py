@@ -17,9 +17,11 @@ from tests.support.builders import (
 
 import cartstiff
 from cartstiff import InputError, UndefinedError
+from cartstiff.analysis.parameters import largest
 from cartstiff.batch.gradient import pullback
 from cartstiff.batch.tape import Tape, absolute, copysign, larger, pick, square_root
 from cartstiff.errors import UnknownNameError
+from cartstiff.gradients import matrices
 
 WRENCH = np.array([1.0, -2.0, 0.5, 30.0, -20.0, 40.0])
 STEP = 1e-3
@@ -205,6 +207,49 @@ def test_places_of_joints_and_points():
             shown(points[name], central(moved, STEP), abs(points.value))
 
 
+def resting(elastic: Any, load: Any, by: Any, of: Any) -> Any:
+    """Gradient of what comes to rest again, all of it exact."""
+    found = cartstiff.gradient(elastic, of=of, by=by, comes_to_rest=True, **load)
+    assert found.question.startswith("it comes to rest again")
+    assert all(slope.is_exact for slope in found), found.why
+    return found
+
+
+@pytest.mark.parametrize("kind", ["dead", "follower"])
+def test_an_arm_comes_to_rest_again(kind):
+    """Against searches of other equilibria: springs, rest angles, load, masses, places."""
+    arm = cartstiff.load("ur5").with_gravity([0.0, 0.0, -9.81])
+    soft = arm.with_springs(stiffness=[3000.0, 2500.0, 2000.0, 800.0, 700.0, 600.0])
+    away = np.array([0.02, -0.05, 0.04, 0.03, 0.02, -0.04])
+    rest = (np.array(arm.q) + away).tolist()
+    axes = "world" if kind == "dead" else "body"
+    given = {"load_kind": kind, "load_at": (0.02, -0.01, 0.05), "load_axes": axes}
+
+    def seen(elastic: Any, wrench: Any = WRENCH) -> float:
+        state = cartstiff.equilibrium(elastic, wrench=wrench, **given)
+        held = state.elastic_stiffness
+        tangent = state.stiffness.matrices["A"]
+        return float(mixed(tangent, held.wrench, held.pose))
+
+    at = soft.with_springs(rest=rest)
+    by = ["stiffness", "rest", "load", "mass", "placement.elbow_joint", "frame"]
+    found = resting(at, {"wrench": WRENCH, **given}, by, mixed)
+    assert found.value == pytest.approx(seen(at), rel=1e-9)
+    numbers = at.numbers()
+    for slope in found:
+        if slope.name.startswith("load"):
+            unit = np.eye(6)[["mx", "my", "mz", "fx", "fy", "fz"].index(slope.name[5:])]
+            value, step = (lambda h, unit=unit: seen(at, WRENCH + h * unit)), 0.5
+        else:
+            x, step = numbers[slope.name].value, STEP * slope.size
+
+            def value(h: float, name: str = slope.name, x: float = x) -> float:
+                return seen(at.with_numbers({name: x + h}))
+
+        size = slope.size
+        shown(slope.value * size, central(value, step) * size, abs(found.value))
+
+
 def test_masses_under_weight():
     arm = loaded_arm("RRRRRR", seed=4)
     heavy = arm.elastic.with_gravity([0.0, 0.0, -9.81])
@@ -283,22 +328,32 @@ def test_every_operation_against_differences():
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "hexapod", "6-ups"])
 @pytest.mark.parametrize("wrench", [None, WRENCH])
-def test_sensitivities_are_exact_and_those_of_the_core(name, wrench, monkeypatch):
+def test_sensitivities_are_exact_and_those_of_the_core(name, wrench):
     """All matrices, the pose and the frequencies, against difference quotients."""
-    from cartstiff.gradients import matrices
+    check_matrices(cartstiff.analyse(cartstiff.load(name), wrench=wrench))
 
-    result = cartstiff.analyse(cartstiff.load(name), wrench=wrench)
-    home = matrices.Home(result)
-    modes = matrices.modes_of(result)
-    names = list(home.parameters.nominal)
-    exact = matrices._exact_rows(home, names, modes)
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "hexapod", "6-ups", "five-bar"])
+def test_what_comes_to_rest_again_is_exact_and_that_of_the_core(name):
+    """The same of equilibria, whose pose moves too."""
+    load = cartstiff.DeadForce([10.0, -20.0, 0.0])
+    check_matrices(cartstiff.equilibrium(cartstiff.load(name), load))
+
+
+def check_matrices(subject: Any) -> None:
+    """Compare exact derivatives with the quotients of other answers."""
+    question = matrices._Question(subject, matrices.modes_of(subject))
+    parameters = question.parameters
+    names = list(parameters.nominal)
+    exact = question._exact(names)
     assert len(exact) == len(names)
-    for parameter in names[:: max(1, len(names) // 6)]:
-        row, reference = exact[parameter], home.row(parameter, modes)
-        size = home.parameters.size(parameter)
-        for got, wanted, scale in (
-            (row.matrices, reference.matrices, np.abs(result.matrices["B"]).max()),
-            (row.pose, reference.pose, result.posture.length),
-            (row.squares, reference.squares, np.abs(row.squares).max(initial=1.0) * size),
+    for name in names[:: max(1, len(names) // 6)]:
+        quotient = parameters.quotient(name, question.seen, question.here)
+        size = parameters.size(name)
+        result = question.result
+        scales = largest(question.here[0]), result.posture.length, 0.0
+        for got, wanted, scale in zip(
+            question._told(name, exact[name]), question._told(name, quotient), scales, strict=True
         ):
-            np.testing.assert_allclose(got * size, wanted * size, rtol=1e-6, atol=1e-7 * scale)
+            least = 1e-7 * (scale or np.abs(got).max(initial=1.0) * size)
+            np.testing.assert_allclose(got * size, wanted * size, rtol=1e-6, atol=least)

@@ -29,10 +29,7 @@ from cartstiff.analysis.screws import (
     twist_compliant_axes,
     wrench_compliant_axes,
 )
-from cartstiff.analysis.tolerances import (
-    Tolerance,
-    propagate_first_order,
-)
+from cartstiff.analysis.tolerances import Uncertain, shares_of
 from cartstiff.arrays import plain
 from cartstiff.geometry import se3
 from cartstiff.geometry.charts import product_of_exponentials
@@ -213,33 +210,14 @@ def test_deflection_of_a_point() -> None:
 # -- uncertainty -----------------------------------------------------------------------------------
 
 
-def product(p: dict[str, float]) -> dict[str, Any]:
-    return {"xy": p["x"] * p["y"], "list": [p["x"], 2.0 * p["y"] + 1.0]}
-
-
 def test_first_order_of_a_product() -> None:
-    tolerances = {"x": Tolerance(3.0, 0.1), "y": Tolerance(4.0, 0.2), "z": Tolerance(1.0, 0.0)}
-    found = propagate_first_order(product, tolerances)
-    assert found.names == ("xy", "list[0]", "list[1]")
-    assert np.allclose(found.nominal, [12.0, 3.0, 9.0])
-    assert np.allclose(found.deviation, [np.hypot(0.4, 0.6), 0.1, 0.4], rtol=1e-10)
-    assert found.contributions is not None
-    assert np.isclose(found.contributions["x"][0], 0.16 / 0.52)
-    assert np.allclose(found.contributions["z"], 0.0)
-    mean, deviation, lower, upper = found.of("xy")
-    assert np.isclose(upper - mean, 1.959963985 * deviation)
-    assert np.isclose(mean - lower, upper - mean)
-
-
-def test_first_order_of_a_stiffness_index() -> None:
-    def minimum(p: dict[str, float]) -> dict[str, Any]:
-        springs = np.array([p["k"], 2.0, 3.0, 4.0, 5.0, 6.0]) * 1e3
-        return {"minimum": indices_of(np.diag(springs), p["length"]).minimum_stiffness}
-
-    tolerances = {"k": Tolerance(1.0, 0.02), "length": Tolerance(1.0, 0.01)}
-    first = propagate_first_order(minimum, tolerances)
-    # k / l^2: 2 % and twice 1 %
-    assert np.isclose(first.of("minimum")[1], 1e3 * np.hypot(0.02, 0.02), rtol=1e-6)
+    """x y at (3, 4), and x: each number's part of the variance."""
+    numbers = Uncertain(("x", "y", "z"), np.array([0.1, 0.2, 0.0]), np.eye(3), np.inf)
+    slopes = np.array([[4.0, 1.0], [3.0, 0.0], [1.0, 1.0]])
+    deviations, shares = shares_of(numbers.variances(slopes))
+    assert np.allclose(deviations, [np.hypot(0.4, 0.6), 0.1], rtol=1e-14)
+    assert np.allclose(shares, [[0.16 / 0.52, 1.0], [0.36 / 0.52, 0.0], [0.0, 0.0]])
+    assert np.isclose(numbers.factor(0.95), 1.959963985)
 
 
 # -- the summary -----------------------------------------------------------------------------------

@@ -9,15 +9,16 @@ from tests.mechanisms.machines import write_file
 from tests.support.digits import skew
 
 import cartstiff
-from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
+from cartstiff.analysis.parameters import Parameters
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry import se3
-from cartstiff.kinematics.placements import PLACED, Placements
-from cartstiff.vibration.sensitivities import MATRICES, Home
+from cartstiff.gradients.matrices import _Question
+from cartstiff.vibration.sensitivities import MATRICES
 
 #: Required of every derivative, of its largest entry; struts give 1e-10.
 EXACT = 1e-8
 DIGITS = 50
+PLACED = ("placement", "frame", "closure")
 TINY = mp.mpf(10) ** -30
 MIDDLE = [0.0, 0.0, 0.06]  # of M in P, as in the file
 LOAD = [3.0, -2.0, 1.0, 50.0, 80.0, -400.0]
@@ -77,6 +78,11 @@ def test_struts_by_complex_steps(struts):
             assert known.errors[row] < EXACT
 
 
+def of_matrices(question, name):
+    """dK^A, dK^B, dK^K, dK^F by a number, from other answers."""
+    return question.parameters.quotient(name, question.seen, question.here).slopes[0]
+
+
 def test_all_springs_by_one_factor(tmp_path):
     """Springs of struts and of the base beneath them, all stiffer by a factor: K by the same."""
     end = {"axial": 1.2e8, "shear": 1.1e7, "bending": 33, "torsion": 236}
@@ -96,11 +102,11 @@ def test_all_springs_by_one_factor(tmp_path):
             )
         )
     )
-    home = Home(result)
+    home = _Question(result, None)
     names = [n for n in home.parameters.nominal if n.startswith("stiffness.")]
     assert "stiffness.base (link)" in names
     assert len(names) == 6 + 8 + 1
-    found = sum(home.parameters.value(n) * home.row(n, None).matrices[2] for n in names)
+    found = sum(home.parameters.value(n) * of_matrices(home, n)[2] for n in names)
     K = result.K.matrix
     assert np.abs(found - K).max() < EXACT * np.abs(K).max()
 
@@ -127,13 +133,15 @@ def test_struts_under_load_with_masses():
 def test_all_lengths_by_one_factor():
     """Motors turn: stiffness about axes stays, that along them falls with the square."""
     result = cartstiff.analyse(cartstiff.load("6-rus"))
-    home = Home(result)
+    home = _Question(result, None)
     lengths = {
         name: x
         for name, x in home.parameters.nominal.items()
-        if name.partition(".")[0] in PLACED and not Placements.is_angle(name) and abs(x) > 1e-12
+        if name.partition(".")[0] in PLACED
+        and not home.parameters.is_angle(name)
+        and abs(x) > 1e-12
     }
-    found = sum(x * home.row(name, None).matrices for name, x in lengths.items())
+    found = sum(x * of_matrices(home, name) for name, x in lengths.items())
     powers = np.add.outer(*[np.repeat([0.0, -1.0], 3)] * 2)
     for letter, slope in zip(MATRICES, found, strict=True):
         wanted = powers * result.matrices[letter]
@@ -150,9 +158,9 @@ def test_what_parts_the_loops_has_no_derivative():
     for name in ("placement.left_elbow.z", "closure.right_tip.z", "placement.left_motor.rx"):
         assert name not in known.names
         assert name in known.left_out
-    placements = UncertainParameters(result, Tolerances(1.0, 1.0, 1.0))._placements
-    for name in placements.misfits:  # each, a little larger, leaves a gap at every posture near
-        moved = placements.mechanism.with_numbers({name: placements._all[name] + 1e-6})
+    mechanism, parameters = result.elastic.mechanism, Parameters(result)
+    for name in parameters.misfits:  # each, a little larger, leaves a gap at every posture near
+        moved = mechanism.with_numbers({name: mechanism.numbers()[name].value + 1e-6})
         try:
             far = np.abs(moved.closed(result.q).q - result.q).max()
         except ConvergenceError:
@@ -163,7 +171,7 @@ def test_what_parts_the_loops_has_no_derivative():
 def test_links_that_give_have_no_joints_to_be_placed():
     """Virtual joints are how a link bends, not parts that someone mounts."""
     elastic = cartstiff.load("delta")
-    names = UncertainParameters(cartstiff.analyse(elastic), Tolerances(length=1.0)).named
+    names = Parameters(cartstiff.analyse(elastic)).nominal
     assert "placement.leg1/wrist_tilt.x" in names
     assert not [n for n in names if "forearm." in n and n.startswith("placement")]
 
@@ -172,10 +180,10 @@ def test_moved_frames_of_a_weld_turn_the_body_of_the_other_leg():
     """A leg's grip moved one way is all other grips, and the frame, moved the other way."""
     result = cartstiff.analyse(cartstiff.load("6-rus"))
     chain, q = result.elastic.mechanism, result.q
-    placements = UncertainParameters(result, Tolerances(1.0, 1.0, 1.0))._placements
+    x = chain.numbers()
     T = se3.pose(translation=[1e-3, 0.0, 0.0])
     name = "closure.body of leg 2"
-    moved = placements.mechanism.with_numbers({f"{name}.x": placements._all[f"{name}.x"] + 1e-3})
+    moved = chain.with_numbers({f"{name}.x": x[f"{name}.x"].value + 1e-3})
     before, after = (c.placement("body of leg 2").T_j_f for c in (chain, moved))
     assert np.allclose(after[:3, 3] - before[:3, 3], T[:3, 3], atol=1e-15)
     assert np.abs(moved.closed(q).residual).max() < 1e-12

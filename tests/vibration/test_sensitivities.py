@@ -12,9 +12,9 @@ from tests.support.commands import answer
 from tests.vibration.test_modes import LENGTH, M_1, K, column
 
 from cartstiff import accuracy, analyse, load, modes, sensitivities
-from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
-from cartstiff.errors import InputError, UndefinedError, UnknownNameError
-from cartstiff.vibration.sensitivities import intervals
+from cartstiff.analysis.parameters import Parameters
+from cartstiff.analysis.tolerances import Tolerances
+from cartstiff.errors import InputError, UndefinedError
 
 #: Two rounds of central differences.
 DIFFERENCES = 1e-5
@@ -22,8 +22,8 @@ DIFFERENCES = 1e-5
 
 def _by_differences(result, name, step):
     """df/dp from frequencies at a neighbouring parameter."""
-    parameters = UncertainParameters(result, Tolerances(1e-3, 1e-3, 1e-3))
-    nominal = parameters.named[name].nominal
+    parameters = Parameters(result)
+    nominal = parameters.value(name)
     ends = [modes(parameters.at({name: nominal + s * step})).frequencies for s in (1, -1)]
     return (ends[0] - ends[1]) / (2 * step)
 
@@ -123,25 +123,20 @@ def test_repeated_modes_part_as_a_subspace():
 def test_intervals():
     found = modes(column(masses=(M_1,), stiffness=(K,)))
     f = found.frequencies
-    band = intervals(found, Tolerances(stiffness=0.1))
+    band = accuracy(found, Tolerances(stiffness=0.1)).interval
     assert band.deviations == pytest.approx(0.05 * f)
     assert band.high - f == pytest.approx(1.959964 * 0.05 * f)
-    # The same deviation as a variance of the compliance.
-    same = intervals(found, compliance_covariance=[[(0.1 / K) ** 2]])
-    assert same.deviations == pytest.approx(band.deviations)
     with pytest.raises(InputError, match="level"):
-        intervals(found, level=1.0)
-    with pytest.raises(UnknownNameError, match="j7"):
-        intervals(found, compliance_covariance=[[1.0]], joints=("j7",))
-    with pytest.raises(InputError, match="not both"):
-        intervals(found, Tolerances(stiffness=0.1), compliance_covariance=[[(0.1 / K) ** 2]])
+        accuracy(found, Tolerances(stiffness=0.1), level=1.0)
+    with pytest.raises(UndefinedError, match="tolerance"):
+        accuracy(found)
 
 
 def test_intervals_of_repeated_modes_hold_for_both():
     """Softer and stiffer legs part the pair; drawn legs stay within."""
     elastic, rng = load("stewart-simscape"), np.random.default_rng(3)
     found = modes(elastic)
-    band = intervals(found, Tolerances(stiffness=0.02))
+    band = accuracy(found, Tolerances(stiffness=0.02)).interval
     assert band.deviations[0] == pytest.approx(band.deviations[1])
     drawn = np.array(
         [
@@ -154,9 +149,6 @@ def test_intervals_of_repeated_modes_hold_for_both():
     assert (sd > 0.5 * band.deviations).all()
     alone = [2, 5]
     assert sd[alone] == pytest.approx(band.deviations[alone], rel=0.1)
-    legs = np.diag((0.02 / 20e6) ** 2 * np.ones(6))
-    same = intervals(found, compliance_covariance=legs)
-    assert same.deviations == pytest.approx(band.deviations)
 
 
 def test_measured_springs_give_intervals_by_themselves(tmp_path):
@@ -184,7 +176,7 @@ def test_measured_springs_give_intervals_by_themselves(tmp_path):
         },
     )
     arm, W = load(file), [0.0, 20.0, 0.0, 0.0, 300.0, -500.0]
-    band = intervals(modes(arm, wrench=W))
+    band = accuracy(modes(arm, wrench=W)).interval
     variance = sum(
         (n.per * (modes(n.more, wrench=W).frequencies - modes(n.less, wrench=W).frequencies)) ** 2
         for n in neighbours(arm)

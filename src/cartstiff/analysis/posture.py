@@ -80,7 +80,7 @@ from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.posture import StiffnessInFrame, inverse_pair
 
 if TYPE_CHECKING:
-    from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
+    from cartstiff.analysis.tolerances import Tolerances
 
 
 def change_from_symmetric(r: PostureStiffness, name: str) -> Array:
@@ -765,15 +765,14 @@ def analyse_posture(
         answer["synthesis"] = {"target": plain(found)}
     answer["uncertainty"] = None
     if tolerances is not None or result.elastic.identified is not None:
-        from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
+        from cartstiff.analysis.tolerances import Tolerances
 
-        tolerances = tolerances or Tolerances()  # measured springs bring their own
-        parameters = UncertainParameters(result, tolerances)
         answer["uncertainty"] = plain(
             notes.attempt(
                 "uncertainty",
                 _uncertainty,
-                parameters,
+                result,
+                tolerances or Tolerances(),  # measured springs bring their own
                 numbers(answer),
                 lambda r: numbers(sections(r)[0], answer),
                 progress,
@@ -811,64 +810,69 @@ def _load(r: PostureStiffness, connection: str) -> dict[str, Any] | None:
 
 
 def _uncertainty(
-    parameters: UncertainParameters,
+    result: PostureStiffness,
+    tolerances: Tolerances,
     nominal: Mapping[str, Array],
     evaluate: Callable[[PostureStiffness], dict[str, Array]],
     progress: Callable[[int, int], None] | None,
 ) -> dict[str, Any]:
     """Standard deviation and interval of every number of the analysis."""
-    from cartstiff.analysis.tolerances import propagate_first_order
+    from cartstiff.analysis.parameters import Parameters
+    from cartstiff.analysis.tolerances import Uncertain, shares_of
 
-    named = parameters.named
-    total, done = 1 + 4 * len(named), 0
+    parameters = Parameters(result)
+    uncertain, here = Uncertain.of(parameters, tolerances), [*nominal.values()]
 
-    def function(values: dict[str, float]) -> dict[str, Array]:
-        nonlocal done
-        done += 1
+    def seen(r: PostureStiffness) -> list[Array]:
+        # Numbers that do not exist at another value have no derivative.
+        found = evaluate(r)
+        each = [(found.get(name, np.zeros(0)), x) for name, x in nominal.items()]
+        return [there if there.shape == x.shape else x * np.nan for there, x in each]
+
+    slopes = list[Array]()
+    for done, name in enumerate(uncertain.names, 1):
+        try:
+            each = parameters.quotient(name, seen, here).slopes
+        except UndefinedError:
+            raise
+        except CartstiffError as error:
+            words = f"within the tolerances {error}"
+            raise UndefinedError(words, code="no-samples") from None
+        slopes.append(np.concatenate([x.ravel() for x in each]))
         if progress is not None:
-            progress(done, total)
-        found = evaluate(parameters.at(values))
-        kept = {
-            n: x for n, x in found.items() if n in nominal and x.shape == nominal[n].shape
-        }
-        return {name: x * np.nan for name, x in nominal.items()} | kept
-
-    try:
-        p = propagate_first_order(
-            function,
-            named,
-            correlation=parameters.correlation,
-            degrees=parameters.degrees,
-        )
-    except UndefinedError:
-        raise
-    except CartstiffError as error:
-        raise UndefinedError(
-            f"within the tolerances {error}", code="no-samples"
-        ) from None
+            progress(done, len(uncertain.names))
+    deviations, shares = shares_of(uncertain.variances(np.array(slopes)))
+    level = 0.95
+    factor = uncertain.factor(level)
+    each_name = [
+        f"{name}[{', '.join(map(str, index))}]" if index else name
+        for name, x in nominal.items()
+        for index in np.ndindex(x.shape)
+    ]
+    values = np.concatenate([x.ravel() for x in here])
     entries: dict[str, Any] = {}
-    shares = np.array(list(p.contributions.values()))
-    at_nominal = [x for values in nominal.values() for x in values.flat]
-    for i, (name, x) in enumerate(zip(p.names, at_nominal, strict=True)):
-        if not np.isfinite(p.nominal[i]):
-            continue
-        entry = {
+    for i in np.flatnonzero(np.isfinite(values)):
+        x, deviation = values[i], deviations[i]
+        entry = entries[each_name[i]] = {
             "nominal": x,
-            "deviation": p.deviation[i],
-            "lower": p.lower[i],
-            "upper": p.upper[i],
+            "deviation": deviation,
+            "lower": x - factor * deviation,
+            "upper": x + factor * deviation,
         }
-        if p.deviation[i] > 0:
+        if deviation > 0:
             worst = int(np.argmax(shares[:, i]))
             entry |= {
-                "main_parameter": list(named)[worst],
+                "main_parameter": uncertain.names[worst],
                 "main_share": shares[worst, i],
             }
-        entries[name] = entry
+    each_value = zip(uncertain.names, uncertain.deviations, strict=True)
     return {
-        "level": p.level,
-        "tolerances": parameters.tolerances,
-        "left_out": parameters.left_out,
-        "parameters": named,
+        "level": level,
+        "tolerances": tolerances,
+        "left_out": parameters.left_out if tolerances.moves else None,
+        "parameters": {
+            name: {"nominal": parameters.value(name), "deviation": deviation}
+            for name, deviation in each_value
+        },
         "numbers": entries,
     }

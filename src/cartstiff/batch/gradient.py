@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff import numerics
-from cartstiff.batch.algebra import PLAIN
+from cartstiff.batch.algebra import PLAIN, given_wrench, zeros
 from cartstiff.batch.chains import ChainCase, joint_positions, recorded_tree
 from cartstiff.batch.closed_chains import gaps
 from cartstiff.batch.execution import PortableKernel
@@ -39,7 +39,7 @@ from cartstiff.batch.tape import (
     sine,
     uncollected,
 )
-from cartstiff.geometry.se3 import Array
+from cartstiff.geometry.se3 import Array, skew_of
 
 
 def _parts(name: str, x: Sequence[Scalar], y: Number, w: Scalar) -> tuple[Scalar, ...]:
@@ -164,6 +164,9 @@ class Slopes:
     closing : dict of str to ndarray, optional
         Of a closed chain: derivatives (r, ...) of the closures' residuals by the same
         components.
+    forces : dict of str to ndarray, optional
+        Of what comes to rest again: derivatives (n, ...) of the generalised forces, those
+        of the closures among them, which do not change along their directions.
     kinks : ndarray (m,) of int
         Number of choices that depend on equal numbers: principal values that coincide,
         lines that are about to go slack.
@@ -172,6 +175,7 @@ class Slopes:
     values: Array
     by: Mapping[str, Array]
     closing: Mapping[str, Array] | None
+    forces: Mapping[str, Array] | None
     kinks: NDArray[np.intp]
 
 
@@ -194,6 +198,8 @@ class Differentiated:
     needed : tuple of str
         Outputs that the objectives read.
     objective : callable
+    comes_to_rest : bool
+        Whether the forces, on which the motion depends, are differentiated as well.
 
     Attributes
     ----------
@@ -206,7 +212,13 @@ class Differentiated:
         If an output does not exist.
     """
 
-    def __init__(self, case: Case, needed: tuple[str, ...], objective: Objective) -> None:
+    def __init__(
+        self,
+        case: Case,
+        needed: tuple[str, ...],
+        objective: Objective,
+        comes_to_rest: bool = False,
+    ) -> None:
         with uncollected():
             tape = Tape()
             arrays = recorded_arrays(tape, case, needed)
@@ -228,6 +240,7 @@ class Differentiated:
         self._kernel = PortableKernel(program)
         is_closed = isinstance(case, ChainCase) and case.is_closed
         self._closing = _Closing(case) if is_closed else None
+        self.forces = Forces(case) if comes_to_rest else None
 
     def at(self, given: Mapping[str, Array]) -> Slopes | None:
         """Objectives and derivatives from input arrays (1, ...) by name.
@@ -245,7 +258,9 @@ class Differentiated:
         is_kink = np.abs(x - y) <= _TIE * np.maximum(np.abs(x), np.abs(y))
         kinks = (is_kink & (adjoint != 0.0)).sum(axis=1)
         closing = None if self._closing is None else self._closing.at(given)
-        return Slopes(values, _by_array(self.inputs, slopes, given), closing, kinks)
+        forces = None if self.forces is None else self.forces.at(given, closing)
+        by = _by_array(self.inputs, slopes, given)
+        return Slopes(values, by, closing, forces, kinks)
 
 
 class _Closing:
@@ -270,6 +285,69 @@ class _Closing:
         rows = {name: np.tile(row, (self.count, 1)) for name, row in given.items()}
         slopes = self._kernel({**rows, "weights": np.eye(self.count)})["slopes"]
         return _by_array(self.inputs, slopes, given)
+
+
+class Forces:
+    r"""Derivatives of the generalised forces f of a mechanism by all inputs.
+
+    With the energy Phi, the wrench W of the load on the body and the closures c,
+
+        f = dPhi/dq - J^T W + (dc/dq)^T lam,
+
+    which vanishes at rest. The multipliers lam are those numbers that make it smallest;
+    they are not differentiated.
+
+    Attributes
+    ----------
+    size : int
+        Number of operations for one component's derivatives.
+    """
+
+    def __init__(self, case: Case) -> None:
+        with uncollected():
+            tape = Tape()
+            arrays = recorded_arrays(tape, case, ())
+            T, n, residuals = arrays["pose"], 6, zeros(0)
+            self._moving = list(range(n))
+            if isinstance(case, ChainCase):
+                n, self._moving = len(case.constants.is_length), case.moving
+            if isinstance(case, ChainCase) and case.is_closed:
+                _, _, position = joint_positions(tape, case.constants)
+                residuals = gaps(recorded_tree(tape, case, position))
+            multipliers = tape.vector("multipliers", len(residuals))
+            terms: list[tuple[Scalar, Scalar]] = [(arrays["energy"][0], 1.0)]
+            terms += zip(residuals, multipliers, strict=True)
+            W = given_wrench(tape, case, lambda: T)
+            if W is not None:
+                # W . t = <G, dT> along a twist t of the body.
+                G = T[:3, :3] @ np.column_stack([0.5 * skew_of(W[:3]), W[3:]])
+                terms += zip(T[:3].ravel(), -G.ravel(), strict=True)
+            forces = pullback(terms, list(tape.vector("q", n)))
+            self._inputs = tuple(x for x in tape.inputs if x.array != "multipliers")
+            weights = tape.vector("weights", n)
+            numbers = [tape.input(*each) for each in self._inputs]
+            parts = pullback(list(zip(forces, weights, strict=True)), numbers)
+            known = {
+                "forces": np.array(forces, object),
+                "slopes": np.array(parts, object),
+            }
+            program = tape.program(known, [])
+        self.size, self._count, self._closed = program.size, n, len(residuals)
+        self._kernel = PortableKernel(program)
+
+    def at(
+        self, given: Mapping[str, Array], closing: Mapping[str, Array] | None
+    ) -> dict[str, Array]:
+        """Derivatives (n, ...) by the components of each input array."""
+        n = self._count
+        rows = {name: np.tile(row, (n, 1)) for name, row in given.items()}
+        rows |= {"weights": np.eye(n), "multipliers": np.zeros((n, self._closed))}
+        found = self._kernel(rows)
+        if closing is not None:
+            C, f = closing["q"][:, self._moving], found["forces"][0, self._moving]
+            lam = np.linalg.lstsq(C.T, -f, rcond=numerics.RANK)[0]
+            found = self._kernel({**rows, "multipliers": np.tile(lam, (n, 1))})
+        return _by_array(self._inputs, found["slopes"], given)
 
 
 def _by_array(

@@ -71,9 +71,9 @@ class PlatformCase:
     anchors, points : flat (m, 3), in F and in M; empty where `lines` is not 0.
     T_P_M : flat (4, 4).
     length : characteristic length.
-    rest : {"given", "open", "preload"}
-        Whether the lines have rest lengths, or these are chosen at each posture, or there
-        follow from the preload.
+    rest : {"given", "kept", "open", "preload"}
+        Whether the lines have rest lengths, which a given wrench replaces unless they are
+        kept, or these are chosen at each posture, or there follow from the preload.
     wrench : {"none", "shared", "each"}
     unilateral : bool or tuple of bool (m,)
     points_of_forces : points of the body in M at which constant forces act.
@@ -236,11 +236,13 @@ class PlatformNumbers:
         W = given_wrench(tape, case, lambda: self.T)
         if case.rest == "preload":
             given = tape.vector("preload", m)
-        elif case.rest == "given":
+        elif case.rest in ("given", "kept"):
             stretch = self.geometry.lengths - tape.vector("rest", m)
             given = k * stretch
         holds = case.rest == "preload" and m <= 6  # else the lines balance one another
         balances = case.rest == "preload" and not holds
+        if case.rest == "kept":
+            W = None
         if W is not None or balances or (case.rest == "open" and not self.is_alone):
             self.W = zeros(6) if W is None else W
             asked = -self.gradient if W is None else W - self.gradient

@@ -1,22 +1,31 @@
-r"""Derivatives by the recorded arithmetic of a mechanism at a held posture.
+r"""Derivatives by the recorded arithmetic of a mechanism, at a posture or at rest.
 
-Coordinates and load stay, and rest positions follow. In a closed chain the coordinates D
-that are not held move with a parameter p, so that the closures c stay met: theory.md, eq.
-closedgradient,
+Some of the coordinates q follow a number p of the mechanism, so that for an output y
 
-    dy/dp = y_p - y_q S (C_D S)^+ c_p,      C_D = dc/dq_D,
+    dy/dp = y_p + y_q dq/dp.
 
-S being the natural sizes of the coordinates.
+*At this posture* the coordinates D of a closed chain that are not held keep the closures
+c met: theory.md, eq. closedgradient, with the natural sizes S of the coordinates
+
+    dq_D/dp = - S (C_D S)^+ c_p,      C_D = dc/dq_D.
+
+What *comes to rest again* keeps the forces f of `cartstiff.batch.gradient.Forces` zero on
+all motions N that the closures leave: eq. restgradient,
+
+    dq/dp = e - N H_N^-1 N^T (f_p + H e),    H = df/dq,  H_N = N^T H N,  e = - C^+ c_p.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from cartstiff import numerics
+from cartstiff.analysis.parameters import LOAD, Parameters
 from cartstiff.arrays import Array
 from cartstiff.batch.chains import ChainCase
 from cartstiff.batch.gradient import Slopes
@@ -24,20 +33,105 @@ from cartstiff.batch.plans import TracedModel, plan
 from cartstiff.batch.platforms import PlatformCase
 from cartstiff.batch.readings import with_masses
 from cartstiff.batch.twists import Varied
+from cartstiff.errors import UndefinedError
 from cartstiff.mechanisms.chain import Chain
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
+from cartstiff.potentials.loads import Load
+from cartstiff.statics.equilibrium import again
+from cartstiff.statics.rest import Equilibrium
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
-from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.balance import with_rest_balancing
+from cartstiff.stiffness.posture import PostureStiffness
 
 #: Component of each named parameter in an input array, by array.
 Names = dict[str, dict[str, int]]
-#: Components of a load, and of a placement.
-LOAD = ("mx", "my", "mz", "fx", "fy", "fz")
 _XYZ, _RXYZ = ("x", "y", "z"), ("rx", "ry", "rz")
 
 
+@dataclass(frozen=True, eq=False)
+class _Load:
+    """A load as the arithmetic has it.
+
+    Attributes
+    ----------
+    wrench : ndarray (6,), optional
+    kind, axes : LoadKind and {"body", "world"}
+    by_given : ndarray (6, 6)
+        Derivative of the wrench by the components that were given.
+    """
+
+    wrench: Array | None = None
+    kind: LoadKind = DEAD_AT_ORIGIN
+    axes: Axes = "body"
+    by_given: Array | None = None
+
+    @classmethod
+    def on_held(cls, parameters: Parameters) -> _Load:
+        """That of a held posture."""
+        if (load := parameters.load) is None or load["wrench"] is None:
+            return cls(parameters.held_wrench)
+        wrench = np.asarray(load["wrench"], float)
+        return cls(wrench, parameters.result.load, load["load_axes"])
+
+    @classmethod
+    def on_resting(cls, parameters: Parameters, state: Equilibrium) -> _Load | str:
+        """That of a state of rest, or the reason why it is not recorded."""
+        if not state.loads:
+            return cls()
+        (load, *others) = state.loads
+        known = load.given if isinstance(load, Load) and load.frame_b == "body" else None
+        if known is None or others:
+            return "more than one wrench on the body acts"
+        kind, wrench, point, axes = known
+        own, by_given = LoadKind(kind, point), None  # type: ignore[arg-type]
+        if (given := parameters.load) is not None:
+            asked, pose = LoadKind(given["load_kind"], given["load_at"]), state.start.pose
+            each = [asked.acting(e, pose, given["load_axes"]) for e in np.eye(6)]
+            columns = [x.given[1] for x in each if x.given is not None]
+            by_given = np.column_stack(columns)
+        return cls(wrench, own, axes, by_given)  # type: ignore[arg-type]
+
+
+def parameters_of(
+    subject: PostureStiffness | Equilibrium,
+    reread: Callable[[Mapping[str, float]], ElasticMechanism] | None = None,
+    load: Mapping[str, Any] | None = None,
+) -> Parameters:
+    """The numbers of a held posture, or of what comes to rest again.
+
+    Raises
+    ------
+    UndefinedError
+        Where it may rest anywhere.
+    """
+    if isinstance(subject, PostureStiffness):
+        return Parameters(subject, reread, load)
+    state = subject
+    if state.has_free_motion:
+        raise UndefinedError(
+            "where it rests is not decided, as a motion of the body costs nothing: "
+            "what is there has no derivatives",
+            code="neutral",
+        )
+
+    def rest_again(elastic: ElasticMechanism, wrench: Array | None) -> Equilibrium:
+        if elastic.has_open_rest:
+            chosen = parameters.posture_of(elastic, state.start.q)
+            elastic = with_rest_balancing(elastic, elastic.mechanism.closed(chosen))
+        loads = state.loads
+        if load is not None and wrench is not None:
+            kind = LoadKind(load["load_kind"], load["load_at"])
+            loads = (kind.acting(wrench, state.start.pose, load["load_axes"]),)
+        return again(state, elastic, loads)
+
+    parameters = Parameters(state.elastic_stiffness, reread, load, rest_again)
+    return parameters
+
+
 class Recorded:
-    """The recorded arithmetic of a posture, with its parameters as inputs.
+    """The recorded arithmetic of a posture or a state of rest, with its parameters as
+    inputs.
 
     Attributes
     ----------
@@ -48,53 +142,56 @@ class Recorded:
         Parameters by input array, with their components.
     """
 
-    def __init__(
-        self,
-        result: PostureStiffness,
-        own: Mapping[str, float],
-        taken: TracedModel,
-        wrench: Array | None,
-    ) -> None:
-        self.result, self._own = result, own
-        self.elastic = result.elastic_as_given
-        self.mechanism = self.elastic.mechanism
-        self.names = self._of_every_mechanism()
+    def __init__(self, parameters: Parameters, taken: TracedModel, load: _Load) -> None:
+        self.result: PostureStiffness = parameters.result
+        self.elastic, self._own = parameters.asked, parameters.nominal
+        self.mechanism, self._load = self.elastic.mechanism, load
+        springs = enumerate(self.elastic.spring_names)
+        by_spring = [(name, i) for i, name in springs]
+        chosen = enumerate(self.elastic.names)
+        self.names: Names = {
+            "q": {f"q.{name}": j for j, name in chosen},
+            "wrench": {f"load.{x}": i for i, x in enumerate(LOAD)},
+            "stiffness": self._known({f"stiffness.{x}": i for x, i in by_spring}),
+            "rest": self._known({f"rest.{x}": i for x, i in by_spring}),
+        }
         taken = self._varied(taken)
         self.case = taken.case
         self.given = {name: np.atleast_2d(row) for name, row in taken.shared.items()}
-        self.given["q"] = result.q[None]
-        if wrench is not None:
-            self.given["wrench"] = np.asarray(wrench, float)[None]
+        self.given["q"] = self.result.q[None]
+        if self.case.wrench != "none":
+            W = np.zeros(6) if load.wrench is None else load.wrench
+            self.given["wrench"] = np.asarray(W, float)[None]
 
     @classmethod
     def of(
         cls,
-        result: PostureStiffness,
-        own: Mapping[str, float],
-        wrench: Array | None,
-        load: LoadKind = DEAD_AT_ORIGIN,
-        axes: Axes = "body",
+        parameters: Parameters,
+        state: Equilibrium | None = None,
         with_inertia: bool = False,
     ) -> Recorded | str:
         """The arithmetic, or the reason why there is none.
 
         Parameters
         ----------
-        result : PostureStiffness
-            The posture.
-        own : mapping of str to float
-            Parameters of springs, masses and geometry by name.
-        wrench : ndarray (6,), optional
-            The given load; without it the wrench that given rest positions hold is kept.
-        load, axes : LoadKind and {"body", "world"}
-            Behaviour, point and axes of the given load.
+        parameters : Parameters
+            Of the posture.
+        state : Equilibrium, optional
+            What comes to rest again.
         with_inertia : bool
             Whether the mass matrix is among the outputs.
         """
-        if wrench is None and rests_are_given(result):
-            wrench, load, axes = result.wrench, DEAD_AT_ORIGIN, "body"
-        elastic = result.elastic_as_given
-        taken = plan(elastic, "none" if wrench is None else "each")
+        if state is None:
+            load: _Load | str = _Load.on_held(parameters)
+        elif state._solution.contacts or state.reactions.held:
+            return "a limit or a prescribed displacement holds it"
+        else:
+            load = _Load.on_resting(parameters, state)
+        if isinstance(load, str):
+            return load
+        elastic = parameters.asked
+        is_loaded = load.wrench is not None and state is None
+        taken = plan(elastic, "each" if is_loaded else "none")
         if isinstance(taken, str):
             return taken
         if taken.untraced or taken.settles:
@@ -104,32 +201,62 @@ class Recorded:
             if case is None:
                 return "some masses are not recorded"
             taken = replace(taken, case=case)
-        return cls(result, own, taken.under(load, axes), wrench)
+        if state is not None:
+            # Rest positions stay, whatever acts.
+            case = replace(taken.case, wrench="each")
+            if isinstance(case, PlatformCase):
+                case = replace(case, rest="kept")
+            taken = replace(taken, case=case)
+        return cls(parameters, taken.under(load.kind, load.axes), load)
 
-    def named(self, found: Slopes) -> dict[str, Array]:
-        """Derivatives (m,) by parameter, the closures kept."""
-        by = dict(found.by) if found.closing is None else self._closed(found)
+    def named(self, found: Slopes) -> dict[str, Array] | None:
+        """Derivatives (m,) by parameter, with what follows it.
+
+        None where the state of rest is not regular.
+        """
+        following = self._following(found)
+        if following is None:
+            return None
+        by = {}
+        for name, slope in found.by.items():
+            by[name] = slope + found.by["q"] @ following.get(
+                name, 0.0 * self.given["q"].T
+            )
         if "points" in by:
             # Points are given in P, the recorded ones in M.
             in_M = by["points"].reshape(len(by["points"]), -1, 3)
             in_P = in_M @ self.mechanism.frame_offset[:3, :3].T
             by["points"] = in_P.reshape(len(in_P), -1)
-        return {
+        if "wrench" in by and self._load.by_given is not None:
+            by["wrench"] = by["wrench"] @ self._load.by_given
+        named = {
             name: by[array][:, i]
             for array, components in self.names.items()
             if array in by
             for name, i in components.items()
         }
+        return self._of_measured(named) | named
 
-    def _of_every_mechanism(self) -> Names:
-        springs = enumerate(self.elastic.spring_names)
+    def _of_measured(self, named: Mapping[str, Array]) -> dict[str, Array]:
+        """Derivatives by compliances of measured springs, each of one or more springs."""
+        known, own = self.elastic.identified, self._own
+        if known is None:
+            return {}
         return {
-            "q": {f"q.{self.elastic.names[j]}": j for j in free_coordinates(self.result)},
-            "wrench": {f"load.{x}": i for i, x in enumerate(LOAD)},
-            "stiffness": {
-                name: i for i, x in springs if (name := f"stiffness.{x}") in self._own
-            },
+            label: np.sum(
+                [
+                    -weight * own[f"stiffness.{a}"] ** 2 * named[f"stiffness.{a}"]
+                    for a, _, weight in pattern.entries
+                ],
+                axis=0,
+            )
+            for label, pattern in zip(known.labels, known.patterns, strict=True)
+            if pattern.law is None
+            and all(a == b and f"stiffness.{a}" in named for a, b, _ in pattern.entries)
         }
+
+    def _known(self, components: Mapping[str, int]) -> dict[str, int]:
+        return {name: i for name, i in components.items() if name in self._own}
 
     def _varied(self, taken: TracedModel) -> TracedModel:
         """The arithmetic with the geometry as inputs.
@@ -167,44 +294,43 @@ class Recorded:
             self.names |= more
         return replace(taken, case=case, shared=shared)
 
-    def _closed(self, found: Slopes) -> dict[str, Array]:
-        """Derivatives with the coordinates that are not held moving to keep
-        the closures.
-        """
-        chain, closing = self.mechanism, found.closing
-        if not isinstance(chain, Chain) or closing is None:
-            raise TypeError(chain)
-        sizes = self.result.posture.coordinate_lengths
-        moving = [j for j in range(len(sizes)) if j not in chain.rigid]
-        D = [j for j in moving if j not in chain.held]
-        # Closures may be redundant: their combinations that move nothing stay met.
-        (U, values, Vt), needed = (
-            _decomposed(closing["q"] * sizes, js) for js in (D, moving)
-        )
-        if len(values) < len(needed[1]):
-            # The held coordinates do not leave enough: all of them move.
-            (U, values, Vt), D = needed, moving
-        weight = (found.by["q"][:, D] * sizes[D]) @ Vt.T / values
-        return {
-            name: slope - weight @ (U.T @ closing[name])
-            for name, slope in found.by.items()
-        }
+    @cached_property
+    def _moving(self) -> list[int]:
+        return [j for j in range(self.result.q.size) if j not in self.mechanism.rigid]
 
-
-def rests_are_given(result: PostureStiffness) -> bool:
-    """Whether rest positions of the springs are given: they hold the posture with
-    some wrench.
-    """
-    springs = result.elastic_as_given.springs
-    return springs is not None and not np.isnan(springs.rest).all()
-
-
-def free_coordinates(result: PostureStiffness) -> list[int]:
-    """Coordinates that can be chosen: of a closed chain those that are held."""
-    chain = result.elastic.mechanism
-    if isinstance(chain, Chain) and chain.closures:
-        return sorted(chain.held)
-    return [j for j in range(result.q.size) if j not in chain.virtual]
+    def _following(self, found: Slopes) -> dict[str, Array] | None:
+        """Derivatives (n, ...) of the coordinates by the components of each array."""
+        n, sizes = self.result.q.size, self.result.posture.coordinate_lengths
+        closing, forces = found.closing, found.forces
+        following = dict[str, Array]()
+        moving, N = self._moving, np.eye(n)[:, self._moving]
+        if closing is not None:
+            D = moving
+            if forces is None:
+                D = [j for j in moving if j not in self.mechanism.held]
+            # Closures may be redundant: their combinations that move nothing stay met.
+            (U, values, Vt), needed = (
+                _decomposed(closing["q"] * sizes, js) for js in (D, moving)
+            )
+            if len(values) < len(needed[1]):
+                # The held coordinates do not leave enough: all of them move.
+                (U, values, Vt), D = needed, moving
+            back = np.zeros((n, len(U)))
+            back[D] = -sizes[D, None] * (Vt.T / values) @ U.T
+            following = {name: back @ slope for name, slope in closing.items()}
+            N = N @ np.linalg.svd(needed[2])[2][len(needed[2]) :].T
+        if forces is None:
+            return following
+        N, H = N * sizes[:, None], forces["q"]
+        inverse = numerics.invert(N.T @ H @ N)
+        if inverse is None or inverse.error > numerics.REPORTED_ERROR:
+            return None
+        for name in (name for name in found.by if name != "q"):
+            e = following.get(name, np.zeros((n, found.by[name].shape[1])))
+            f_p = forces.get(name, np.zeros_like(e)) + H @ e
+            following[name] = e - N @ (inverse.matrix @ (N.T @ f_p))
+        following.pop("q", None)
+        return following
 
 
 def _varied_chain(

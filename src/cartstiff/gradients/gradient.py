@@ -1,22 +1,21 @@
 """The gradient of one number of the stiffness by the numbers of the mechanism.
 
-What is not recorded, and postures that are not plainly regular, have one difference
-quotient of the mechanism analysed again; the result says which.
+It is that at a held posture, or of a mechanism that comes to rest again. What is not
+recorded, and postures that are not plainly regular, have one difference quotient of the
+mechanism analysed again; the result says which.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.analysis.tolerances import Tolerances, UncertainParameters
-from cartstiff.arrays import Array, Result, checked_input
+from cartstiff.arrays import Array, Result, checked_flag, checked_input
 from cartstiff.batch.gradient import Differentiated
 from cartstiff.batch.quantities import Settings, choose_quantities, default_length
 from cartstiff.checked_call import checked
@@ -27,10 +26,12 @@ from cartstiff.errors import (
     one_line,
 )
 from cartstiff.figures import draw_bars, new_figure
-from cartstiff.geometry.differences import derivative_with_error
-from cartstiff.gradients.exact import LOAD, Recorded, free_coordinates, rests_are_given
+from cartstiff.gradients.exact import Recorded, parameters_of
 from cartstiff.gradients.objectives import Asked, OfFunction, OfQuantity, OwnObjective
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.statics.equilibrium import equilibrium
+from cartstiff.statics.rest import Equilibrium
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 
 #: Least agreement of the recorded objective with the core's, as a share.
@@ -43,6 +44,13 @@ _ONE_SIDED_STEP = 1e-3
 _KINKED = numerics.REPORTED_ERROR
 
 
+#: Questions that derivatives answer.
+QUESTIONS = (
+    "at this posture: place and load stay, rest positions follow",
+    "it comes to rest again: rest positions and load stay, the mechanism moves",
+)
+
+
 @dataclass(frozen=True)
 class Slope:
     """Derivative by one parameter.
@@ -50,10 +58,10 @@ class Slope:
     Attributes
     ----------
     name : str
-        "q.<coordinate>", "load.mx" to "load.fz", and the parameters of
-        `cartstiff.analysis.tolerances`: "stiffness.<spring>", "mass.<link>",
-        "placement.<joint>.x" to ".rz", "frame.", "closure.", "base.<leg>.x",
-        "platform.<leg>.x".
+        "q.<coordinate>", "load.mx" to "load.fz", and the numbers of
+        `cartstiff.analysis.parameters`: "stiffness.<spring>", "rest.<spring>",
+        "mass.<link>", "placement.<joint>.x" to ".rz", "frame.", "closure.",
+        "base.<leg>.x", "platform.<leg>.x".
     nominal : float
         The parameter's value.
     unit : str
@@ -90,8 +98,8 @@ class Slope:
 
 @dataclass(frozen=True, eq=False)
 class Gradient(Result):
-    """An objective at a held posture and its derivatives; load and place stay,
-    rests follow.
+    """An objective and its derivatives, at a held posture or where it comes to
+    rest again.
 
     Attributes
     ----------
@@ -99,6 +107,8 @@ class Gradient(Result):
         The objective.
     value, unit : float, str
         Its value and unit.
+    question : str
+        The question that the derivatives answer, one of `QUESTIONS`.
     slopes : tuple of Slope
         One for each parameter asked for.
     missing : tuple of str
@@ -112,13 +122,11 @@ class Gradient(Result):
     of: str
     value: float
     unit: str
+    question: str
     slopes: tuple[Slope, ...]
     missing: tuple[str, ...] = ()
     why: str = ""
     operations: tuple[int, int] | None = None
-
-    #: The question that the derivatives answer.
-    question = "at this posture: place and load stay, rest positions follow"
 
     def __getitem__(self, name: str) -> float:
         """Derivative by a parameter; UnknownNameError."""
@@ -189,6 +197,7 @@ def gradient(
     *,
     of: str | OwnObjective = "translation_free_min",
     by: str | Iterable[str] | None = None,
+    comes_to_rest: bool = False,
     connection: str | None = None,
     direction: ArrayLike | None = None,
     deflect: ArrayLike | None = None,
@@ -202,7 +211,9 @@ def gradient(
 
     The question is *at this posture*: coordinates and load stay, and rest positions
     follow, as of a robot that is commanded to a posture. Those of a closed chain that are
-    not held move so that the loops stay closed.
+    not held move so that the loops stay closed. With `comes_to_rest` it is what a
+    mechanism does that nobody corrects: rest positions and load stay, the mechanism moves
+    to where it is at rest under the load, and each derivative includes this motion.
 
     Parameters
     ----------
@@ -217,6 +228,10 @@ def gradient(
     by : str or iterable of str, optional
         Names of parameters, or their beginnings: "stiffness", "q", "load",
         "placement.joint_2"; default all.
+    comes_to_rest : bool
+        Which question is asked. The posture is then the start of a search of the
+        equilibrium under the load, as in `cartstiff.equilibrium`, and rest positions are
+        numbers, too.
     connection, direction, deflect, length
         Settings of the quantity, as in `cartstiff.maps.map_of`. The length stays.
     wrench, load_kind, load_at, load_axes
@@ -243,9 +258,14 @@ def gradient(
         "load_at": load_at,
         "load_axes": load_axes,
     }
-    result = analyse(elastic, q, **load)
+    subject: PostureStiffness | Equilibrium
+    if checked_flag(comes_to_rest, "comes_to_rest"):
+        subject = equilibrium(elastic, q, **load)
+    else:
+        subject = analyse(elastic, q, **load)
     if connection is None:
         connection = "B" if wrench is None else "load"
+    kind = DEAD_AT_ORIGIN if wrench is None else LoadKind(load_kind, load_at)  # type: ignore[arg-type]
     settings = Settings(
         connection,
         1.0 if length is None else float(length),
@@ -255,7 +275,7 @@ def gradient(
         None
         if deflect is None
         else tuple(checked_input(deflect, (6,), "deflect").tolist()),
-        load=result.load,
+        load=kind,
         is_loaded=wrench is not None,
     )
     if isinstance(of, str):
@@ -266,36 +286,35 @@ def gradient(
         asked: Asked = OfQuantity(quantity, settings, elastic)
     else:
         asked = OfFunction(of, settings)
-    return _Question(result, asked, load).gradient(by)
+    return _Question(subject, asked, load, kind).gradient(by)
 
 
 class _Question:
-    """An objective at an analysed posture, with its parameters."""
+    """An objective of a posture or a state of rest, with its parameters."""
 
     def __init__(
-        self, result: PostureStiffness, asked: Asked, load: Mapping[str, Any]
+        self,
+        subject: PostureStiffness | Equilibrium,
+        asked: Asked,
+        load: Mapping[str, Any],
+        kind: LoadKind,
     ) -> None:
-        self.result, self.asked, self.load = result, asked, load
-        self.elastic = result.elastic_as_given
-        self.mechanism = self.elastic.mechanism
-        self.parameters = UncertainParameters(result, Tolerances(1.0, 1.0, 1.0))
-        self.value = asked.seen(result)
+        self.state = subject if isinstance(subject, Equilibrium) else None
+        self.asked, self.kind = asked, kind
+        self.parameters = parameters_of(subject, load=load)
+        self.mechanism = self.parameters.asked.mechanism
+        self.nominal = {**self.parameters.of_question, **self.parameters.nominal}
+        self.value = self._seen(subject)
         if not np.isfinite(self.value):
             raise UndefinedError(
                 f"{asked.name} does not exist at this posture", code="no-objective"
             )
 
-    @cached_property
-    def nominal(self) -> dict[str, float]:
-        """Values of all parameters by name."""
-        names, q = self.elastic.names, self.result.q
-        held = free_coordinates(self.result)
-        given = {f"q.{names[j]}": float(q[j]) for j in held}
-        given |= self.parameters.nominal
-        if self.load["wrench"] is not None:
-            each = zip(LOAD, np.ravel(self.load["wrench"]), strict=True)
-            given |= {f"load.{name}": float(x) for name, x in each}
-        return given
+    def _seen(self, subject: PostureStiffness | Equilibrium) -> float:
+        """The objective of an answer."""
+        if isinstance(subject, Equilibrium):
+            subject = replace(subject.elastic_stiffness, load=self.kind)
+        return self.asked.seen(subject)
 
     def gradient(self, by: str | Iterable[str] | None) -> Gradient:
         """Derivatives by the parameters whose names begin so."""
@@ -303,10 +322,10 @@ class _Question:
         exact, why = self._exact()
         found, missing = list[Slope](), list[str]()
         for name in names:
-            size, value = self._size(name), exact.get(name, np.nan)
+            size, value = self.parameters.size(name), exact.get(name, np.nan)
             if abs(value * size) <= numerics.ROUNDOFF_OF_SUMS * abs(self.value):
                 value = 0.0
-            nominal, unit = self.nominal[name], self._unit(name)
+            nominal, unit = self.nominal[name], self.parameters.unit(name)
             slope = Slope(name, nominal, unit, value, name in exact, size=size)
             if slope.is_exact:
                 found.append(slope)
@@ -317,7 +336,14 @@ class _Question:
                 missing.append(f"no derivative by {name}: {one_line(str(refused), 160)}")
         asked, sizes = self.asked, self._operations
         return Gradient(
-            asked.name, self.value, asked.unit, tuple(found), tuple(missing), why, sizes
+            asked.name,
+            self.value,
+            asked.unit,
+            QUESTIONS[self.state is not None],
+            tuple(found),
+            tuple(missing),
+            why,
+            sizes,
         )
 
     def _chosen(self, by: str | Iterable[str] | None) -> list[str]:
@@ -331,24 +357,6 @@ class _Question:
             names += own
         return list(dict.fromkeys(names))
 
-    def _unit(self, name: str) -> str:
-        group, _, rest = name.partition(".")
-        units, mechanism = self.elastic.units, self.mechanism
-        by_length = {c.name: c.is_length for c in mechanism.coordinates}
-        if group == "q":
-            return units.length if by_length[rest] else "rad"
-        if group == "load":
-            return units.force if rest[0] == "f" else f"{units.force} {units.length}"
-        if group == "stiffness":
-            along = by_length.get(rest, True)
-            per_rad = f"{units.force} {units.length}/rad"
-            return f"{units.force}/{units.length}" if along else per_rad
-        if group == "mass":
-            return "kg"
-        if group == "parameter":
-            return "unit of the file"
-        return "rad" if self.parameters.is_angle(name) else units.length
-
     # -- by the recorded arithmetic
 
     def _exact(self) -> tuple[dict[str, float], str]:
@@ -361,13 +369,13 @@ class _Question:
             value, verdict = self.asked.recorded(arrays, lengths)
             return [value], verdict
 
-        wrench, axes = (self.load[name] for name in ("wrench", "load_axes"))
-        own, load = self.parameters.nominal, self.result.load
-        recorded = Recorded.of(self.result, own, wrench, load, axes)
+        recorded = Recorded.of(self.parameters, self.state)
         if isinstance(recorded, str):
             return {}, f"nothing is recorded: {recorded}"
         try:
-            program = Differentiated(recorded.case, self.asked.needed, objective)
+            program = Differentiated(
+                recorded.case, self.asked.needed, objective, self.state is not None
+            )
         except KeyError as missing:
             return {}, f"nothing is recorded: {missing.args[0]} is not among its outputs"
         found = program.at(recorded.given)
@@ -383,37 +391,29 @@ class _Question:
                 "such as "
                 "principal values; each side has its derivative"
             )
-        return {name: float(x[0]) for name, x in recorded.named(found).items()}, ""
+        if (named := recorded.named(found)) is None:
+            return {}, "the state of rest is not regular"
+        return {name: float(x[0]) for name, x in named.items()}, ""
 
     # -- by analysing again
 
     def _quotient(self, slope: Slope) -> Slope:
         """The derivative as a difference quotient, at a kink from both sides."""
-        name, natural = slope.name, slope.size
         if self._is_kink:
-            return self._both_sides(slope, natural)
-        best: tuple[float, float] | None = None
-        refused: CartstiffError | None = None
-        for step in numerics.EIGHTH_ORDER_STEPS:
-            try:
-                rate, error = derivative_with_error(
-                    lambda change: self._again(name, change), step * natural
-                )
-            except CartstiffError as stopped:
-                refused = stopped
-                continue
-            if best is not None and float(error) >= best[1]:
-                break
-            best = float(rate), float(error)
-        if best is None or not np.isfinite(best[0]):
-            raise refused or UndefinedError(
+            return self._both_sides(slope, slope.size)
+        found = self.parameters.quotient(
+            slope.name,
+            lambda there: [np.array([self._seen(there)])],
+            [np.array([self.value])],
+        )
+        (value,) = found.slopes
+        if not np.isfinite(value[0]):
+            raise UndefinedError(
                 f"{self.asked.name} does not exist nearby", code="no-objective"
             )
-        size = max(abs(best[0]), abs(self.value) / natural)
-        share = best[1] / size if size else 0.0
-        if share > _KINKED:
-            return self._both_sides(slope, natural)
-        return replace(slope, value=best[0], error=share)
+        if found.error > _KINKED:
+            return self._both_sides(slope, slope.size)
+        return replace(slope, value=float(value[0]), error=found.error)
 
     def _both_sides(self, slope: Slope, natural: float) -> Slope:
         """The derivative from each side."""
@@ -425,39 +425,9 @@ class _Question:
     def _one_side(self, name: str, natural: float) -> float:
         """Derivative from one side, of fourth order."""
         step = _ONE_SIDED_STEP * natural
-        steps = [self._again(name, k * step) for k in range(1, len(_ONE_SIDED))]
+        nominal = self.parameters.value(name)
+        steps = [
+            self._seen(self.parameters.at({name: nominal + k * step}))
+            for k in range(1, len(_ONE_SIDED))
+        ]
         return float(np.dot(_ONE_SIDED, [self.value, *steps])) / step
-
-    def _size(self, name: str) -> float:
-        group, _, rest = name.partition(".")
-        length = self.result.posture.length
-        if group == "q":
-            names = self.elastic.names
-            by_length = self.mechanism.coordinates[names.index(rest)].is_length
-            return length if by_length else 1.0
-        if group == "load":
-            each = [abs(x) for n, x in self.nominal.items() if n.startswith("load.")]
-            return max(each) or 1.0
-        return self.parameters.size(name)
-
-    def _again(self, name: str, change: float) -> float:
-        """The objective with another value of a parameter."""
-        group, _, rest = name.partition(".")
-        if group == "q":
-            q = self.result.q.copy()
-            q[self.elastic.names.index(rest)] += change
-            load = self.load
-            if load["wrench"] is None and rests_are_given(self.result):
-                load = {**load, "wrench": self.result.wrench, "load_axes": "body"}
-            return self.asked.seen(analyse(self.elastic, q, **load))
-        if group == "load":
-            wrench = np.array(self.load["wrench"], float)
-            wrench[LOAD.index(rest)] += change
-            again = {**self.load, "wrench": wrench}
-            return self.asked.seen(analyse(self.elastic, self.result.q, **again))
-        values = {name: self.parameters.value(name) + change}
-        if self.load["wrench"] is None:
-            return self.asked.seen(self.parameters.at(values))
-        elastic = self.parameters.mechanism(values)
-        q = self.parameters.posture_of(elastic)
-        return self.asked.seen(analyse(elastic, q, **self.load))

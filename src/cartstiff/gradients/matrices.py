@@ -1,42 +1,46 @@
 """Derivatives of stiffness, pose and frequencies by each parameter,
 exact where they can be.
 
-At a held posture the matrices, the pose, and stiffness and masses on the motions are
-recorded with their derivatives; the rest are difference quotients
-(`cartstiff.vibration.sensitivities`).
+The matrices, the pose, and stiffness and masses on the motions are recorded with their
+derivatives, at a held posture and of what comes to rest again; the rest are difference
+quotients.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
-from cartstiff.analysis.tolerances import Tolerances
+from cartstiff import numerics
+from cartstiff.analysis.parameters import Quotient, largest
+from cartstiff.analysis.tolerances import Tolerances, Uncertain, shares_of
 from cartstiff.arrays import Array
 from cartstiff.batch.chains import ChainCase
 from cartstiff.batch.gradient import Differentiated
 from cartstiff.batch.plans import Case
 from cartstiff.checked_call import checked
-from cartstiff.gradients.exact import Recorded
+from cartstiff.errors import CartstiffError, UndefinedError, one_line
+from cartstiff.gradients.exact import Recorded, parameters_of
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.statics.rest import Equilibrium
+from cartstiff.statics.small_motions import kinetic_matrix
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
 from cartstiff.stiffness.compute import PostureStiffness
-from cartstiff.vibration.modes import Modes
+from cartstiff.vibration.modes import Modes, stiffness_under_load
 from cartstiff.vibration.sensitivities import (
+    MATRICES,
     Accuracy,
-    Home,
-    Row,
     Sensitivities,
-    deviations_of,
+    change_of_squares,
+    in_hertz,
     modes_of,
 )
 
 #: Outputs that are differentiated; those on the motions exist with masses only.
-_MATRICES = ("stiffness_B", "stiffness_F", "wrench", "pose")
+_OUTPUTS = ("stiffness_B", "stiffness_F", "wrench", "pose")
 _ON_MOTIONS = ("lagrangian", "kinetic", "motion")
 #: Shapes of outputs other than (6, 6); -1 is the number of motions.
 _SHAPES = {
@@ -84,14 +88,13 @@ def sensitivities(
     0.496
     """  # noqa: E501
     modes = subject if isinstance(subject, Modes) else modes_of(subject)
-    home = Home(subject, reread)
+    question = _Question(subject, modes, reread)
     names = [
         name
-        for name in home.parameters.nominal
+        for name in question.parameters.nominal
         if geometry or name.partition(".")[0] in ("stiffness", "mass")
     ]
-    rows = {} if home.state is not None else _exact_rows(home, names, modes)
-    return home.derivatives(names, modes, rows, progress)
+    return question.derivatives(names, progress)
 
 
 @checked
@@ -141,18 +144,52 @@ def accuracy(
     modes = subject if isinstance(subject, Modes) else modes_of(subject)
     if modes is not None and modes.spectrum.is_complex:
         modes = None
-    home = Home(subject, tolerances=tolerances or Tolerances())
-    if given is not None:
-        rows = given.rows()
-    elif home.state is None:
-        rows = _exact_rows(home, list(home.parameters.named), modes)
-    else:
-        rows = {}
-    return deviations_of(home, modes, level, rows, progress)
+    question, tolerances = _Question(subject, modes), tolerances or Tolerances()
+    known = question.parameters.result.elastic.identified
+    if level is None:
+        level = 0.95 if known is None else known.level
+    uncertain = Uncertain.of(question.parameters, tolerances)
+    factor = uncertain.factor(level)
+    if given is None or not set(uncertain.names) <= set(given.names):
+        given = question.derivatives(uncertain.names, progress)
+    kept = [name for name in uncertain.names if name in given.names]
+    if not kept:
+        raise UndefinedError(given.left_out or "", code="no-parameters")
+    uncertain, rows = uncertain.among(kept), [given.names.index(name) for name in kept]
+    nominal, slopes = {}, {}
+    if question.state is not None:
+        nominal["pose"], slopes["pose"] = question.state.displacement, given.pose[rows]
+    for name, rates in given.stiffness.items():
+        if (K := question.result.matrices[name]) is not None:
+            nominal[name], slopes[name] = K, rates[rows]
+    if modes is not None:
+        nominal["frequencies"] = modes.frequencies
+        slopes["frequencies"] = given.frequencies[rows]
+    deviations, shares = {}, {}
+    for quantity, rates in slopes.items():
+        parts = uncertain.variances(rates)
+        if quantity == "frequencies" and modes is not None:
+            # Repeated frequencies split under any change: each of them gets the variances
+            # of all, which bound tr F^2 of the form F that splits them.
+            for alike in modes.groups:
+                parts[:, alike] = parts[:, alike].sum(axis=1, keepdims=True)
+        deviations[quantity], shares[quantity] = shares_of(parts)
+    return Accuracy(
+        uncertain.names,
+        uncertain.deviations,
+        nominal,
+        deviations,
+        shares,
+        level,
+        factor,
+        given.left_out if tolerances.moves else None,
+    )
 
 
 @lru_cache(maxsize=8)
-def _program(case: Case, names: tuple[str, ...]) -> Differentiated | None:
+def _program(
+    case: Case, names: tuple[str, ...], comes_to_rest: bool
+) -> Differentiated | None:
     """Outputs with their derivatives, recorded once.
 
     None if one of them does not exist.
@@ -162,50 +199,201 @@ def _program(case: Case, names: tuple[str, ...]) -> Differentiated | None:
         return [x for name in names for x in np.ravel(arrays[name])], 0.0
 
     try:
-        return Differentiated(case, names, objective)
+        return Differentiated(case, names, objective, comes_to_rest)
     except KeyError:
         return None
 
 
-def _exact_rows(home: Home, names: Sequence[str], modes: Modes | None) -> dict[str, Row]:
-    """Rows by parameter of what is recorded.
+#: Arrays of an answer that are differentiated: K^A, K^B, K^K, K^F (4, 6, 6); the pose (4,
+#: 4); K and M on the modes (k, k).
+_Parts = list[Array]
 
-    None where the posture is not plainly regular.
-    """
-    result = home.result
-    load = result.wrench if result._load_is_given else None
-    recorded = Recorded.of(
-        result, home.parameters.nominal, load, with_inertia=modes is not None
-    )
-    if isinstance(recorded, str):
-        return {}
-    outputs = tuple(
-        n for n in _MATRICES if n != "stiffness_F" or result.matrices["F"] is not None
-    )
-    to_motions = _to_motions(result, recorded.case)
-    if modes is not None:
-        if to_motions is None:
+
+class _Question:
+    """What is differentiated, at a held posture or of what comes to rest again."""
+
+    def __init__(
+        self,
+        subject: Modes | PostureStiffness | Equilibrium,
+        modes: Modes | None,
+        reread: Callable[[Mapping[str, float]], ElasticMechanism] | None = None,
+    ) -> None:
+        if isinstance(subject, Modes):
+            subject = subject.held if subject.state is None else subject.state
+        self.subject, self.modes = subject, modes
+        self.state = subject if isinstance(subject, Equilibrium) else None
+        #: The stiffness, for an equilibrium with the part of its loads.
+        self.result = subject.stiffness if isinstance(subject, Equilibrium) else subject
+        self.parameters = parameters_of(subject, reread)
+
+    @cached_property
+    def here(self) -> _Parts:
+        """The arrays at the nominal values."""
+        return self.seen(self.subject)
+
+    def derivatives(
+        self, names: Sequence[str], progress: Callable[[int, int], None] | None
+    ) -> Sensitivities:
+        """Derivatives by parameters, and reasons for gaps."""
+        modes, parameters = self.modes, self.parameters
+        if modes is not None and modes.spectrum.is_complex:
+            raise UndefinedError(
+                "modes that flutter have no sensitivities", code="flutter"
+            )
+        found, rows = self._exact(names), dict[str, Quotient]()
+        missing = [] if (left_out := parameters.left_out) is None else [left_out]
+        for done, name in enumerate(names, 1):
+            try:
+                rows[name] = found.get(name) or parameters.quotient(
+                    name, self.seen, self.here
+                )
+            except CartstiffError as error:
+                missing.append(f"{name} is not varied: {one_line(str(error), 200)}")
+            if progress is not None:
+                progress(done, len(names))
+        parts = [self._told(name, row) for name, row in rows.items()]
+        p, k = len(rows), 0 if modes is None else modes.frequencies.size
+        matrices, poses, squares = (
+            np.array(each).reshape(p, *shape)
+            for each, shape in zip(
+                zip(*parts, strict=True) if parts else [(), (), ()],
+                ((4, 6, 6), (6,), (k,)),
+                strict=True,
+            )
+        )
+        return Sensitivities(
+            tuple(rows),
+            np.array([parameters.value(name) for name in rows]),
+            {letter: matrices[:, i] for i, letter in enumerate(MATRICES)},
+            poses,
+            squares,
+            squares if modes is None else in_hertz(modes, squares),
+            np.array([row.error for row in rows.values()]),
+            tuple(parameters.is_angle(name) for name in rows),
+            "; ".join(missing) or None,
+        )
+
+    def _told(self, name: str, row: Quotient) -> tuple[Array, Array, Array]:
+        """Derivatives of the matrices, the pose (6,) and omega^2 (k,), what is below
+        round-off 0.
+        """
+        (dK, dT, dH, dM), modes = row.slopes, self.modes
+        natural = self.parameters.size(name)
+        turn = dT[:3, :3] @ self.subject.pose[:3, :3].T
+        pose = np.array([turn[2, 1], turn[0, 2], turn[1, 0], *dT[:3, 3]])
+        squares = np.zeros(0) if modes is None else change_of_squares(modes, dH, dM)
+        # Entries below the round-off of their matrix are 0.
+        error = min(row.error, numerics.NEGLIGIBLE_DIFFERENCE)
+        noise = max(numerics.ROUNDOFF_OF_SUMS, error) / natural
+        columns = np.repeat([1.0, self.result.posture.length], 3)
+        energies = np.outer(columns, columns)
+        for x, K in zip(dK, self.here[0], strict=True):
+            size = max(natural * largest(x * energies), largest(K * energies))
+            x[np.abs(x) <= noise * size / energies] = 0.0
+        pose[np.abs(pose) <= noise * columns] = 0.0
+        if modes is not None:
+            least = max(noise, numerics.PRINTED_AS_ZERO / natural)
+            squares[np.abs(squares) <= least * np.abs(modes.squares)] = 0.0
+        return dK, pose, squares
+
+    def seen(self, subject: PostureStiffness | Equilibrium) -> _Parts:
+        """The arrays of an answer; motions keep the closures."""
+        modes, none = self.modes, np.full((6, 6), np.nan)
+        result = subject.stiffness if isinstance(subject, Equilibrium) else subject
+        each = [result.matrices[name] for name in MATRICES]
+        dK = np.array([none if K is None else K for K in each])
+        if modes is None:
+            return [dK, subject.pose, np.zeros((0, 0)), np.zeros((0, 0))]
+        posture = subject.posture
+        if isinstance(subject, Equilibrium):
+            K, C = subject.full_stiffness
+        else:
+            K = stiffness_under_load(subject)[0]
+            C = None if posture.closure is None else posture.closure.jacobian
+        M = kinetic_matrix(posture, result.elastic.terms(), result.elastic.units)
+        M = np.zeros_like(K) if M is None else M
+        right = modes.basis @ modes.spectrum.vectors
+        left = modes.basis @ modes.spectrum.left
+        if C is not None and len(C):
+            columns = posture.coordinate_lengths
+            back = columns[:, None] * np.linalg.pinv(
+                (C * columns).astype(float), rcond=numerics.RANK
+            )
+            right, left = right - back @ (C @ right), left - back @ (C @ left)
+        return [dK, subject.pose, left.T @ K @ right, left.T @ M @ right]
+
+    # -- by the recorded arithmetic
+
+    def _exact(self, names: Sequence[str]) -> dict[str, Quotient]:
+        """Derivatives by parameter of what is recorded.
+
+        None where the posture is not plainly regular.
+        """
+        modes, result = self.modes, self.parameters.result
+        recorded = Recorded.of(self.parameters, self.state, modes is not None)
+        if isinstance(recorded, str):
             return {}
-        outputs += _ON_MOTIONS
-    program = _program(recorded.case, outputs)
-    found = None if program is None else program.at(recorded.given)
-    if program is None or found is None:
-        return {}
-    m = 6 if to_motions is None else len(to_motions)
-    shapes = [_SHAPES.get(name, (6, 6)) for name in outputs]
-    sizes = [tuple(m if n < 0 else n for n in shape) for shape in shapes]
-    ends = np.cumsum([np.prod(size) for size in sizes])[:-1]
+        outputs = tuple(n for n in _OUTPUTS if self._exists(n.removeprefix("stiffness_")))
+        to_motions = _to_motions(result, recorded.case)
+        if modes is not None:
+            if to_motions is None:
+                return {}
+            outputs += _ON_MOTIONS
+        program = _program(recorded.case, outputs, self.state is not None)
+        found = None if program is None else program.at(recorded.given)
+        by = None if found is None else recorded.named(found)
+        if found is None or by is None:
+            return {}
+        m = 6 if to_motions is None else len(to_motions)
+        shapes = [_SHAPES.get(name, (6, 6)) for name in outputs]
+        sizes = [tuple(m if n < 0 else n for n in shape) for shape in shapes]
+        ends = np.cumsum([np.prod(size) for size in sizes])[:-1]
 
-    def split(flat: Array) -> dict[str, Array]:
-        parts = zip(outputs, np.split(flat, ends), sizes, strict=True)
-        return {name: part.reshape(size) for name, part, size in parts}
+        def split(flat: Array) -> dict[str, Array]:
+            parts = zip(outputs, np.split(flat, ends), sizes, strict=True)
+            return {name: part.reshape(size) for name, part, size in parts}
 
-    here, by = split(found.values), recorded.named(found)
-    rows = {}
-    for name in (name for name in names if name in by):
-        parts = _parts(split(by[name]), here, result, modes, to_motions)
-        rows[name] = home.row_of(name, parts, [np.zeros_like(x) for x in parts], modes)
-    return rows
+        here, rows = split(found.values), dict[str, Quotient]()
+        for name in (name for name in names if name in by):
+            parts = self._parts(split(by[name]), here, recorded, to_motions)
+            nothing = [np.zeros_like(x) for x in parts]
+            size = self.parameters.size(name)
+            rows[name] = Quotient.of(parts, nothing, self.here, size)
+        return rows
+
+    def _exists(self, name: str) -> bool:
+        """Whether an output exists; at rest K^F is that of all loads."""
+        is_own = self.state is None or name != "F"
+        return is_own and (name not in MATRICES or self.result.matrices[name] is not None)
+
+    def _parts(
+        self,
+        slopes: Mapping[str, Array],
+        here: Mapping[str, Array],
+        recorded: Recorded,
+        to_motions: Array | None,
+    ) -> _Parts:
+        """Derivatives of the arrays of an answer."""
+        modes, kind = self.modes, recorded.case.load
+        none = np.full((6, 6), np.nan)
+        dB, dW = slopes.get("stiffness_B", none), slopes["wrench"]
+        if self.state is None:
+            kind = self.result.load
+            of_A, of_K, _ = DEAD_AT_ORIGIN.changes(dW)
+            dK = np.array([dB + of_A, dB, dB + of_K, slopes.get("stiffness_F", none)])
+        else:
+            # With the loads among the energies no wrench is left: all matrices agree.
+            dK = np.where(np.isnan(self.here[0]), np.nan, dB + kind.change(dW))
+        if modes is None or to_motions is None:
+            return [dK, slopes["pose"], np.zeros((0, 0)), np.zeros((0, 0))]
+        # The tangent under the load on the motions, H + J^T D J, and its derivative.
+        J, dJ = here["motion"], slopes["motion"]
+        D, dD = (kind.change(W) for W in (here["wrench"], dW))
+        H = slopes["lagrangian"] + J.T @ dD @ J + dJ.T @ D @ J + J.T @ D @ dJ
+        right = to_motions @ modes.basis @ modes.spectrum.vectors
+        left = to_motions @ modes.basis @ modes.spectrum.left
+        kinetic = left.T @ slopes["kinetic"] @ right
+        return [dK, slopes["pose"], left.T @ H @ right, kinetic]
 
 
 def _to_motions(result: PostureStiffness, case: Case) -> Array | None:
@@ -221,26 +409,3 @@ def _to_motions(result: PostureStiffness, case: Case) -> Array | None:
         return None
     kept: Array = np.eye(len(result.q))[case.names]
     return kept
-
-
-def _parts(
-    slopes: Mapping[str, Array],
-    here: Mapping[str, Array],
-    result: PostureStiffness,
-    modes: Modes | None,
-    to_motions: Array | None,
-) -> list[Array]:
-    """Derivatives of K^A, K^B, K^K, K^F; of the pose; of K and M on the modes."""
-    dB, dW = slopes["stiffness_B"], slopes["wrench"]
-    of_A, of_K, _ = DEAD_AT_ORIGIN.changes(dW)
-    none = np.full((6, 6), np.nan)
-    dK = np.array([dB + of_A, dB, dB + of_K, slopes.get("stiffness_F", none)])
-    if modes is None or to_motions is None:
-        return [dK, slopes["pose"], np.zeros((0, 0)), np.zeros((0, 0))]
-    # The tangent under the load on the motions, H + J^T D J, and its derivative.
-    J, dJ = here["motion"], slopes["motion"]
-    D, dD = (result.load.change(W) for W in (here["wrench"], dW))
-    H = slopes["lagrangian"] + J.T @ dD @ J + dJ.T @ D @ J + J.T @ D @ dJ
-    right = to_motions @ modes.basis @ modes.spectrum.vectors
-    left = to_motions @ modes.basis @ modes.spectrum.left
-    return [dK, slopes["pose"], left.T @ H @ right, left.T @ slopes["kinetic"] @ right]

@@ -266,6 +266,11 @@ class LineSprings(PosePotential, Springs):
         """The same with these rest lengths; cables are bars."""
         return replace(self.replaced(self.stiffness, positions), unilateral=False)
 
+    def as_preloaded(self, tensions: Array) -> Self:
+        """The same with open rest lengths and a preload."""
+        rest = np.full(len(self.stiffness), np.nan)
+        return replace(self, rest_length=rest, preload=tensions, balanced_at=None)
+
     def at_points(self, anchors: Array, points: Array) -> Self:
         """The same between other points; stiffnesses and rest lengths stay."""
         return replace(self, anchors=anchors, points=points)

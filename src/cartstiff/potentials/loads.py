@@ -82,6 +82,13 @@ class Load(Potential):
         """
         return None
 
+    @property
+    def given(self) -> tuple[str, Array, Array, str] | None:
+        """Kind of load, constant wrench (6,), its point in the frame, and its axes, as in
+        `cartstiff.analyse`; None for another load.
+        """
+        return None
+
     def conservative(self, posture: Posture) -> Potential:
         """The semitangential wrench that is the same at a posture."""
         T_F_b = posture.pose_of_frame(self.frame_b)
@@ -209,6 +216,11 @@ class DeadForce(Load):
         """The force."""
         return DeadLoad(self.mass, self.force, np.asarray(self.point), self.frame_b)
 
+    @property
+    def given(self) -> tuple[str, Array, Array, str]:
+        """A force alone."""
+        return "dead", np.append(np.zeros(3), self.force), np.asarray(self.point), "world"
+
     def under_gravity(self, acceleration: Array) -> DeadForce:
         """The same force, or that which carries its mass in another field."""
         return replace(self, force=-self.lifted * acceleration) if self.lifted else self
@@ -254,6 +266,11 @@ class DeadWrench(Load):
             rate[:3, :3] -= se3.skew(moment)
             energy = np.nan
         return energy, alpha, rate
+
+    @property
+    def given(self) -> tuple[str, Array, Array, str]:
+        """Moment and force."""
+        return "dead", self.wrench, np.asarray(self.point), "world"
 
     def parted(self, T_F_b: Array) -> tuple[float, Array]:
         """Energy of the force, and the moment."""
@@ -346,6 +363,11 @@ class FollowerWrench(Load):
     def on_pose(self, T_F_b: Array) -> tuple[float, Array, Array]:  # noqa: ARG002
         """No energy, alpha = -w, constant: T = 0."""
         return np.nan, -self.wrench, np.zeros((6, 6))
+
+    @property
+    def given(self) -> tuple[str, Array, Array, str]:
+        """Moment and force along the axes of the frame."""
+        return "follower", self.wrench, np.zeros(3), "body"
 
     def parted(self, T_F_b: Array) -> tuple[float, Array] | None:  # noqa: ARG002
         """A moment alone."""

@@ -463,6 +463,12 @@ class Springs(Potential):
         """
         return self
 
+    def as_preloaded(self, tensions: Array) -> Self:  # noqa: ARG002
+        """The same with open rest lengths and a preload of these tensions (m,),
+        where that is a number they have.
+        """
+        return self
+
     def shifted(self, posture: Posture, which: Sequence[int], less: Array) -> Self:  # noqa: ARG002
         """The same with the tensions of some springs reduced,
         where that is a number they have.

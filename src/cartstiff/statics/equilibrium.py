@@ -8,7 +8,7 @@ equations, `cartstiff.statics.newton` for the method.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from numbers import Integral
 from typing import Any, Literal
@@ -218,11 +218,13 @@ def _before_turning(
     return turned.with_notes(Note("against-gravity", words, values), *unstable), before.q
 
 
-def again(state: Equilibrium, elastic: ElasticMechanism, start: Array) -> Equilibrium:
-    """Equilibrium of a mechanism that differs a little, under the same loads.
+def again(
+    state: Equilibrium, elastic: ElasticMechanism, loads: Sequence[Potential]
+) -> Equilibrium:
+    """Equilibrium of a mechanism that differs a little, under similar loads.
 
-    The search starts at coordinates `start`; the displacement is measured from the same
-    pose as before. Held components and touched limits are the same.
+    The displacement is measured from the same pose as before. Held components and touched
+    limits are the same.
 
     Raises
     ------
@@ -231,8 +233,8 @@ def again(state: Equilibrium, elastic: ElasticMechanism, start: Array) -> Equili
     UndefinedError
         If it rests on other limits.
     """
-    touched, system = state._solution.contacts, state._system.of(elastic)
-    solution = solve(system, start, contacts=touched, settle=False)
+    touched, system = state._solution.contacts, state._system.of(elastic, loads)
+    solution = solve(system, state.q, contacts=touched, settle=False)
     if solution.contacts != touched:
         raise UndefinedError("it rests on other limits", code="limit-contact")
     return state_of_rest(system, solution, state.start, 1)

@@ -427,12 +427,12 @@ class System:
         )
         self.terms = (*elastic.terms(), *self.loads)
 
-    def of(self, elastic: ElasticMechanism) -> System:
-        """The same loads, held components and limits on another mechanism."""
+    def of(self, elastic: ElasticMechanism, loads: Sequence[Potential]) -> System:
+        """The same held components and limits on another mechanism with other loads."""
         limits = limits_of(elastic.mechanism, ignore=not len(self.limits), contacts=True)
         if len(limits) == len(self.limits):
             limits = limits.leaving_out(self.limits.left_out)
-        return System(elastic, self.loads, self.held, limits)
+        return System(elastic, loads, self.held, limits)
 
     def at(self, q: ArrayLike) -> Point:
         """Everything that acts at coordinates q."""
