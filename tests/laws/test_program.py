@@ -8,6 +8,7 @@ import pickle
 import shutil
 import subprocess
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -173,6 +174,8 @@ def test_refusals():
         program.source("fortran")
     with pytest.raises(InputError, match="no source"):
         cartstiff.record(cartstiff.load("flexure-hexapod"), "B").source("c")
+    with pytest.raises(InputError, match="found in steps; expected c"):
+        cartstiff.record(cartstiff.load("6-pus"), "pose").source("jax")
 
 
 @pytest.mark.parametrize(
@@ -448,3 +451,35 @@ def test_frequencies_are_those_with_the_payload():
         cartstiff.record(arm, "B", inputs=["load_at"])
     with pytest.raises(UnknownNameError, match="input"):
         cartstiff.record(arm, "B", inputs=["pay"])
+
+
+def test_c_bends_links_to_rest(tmp_path):
+    """Where a load deflects flexible links, C takes the program's steps."""
+    if (compiler := shutil.which("cc")) is None:
+        pytest.skip("no C compiler")
+    example = Path(__file__).resolve().parents[2] / "examples" / "flexible_arm.yaml"
+    elastic = cartstiff.load(example)
+    program = cartstiff.record(elastic, ["B", "pose"], loaded=True)
+    library = tmp_path / "stiffness.so"
+    (tmp_path / "stiffness.c").write_text(program.source("c", "stiffness"))
+    words = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC", "-lm"]
+    file = tmp_path / "stiffness.c"
+    subprocess.run([compiler, str(file), "-o", str(library), *words], check=True)
+    function = ctypes.CDLL(str(library)).stiffness
+    doubles = ctypes.POINTER(ctypes.c_double)
+    out, rng, moving = np.zeros(52), np.random.default_rng(0), sorted(elastic.mechanism.virtual)
+    for scale in (1.0, 10.0, 30.0):
+        q = elastic.q.copy()
+        q[np.setdiff1d(np.arange(len(q)), moving)] += rng.uniform(-0.2, 0.2, len(q) - len(moving))
+        here, load = q.copy(), scale * LOAD
+        refused = function(*(a.ctypes.data_as(doubles) for a in (here, load, out)))
+        answer = program(q, load)
+        assert not refused
+        assert answer.is_plain
+        assert np.abs(answer.q[moving]).max() > 1e-6
+        close(here, answer.q, 1e-11)
+        close(out[:36], answer.B.ravel(), 1e-11)
+        core = cartstiff.analyse(elastic, q, wrench=load)
+        close(out[:36].reshape(6, 6), core.matrices["B"], 1e-9)
+    far = 1e6 * LOAD
+    assert function(*(a.ctypes.data_as(doubles) for a in (elastic.q.copy(), far, out)))

@@ -465,7 +465,7 @@ def _close(
 #: Number of steps within which these steps and those of `settled_links` find the same
 #: rest: of 2293 postures of robots with flexible links, under loads up to the largest
 #: that they carry, 23 did not, all with nine steps or more.
-_MAX_SETTLING_STEPS = 8
+MAX_SETTLING_STEPS = 8
 #: Evaluates the terms outside the program at postures (N, n): inputs, and verdicts.
 Evaluate = Callable[[Array], tuple[dict[str, Array], Array]]
 
@@ -551,7 +551,7 @@ def settle(
     differ and may find another rest.
     """
     rest, moved = list[NDArray[np.intp]](), np.zeros(0)
-    for _ in range(_MAX_SETTLING_STEPS):
+    for _ in range(MAX_SETTLING_STEPS):
         at = np.ascontiguousarray(q[which])
         more, doubts = evaluate(at)
         own = {**inputs, "q": at, **more}

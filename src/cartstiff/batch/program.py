@@ -71,6 +71,7 @@ from cartstiff.batch.quantities import (
 from cartstiff.batch.readings import Readings, recordable, with_masses
 from cartstiff.batch.sources import (
     LANGUAGES,
+    Before,
     Facts,
     c_source,
     javascript_source,
@@ -519,24 +520,28 @@ class Program:
         """
         check_name("language", language, LANGUAGES)
         taken, tape = self._taken, self._tape
-        if taken is None or tape is None or taken.untraced or taken.settles:
-            reason = (
-                self.reason or "its flexible links or own potentials are found in steps"
-            )
-            raise InputError(f"no source: {reason}")
+        if taken is None or tape is None:
+            raise InputError(f"no source: {self.reason}")
+        if taken.untraced.is_dense:
+            raise InputError("no source: some of its potentials are found in steps")
+        if language != "c" and (taken.is_closed or taken.untraced):
+            raise InputError("no source: the posture is found in steps", expected="c")
         if self.from_matrices:
             names = ", ".join(self.from_matrices)
             raise InputError(f"no source: {names} cannot be recorded")
-        if taken.is_closed and language != "c":
-            raise InputError("no source: the chain is closed in steps", expected="c")
         name = name or re.sub(r"\W", "_", f"stiffness_of_{self.elastic.name}")
         exist = [n for n in self.names if n in tape.outputs]
         steps = tuple(step for n in exist for step in tape.outputs[n])
         tape = tape.with_outputs({"record": steps, "verdict": tape.outputs["verdict"]})
         shared = {n: row for n, row in taken.shared.items() if n not in self.inputs}
         if language == "c":
-            closing = program_for(taken.case, CLOSING) if taken.is_closed else None
-            return c_source(tape, shared, self._facts(exist), name, closing)
+            case = taken.case
+            before = Before(
+                program_for(case, CLOSING) if taken.is_closed else None,
+                program_for(case, SETTLING) if taken.settles else None,
+                taken.untraced.beams,
+            )
+            return c_source(tape, shared, self._facts(exist), name, before)
         if language == "jax":
             shapes = {n: self._shapes[n] for n in exist}
             return jax_source(tape, shared, self._facts(exist), name, shapes)

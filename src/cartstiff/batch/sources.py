@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from heapq import heapify, heappop, heappush
 from typing import NamedTuple
@@ -17,7 +18,7 @@ import numpy as np
 
 from cartstiff import numerics
 from cartstiff.batch.algebra import PLAIN
-from cartstiff.batch.closed_chains import STEPS
+from cartstiff.batch.closed_chains import MAX_SETTLING_STEPS, STEPS
 from cartstiff.batch.execution import (
     HELPERS,
     JAVASCRIPT,
@@ -26,8 +27,11 @@ from cartstiff.batch.execution import (
     written,
 )
 from cartstiff.batch.tape import Program as Tape
+from cartstiff.batch.untraced import segment_program
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.closures import LONGEST_STEP
+from cartstiff.potentials.beams import Beam, alike
+from cartstiff.stiffness.settled_links import LAST, ROUNDED
 
 LANGUAGES = ("c", "jax", "python", "javascript")
 
@@ -83,12 +87,32 @@ _C = Language(
 _LARGER = "static double larger(double x, double y) { return x > y || x != x ? x : y; }"
 
 
+class Before(NamedTuple):
+    """Steps that a posture takes before its numbers are computed.
+
+    Attributes
+    ----------
+    closing : one step that closes a chain: its outputs are "next" and "left".
+    settling : one step of links towards rest under a load: "settled" and "moved".
+    beams : links, whose derivatives are inputs of the programs.
+    """
+
+    closing: Tape | None = None
+    settling: Tape | None = None
+    beams: Sequence[Beam] = ()
+
+    @property
+    def moves(self) -> bool:
+        """Whether the coordinates change."""
+        return self.closing is not None or self.settling is not None
+
+
 def c_source(
     program: Tape,
     shared: Mapping[str, Array],
     facts: Facts,
     name: str,
-    closing: Tape | None = None,
+    before: Before,
 ) -> str:
     """One C99 function of a posture, without allocation.
 
@@ -102,47 +126,173 @@ def c_source(
         For the head.
     name : str
         Of the function.
-    closing : Program, optional
-        One step that closes a chain: its outputs are "next" and "left".
+    before : Before
+        Steps towards the posture.
     """
     n, size = len(facts.coordinates), len(program.outputs["record"])
-    body, read = _c_body(program, shared)
+    body, read, called = _c_body(program, shared, name)
     verdict = body.pop()
     arguments = [f"const double {name}[{m}]" for name, m in facts.arguments.items()]
-    if closing is not None:
+    if before.moves:
         arguments[0] = f"double q[{n}]"
-    parts = [_comment(facts, name, closing is not None), "#include <math.h>", "", _LARGER]
+    parts = [_comment(facts, name, before.moves), "#include <math.h>", "", _LARGER]
     calls = [f"  (void){array};" for array in facts.arguments if array not in read]
-    if closing is not None:
-        parts += ["", *_c_closing(closing, name, n)]
+    if before.closing is not None:
+        parts += ["", *_c_closing(before.closing, name, n)]
         calls.append(f"  if ({name}_close(q)) return 1;")
+    if before.beams:
+        parts += ["", *_c_beams(before.beams, name, n)]
+        terms = _terms(before.beams)
+        declared = ", ".join(f"{array}[{m}]" for array, m in terms.items())
+        calls.insert(0, f"  double {declared};")
+        if before.settling is not None:
+            parts += ["", *_c_settling(before.settling, shared, facts, name, terms)]
+            calls.append(f"  if ({name}_settle({', '.join(facts.arguments)})) return 1;")
+        calls.append(f"  if ({name}_terms(q, {', '.join(terms)})) return 1;")
     head = f"int {name}({', '.join([*arguments, f'double out[{size}]'])})"
     returned = f"  return !({verdict} == {PLAIN!r});"
-    return "\n".join([*parts, "", head, "{", *calls, *body, returned, "}", ""])
+    return "\n".join([*parts, "", *called, head, "{", *calls, *body, returned, "}", ""])
 
 
-def _c_body(program: Tape, shared: Mapping[str, Array]) -> tuple[list[str], set[str]]:
-    """Lines that compute and write a program's record, then its verdict;
-    the arrays read.
+def _terms(beams: Sequence[Beam]) -> dict[str, int]:
+    """Inputs that links determine, and their sizes."""
+    count = sum(len(beam.indices) for beam in beams)
+    return {"energies": 1, "segment_gradients": 6 * count, "segment_hessians": 36 * count}
+
+
+def _c_beams(beams: Sequence[Beam], name: str, n: int) -> list[str]:
+    """Energy, gradient and Hessian of each segment."""
+    parts, chosen, kinds = list[str](), list[str](), dict[int, int]()
+    for k, group in enumerate(alike(beams)):
+        segment = segment_program(group[0].length, group[0].section)
+        body, _, _ = _c_body(segment, {}, f"{name}_segment{k}")
+        plain = f"  return !({body.pop()} == {PLAIN!r});"
+        head = f"static int {name}_segment{k}(const double x[6], double out[28])"
+        parts += [head, "{", *body, plain, "}", ""]
+        chosen.append(f"    if (kinds[i] == {k} && {name}_segment{k}(x, out)) return 1;")
+        kinds |= {id(beam): k for beam in group}
+    own = [(kinds[id(beam)], row) for beam in beams for row in beam.indices.tolist()]
+    rows = ", ".join(f"{{{', '.join(map(str, row))}}}" for _, row in own)
+    arrays = ", ".join(f"double {array}[{m}]" for array, m in _terms(beams).items())
+    choice = "\n".join(chosen)
+    return [
+        *parts,
+        f"""/* Derivatives of the energy of the links; 1 where one bends too far. */
+static int {name}_terms(const double q[{n}], {arrays})
+{{
+  static const int kinds[{len(own)}] = {{{", ".join(str(k) for k, _ in own)}}};
+  static const int at[{len(own)}][6] = {{{rows}}};
+  int i, a, b;
+  energies[0] = 0.0;
+  for (i = 0; i < {len(own)}; i++) {{
+    double x[6], out[28] = {{0}};
+    const double *entry = out + 7;
+    for (a = 0; a < 6; a++) x[a] = q[at[i][a]];
+{choice}
+    energies[0] += out[0];
+    for (a = 0; a < 6; a++) {{
+      segment_gradients[6*i + a] = out[1 + a];
+      for (b = 0; b <= a; b++, entry++)
+        segment_hessians[36*i + 6*a + b] = segment_hessians[36*i + 6*b + a] = *entry;
+    }}
+  }}
+  return 0;
+}}""",
+    ]
+
+
+def _c_settling(
+    settling: Tape,
+    shared: Mapping[str, Array],
+    facts: Facts,
+    name: str,
+    terms: Mapping[str, int],
+) -> list[str]:
+    """The steps of `closed_chains.settle` for one posture."""
+    n = len(facts.coordinates)
+    body, read, called = _c_body(settling, shared, f"{name}_bend")
+    sizes = {**facts.arguments, **terms}
+    given = [f"const double {array}[{m}]" for array, m in sizes.items()]
+    unread = [f"  (void){array};" for array in sizes if array not in read]
+    step = f"static void {name}_bend({', '.join(given)}, double out[{n + 2}])"
+    own = [f"double q[{n}]", *given[1 : len(facts.arguments)]]
+    declared = ", ".join(f"{array}[{m}]" for array, m in terms.items())
+    loop = f"""
+/* Moves the links to rest under the load, from q, in place; 1 where they do not. */
+static int {name}_settle({", ".join(own)})
+{{
+  double {declared}, out[{n + 2}], moved = INFINITY;
+  int i, steps;
+  for (steps = 0; steps < {MAX_SETTLING_STEPS}; steps++) {{
+    if ({name}_terms(q, {", ".join(terms)})) return 1;
+    {name}_bend({", ".join(sizes)}, out);
+    moved = out[{n}];
+    if (out[{n + 1}] != {PLAIN!r} || !(moved < INFINITY)) return 1;
+    for (i = 0; i < {n}; i++) q[i] = out[i];
+    if (moved <= {LAST!r}) return 0;
+  }}
+  return !(moved <= {ROUNDED!r});
+}}"""
+    return [*called, step, "{", *unread, *body, "}", loop]
+
+
+#: Number of lines of a function that a C compiler optimises in seconds.
+_LONGEST = 3000
+_VALUE = re.compile(r"\bv\d+\b")
+
+
+def _c_body(
+    program: Tape, shared: Mapping[str, Array], name: str
+) -> tuple[list[str], set[str], list[str]]:
+    """Lines that compute and write a program's record, then its verdict; the arrays
+    read; and functions that these lines call.
+
+    A long program is cut into functions that pass their values in an array, as the time
+    of a compiler grows faster than the length of a function.
     """
     lines, outputs, _, arrays = written(program, _C)
-    heads = []
+    heads, constants = list[str](), list[str]()
     for array, short in arrays.items():
         if array in shared:
             numbers = ", ".join(_c_number(x) for x in np.ravel(shared[array]).tolist())
-            heads.append(f"  static const double {short}[] = {{{numbers}}};")
+            constants.append(f"static const double {name}_{short}[] = {{{numbers}}};")
+            heads.append(f"  const double *const {short} = {name}_{short};")
         else:
             heads.append(f"  const double *const {short} = {array};")
     count = sum(len(n) for o, n in program.outputs.items() if o != "verdict")
-    writes = [f"  out[{i}]={text};" for i, text in enumerate(outputs[:count])]
-    body = [*heads, *(f"  {line}" for line in lines), *writes, *outputs[count:]]
-    return body, {*arrays}
+    lines += [f"out[{i}]={text};" for i, text in enumerate(outputs[:count])]
+    if len(lines) <= 2 * _LONGEST:
+        body = [*heads, *(f"  {line}" for line in lines), *outputs[count:]]
+        return body, {*arrays}, constants
+    pieces = [lines[i : i + _LONGEST] for i in range(0, len(lines), _LONGEST)]
+    read = [{*_VALUE.findall("\n".join(piece))} for piece in pieces]
+    last = _VALUE.findall("\n".join(outputs[count:]))
+    kept, functions, calls = dict[str, str](), list[str](), list[str]()
+    given = ", ".join([*arrays.values(), "m", "out"])
+    taken = ", ".join(f"const double *{short}" for short in arrays.values())
+    for i, piece in enumerate(pieces):
+        own = {line.split("=")[0].split()[-1] for line in piece if line[0] == "c"}
+        later = set[str]().union(*read[i + 1 :], last)
+        before = [f"  const double {v}={kept[v]};" for v in sorted(read[i] - own)]
+        after = list[str]()
+        for value in sorted(own & later):
+            kept[value] = f"m[{len(kept)}]"
+            after.append(f"  {kept[value]}={value};")
+        unread = "".join(f" (void){short};" for short in arrays.values())
+        head = f"static void {name}_{i}({taken}, double *m, double *out)"
+        rows = [*before, *(f"  {line}" for line in piece), *after]
+        functions += [head, "{", f" {unread} (void)out; (void)m;", *rows, "}", ""]
+        calls.append(f"  {name}_{i}({given});")
+    room = f"  double m[{max(1, len(kept))}];"
+    found = [f"  const double {v}={kept[v]};" for v in dict.fromkeys(last)]
+    body = [room, *heads, *calls, *found, *outputs[count:]]
+    return body, {*arrays}, [*constants, "", *functions]
 
 
 def _c_closing(closing: Tape, name: str, n: int) -> list[str]:
     """The steps of `closed_chains.close` for one posture."""
     width = sum(map(len, closing.outputs.values()))
-    step, _ = _c_body(closing, {})
+    step, _, called = _c_body(closing, {}, f"{name}_step")
     starts, at = dict[str, int](), 0
     for output, steps in closing.outputs.items():
         starts[output], at = at, at + len(steps)
@@ -173,7 +323,7 @@ static int {name}_close(double q[{n}])
   }}
   return 1;
 }}"""
-    return [head, "{", *step, "}", loop]
+    return [*called, head, "{", *step, "}", loop]
 
 
 def python_source(
@@ -190,7 +340,7 @@ def python_source(
     ]
     *record, verdict = outputs
     body = [*heads, *lines, f"return {verdict} == {PLAIN!r}, [{', '.join(record)}]"]
-    words = "\n    ".join(_words(facts, name, is_closed=False)[:-1])
+    words = "\n    ".join(_words(facts, name, is_moved=False)[:-1])
     parts = [
         "from math import copysign, cos, sin, sqrt",
         "",
@@ -346,7 +496,7 @@ def jax_source(
         for n, rows in shared.items()
         if any(array == n for array, _ in inputs)
     ]
-    head = _words(facts, name, is_closed=False)[:-2]
+    head = _words(facts, name, is_moved=False)[:-2]
     head += [
         "",
         "Returns whether the posture is plainly regular, and the outputs by name;",
@@ -420,24 +570,24 @@ def javascript_source(
         heads.append(f"const {short}={numbers};")
     *record, verdict = outputs
     ends = f"return {verdict}==={PLAIN:g}?[{','.join(record)}]:null;"
-    parts = [_comment(facts, name, is_closed=False), HELPERS]
+    parts = [_comment(facts, name, is_moved=False), HELPERS]
     parts.append(
         f"function {name}({','.join(names)}){{{''.join([*heads, *lines])}{ends}}}\n"
     )
     return "\n".join(parts)
 
 
-def _comment(facts: Facts, name: str, is_closed: bool) -> str:
+def _comment(facts: Facts, name: str, is_moved: bool) -> str:
     """A comment of C or JavaScript on inputs and outputs."""
-    words = _words(facts, name, is_closed)
+    words = _words(facts, name, is_moved)
     return "\n".join(["/*", *(f" * {line}".rstrip() for line in words), " */"])
 
 
-def _words(facts: Facts, name: str, is_closed: bool) -> list[str]:
+def _words(facts: Facts, name: str, is_moved: bool) -> list[str]:
     """Names, shapes and units of inputs and outputs."""
     words = [f"{name}: {facts.title}.", "", "q: coordinates"]
-    if is_closed:
-        words[-1] += " near a closed posture, whose coordinates replace them"
+    if is_moved:
+        words[-1] += " near the posture, whose own replace them: closed, links bent"
     words += [f"  {i}: {text}" for i, text in enumerate(facts.coordinates)]
     if facts.wrench:
         words += ["wrench: the load, which the springs balance", *facts.wrench]
