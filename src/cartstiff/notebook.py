@@ -7,9 +7,9 @@ from importlib import import_module
 
 from cartstiff.errors import CartstiffError, joined, printable
 
-#: Modules whose function `displayed` has the lines of a result in a notebook, by its
+#: Modules whose function `displayed` has the HTML of a result in a notebook, by its
 #: class. They are above this one, and loaded when something is shown.
-DISPLAYS = {"PostureStiffness": "cartstiff.report.answer"}
+DISPLAYS = {"PostureStiffness": "cartstiff.page.displayed"}
 
 
 class ShownInLines:
@@ -41,8 +41,7 @@ class ShownInLines:
         try:
             names = (kind.__name__ for kind in type(self).__mro__)
             if (room := next(filter(None, map(DISPLAYS.get, names)), None)) is not None:
-                said = joined(import_module(room).displayed(self))
-                lines = f"<pre>{escape(said)}</pre>"
+                lines = import_module(room).displayed(self)
             return lines + self._tables()
         except CartstiffError as error:
             return f"{lines}<p>{escape(printable(str(error)))}</p>"

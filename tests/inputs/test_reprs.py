@@ -81,6 +81,19 @@ def test_a_few_lines(arm):
             assert word in text, text
 
 
+def test_a_posture_in_a_notebook_is_its_answer_with_a_picture():
+    """The sentences of `analyse`, and the load and the pose under it as plain SVG."""
+    arm = cartstiff.load("ur5")
+    html = cartstiff.analyse(arm, wrench=[0, 0, 0, 0, 0, -100], load_axes="world")._repr_html_()
+    said, _, picture = html.partition("</pre><figure>")
+    assert "The body frame moves 2.77 mm under the load" in said
+    assert picture.count("<svg ") == 1
+    assert "in green under its load, the deflection drawn 20 times as large" in picture
+    assert "(the tip moves 2.77 mm); the red arrow is the force of 100 N" in picture
+    assert picture.count("marker-end") == 2  # an arrow in each of two views
+    assert "marker-end" not in cartstiff.analyse(arm)._repr_html_()
+
+
 def test_tables_in_notebooks(arm):
     result = cartstiff.analyse(arm)
     for thing in (result, result.B, result.B.compliance()):

@@ -153,10 +153,9 @@ def test_legs_stand_beside_their_limits_and_passive_joints_are_left_out(tmp_path
     # The legs hold the body against the load.
     assert np.array(forces) @ along == pytest.approx([0, 0, -100], abs=0.05)
     # Passive joints have no spring, and the loops' drives a table of their own.
-    text = report_page(five := cartstiff.load("five-bar"))
-    joints = table_after(text, "Joints")
+    text = report_page(cartstiff.load("five-bar"))
     assert [row[0] for row in table_after(text, "Drives")[1:]] == ["left_motor", "right_motor"]
-    assert [row[0] for row in joints[1:]] == list(five.names)
+    assert "<h2>Joints" not in text
 
 
 @pytest.mark.parametrize("name", ["cubic", "five-bar", "grasp"])
@@ -384,11 +383,17 @@ def states_what_is_said(text, result, answer):
         first = answer["shares"]["parts"][0]
         assert f"{round(100 * first['share'])} % of" in said
     # Tables: every cell that has a number.
+    told = set()
     for table in answer["tables"]:
-        rows = table_after(text, TITLES.get(table["name"], table["name"].capitalize()))
-        assert len(rows) == 1 + len(table["rows"])
         heads = [column["head"] for column in table["columns"]]
-        for cells, row in zip(rows[1:], table["rows"], strict=True):
+        # A row that has a position alone is counted; drives are no joints again.
+        full = [row for row in table["rows"] if any(cell is not None for cell in row[2:])]
+        if {row[0] for row in full} <= told:
+            continue
+        told |= {row[0] for row in full}
+        rows = table_after(text, TITLES.get(table["name"], table["name"].capitalize()))
+        assert len(rows) == 1 + len(full)
+        for cells, row in zip(rows[1:], full, strict=True):
             for head, cell in zip(rows[0], cells, strict=True):
                 value = row[heads.index(head)]
                 assert_same_cell(cell, value, (table["name"], row[0], head))

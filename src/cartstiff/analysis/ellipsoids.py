@@ -478,6 +478,14 @@ class MatrixPair:
             self._shapes[key] = None if found is None else shape_of(*found)
         return self._shapes[key]
 
+    def on_axes(self, axes: Array, freedom: Freedom, others: Others) -> Array:
+        """`stiffnesses_on_axes` of unit vectors (N, 3)."""
+        shape = (len(axes), 6, 6)
+        nothing = np.full((6, 6), np.nan)
+        K, C = (nothing if M is None else M for M in (self.K, self.C))
+        stacks = np.broadcast_to(K, shape), np.broadcast_to(C, shape)
+        return stiffnesses_on_axes(*stacks, axes, freedom, others)
+
     def condition(self, freedom: Freedom) -> float:
         """Condition number of a diagonal block of K; NaN where it is not resolved."""
         with suppress(UndefinedError):

@@ -30,7 +30,6 @@ from cartstiff.analysis.ellipsoids import (
     MatrixPair,
     Others,
     Quantity,
-    stiffnesses_on_axes,
 )
 from cartstiff.analysis.indices import best_conditioned_length, indices_of
 from cartstiff.analysis.matrices import (
@@ -574,19 +573,14 @@ def _directions(
     rows: list[dict[str, Any]] = [
         {"name": n, "direction": axis} for n, axis in axes.items()
     ]
-    u, nothing = np.array(list(axes.values())), np.full((6, 6), np.nan)
+    u = np.array(list(axes.values()))
     kinds: tuple[tuple[str, Freedom], ...] = (
         ("along", "translation"),
         ("about", "rotation"),
     )
     for (kind, freedom), others in product(kinds, _OTHERS):
-        K, C = (
-            np.broadcast_to(nothing if matrix is None else matrix, (len(u), 6, 6))
-            for matrix in (pairs[others].K, pairs[others].C)
-        )
-        for row, x in zip(
-            rows, stiffnesses_on_axes(K, C, u, freedom, others), strict=True
-        ):
+        found = pairs[others].on_axes(u, freedom, others)
+        for row, x in zip(rows, found, strict=True):
             row.setdefault(kind, {})[others] = x
     return rows
 

@@ -10,17 +10,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.analysis.ellipsoids import Freedom, stiffnesses_on_axes
+from cartstiff.analysis.ellipsoids import Freedom
 from cartstiff.analysis.indices import best_conditioned_length
-from cartstiff.answer.data import Answer, Displacement, Motion, Shares
+from cartstiff.analysis.principal import matrix_pair
+from cartstiff.answer.data import Answer, Displacement, Shares
 from cartstiff.answer.posture import answer_at
-from cartstiff.arrays import Array
+from cartstiff.arrays import Array, plain
 from cartstiff.checked_call import checked
 from cartstiff.described import described
 from cartstiff.errors import InputError, UndefinedError, checked_kind
@@ -29,7 +31,7 @@ from cartstiff.lazily import cached_property
 from cartstiff.notes import Note
 from cartstiff.results import LabelledResult
 from cartstiff.stiffness.compute import PostureStiffness
-from cartstiff.units import Units
+from cartstiff.units import Units, shown_unit
 
 #: Quantities that the answer is about.
 DISPLACEMENT, SOFTEST = "displacement under the load", "softest translation"
@@ -68,11 +70,11 @@ class ComparedNumber:
     @property
     def because(self) -> NoRatio | None:
         """Why there is no ratio; None where there is one."""
-        missing = [x is None for x in (self.first, self.second)]
-        if any(missing):
-            return "both" if all(missing) else ("first", "second")[missing.index(True)]
-        is_positive = all(x is not None and x > 0.0 for x in (self.first, self.second))
-        return None if is_positive else "sign"
+        if self.first is None:
+            return "both" if self.second is None else "first"
+        if self.second is None:
+            return "second"
+        return None if min(self.first, self.second) > 0.0 else "sign"
 
     @property
     def ratio(self) -> float | None:
@@ -80,7 +82,7 @@ class ComparedNumber:
 
         None where one of them is missing or not above zero.
         """
-        if self.first is None or self.second is None or self.because is not None:
+        if self.because is not None or self.first is None or self.second is None:
             return None
         return self.second / self.first
 
@@ -112,68 +114,61 @@ class Compared:
         """Number of independent motions of the body."""
         return self.result.reduction.rank
 
-    @property
+    @cached_property
     def load(self) -> Array | None:
         """Given moment about M's origin, and force, along the axes of F;
         None without them.
         """
-        W = self.result.wrench
-        if W is None or self.answer.load is None or not self.answer.load.given:
+        load = self.answer.load
+        if load is None or not load.given or not any((*load.moment, *load.force)):
             return None
-        load = np.ravel(np.reshape(W, (2, 3)) @ self.result.pose[:3, :3].T)
-        return load if load.any() else None
+        arm = self.result.pose[:3, :3] @ load.at
+        return np.array([*(load.moment + np.cross(arm, load.force)), *load.force])
 
     @property
     def displacement(self) -> Displacement | None:
         """Displacement under the given load; None where it is not resisted."""
-        moved = self.answer.displacement
-        return None if self.load is None or moved is None else moved
+        return None if self.load is None else self.answer.displacement
 
     @property
     def shares(self) -> Shares | None:
         """What contributes to that displacement."""
         return None if self.displacement is None else self.answer.shares
 
-    def motion(self, at_rest: bool) -> Motion | None:
-        """That displacement, between the equilibria or to first order;
-        None without one.
+    def sizes(self, at_rest: bool) -> tuple[float | None, float | None]:
+        """Displacement and rotation, between the equilibria or to first order;
+        round-off of the other is 0.
         """
         moved = self.displacement
         if moved is None:
-            return None
-        return moved.equilibrium if at_rest else moved.first_order
-
-    def size(self, motion: Motion | None) -> tuple[float | None, float | None]:
-        """Displacement and rotation of a motion; round-off of the other is 0."""
+            return None, None
+        motion = (moved.first_order, moved.equilibrium)[at_rest]
         if motion is None:
             return None, None
-        moved, turned = math.hypot(*motion.translation), math.hypot(*motion.rotation)
+        far, turn = math.hypot(*motion.translation), math.hypot(*motion.rotation)
         least, length = numerics.PRINTED_AS_ZERO, self.result.length
-        return (
-            0.0 if moved < least * turned * length else moved,
-            0.0 if turned < least * moved / length else turned,
-        )
+        is_far, is_turned = far >= least * turn * length, turn * length >= least * far
+        return far * is_far, turn * is_turned
 
     def in_room(self, freedom: Freedom) -> list[float | None]:
         """Stiffness along, or about, x, y and z of F, all other freedoms without load."""
-        here, nothing = self.result.at(), np.full((6, 6), np.nan)
-        K, C = (
-            np.broadcast_to(nothing if M is None else M, (3, 6, 6))
-            for M in here.pair(self.answer.verdict.connection, "free")
+        pair = matrix_pair(self.result.at(), self.answer.verdict.connection, "free")
+        # Row i: axis i of F along those of the body.
+        found: list[float | None] = plain(
+            pair.on_axes(self.result.pose[:3, :3], freedom, "free")
         )
-        axes = self.result.pose[:3, :3]  # row i: axis i of F along those of the body
-        found = stiffnesses_on_axes(K, C, axes, freedom, "free")
-        return [float(x) if math.isfinite(x) else None for x in found]
+        return found
 
     @property
     def condition(self) -> float | None:
         """Least condition number over all characteristic lengths."""
-        K, C = self.result.at().pair(self.answer.verdict.connection, "held")
-        try:
-            best = None if K is None else best_conditioned_length(K, C)
-        except UndefinedError:
+        pair = matrix_pair(self.result.at(), self.answer.verdict.connection)
+        if pair.K is None:
             return None
-        return None if best is None else float(best.condition_at_best_length)
+        with suppress(UndefinedError):
+            best = best_conditioned_length(pair.K, pair.C)
+            return float(best.condition_at_best_length)
+        return None
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -249,8 +244,7 @@ class Comparison(LabelledResult):
         units, both = self.units, (self.first, self.second)
         if any(x.load is not None for x in both):
             at_rest = self.displacement_by == "equilibrium"
-            sizes = (x.size(x.motion(at_rest)) for x in both)
-            moved, turned = zip(*sizes, strict=True)
+            moved, turned = zip(*(x.sizes(at_rest) for x in both), strict=True)
             yield ComparedNumber(DISPLACEMENT, units.length, *moved)
             yield ComparedNumber("rotation under the load", units.angle, *turned)
         for freedom, along in _FREEDOMS:
@@ -274,9 +268,9 @@ class Comparison(LabelledResult):
         a, b = self.first.shares, self.second.shares
         if a is None or b is None or a.of != b.of:
             return None
-        columns = [{part.name: part.share for part in x.parts} for x in (a, b)]
-        names = dict.fromkeys(name for column in columns for name in column)
-        return a.of, {name: [column.get(name) for column in columns] for name in names}
+        first, second = ({part.name: part.share for part in x.parts} for x in (a, b))
+        names = {**first, **second}
+        return a.of, {name: [first.get(name), second.get(name)] for name in names}
 
     @cached_property
     def doubts(self) -> tuple[Note, ...]:
@@ -346,11 +340,9 @@ class Comparison(LabelledResult):
         pair = f"{self.second.label} compared with {self.first.label}"
         yield f"{pair}: second, first, ratio"
         for n in self.numbers:
-            values = "  ".join(
-                "-" if x is None else f"{x:.4g}" for x in (n.second, n.first)
-            )
-            ratio = "" if n.ratio is None else f"  x {n.ratio:.4g}"
-            yield f"  {n.quantity} [{n.unit}]  {values}{ratio}"
+            shown = ("-" if x is None else f"{x:.4g}" for x in (n.second, n.first))
+            ratio = f"  x {n.ratio:.4g}" if n.ratio is not None else ""
+            yield f"  {n.quantity} [{n.unit}]  {'  '.join(shown)}{ratio}"
 
     def plot(self) -> Any:
         """Draw the numbers of both as bars, each pair with its ratio.
@@ -366,35 +358,14 @@ class Comparison(LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        units = self.units
-        panels = [
-            (title, unit, per, rows)
-            for title, unit, kind, per in (
-                (
-                    "Displacement",
-                    units.shown_length,
-                    units.length,
-                    units.shown_per_length,
-                ),
-                (
-                    "Stiffness: force over displacement",
-                    f"{units.force}/{units.shown_length}",
-                    units.stiffness["translation"],
-                    1.0 / units.shown_per_length,
-                ),
-                (
-                    "Stiffness: moment over rotation",
-                    units.stiffness["rotation"],
-                    units.stiffness["rotation"],
-                    1.0,
-                ),
-            )
-            if (
-                rows := [
-                    n for n in self.numbers if n.unit == kind and n.ratio is not None
-                ]
-            )
-        ]
+        units, panels = self.units, []
+        for title, unit in (
+            ("Displacement", units.length),
+            ("Stiffness: force over displacement", units.stiffness["translation"]),
+            ("Stiffness: moment over rotation", units.stiffness["rotation"]),
+        ):
+            rows = [n for n in self.numbers if n.unit == unit and n.ratio is not None]
+            panels += [(title, *shown_unit(unit), rows)] * bool(rows)
         if not panels:
             raise InputError("no number of both to draw", got="none that has a ratio")
         doubts = dict.fromkeys(

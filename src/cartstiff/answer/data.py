@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import hypot
 from typing import Any, Literal
 
 from cartstiff.analysis.ellipsoids import Freedom, Others
@@ -331,6 +332,15 @@ class Answer:
             notes=[note for note in every if note not in doubts],
             **parts,
         )
+
+    @property
+    def far(self) -> float | None:
+        """How far the load moves the point; None without a stable rest under a load."""
+        moved = self.displacement
+        is_unstable = any(note.code == "unstable" for note in self.doubts)
+        if moved is None or moved.by == "preload" or is_unstable:
+            return None
+        return hypot(*moved.said.translation)
 
     def extreme(
         self, end: str, freedom: Freedom = "translation", others: Others = "free"

@@ -11,7 +11,6 @@ import datetime
 import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from html import escape
 from importlib.metadata import version
 from pathlib import Path
@@ -21,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.answer.data import Answer
-from cartstiff.answer.posture import answer_at, rests
+from cartstiff.answer.posture import answer_at
 from cartstiff.arrays import checked_vector
 from cartstiff.errors import CartstiffError, UndefinedError
 from cartstiff.geometry.se3 import Array
@@ -29,9 +28,9 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import DOUBTS
 from cartstiff.page.export import export_page
 from cartstiff.page.report_curves import plot, sweeps_of
-from cartstiff.page.report_drawing import Arrow, drawing
+from cartstiff.page.report_drawing import drawing
 from cartstiff.page.report_parts import (
-    answer_table,
+    answer_tables,
     items,
     matrix,
     section,
@@ -323,35 +322,22 @@ class _Page:
     @property
     def far(self) -> float:
         """How far the tip moves; infinite where it has no stable rest under the load."""
-        moved = self.answer.displacement
         if self.load.added is None:
             return 0.0
-        if moved is None or "unstable" in {note.code for note in self.answer.doubts}:
-            return float("inf")
-        return float(np.linalg.norm(moved.said.translation))
-
-    @cached_property
-    def ends(self) -> tuple[Array, Array | None]:
-        """Coordinates at rest before the load, and under it; None where it has none."""
-        if self.load.added is None or not np.isfinite(self.far):
-            return self.start, None
-        try:
-            before, state = rests(self.result, self.load.more, self.load.kind)
-        except CartstiffError:
-            return self.start, None
-        return (self.start if before is None else before.q), state.posture.q
+        far = self.answer.far
+        return float("inf") if far is None else far
 
     def html(self) -> str:
         """The answer, the drawing and the numbers."""
-        elastic = self.elastic
+        load = self.load
         sentences = [self._carries(), *answer_sentences(self.answer), *self._better()]
         doubts = [str(n) for n in self.answer.doubts if n.code not in _HEAD]
         parts = [
             f"<h2>{text(self.name)}</h2>" * bool(self.name),
             f'<div class="answer"><ul>{items(sentences)}</ul></div>',
             f'<ul class="doubts">{items(doubts)}</ul>' * bool(doubts),
-            drawing(elastic, *self.ends, self._arrow(), self.far),
-            *(answer_table(shown) for shown in self.answer.tables),
+            drawing(self.result, self.answer, load.more, load.kind),
+            answer_tables(self.answer),
             section("Distance to a singularity", self._near()),
             section("Load and weight", f"<ul>{items(self._acting())}</ul>"),
             section("Stiffness", matrix(self.result, self._matrix_name())),
@@ -386,16 +372,6 @@ class _Page:
             shown = f'<iframe title="the mechanism" srcdoc="{source}"></iframe>'
         head = f"<h2>In three dimensions{text(at)}{before}</h2>"
         return f'<section class="screen">{head}{shown}</section>'
-
-    def _arrow(self) -> Arrow | None:
-        """The force of the load, at its point."""
-        load, pose = self.load, self.load.pose
-        force = load.in_room[3:]
-        if not force.any():
-            return None
-        much = engineering(float(np.linalg.norm(force)), self.elastic.units.force)
-        at = pose[:3, :3] @ load.kind.at + pose[:3, 3]
-        return Arrow(at, force, f"the force of {much}")
 
     def _carries(self) -> str:
         """The sentence that names the load, and what holds the mechanism there."""

@@ -7,6 +7,7 @@ plain SVG, so that it prints.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from html import escape
 from typing import NamedTuple
 
@@ -14,6 +15,8 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from cartstiff import numerics
+from cartstiff.answer.data import Answer
+from cartstiff.answer.posture import rests
 from cartstiff.errors import CartstiffError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
@@ -25,6 +28,8 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape
 from cartstiff.mechanisms.tree import FixedFrame
 from cartstiff.scene.scales import round_number
+from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff.stiffness.posture import PostureStiffness
 from cartstiff.units import Units, engineering
 
 # Pixels of a panel, and around it.
@@ -167,25 +172,30 @@ class Arrow(NamedTuple):
 
 
 def drawing(
-    elastic: ElasticMechanism,
-    start: Array,
-    end: Array | None,
-    force: Arrow | None,
-    far: float,
+    result: PostureStiffness,
+    answer: Answer,
+    added: Array | None = None,
+    acting: LoadKind | None = None,
 ) -> str:
-    """The drawing as a figure with its words.
+    """The mechanism at a posture with its load, and under it, as a figure with its words.
 
     Parameters
     ----------
-    elastic : ElasticMechanism
-        The mechanism.
-    start, end : ndarray (n,)
-        Coordinates before the load, and under it; None for no equilibrium.
-    force : Arrow or None
-        The force on the body, of any length.
-    far : float
-        How far the tip moves, as the answer says.
+    result : PostureStiffness
+        The posture.
+    answer : Answer
+        What is said of it.
+    added : ndarray (6,), optional
+        The wrench in the axes of M whose displacement is said; default the load.
+    acting : LoadKind, optional
+        Behaviour of that wrench, and its point.
     """
+    elastic, kind = result.elastic_as_given, acting or result.load
+    start, end, far = result.q, None, answer.far
+    if far:
+        with suppress(CartstiffError):
+            before, state = rests(result, added, kind)
+            start, end = (before or result.posture).q, state.posture.q
     mechanism, units = elastic.mechanism, elastic.units
     shapes = outlines(mechanism) if isinstance(mechanism, Chain) else []
     before = mechanism.at(start)
@@ -199,6 +209,7 @@ def drawing(
             f"in green under its load, the deflection drawn {factor:g} times as large "
             f"(the tip moves {engineering(far, units.length)})"
         )
+    force = _arrow(result, answer, added, kind)
     if force is not None:
         words.append(f"the red arrow is {force.words}")
         force = force._replace(
@@ -227,6 +238,22 @@ def drawing(
         f'<path d="M0 0L8 4L0 8z" fill="{_LOAD}"/></marker></defs>{"".join(panels)}</svg>'
         f"<figcaption>{escape('; '.join(words))}.</figcaption></figure>"
     )
+
+
+def _arrow(
+    result: PostureStiffness, answer: Answer, added: Array | None, kind: LoadKind
+) -> Arrow | None:
+    """The given force, at its point."""
+    T, load = result.pose, answer.load
+    force = np.zeros(3)
+    if added is not None:
+        force = T[:3, :3] @ added[3:]
+    elif load is not None and load.given:
+        force = np.array(load.force)
+    if not force.any():
+        return None
+    much = engineering(float(np.linalg.norm(force)), result.units.force)
+    return Arrow(T[:3, :3] @ kind.at + T[:3, 3], force, f"the force of {much}")
 
 
 def _panel(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from html import escape
 from itertools import product
 
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.answer.data import Table
+from cartstiff.answer.data import Answer
 from cartstiff.errors import printable
 from cartstiff.geometry.se3 import Array
 from cartstiff.report.answer import table_cells, table_head, table_title
@@ -44,11 +45,25 @@ def table(rows: Sequence[Sequence[str]], heads: Sequence[str] = ()) -> str:
     return f"<table>{''.join(f'<tr>{line}</tr>' for line in (cells, *lines) if line)}</table>"  # noqa: E501
 
 
-def answer_table(shown: Table) -> str:
-    """A table of an answer under its title."""
-    columns, rows = table_cells(shown)
-    body = table(rows, [table_head(column) for column in columns])
-    return section(table_title(shown), body * bool(rows))
+def answer_tables(answer: Answer) -> str:
+    """The tables of an answer under their titles.
+
+    Rows of joints of which nothing but the position is known, as of passive ones in
+    loops, are counted below; a table that says nothing more than one before is left out.
+    """
+    found, told = [], set[str]()
+    for shown in answer.tables:
+        rows = [row for row in shown.rows if any(cell is not None for cell in row[2:])]
+        names = {str(row[0]) for row in rows}
+        if names <= told:
+            continue
+        told |= names
+        columns, cells = table_cells(replace(shown, rows=tuple(rows)))
+        left = len(shown.rows) - len(rows)
+        below = f"<p>{left} without spring, limits and share are not listed.</p>"
+        body = table(cells, [table_head(column) for column in columns])
+        found.append(section(table_title(shown), body + below * bool(left)))
+    return "".join(found)
 
 
 def vector(values: Array, unit: str) -> str:

@@ -36,7 +36,7 @@ from cartstiff.report.layout import (
 )
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.tensor import format_matrix
-from cartstiff.units import SI, Units, engineering
+from cartstiff.units import SI, Units, shown_unit
 
 _SAME = "they are the same here"
 
@@ -372,7 +372,7 @@ def _principal(
         )
         lines += ["", title]
         for freedom, other in _FREEDOMS.items():
-            unit, per = _shown_unit(getattr(u, quantity)[freedom], u)
+            unit, per = shown_unit(getattr(u, quantity)[freedom])
             for others in ("held", "free"):
                 e = ellipsoids[quantity][freedom][others]
                 label = f"  {freedom}, {other} {others} [{unit}]"
@@ -402,41 +402,6 @@ def _principal(
     return lines
 
 
-def _shown_unit(unit: str, u: Units) -> tuple[str, float]:
-    """Unit of a number in texts, with the factor: N/mm for a translation,
-    else its own.
-    """
-    blocks, compliances, mm = u.blocks, u.blocks_of_compliance, u.shown_length
-    if unit == blocks["tt"]:
-        return f"{u.force}/{mm}", 1.0 / u.shown_per_length
-    if unit == compliances["tt"]:
-        return f"{mm}/{u.force}", u.shown_per_length
-    if unit == u.length:
-        return mm, u.shown_per_length
-    return unit, 1.0
-
-
-def softest_words(
-    stiffness: float,
-    direction: Sequence[float] | None,
-    freedom: str,
-    units: Units,
-    axes: str,
-) -> str:
-    """Describe a least stiffness and its direction from `softest`, as the page does.
-
-    `axes` names what the direction's components belong to: "the room", "the body".
-    """
-    free, along = ("turn", "along") if freedom == "translation" else ("move", "about")
-    where = "more than one direction alike"
-    if direction is not None:
-        where = f"({', '.join(f'{round(x, 2) + 0.0:g}' for x in direction)}) of {axes}"
-    return (
-        f"(free to {free}): {engineering(stiffness, units.stiffness[freedom])} "
-        f"{along} {where}"
-    )
-
-
 def _is_turned(s: Mapping[str, Any]) -> bool:
     """Whether the analysis is in other axes than the body's."""
     return any(abs(s["frame"][i][j] - (i == j)) > 0 for i in range(3) for j in range(3))
@@ -451,7 +416,7 @@ def _directions(rows: list[Mapping[str, Any]], u: Units, full: bool) -> list[str
         return []
     titles, per = ["", "direction"], {}
     for kind, freedom in (("along", "translation"), ("about", "rotation")):
-        unit, per[kind] = _shown_unit(u.stiffness[freedom], u)
+        unit, per[kind] = shown_unit(u.stiffness[freedom])
         titles += [f"{kind}, held [{unit}]", "free"]
     cells = [
         [
@@ -519,7 +484,7 @@ def _indices(s: Mapping[str, Any], u: Units) -> list[str]:
     n = s["indices"]
     if n is None:
         return []
-    stiff, per = _shown_unit(u.stiffness["translation"], u)
+    stiff, per = shown_unit(u.stiffness["translation"])
     length = length_of(n["length"], u)
     lines = ["", f"indices, angles multiplied by the characteristic length {length}"]
     if n["condition_number"] is None:
@@ -803,7 +768,7 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
         names = [n for n in spreads if n == prefix or n.startswith(prefix + "[")]
         if not names:
             continue
-        unit, per = _shown_unit(_unit(prefix, u), u)
+        unit, per = shown_unit(_unit(prefix, u))
         label = f"  {label} [{unit}]" if unit else f"  {label}"
         means = [None if (x := spreads[n]["nominal"]) is None else per * x for n in names]
         spread = [

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from cartstiff.answer.data import Answer, Column, Quantity, Table, Value
-from cartstiff.answer.posture import answer_at
 from cartstiff.errors import joined
 from cartstiff.notes import DOUBTS
 from cartstiff.report.layout import note_lines, table
@@ -19,7 +16,6 @@ from cartstiff.report.sentences import (
     statement_sentences,
     value_words,
 )
-from cartstiff.stiffness.posture import PostureStiffness
 from cartstiff.units import shown_unit
 
 
@@ -47,14 +43,6 @@ def answer_lines(answer: Answer) -> list[str]:
         if lines
         for line in ("", title, *(f"  {line}" for line in lines))
     ]
-
-
-def displayed(result: PostureStiffness) -> list[str]:
-    """A posture's answer in a notebook, under its name."""
-    with np.errstate(all="ignore"):
-        answer = answer_at(result)
-    name = f"Stiffness of {answer.subject} ({answer.kind}) at {answer.frame}"
-    return [name, *answer_lines(answer)]
 
 
 def table_lines(shown: Table) -> list[str]:

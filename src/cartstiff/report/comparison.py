@@ -14,7 +14,6 @@ from cartstiff.answer.comparison import (
 )
 from cartstiff.errors import joined
 from cartstiff.notes import DOUBTS
-from cartstiff.report.analysis import _shown_unit
 from cartstiff.report.layout import (
     body_frame,
     length_of,
@@ -26,7 +25,7 @@ from cartstiff.report.layout import (
     vector,
 )
 from cartstiff.report.sentences import share_words, title
-from cartstiff.units import Units, engineering
+from cartstiff.units import Units, engineering, shown_unit
 
 _BY = {"first order": "to first order", "equilibrium": "by the equilibria"}
 _NO_RATIO = {"both": "does not exist with either", "sign": "is zero or negative"}
@@ -52,7 +51,7 @@ def describe_comparison(comparison: Comparison) -> str:
     compared = [n for n in comparison.numbers if n.ratio is not None]
     if compared:
         titles = ["", a.label, b.label, "ratio"]
-        lines += ["", *table(titles, [_row(n, units) for n in compared])]
+        lines += ["", *table(titles, [_row(n) for n in compared])]
     if missing := [n for n in comparison.numbers if n.ratio is None]:
         lines += ["", "Not compared", *_not_compared(missing, comparison)]
     of, parts = comparison.shares or ("", {})
@@ -117,13 +116,11 @@ def _both(n: ComparedNumber) -> str:
     return f"{engineering(n.second, n.unit)}, not {engineering(n.first, n.unit)}"
 
 
-def _row(n: ComparedNumber, units: Units) -> list[str]:
+def _row(n: ComparedNumber) -> list[str]:
     """A number of both in the units of texts, and the ratio."""
-    unit, per = _shown_unit(n.unit, units)
-    if unit == units.angle:
-        unit, per = units.shown_angle, units.shown_per_radian
-    head = n.quantity if unit == "1" else f"{n.quantity} [{unit}]"
-    values = [number(None if x is None else per * x) for x in (n.first, n.second)]
+    unit, per = shown_unit(n.unit)
+    head = n.quantity + f" [{unit}]" * (unit != "1")
+    values = [number(x and per * x) for x in (n.first, n.second)]
     return [head, *values, number(n.ratio, 4)]
 
 
