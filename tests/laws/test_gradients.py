@@ -326,6 +326,32 @@ def test_every_operation_against_differences():
         np.testing.assert_allclose(recorded(x, y), reference, rtol=1e-9, atol=1e-10)
 
 
+def test_a_program_has_gradients_at_many_postures():
+    """Against `gradient` at single postures; past the last whole chunk as well."""
+    arm, of = cartstiff.load("ur5"), "translation_free_min"
+    program = cartstiff.record(arm, [of], loaded=True, load_axes="world")
+    Q = arm.q + np.random.default_rng(1).uniform(-0.3, 0.3, (131_073, 6))
+    found = program.gradient(of, Q, WRENCH)
+    np.testing.assert_allclose(found[of], program.many(Q, WRENCH)[of], rtol=1e-14)
+    for i in (0, -1):
+        one = program.gradient(of, Q[i], WRENCH)
+        there = cartstiff.gradient(
+            arm, Q[i], of=of, by=["q", "stiffness", "load"], wrench=WRENCH, load_axes="world"
+        )
+        wanted = np.array([slope.value for slope in there]).reshape(3, 6)
+        names = [slope.name.partition(".")[0] for slope in there][::6]
+        for name, row in zip(names, wanted, strict=True):
+            array = "wrench" if name == "load" else name
+            least = 1e-10 * np.abs(row).max()
+            np.testing.assert_allclose(found[array][i], row, rtol=1e-9, atol=least)
+            np.testing.assert_allclose(one[array], row, rtol=1e-9, atol=least)
+    closed = cartstiff.record(cartstiff.load("five-bar"), {"x": lambda a: a["pose"][0, 3]})
+    with pytest.raises(UndefinedError, match=r"cartstiff\.gradient has"):
+        closed.gradient("x", closed.elastic.q)
+    with pytest.raises(UnknownNameError, match="output"):
+        program.gradient("softest", arm.q, WRENCH)
+
+
 @pytest.mark.parametrize("name", ["ur5", "panda", "hexapod", "6-ups"])
 @pytest.mark.parametrize("wrench", [None, WRENCH])
 def test_sensitivities_are_exact_and_those_of_the_core(name, wrench):

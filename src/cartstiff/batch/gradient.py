@@ -30,6 +30,7 @@ from cartstiff.batch.plans import Case, recorded_arrays
 from cartstiff.batch.tape import (
     Input,
     Number,
+    Program,
     Scalar,
     Tape,
     copysign,
@@ -148,6 +149,27 @@ def _value(tape: Tape, step: int) -> Scalar:
     """A step as a number; constants as floats, so that the arithmetic folds them."""
     name, _, value = tape.operations[step]
     return value if name == "constant" else Number(tape, step)
+
+
+def gradient_program(program: Program, output: str) -> Program:
+    """Program of one output, of its derivatives by all inputs, "by_ARRAY", and of the
+    verdict.
+    """
+    with uncollected():
+        tape = Tape.of(program)
+        (step,), (verdict,) = program.outputs[output], program.outputs["verdict"]
+        value = Number(tape, step)
+        numbers = [tape.input(*each) for each in program.inputs]
+        known = {output: np.array([value]), "verdict": np.array([Number(tape, verdict)])}
+        ends = dict[str, int]()
+        for name, component in program.inputs:
+            ends[name] = max(ends.get(name, 0), component + 1)
+        by = {name: zeros(end) for name, end in ends.items()}
+        slopes = pullback([(value, 1.0)], numbers)
+        for (name, component), slope in zip(program.inputs, slopes, strict=True):
+            by[name][component] = slope
+        known |= {f"by_{name}": row for name, row in by.items()}
+        return tape.program(known, [*program.shared])
 
 
 @dataclass(frozen=True, eq=False)

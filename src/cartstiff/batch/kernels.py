@@ -378,7 +378,7 @@ def run(
                 inputs["q"], is_compiled, inputs.get("wrench")
             )
             inputs.update(more)
-        chunk, copies = {"verdict": verdict}, []
+        chunk, copies = {"verdict": verdict[:rows]}, []
         for name, width in exists.items():
             part = arrays[name][start:stop]
             if part.flags.c_contiguous:

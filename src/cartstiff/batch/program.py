@@ -42,6 +42,7 @@ from cartstiff.batch.execution import (
     OnePosture,
     PortableKernel,
 )
+from cartstiff.batch.gradient import gradient_program
 from cartstiff.batch.kernels import has_package, run
 from cartstiff.batch.own_outputs import Function, OwnOutputs
 from cartstiff.batch.plans import (
@@ -82,7 +83,7 @@ from cartstiff.batch.stacks import needed_outputs, quantities_of
 from cartstiff.batch.tape import Program as Tape
 from cartstiff.batch.untraced import UntracedTerms
 from cartstiff.checked_call import checked
-from cartstiff.errors import InputError, UnknownNameError, check_name
+from cartstiff.errors import InputError, UndefinedError, UnknownNameError, check_name
 from cartstiff.geometry.connections import Connection
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
@@ -226,6 +227,7 @@ class Program:
         self._answer: OnePosture | None = None
         self._closing: Assembly | None = None
         self._settling: OnePosture | None = None
+        self._slopes = dict[str, tuple[OnePosture, Tape]]()
         self._places: dict[str, _Place] = {}
         self._usual: dict[str, Array] = {}
         self._verdict, self._state = 0, REGULAR
@@ -636,6 +638,78 @@ class Program:
             },
         )
 
+    def gradient(
+        self, of: str, q: ArrayLike, wrench: ArrayLike | None = None
+    ) -> dict[str, Array]:
+        """An output and its derivatives at one posture (n,), or at many (N, n).
+
+        The question is that of a call: the derivative by an input is that while all
+        others stay, and rest positions follow where the program chooses them. They are
+        exact, for three times the operations of the output; the first call records and
+        compiles them.
+
+        Parameters
+        ----------
+        of : str
+            An output that is one number: a quantity or a function, by name.
+        q, wrench
+            As in a call, or as of `many`.
+
+        Returns
+        -------
+        dict of str to ndarray
+            The output by its name, and its derivatives by "q", "stiffness", "wrench" and
+            the other numbers that the program reads; NaN at postures that are not plainly
+            regular, where `cartstiff.gradient` answers.
+
+        Raises
+        ------
+        UnknownNameError
+            For another output.
+        UndefinedError
+            For closed chains, and where derivatives come from outside of the program.
+        InputError
+            As a call.
+        """
+        taken, tape = self._taken, self._tape
+        numbers = (
+            [] if tape is None else [n for n, s in tape.outputs.items() if len(s) == 1]
+        )
+        check_name("output", of, [name for name in numbers if name in self.names])
+        assert taken is not None
+        assert tape is not None
+        if taken.is_closed or taken.settles or taken.untraced:
+            raise UndefinedError(
+                "coordinates follow others here: cartstiff.gradient has the derivatives",
+                code="no-objective",
+            )
+        if (wrench is None) is self.is_loaded:
+            self._refuse(wrench)
+        Q = checked_q(self.elastic, np.atleast_2d(np.asarray(q, float)))
+        kernel, derived = self._slopes.get(of, (None, None))
+        if derived is None:
+            derived = gradient_program(tape, of)
+            shared = {n: np.ascontiguousarray(row) for n, row in taken.shared.items()}
+            kernel = one_posture(derived, shared)
+            self._slopes[of] = kernel, derived
+        usable = self._kernel(kernel, derived, len(Q))
+        count, verdicts = len(Q), np.zeros(len(Q), np.uint8)
+        outputs = {n: len(s) for n, s in derived.outputs.items() if n != "verdict"}
+        found = {name: np.empty((count, size)) for name, size in outputs.items()}
+        loads = checked_wrench(self.elastic, wrench, count)
+        run(taken, usable, Q, loads, found, verdicts, os.cpu_count() or 1, None)
+        for rows in found.values():
+            rows[verdicts != PLAIN] = np.nan
+        answer = {name.removeprefix("by_"): rows for name, rows in found.items()}
+        answer[of] = answer[of][:, 0]
+        return answer if np.ndim(q) > 1 else {n: rows[0] for n, rows in answer.items()}
+
+    def _kernel(self, one: OnePosture | None, tape: Tape, count: int) -> Kernel | None:
+        """The code for many postures."""
+        if self.path != "compiled":
+            return PortableKernel(tape)
+        return CompiledKernel(tape) if count >= WORTH_WIDENING else one
+
     def _rows(
         self,
         q: Array,
@@ -649,11 +723,7 @@ class Program:
         taken, tape = self._taken, self._tape
         assert taken is not None
         assert tape is not None
-        kernel: Kernel | None = self._answer
-        if self.path != "compiled":
-            kernel = PortableKernel(tape)
-        elif len(q) >= WORTH_WIDENING:
-            kernel = CompiledKernel(tape)
+        kernel = self._kernel(self._answer, tape, len(q))
         own = {**self._usual, **numbers}
         given = {name: np.atleast_2d(values) for name, values in own.items()}
         taken = replace(taken, shared={**taken.shared, **given})

@@ -89,6 +89,19 @@ class Tape:
         self.inputs: list[Input] = []
         self._known: dict[tuple[object, ...], Number] = {}
 
+    @classmethod
+    def of(cls, program: Program) -> Tape:
+        """The operations of a program again, with the same steps, for more of them."""
+        tape = cls()
+        tape.inputs = [*program.inputs]
+        for step, operation in enumerate(program.operations):
+            name, arguments, _ = operation
+            number = tape._known[tuple(operation)] = Number(tape, step)
+            tape.operations.append(tuple(operation))
+            if name == "input":
+                tape._known[tape.inputs[arguments[0]]] = number
+        return tape
+
     def input(self, array: str, index: int) -> Number:
         """Return component `index` of an input array."""
         key = Input(array, index)
