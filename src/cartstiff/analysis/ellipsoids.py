@@ -14,6 +14,7 @@ point.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -46,13 +47,11 @@ Others = Literal["free", "held"]
 Quantity = Literal["stiffness", "compliance"]
 
 _BLOCKS = {"rotation": ROTATION, "translation": TRANSLATION}
-# Place among K_tt, K_rr, C_rr, C_tt of the block of a freedom, the others held or free.
-_PLACES: dict[tuple[Freedom, Others], int] = {
-    ("translation", "held"): 0,
-    ("rotation", "held"): 1,
-    ("rotation", "free"): 2,
-    ("translation", "free"): 3,
-}
+# Blocks of a freedom, the others held or free, in the order of a decomposition.
+_OF_C: list[tuple[Freedom, Others]] = [("rotation", "free"), ("translation", "free")]
+_OF_K: list[tuple[Freedom, Others]] = [("rotation", "held"), ("translation", "held")]
+#: Principal values, smallest first, and their axes.
+_Principal = tuple[list[float], list[list[float]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,18 +97,15 @@ def ellipsoid(matrix: ArrayLike) -> Ellipsoid:
         If the matrix is not 3x3 and finite.
     """
     m = checked_matrix(matrix, "matrix", 3)
-    shape = shape_of(*numerics.eigenpairs(m))
+    values, vectors = numerics.eigenpairs(m)
+    shape = shape_of(values.tolist(), vectors.T.tolist())
     return replace(shape, asymmetry=float(np.abs(m - m.T).max()) / 2.0)
 
 
-def shape_of(values: Array, vectors: Array) -> Ellipsoid:
-    """`ellipsoid` from eigenvalues (3,), smallest first,
-    and their vectors in columns (3, 3).
-    """
+def shape_of(sizes: list[float], axes: list[list[float]]) -> Ellipsoid:
+    """`ellipsoid` from eigenvalues, smallest first, and their vectors."""
     # Plain numbers and one array: small arrays are slower.
-    first, second, _ = vectors.T.tolist()
-    (a, b, c), (d, e, f) = upright(first), upright(second)
-    sizes = values.tolist()
+    (a, b, c), (d, e, f) = upright(axes[0]), upright(axes[1])
     rows = read_only(
         [
             a,
@@ -125,7 +121,7 @@ def shape_of(values: Array, vectors: Array) -> Ellipsoid:
             *map(abs, sizes),
         ]
     )
-    sign = definiteness(values, zero=0.0)
+    sign = definiteness(sizes, zero=0.0)
     return Ellipsoid(rows[:9].reshape(3, 3), rows[12:], rows[9:12], sign)
 
 
@@ -402,67 +398,76 @@ def _of_both(
 
 def _principal_pair(
     matrix: Array, inverse: Array | None, keep: slice, is_eliminated: bool
-) -> tuple[Array, Array]:
+) -> _Principal:
     """`principal_pairs` of one matrix (6, 6), with the reason why there are none."""
     other = np.full((6, 6), np.nan) if inverse is None else inverse
     (values,), (axes,) = principal_pairs(matrix[None], other[None], keep, is_eliminated)
     if np.isnan(values).any():
-        if inverse is not None:
-            return _of_both(matrix, inverse, keep, is_eliminated)
-        eliminate(matrix, [*range(6)[keep]])
-    return values, axes
+        if inverse is None:
+            eliminate(matrix, [*range(6)[keep]])
+        else:
+            values, axes = _of_both(matrix, inverse, keep, is_eliminated)
+    return values.tolist(), axes.T.tolist()
 
 
 class MatrixPair:
     """Symmetric stiffness and compliance of one posture, inverse to each other.
 
-    One decomposition of four blocks serves everything that is read from the pair.
+    One decomposition of their blocks serves everything that is read from the pair.
 
     Parameters
     ----------
     K, C : ndarray, shape (6, 6), or None
-        As from `cartstiff.stiffness.posture.StiffnessInFrame.pair`.
+        As from `cartstiff.stiffness.posture.StiffnessInFrame.pair`; a function of K is
+        called where C does not say all.
     """
 
-    def __init__(self, K: Array | None, C: Array | None) -> None:
-        self.K, self.C = K, C
+    def __init__(
+        self, K: Array | Callable[[], Array | None] | None, C: Array | None
+    ) -> None:
+        self._given, self.C = K, C
         self._shapes: dict[tuple[Freedom, Others, Quantity], Ellipsoid | None] = {}
 
     @cached_property
-    def _decomposed(self) -> tuple[Array, Array]:
-        """Values and axes of K_tt, K_rr, C_rr and C_tt."""
-        t, r = (TRANSLATION, TRANSLATION), (ROTATION, ROTATION)
-        K, C = self.K, self.C
-        assert K is not None
-        assert C is not None
-        return np.linalg.eigh(np.array([K[t], K[r], C[r], C[t]]))
+    def K(self) -> Array | None:  # noqa: N802
+        """The stiffness."""
+        return self._given() if callable(self._given) else self._given
 
     @cached_property
-    def _are_whole(self) -> list[bool]:
-        """Whether these blocks alone have all digits, as nearly always."""
-        if self.K is None or self.C is None:
-            return [False] * len(_PLACES)
-        return [*map(numerics.hold_all_digits, self._decomposed[0])]
+    def _whole(self) -> dict[tuple[Freedom, Others], _Principal]:
+        """Of the blocks of K and C, those that alone have all digits, as nearly always.
 
-    @cached_property
-    def _inverses(self) -> tuple[Array, Array]:
-        """Values and axes of the inverses of these blocks."""
-        return _inverted(*self._decomposed)
+        In plain numbers: small arrays are slower.
+        """
+        K, C = self._given, self.C
+        if K is None or C is None:
+            return {}
+        r, t = (ROTATION, ROTATION), (TRANSLATION, TRANSLATION)
+        places, blocks = _OF_C, [C[r], C[t]]
+        if not callable(K):
+            places, blocks = _OF_C + _OF_K, [*blocks, K[r], K[t]]
+        values, axes = np.linalg.eigh(np.array(blocks))
+        each = zip(values.tolist(), axes.swapaxes(1, 2).tolist(), strict=True)
+        found = zip(places, each, strict=True)
+        return {at: own for at, own in found if numerics.hold_all_digits(own[0])}
 
     def principal(
         self, freedom: Freedom, others: Others, quantity: Quantity = "stiffness"
-    ) -> tuple[Array, Array] | None:
-        """Principal values (3,), and axes in columns (3, 3); None without that matrix.
+    ) -> _Principal | None:
+        """Principal values, smallest first, and their axes; None without that matrix.
 
         Raises
         ------
         UndefinedError
             See `stiffness_ellipsoid`.
         """
-        at, direct = _PLACES[freedom, others], is_direct(quantity, others)
-        if self._are_whole[at]:
-            values, axes = self._decomposed if direct else self._inverses
-            return values[at], axes[at]
+        direct = is_direct(quantity, others)
+        if (own := self._whole.get((freedom, others))) is not None:
+            if direct:
+                return own
+            inverse = zip([1.0 / x for x in own[0]], own[1], strict=True)
+            pairs = sorted(inverse, key=lambda pair: pair[0])
+            return [x for x, _ in pairs], [axis for _, axis in pairs]
         pair = (self.K, self.C) if quantity == "stiffness" else (self.C, self.K)
         if pair[0] is None:
             return None

@@ -96,7 +96,7 @@ def natural_length(stiffness: ArrayLike, compliance: ArrayLike | None = None) ->
 
 def _natural_length(pair: MatrixPair) -> float:
     """`natural_length` of matrices known to be symmetric."""
-    found: dict[str, Array] = {}
+    found: dict[str, list[float]] = {}
     with suppress(UndefinedError):
         for name, freedom, others in _BLOCKS:
             read = pair.principal(freedom, others)
@@ -111,12 +111,10 @@ def _natural_length(pair: MatrixPair) -> float:
             "the elasticity has no natural length: its translational and free rotational "
             "stiffness are not both positive definite",
             code="no-natural-length",
-            values={
-                name: x.tolist() if (x := found.get(name)) is not None else None
-                for name, *_ in _BLOCKS
-            },
+            values={name: found.get(name) for name, *_ in _BLOCKS},
         )
-    return float(prod((values[1] / values[0]).tolist()) ** (1.0 / 6.0))
+    moving, turning = values
+    return prod(b / a for a, b in zip(moving, turning, strict=True)) ** (1.0 / 6.0)
 
 
 def _body(mass: float, inertia: ArrayLike) -> tuple[float, Array]:

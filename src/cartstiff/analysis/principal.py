@@ -5,8 +5,6 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Literal
 
-import numpy as np
-
 from cartstiff.analysis.ellipsoids import (
     Ellipsoid,
     Freedom,
@@ -15,7 +13,7 @@ from cartstiff.analysis.ellipsoids import (
     Quantity,
     is_direct,
 )
-from cartstiff.stiffness.posture import StiffnessInFrame
+from cartstiff.stiffness.posture import StiffnessInFrame, inverse_pair
 
 
 def block_ellipsoid(
@@ -48,8 +46,10 @@ def matrix_pair(
     """The matrices of a connection that the other freedoms, held or free, need:
     the same unless they are asymmetric.
     """
-    if others == "free":
-        held, own = matrix_pair(here, connection), here.compliances[connection]
-        if held.C is not None and own is not None and np.array_equal(own, held.C):
-            return held
-    return MatrixPair(*here.pair(connection, others))
+    K, own = here.matrices[connection], here.compliances[connection]
+    if others == "held" or K is None or own is None:
+        return MatrixPair(*here.pair(connection, others))
+    held = matrix_pair(here, connection)
+    if held.C is not None and own.tolist() == held.C.tolist():
+        return held
+    return MatrixPair(lambda: inverse_pair(K, own)[0], 0.5 * (own + own.T))

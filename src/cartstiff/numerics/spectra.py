@@ -97,7 +97,7 @@ def eigenpairs(
     return values[order], vectors[:, order]
 
 
-def hold_all_digits(values: Array) -> bool:
+def hold_all_digits(values: Array | list[float]) -> bool:
     """Whether a matrix with these eigenvalues (n,) alone determines all of them."""
     return condition_of(values) < LARGEST_BLOCK_CONDITION
 
@@ -212,9 +212,9 @@ def condition(values: ArrayLike) -> Array:
     return np.where(np.isnan(ratio) & ~np.isnan(size).any(axis=-1), np.inf, ratio)
 
 
-def condition_of(values: Array) -> float:
+def condition_of(values: Array | list[float]) -> float:
     """`condition` of eigenvalues (n,), for which NumPy takes ten times as long."""
-    sizes = [*map(abs, values.tolist())]
+    sizes = [*map(abs, values if isinstance(values, list) else values.tolist())]
     if (whole := sum(sizes)) != whole:
         return float("nan")
     least = min(sizes, default=0.0)
