@@ -121,8 +121,9 @@ def shape_of(sizes: list[float], axes: list[list[float]]) -> Ellipsoid:
             *map(abs, sizes),
         ]
     )
-    sign = definiteness(sizes, zero=0.0)
-    return Ellipsoid(rows[:9].reshape(3, 3), rows[12:], rows[9:12], sign)
+    values = rows[9:12]
+    sign = definiteness(values, zero=0.0)
+    return Ellipsoid(rows[:9].reshape(3, 3), rows[12:], values, sign)
 
 
 def upright(vector: list[float]) -> list[float]:

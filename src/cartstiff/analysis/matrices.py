@@ -115,8 +115,7 @@ def definiteness(
 ) -> Definiteness:
     """Name the signs of eigenvalues; a share `zero` of the largest counts as zero."""
     # Called for every posture of a page: on a few floats NumPy takes ten times as long.
-    is_plain = type(eigenvalues) is list
-    values = eigenvalues if is_plain else real_array(eigenvalues).tolist()
+    values = real_array(eigenvalues).tolist()
     low, high = min(values, default=0.0), max(values, default=0.0)
     if low > max(0.0, zero * high):
         return "positive"

@@ -488,8 +488,8 @@ class Springs(Potential):
         slides, rows = self.slides_in(coordinates), self.rows(posture)
         k, forces = self.tangent(posture), self.pull(posture)
         if self.is_passive.any():
-            own = np.flatnonzero(~self.is_passive)
-            names, slides = ([each[i] for i in own] for each in (names, slides))
+            own = np.flatnonzero(~self.is_passive).tolist()
+            names, slides = [names[i] for i in own], [slides[i] for i in own]
             rows, k, forces = rows[own], k[own], forces[own]
         return Parts(names, slides, rows, np.diag(k), forces)
 
