@@ -17,14 +17,6 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.analysis import asymmetry as asymmetries
 from cartstiff.analysis.centres import centres_of, decoupling_frame, normal_form
-from cartstiff.analysis.congruence import joint_stiffness
-from cartstiff.analysis.deflection import (
-    Deflection,
-    SpringShares,
-    compliance_deflection,
-    joint_shares,
-    spring_shares,
-)
 from cartstiff.analysis.ellipsoids import (
     Freedom,
     MatrixPair,
@@ -74,11 +66,11 @@ from cartstiff.errors import (
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED
 from cartstiff.matrix_names import LETTERS
-from cartstiff.potentials.line_springs import second_derivative
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.posture import StiffnessInFrame, inverse_pair
 
 if TYPE_CHECKING:
+    from cartstiff.analysis.deflection import Deflection, SpringShares
     from cartstiff.analysis.tolerances import Tolerances
 
 
@@ -175,6 +167,8 @@ def deflection_found(
         reason = UndefinedError("no compliance exists here", code="no-compliance")
         notes.add(reason, "deflection")
         return None
+    from cartstiff.analysis.deflection import compliance_deflection
+
     whole = _without_rounding(C, compliance_deflection(C, whole_wrench, point), r.length)
     shares = notes.attempt("shares of the deflection", _shares, r, name, whole)
     return FoundDeflection(whole, added, acts_at, shares)
@@ -209,6 +203,8 @@ def _about_origin(point: Array, force: Array) -> Array:
 
 def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]:
     """Each joint's or leg's part, with its name and unit kind."""
+    from cartstiff.analysis.deflection import joint_shares, spring_shares
+
     posture = r.posture
     coordinates = r.mechanism.coordinates
     if posture.closure is None and not posture.coordinates_are_pose:
@@ -287,6 +283,9 @@ def target_section(
     ``K^X - K^B`` depends on the load alone, so that the springs must produce ``K^B = K -
     sym(K^X - K^B)`` for a desired symmetric part K of K^X.
     """
+    from cartstiff.analysis.congruence import joint_stiffness
+    from cartstiff.potentials.line_springs import second_derivative
+
     desired, W = as_symmetric(target, "target stiffness"), r.wrench
     if W is None:
         raise UndefinedError("no load balances this posture", code="unbalanced")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import io
 import os
@@ -142,9 +143,10 @@ def main(arguments: list[str] | None = None) -> None:
     Exit codes: 0 done, 2 input that cannot be used, 3 with ``--strict`` something that
     does not exist, 70 a fault of cartstiff itself.
     """
-    # Imports create many permanent objects, whose collection would take a sixth of a
-    # short command.
-    gc.set_threshold(50_000)
+    # Imports create many permanent objects: to look through them for garbage, while they
+    # are made and once more at the end, would take a quarter of a short command.
+    gc.set_threshold(100_000)
+    atexit.register(gc.freeze)
     os.environ.setdefault(
         "PYDANTIC_DISABLE_PLUGINS", "__all__"
     )  # a search through all packages

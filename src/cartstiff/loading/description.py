@@ -13,7 +13,6 @@ from cartstiff.arrays import Array
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Description
-from cartstiff.mechanisms.leg_shapes import frame_along
 from cartstiff.notes import Note
 
 if TYPE_CHECKING:
@@ -88,6 +87,8 @@ def turned_axes(
     rows = np.array(axes or ([[0, 0, 1]] * 2 if hinge else [[1, 0, 0], [0, 1, 0]]), float)
     if not rows.any(axis=1).all():
         raise InputError("an axis has no direction", where=where, got=rows.tolist())
+    from cartstiff.mechanisms.leg_shapes import frame_along
+
     a, b = frame_along(rows, np.eye(3)[np.abs(rows).argmin(axis=1)])
     return [a, b if hinge else np.roll(b, 1, axis=1)]
 

@@ -28,7 +28,6 @@ from cartstiff.loading.schema import (
     first_error,
     place_of,
     way_of,
-    with_findings,
 )
 from cartstiff.loading.yaml_file import Lines
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -410,4 +409,6 @@ def mechanism_of(
     elastic = replace(elastic, notes=notes, source=source, parameters=parameters.values)
     if file.identified is None:
         return elastic
+    from cartstiff.loading.findings import with_findings
+
     return with_findings(elastic, file.identified)

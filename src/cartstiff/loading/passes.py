@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -51,15 +51,12 @@ from cartstiff.loading.schema import BeamModel, ClosureModel, JointSpringModel, 
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.given_springs import rest_of_turns
-from cartstiff.mechanisms.leg_shapes import PlacedLeg
 from cartstiff.mechanisms.tree import FixedFrame, KinematicTree
 from cartstiff.mechanisms.tree_building import extended, merged
 from cartstiff.notes import Note, assumed_stiffness, held_by_lines, table_as_read
 from cartstiff.potentials.beams import Beam, Section
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.coupled_joints import CoupledJointSprings
-from cartstiff.potentials.line_springs import LineSprings, line_geometry
-from cartstiff.potentials.loads import DeadForce
 from cartstiff.potentials.springs import (
     CoupledSprings,
     JointSprings,
@@ -68,6 +65,9 @@ from cartstiff.potentials.springs import (
     TabulatedLaw,
 )
 from cartstiff.units import Units, own_stiffness
+
+if TYPE_CHECKING:
+    from cartstiff.mechanisms.leg_shapes import PlacedLeg
 
 # -- where robots stand, and what ties them ----------------------------------------------
 
@@ -143,6 +143,8 @@ def welded(whole: Assembly) -> Assembly:
 
 def placed_legs(whole: Assembly) -> tuple[PlacedLeg, ...]:
     """Legs by name with the indices of their joints among the coordinates."""
+    from cartstiff.mechanisms.leg_shapes import PlacedLeg
+
     placed = []
     for part, grip in zip(whole.parts, grips(whole), strict=True):
         if (drawing := part.entry.drawing) is not None:
@@ -562,6 +564,10 @@ def _ends_elsewhere(beam: Beam, chain: Chain) -> list[Note]:
 
 def lines(whole: Assembly) -> Assembly:
     """Add line springs and cables between frames, with a note on large strains."""
+    if not whole.lines:
+        return whole
+    from cartstiff.potentials.line_springs import LineSprings, line_geometry
+
     springs, strains = list[LineSprings](), dict[str, float]()
     at = whole.chain.at(whole.q)
     for i, line in enumerate(whole.lines, start=1):
@@ -678,6 +684,10 @@ def home(whole: Assembly) -> Assembly:
 
 def lifted(whole: Assembly) -> Assembly:
     """Add the parts of masses that weigh nothing, by the gravity compensation of MJCF."""
+    if not any(part.robot.lifted for part in whole.parts):
+        return whole
+    from cartstiff.potentials.loads import DeadForce
+
     forces = [
         DeadForce(np.zeros(3), one.point, part.called(one.body), lifted=one.mass)
         for part in whole.parts

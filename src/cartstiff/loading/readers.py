@@ -12,7 +12,6 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import Any
 
@@ -182,6 +181,8 @@ def described_text(
 
     Names of its meshes are relative to no file.
     """
+    from tempfile import TemporaryDirectory  # slow to import
+
     with TemporaryDirectory() as folder:
         path = Path(folder, "text.xml")
         path.write_text(text, encoding="utf-8")

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from math import sqrt
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,8 +41,6 @@ from cartstiff.mechanisms.contract import (
     Quantities,
     Skeleton,
 )
-from cartstiff.mechanisms.leg_shapes import PlacedLeg
-from cartstiff.mechanisms.shapes import Piece
 from cartstiff.mechanisms.tree import WORLD, FixedFrame, KinematicTree, TreeState
 from cartstiff.notes import Note
 from cartstiff.numerics import (
@@ -63,6 +61,10 @@ from cartstiff.potentials.contract import (
     rescaled,
 )
 from cartstiff.units import Units
+
+if TYPE_CHECKING:
+    from cartstiff.mechanisms.leg_shapes import PlacedLeg
+    from cartstiff.mechanisms.shapes import Piece
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +24,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.given_springs import in_own_units, rest_of_turns, with_values
-from cartstiff.mechanisms.identified import Identified
 from cartstiff.notebook import ShownInLines, html_table
 from cartstiff.notes import Note, still_assumed
 from cartstiff.potentials.beams import evaluate_together
@@ -40,6 +39,9 @@ from cartstiff.potentials.coupled_joints import CoupledJointSprings
 from cartstiff.potentials.gravity import Gravity
 from cartstiff.potentials.springs import Springs
 from cartstiff.units import Units, checked_gravity, engineering
+
+if TYPE_CHECKING:
+    from cartstiff.mechanisms.identified import Identified
 
 
 @dataclass(frozen=True, repr=False)

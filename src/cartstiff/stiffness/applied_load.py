@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,12 +37,9 @@ from cartstiff.geometry.connections import (
     turning_symbols,
 )
 from cartstiff.geometry.se3 import Array
-from cartstiff.potentials.loads import (
-    DeadWrench,
-    FollowerWrench,
-    Load,
-    SemitangentialWrench,
-)
+
+if TYPE_CHECKING:
+    from cartstiff.potentials.loads import Load
 
 #: Axes of a wrench's components: those of M, or those of F.
 Axes = Literal["body", "world"]
@@ -126,6 +123,12 @@ class LoadKind:
         InputError
             For a wrong count or numbers that are not finite.
         """
+        from cartstiff.potentials.loads import (
+            DeadWrench,
+            FollowerWrench,
+            SemitangentialWrench,
+        )
+
         W = checked_input(wrench, (6,), "wrench")
         if self.kind == "follower":
             return FollowerWrench(wrench_in_body(W, pose, self.at, axes))

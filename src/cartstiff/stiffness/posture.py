@@ -55,7 +55,6 @@ from cartstiff.stiffness.flat_chart import (
 from cartstiff.stiffness.motions import values_of_closed
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import exceeds_roundoff, shown_wrench, without_cancelled
-from cartstiff.stiffness.task_axes import TaskAxes, task_axes
 from cartstiff.stiffness.tensor import (
     BlockUnits,
     Compliance,
@@ -66,6 +65,9 @@ from cartstiff.stiffness.tensor import (
     numbers_text,
 )
 from cartstiff.units import Units
+
+if TYPE_CHECKING:
+    from cartstiff.stiffness.task_axes import TaskAxes
 
 SCHEMA = "cartstiff/1"
 
@@ -565,6 +567,8 @@ class PostureStiffness(LabelledResult):
         if found.stiffness is not None or found.reachable_stiffness is None:
             return None
         assert found.reachable is not None
+        from cartstiff.stiffness.task_axes import task_axes
+
         return task_axes(
             found.reachable,
             found.reachable_stiffness,
