@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import resource
 import statistics
 import subprocess
 import sys
@@ -32,6 +33,7 @@ from cartstiff.loading.catalogue import bundled_files, example_robot
 ROUNDS = 9
 POSTURES = 100
 PROCESS_ROUNDS = 5
+START_ROUNDS = 15
 #: Relative error admitted: closed forms, then central differences with a step of 1e-6.
 CLOSED_FORM, DIFFERENCES = 1e-9, 1e-5
 #: Difference of equilibria admitted, in rad: BFGS ends where rounding hides the fall of the energy.
@@ -42,6 +44,9 @@ STEP = 1e-6
 # of a closed chain, of one whose links give; an equilibrium.
 API_LIMIT, CLOSED_LIMIT, FLEXIBLE_LIMIT, REST_LIMIT = 40.0, 120.0, 400.0, 2000.0
 PROCESS_LIMITS = {"cartstiff analyse ur5 --json": 0.35, "cartstiff --help": 0.3}  # seconds
+# Of the processor time of what every script about a robot loads.
+START_LIMIT = 2.0
+REFERENCE = "import numpy, pinocchio, yaml"
 
 Array = np.ndarray
 Matrices = dict[str, Array]
@@ -528,6 +533,27 @@ def processes() -> dict[str, float]:
     return interleaved(contenders, PROCESS_ROUNDS, 1)
 
 
+def start() -> tuple[dict[str, float], float]:
+    """Median processor time (user and system, s) of the first answer and of `REFERENCE`, in turns.
+
+    With it the median ratio of neighbours, which other work on the machine changes least.
+    """
+    keeping = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    answer = [sys.executable, "-m", "cartstiff", "analyse", "ur5", "--json"]
+    runs = {"cartstiff analyse ur5 --json": answer, REFERENCE: [sys.executable, "-c", REFERENCE]}
+    spent: dict[str, list[float]] = {name: [] for name in runs}
+    for _ in range(1 + START_ROUNDS):
+        for name, arguments in runs.items():
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            subprocess.run(arguments, capture_output=True, check=True, env=keeping)
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            used = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+            spent[name].append(used)
+    medians = {name: statistics.median(times[1:]) for name, times in spent.items()}
+    pairs = zip(*(times[1:] for times in spent.values()), strict=True)
+    return medians, statistics.median(one / other for one, other in pairs)
+
+
 def machine() -> str:
     """What the numbers were measured on."""
     name = platform.processor() or platform.machine()
@@ -579,6 +605,12 @@ def main() -> None:
         if limit is not None:
             required = f"< {1e3 * limit:.0f}: {'met' if seconds < limit else 'NOT MET'}"
         print(f"| `{name}` | {1e3 * seconds:.0f} | {required} |")
+    medians, ratio = start()
+    print("\n| start | ms of processor time |\n|---|---:|")
+    for name, seconds in medians.items():
+        print(f"| `{name}` | {1e3 * seconds:.0f} |")
+    verdict = "met" if ratio <= START_LIMIT else "NOT MET"
+    print(f"\nMedian ratio {ratio:.2f}; required at most {START_LIMIT:g}: {verdict}.")
     print(
         f"\nMedians of {ROUNDS} interleaved rounds of {POSTURES} postures, "
         f"and of {PROCESS_ROUNDS} rounds of processes."

@@ -201,6 +201,10 @@ def test_a_posture_without_a_load_starts_with_little():
     modules, models = json.loads(done.stdout.splitlines()[-1])
     needless = ("cartstiff.page", "cartstiff.statics", "cartstiff.scene", "cartstiff.batch")
     needless += ("cartstiff.report.analysis", "scipy", "ruamel", "tornado", "pydantic.type_adapter")
+    needless += ("cartstiff.analysis.congruence", "cartstiff.analysis.deflection")
+    needless += ("cartstiff.potentials.loads", "cartstiff.potentials.line_springs", "subprocess")
+    needless += ("cartstiff.mechanisms.identified", "cartstiff.mechanisms.shapes")
+    needless += ("cartstiff.mechanisms.leg_shapes", "cartstiff.loading.findings")
     assert [m for m in modules if m.startswith(needless)] == []
     assert {"SerialFile", "JointSpringModel"} == set(models)
 
