@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -98,14 +98,37 @@ def is_tangent(r: PostureStiffness, connection: str) -> bool:
     return bool(difference <= numerics.SYMMETRY * size)
 
 
-def deflection_section(
+class FoundDeflection(NamedTuple):
+    """Linear deflection of a point of the body, with its cause and its shares."""
+
+    by: Literal["load", "preload", "added load"]
+    connection: str
+    whole: Deflection
+    added: Array
+    acts_at: Array
+    shares: dict[str, Any] | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "by": self.by,
+            **plain(self.whole),
+            "wrench": plain(self.added),
+            "wrench_about_origin": plain(self.whole.wrench),
+            "acts_at": plain(self.acts_at),
+            "connection": self.connection,
+            **plain(self.shares or {"kind": None, "shares": None}),
+        }
+
+
+def deflection_found(
     r: PostureStiffness,
     name: str,
     added: Array | None,
     acts_at: Array,
     point: Array,
     notes: Notes,
-) -> dict[str, Any] | None:
+) -> FoundDeflection | None:
     """Linear deflection ``(K^X)^-1 dW`` at a point of the body,
     under a wrench at another.
 
@@ -122,42 +145,11 @@ def deflection_section(
     notes : Notes
         Takes the reason why there is none.
     """
-    found = deflection_found(r, name, added, acts_at, point, notes)
-    if found is None:
-        return None
-    given = "load" if r._load_is_given else "preload"
-    return {
-        "by": given if added is None else "added load",
-        **plain(found.whole),
-        "wrench": found.added,
-        "wrench_about_origin": found.whole.wrench,
-        "acts_at": found.acts_at,
-        "connection": name,
-        **(found.shares or {"kind": None, "shares": None}),
-    }
-
-
-class FoundDeflection(NamedTuple):
-    """Numbers of `deflection_section`."""
-
-    whole: Deflection
-    added: Array
-    acts_at: Array
-    shares: dict[str, Any] | None
-
-
-def deflection_found(
-    r: PostureStiffness,
-    name: str,
-    added: Array | None,
-    acts_at: Array,
-    point: Array,
-    notes: Notes,
-) -> FoundDeflection | None:
-    """The numbers of `deflection_section`, with the same parameters."""
+    by: Literal["load", "preload", "added load"] = "added load"
     if added is None:
         if r.wrench is None or not r.is_loaded:
             return None
+        by = "load" if r._load_is_given else "preload"
         whole_wrench, acts_at = r.wrench, np.array(r.load.at)
         added = whole_wrench - _about_origin(acts_at, whole_wrench[3:])
     else:
@@ -171,7 +163,7 @@ def deflection_found(
 
     whole = _without_rounding(C, compliance_deflection(C, whole_wrench, point), r.length)
     shares = notes.attempt("shares of the deflection", _shares, r, name, whole)
-    return FoundDeflection(whole, added, acts_at, shares)
+    return FoundDeflection(by, name, whole, added, acts_at, shares)
 
 
 def _without_rounding(C: Array, deflection: Deflection, length: float) -> Deflection:
@@ -744,9 +736,8 @@ def analyse_posture(
         answer["load"] = plain(_load(r, name))
         point = here.T_M_N[:3, 3]
         force_at = point if acts_at is None else acts_at
-        answer["deflection"] = plain(
-            deflection_section(r, name, added, force_at, point, notes)
-        )
+        moved = deflection_found(r, name, added, force_at, point, notes)
+        answer["deflection"] = None if moved is None else moved.to_dict()
         return answer, notes
 
     answer, notes = sections(result)
