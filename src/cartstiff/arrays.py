@@ -387,12 +387,12 @@ def checked_matrix(values: ArrayLike, what: str = "stiffness", size: int = 6) ->
     return checked_array(values, (size, size), what, copy=False)
 
 
-def checked_unit(values: ArrayLike, what: str = "direction") -> Array:
+def checked_unit(values: ArrayLike) -> Array:
     """A 3-vector scaled to length one; InputError if it is zero."""
-    vector = checked_array(values, (3,), what, copy=False)
+    vector = checked_array(values, (3,), "direction", copy=False)
     largest = float(np.abs(vector).max())
     if largest == 0.0:
-        raise InputError(f"{what} must not be zero", got=vector.tolist())
+        raise InputError("direction must not be zero", got=vector.tolist())
     scaled = vector / largest  # squares of tiny or huge components would leave the range
     return scaled / float(np.linalg.norm(scaled))
 
@@ -466,18 +466,12 @@ def checked_flag(value: object, what: str) -> bool:
     return bool(value)
 
 
-def checked_length(
-    value: object, what: str = "length", *, where: str | None = None
-) -> float:
+def checked_length(value: object, what: str = "length") -> float:
     """A positive number whose powers are numbers, too: 1e-30 to 1e30."""
-    number = checked_number(value, what, where=where)
+    number = checked_number(value, what)
     if not 1.0 / LARGEST_INPUT <= number <= LARGEST_INPUT:
-        raise InputError(
-            f"{what} cannot be used",
-            where=where,
-            expected="a positive length",
-            got=number,
-        )
+        expected = "a positive length"
+        raise InputError(f"{what} cannot be used", expected=expected, got=number)
     return number
 
 
@@ -500,21 +494,15 @@ def is_pose(T: ArrayLike, tolerance: float = numerics.NEGLIGIBLE_DIFFERENCE) -> 
     return bool(proper and last)
 
 
-def checked_pose(
-    T: ArrayLike,
-    what: str = "pose",
-    *,
-    where: str | None = None,
-    tolerance: float = numerics.NEGLIGIBLE_DIFFERENCE,
-) -> Array:
+def checked_pose(T: ArrayLike, what: str = "pose", *, where: str | None = None) -> Array:
     """A rigid motion (4, 4), or a stack (N, 4, 4) of them where the argument
     has three axes.
     """
     T = of_pinocchio(T)
     stack = getattr(T, "ndim", 2) == 3
     array = checked_array(T, ("N", 4, 4) if stack else (4, 4), what, where=where)
-    if not is_pose(array, tolerance):
-        wrong = next(t for t in array.reshape(-1, 4, 4) if not is_pose(t, tolerance))
+    if not is_pose(array):
+        wrong = next(t for t in array.reshape(-1, 4, 4) if not is_pose(t))
         raise InputError(
             f"{what} is not a rigid motion",
             where=where,

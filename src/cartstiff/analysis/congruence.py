@@ -76,7 +76,6 @@ class DiagonalFit(Result):
 def fit_diagonal(
     desired: ArrayLike,
     jacobian: ArrayLike,
-    wrench: ArrayLike | None = None,
     *,
     load_term: ArrayLike | None = None,
     length: float | None = None,
@@ -93,7 +92,7 @@ def fit_diagonal(
         As `joint_stiffness`; code ``"singular"`` also if the desired matrix must be
         inverted (n > 6) and cannot.
     """
-    K, J, _, S = _checked(desired, jacobian, wrench, load_term)
+    K, J, _, S = _checked(desired, jacobian, None, load_term)
     scale = balancing_length(K) if length is None else checked_length(length)
     d = np.repeat([scale, 1.0], 3)
     K_l, J_l = K / d[:, None] / d, scale_jacobian(J, scale)

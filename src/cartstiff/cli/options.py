@@ -100,15 +100,6 @@ def stiffness_of(text: str, where: str) -> float | None:
     return GivenStiffness.read(text, where)
 
 
-class Stiffnesses(Numbers):
-    """Stiffnesses, each with an optional unit, whose count is one of `counts`."""
-
-    def word(self, text: str, where: str) -> float | None:
-        """A stiffness with its unit."""
-        number = stiffness_of(text, where)
-        return None if number == math.inf else number
-
-
 class Metres(float):
     """A length that was given with its unit."""
 
@@ -406,10 +397,8 @@ Tolerance = Annotated[
 Ratios = Annotated[_Numbers, Numbers("RATIO[,RATIO...]", low=0)]
 Axis = Annotated[_Ranges, Pairs("NAME=LOW:HIGH")]
 Grid = Annotated[_Ranges, Pairs("NAME=LOW:HIGH:COUNT")]
-Picture = Annotated[Path | None, OutputFile("FILE.png", ".png", ".svg", ".pdf")]
 Count = Annotated[int | None, click.IntRange(1)]
 Several = Annotated[int | None, click.IntRange(1, 1000)]
-Seed = Annotated[int, click.IntRange(0)]
 
 
 @dataclass(frozen=True)

@@ -266,7 +266,6 @@ def fitted(
     model: Model,
     *,
     start: Array | None = None,
-    once: bool = False,
     progress: Callable[[int, float], None] | None = None,
 ) -> Fit:
     """Fit a model's parameters and its offsets to its observations.
@@ -277,8 +276,6 @@ def fitted(
         Predictions and derivatives.
     start : ndarray (P,), optional
         Default: the mechanism's own.
-    once : bool
-        Take the first linear step alone, also where the model is not linear.
     progress : callable, optional
         Called with the number of a step and the norm of the residuals over their
         deviations.
@@ -309,7 +306,7 @@ def fitted(
             progress(next(steps), size)
 
     fit = linear(theta)
-    if model.is_linear or once:
+    if model.is_linear:
         return fit
     for _ in range(_MAX_SEARCHES):
         before = np.array(fit.scales)

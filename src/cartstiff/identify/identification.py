@@ -619,9 +619,7 @@ def written_values(unknowns: Unknowns, found: Sequence[Estimate]) -> Array:
     return values
 
 
-def with_result(
-    result: Identification, date: str | None = None, source: str = ""
-) -> ElasticMechanism:
+def with_result(result: Identification, source: str = "") -> ElasticMechanism:
     """The mechanism with the springs found, and their covariance."""
     values = written_values(result.unknowns, result.estimates)
     elastic = result.unknowns.mechanism(values)
@@ -663,7 +661,7 @@ def with_result(
         None if np.isinf(result.degrees) else result.degrees,
         result.level,
         len(result.measured),
-        date or datetime.date.today().isoformat(),
+        datetime.date.today().isoformat(),
         source,
         tuple(lost),
         least,

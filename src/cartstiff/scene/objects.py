@@ -334,11 +334,9 @@ def rod(radius: float, colour: int, opacity: float = 1.0) -> Object:
     return solid(cylinder(radius, 1.0, 14), colour, opacity, M)
 
 
-def dashed_rod(
-    radius: float, colour: int, dashes: int = 9, opacity: float = 1.0
-) -> Object:
+def dashed_rod(radius: float, colour: int) -> Object:
     """A rod from the origin to x = 1 with gaps."""
-    n = 8
+    n, dashes = 8, 9
     angle = np.arange(n) * 2 * np.pi / n
     ring = np.stack([np.zeros(n), radius * np.cos(angle), radius * np.sin(angle)], axis=1)
     i = np.arange(n)
@@ -350,7 +348,7 @@ def dashed_rod(
             positions.append(ring + np.array([x / (2 * dashes - 1), 0, 0]))
         faces.append(walls + 2 * n * k)
     geometry = mesh(np.concatenate(positions), np.concatenate(faces))
-    return solid(geometry, colour, opacity)
+    return solid(geometry, colour)
 
 
 def ends(radius: float, colour: int) -> Object:

@@ -47,7 +47,7 @@ from cartstiff.scene.ellipsoids import (
 )
 from cartstiff.scene.environment import Environment
 from cartstiff.scene.mechanism import MechanismPicture, extent
-from cartstiff.scene.points import add_path, add_points
+from cartstiff.scene.points import add_points
 from cartstiff.scene.scales import SCALES, Growing
 from cartstiff.scene.viewer import ViewerNode
 from cartstiff.stiffness.compute import PostureStiffness, analyse
@@ -179,18 +179,6 @@ class Scene:
         return add_points(
             self._node["map"], positions, values, label=label, unit=unit, **more
         )
-
-    def path(
-        self,
-        positions: ArrayLike,
-        values: ArrayLike | None = None,
-        label: str = "",
-        unit: str = "",
-    ) -> dict[str, Any]:
-        """Show a trajectory: a line through points (N, 3) in F,
-        coloured by values if given.
-        """
-        return add_path(self._node["path"], positions, values, label=label, unit=unit)
 
     def camera(self, preset: str = "iso") -> None:
         """View from "iso" (also "fit", "home"), "front", "side" or "top"."""

@@ -73,18 +73,15 @@ def with_labels(
     )
 
 
-def format_matrix(
-    matrix: Array, row_units: Sequence[str], title: str = "", digits: int = 6
-) -> str:
+def format_matrix(matrix: Array, row_units: Sequence[str], title: str = "") -> str:
     """Matrix as aligned text, one row a line, each row followed by its unit."""
     # One format for the whole matrix, so that columns can be compared at a glance.
-    width = digits + 8
     lines = [title] if title else []
     size = float(np.abs(matrix).max(initial=0.0))
     for row, unit in zip(matrix, row_units, strict=True):
         least = numerics.ROUNDOFF_OF_SUMS * size
         rounded = [0.0 if abs(x) < least else x for x in row]
-        cells = "".join(f"{x:>{width}.{digits}g}" for x in rounded)
+        cells = "".join(f"{x:>14.6g}" for x in rounded)
         lines.append(f"{cells}   {unit}".rstrip())
     return "\n".join(lines)
 

@@ -443,7 +443,6 @@ def layers(
     grid: Choices,
     starts: int,
     seed: int,
-    tolerance: float = numerics.CONSTRAINT_TOLERANCE,
     advance: Callable[[], None] | None = None,
 ) -> list[Layer]:
     """Candidates within the limits for each pose (m, 4, 4),
@@ -455,7 +454,7 @@ def layers(
     rng = np.random.default_rng(checked_seed(seed))
     layers: list[Layer] = []
     for pose in poses:
-        cells = _Cells(solver, grid, grid.targets(pose), tolerance)
+        cells = _Cells(solver, grid, grid.targets(pose))
         more = starts if not layers or not grid.is_grid else _LATER_STARTS
         before = layers[-1] if layers else Layer(solver.start[None][:0], _NO_CELLS)
         inside = before.cell >= 0
@@ -487,15 +486,8 @@ def _joined(a: Layer, b: Layer) -> Layer:
 class _Cells:
     """The cells of one point, whose solutions are starts in the neighbouring cells."""
 
-    def __init__(
-        self, solver: PathSolver, grid: Choices, targets: Array, tolerance: float
-    ) -> None:
-        self.solver, self.grid, self.targets, self.tolerance = (
-            solver,
-            grid,
-            targets,
-            tolerance,
-        )
+    def __init__(self, solver: PathSolver, grid: Choices, targets: Array) -> None:
+        self.solver, self.grid, self.targets = solver, grid, targets
         self.shape = grid.shape
 
     def random(self, count: int, rng: np.random.Generator) -> Layer:
@@ -513,7 +505,7 @@ class _Cells:
         q[:: count + 1] = np.clip(solver.start, solver.lower, solver.upper)
         if grid.joint is None:
             return Layer(q, cells)
-        q, good = solver.solve(self.targets[cells], q, grid.task, self.tolerance)
+        q, good = solver.solve(self.targets[cells], q, grid.task)
         q, cells = solver.within(q[good]), cells[good]
         b = len(grid.positions)
         after = np.searchsorted(grid.positions, q[:, grid.joint])
@@ -531,7 +523,7 @@ class _Cells:
         if grid.joint is not None:
             held = np.arange(q.shape[1]) == grid.joint
             q[:, grid.joint] = grid.positions[cells % len(grid.positions)]
-        q, good = solver.solve(self.targets[cells], q, grid.task, self.tolerance, held)
+        q, good = solver.solve(self.targets[cells], q, grid.task, held=held)
         q, cells = solver.within(q[good]), cells[good]
         return self.apart(known, Layer(q, cells), SAME, np.inf)
 
@@ -552,7 +544,7 @@ class _Cells:
         begin = more  # first the candidates between the cells of the previous point
         while True:
             targets = self.targets[(-1 - begin.cell) * b]
-            q, good = solver.solve(targets, begin.q, grid.task, self.tolerance)
+            q, good = solver.solve(targets, begin.q, grid.task)
             q, good = solver.within(q), good & self._inside(q)
             apart = self.apart(
                 known, Layer(q[good], begin.cell[good]), 0.5 * spacing, 2.0
