@@ -21,7 +21,6 @@ from cartstiff.analysis.principal import block_ellipsoid, matrix_pair
 from cartstiff.analysis.sections import Notes
 from cartstiff.answer.data import (
     Answer,
-    Cause,
     Column,
     Displacement,
     Extreme,
@@ -97,15 +96,10 @@ def answer_at(
     point = here.T_M_N[:3, 3]
     acts_at = point if load_at is None else load_at
     found = deflection_found(result, name, wrench, acts_at, point, Notes())
-    by: Cause = "load" if result._load_is_given else "preload"
-    by = by if wrench is None else "added load"
     moved, shares, notes = None, None, list(result.notes)
     if found is not None and is_resisted(here, name, found):
-        moved, shares = (
-            _displacement(result, name, found, by),
-            shares_of(found.shares, elastic),
-        )
-        if by != "preload" and not quickly:
+        moved, shares = _displacement(result, found), shares_of(found.shares, elastic)
+        if found.by != "preload" and not quickly:
             moved, more = _beside_equilibrium(result, moved, found, load_kind)
             told = {note.code for note in notes}
             notes += [note for note in more if note.code not in told]
@@ -187,12 +181,10 @@ def vector(values: Array) -> Vector:
     return x, y, z
 
 
-def _displacement(
-    result: PostureStiffness, connection: str, found: FoundDeflection, cause: Cause
-) -> Displacement:
+def _displacement(result: PostureStiffness, found: FoundDeflection) -> Displacement:
     whole, R = found.whole, result.pose[:3, :3]
     first = Motion(vector(R @ whole.displacement), vector(R @ whole.twist[:3]))
-    return Displacement(cause, connection, vector(whole.point), first)
+    return Displacement(found.by, found.connection, vector(whole.point), first)
 
 
 def _beside_equilibrium(
