@@ -379,14 +379,6 @@ class TestWaysToRun:
         # Once it is there it is used, for any number and whatever the order of names.
         assert analyse_many(elastic, q, outputs=("jacobian", "compliance_K")).path == "compiled"
 
-    def test_programs_too_long_to_compile(self, monkeypatch):
-        monkeypatch.setattr(kernels, "LARGEST_PROGRAM", 100)
-        monkeypatch.setattr(kernels, "WORTH_COMPILING", 1)
-        elastic = cartstiff.load("hexapod")
-        found = analyse_many(elastic, elastic.q[None], outputs=("energy", "stiffness_K"))
-        assert found.path == "portable"
-        assert "too long to compile" in found.reason
-
     def test_without_llvmlite(self, monkeypatch):
         from cartstiff.errors import MissingDependencyError
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.batch.algebra import FALLBACK, PLAIN
-from cartstiff.batch.arguments import EVERY_OUTPUT, OUTPUTS, aligned_empty
+from cartstiff.batch.arguments import EVERY_OUTPUT, aligned_empty
 from cartstiff.batch.chains import ChainCase
 from cartstiff.batch.closed_chains import close, settle
 from cartstiff.batch.execution import CHUNK, STREAMED, CompiledKernel, PortableKernel
@@ -36,15 +36,13 @@ from cartstiff.stiffness.applied_load import Axes, LoadKind
 Backend = Literal["auto", "compiled", "portable", "engine"]
 BACKENDS = ("auto", "compiled", "portable", "engine")
 
-#: Least number of postures for which a mechanism is compiled.
-WORTH_COMPILING = 5000
+#: Least number of postures for which a mechanism is compiled: compiling takes as long as
+#: computing 20,000 (6-UPS) to 60,000 (UR5) postures over NumPy arrays.
+WORTH_COMPILING = 25_000
 #: Least number of postures for which quantities are compiled, too.
 WORTH_READING = 200_000
 #: Number of operations beyond which compiling takes more than a few seconds.
 LARGEST_PROGRAM = 60_000
-#: Least number of postures for which larger programs are compiled: compiling takes as
-#: long as computing 25,000 postures over NumPy arrays, whatever the size.
-WORTH_WAITING = 50_000
 #: Chunk of postures for machine code, a multiple of every block.
 COMPILED_CHUNK = 1 << 17
 #: Least number of postures for each thread.
@@ -161,14 +159,9 @@ def chosen(
         if path == "compiled":
             raise error
         return answer, _portable_kernel(answer.case, ordered), str(error)
-    reason = ""
-    if path == "auto" and (answer.case, ordered, None) not in _compiled:
-        size = program_for(answer.case, ordered).size
-        if count < WORTH_COMPILING:
-            reason = f"compiling pays from {WORTH_COMPILING} postures on"
-        elif not _is_worth_making(size, count):
-            reason = f"{size} operations would take too long to compile"
-    if reason:
+    is_made = path == "compiled" or (answer.case, ordered, None) in _compiled
+    if not is_made and count < WORTH_COMPILING:
+        reason = f"compiling pays from {WORTH_COMPILING} postures on"
         return answer, _portable_kernel(answer.case, ordered), reason
     return answer, _compiled_kernel(answer.case, ordered), ""
 
@@ -176,16 +169,6 @@ def chosen(
 def _workers(threads: int, rows: int) -> int:
     """Number of threads for a number of postures."""
     return max(1, min(threads, rows // LEAST_PER_THREAD))
-
-
-def _compiles(count: int) -> bool:
-    """Whether machine code can be made and is worth it for so many postures."""
-    return count >= WORTH_COMPILING and has_package("llvmlite")
-
-
-def _is_worth_making(size: int, count: int) -> bool:
-    """Whether machine code of so many operations is worth it for so many postures."""
-    return size <= LARGEST_PROGRAM or count >= WORTH_WAITING
 
 
 def _few_of_closed(elastic: ElasticMechanism, count: int) -> str:
@@ -199,7 +182,6 @@ def _few_of_closed(elastic: ElasticMechanism, count: int) -> str:
 def lasting_path(
     elastic: ElasticMechanism,
     wrench: Literal["none", "shared", "each"],
-    names: tuple[str, ...],
     count: int,
 ) -> Backend:
     """The path for `count` postures, independent of kernels that this
@@ -208,12 +190,8 @@ def lasting_path(
     answer = _few_of_closed(elastic, count) or plan(elastic, wrench)
     if isinstance(answer, str):
         return "engine"
-    ordered = tuple(name for name in OUTPUTS if name in names)
-    if _compiles(count) and _is_worth_making(
-        program_for(answer.case, ordered).size, count
-    ):
-        return "compiled"
-    return "portable"
+    is_compiled = count >= WORTH_COMPILING and has_package("llvmlite")
+    return "compiled" if is_compiled else "portable"
 
 
 class _PostureSolver:

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from cartstiff.arrays import Array, csv_rows
-from cartstiff.batch.kernels import lasting_path
+from cartstiff.batch.kernels import WORTH_COMPILING, lasting_path
 from cartstiff.batch.quantities import quantity_named
 from cartstiff.checked_call import checked
 from cartstiff.described import described
@@ -293,11 +293,11 @@ class StudyEvaluator:
         kind: Literal["none", "shared", "each"]
         kind = "none" if case.wrench is None else "shared"
         total = self.study.size * max(sampling.size, PREPARATION_POSES)
-        path = lasting_path(elastic, kind, job.outputs, total)
+        path = lasting_path(elastic, kind, total)
         # Only the code of platforms serves all designs; else it must pay for itself in
         # one design.
         if path == "compiled" and not shared.is_one_of_many:
-            path = "portable" if sampling.size < 5000 else path
+            path = "portable" if sampling.size < WORTH_COMPILING else path
         # Stacks leave the choice of cables' tensions to one analysis after the other.
         is_chosen = len(mechanism.points) > 6
         return replace(job, path=path, one_by_one=None if is_chosen else MAX_SINGLE_POSES)

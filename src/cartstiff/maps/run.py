@@ -231,7 +231,7 @@ def planned(
     settings, kind, chosen = job.settings, job.settings.load, job.quantities
     row = job.wrench
     acts: Literal["none", "shared", "each"] = "none" if row is None else "shared"
-    path = lasting_path(elastic, acts, job.outputs, sampling.size)
+    path = lasting_path(elastic, acts, sampling.size)
     reads = path == "compiled" and sampling.size >= WORTH_READING
     job = replace(job, path=path, by_kernel=reads)
     options = {
