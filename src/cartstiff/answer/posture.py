@@ -352,7 +352,7 @@ def _tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
     links = parts_of_links(result.elastic)
     rows = tuple(
         row.at(c.name, x, c.is_length)
-        for c, x in zip(mechanism.coordinates, _without_roundoff(result), strict=True)
+        for c, x in zip(mechanism.coordinates, without_roundoff(result), strict=True)
         if c.name not in links
     )
     known = {own for own, *_ in rows}
@@ -444,7 +444,7 @@ class _Rows:
         return Quantity(float(value), unit) if is_known else None  # type: ignore[arg-type]
 
 
-def _without_roundoff(result: PostureStiffness) -> list[float]:
+def without_roundoff(result: PostureStiffness) -> list[float]:
     """Coordinates with round-off set to zero, which is larger for those of a
     closed chain.
     """

@@ -192,11 +192,14 @@ def _chain_closure(
 ) -> dict[str, Any]:
     """Return how a chain is closed: programs, reference posture, bounds of the steps."""
     home, lengths = chosen.home, case.constants.is_length
+    led: dict[str, Any] = {"home": None, "held": [], "lengths": []}
+    if home is not None:
+        held = list(home.held)
+        led = {"home": home.q.tolist(), "held": held}
+        led["lengths"] = home.lengths[held].tolist()
     return {
         "ways": ways,
-        "home": None if home is None else home.q.tolist(),
-        "held": [] if home is None else list(home.held),
-        "lengths": [] if home is None else home.lengths[list(home.held)].tolist(),
+        **led,
         "longest": LONGEST_STEP,
         "most": MOST_STEPS,
         "steps": STEPS,

@@ -145,7 +145,7 @@ def _session(
     """
     here = replace(source, elastic=elastic)
     session = Session(here, picture)
-    first = session.start if state is None else state
+    first = state or session.start
     if first.command is not None and any(first.command):
         # The springs have their new rest positions.
         result = session.result(first)
@@ -171,7 +171,8 @@ def _picture_of(
     """One picture in both themes; a whole one has every part that another state needs."""
     picture, assets = session.picture, None
     states = dict[str, dict[Key, bytes]]()
-    for theme in (shown.theme, "light" if shown.theme == "dark" else "dark"):
+    other = {"dark": "light"}.get(shown.theme, "dark")
+    for theme in (shown.theme, other):
         look = shown.model_copy(update={"theme": theme})
         if is_whole:  # the file copies the links of a ghost
             assets = picture.assets(base, look.model_copy(update={"ghost": None}))
@@ -190,7 +191,10 @@ def _picture_of(
     ]
     commands, (start, *lists) = numbered(here, *changes)
     legend = session.with_colour_bar(picture.draw(base, shown))
-    units, trajectory = session.elastic.units, session.source.trajectory
+    units, playback = session.elastic.units, session.source.trajectory
+    trajectory = None
+    if playback is not None:
+        trajectory = playback.q.tolist()
     return {
         "start": start,
         "themes": dict(zip(states, lists, strict=True)),
@@ -204,7 +208,7 @@ def _picture_of(
             },
             "notes": legend["notes"],
         },
-        "trajectory": None if trajectory is None else trajectory.q.tolist(),
+        "trajectory": trajectory,
     }, commands
 
 

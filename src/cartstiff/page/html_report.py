@@ -10,7 +10,7 @@ from __future__ import annotations
 import datetime
 import platform
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from importlib.metadata import version
 from pathlib import Path
@@ -228,7 +228,9 @@ class _Load:
         axes: Literal["body", "world"],
     ) -> _Load:
         """The load at a posture."""
-        added = None if wrench is None else checked_vector(wrench, 6, "wrench")
+        added = None
+        if wrench is not None:
+            added = checked_vector(wrench, 6, "wrench")
         alone = analyse(elastic, q)
         W = alone.wrench
         is_held = W is not None and bool(alone.shown_wrench(W).any())
@@ -237,20 +239,25 @@ class _Load:
     @property
     def taken(self) -> Array | None:
         """The load that the springs take over; None if it is added to what holds them."""
-        return None if self.is_held else self.added
+        return (self.added, None)[self.is_held]
 
     @property
     def more(self) -> Array | None:
         """The load that is added to what holds the posture, in the axes of M."""
-        if not self.is_held or self.added is None or self.axes == "body":
-            return self.added if self.is_held else None
+        if not self.is_held or self.added is None:
+            return None
+        if self.axes == "body":
+            return self.added
         return _turned(self.pose[:3, :3].T, self.added)
 
     @property
     def in_room(self) -> Array:
         """The load (6,) along the axes of F."""
-        added = np.zeros(6) if self.added is None else self.added
-        return added if self.axes == "world" else _turned(self.pose[:3, :3], added)
+        if self.added is None:
+            return np.zeros(6)
+        if self.axes == "world":
+            return self.added
+        return _turned(self.pose[:3, :3], self.added)
 
     def result(self, elastic: ElasticMechanism, q: Array) -> PostureStiffness:
         """The posture as `analyse` answers it."""
@@ -265,14 +272,10 @@ class _Load:
 
     def source(self, elastic: ElasticMechanism, q: Array) -> Source:
         """The page that shows the posture as `analyse` answers it."""
-        return Source(
-            elastic,
-            q,
-            load=None if self.taken is None else np.array(self.taken, float),
-            load_kind=self.kind.kind,
-            load_at=self.kind.at if any(self.kind.at) else None,
-            load_axes=self.axes,
-        )
+        source = Source(elastic, q, load_kind=self.kind.kind, load_axes=self.axes)
+        if any(self.kind.at):
+            source = replace(source, load_at=self.kind.at)
+        return replace(source, load=self.taken)
 
 
 def _turned(rotation: Array, wrench: Array) -> Array:
@@ -325,7 +328,9 @@ class _Page:
         if self.load.added is None:
             return 0.0
         far = self.answer.far
-        return float("inf") if far is None else far
+        if far is None:
+            return float("inf")
+        return far
 
     def html(self) -> str:
         """The answer, the drawing and the numbers."""
@@ -385,7 +390,7 @@ class _Page:
             )
             if part.any()
         ]
-        springs = "legs" if len(self.elastic.mechanism.points) else "joints"
+        springs = ("joints", "legs")[len(self.elastic.mechanism.points) > 0]
         held = f"held by the springs of its {springs}"
         if self.load.is_held:
             held = "held by the wrench named below"
@@ -411,7 +416,9 @@ class _Page:
             )
         except UndefinedError:
             return []
-        return [" ".join(better_sentences(found, self.elastic)) if found else NONE_FOUND]
+        if found is None:
+            return [NONE_FOUND]
+        return [" ".join(better_sentences(found, self.elastic))]
 
     def _near(self) -> str:
         """How far the posture is from each kind of singularity."""

@@ -70,13 +70,17 @@ class PageScene:
         Returns the facts of the colour bar.
         """
         values, words = cloud.values[quantity], None
-        carried = {"value": values} | ({} if cloud.q is None else {"q": cloud.q})
+        carried = {"value": values}
+        if cloud.q is not None:
+            carried["q"] = cloud.q
         if values.dtype.kind == "U":  # a point carries the number of its word
             words, carried["value"] = np.unique(values, return_inverse=True)
         facts = self._scene.points(
             cloud.positions, values, quantity, cloud.units[quantity], carried=carried
         )
-        return facts if words is None else facts | {"words": words.tolist()}
+        if words is None:
+            return facts
+        return facts | {"words": words.tolist()}
 
     def bounds(self, result: PostureStiffness) -> list[list[float]]:
         """Two corners, in the viewer's units, of what has to be in the picture

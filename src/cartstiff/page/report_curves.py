@@ -82,13 +82,15 @@ def plot(swept: Sweeps, elastic: ElasticMechanism) -> str:
     mm = convert_length(elastic.units, Units("mm", SI.force))[0]
     lengths = {c.name: c.is_length for c in elastic.mechanism.coordinates}
     finite = np.concatenate([y[np.isfinite(y)] for _, y in swept.values()])
-    largest = (mm * float(np.quantile(finite, 0.98)) if finite.size else 0.0) or 1.0
+    largest = 1.0
+    if finite.any():
+        largest = mm * float(np.quantile(finite, 0.98)) or 1.0
     rises = _ticks(0.0, 1.25 * largest, 4)
     top = float(rises[-1])
-    plots = []
+    plots, scales = [], {True: (mm, "mm"), False: (float(np.degrees(1.0)), "deg")}
     for is_length in sorted({lengths[name] for name in swept}):
         own = {n: xy for n, xy in swept.items() if lengths[n] is is_length}
-        per, unit = (mm, "mm") if is_length else (float(np.degrees(1.0)), "deg")
+        per, unit = scales[is_length]
         reach = per * max(float(np.ptp(x)) for x, _ in own.values()) / 2.0
         plots.append(_curves(own, per, unit, reach, mm, rises, top))
     return "".join(plots)
@@ -120,7 +122,7 @@ def _curves(
     for i, (name, (x, y)) in enumerate(swept.items()):
         known, middle = np.isfinite(y), 0.5 * (x[0] + x[-1])
         drawn = "".join(
-            f"{'L' if k and known[k - 1] else 'M'}{240 + 190 * per * (x[k] - middle) / reach:.1f},"  # noqa: E501
+            f"{'ML'[bool(k and known[k - 1])]}{240 + 190 * per * (x[k] - middle) / reach:.1f},"  # noqa: E501
             f"{max(220 - 200 * mm * y[k] / top, 10):.1f}"
             for k in np.flatnonzero(known)
         )

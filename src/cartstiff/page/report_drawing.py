@@ -23,7 +23,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.loading.meshes import read_meshes
 from cartstiff.loading.visuals import visuals_of
 from cartstiff.mechanisms.chain import Chain, ChainPosture
-from cartstiff.mechanisms.contract import MechanismPosture
+from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape
 from cartstiff.mechanisms.tree import FixedFrame
@@ -65,9 +65,11 @@ class Outline(NamedTuple):
     points: Array
 
 
-def outlines(chain: Chain) -> list[Outline]:
+def outlines(mechanism: Mechanism) -> list[Outline]:
     """The shapes of a chain's links; empty where one is missing."""
-    pieces, missing = visuals_of(chain)
+    if not isinstance(mechanism, Chain):
+        return []
+    pieces, missing = visuals_of(mechanism)
     if missing:
         return []
     meshes = read_meshes(p.shape.path for p in pieces if isinstance(p.shape, MeshFile))
@@ -136,7 +138,9 @@ def drawn(posture: MechanismPosture, shapes: Sequence[Outline]) -> Drawn:
         for piece in shapes:
             T = posture.pose_at(piece.at)
             placed.append(piece.points @ T[:3, :3].T + T[:3, 3])
-    return Drawn(placed, [] if placed else posture.drawn().paths)
+    if placed:
+        return Drawn(placed, [])
+    return Drawn([], posture.drawn().paths)
 
 
 def exaggerated(
@@ -197,7 +201,7 @@ def drawing(
             before, state = rests(result, added, kind)
             start, end = (before or result.posture).q, state.posture.q
     mechanism, units = elastic.mechanism, elastic.units
-    shapes = outlines(mechanism) if isinstance(mechanism, Chain) else []
+    shapes = outlines(mechanism)
     before = mechanism.at(start)
     robot = drawn(before, shapes)
     size = float(np.ptp(robot.points, axis=0).max()) or before.length
@@ -219,9 +223,7 @@ def drawing(
     flange = before.pose @ se3.inverse(mechanism.frame_offset)
     tool = flange[:3, 3], before.pose[:3, 3]
     spread = np.ptp(robot.points, axis=0)
-    side = _view(
-        "from the side", *((-90.0, 0.0) if spread[0] >= spread[1] else (0.0, 0.0))
-    )
+    side = _view("from the side", -90.0 * bool(spread[0] >= spread[1]), 0.0)
     panels = []
     for number, view in enumerate((_view("from the front, above", -50.0, 20.0), side)):
         left = number * (_WIDTH + _ROOM)
@@ -267,8 +269,10 @@ def _panel(
     """One view, with a scale bar and the axes of F that it shows."""
     flange, tip = tool
     every = [robot.points, tip[None]]
-    every += [ghost.points] if ghost is not None else []
-    every += [force.at + force.along[None]] if force is not None else []
+    if ghost is not None:
+        every.append(ghost.points)
+    if force is not None:
+        every.append(force.at + force.along[None])
     flat = np.concatenate(every) @ view.axes.T
     low, high = flat.min(axis=0)[:2], flat.max(axis=0)[:2]
     inner = np.array([_WIDTH, _HEIGHT]) - 2 * _ROOM

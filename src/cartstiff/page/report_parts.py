@@ -81,7 +81,7 @@ def matrix(result: PostureStiffness, what: str) -> str:
     """The stiffness, in task axes where the body has fewer than six freedoms;
     or the compliance. `what` names the stiffness.
     """
-    units, connection = result.units, "load" if result.is_loaded else "B"
+    units, connection = result.units, ("B", "load")[result.is_loaded]
     here = result.at()
     if (K := here.matrices[connection]) is not None:
         return f"<p>{what}, along the axes of M.</p>{_block_table(K, _SIX, units.blocks)}"
@@ -103,7 +103,7 @@ def _block_table(matrix: Array, names: Sequence[str], blocks: Mapping[str, str])
     """A matrix with four digits, each block in the unit in which people read its
     largest entry.
     """
-    kinds = np.array(["t" if name in ("x", "y", "z") else "r" for name in names])
+    kinds = np.array(["rt"[name in ("x", "y", "z")] for name in names])
     small = numerics.PRINTED_AS_ZERO * np.abs(matrix).max()
     shown, units = np.where(np.abs(matrix) < small, 0.0, matrix), {}
     for row, column in product("rt", repeat=2):

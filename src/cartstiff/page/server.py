@@ -443,7 +443,9 @@ def _number(text: str | bytes) -> int:
     """
     start = text[:200] if isinstance(text, str) else text[:200].decode("latin-1")
     match = _ID.search(start)
-    return 0 if match is None else int(match.group(1))
+    if match is None:
+        return 0
+    return int(match.group(1))
 
 
 def _answered(message: Message, answer: Callable[[], Answer | None]) -> Answer | None:
@@ -572,7 +574,7 @@ class PageServer:
         from cartstiff.page.picture import PageScene
 
         self.source, self.beside = source, tuple(beside)
-        self.picture = PageScene if picture is None else picture
+        self.picture = picture or PageScene
         self.tabs: set[TabSocket] = set()
         self.drawn = -inf  # time of the last request for a picture
         self.files = page_files()
@@ -594,8 +596,10 @@ class PageServer:
             application, body_timeout=10, max_body_size=65536, max_header_size=16384
         )
         self._server.add_sockets([listening])
-        shown = "127.0.0.1" if host in ("0.0.0.0", "::", "") else host
-        shown = f"[{shown}]" if ":" in shown else shown
+        everywhere = dict.fromkeys(("0.0.0.0", "::", ""), "127.0.0.1")
+        shown = everywhere.get(host, host)
+        if ":" in shown:
+            shown = f"[{shown}]"
         self.port: int = listening.getsockname()[1]
         self.url = f"http://{shown}:{self.port}/{token}/"
         #: Done once the first picture is at hand; a browser starts meanwhile.

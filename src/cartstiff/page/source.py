@@ -163,7 +163,9 @@ def changed(
         elastic = elastic.with_payload(payload[0], payload[1:])
         if gravity is None and elastic.gravity is None:
             elastic = elastic.with_gravity()  # it weighs
-    return elastic if gravity is None else elastic.with_gravity(gravity)
+    if gravity is not None:
+        elastic = elastic.with_gravity(gravity)
+    return elastic
 
 
 def read_trajectory(
@@ -257,7 +259,7 @@ def read_cloud(path: Path | str, elastic: ElasticMechanism | None = None) -> Clo
     units: dict[str, str] = {}
     for name, variable in data.data_vars.items():
         if variable.shape == shape and variable.dtype.kind in "fiub" and name != "state":
-            shown = f"{name}, map of {', '.join(differs)}" if differs else str(name)
+            shown = f"{name}" + f", map of {', '.join(differs)}" * bool(differs)
             values[shown] = np.asarray(variable.values, float).reshape(-1)
             units[shown] = str(variable.attrs.get("units", ""))
     if position.shape[-1] != 3 or not values:
@@ -352,7 +354,9 @@ def cloud_of_workspace(reached: Workspace) -> Cloud:
         raise InputError(
             "the workspace has no boundary", where="workspace", got=why or "none"
         )
-    surface = np.empty((0, 3)) if reached.singular is None else reached.singular.surface
+    surface = np.empty((0, 3))
+    if reached.singular is not None:
+        surface = reached.singular.surface
     names = reached.positions.limit.tolist() + [_SINGULAR] * len(surface)
     return _cut(np.concatenate([reached.boundary, surface]), names, reached.elastic)
 
@@ -363,7 +367,9 @@ def _cut(
     """A boundary's positions (N, 3) by the names of the limits that cut,
     which get their bounds.
     """
-    bounds = {} if elastic is None else _bounds_in_words(elastic)
+    bounds = dict[str, tuple[str]]()
+    if elastic is not None:
+        bounds = _bounds_in_words(elastic)
     limits = np.array([" ".join([name, *bounds.get(name, ())]) for name in names])
     return _thinned(Cloud(positions, {_CUTS: limits}, {_CUTS: ""}))
 
@@ -376,7 +382,7 @@ def _bounds_in_words(elastic: ElasticMechanism) -> dict[str, tuple[str]]:
     for name, low, high, angle in zip(
         limits.names, limits.lower, limits.upper, limits.are_angles, strict=True
     ):
-        unit = "rad" if angle or types.get(name) == "revolute" else elastic.units.length
+        unit = elastic.units.coordinate(not (angle or types.get(name) == "revolute"))
         words |= {
             f"{name}, least": (f"{low:.4g} {unit}",),
             f"{name}, most": (f"{high:.4g} {unit}",),

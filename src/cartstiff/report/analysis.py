@@ -13,7 +13,7 @@ from cartstiff.analysis.asymmetry import is_roundoff
 from cartstiff.analysis.matrices import PURE
 from cartstiff.analysis.sections import unit_of
 from cartstiff.answer.data import Answer
-from cartstiff.answer.posture import drive_tables
+from cartstiff.answer.posture import drive_tables, without_roundoff
 from cartstiff.choices import LEVELS
 from cartstiff.errors import check_name, joined
 from cartstiff.geometry import se3
@@ -73,6 +73,7 @@ def describe(
         ]
         lines += _posture(result)
     else:
+        told = answer.doubts
         lines += answer_lines(answer)
         lines += [line for shown in answer.tables for line in table_lines(shown)]
     position, angles = result.pose[:3, 3], se3.roll_pitch_yaw(result.pose)
@@ -111,9 +112,9 @@ def describe(
         verdict, skew = "symmetric", K - K.T
         if not is_roundoff(skew, K):
             verdict = f"asymmetric, |K - K^T| up to {skew.max():.4g}"
-        meaning = (
-            MATRICES[names[-1]].words if names[-1] == "load" or len(names) == 1 else _SAME
-        )
+        meaning = MATRICES[names[-1]].words
+        if names[-1] != "load" and len(names) > 1:
+            meaning = _SAME
         lines += [
             f"{' = '.join(f'K^{name}' for name in names)}  {meaning}; {verdict}",
             *format_matrix(K, [""] * 6).split("\n"),
@@ -123,7 +124,6 @@ def describe(
         lines += _reachable(result, at_rest)
     if analysis:
         lines += analysis.split("\n")
-    told = told if answer is None else answer.doubts
     if notes := [note for note in result.notes if note not in told]:
         lines.append("Notes")
         lines += [f"  {note}" for note in notes]
@@ -134,15 +134,7 @@ def _posture(result: PostureStiffness) -> list[str]:
     """The coordinates, one a line."""
     mechanism, units = result.mechanism, result.units
     lines = ["", "Posture"]
-    # Round-off of coordinates as a share of their sizes, larger for those of a closed
-    # chain.
-    noise = (
-        numerics.PRINTED_AS_ZERO
-        if result.posture.closure is None
-        else numerics.STALLED_RESIDUAL
-    )
-    sizes = [result.posture.length if c.is_length else 1.0 for c in mechanism.coordinates]
-    q = np.where(np.abs(result.q) <= noise * np.array(sizes), 0.0, result.q)
+    q = without_roundoff(result)
     for coordinate, value in zip(mechanism.coordinates, q, strict=True):
         if coordinate.is_length:
             own, unit = float(lengths(value, units)), units.shown_length
@@ -178,7 +170,7 @@ def _potential_of_loads(result: PostureStiffness) -> float:
         works += float(
             np.abs(gradient * result.posture.coordinate_lengths).max(initial=0.0)
         )
-    return 0.0 if abs(total) <= numerics.PRINTED_AS_ZERO * works else total
+    return total * (abs(total) > numerics.PRINTED_AS_ZERO * works)
 
 
 def load_lines(result: PostureStiffness, at_rest: bool = False) -> list[str]:
@@ -190,9 +182,7 @@ def load_lines(result: PostureStiffness, at_rest: bool = False) -> list[str]:
         if not result.elastic.parted_terms()[1]:
             return ["Load: none was given; no wrench holds the body"]
         return ["Load: included in the stiffness below; no other wrench holds the body"]
-    what = "the wrench that holds the body here" + (
-        " besides the loads" if at_rest else ""
-    )
+    what = "the wrench that holds the body here" + " besides the loads" * at_rest
     if not (W.any() or result.is_loaded) and result.wrench_is_known:
         return ["Load: none; no wrench is needed to hold the body here"]
     lines = [
@@ -245,10 +235,7 @@ def _reachable(result: PostureStiffness, at_rest: bool) -> list[str]:
             "from these"
         )
     row_units = [
-        ", ".join(
-            units.blocks[("r" if i else "t") + ("r" if j else "t")]
-            for j in sorted(set(is_turn))
-        )
+        ", ".join(units.blocks["tr"[i] + "tr"[j]] for j in sorted(set(is_turn)))
         for i in is_turn
     ]
     lines += format_matrix(found.stiffness, row_units).split("\n")
@@ -269,6 +256,7 @@ _SQUARED_ROUNDOFF = numerics.ZERO_SHARE**2 / numerics.PRINTED_AS_ZERO
 _FREE_OF_ASYMMETRIC = (
     '  "free" comes from the symmetric part of its inverse: motion along a force'
 )
+_IS_TANGENT = {True: "the tangent", False: "NOT the tangent (that is K^load)"}
 _DEFINITE = {"positive": "positive definite", "negative": "negative definite"}
 
 
@@ -298,7 +286,9 @@ def summary_text(
         If a unit is missing.
     """
     check_name("level", level, LEVELS)
-    u = units if isinstance(units, Units) else Units.from_dict(units or SI.to_dict())
+    if not isinstance(units, Units):
+        units = Units.from_dict(units or SI.to_dict())
+    u = units
     if level == "none":
         return ""
     full = level == "full"
@@ -328,17 +318,17 @@ def _heading(s: Mapping[str, Any], u: Units) -> list[str]:
     if name is None:
         what = "the compliance"
     else:
-        part = "the symmetric part of " if s["symmetrised"] else ""
+        part = "the symmetric part of " * bool(s["symmetrised"])
         what = f"{part}K^{name}, {_DEFINITE.get(s['definiteness'], s['definiteness'])}"
     origin = [r[3] for r in s["frame"][:3]]
     at = "the body frame"
     if any(origin) or _is_turned(s):
         at = f"the point {_point(origin, u)} of the body frame"
-        at += ", in other axes" if _is_turned(s) else ", along its axes"
+        at += (", along its axes", ", in other axes")[_is_turned(s)]
     return [
         f"analysis of {what}, at {at}",
         *_load(s, u),
-        *([_FREE_OF_ASYMMETRIC] if s["symmetrised"] else []),
+        *([_FREE_OF_ASYMMETRIC] * bool(s["symmetrised"])),
         f"  characteristic length {length_of(length['value'], u)} ({length['reason']})",
     ]
 
@@ -350,7 +340,7 @@ def _load(s: Mapping[str, Any], u: Units) -> list[str]:
     load = s.get("load")
     if load is None:
         return []
-    what = "the tangent" if load["is_tangent"] else "NOT the tangent (that is K^load)"
+    what = _IS_TANGENT[load["is_tangent"]]
     at = _point(load["at"], u)
     if not any(load["at"]):
         at = "the origin of the body frame"
@@ -363,9 +353,9 @@ def _principal(
     exists = ellipsoids["stiffness"]["translation"]["held"] is not None
     if not exists and ellipsoids["compliance"]["translation"]["free"] is None:
         return []
-    short = ("stiffness",) if exists else ("compliance",)
+    quantities = ["stiffness"] * exists + ["compliance"] * (full or not exists)
     lines = []
-    for quantity in short if not (full and exists) else ("stiffness", "compliance"):
+    for quantity in quantities:
         title = (
             f"principal {quantity} (held: the other three freedoms locked; free: "
             "unloaded)"
@@ -379,16 +369,12 @@ def _principal(
                 if e is None:
                     lines.append(f"{label:<42} does not exist")
                     continue
-                sign = (
-                    "" if e["definiteness"] == "positive" else f"   {e['definiteness']}"
-                )
-                beside = ellipsoids[quantity][other][others]
-                power = 2 if (freedom == "rotation") == (quantity == "stiffness") else -2
-                size = (
-                    0.0
-                    if beside is None
-                    else _SQUARED_ROUNDOFF * max(map(abs, beside["eigenvalues"]))
-                )
+                sign = f"   {e['definiteness']}" * (e["definiteness"] != "positive")
+                beside = ellipsoids[quantity][other][others] or {"eigenvalues": [0.0]}
+                power = 2
+                if (freedom == "rotation") != (quantity == "stiffness"):
+                    power = -2
+                size = _SQUARED_ROUNDOFF * max(map(abs, beside["eigenvalues"]))
                 values = per * np.array(e["eigenvalues"])
                 size *= per * length**power
                 lines.append(f"{label:<42} {row(values, size=size)}{sign}")
@@ -423,7 +409,7 @@ def _directions(rows: list[Mapping[str, Any]], u: Units, full: bool) -> list[str
             r["name"],
             vector(r["direction"]),
             *(
-                number(None if r[k][o] is None else per[k] * r[k][o])
+                number(r[k][o] and per[k] * r[k][o])
                 for k in ("along", "about")
                 for o in ("held", "free")
             ),
@@ -440,8 +426,9 @@ def _directions(rows: list[Mapping[str, Any]], u: Units, full: bool) -> list[str
 def _centres(s: Mapping[str, Any], u: Units) -> list[str]:
     if s["centres"] is None:
         return []
-    moved = any(r[3] for r in s["frame"][:3])
-    place = "this point" if moved else "the origin of the body frame"
+    place = "the origin of the body frame"
+    if any(r[3] for r in s["frame"][:3]):
+        place = "this point"
     lines = [
         "",
         f"centres [{u.shown_length}], from {place} along the axes of the analysis",
@@ -451,16 +438,13 @@ def _centres(s: Mapping[str, Any], u: Units) -> list[str]:
         label = {"least_coupling": "point of least coupling"}.get(
             name, f"centre of {name}"
         )
-        where = None if point is None else lengths(point, u)
+        where = point and lengths(point, u)
         lines.append(f"  {label:<40} {row(where, size=size)}")
     frame, form = s["decoupling_frame"], s["normal_form"]
     if frame is not None:
-        positive = s["definiteness"] in ("positive", "positive semidefinite")
-        scale = (
-            "0 none, 1 full"
-            if positive
-            else "0 none; not bounded, as the matrix is indefinite"
-        )
+        scale = "0 none; not bounded, as the matrix is indefinite"
+        if s["definiteness"] in ("positive", "positive semidefinite"):
+            scale = "0 none, 1 full"
         lines.append(
             f"  coupling of rotation and translation: {share(frame['coupling_before'])} "
             "here, "
@@ -493,7 +477,7 @@ def _indices(s: Mapping[str, Any], u: Units) -> list[str]:
         change = f"changes as length^{number(round(n['condition_exponent'], 2))} here"
         lines.append(f"  condition number {number(n['condition_number'])} ({change})")
     lines.append(f"  minimum stiffness {number(per * n['minimum_stiffness'])} {stiff}")
-    shown = "-, not positive" if n["isotropy"] is None else number(n["isotropy"])
+    shown = number(n["isotropy"], missing="-, not positive")
     lines.append(f"  isotropy {shown} (1: equally stiff in all directions)")
     unit = u.determinant
     lines.append(
@@ -513,7 +497,7 @@ def _indices(s: Mapping[str, Any], u: Units) -> list[str]:
 
 def _difference(value: float, share: float) -> str:
     """Format a difference; 0 if its share is round-off."""
-    return number(0.0 if abs(share) < numerics.PRINTED_AS_ZERO else value, 3)
+    return number(value * (abs(share) >= numerics.PRINTED_AS_ZERO), 3)
 
 
 def _connections(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
@@ -543,7 +527,7 @@ def _connections(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
         lines += table(["", *titles, "change"], rows)
     if s["asymmetry"] is not None:
         a = s["asymmetry"]
-        word = "as the load predicts" if a["agrees"] else "NOT as the load predicts"
+        word = "NOT " * (not a["agrees"]) + "as the load predicts"
         size = percent(a["size"])
         lines.append(
             f"  asymmetry of K^A: {size}, {word} (residual {number(a['residual'], 2)})"
@@ -584,13 +568,14 @@ def deflection_lines(d: Section, u: Units) -> list[str]:
         first, meaning = "elongation", "of the energy"
         titles = ["spring", "elongation", "", "share", "change of force"]
     rows = []
+    # A compliant link turns and moves: its elongation has no single unit.
+    units = {None: ("", ""), True: (mm, u.effort(True)), False: (angle, u.effort(False))}
     sizes = [
         max((abs(s[first]) for s in shares if s["is_length"] is kind), default=0.0)
         for kind in (False, True)
     ]
     for s in shares:
-        # A compliant link turns and moves: its elongation has no single unit.
-        unit = "" if s["is_length"] is None else mm if s["is_length"] else angle
+        unit, effort = units[s["is_length"]]
         own = s[first]
         if (
             s["is_length"] is not None
@@ -601,9 +586,8 @@ def deflection_lines(d: Section, u: Units) -> list[str]:
         if first == "motion":
             last = row(lengths(s["displacement"], u), 4, size)
         else:
-            effort = "" if s["is_length"] is None else u.effort(s["is_length"])
-            last = effort and f"{number(0.0 if own == 0.0 else s['force'])} {effort}"
-        rows.append([s["name"], number(moved), unit, _share(s["share"]), last])
+            last = effort and f"{number(s['force'] * (own != 0.0))} {effort}"
+        rows.append([s["name"], number(moved), unit, percent(s["share"]), last])
     lines += [f"  shares {meaning}", *table(titles, rows)]
     if (
         d["kind"] == "springs"
@@ -615,10 +599,6 @@ def deflection_lines(d: Section, u: Units) -> list[str]:
             "take or give"
         )
     return lines
-
-
-def _share(x: float | None) -> str:
-    return "-" if x is None else percent(x)
 
 
 def _wrench(w: list[float], u: Units) -> str:
@@ -650,10 +630,8 @@ def target_lines(t: Section, u: Units, full: bool) -> list[str]:
     if t["is_feasible"]:
         lines.append("  independent springs give it exactly:")
     else:
-        made = (
-            ""
-            if t["definiteness"] == "positive"
-            else "; not positive definite: active control"
+        made = "; not positive definite: active control" * (
+            t["definiteness"] != "positive"
         )
         lines.append(
             f"  joints must be coupled, up to {percent(t['off_diagonal'])}{made}"
@@ -672,7 +650,7 @@ def target_lines(t: Section, u: Units, full: bool) -> list[str]:
             [
                 name,
                 number(k, 5, "locked"),
-                "" if k is None else x,
+                x * (k is not None),
                 number(tau),
                 u.effort(s),
             ]
@@ -712,7 +690,7 @@ def _unit(name: str, u: Units) -> str:
     """Unit of a number such as "stiffness[0, 3]"."""
     path = name.replace(", ", ".").replace("[", ".").rstrip("]")
     unit = unit_of(path)
-    return "" if unit == PURE else unit.format(length=u.length, force=u.force)
+    return unit.format(length=u.length, force=u.force) * (unit != PURE)
 
 
 def _are_repeated(numbers: Mapping[str, Any], prefix: str) -> bool:
@@ -737,13 +715,9 @@ def _size(name: str, spreads: Mapping[str, Any]) -> float:
         return COSINES
     matrix, _, entry = name.partition("[")
     i, _, j = entry.rstrip("]").partition(", ")
-    ends = [spreads.get(f"{matrix}[{k}, {k}]") for k in (i, j)] if j else []
-    sizes = [
-        abs(end["nominal"])
-        for end in ends
-        if end is not None and end["nominal"] is not None
-    ]
-    return math.sqrt(math.prod(sizes)) if len(sizes) == 2 else 0.0
+    ends = (spreads.get(f"{matrix}[{k}, {k}]", {}).get("nominal") for k in (i, j))
+    a, b = (abs(end or 0.0) for end in ends)
+    return math.sqrt(a * b)
 
 
 def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
@@ -751,10 +725,13 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
     if s is None:
         return []
     t = s["tolerances"]
-    parts = [f"stiffness {percent(t['stiffness'])}"] if t["stiffness"] else []
-    parts += [f"lengths {length_of(t['length'], u)}"] if t["length"] else []
-    turned = u.shown_per_radian * t["angle"]
-    parts += [f"rotations {number(turned)} {u.shown_angle}"] if t["angle"] else []
+    turned = number(u.shown_per_radian * t["angle"])
+    given = {
+        "stiffness": f"stiffness {percent(t['stiffness'])}",
+        "length": f"lengths {length_of(t['length'], u)}",
+        "angle": f"rotations {turned} {u.shown_angle}",
+    }
+    parts = [words for key, words in given.items() if t[key]]
     if any(name.startswith(("compliance.", "coefficient.")) for name in s["parameters"]):
         parts.insert(0, "the measured springs")
     lines = [
@@ -769,11 +746,11 @@ def uncertainty_lines(s: Section, u: Units, full: bool) -> list[str]:
         if not names:
             continue
         unit, per = shown_unit(_unit(prefix, u))
-        label = f"  {label} [{unit}]" if unit else f"  {label}"
-        means = [None if (x := spreads[n]["nominal"]) is None else per * x for n in names]
-        spread = [
-            None if (x := spreads[n]["deviation"]) is None else per * x for n in names
-        ]
+        label = f"  {label}" + f" [{unit}]" * bool(unit)
+        means, spread = (
+            [spreads[n][key] and per * spreads[n][key] for n in names]
+            for key in ("nominal", "deviation")
+        )
         if prefix.startswith(("centres", "deflection")):
             size = max((d for d in spread if d is not None), default=0.0)
             lines.append(f"{label:<42} {row(means, size=size)}  +- {numbers(spread, 2)}")
