@@ -250,3 +250,13 @@ def test_a_posture_passes_the_packages_of_the_page():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     visited = json.loads(done.stdout.splitlines()[-1])
     assert visited == sorted(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE))
+
+
+def test_texts_and_pages_hardly_decide():
+    """What a posture is said to be is decided in the answer; renderers have tables of words."""
+    trees = (
+        ast.parse(path.read_text("utf-8"))
+        for part in ("report", "page")
+        for path in (PACKAGE / part).rglob("*.py")
+    )
+    assert sum(isinstance(node, ast.IfExp) for tree in trees for node in ast.walk(tree)) <= 200
