@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -37,7 +37,6 @@ from cartstiff.errors import UndefinedError
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import Platform
-from cartstiff.potentials.loads import Load
 from cartstiff.statics.equilibrium import again
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind
@@ -80,10 +79,9 @@ class _Load:
         if not state.loads:
             return cls()
         (load, *others) = state.loads
-        known = load.given if isinstance(load, Load) and load.frame_b == "body" else None
-        if known is None or others:
-            return "more than one wrench on the body acts"
-        kind, wrench, point, axes = known
+        if load.given is None or others:
+            return "other loads than one wrench on the body act"
+        kind, wrench, point, axes = load.given
         own, by_given = LoadKind(kind, point), None  # type: ignore[arg-type]
         if (given := parameters.load) is not None:
             asked, pose = LoadKind(given["load_kind"], given["load_at"]), state.start.pose
@@ -264,8 +262,8 @@ class Recorded:
         Adds the names of their components.
         """
         case, shared = taken.case, dict(taken.shared)
-        if isinstance(case, PlatformCase) and isinstance(self.mechanism, Platform):
-            platform = self.mechanism
+        if isinstance(case, PlatformCase):
+            platform = cast(Platform, self.mechanism)
             if not case.lines:
                 m = len(platform.anchors)
                 case = replace(case, anchors=(), points=(), length=1.0, lines=m)
@@ -282,8 +280,9 @@ class Recorded:
                     f"{body}.leg{i // 3 + 1}.{_XYZ[i % 3]}": i
                     for i in range(3 * case.lines)
                 }
-        elif isinstance(case, ChainCase) and isinstance(self.mechanism, Chain):
-            case, more = _varied_chain(self.mechanism, case, self._own)
+        else:
+            chain = cast(Chain, self.mechanism)
+            case, more = _varied_chain(chain, case, self._own)
             places = len(case.varied.links) + len(case.varied.ends)
             shared["placements"] = np.zeros((1, 6 * places))
             if case.varied.masses:

@@ -91,11 +91,9 @@ class OfFunction(Asked):
 
     def recorded(self, arrays: Mapping[str, Array], lengths: Array) -> tuple[Any, Any]:  # noqa: ARG002
         """Its value on recorded numbers, and the verdict on it."""
-        W = arrays["wrench"]
+        W, K = arrays["wrench"], arrays.get(self.needed[0], np.full((6, 6), np.nan))
         if self._connection == "load":
-            K = arrays["stiffness_B"] + self._load.change(W)
-        else:
-            K = arrays[f"stiffness_{self._connection}"]
+            K = K + self._load.change(W)
         return self._function(K, W, arrays["pose"]), 0.0
 
 

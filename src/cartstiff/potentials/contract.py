@@ -224,6 +224,27 @@ class Parts(NamedTuple):
     whole: str = ""
 
 
+class Given(NamedTuple):
+    """A wrench on the body, in the words of `cartstiff.analyse`.
+
+    Attributes
+    ----------
+    kind : str
+        How it acts while the body moves.
+    wrench : ndarray (6,)
+        Moment and force, which are constant along the axes.
+    point : ndarray (3,)
+        Point of application, in M.
+    axes : str
+        Axes of the components: "body" or "world".
+    """
+
+    kind: str
+    wrench: Array
+    point: Array
+    axes: str
+
+
 class DeadLoad(NamedTuple):
     """A constant force at a point.
 
@@ -282,6 +303,8 @@ class Potential(ABC):
     is_scaled: bool = False
     #: The constant force that it is.
     dead: DeadLoad | None = None
+    #: The wrench on the body that it is, as in `cartstiff.analyse`.
+    given: Given | None = None
     #: The mass [kg] whose weight it carries, as gravity compensation does.
     lifted: float = 0.0
     #: Time of one evaluation, in that of a coordinate.

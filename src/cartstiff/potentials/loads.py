@@ -40,7 +40,13 @@ from cartstiff.checked_call import checked
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
-from cartstiff.potentials.contract import DeadLoad, Evaluation, Posture, Potential
+from cartstiff.potentials.contract import (
+    DeadLoad,
+    Evaluation,
+    Given,
+    Posture,
+    Potential,
+)
 
 
 def _keep(load: Load, **sizes: int) -> None:
@@ -82,12 +88,12 @@ class Load(Potential):
         """
         return None
 
-    @property
-    def given(self) -> tuple[str, Array, Array, str] | None:
-        """Kind of load, constant wrench (6,), its point in the frame, and its axes, as in
-        `cartstiff.analyse`; None for another load.
-        """
-        return None
+    def _on_body(
+        self, kind: str, wrench: Array, point: ArrayLike, axes: str
+    ) -> Given | None:
+        """The load of the frame of interest."""
+        at = np.asarray(point, float)
+        return Given(kind, wrench, at, axes) if self.frame_b == "body" else None
 
     def conservative(self, posture: Posture) -> Potential:
         """The semitangential wrench that is the same at a posture."""
@@ -217,9 +223,10 @@ class DeadForce(Load):
         return DeadLoad(self.mass, self.force, np.asarray(self.point), self.frame_b)
 
     @property
-    def given(self) -> tuple[str, Array, Array, str]:
+    def given(self) -> Given | None:  # type: ignore[override]
         """A force alone."""
-        return "dead", np.append(np.zeros(3), self.force), np.asarray(self.point), "world"
+        wrench = np.append(np.zeros(3), self.force)
+        return self._on_body("dead", wrench, self.point, "world")
 
     def under_gravity(self, acceleration: Array) -> DeadForce:
         """The same force, or that which carries its mass in another field."""
@@ -268,9 +275,9 @@ class DeadWrench(Load):
         return energy, alpha, rate
 
     @property
-    def given(self) -> tuple[str, Array, Array, str]:
+    def given(self) -> Given | None:  # type: ignore[override]
         """Moment and force."""
-        return "dead", self.wrench, np.asarray(self.point), "world"
+        return self._on_body("dead", self.wrench, self.point, "world")
 
     def parted(self, T_F_b: Array) -> tuple[float, Array]:
         """Energy of the force, and the moment."""
@@ -365,9 +372,9 @@ class FollowerWrench(Load):
         return np.nan, -self.wrench, np.zeros((6, 6))
 
     @property
-    def given(self) -> tuple[str, Array, Array, str]:
-        """Moment and force along the axes of the frame."""
-        return "follower", self.wrench, np.zeros(3), "body"
+    def given(self) -> Given | None:  # type: ignore[override]
+        """Moment and force along the axes of the body."""
+        return self._on_body("follower", self.wrench, (0.0, 0.0, 0.0), "body")
 
     def parted(self, T_F_b: Array) -> tuple[float, Array] | None:  # noqa: ARG002
         """A moment alone."""
