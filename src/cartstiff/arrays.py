@@ -502,12 +502,13 @@ def checked_pose(T: ArrayLike, what: str = "pose", *, where: str | None = None) 
     stack = getattr(T, "ndim", 2) == 3
     array = checked_array(T, ("N", 4, 4) if stack else (4, 4), what, where=where)
     if not is_pose(array):
-        wrong = next(t for t in array.reshape(-1, 4, 4) if not is_pose(t))
+        each = array.reshape(-1, 4, 4)
+        wrong = next(i for i, t in enumerate(each) if not is_pose(t))
         raise InputError(
-            f"{what} is not a rigid motion",
+            f"{what}{f' {wrong + 1}' * stack} is not a rigid motion",
             where=where,
             expected="a rotation matrix, a position, and 0, 0, 0, 1 below",
-            got=wrong.tolist(),
+            got=each[wrong].tolist(),
         )
     return array
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -227,25 +228,10 @@ def command(
     cartstiff analyse cubic --sensitivities --json
     cartstiff analyse ur5 --target wanted.csv
     """  # noqa: E501
-    elastic, q = setup.read()
-
     import numpy as np
 
-    from cartstiff.stiffness.compute import analyse
-
     with np.errstate(all="ignore"):  # what is not finite is refused as a whole
-        manner = setup.keywords
-        if setup.actuate is None:
-            result = analyse(elastic, q, **manner)
-        else:
-            from cartstiff.statics.command import analyse_commanded
-
-            result = analyse_commanded(elastic, setup.command(elastic), q, **manner)
-            elastic, manner = result.elastic, setup.manner
-        if relax and any(note.code == "unbalanced" for note in result.notes):
-            from cartstiff.statics.equilibrium import relaxed
-
-            result = analyse(elastic, relaxed(elastic, result.q), **manner)
+        result, is_unbalanced = _at_posture(setup, relax)
         data = result.to_dict()
         if order is not None or axes is not None:
             data["as_controller"] = _as_controller(
@@ -271,13 +257,14 @@ def command(
 
         shown, only = "", None
         if reading.level != "none":
-            shown = summary_text(data["analysis"], elastic.units, reading.level)
+            units = result.elastic.units
+            shown = summary_text(data["analysis"], units, reading.level)
         if reading.level == "short":
             only = data["analysis"]["connection"]
         if "as_controller" in data:
             shown = "\n".join([*_matrices_text(data["as_controller"]), shown])
         lines = [describe(result, shown, answer=answer, only=only), *by_parameters]
-        if not relax and any(note.code == "unbalanced" for note in result.notes):
+        if is_unbalanced and not relax:
             lines.append(
                 "  --relax lets the self-motion settle, with the body held where it is"
             )
@@ -286,11 +273,40 @@ def command(
         return "\n".join(lines)
 
     out.show(data, setup.mechanism, text)
-    missing = [name for name, K in data["stiffness"].items() if K is None]
-    if strict and missing:
+    if strict:
+        _check_all_exist(result, data["stiffness"])
+
+
+def _at_posture(setup: BalancedSetup, relax: bool) -> tuple[PostureStiffness, bool]:
+    """The stiffness, and whether nothing balances the posture, from which joints then
+    move with `relax`.
+    """
+    from cartstiff.stiffness.compute import analyse
+
+    elastic, q = setup.read()
+    manner = setup.keywords
+    if setup.actuate is None:
+        result = analyse(elastic, q, **manner)
+    else:
+        from cartstiff.statics.command import analyse_commanded
+
+        result = analyse_commanded(elastic, setup.command(elastic), q, **manner)
+        elastic, manner = result.elastic, setup.manner
+    is_unbalanced = any(note.code == "unbalanced" for note in result.notes)
+    if relax and is_unbalanced:
+        from cartstiff.statics.equilibrium import relaxed
+
+        result = analyse(elastic, relaxed(elastic, result.q), **manner)
+    return result, is_unbalanced
+
+
+def _check_all_exist(result: PostureStiffness, matrices: Mapping[str, Any]) -> None:
+    """End with code 3 if one of the matrices does not exist."""
+    missing = [f"K^{name}" for name, K in matrices.items() if K is None]
+    if missing:
         reasons = ", ".join(note.code for note in result.notes) or "undefined"
-        names = ", ".join(f"K^{name}" for name in missing)
-        say(f"cartstiff: {names} does not exist here ({reasons})", error=True)
+        words = f"{', '.join(missing)} does not exist here ({reasons})"
+        say(f"cartstiff: {words}", error=True)
         sys.stdout.flush()
         raise click.exceptions.Exit(3)
 

@@ -143,25 +143,22 @@ class Documented(NamedTuple):
     def of(cls, thing: Any, api: tuple[str, ...] = ()) -> Documented:
         """Read the numpydoc docstring of a function, or of a class and its bases."""
         about, sections = _sections(inspect.getdoc(thing) or "")
-        bases = getattr(thing, "__bases__", ())
-        known = {n: w for base in bases for n, w in cls.of(base).parameters.items()}
-        own = (
-            {f.name for f in fields(thing)}
-            if is_dataclass(thing)
-            else inspect.get_annotations(thing)
-        )
-        of_api = {
-            name: words
-            for entry in (*api, *vars(thing).get("API", ()))
-            for name, words in _of_api(entry).items()
-            if name in own
-        }
-        known |= {
-            name: (known.get(name, ("",))[0], words) for name, words in of_api.items()
-        }
+        known, of_api = dict[str, tuple[str, str]](), dict[str, str]()
+        for base in getattr(thing, "__bases__", ()):
+            known |= cls.of(base).parameters
+        for entry in (*api, *vars(thing).get("API", ())):
+            of_api |= _of_api(entry)
+        if is_dataclass(thing):
+            own = [f.name for f in fields(thing)]
+        else:
+            own = [*inspect.get_annotations(thing)]
+        for name in filter(of_api.__contains__, own):
+            shape, _ = known.get(name, ("", ""))
+            known[name] = shape, of_api[name]
         for head, words in _entries(sections):
             name, _, shape = head.partition(" : ")
-            known[name] = shape, words or of_api.get(name, "")
+            own_words = of_api.get(name, "") if name in own else ""
+            known[name] = shape, words or own_words
         return cls(about, known, sections.get("Examples", "").strip())
 
 
@@ -236,51 +233,51 @@ def _parameter(
 ) -> click.Parameter:
     """Make an argument (without a section) or an option."""
     hint, marks = _split(hint)
-    kind = next(
-        (mark for mark in reversed(marks) if isinstance(mark, click.ParamType)), None
-    )
-    shape, text = words
     if get_origin(hint) in (Union, UnionType):
         hint = next(part for part in get_args(hint) if part is not NoneType)
-    several = kind is None and get_origin(hint) is tuple
-    if several:
-        hint = get_args(hint)[0]
-    if kind is None and get_origin(hint) is Literal:
-        kind = click.Choice(get_args(hint))
-    if hint is Path and kind is None:
-        kind = click.Path(path_type=Path)
+    kind, several = _kind_of(hint, marks)
+    shape, text = words
     is_needed = default in (MISSING, inspect.Parameter.empty)
     if section is None:
         count = -1 if several else 1
         return click.Argument(
-            [name],
-            type=kind or hint,
-            nargs=count,
-            required=is_needed,
-            metavar=shape or None,
+            [name], type=kind, nargs=count, required=is_needed, metavar=shape or None
         )
-    spelling = _spelling(name, marks)
-    is_flag = hint is bool and kind is None
+    own = isinstance(kind, OptionType)
+    merges = own and kind.merges
+    spelling, is_flag = _spelling(name, marks), kind is bool
     if is_flag and default is None:
         spelling = f"{spelling}/--no-{spelling[2:]}"
-    merges = isinstance(kind, OptionType) and kind.merges
     given: dict[str, Any] = {} if is_needed or merges or several else {"default": default}
     if (several or merges) and "repeat it" not in text:
         text += " Repeat it for several."
     option = _Option(
-        [*(["-o"] if name == "output" else []), spelling, name],
-        type=None if is_flag else kind or hint,
+        [*["-o"] * (name == "output"), spelling, name],
+        type=None if is_flag else kind,
         is_flag=is_flag or None,  # False would let the value of an option be left out
         multiple=several or merges,
         callback=_merged if merges else None,
         required=is_needed,
         show_default=default not in (None, False, 0) and "default" in given,
-        metavar=shape or (None if isinstance(kind, OptionType) else _NUMBERS.get(hint)),
+        metavar=shape or (None if own else _NUMBERS.get(hint)),
         help=text,
         **given,
     )
     option.section = section
     return option
+
+
+def _kind_of(hint: Any, marks: list[Any]) -> tuple[Any, bool]:
+    """The type that click reads, and whether an option has several of them."""
+    for mark in reversed(marks):
+        if isinstance(mark, click.ParamType):
+            return mark, False
+    several = get_origin(hint) is tuple
+    if several:
+        hint = get_args(hint)[0]
+    if get_origin(hint) is Literal:
+        return click.Choice(get_args(hint)), several
+    return click.Path(path_type=Path) if hint is Path else hint, several
 
 
 def _parameters(
@@ -389,57 +386,62 @@ class Command(click.Command):
         more: Iterable[click.Parameter] = (),
     ) -> None:
         documented = Documented.of(function, api)
-        self._function, self._objects = (
-            function,
-            dict[str, tuple[type, list[Field[Any]]]](),
-        )
+        self._function = function
+        self._objects = dict[str, tuple[type, list[Field[Any]]]]()
         self._exclusive, self._rare = [*exclusive], rare.split()
-        self._meaningless = dict[str, str]()
-        params, required = list[click.Parameter](), dict[str, str]()
+        self._meaningless, self._needs = dict[str, str](), dict[str, list[str]]()
+        params, rules = list[click.Parameter](), dict[str, str]()
         for key, hint in get_type_hints(function, include_extras=True).items():
             kind, marks = _split(hint)
             if is_dataclass(kind):
-                taken = next((m for m in marks if isinstance(m, Overrides)), Overrides())
-                taken_fields = [f for f in fields(kind) if f.name not in taken.without]
-                self._meaningless |= _meaningless(cast(type, kind), taken)
-                self._objects[key] = cast(type, kind), taken_fields
-                params += _parameters(cast(type, kind), taken_fields, taken.words)
-                for part in inspect.getmro(cast(type, kind))[::-1]:
-                    self._exclusive += vars(part).get("EXCLUSIVE", ())
-                    self._rare += vars(part).get("RARE", "").split()
-                    required |= vars(part).get("NEEDS", {})
+                params += self._add_object(key, cast(type, kind), marks, rules)
             elif key != "return":
                 parameter = inspect.signature(function).parameters[key]
                 section = "Options" if parameter.kind is parameter.KEYWORD_ONLY else None
                 words = documented.parameters.get(key, ("", ""))
                 params.append(_parameter(key, hint, parameter.default, words, section))
-        there = {str(p.name) for p in params}
-        needed = {
-            n: w for ns, w in [*required.items(), *needs.items()] for n in ns.split()
-        }
-        self._needs = {
-            name: known
-            for name, words in needed.items()
-            if name in there and (known := [w for w in words.split() if w in there])
-        }
-        spelled = {p.name: p.opts[-1] for p in params if isinstance(p, click.Option)}
-        for option in params:
-            only, *more_needed = self._needs.get(str(option.name), [""])
-            if isinstance(option, click.Option) and only and not more_needed:
-                option.help = _beside(spelled[only], option.help or "")
-        self._exclusive = [x for x in self._exclusive if there.issuperset(x.split())]
-        self._rare = [name for name in self._rare if name in there]
+        self._keep_rules(params, rules | dict(needs))
         lines = f"Examples:\n{documented.examples}".replace("\n", "\n  ").split("\n  \n")
+        epilog = "\n\n".join(f"\b\n{part}" for part in lines)
         super().__init__(
             name,
             callback=self._run,
             params=[*params, *more],
             help=documented.about,
-            epilog="\n\n".join(f"\b\n{part}" for part in lines)
-            if documented.examples
-            else None,
+            epilog=epilog if documented.examples else None,
         )
         self.params.append(ending("--help-all", _help_all, "All options, in full."))
+
+    def _add_object(
+        self, key: str, kind: type, marks: list[Any], rules: dict[str, str]
+    ) -> Iterator[click.Parameter]:
+        """Take the fields of a class as options, and its rules; `rules` are extended."""
+        taken = next((m for m in marks if isinstance(m, Overrides)), Overrides())
+        own = [f for f in fields(kind) if f.name not in taken.without]
+        self._meaningless |= _meaningless(kind, taken)
+        self._objects[key] = kind, own
+        for part in inspect.getmro(kind)[::-1]:
+            self._exclusive += vars(part).get("EXCLUSIVE", ())
+            self._rare += vars(part).get("RARE", "").split()
+            rules |= vars(part).get("NEEDS", {})
+        return _parameters(kind, own, taken.words)
+
+    def _keep_rules(
+        self, params: Iterable[click.Parameter], needs: Mapping[str, str]
+    ) -> None:
+        """Keep the rules of the options that there are; helps name what is needed."""
+        there = {str(p.name): p for p in params}
+        for names, words in needs.items():
+            known = list(filter(there.__contains__, words.split()))
+            for name in filter(there.__contains__, names.split()):
+                self._needs[name] = known
+        self._needs = {name: known for name, known in self._needs.items() if known}
+        for name, known in self._needs.items():
+            option = there[name]
+            if isinstance(option, click.Option) and len(known) == 1:
+                option.help = _beside(there[known[0]].opts[-1], option.help or "")
+        self._exclusive = [x for x in self._exclusive if there.keys() >= {*x.split()}]
+        self._rare = list(filter(there.__contains__, self._rare))
 
     def _run(self, **values: Any) -> None:
         """Call the function with its objects."""
@@ -494,14 +496,14 @@ class Command(click.Command):
         """
         sections: dict[str, list[tuple[str, str]]] = {}
         is_whole = HELP_ALL in ctx.meta
+        hidden = () if is_whole else self._rare
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
-            if record is None or (parameter.name in self._rare and not is_whole):
+            if record is None or parameter.name in hidden:
                 continue
             if not isinstance(parameter, click.Argument):
-                sections.setdefault(getattr(parameter, "section", "Options"), []).append(
-                    record
-                )
+                section = getattr(parameter, "section", "Options")
+                sections.setdefault(section, []).append(record)
         left = max(len(name) for records in sections.values() for name, _ in records)
         room = formatter.width - left - 4
         for title in sorted(sections, key=("Output", "Options").count):

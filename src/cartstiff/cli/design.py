@@ -13,8 +13,7 @@ from cartstiff.cli.output import Progress
 
 _NOT_OF_STUDIES = (
     "mechanism q pose pose_of lengths frame parameters xacro_args package_path springs "
-    "stiffness "
-    "rest actuate"
+    "stiffness rest actuate"
 )
 
 
@@ -29,8 +28,7 @@ def command(
             _NOT_OF_STUDIES,
             because="the study says it",
             load="Wrench on the body in its own frame. Every design carries it, instead "
-            "of the "
-            "loads that the study names.",
+            "of the loads that the study names.",
         ),
     ],
     out: Printed,

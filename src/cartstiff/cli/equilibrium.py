@@ -21,7 +21,7 @@ from cartstiff.cli.options import (
     only_endings,
 )
 from cartstiff.cli.output import say_unused
-from cartstiff.errors import InputError
+from cartstiff.errors import InputError, one_line
 from cartstiff.notes import Note
 
 _COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
@@ -56,8 +56,7 @@ def command(
         Setup,
         Overrides(
             load="Wrench on the body: moment about and force at the point --load-at, in "
-            "the axes "
-            "of the unloaded body frame; see --load-kind."
+            "the axes of the unloaded body frame; see --load-kind."
         ),
     ],
     parameters: Parameters,
@@ -127,11 +126,9 @@ def command(
 
     def moved(elastic: Any) -> tuple[Any, Any]:
         """Return the mechanism and its posture after the drives have moved."""
-        return (
-            (elastic, q)
-            if setup.actuate is None
-            else commanded(elastic, setup.command(elastic), q)
-        )
+        if setup.actuate is None:
+            return elastic, q
+        return commanded(elastic, setup.command(elastic), q)
 
     elastic, start = moved(elastic)
     if path is not None:
@@ -146,16 +143,8 @@ def command(
         from cartstiff.report.statics import describe_equilibrium
         from cartstiff.statics.equilibrium import equilibrium
 
-        if (
-            against_gravity is not None
-            and elastic.gravity is None
-            and setup.gravity is None
-        ):
-            raise InputError(
-                "there is no other gravity to compare with",
-                where="--against-gravity",
-                expected="--gravity as well, or gravity in the file",
-            )
+        if against_gravity is not None:
+            _check_gravity(elastic, setup)
         state = equilibrium(
             elastic,
             start,
@@ -176,12 +165,7 @@ def command(
             output,
         )
         return
-    if setup.load is None:
-        options = _as_load(elastic, setup.payload)
-        expected = (
-            f"--load; the payload's own weight is {options}" if options else "--load"
-        )
-        raise InputError("a curve needs a load", expected=expected)
+    _check_load(elastic, setup)
 
     from cartstiff.report.statics import describe_curve
     from cartstiff.statics.continuation import load_curve
@@ -195,6 +179,42 @@ def command(
         csv=result.to_csv,
         picture=result.plot,
     )
+
+
+def _check_gravity(elastic: Any, setup: Setup) -> None:
+    """Refuse a comparison with another gravity where there is none."""
+    if elastic.gravity is None and setup.gravity is None:
+        raise InputError(
+            "there is no other gravity to compare with",
+            where="--against-gravity",
+            expected="--gravity as well, or gravity in the file",
+        )
+
+
+def _check_load(elastic: Any, setup: Setup) -> None:
+    """Refuse a curve without a load."""
+    if setup.load is None:
+        options = _as_load(elastic, setup.payload)
+        expected = (
+            f"--load; the payload's own weight is {options}" if options else "--load"
+        )
+        raise InputError("a curve needs a load", expected=expected)
+
+
+def _check_without_load(
+    elastic: Any, setup: Setup, against: Literal["load", "all"] | None
+) -> None:
+    """Refuse options of a load on a path without one, and a path that needs one."""
+    if setup.load_at:
+        raise InputError("is for --load", where="--load-at")
+    if setup.load_kind != "dead":
+        raise InputError("is for --load", where="--load-kind")
+    if against == "load" or (against is None and elastic.before_load != "given"):
+        raise InputError(
+            "a path needs a load",
+            where="--path",
+            expected="--load, columns fx,fy,fz in the file, or --against all",
+        )
 
 
 def _as_load(elastic: Any, payload: list[float] | None) -> str:
@@ -215,8 +235,7 @@ def _with_payload_noted(state: Any, payload: list[float] | None) -> Any:
         return state
     message = (
         "the payload acts before the load, as the own weight does, and the springs "
-        "balance both at "
-        f"the posture; its own sag is that of {options}"
+        f"balance both at the posture; its own sag is that of {options}"
     )
     note = Note("payload-before-load", message, {"payload": payload})
     return replace(state, _own_notes=(*state._own_notes, note))
@@ -230,14 +249,12 @@ def _compensate(
     out: Printed,
     output: Files,
 ) -> None:
-    import numpy as np
-
-    from cartstiff.cli.tables import one_of_axes, wrench_columns
+    from cartstiff.cli.tables import along_world, once, one_of_axes, wrench_columns
     from cartstiff.loading.tables import FORCE, MOMENT, WRENCH, along_axes, read_rows
     from cartstiff.report.statics import describe_path
     from cartstiff.statics.toolpath import compensate
 
-    mechanism, wrench, axes = elastic.mechanism, setup.load, None
+    mechanism, axes = elastic.mechanism, None
     rows = read_rows(path, "postures", units=elastic.units, joints=elastic.names)
     joints = dict.fromkeys((elastic.names, mechanism.joint_names))
     parts: list[tuple[str, ...]] = [WRENCH]
@@ -252,32 +269,15 @@ def _compensate(
     own = next(
         own for own in joints if set(own) <= set(columns) and own == columns[: len(own)]
     )
-    wrenches = wrench_columns({n: by_name[n] for n in columns[len(own) :]})
-    if wrenches is not None and wrench is not None:
-        raise InputError("give wrenches by --load or in the path file, not both")
-    wrenches = wrench if wrenches is None else wrenches
+    named_wrenches = wrench_columns({n: by_name[n] for n in columns[len(own) :]})
+    wrenches = once("--load", setup.load, named_wrenches, one_line(str(path)))
     if wrenches is None:
-        for name, is_given in (
-            ("--load-at", setup.load_at),
-            ("--load-kind", setup.load_kind != "dead"),
-        ):
-            if is_given:
-                raise InputError("is for --load", where=name)
-        if against == "load" or (against is None and elastic.before_load != "given"):
-            raise InputError(
-                "a path needs a load",
-                where="--path",
-                expected="--load, columns fx,fy,fz in the file, or --against all",
-            )
+        _check_without_load(elastic, setup, against)
         result = compensate(elastic, mechanism.undeflected(table), against=against)
     else:
         named = one_of_axes("world" if setup.world else None, axes, rows.place) or "body"
         if named == "base":
-            R = mechanism.base_pose[:3, :3]
-            wrenches, named = (
-                (np.reshape(wrenches, (-1, 3)) @ R.T).reshape(-1, 6),
-                "world",
-            )
+            wrenches, named = along_world(wrenches, mechanism.base_pose), "world"
         postures = mechanism.undeflected(table[:, : len(own)])
         result = compensate(
             elastic, postures, wrenches, load_axes=named, against=against, **setup.manner

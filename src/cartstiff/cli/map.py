@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import shlex
 import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -89,10 +91,10 @@ class Where:
     def sampling(self, elastic: Any, q: Any) -> Sampling:
         """Return the sampling; q is the base posture or None."""
         from cartstiff.maps.cartesian import CartesianGrid
-        from cartstiff.maps.sampling import Axis, Grid, RandomPostures, Trajectory
+        from cartstiff.maps.sampling import Grid, RandomPostures, Trajectory
 
         ways = (self.grid, self.random, self.cartesian, self.trajectory)
-        if (count := sum(bool(kind) for kind in ways)) != 1:
+        if (count := sum(map(bool, ways))) != 1:
             raise InputError(
                 "say where the map looks",
                 expected="exactly one of --grid, --random, --cartesian, --trajectory",
@@ -101,28 +103,19 @@ class Where:
         base = elastic.placed(q, "--q")[1].q
         if self.trajectory is not None:
             table = _table(self.trajectory, elastic)
-            try:
+            with _named(f"--trajectory {one_line(str(self.trajectory))}"):
                 return Trajectory.from_table(table, elastic, base)
-            except InputError as error:
-                raise error.at(f"--trajectory {one_line(str(self.trajectory))}") from None
-        given = self.grid or self.cartesian or {}
-        option = "--grid" if self.grid else "--cartesian"
-        axes: dict[str, Axis] = {}
-        for name, (low, high, n) in given.items():
-            try:
-                axes[name] = Axis(low, high, int(n))
-            except InputError as error:
-                raise error.at(f"{option} {name}") from None
-        try:
-            if self.grid:
-                return Grid(axes, elastic.names, base)
-            if self.random is not None:
-                option = "--range"
-                limits = {
-                    name: (low, high) for name, (low, high) in (self.ranges or {}).items()
-                }
+        if self.grid:
+            with _named("--grid", keep=True):
+                return Grid(_axes("--grid", self.grid), elastic.names, base)
+        if self.random is not None:
+            limits = {
+                name: (low, high) for name, (low, high) in (self.ranges or {}).items()
+            }
+            with _named("--range"):
                 return RandomPostures.within_limits(elastic, self.random, 0, limits)
-            turn = None
+        axes, turn = _axes("--cartesian", self.cartesian or {}), None
+        with _named("--cartesian", keep=True):
             if self.orientation != "keep":
                 from cartstiff.geometry import se3
 
@@ -136,10 +129,26 @@ class Where:
                 free=self.free,
                 branches=self.branches,
             )
-        except InputError as error:
-            raise (
-                error if error.where and option != "--range" else error.at(option)
-            ) from None
+
+
+@contextmanager
+def _named(option: str, keep: bool = False) -> Iterator[None]:
+    """Say in refusals which option they are about; with `keep` if they do not yet."""
+    try:
+        yield
+    except InputError as error:
+        raise (error if keep and error.where else error.at(option)) from None
+
+
+def _axes(option: str, given: Mapping[str, tuple[float, ...]]) -> dict[str, Any]:
+    """Axes of a grid, by name."""
+    from cartstiff.maps.sampling import Axis
+
+    axes = {}
+    for name, (low, high, n) in given.items():
+        with _named(f"{option} {name}"):
+            axes[name] = Axis(low, high, int(n))
+    return axes
 
 
 def _table(path: Path, elastic: Any) -> dict[str, Any]:
@@ -236,8 +245,7 @@ class Shown:
 @declared(
     "map",
     rare="lengths pose rest load_at load_kind ranges direction added_load connection "
-    "damping "
-    "chunk progress dask",
+    "damping chunk progress dask",
 )
 def command(
     setup: Annotated[
@@ -246,10 +254,8 @@ def command(
             "actuate",
             because=ONE_POSTURE,
             load="Wrench on the body at every posture: moment about and force at the "
-            "point "
-            "--load-at, in the body's axes; rest positions are chosen so that the "
-            "springs balance "
-            "it.",
+            "point --load-at, in the body's axes; rest positions are chosen so that the "
+            "springs balance it.",
         ),
     ],
     where: Where,
@@ -345,8 +351,7 @@ def command(
     except KeyboardInterrupt:
         say(
             f"cartstiff: interrupted: {len(file.done())} of {len(file.parts)} parts are "
-            "in "
-            f"{one_line(place)}; the same command goes on from there",
+            f"in {one_line(place)}; the same command goes on from there",
             error=True,
         )
         raise click.exceptions.Exit(130) from None

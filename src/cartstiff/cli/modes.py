@@ -188,10 +188,8 @@ def command(
             "actuate",
             because=ONE_POSTURE,
             load="Wrench on the body: moment about and force at the point --load-at, in "
-            "the body's "
-            "axes; rest positions are chosen so that the springs balance it. The modes "
-            "without "
-            "the load are printed beside them.",
+            "the body's axes; rest positions are chosen so that the springs balance it. "
+            "The modes without the load are printed beside them.",
         ),
     ],
     response: Response,
@@ -201,12 +199,9 @@ def command(
         Parameters,
         Overrides(
             tolerance="Standard deviations: relative of every spring stiffness, absolute "
-            "of every "
-            "length and rotation (rad) of the geometry. The answer has an interval for "
-            "each "
-            "frequency (measured springs have one without this option) and what "
-            "contributes most "
-            "to it."
+            "of every length and rotation (rad) of the geometry. The answer has an "
+            "interval for each frequency (measured springs have one without this option) "
+            "and what contributes most to it."
         ),
     ],
     out: Printed,

@@ -77,6 +77,11 @@ class Numbers(OptionType):
             raise InputError(
                 "wrong count", where=where, expected=self.name, got=len(numbers)
             )
+        self._check_range(numbers, text, where)
+        return numbers
+
+    def _check_range(self, numbers: list[float], text: str, where: str) -> None:
+        """Refuse numbers that are too small, or all zero."""
         if min(numbers) < self.low or (self.above_zero and min(numbers) <= 0):
             expected = "above zero" if self.above_zero else "zero or more"
             got = numbers if numbers[1:] else numbers[0]
@@ -84,7 +89,6 @@ class Numbers(OptionType):
         if self.some and not any(numbers):
             expected = "a number that is not 0" if self.counts == (1,) else "not all zero"
             raise InputError("must not be zero", where=where, expected=expected, got=text)
-        return numbers
 
 
 def stiffness_of(text: str, where: str) -> float | None:
@@ -633,10 +637,11 @@ class Setup(Load, File, Tool, Posture):
         and notes on them.
         """
         mechanism = elastic.mechanism
-        if self.pose is not None and self.q is not None:
+        given = [x for x in (self.q, self.pose) if x is not None]
+        if len(given) > 1:
             raise InputError("give --q or --pose, not both")
         if self.lengths is not None:
-            if self.q is not None or self.pose is not None:
+            if given:
                 raise InputError("give --lengths or a pose, not both")
             if not len(mechanism.points):
                 raise InputError("is for platforms", where="--lengths", expected="--q")
@@ -722,14 +727,11 @@ class Printed:
 
         notes = data.get("notes", ())
         doubted = [n for n in notes if n["code"] in DOUBTS]
-        first = (
-            {"notes": [*doubted, *(n for n in notes if n not in doubted)]}
-            if doubted
-            else {}
-        )
+        if doubted:
+            data = {**data, "notes": sorted(notes, key=lambda n: n not in doubted)}
 
         def as_json() -> str:
-            return json_text({**data, **first}, mechanism)
+            return json_text(data, mechanism)
 
         made = {".json": lambda: as_json() + "\n"}
         made |= {f".{name}": make for name, make in others.items()}

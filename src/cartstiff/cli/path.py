@@ -64,8 +64,7 @@ def command(
             "pose pose_of lengths rest actuate",
             because="the path has the poses, and its commands follow from them",
             load="Wrench on the body, the same at all points: moment about and force at "
-            "the point "
-            "--load-at.",
+            "the point --load-at.",
         ),
     ],
     path_file: Path,

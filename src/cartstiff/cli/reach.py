@@ -44,8 +44,7 @@ def assemble_command(
             "first. Position and roll, pitch, yaw about fixed axes; default the file's.",
             lengths="Leg lengths of a platform; default those at its pose.",
             load="Wrench on the body in its own frame. The held legs or actuators carry "
-            "it in "
-            "every mode, and the stiffness is the one under this load.",
+            "it in every mode, and the stiffness is the one under this load.",
         ),
     ],
     search: Modes,
@@ -131,11 +130,9 @@ def workspace_command(
             "lengths rest actuate springs stiffness",
             because="limits decide what is reached, not springs and drives",
             pose="Orientation that is kept, and position around which rotations are "
-            "tried: "
-            "position and roll, pitch, yaw about fixed axes; default the file's.",
+            "tried: position and roll, pitch, yaw about fixed axes; default the file's.",
             load="Wrench on the body, in its own frame at the pose from which the rays "
-            "start; "
-            "only for limited forces or tensions.",
+            "start; only for limited forces or tensions.",
         ),
     ],
     search: Search,

@@ -7,7 +7,8 @@ from __future__ import annotations
 import io
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -158,83 +159,94 @@ def read_target(path: Path, order: str | None = None, option: str = "--target") 
 
     from cartstiff import numerics
     from cartstiff.arrays import checked_array
-    from cartstiff.loading.tables import read_rows
     from cartstiff.loading.yaml_file import read_bytes
 
     where = f"{option} {one_line(str(path))}"
-    expected = "a 6x6 matrix of numbers"
     if path.suffix not in (".json", ".csv", ".npy"):
         raise InputError(
             "unknown file ending", where=where, expected=".json, .csv or .npy"
         )
-    fields: dict[str, Any] = {}
-    unusable = (ValueError, TypeError, RecursionError, MemoryError)
-
-    def none_held(error: BaseException) -> InputError:
-        got = getattr(error, "got", None) or str(error)
-        return InputError(
-            "does not hold a matrix", where=where, expected=expected, got=got
-        )
-
     try:
         data = read_bytes(path, _LARGEST)
     except InputError as error:
         raise error.moved_to(where) from None
-    try:
-        if path.suffix == ".npy":
-            content = _of_numpy(data)
-        elif path.suffix == ".csv":
-            text = data.decode()
-            # The comment that our own files begin with names the order.
-            named = [o for o in ORDERS if f"order {o}" in text.partition("\n")[0]]
-            head = re.match(r"# K\^(load|[ABFK+])\b", text)
-            fields = {"order": named[0]} if text.startswith("#") and named else {}
-            fields |= {"connection": {"name": head[1]}} if head else {}
-            content = read_rows(path, "rows", _LARGEST).values
-        else:
-            content = json.loads(data)
-    except unusable as error:
-        raise none_held(error) from None
+    with _matrix_in(where):
+        fields, content = _contents(path, data)
     if isinstance(content, dict):
         _check_keys(content, where)
         fields, content = content, content["matrix"]
-    try:
+    with _matrix_in(where):
         matrix = checked_array(content, (6, 6), "matrix")
-    except unusable as error:
-        raise none_held(error) from None
-    if np.abs(matrix).max() > LARGEST_INPUT:
+    largest = float(np.abs(matrix).max())
+    if largest > LARGEST_INPUT:
         raise InputError(
             "number is too large",
             where=where,
             expected=f"at most {LARGEST_INPUT:g}",
-            got=f"{np.abs(matrix).max():g}",
+            got=f"{largest:g}",
         )
-    if (
-        np.abs(matrix - matrix.T).max()
-        > numerics.NEGLIGIBLE_DISTANCE * np.abs(matrix).max()
-    ):
+    if np.abs(matrix - matrix.T).max() > numerics.NEGLIGIBLE_DISTANCE * largest:
         raise InputError(
             "matrix is not symmetric", where=where, expected="a symmetric stiffness (K^B)"
         )
     own = fields.get("order")
-    if own is not None and own not in ORDERS:
-        raise InputError(
-            "unknown order", where=where, expected=" or ".join(ORDERS), got=repr(own)
-        )
-    if own is not None and order is not None and own != order:
-        raise InputError(
-            "the file names another order", where="--order", expected=own, got=order
-        )
-    source = "option" if order is not None else "file" if own is not None else "default"
+    if own is not None:
+        _check_order(own, order, where)
+    source = "file" if own is not None else "default"
     return Target(
         0.5 * (matrix + matrix.T),
         order or own or ORDERS[0],
-        source,
+        source if order is None else "option",
         _units(fields.get("units"), where),
         _frame(fields.get("frame"), where),
         where,
         _connection(fields.get("connection")),
     )
+
+
+@contextmanager
+def _matrix_in(where: str) -> Iterator[None]:
+    """Refuse a file whose contents cannot be read as a matrix."""
+    try:
+        yield
+    except (ValueError, TypeError, RecursionError, MemoryError) as error:
+        raise InputError(
+            "does not hold a matrix",
+            where=where,
+            expected="a 6x6 matrix of numbers",
+            got=getattr(error, "got", None) or str(error),
+        ) from None
+
+
+def _contents(path: Path, data: bytes) -> tuple[dict[str, Any], Any]:
+    """What a file says beside its matrix, and the matrix, or the object with both."""
+    from cartstiff.loading.tables import read_rows
+
+    if path.suffix == ".npy":
+        return {}, _of_numpy(data)
+    if path.suffix == ".json":
+        return {}, json.loads(data)
+    text, fields = data.decode(), dict[str, Any]()
+    # The comment that our own files begin with names the order.
+    first = text.partition("\n")[0] if text.startswith("#") else ""
+    named = [order for order in ORDERS if f"order {order}" in first]
+    if named:
+        fields["order"] = named[0]
+    if head := re.match(r"# K\^(load|[ABFK+])\b", text):
+        fields["connection"] = {"name": head[1]}
+    return fields, read_rows(path, "rows", _LARGEST).values
+
+
+def _check_order(own: Any, wanted: str | None, where: str) -> None:
+    """Refuse an order of a file that is unknown, or not the one that is wanted."""
+    if own not in ORDERS:
+        raise InputError(
+            "unknown order", where=where, expected=" or ".join(ORDERS), got=repr(own)
+        )
+    if wanted is not None and own != wanted:
+        raise InputError(
+            "the file names another order", where="--order", expected=own, got=wanted
+        )
 
 
 def _connection(connection: Any) -> str | None:
@@ -357,24 +369,13 @@ def read_path_file(
     def columns(group: tuple[str, ...]) -> Any:
         return np.column_stack([table[n] for n in group]) if group[0] in table else None
 
-    wrenches, directions = wrench_columns(table), columns(DIRECTION)
-    for option, value, column in (
-        ("--load", wrench, wrenches),
-        ("--direction", direction, directions),
-    ):
-        if value is not None and column is not None:
-            raise InputError(f"give {option} or columns of {where}, not both")
-    wrenches = wrench if wrenches is None else wrenches
-    directions = direction if directions is None else directions
+    wrenches = once("--load", wrench, wrench_columns(table), where)
+    directions = once("--direction", direction, columns(DIRECTION), where)
     of: Any = axes or "path"
     if axes == "base":
-        of, R = "world", np.eye(3) if base is None else base[:3, :3]
-        wrenches, directions = (
-            None
-            if rows is None
-            else (np.reshape(rows, (-1, 3)) @ R.T).reshape(np.shape(rows))
-            for rows in (wrenches, directions)
-        )
+        of = "world"
+        T = np.eye(4) if base is None else base
+        wrenches, directions = along_world(wrenches, T), along_world(directions, T)
     tool_axes = columns(_AXIS)
     try:
         if tool_axes is None:
@@ -395,6 +396,24 @@ def read_path_file(
         )
     except InputError as error:
         raise error.at(where) from None
+
+
+def once(option: str, value: Any, columns: Any, where: str) -> Any:
+    """What an option or the columns of a file say; refused if both do."""
+    if value is not None and columns is not None:
+        raise InputError(f"give {option} or columns of {where}, not both")
+    return value if columns is None else columns
+
+
+def along_world(rows: Any, base: Any) -> Any:
+    """Vectors along the axes of the base at a pose, as wrenches (m, 6), in the room;
+    None for none.
+    """
+    import numpy as np
+
+    if rows is None:
+        return None
+    return (np.reshape(rows, (-1, 3)) @ base[:3, :3].T).reshape(np.shape(rows))
 
 
 def wrench_columns(table: Mapping[str, Any]) -> Any:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -250,25 +250,18 @@ class StudyEvaluator:
 
     def _sampling(self, elastic: ElasticMechanism) -> Sampling:
         poses, names, home = self.study.poses, elastic.names, elastic.q
-        given = poses.grid or (poses.random.ranges if poses.random else {})
+        given = poses.grid or poses.ranges
         of_body = _are_poses(elastic, given)
+        turns = [c.name for c in elastic.mechanism.coordinates if not c.is_length]
         if of_body:
-            names = COORDINATES
+            names, turns = COORDINATES, list(COORDINATES[3:])
             T = elastic.mechanism.at(home).pose
             home = np.concatenate([T[:3, 3], se3.roll_pitch_yaw(T)])
-        shift = dict(zip(names, home.tolist(), strict=True)) if poses.about_home else {}
-        turns = [c.name for c in elastic.mechanism.coordinates if not c.is_length]
-        angle = ANGLES[(self.study.units or StudyUnits()).angle]
-        angles = dict.fromkeys(COORDINATES[3:] if of_body else turns, angle)
-        ranges = {}
-        for name, (low, high, *_) in given.items():
-            check_name("coordinate", name, names)
-            size, start = angles.get(name, 1.0), shift.get(name, 0.0)
-            ranges[name] = low * size + start, high * size + start
+        ranges = self._ranges(given, dict(zip(names, home.tolist(), strict=True)), turns)
         sampling: Sampling
         if poses.grid is not None:
-            counts = {name: int(count) for name, (*_, count) in poses.grid.items()}
-            axes = {name: Axis(*ends, counts[name]) for name, ends in ranges.items()}
+            counts = poses.grid
+            axes = {n: Axis(*ends, int(counts[n][-1])) for n, ends in ranges.items()}
             sampling = Grid(axes, names, home)
         elif poses.random is not None:
             fixed = {name: (x, x) for name, x in zip(names, home.tolist(), strict=True)}
@@ -277,6 +270,21 @@ class StudyEvaluator:
         else:
             return Trajectory(home[None])
         return AtPoses(sampling, ranges) if of_body else sampling
+
+    def _ranges(
+        self,
+        given: Mapping[str, Sequence[float]],
+        home: Mapping[str, float],
+        turns: Collection[str],
+    ) -> dict[str, tuple[float, float]]:
+        """Ends of the given ranges in rad and length units, by coordinate."""
+        angle, ranges = ANGLES[(self.study.units or StudyUnits()).angle], {}
+        for name, (low, high, *_) in given.items():
+            check_name("coordinate", name, list(home))
+            size = angle if name in turns else 1.0
+            start = home[name] if self.study.poses.about_home else 0.0
+            ranges[name] = low * size + start, high * size + start
+        return ranges
 
     def _job(
         self, elastic: ElasticMechanism, case: Case, quantities: list[str]
@@ -574,8 +582,7 @@ class Designs(LabelledResult):
         if lengths:
             words = (
                 f"{', '.join(lengths)}: every design at its own natural length; `length` "
-                "of a case "
-                "sets one for all"
+                "of a case sets one for all"
             )
             notes.append(Note("own-length", words, {"measures": lengths}))
         if not self.feasible:
@@ -627,7 +634,7 @@ class Designs(LabelledResult):
             axis.plot(
                 a[order],
                 b[order],
-                "o-" if not single and len(names) == 2 else "o",
+                "o-" if len(names) == 2 else "o",
                 color="C1",
                 ms=6,
                 lw=1.2,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -67,17 +67,17 @@ class Variable(StudyModel):
 
     @model_validator(mode="after")
     def _fits(self) -> Variable:
-        ends = [self.low, self.high]
-        if (self.values is None) == (None in ends):
-            raise ValueError("give low and high, or values")
+        low, high = self.low, self.high
         if self.values is not None:
-            if ends != [None, None] or self.count is not None or self.log:
+            if [low, high, self.count] != [None] * 3 or self.log:
                 raise ValueError(
                     "values stand alone: no low, high, count or log beside them"
                 )
-        elif not (self.low or 0.0) < (self.high or 0.0):
-            raise ValueError(f"low must be below high: {self.low:g}, {self.high:g}")
-        elif self.log and not (self.low or 0.0) > 0:
+        elif low is None or high is None:
+            raise ValueError("give low and high, or values")
+        elif not low < high:
+            raise ValueError(f"low must be below high: {low:g}, {high:g}")
+        elif self.log and not low > 0:
             raise ValueError("log needs numbers above zero")
         return self
 
@@ -141,12 +141,17 @@ class Poses(StudyModel):
                 raise ValueError(f"grid.{name}: count must be a whole number, 1 or more")
             if count > 1 and not low < high:
                 raise ValueError(f"grid.{name}: low must be below high")
-        for name, (low, high) in (self.random.ranges if self.random else {}).items():
+        for name, (low, high) in self.ranges.items():
             if not low <= high:
                 raise ValueError(f"random.ranges.{name}: low must not be above high")
         if self.count > MOST_POSES:
             raise ValueError(f"{self.count} poses a design: at most {MOST_POSES}")
         return self
+
+    @property
+    def ranges(self) -> Mapping[str, Sequence[float]]:
+        """Ranges of random poses; none of others."""
+        return self.random.ranges if self.random else {}
 
     @property
     def count(self) -> int:
@@ -225,11 +230,11 @@ class Measure(StudyModel):
         ]
         if self.value is not None and keys:
             raise ValueError(f"{keys[0]} is for quantities")
-        bounds = [key for key in ("above", "below") if getattr(self, key) is not None]
+        bounds = {"above", "below"} & {*keys}
         if self.of == "share" and not bounds:
             raise ValueError("share needs above or below")
         if self.of != "share" and bounds:
-            raise ValueError(f"{bounds[0]} is for `of: share`")
+            raise ValueError(f"{min(bounds)} is for `of: share`")
         return self
 
     @property
@@ -349,20 +354,22 @@ class Study(StudyModel):
         if both := set(self.objectives) & set(self.constraints):
             raise ValueError(f"{min(both)!r} is an objective and a constraint")
         for name, measure in self.measures.items():
-            if measure.quantity is None:
-                continue
-            if measure.case is None and len(self.cases) > 1:
-                raise ValueError(f"{name}: say which case: {', '.join(self.cases)}")
-            if measure.case is not None and measure.case not in self.cases:
-                raise ValueError(f"{name}: unknown case {measure.case!r}")
-            if measure.of == "reached" and self.poses.outside == "refuse":
-                raise ValueError(
-                    f"{name}: reached needs `outside: leave-out` under poses"
-                )
+            if measure.quantity is not None:
+                self._check(name, measure)
+        used = {self.case_of(m) for m in self.measures.values()}
         for name in self.cases:
-            if name not in {self.case_of(m) for m in self.measures.values()}:
+            if name not in used:
                 raise ValueError(f"case {name!r} is not used")
         return self
+
+    def _check(self, name: str, measure: Measure) -> None:
+        """Refuse a measure of a quantity whose case or poses do not go with the study."""
+        if measure.case is None and len(self.cases) > 1:
+            raise ValueError(f"{name}: say which case: {', '.join(self.cases)}")
+        if measure.case is not None and measure.case not in self.cases:
+            raise ValueError(f"{name}: unknown case {measure.case!r}")
+        if measure.of == "reached" and self.poses.outside == "refuse":
+            raise ValueError(f"{name}: reached needs `outside: leave-out` under poses")
 
     @property
     def measures(self) -> dict[str, Objective | Constraint]:

@@ -52,9 +52,8 @@ class Architecture:
             return None
         message = (
             f"architecture singularity: the {self.legs} legs' lines have rank "
-            f"{self.rank} in every "
-            f"pose, {self.name}: no lengths hold the platform, and with those of a pose "
-            "it moves"
+            f"{self.rank} in every pose, {self.name}: no lengths hold the platform, and "
+            "with those of a pose it moves"
         )
         values: dict[str, Any] = {"rank": self.rank, "legs": self.legs, "name": self.name}
         return Note("architecture-singularity", message, values)
@@ -120,17 +119,20 @@ def _name(platform: Platform) -> str:
     anchors, points = platform.anchors, platform.points
     for where, rows in (("base", anchors), ("platform", points)):
         spread = np.linalg.svd(rows - rows.mean(axis=0), compute_uv=False)
-        if numerics.rank(spread) < 2 and spread[0] > 0.0:
+        if numerics.rank(spread) == 1:
             return f"all points of the {where} are on a line"
-        for four in combinations(range(len(rows)), 4):
-            if (
-                np.ptp(rows[list(four)], axis=0).max()
-                <= numerics.NEGLIGIBLE_DISTANCE * spread[0]
-            ):
-                return f"four legs meet in a point of the {where}"
+        fours = (rows[list(four)] for four in combinations(range(len(rows)), 4))
+        least = min((np.ptp(four, axis=0).max() for four in fours), default=np.inf)
+        if least <= numerics.NEGLIGIBLE_DISTANCE * spread[0]:
+            return f"four legs meet in a point of the {where}"
     a, b = _flat(anchors), _flat(points)
     if a is None or b is None:
         return "of no type with a name here"
+    return _planar_type(a, b)
+
+
+def _planar_type(a: Array, b: Array) -> str:
+    """Description of a singular architecture with base and platform in planes."""
     one = np.ones((len(a), 1))
     if _rank_of(np.hstack([a, one, b])) == 3:
         scale, about = (
@@ -140,13 +142,12 @@ def _name(platform: Platform) -> str:
         if abs(scale[0] - scale[1]) <= numerics.NEGLIGIBLE_DISTANCE * scale[0]:
             about = "similar"
         return f"of Ma and Angeles' type: base and platform are {about}, on a conic"
-    if _is_griffis_duffy(a, b) or _is_griffis_duffy(b, a):
-        return (
-            "of Griffis and Duffy's type: the corners of each triangle are joined to "
-            "sides of the "
-            "other"
-        )
-    return "a planar one of no type with a name here"
+    if not (_is_griffis_duffy(a, b) or _is_griffis_duffy(b, a)):
+        return "a planar one of no type with a name here"
+    return (
+        "of Griffis and Duffy's type: the corners of each triangle are joined to "
+        "sides of the other"
+    )
 
 
 def _is_griffis_duffy(a: Array, b: Array) -> bool:

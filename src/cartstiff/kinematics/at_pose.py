@@ -93,20 +93,7 @@ def at_pose(
     search = _Search(elastic, T_P_M, "pose")
     moved = np.abs(_difference(wanted, search.coordinates(search.start))) / search.sizes
     search.given = np.flatnonzero(moved > numerics.NEGLIGIBLE_DIFFERENCE).tolist()
-    q, T = search.one_by_one(wanted[None])[0], search.poses(wanted)
-    short = "" if np.isfinite(q).all() else search.short(T)
-    if len(search.free) == 6 and not short and not np.isfinite(q).all():
-        q = np.array([*inverse_kinematics(elastic, T, most=1), q][0])
-    if not np.isfinite(q).all():
-        names = ", ".join(COORDINATES[i] for i in search.free)
-        missed = f"{names} that the body does not take together"
-        if len(search.free) == 6:
-            missed = f"a place that was not found from {elastic.name}'s posture"
-        raise InputError(
-            "the pose cannot be reached",
-            expected="a pose that every leg reaches",
-            got=short or missed,
-        )
+    q = search.solution(elastic, wanted)
     # Bodies with fewer freedoms keep what they cannot choose, and a note says so.
     reached = search.coordinates(search.chain.at(q))
     off = np.abs(_difference(wanted, reached))
@@ -241,6 +228,30 @@ class _Search:
         if self.is_known:
             return self._by_legs(wanted)
         return np.array([self._by_steps(x) for x in wanted]).reshape(-1, len(self.q))
+
+    def solution(self, elastic: ElasticMechanism, wanted: Array) -> Array:
+        """Coordinates (n,) at a pose (6,), also on other branches of a body with six
+        freedoms.
+
+        Raises
+        ------
+        InputError
+            If none are found: with the leg that is too short, if there is one.
+        """
+        q, T = self.one_by_one(wanted[None])[0], self.poses(wanted)
+        if np.isfinite(q).all():
+            return np.asarray(q)
+        missed, has_six = self.short(T), len(self.free) == 6
+        if has_six and not missed:
+            for branch in inverse_kinematics(elastic, T, most=1):
+                return np.array(branch)
+            missed = f"a place that was not found from {elastic.name}'s posture"
+        names = ", ".join(COORDINATES[i] for i in self.free)
+        raise InputError(
+            "the pose cannot be reached",
+            expected="a pose that every leg reaches",
+            got=missed or f"{names} that the body does not take together",
+        )
 
     def coordinates(self, posture: ChainPosture) -> Array:
         """x, y, z, roll, pitch, yaw of the body."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_array, checked_flag, checked_seed, is_pose
+from cartstiff.arrays import checked_array, checked_flag, checked_pose, checked_seed
 from cartstiff.checked_call import checked
 from cartstiff.errors import InputError, check_name
 from cartstiff.geometry.se3 import Array
@@ -122,56 +122,53 @@ def inverse_kinematics(
     limits = checked_flag(limits, "limits")
     wanted = checked_array(T_F_M, [(4, 4), ("N", 4, 4)], "array of poses")
     single = wanted.ndim == 2
-    wanted = wanted[None] if single else wanted
-    for index, T in enumerate(wanted):
-        if not is_pose(T):
-            raise InputError(f"pose {index + 1} is not a rigid motion", got=T.tolist())
+    wanted = checked_pose(wanted.reshape(-1, 4, 4))
     if checked_elastic(elastic).mechanism.coordinates_are_pose:
-        q, good = PlatformPoses(elastic, limits).solve(wanted, np.empty((len(wanted), 6)))
-        branches = [
-            Branches(
-                q[i : i + 1][good[i : i + 1]], Search(1, (), int(good[i]), int(good[i]))
-            )
-            for i in range(len(wanted))
-        ]
+        branches = _of_platform(PlatformPoses(elastic, limits), wanted)
         return branches[0] if single else branches
     solver = JointPoses(elastic, limits) if solver is None else solver
-    begin = _starts(solver, starts, seed)
-    own_starts = not isinstance(starts, (int, np.integer)) and len(begin) > 1
-    near = begin[1 if own_starts else 0]
+    begin, near = _starts(solver, starts, seed)
     legs = legs_of(elastic, limits)
     modes = legs and working_modes(legs, near, wanted, begin, free, tolerance, most)
     if not modes:
         every = searched(solver, wanted, begin, free, tolerance, cost)
         branches = [Branches(q, Search(len(begin), (), len(q), len(q))) for q in every]
     elif cost is not None and solver.redundancy(free):
-        branches = [
-            Branches(
-                searched(solver, T[None], q[:_MAX_MINIMISED], free, tolerance, cost)[0],
-                q.search,
-            )
-            for T, q in zip(wanted, modes, strict=True)
-        ]
+        branches = []
+        for T, q in zip(wanted, modes, strict=True):
+            few = q[:_MAX_MINIMISED]
+            (best,) = searched(solver, T[None], few, free, tolerance, cost)
+            branches.append(Branches(best, q.search))
     else:
         branches = modes
     return branches[0] if single else branches
+
+
+def _of_platform(solver: PlatformPoses, wanted: Array) -> list[Branches]:
+    """The pose itself, where the legs' limits allow it."""
+    q, good = solver.solve(wanted, np.empty((len(wanted), 6)))
+    each = zip(q, good.tolist(), strict=True)
+    return [Branches(x[None][:ok], Search(1, (), int(ok), int(ok))) for x, ok in each]
 
 
 # Largest number of random starts: each is a posture in memory, with its search.
 _MOST_STARTS = 10**6
 
 
-def _starts(solver: JointPoses, starts: int | ArrayLike, seed: int) -> Array:
-    n = solver.kinematics.n
+def _starts(
+    solver: JointPoses, starts: int | ArrayLike, seed: int
+) -> tuple[Array, Array]:
+    """The default posture and the starts, (k, n), and the first that was given."""
+    n, first = solver.kinematics.n, 0
     if isinstance(starts, (int, np.integer)) and not isinstance(starts, bool):
         if starts < 0:
             raise InputError("number of starts must not be negative", got=int(starts))
         if starts > _MOST_STARTS:
             raise InputError("too many starts", expected=f"at most {_MOST_STARTS}")
-        begin = solver.random_starts(
-            int(starts), np.random.default_rng(checked_seed(seed))
-        )
+        rng = np.random.default_rng(checked_seed(seed))
+        begin = solver.random_starts(int(starts), rng)
     else:
         begin = checked_array(starts, ("N", n), "array of starts")
-    begin = np.vstack([solver.start, begin])
-    return np.clip(begin, solver.lower, solver.upper)
+        first = min(1, len(begin))
+    begin = np.clip(np.vstack([solver.start, begin]), solver.lower, solver.upper)
+    return begin, begin[first]

@@ -311,6 +311,8 @@ class Leg(NamedTuple):
         self, T_F_M: Array, begin: Array, near: Array, free: Free, tolerance: float
     ) -> list[Array]:
         """Different solutions (k, n) at each pose, the nearest to `near` first."""
+        if not len(T_F_M):
+            return []
         target, solver = self.target(T_F_M), self.solver
 
         def away(q: Array) -> Array:
@@ -382,107 +384,162 @@ def legs_of(
     chain = elastic.mechanism
     if not isinstance(chain, Chain) or not chain.closures or chain.body.joint == 0:
         return None
+    legs, taken = [], set[int]()
+    for part in _parts(chain):
+        if not (part.carries or part.ties):
+            continue  # an open branch, as a finger: it does not move
+        leg = _leg(elastic, chain, part, limits, poses)
+        if leg is None or taken & set(leg.columns.tolist()):
+            return None
+        taken |= set(leg.columns.tolist())
+        legs.append(leg)
+    return legs if len(legs) > 1 else None
+
+
+#: A closure with its two ends.
+_Tie = tuple[Closure, FixedFrame, FixedFrame]
+
+
+class _Part(NamedTuple):
+    """Joints of a leg, counted from 1.
+
+    Attributes
+    ----------
+    joints : list of int
+        Of the tree, ascending.
+    ties : list of _Tie
+        Closures that hold them.
+    carries : bool
+        Whether the body frame is on one of them.
+    """
+
+    joints: list[int]
+    ties: list[_Tie]
+    carries: bool
+
+    def split(self, far: int) -> tuple[list[_Tie], list[_Tie]]:
+        """Closures that hold a leg on a joint `far`, and those within it."""
+        outer, inner = list[_Tie](), list[_Tie]()
+        for tie in self.ties:
+            is_end = not self.carries and far in (tie[1].joint, tie[2].joint)
+            (outer if is_end else inner).append(tie)
+        return outer, inner
+
+
+def _parts(chain: Chain) -> list[_Part]:
+    """Joints that are connected without base and body, the one with the body first."""
     tree, body = chain.tree, chain.body.joint
-    parents = [int(p) for p in tree.model.parents]
+    parents = tree.model.parents.tolist()
     ties = [
         (c, chain.placement(c.frame_a), chain.placement(c.frame_b))
         for c in chain.closures
     ]
-    group = list(range(len(parents)))
-
-    def leader(link: int) -> int:
-        while group[link] != link:
-            link = group[link]
-        return link
-
     ends = {0, body}
-    pairs = [(p, j) for j, p in enumerate(parents) if j > 0]
-    for i, k in [*pairs, *((a.joint, b.joint) for _, a, b in ties)]:
-        if i not in ends and k not in ends:
-            group[leader(i)] = leader(k)
-    path = tree.support(body)
-    first = leader(path[0])  # the body itself where one joint carries it
-    parts: dict[int, list[int]] = {first: []}
+    pairs = [*enumerate(parents), *((a.joint, b.joint) for _, a, b in ties)]
+    group = _groups(len(parents), [pair for pair in pairs if not ends & {*pair}])
+    # The body itself where one joint carries it.
+    first = group[body] = group[tree.support(body)[0]]
+    parts = {first: _Part([], [], True)}
     for j in range(1, len(parents)):
-        parts.setdefault(first if j == body else leader(j), []).append(j)
-    held: dict[int, list[tuple[Closure, FixedFrame, FixedFrame]]] = {k: [] for k in parts}
+        parts.setdefault(group[j], _Part([], [], False)).joints.append(j)
     for tie in ties:
-        _, a, b = tie
-        free_ends = [leader(p.joint) for p in (a, b) if p.joint not in ends]
-        held[free_ends[0] if free_ends else first].append(tie)
-    legs = []
-    columns_taken: set[int] = set()
-    for key, joints in parts.items():
-        if key != first and not held[key]:
-            continue  # an open branch, as a finger: it does not move
-        leg = _leg(elastic, chain, joints, held[key], key == first, limits, poses)
-        if leg is None or columns_taken & set(leg.columns.tolist()):
-            return None
-        columns_taken |= set(leg.columns.tolist())
-        legs.append(leg)
-    return legs if len(legs) > 1 else None
+        free = [group[place.joint] for place in tie[1:] if place.joint not in ends]
+        parts[free[0] if free else first].ties.append(tie)
+    return list(parts.values())
+
+
+def _groups(n: int, pairs: list[tuple[int, int]]) -> list[int]:
+    """The group, a number below n, of each of n things some of which are connected."""
+    group = list(range(n))
+    for i, k in pairs:
+        old, new = group[i], group[k]
+        group = [new if g == old else g for g in group]
+    return group
 
 
 def _leg(
     elastic: ElasticMechanism,
     chain: Chain,
-    joints: list[int],
-    ties: list[tuple[Closure, FixedFrame, FixedFrame]],
-    carries: bool,
+    part: _Part,
     limits: bool,
     poses: type[JointPoses],
 ) -> Leg | None:
     """One leg as a chain of its own."""
-    body, parents = chain.body, chain.tree.model.parents
+    body, parents, (joints, _, carries) = chain.body, chain.tree.model.parents, part
     roots = {int(parents[j]) for j in joints} - set(joints)
     if len(roots) != 1:
         return None  # on the base and on the body
     (root,) = roots
     hangs = root == body.joint and not carries
     far = 0 if hangs else body.joint
+    outer, inner = part.split(far)
+    if len(outer) + carries != 1:
+        return None  # holds the body twice, or not at all
     tree, columns = part_of(chain.tree, joints, root)
-    own = {0 if j == root else 1 + joints.index(j): j for j in [root, *joints]}
-    local = {j: i for i, j in own.items()}
-    before = after = np.eye(4)
-    free: Free = "none"
-    end = FixedFrame(local[body.joint], body.T_j_f) if carries else None
+    local = {root: 0} | {j: i for i, j in enumerate(joints, start=1)}
+    end, before, after, free = _end_of(body, outer, far)
+    tree.frames[_END] = FixedFrame(local[end.joint], end.T_j_f)
     closures = []
-    for i, (closure, a, b) in enumerate(ties):
-        if not carries and far in (a.joint, b.joint):
-            if end is not None:
-                return None  # holds the body twice
-            ours, theirs = (b, a) if a.joint == far else (a, b)
-            end = FixedFrame(local[ours.joint], ours.T_j_f)
-            free = "none" if closure.type == "weld" else "rotation"
-            if hangs:
-                before, after = body.T_j_f, theirs.T_j_f
-            else:
-                after = se3.inverse(body.T_j_f) @ theirs.T_j_f
-            continue
-        names = [f"{_END}, closure {i + 1}{side}" for side in "ab"]
-        for name, place in zip(names, (a, b), strict=True):
-            tree.frames[name] = FixedFrame(local[place.joint], place.T_j_f)
-        closures.append(Closure(names[0], names[1], closure.type))
-    if end is None:
-        return None
-    tree.frames[_END] = end
+    for i, (closure, a, b) in enumerate(inner, start=1):
+        one, other = f"{_END}, closure {i}a", f"{_END}, closure {i}b"
+        tree.frames[one] = FixedFrame(local[a.joint], a.T_j_f)
+        tree.frames[other] = FixedFrame(local[b.joint], b.T_j_f)
+        closures.append(Closure(one, other, closure.type))
     index = {int(c): i for i, c in enumerate(columns)}
-    part = Chain(
+    own = Chain(
         tree,
         _END,
         closures=closures,
-        virtual=[index[v] for v in chain.virtual if v in index],
+        virtual=[index[v] for v in index.keys() & chain.virtual],
         kind=chain.kind,
     )
-    solver = poses(ElasticMechanism(elastic.name, part, elastic.q[columns]), limits)
-    distinguishing = set(chain.actuated or ())
-    if (springs := elastic.springs) is not None:
-        sprung = np.flatnonzero(springs.has_coordinate(len(chain.coordinates)))
-        distinguishing |= set(sprung.tolist()) | springs.rigid
-    compared = np.array([i for c, i in index.items() if c in distinguishing], int)
+    solver = poses(ElasticMechanism(elastic.name, own, elastic.q[columns]), limits)
+    compared = [index[c] for c in index.keys() & _distinguishing(elastic, chain)]
+    return Leg(
+        solver,
+        own,
+        columns,
+        np.array(sorted(compared), int),
+        before,
+        after,
+        hangs,
+        free,
+        _known(chain, columns),
+    )
+
+
+def _end_of(
+    body: FixedFrame, outer: list[_Tie], far: int
+) -> tuple[FixedFrame, Array, Array, Free]:
+    """Frame at the end of a leg, the body before and behind it, and what is free there.
+
+    The body frame, if the leg carries it; else where a closure holds the leg on the joint
+    `far`: the body's, or the base of a leg that hangs on the body.
+    """
+    unit = np.eye(4)
+    if not outer:
+        return body, unit, unit, "none"
+    ((closure, a, b),) = outer
+    end, theirs = (b, a) if a.joint == far else (a, b)
+    free: Free = "none" if closure.type == "weld" else "rotation"
+    if far == body.joint:
+        return end, unit, se3.inverse(body.T_j_f) @ theirs.T_j_f, free
+    return end, body.T_j_f, theirs.T_j_f, free
+
+
+def _known(chain: Chain, columns: NDArray[np.intp]) -> PlacedLeg | None:
+    """The leg's kinematics in closed form, if they are known."""
     real = tuple(c for c in columns.tolist() if c not in chain.virtual)
-    closed = next((known for known in chain.legs if known.columns == real), None)
-    return Leg(solver, part, columns, compared, before, after, hangs, free, closed)
+    return next((known for known in chain.legs if known.columns == real), None)
+
+
+def _distinguishing(elastic: ElasticMechanism, chain: Chain) -> set[int]:
+    """Coordinates that distinguish solutions: those with drives or springs."""
+    driven, springs = set(chain.actuated or ()), elastic.springs
+    if springs is None:
+        return driven
+    sprung = np.flatnonzero(springs.has_coordinate(len(chain.coordinates)))
+    return driven | set(sprung.tolist()) | springs.rigid
 
 
 def working_modes(
@@ -519,33 +576,33 @@ def working_modes(
         return None
 
     def solved(leg: Leg, T: Array, free: Free) -> list[Array]:
-        if not len(T):
-            return []
         return leg.solutions(T, begin[:, leg.columns], near[leg.columns], free, tolerance)
 
     solutions = solved(first, wanted, free)
-    # One case is one pose of the body: with a free rotation, one per solution of the
-    # first leg.
-    if free == "none":
-        cases = [
-            (i, own, T) for i, (own, T) in enumerate(zip(solutions, wanted, strict=True))
-        ]
-    else:
-        cases = [
-            (i, row[None], first.chain.at(row).pose)
-            for i, own in enumerate(solutions)
-            for row in own
-        ]
-    poses = np.array([T for _, _, T in cases]).reshape(-1, 4, 4)
-    others = [solved(leg, poses, leg.free) for leg in legs[1:]]
+    cases = _cases(first.chain, solutions, wanted, free)
+    poses = np.concatenate([wanted[:0], *(T for _, T in cases)])
+    others = [iter(solved(leg, poses, leg.free)) for leg in legs[1:]]
     known = free == "none" and all(leg.is_known(near[leg.columns]) for leg in legs)
-    starts = 0 if known else len(begin)
-    result = []
-    for i in range(len(wanted)):
-        own = [k for k, case in enumerate(cases) if case[0] == i]
-        sets = [[cases[k][1], *(part[k] for part in others)] for k in own]
+    starts, result = 0 if known else len(begin), []
+    for owns, _ in cases:
+        sets = [[own, *map(next, others)] for own in owns]
         result.append(_combined(legs, sets, near, starts, most))
     return result
+
+
+def _cases(
+    chain: Chain, solutions: list[Array], wanted: Array, free: Free
+) -> list[tuple[list[Array], Array]]:
+    """Solutions of the first leg by poses of the body, and these (k, 4, 4), for each
+    wanted pose: with a free rotation one pose per solution.
+    """
+    if free == "none":
+        return [([q], T[None]) for q, T in zip(solutions, wanted, strict=True)]
+    cases = []
+    for q in solutions:
+        poses = np.array([chain.at(row).pose for row in q]).reshape(-1, 4, 4)
+        cases.append((list(q[:, None]), poses))
+    return cases
 
 
 def _combined(

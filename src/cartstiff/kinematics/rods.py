@@ -109,31 +109,42 @@ def rod_of(leg: Leg, home: Array, actuated: frozenset[int]) -> Rod | None:
     actuated : frozenset of int
         Driven coordinates of the mechanism.
     """
-    chain = leg.chain
-    moving = [j for j in range(len(home)) if j not in chain.virtual]
+    moving = _driven_and_passive(leg, len(home), actuated)
+    if moving is None:
+        return None
+    driven, passive = moving
+    is_passive = np.isin(np.arange(len(home)), passive)
+    turned = np.random.default_rng(5).uniform(-0.5, 0.5, (2, len(home))) * is_passive
+    postures = (home, *(home + turned))
+    least = numerics.NEGLIGIBLE_DIFFERENCE * leg.solver.length
+    for split in range(2, len(passive) + 1):
+        joints = passive[:split], passive[split:]
+        ends = [pair for q in postures if (pair := _ends(leg, q, *joints)) is not None]
+        if len(ends) == len(postures) and _is_rod(ends, least):
+            return _rod(leg, home, driven, joints, *ends[0])
+    return None
+
+
+def _driven_and_passive(
+    leg: Leg, n: int, actuated: frozenset[int]
+) -> tuple[int, list[int]] | None:
+    """The driven joint and the others of a leg of n coordinates that may have a rod: the
+    first one is driven, the others turn.
+    """
+    moving = [j for j in range(n) if j not in leg.chain.virtual]
     driven = [j for j in moving if int(leg.columns[j]) in actuated]
     if leg.hangs or leg.free not in ("none", "rotation") or driven != moving[:1]:
         return None
     passive = moving[1:]
-    if any(chain.is_length[j] for j in passive):
-        return None
-    is_passive = np.isin(np.arange(len(home)), passive)
-    turned = np.random.default_rng(5).uniform(-0.5, 0.5, (2, len(home))) * is_passive
-    for split in range(2, len(passive) + 1):
-        joints = passive[:split], passive[split:]
-        ends = [_ends(leg, q, *joints) for q in (home, *(home + turned))]
-        known = [pair for pair in ends if pair is not None]
-        if len(known) < len(ends):
-            continue
-        lengths = [float(np.linalg.norm(B - C)) for C, B, _ in known]
-        places = np.array([point for _, _, point in known])
-        least = numerics.NEGLIGIBLE_DIFFERENCE * leg.solver.length
-        if (
-            np.ptp(lengths) <= least
-            and np.ptp(places, axis=0).max() <= least < lengths[0]
-        ):
-            return _rod(leg, home, driven[0], joints, *known[0])
-    return None
+    return None if leg.chain.is_length[passive].any() else (driven[0], passive)
+
+
+def _is_rod(ends: list[tuple[Array, Array, Array]], least: float) -> bool:
+    """Whether two points keep their distance, and the second one its place on the end."""
+    lengths = [float(np.linalg.norm(B - C)) for C, B, _ in ends]
+    places = np.array([point for _, _, point in ends])
+    moved = max(np.ptp(lengths), np.ptp(places, axis=0).max())
+    return bool(moved <= least < lengths[0])
 
 
 def _axes(leg: Leg, q: Array) -> tuple[Array, Array]:

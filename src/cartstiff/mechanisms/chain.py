@@ -333,13 +333,14 @@ class Chain(Mechanism):
             raise InputError(
                 "too many closures", expected=f"at most {_MOST_CLOSURES}", got=many
             )
-        self.actuated = None if actuated is None else tuple(actuated)
+        driven = tuple(range(tree.n))
+        self.actuated: tuple[int, ...] | None = None
         self.selection: Array | None = None
         if actuated is not None:
-            self.selection = np.eye(tree.n)[list(actuated)]
+            self.actuated = driven = tuple(actuated)
+            self.selection = np.eye(tree.n)[list(driven)]
         self.virtual = frozenset(virtual)
-        self.held: list[int] = sorted({*(actuated or ()), *virtual})
-        driven = range(tree.n) if actuated is None else actuated
+        self.held: list[int] = sorted({*(self.actuated or ()), *virtual})
         self.undriven = self.virtual | (frozenset(range(tree.n)) - frozenset(driven))
         self.is_length = np.array([c.is_length for c in tree.coordinates], bool)
         self.has_lengths = bool(self.is_length.any())
@@ -536,27 +537,22 @@ class Chain(Mechanism):
 
     def with_numbers(self, values: Mapping[str, float]) -> Chain:
         """Return the chain with some of `numbers` changed; other names are ignored."""
-        joints, ends = dict[int, Array](), dict[str, FixedFrame]()
-        frame, masses, placed = self.body.T_j_f, dict[str, float](), self._placed()
-        for name in dict.fromkeys(key.rpartition(".")[0] for key in values):
-            if name not in placed:
-                continue
+        joints, ends, frame = dict[int, Array](), dict[str, FixedFrame](), self.body.T_j_f
+        other, placed, group = self, self._placed(), "mass."
+        named = dict.fromkeys(key.rpartition(".")[0] for key in values)
+        moved = list(filter(placed.__contains__, named))
+        for name in moved:
             joint, T = placed[name]
-            nominal = [*T[:3, 3].tolist(), 0.0, 0.0, 0.0]
-            each = zip(PLACE_AXES, nominal, strict=True)
-            x = np.array([values.get(f"{name}.{axis}", own) for axis, own in each])
-            R = se3.exp(np.array([*x[3:], 0.0, 0.0, 0.0]))[:3, :3]
-            T = se3.pose(T[:3, :3] @ R, x[:3])
-            group, _, end = name.partition(".")
-            if group == "placement":
+            T = _displaced(T, name, values)
+            kind, _, end = name.partition(".")
+            if kind == "placement":
                 joints[joint] = T
-            elif group == "closure":
+            elif kind == "closure":
                 ends[end] = FixedFrame(joint, T)
             else:
                 frame = T
-        is_moved = joints or ends or frame is not self.body.T_j_f
-        other = self.with_placements(joints, frame, ends) if is_moved else self
-        group = "mass."
+        if moved:
+            other = self.with_placements(joints, frame, ends)
         masses = {
             n.removeprefix(group): x for n, x in values.items() if n.startswith(group)
         }
@@ -634,17 +630,18 @@ class Chain(Mechanism):
         if posture.residual is None or _is_closed(posture):
             return posture
         closed: ChainPosture | None
-        for held in self._held_sets(posture.q, named) if hold is None else [list(hold)]:
-            movable = ~np.isin(np.arange(posture.q.size), held)
-            if hold is None and self.home is not None:
+        if hold is None:
+            home, sets = self.home, list(self._held_sets(posture.q, named))
+        else:
+            home, sets = None, [list(hold)]
+        for held in sets:
+            movable, closed = ~np.isin(np.arange(posture.q.size), held), None
+            if home is not None:
                 close = partial(self._close_from, movable=movable, tolerance=tolerance)
-                closed = replace(self.home, held=held).lead_to(posture.q, close)
-                if closed is not None:
-                    return closed
-            if (
-                held
-                and (closed := self._close(posture, movable, tolerance)[0]) is not None
-            ):
+                closed = replace(home, held=held).lead_to(posture.q, close)
+            if closed is None and held:
+                closed, *_ = self._close(posture, movable, tolerance)
+            if closed is not None:
                 return closed
         closed, iterations, size = self._close(posture, np.ones_like(movable), tolerance)
         if closed is None:
@@ -674,21 +671,23 @@ class Chain(Mechanism):
         """Return a note on coordinates that closing moved, see `Mechanism.adjusted`."""
         if not self.closures:
             return ()
-        meant = set(self.actuated or ()) | set(named or ())
+        meant = {*(self.actuated or ()), *(named or ())}
         if self.actuated is None and named is None and self.home is not None:
             meant = set(np.flatnonzero(given != self.home.q).tolist())
-        moved = [
-            (c.name, float(given[j]), float(q[j]), self.units.coordinate(c.is_length))
-            for j, c in enumerate(self.coordinates)
-            if j in meant and abs(q[j] - given[j]) > NEGLIGIBLE_DIFFERENCE
-        ]
-        if not moved:
+        differs = np.flatnonzero(np.abs(q - given) > NEGLIGIBLE_DIFFERENCE).tolist()
+        changes, each = dict[str, float](), []
+        for j in filter(meant.__contains__, differs):
+            c, old, new = self.coordinates[j], float(given[j]), float(q[j])
+            changes[c.name] = new - old
+            each.append(
+                f"{c.name} {old:g} -> {new:g} {self.units.coordinate(c.is_length)}"
+            )
+        if not changes:
             return ()
-        each = ", ".join(f"{name} {a:g} -> {b:g} {unit}" for name, a, b, unit in moved)
         words = (
-            f"the chain does not close with its joints as given, and they moved: {each}"
+            "the chain does not close with its joints as given, and they moved: "
+            f"{', '.join(each)}"
         )
-        changes = {name: b - a for name, a, b, _ in moved}
         return (Note("actuators-adjusted", words, changes),)
 
     def closed_as_given(self, q: Array) -> Array:
@@ -737,3 +736,12 @@ class Chain(Mechanism):
             rank=LEAST_CLOSURE_RATE,
         )
         return (closed if size <= tolerance else None), iterations, size
+
+
+def _displaced(T: Array, name: str, values: Mapping[str, float]) -> Array:
+    """Placement with its named numbers: position, and turns about its own axes."""
+    nominal = [*T[:3, 3].tolist(), 0.0, 0.0, 0.0]
+    each = zip(PLACE_AXES, nominal, strict=True)
+    x = np.array([values.get(f"{name}.{axis}", own) for axis, own in each])
+    R = se3.exp(np.array([*x[3:], 0.0, 0.0, 0.0]))[:3, :3]
+    return se3.pose(T[:3, :3] @ R, x[:3])

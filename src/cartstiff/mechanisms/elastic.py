@@ -366,16 +366,18 @@ class ElasticMechanism(ShownInLines):
         slides = dict(zip(self.spring_names, self.slides, strict=True))
         given = in_own_units(stiffness, slides, undriven, self.units)
         springs = with_values(self.springs, self.spring_names, given, rest, undriven)
-        notes = self.notes if stiffness is None else still_assumed(self.notes, stiffness)
+        notes, identified, known = self.notes, self.identified, self.given
+        if stiffness is not None:
+            # Measurements do not apply to springs that are replaced.
+            identified, notes = None, still_assumed(notes, stiffness)
+            replaced = given if isinstance(given, Mapping) else self.spring_names
+            known = known.union(replaced)
         if rest is not None and not all(self.slides):
             kept = [note for note in notes if note.code != "rest-of-turns"]
             notes = (*kept, *rest_of_turns(self.mechanism.coordinates, springs.rest))
-        elastic = replace(self, springs=springs, notes=notes)
-        if stiffness is None:
-            return elastic
-        # Measurements do not apply to springs that are replaced.
-        replaced = given if isinstance(given, Mapping) else self.spring_names
-        return replace(elastic, identified=None, given=self.given.union(replaced))
+        return replace(
+            self, springs=springs, notes=notes, identified=identified, given=known
+        )
 
     @property
     def spring_names(self) -> tuple[str, ...]:

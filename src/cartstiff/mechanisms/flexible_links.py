@@ -4,7 +4,7 @@ side of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -156,7 +156,7 @@ class DeflectionMass:
 
 
 def springs_by_joint(
-    model: pin.Model, flexible: Mapping[str, Give]
+    model: pin.Model, flexible: Mapping[str, Give] | None
 ) -> dict[int, list[LinkSpring]]:
     """Return the virtual joints of compliant links by the joint that carries their links.
 
@@ -185,54 +185,15 @@ def _carried(model: pin.Model, link: int) -> frozenset[int]:
     and `UNFRAMED`.
     """
     frames = list(model.frames)
-    joint, base = int(frames[link].parentJoint), int(frames[link].parentFrame)
-    alone = [
-        k
-        for k, f in enumerate(frames)
-        if f.type == pin.FrameType.BODY
-        and f.parentJoint == joint
-        and int(f.parentFrame) == base
-    ]
+    places = [(int(f.parentJoint), int(f.parentFrame)) for f in frames]
+    bodies = [k for k, f in enumerate(frames) if f.type == pin.FrameType.BODY]
+    alone = [k for k in bodies if places[k] == places[link]]
+    _, base = places[link]
     moved = frames[base].type == pin.FrameType.JOINT or base == 0
     if moved and alone == [link]:  # the only link on the joint carries all other frames
         return frozenset(range(UNFRAMED, len(frames))) - {link, base}
     carried = {link}
-    for k, frame in enumerate(frames):  # parents come before their children
-        if k > 0 and int(frame.parentFrame) in carried:
+    for k, (_, parent) in enumerate(places):  # parents come before their children
+        if parent in carried:
             carried.add(k)
     return frozenset(carried - {link} | {UNFRAMED})
-
-
-def masses_by_side(
-    model: pin.Model,
-    joint: int,
-    side: Callable[[int, int], Place],
-    near: Place,
-    is_soft: bool,
-) -> list[tuple[Place, Any]]:
-    """The masses on a joint as (place, inertia): on its own side, and beyond each spring.
-
-    ``side(frame, joint)`` returns the place that carries a frame; without a spring
-    (`is_soft`) all masses are on one side.
-    """
-    # Pinocchio stores the masses of fixed links with their frames, but not that of the
-    # moved link.
-    own = model.inertias[joint]
-    if not is_soft:
-        return [(near, own)]
-    beyond: list[tuple[Place, Any]] = []
-    for k, frame in enumerate(model.frames):
-        inertia = frame.placement.act(frame.inertia)
-        if int(frame.parentJoint) == joint and (
-            inertia.mass > 0 or np.any(inertia.inertia)
-        ):
-            place = side(k, joint)
-            if place is not near:
-                # Pinocchio's difference is NaN where neither has a mass.
-                own = (
-                    own - inertia
-                    if inertia.mass > 0
-                    else pin.Inertia(own.mass, own.lever, own.inertia - inertia.inertia)
-                )
-                beyond.append((place, inertia))
-    return [(near, own), *beyond]

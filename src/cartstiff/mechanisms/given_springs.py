@@ -34,32 +34,11 @@ def with_values(
     k, passive = springs.stiffness, []
     if stiffness is not None:
         passive = np.flatnonzero(springs.is_passive).tolist()
-        k = k.copy()
-        k[list(springs.rigid)] = np.inf
-        if not isinstance(stiffness, (Mapping, list, tuple)) and np.ndim(stiffness) == 0:
-            undriven = undriven - set(np.flatnonzero(k).tolist()) - set(springs.laws)
-            each: dict[str, Any] = {
-                n: stiffness for j, n in enumerate(names) if j not in undriven
-            }
-            if not each:
-                raise InputError(
-                    "no joint is actuated or has a spring, so one stiffness is for none",
-                    where="stiffness",
-                    expected="name=value for the actuated joints, or their names under "
-                    "'actuated' in the file",
-                    got=", ".join(names),
-                )
-            stiffness = each
-        # A number for a joint replaces its nonlinear law as well.
-        named = set(stiffness) if isinstance(stiffness, Mapping) else set(names)
-        springs = springs.linear([j for j, name in enumerate(names) if name in named])
-    if stiffness is not None:
-        k = named_values(stiffness, names, k, "stiffness", infinite=True)
-        if np.any(k < 0):
-            raise InputError("stiffness must not be negative", got=k.tolist())
-    rests = springs.rest
+        springs, k = _with_stiffness(springs, names, stiffness, undriven)
+    rests, given = springs.rest, set[str]()
     if rest is not None:
         rests = named_values(rest, names, rests, "rest")
+        given = set(rest if isinstance(rest, Mapping) else names)
         if np.any(rests < springs.least_rest):
             raise InputError(
                 "rest length is negative",
@@ -67,19 +46,42 @@ def with_values(
                 got=float(np.nanmin(rests)),
             )
         for j in springs.rigid:
-            if not isinstance(rest, Mapping) or names[j] in rest:
+            if names[j] in given:
                 raise InputError(
                     f"joint {names[j]!r} is rigid and has no rest position",
                     expected="rest positions by name, of the others",
                 )
     # Joints that were passive or rigid have no rest position yet.
     rests = np.where(np.isinf(k), np.nan, rests)
-    if rest is None or isinstance(rest, Mapping):
-        fresh = [
-            j for j in passive if 0.0 < k[j] < np.inf and names[j] not in (rest or {})
-        ]
-        rests[fresh] = np.nan
+    rests[[j for j in passive if 0.0 < k[j] < np.inf and names[j] not in given]] = np.nan
     return springs.replaced(k, rests)
+
+
+def _with_stiffness(
+    springs: Springs, names: Sequence[str], stiffness: Any, undriven: frozenset[int]
+) -> tuple[Springs, Array]:
+    """Springs without the laws of joints that get a number; the stiffnesses of all."""
+    k = springs.stiffness.copy()
+    k[list(springs.rigid)] = np.inf
+    if not isinstance(stiffness, (Mapping, list, tuple)) and np.ndim(stiffness) == 0:
+        # One number, for joints that are driven or have a spring.
+        undriven = undriven - set(np.flatnonzero(k).tolist()) - set(springs.laws)
+        stiffness = {n: stiffness for j, n in enumerate(names) if j not in undriven}
+        if not stiffness:
+            raise InputError(
+                "no joint is actuated or has a spring, so one stiffness is for none",
+                where="stiffness",
+                expected="name=value for the actuated joints, or their names under "
+                "'actuated' in the file",
+                got=", ".join(names),
+            )
+    # A number for a joint replaces its nonlinear law as well.
+    named = set(stiffness if isinstance(stiffness, Mapping) else names)
+    springs = springs.linear([j for j, name in enumerate(names) if name in named])
+    k = named_values(stiffness, names, k, "stiffness", infinite=True)
+    if np.any(k < 0):
+        raise InputError("stiffness must not be negative", got=k.tolist())
+    return springs, k
 
 
 def in_own_units(

@@ -28,6 +28,11 @@ def quantile(level: float, degrees: float = np.inf) -> float:
     return float(ndtri(tail) if np.isinf(degrees) else stdtrit(degrees, tail))
 
 
+def _per(size: Mapping[str, float], a: float, one: str, other: str) -> float:
+    """Factor of a deflection over an effort: moments become a times as large."""
+    return float(size[one] * size[other] / a)
+
+
 @dataclass(frozen=True)
 class CompliancePattern:
     """The elements on which a compliance parameter acts, as a symmetric matrix S.
@@ -61,6 +66,23 @@ class CompliancePattern:
         if self.law is not None:
             return self.law[1] == 1
         return all(a == b and weight > 0 for a, b, weight in self.entries)
+
+    def factor(self, size: Mapping[str, float], a: float) -> float:
+        """Factor of the value if lengths are times `a`, and deflections times `size`."""
+        if self.law is not None:
+            name, power = self.law
+            if power > 1:
+                return float(a / size[name] ** (power + 1))
+            return _per(size, a, name, name)
+        # A beam's value is a share of the file's own, which has no unit.
+        return 1.0 if self.is_share else _per(size, a, *self.entries[0][:2])
+
+    def scaled(
+        self, size: Mapping[str, float], a: float, factor: float
+    ) -> CompliancePattern:
+        """The pattern where the value is times `factor`, see `factor`."""
+        entries = [(i, j, s * _per(size, a, i, j) / factor) for i, j, s in self.entries]
+        return replace(self, entries=tuple(entries))
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,42 +158,15 @@ class Identified:
         `lengths` says which springs deflect by one.
         """
         size = {name: a if is_length else 1.0 for name, is_length in lengths.items()}
-
-        def per(one: str, other: str) -> float:
-            """Factor of a deflection over an effort: moments become a times as large."""
-            return float(size[one] * size[other] / a)
-
-        factors, patterns = [], []
-        for pattern in self.patterns:
-            # A beam's value is a share of the file's own, which has no unit.
-            if pattern.law is not None:
-                name, power = pattern.law
-                factor = (
-                    per(name, name)
-                    if power == 1
-                    else float(a / size[name] ** (power + 1))
-                )
-            else:
-                factor = 1.0 if pattern.is_share else per(*pattern.entries[0][:2])
-            factors.append(factor)
-            patterns.append(
-                replace(
-                    pattern,
-                    entries=tuple(
-                        (i, j, weight * per(i, j) / factor)
-                        for i, j, weight in pattern.entries
-                    ),
-                )
-            )
-        # Parameters of several springs have names of their own, and so have axes of a
-        # link.
-        of = {name: per(name, name) for name in size} | dict(
-            zip(self.names, factors, strict=True)
-        )
+        factors = [pattern.factor(size, a) for pattern in self.patterns]
+        pairs = zip(self.patterns, factors, strict=True)
+        # Parameters of several springs have names of their own, and axes of a link have.
+        of = {name: _per(size, a, name, name) for name in size}
+        of |= zip(self.names, factors, strict=True)
         least = {name: k / of[name] for name, k in (self.at_least or {}).items()}
         return replace(
             self,
-            patterns=tuple(patterns),
+            patterns=tuple(pattern.scaled(size, a, factor) for pattern, factor in pairs),
             values=self.values * factors,
             covariance=self.covariance * np.multiply.outer(factors, factors),
             at_least=least,

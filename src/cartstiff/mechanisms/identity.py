@@ -14,7 +14,7 @@ import re
 import sys
 import sysconfig
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache, cached_property
@@ -25,6 +25,7 @@ from xml.etree.ElementTree import ParseError, canonicalize
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from cartstiff import version as own
 from cartstiff.errors import InputError, one_line
@@ -208,44 +209,45 @@ def differing_parts(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[st
 
 def _changed(there: list[list[str]], here: list[list[str]]) -> str | None:
     """Description of the first file that differs; None where all are the same."""
-    if [digest for _, digest in there] == [digest for _, digest in here]:
+    digests = [digest for _, digest in there]
+    if digests == [digest for _, digest in here]:
         return None
     for name, digest in here:
-        if digest not in [other for _, other in there]:
+        if digest not in digests:
             known = name in [other for other, _ in there]
-            return f"{one_line(name)} " + (
-                "was changed" if known else "was not read for it"
-            )
-    gone = next((name for name, digest in there if [name, digest] not in here), None)
-    return (
-        "files were read in another order"
-        if gone is None
-        else f"{one_line(gone)} is not read"
-    )
+            return one_line(name) + (" was changed" if known else " was not read for it")
+    for name, digest in there:
+        if [name, digest] not in here:
+            return f"{one_line(name)} is not read"
+    return "files were read in another order"
 
 
 def _difference(a: Any, b: Any, name: str) -> tuple[str, Any, Any] | None:
     """Name and values of the first part that differs; numbers may differ by rounding."""
     if isinstance(a, dict) and isinstance(b, dict):
-        for key in {**a, **b}:
-            if (difference := _difference(a.get(key), b.get(key), key)) is not None:
-                return difference
-        return None
-    if _numeric(a) and _numeric(b) and len(a) == len(b):
-        x, y = np.array(a, float), np.array(b, float)
-        sizes = np.maximum(np.abs(x), np.abs(y))
-        tolerance = _TOLERANCE * sizes + ROUNDOFF_OF_SUMS * sizes.max(initial=0.0)
-        return (name, a, b) if np.any(np.abs(x - y) > tolerance) else None
-    if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
-        pairs = zip(a, b, strict=True)
-        return next(((name, a, b) for x, y in pairs if _difference(x, y, name)), None)
-    return None if type(a) is type(b) and a == b else (name, a, b)
+        each = (_difference(a.get(key), b.get(key), key) for key in {**a, **b})
+        return next(filter(None, each), None)
+    if isinstance(a, list) and isinstance(b, list):
+        differs = _lists_differ(a, b)
+    else:
+        differs = type(a) is not type(b) or a != b
+    return (name, a, b) if differs else None
 
 
-def _numeric(value: Any) -> bool:
-    return isinstance(value, list) and all(
-        isinstance(v, (int, float)) and not isinstance(v, bool) for v in value
-    )
+def _lists_differ(a: list[Any], b: list[Any]) -> bool:
+    """Whether two lists differ; numbers may differ by the rounding of the largest."""
+    if len(a) != len(b):
+        return True
+    if not (_numeric(a) and _numeric(b)):
+        return any(_difference(x, y, "") for x, y in zip(a, b, strict=True))
+    x, y = np.array(a, float), np.array(b, float)
+    sizes = np.maximum(np.abs(x), np.abs(y))
+    tolerance = _TOLERANCE * sizes + ROUNDOFF_OF_SUMS * sizes.max(initial=0.0)
+    return bool(np.any(np.abs(x - y) > tolerance))
+
+
+def _numeric(value: list[Any]) -> bool:
+    return all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in value)
 
 
 def fingerprint(value: Any) -> str:
@@ -277,78 +279,98 @@ class _Fingerprints:
         return self._known[id(value)][1]
 
     def _parts(self, value: Any) -> Iterator[str]:
-        kind = type(value)
         if isinstance(value, Description):
             return
-        own = value if isinstance(value, (type, types.FunctionType)) else kind
+        kind = type(value)
+        is_code = isinstance(value, (type, types.FunctionType))
+        own = value if is_code else kind
         version = getattr(value, "version", None)
         if isinstance(version, (str, int)) and not _is_installed(own.__module__):
             # In place of its code.
             yield f"{own.__module__}.{own.__qualname__} {version!r}"
-            if not isinstance(value, (type, types.FunctionType)):
+            if not is_code:
                 yield self.of(_state(value))
             return
-        if isinstance(value, Units):
-            # Not the unit of angles in tables for people.
-            yield f"{value.length} {value.force}"
+        for kinds, parts_of in _KINDS:
+            if isinstance(value, kinds):
+                yield from parts_of(self, value)
+                return
+        yield f"{kind.__module__}.{kind.__qualname__}"
+        if not _is_installed(kind.__module__):
+            yield self.of(kind)
+        yield self.of(_state(value))
+
+    def _of_units(self, units: Units) -> Iterator[str]:
+        """Not the unit of angles in tables for people."""
+        yield f"{units.length} {units.force}"
+
+    def _of_mapping(self, mapping: Mapping[Any, Any]) -> Iterator[str]:
+        yield "mapping"
+        for key, entry in sorted((repr(key), entry) for key, entry in mapping.items()):
+            yield from (key, self.of(entry))
+
+    def _of_array(self, value: NDArray[Any]) -> Iterator[str]:
+        if value.dtype.kind != "f":
+            yield from self._of_sequence(value)
             return
-        if isinstance(value, Mapping):
-            yield "mapping"
-            for key, entry in sorted((repr(key), entry) for key, entry in value.items()):
-                yield from (key, self.of(entry))
-        elif isinstance(value, np.ndarray) and value.dtype.kind == "f":
-            largest = float(np.abs(value[np.isfinite(value)]).max(initial=0.0))
-            yield f"{value.shape}"
-            yield from (
-                _digits(x, ROUNDOFF_OF_SUMS * largest) for x in value.ravel().tolist()
-            )
-        elif isinstance(value, (list, tuple, np.ndarray)):
-            yield f"{kind.__name__} {len(value)}"
-            yield from map(self.of, value)
-        elif isinstance(value, (set, frozenset)):
-            yield from sorted(map(self.of, value))
-        elif isinstance(value, pin.Model):
-            yield from map(_token, value.saveToString().split())
-        elif isinstance(value, types.FunctionType):
-            inside = [_content(cell) for cell in value.__closure__ or ()]
-            yield value.__qualname__
-            code = [
-                value.__code__,
-                value.__defaults__,
-                value.__kwdefaults__,
-                inside,
-                vars(value),
-            ]
-            yield from map(self.of, code)
-            if not _is_installed(value.__module__):
-                yield from map(self.of, _named_by(value))
-        elif isinstance(value, types.CodeType):
-            yield from (
-                value.co_code.hex(),
-                repr(value.co_names),
-                self.of(value.co_consts),
-            )
-        elif isinstance(
-            value, (type, types.BuiltinFunctionType, np.ufunc, types.ModuleType)
-        ):
-            yield f"{getattr(value, '__module__', '')} {value.__name__}"
-            if isinstance(value, type) and not _is_installed(value.__module__):
-                yield self.of(value.__bases__)
-                yield self.of(
-                    {n: entry for n, entry in vars(value).items() if n not in _OF_CLASS}
-                )
-        elif isinstance(value, (property, classmethod, staticmethod, cached_property)):
-            functions = [
-                getattr(value, n, None) for n in ("fget", "fset", "__func__", "func")
-            ]
-            yield from (kind.__name__, self.of(functions))
-        else:
-            yield f"{kind.__module__}.{kind.__qualname__}"
-            if not _is_installed(kind.__module__):
-                yield self.of(kind)
-            yield self.of(_state(value))
+        largest = float(np.abs(value[np.isfinite(value)]).max(initial=0.0))
+        yield f"{value.shape}"
+        yield from (
+            _digits(x, ROUNDOFF_OF_SUMS * largest) for x in value.ravel().tolist()
+        )
+
+    def _of_sequence(self, values: Any) -> Iterator[str]:
+        yield f"{type(values).__name__} {len(values)}"
+        yield from map(self.of, values)
+
+    def _of_set(self, values: Collection[Any]) -> Iterator[str]:
+        yield from sorted(map(self.of, values))
+
+    def _of_model(self, model: pin.Model) -> Iterator[str]:
+        yield from map(_token, model.saveToString().split())
+
+    def _of_function(self, value: types.FunctionType) -> Iterator[str]:
+        inside = [_content(cell) for cell in value.__closure__ or ()]
+        yield value.__qualname__
+        defaults = value.__defaults__, value.__kwdefaults__
+        yield from map(self.of, [value.__code__, *defaults, inside, vars(value)])
+        if not _is_installed(value.__module__):
+            yield from map(self.of, _named_by(value))
+
+    def _of_code(self, code: types.CodeType) -> Iterator[str]:
+        yield from (code.co_code.hex(), repr(code.co_names), self.of(code.co_consts))
+
+    def _of_named(self, value: Any) -> Iterator[str]:
+        yield f"{getattr(value, '__module__', '')} {value.__name__}"
+        if isinstance(value, type) and not _is_installed(value.__module__):
+            yield self.of(value.__bases__)
+            yield self.of({n: x for n, x in vars(value).items() if n not in _OF_CLASS})
+
+    def _of_descriptor(self, value: Any) -> Iterator[str]:
+        names = ("fget", "fset", "__func__", "func")
+        yield type(value).__name__
+        yield self.of([getattr(value, name, None) for name in names])
 
 
+#: What the contents of an object are, by its kind: the first that it is.
+_KINDS: tuple[tuple[Any, Callable[[_Fingerprints, Any], Iterator[str]]], ...] = (
+    (Units, _Fingerprints._of_units),
+    (Mapping, _Fingerprints._of_mapping),
+    (np.ndarray, _Fingerprints._of_array),
+    ((list, tuple), _Fingerprints._of_sequence),
+    ((set, frozenset), _Fingerprints._of_set),
+    (pin.Model, _Fingerprints._of_model),
+    (types.FunctionType, _Fingerprints._of_function),
+    (types.CodeType, _Fingerprints._of_code),
+    (
+        (type, types.BuiltinFunctionType, np.ufunc, types.ModuleType),
+        _Fingerprints._of_named,
+    ),
+    (
+        (property, classmethod, staticmethod, cached_property),
+        _Fingerprints._of_descriptor,
+    ),
+)
 # Attributes of a class that do not say what it does.
 _OF_CLASS = {
     *(
@@ -411,16 +433,32 @@ def _named_by(function: types.FunctionType) -> list[tuple[str, Any]]:
 
 def _state(value: Any) -> Any:
     """State of an object without its cached properties."""
+    state, kind = _reduced(value), type(value)
+    if not isinstance(state, dict):
+        return state
+    cached = {
+        name
+        for base in kind.__mro__
+        for name, entry in vars(base).items()
+        if isinstance(entry, cached_property)
+    }
+    if isinstance(
+        value, Mechanism
+    ):  # has units and base of its own, or those of its class
+        for name in {"units", "base_pose"} & state.keys():
+            if fingerprint(state[name]) == fingerprint(getattr(kind, name)):
+                cached.add(name)
+    return {name: entry for name, entry in state.items() if name not in cached}
+
+
+def _reduced(value: Any) -> Any:
+    """State of an object as pickling takes it."""
     try:
+        state: Any = value.__reduce_ex__(4)
+        if isinstance(state, str):
+            return state
         is_plain = getattr(type(value), "__reduce__", None) is object.__reduce__
-        reduced: Any = value.__reduce_ex__(4)
-        state = (
-            reduced
-            if isinstance(reduced, str)
-            else reduced[2]
-            if is_plain
-            else reduced[1:3]
-        )
+        return state[2] if is_plain else state[1:3]
     except Exception:  # an object that cannot be pickled
         raise InputError(
             "own code names an object whose contents cannot be compared with those of a "
@@ -428,24 +466,6 @@ def _state(value: Any) -> Any:
             where=one_line(f"{type(value).__module__}.{type(value).__qualname__}"),
             expected='an attribute version="1" of the function or class that names it',
         ) from None
-    if not isinstance(state, dict):
-        return state
-    cached = {
-        name
-        for base in type(value).__mro__
-        for name, entry in vars(base).items()
-        if isinstance(entry, cached_property)
-    }
-    # A mechanism has units and base of its own, or those of its class.
-    of_class = [
-        n for n in ("units", "base_pose") if n in state and isinstance(value, Mechanism)
-    ]
-    cached.update(
-        n
-        for n in of_class
-        if fingerprint(state[n]) == fingerprint(getattr(type(value), n))
-    )
-    return {name: entry for name, entry in state.items() if name not in cached}
 
 
 def _token(word: str) -> str:

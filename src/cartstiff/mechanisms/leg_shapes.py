@@ -169,54 +169,53 @@ class LegShape:
         driven, C = self.driven(B, mode)
         n = B - C
         n = n / np.linalg.norm(n, axis=1, keepdims=True)
-        n0 = self.line
         carrier = np.broadcast_to(np.eye(3), body.shape)
         if self.family == "crank":
             carrier = turns(self.axis, driven - self.home)
+        angles, rod = self._middle(n, carrier, body)
+        spin: list[Array] = []
+        if self.spins and self.end == "S":
+            spin = [np.zeros(len(T))]
+        elif self.spins:
+            aim = self._by_end(n, body) if self.end else body
+            turned = self.rod_frame.T @ rod.swapaxes(1, 2) @ aim @ self.rod_frame
+            spin = [np.arctan2(turned[:, 2, 1], turned[:, 1, 1])]
+            rod = rod @ turns(self.line, spin[0])
+        # What is left to turn at B, and what its joint cannot make.
+        left = rod.swapaxes(1, 2) @ body
+        gap = np.zeros((len(T), 6))
+        gap[:, :3] = (rod @ self.line) - n
+        missed = np.linalg.norm(gap[:, :3], axis=1)
+        if self.end == "S":
+            end = _about_three_axes(self.end_home[:3, :3], left)
+        else:
+            end, made = self._end(left)
+            apart = made.swapaxes(1, 2) @ left
+            error = np.linalg.norm(apart - np.eye(3), axis=(1, 2))
+            missed = missed + error / np.sqrt(2.0)
+            gap[:, 3:] = 0.5 * (apart - apart.swapaxes(1, 2))[:, (2, 0, 1), (1, 2, 0)]
+        strut = self.family == "strut"
+        near = [*angles, driven, *spin] if strut else [driven, *angles]
+        return np.stack([*near, *end], axis=1), missed, gap
+
+    def _middle(self, n: Array, carrier: Array, body: Array) -> tuple[list[Array], Array]:
+        """Angles at C and the rotation of the rod, with its line along n (N, 3) and what
+        carries it turned by `carrier`.
+        """
         back = carrier.swapaxes(1, 2)
-        own = (back @ n[..., None])[..., 0]
-        columns: list[Array] = []
         if self.middle == "S":
-            rod = body if not self.end or self.end == "S" else self._by_end(n, body)
-            columns += _about_three_axes(self.rod_frame, back @ rod)
-        elif self.middle == "U":
+            rod = self._by_end(n, body) if self.end in ("R", "U") else body
+            return _about_three_axes(self.rod_frame, back @ rod), rod
+        own, n0 = (back @ n[..., None])[..., 0], self.line
+        if self.middle == "U":
             m, b = self.universal
             u = np.arctan2(own @ b, own @ m)
             tilt = np.arctan2(-own @ self.axis, np.hypot(own @ m, own @ b))
             w = tilt - np.arctan2(-n0 @ self.axis, n0 @ m)
-            rod = carrier @ turns(self.axis, u) @ turns(b, w)
-            columns += [u, w]
-        else:
-            side = self.across
-            u = np.arctan2(own @ side, own @ n0 - (own @ self.axis) * (n0 @ self.axis))
-            rod = carrier @ turns(self.axis, u)
-            columns.append(u)
-        spin = []
-        if self.spins:
-            aim = body if not self.end else self._by_end(n, body)
-            if self.end != "S":
-                turned = self.rod_frame.T @ rod.swapaxes(1, 2) @ aim @ self.rod_frame
-                angle = np.arctan2(turned[:, 2, 1], turned[:, 1, 1])
-                rod = rod @ turns(n0, angle)
-                spin = [angle]
-            else:
-                spin = [np.zeros(len(T))]
-        left = rod.swapaxes(1, 2) @ body
-        gap = np.zeros((len(T), 6))
-        gap[:, :3] = (rod @ n0) - n
-        missed = np.linalg.norm(gap[:, :3], axis=1)
-        if self.end == "S":
-            columns_end = _about_three_axes(self.end_home[:3, :3], left)
-        else:
-            columns_end, made = self._end(left)
-            apart = made.swapaxes(1, 2) @ left
-            missed = missed + np.linalg.norm(apart - np.eye(3), axis=(1, 2)) / np.sqrt(
-                2.0
-            )
-            gap[:, 3:] = 0.5 * (apart - apart.swapaxes(1, 2))[:, (2, 0, 1), (1, 2, 0)]
-        strut = self.family == "strut"
-        columns = [*columns, driven, *spin] if strut else [driven, *columns]
-        return np.stack([*columns, *columns_end], axis=1), missed, gap
+            return [u, w], carrier @ turns(self.axis, u) @ turns(b, w)
+        along = own @ n0 - (own @ self.axis) * (n0 @ self.axis)
+        u = np.arctan2(own @ self.across, along)
+        return [u], carrier @ turns(self.axis, u)
 
     @cached_property
     def line(self) -> Array:

@@ -7,7 +7,7 @@ forces: these limit its use.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from copy import copy
 from typing import Protocol
 from weakref import WeakKeyDictionary
@@ -21,7 +21,7 @@ from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
 from cartstiff.potentials.springs import Springs
-from cartstiff.units import engineering
+from cartstiff.units import Units, engineering
 
 #: Round-off of a quantity at its limit, relative to the quantity or to its natural size.
 _ROUNDOFF = numerics.LIMIT_SLACK
@@ -81,22 +81,18 @@ class Limits:
         self, mechanism: Mechanism, ignore: bool = False, *, contacts: bool = False
     ) -> None:
         self.legs = mechanism if len(mechanism.points) else None
-        turns = {c.name: c.type == "revolute" for c in mechanism.coordinates}
-        bounds = [
-            (name, *pair, turns.get(name, False))
-            for name, pair in mechanism.bounds.items()
-        ]
-        are_finite = [
-            not ignore and bool(np.isfinite(pair).any()) for _, *pair, _ in bounds
-        ]
-        self.columns = np.flatnonzero(are_finite)
+        bounds = {} if ignore else mechanism.bounds
         self._more = [] if contacts or ignore else mechanism.quantities()
-        rows = [bounds[j] for j in self.columns]
-        rows += [row for quantities in self._more for row in quantities.rows]
-        self.names = tuple(name for name, *_ in rows)
-        self.lower = np.array([low for _, low, _, _ in rows], float)
-        self.upper = np.array([high for _, _, high, _ in rows], float)
-        self.are_angles = np.array([is_angle for *_, is_angle in rows], bool)
+        turns = {c.name: c.type == "revolute" for c in mechanism.coordinates}
+        every = [(name, *pair, turns.get(name, False)) for name, pair in bounds.items()]
+        self.columns = np.flatnonzero([np.isfinite(row[1:3]).any() for row in every])
+        rows = [every[j] for j in self.columns]
+        for quantities in self._more:
+            rows += quantities.rows
+        names, lower, upper, are_angles = zip(*rows, strict=True) if rows else ((),) * 4
+        self.names: tuple[str, ...] = tuple(names)
+        self.lower, self.upper = np.array(lower, float), np.array(upper, float)
+        self.are_angles = np.array(are_angles, bool)
         self.left_out = np.zeros(len(self.columns), int)
 
     def __len__(self) -> int:
@@ -201,28 +197,19 @@ def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[
         Name of the posture, which precedes the message.
     """
     limits = limits_of(mechanism)
-    large: dict[str, float] = {}
-    largest = max(map(abs, posture.q.tolist()), default=0.0)
-    # Joints may turn several times; the angles of a pose rarely do.
-    plausible = _TURN if mechanism.coordinates_are_pose else 2.0 * _TURN
-    if largest > plausible:
-        large = {
-            c.name: x
-            for c, x in zip(mechanism.coordinates, posture.q.tolist(), strict=True)
-            if c.type == "revolute" and abs(x) > plausible and c.name not in limits.names
-        }
+    large = _large_angles(mechanism, posture.q.tolist(), limits.names)
     if not large and limits.holds(posture.q, posture.pose):
         return []
     notes = []
     values = limits.values(posture.q, posture.pose)
     which = np.flatnonzero(limits.side(values))
     if which.size:
-        lengths, are_angles = mechanism.units.length, limits.are_angles
+        length, are_angles = mechanism.units.length, limits.are_angles
         beyond = [
             (
                 limits.names[i],
                 float(values[i]),
-                "rad" if are_angles[i] else lengths,
+                "rad" if are_angles[i] else length,
                 limits.lower[i],
                 limits.upper[i],
             )
@@ -234,6 +221,21 @@ def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[
         words = "; ".join(f"{name} is at {x:.6g} rad" for name, x in large.items())
         notes.append(Note("many-turns", f"{what}several turns: {words}{_DEGREES}", large))
     return notes
+
+
+def _large_angles(
+    mechanism: Mechanism, q: list[float], limited: Collection[str]
+) -> dict[str, float]:
+    """Angles without limits that may be in degrees, by name."""
+    # Joints may turn several times; the angles of a pose rarely do.
+    plausible = _TURN if mechanism.coordinates_are_pose else 2.0 * _TURN
+    if max(map(abs, q), default=0.0) <= plausible:
+        return {}
+    return {
+        c.name: x
+        for c, x in zip(mechanism.coordinates, q, strict=True)
+        if c.type == "revolute" and abs(x) > plausible and c.name not in limited
+    }
 
 
 def beyond_limits(notes: Iterable[Note]) -> list[str]:
@@ -310,23 +312,13 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
     x[list(chain.undriven)] = 0.0
     if not is_length.any() and np.abs(x).sum() <= MAX_WIND_UP:
         return []  # the deflection of the tip is small as well
-    wound = np.flatnonzero((np.abs(x) > MAX_WIND_UP) & ~is_length)
-    wound = wound[np.argsort(-np.abs(x[wound]))]
-    parts = [
-        f"joint {chain.names[j]!r} winds up by {np.degrees(abs(x[j])):.3g} deg under "
-        f"{engineering(abs(torque[j]), units.moment, 3)}, at "
-        f"{engineering(abs(torque[j] / x[j]), units.spring(False), 3)}"
-        for j in wound[:3]
-    ]
-    parts += [f"{', '.join(chain.names[j] for j in wound[3:])}: more than 5 deg"] * (
-        len(wound) > 3
-    )
-    values: dict[str, object] = {"wind_up": {chain.names[j]: float(x[j]) for j in wound}}
+    parts, angles = _wound_up(chain.names, np.where(is_length, 0.0, x), torque, units)
+    values: dict[str, object] = {"wind_up": angles}
     if (reach := chain.reach) is not None:
         moved = float(np.linalg.norm((chain.at(q).pose - chain.at(q - x).pose)[:3, 3]))
         if moved > MAX_RELATIVE_DEFLECTION * reach > 0.0:
-            sizes = (engineering(x, units.length, 3) for x in (moved, reach))
-            parts.append("the tip moves by {}, its reach is {}".format(*sizes))
+            tip, whole = (engineering(x, units.length, 3) for x in (moved, reach))
+            parts.append(f"the tip moves by {tip}, its reach is {whole}")
             values |= {"moved": moved, "reach": reach}
     if not parts:
         return []
@@ -335,6 +327,27 @@ def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
         "m/arcmin is "
     )
     return [Note("implausible-deflection", f"{words}3438 N m/rad)?", values)]
+
+
+def _wound_up(
+    names: Sequence[str], x: Array, torque: Array, units: Units
+) -> tuple[list[str], dict[str, float]]:
+    """Words for the joints with large deflections x (n,) in rad, and these by name.
+
+    The three that wind up most, then the names of the others.
+    """
+    wound = np.flatnonzero(np.abs(x) > MAX_WIND_UP)
+    wound = wound[np.argsort(-np.abs(x[wound]))].tolist()
+    angles = {names[j]: float(x[j]) for j in wound}
+    parts = [
+        f"joint {names[j]!r} winds up by {np.degrees(abs(x[j])):.3g} deg under "
+        f"{engineering(abs(torque[j]), units.moment, 3)}, at "
+        f"{engineering(abs(torque[j] / x[j]), units.spring(False), 3)}"
+        for j in wound[:3]
+    ]
+    if len(angles) > 3:
+        parts.append(f"{', '.join(list(angles)[3:])}: more than 5 deg")
+    return parts, angles
 
 
 def stretch_is_doubted(mechanism: Mechanism, springs: Springs) -> NDArray[np.bool_]:

@@ -440,11 +440,7 @@ class Platform(Mechanism):
         self.T_P_M = np.eye(4) if T_P_M is None else checked_pose(T_P_M, "T_P_M")
         self.frame_offset, T_M_P = self.T_P_M, se3.inverse(self.T_P_M)
         points_P = checked_array(platform, None, "platform points")
-        if (
-            points_P.shape != self.anchors.shape
-            or points_P.ndim != 2
-            or points_P.shape[1] != 3
-        ):
+        if points_P.shape != self.anchors.shape or points_P.shape[1:] != (3,):
             raise InputError(
                 "base and platform points differ in number or are not three-dimensional",
                 expected=f"two arrays of shape {self.anchors.shape}",
@@ -683,8 +679,7 @@ class Platform(Mechanism):
             if not numerics.is_regular(values):
                 raise UndefinedError(
                     "the legs' lines are dependent (type-2 singularity): the pose does "
-                    "not follow "
-                    "from the leg lengths",
+                    "not follow from the leg lengths",
                     code="type-2-singularity",
                     values={"singular_values": values.tolist()},
                 )

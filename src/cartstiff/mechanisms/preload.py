@@ -9,10 +9,15 @@ motions leave a choice.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import compress
+
 import numpy as np
 
+from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
+from cartstiff.potentials.springs import Springs
 from cartstiff.units import engineering
 
 
@@ -31,20 +36,10 @@ def preload_notes(elastic: ElasticMechanism, is_loaded: bool) -> list[Note]:
         return []
     held = springs.holding()
     if is_loaded:
-        is_fixed = springs.rest_is_free(every=True) & ~springs.rest_is_free()
-        if isinstance(springs.driven, tuple):  # springs that nothing drives keep theirs
-            is_fixed &= np.array(springs.driven)
-        rest, whose = springs.rest_words
-        for what, own in (("preload", held), (rest, is_fixed)):
-            if own.any():
-                names = [n for n, x in zip(elastic.spring_names, own, strict=True) if x]
-                if springs.is_redundant:
-                    return [_shifted(names)]
-                return [_replaced(what, names, whose)]
-        return []
+        return _replacements(elastic.spring_names, springs, held)
     if not held.any() or springs.preload is None:
         return []
-    names = [n for n, x in zip(elastic.spring_names, held, strict=True) if x]
+    names = list(compress(elastic.spring_names, held))
     tensions = springs.preload[held].tolist()
     if not any(tensions):
         return []
@@ -52,14 +47,27 @@ def preload_notes(elastic: ElasticMechanism, is_loaded: bool) -> list[Note]:
     sizes = engineering(low, unit) if low == high else f"{low:g} to {high:g} {unit}"
     words = (
         "the drives hold the preload of the file at every commanded pose "
-        f"({_listed(names)}: "
-        f"{sizes}); the legs cannot balance it among themselves, so that the environment "
-        "holds it "
-        "with the wrench that is stated"
+        f"({_listed(names)}: {sizes}); the legs cannot balance it among themselves, so "
+        "that the environment holds it with the wrench that is stated"
     )
     return [
         Note("preload-held", words, {"preload": dict(zip(names, tensions, strict=True))})
     ]
+
+
+def _replacements(names: Sequence[str], springs: Springs, held: Array) -> list[Note]:
+    """Note on the forces or rest positions that a given load replaces."""
+    is_fixed = springs.rest_is_free(every=True) & ~springs.rest_is_free()
+    if isinstance(springs.driven, tuple):  # springs that nothing drives keep theirs
+        is_fixed &= np.array(springs.driven)
+    rest, whose = springs.rest_words
+    for what, own in (("preload", held), (rest, is_fixed)):
+        replaced = list(compress(names, own))
+        if replaced and springs.is_redundant:
+            return [_shifted(replaced)]
+        if replaced:
+            return [_replaced(what, replaced, whose)]
+    return []
 
 
 def _replaced(what: str, names: list[str], whose: str) -> Note:
@@ -73,10 +81,8 @@ def _replaced(what: str, names: list[str], whose: str) -> Note:
 def _shifted(names: list[str]) -> Note:
     words = (
         f"the drives change the rest lengths of {_listed(names)} as little as balances "
-        "the load: "
-        "of all sets of forces these are the nearest to those of the given lengths; "
-        "`equilibrium` "
-        "keeps the lengths and moves the body"
+        "the load: of all sets of forces these are the nearest to those of the given "
+        "lengths; `equilibrium` keeps the lengths and moves the body"
     )
     return Note(
         "load-replaces-rest", words, {"replaced": "rest lengths", "springs": names}

@@ -51,17 +51,20 @@ def check_coordinates(model: pin.Model) -> None:
 # Successive one-coordinate joints that replace joints with several coordinates, in the
 # order of Pinocchio's own configuration, translations before rotations.
 _EXPANSIONS: dict[str, tuple[tuple[str, str], ...]] = {
-    "JointModelSpherical": (("x", "RX"), ("y", "RY"), ("z", "RZ")),
-    "JointModelSphericalZYX": (("z", "RZ"), ("y", "RY"), ("x", "RX")),
-    "JointModelTranslation": (("x", "PX"), ("y", "PY"), ("z", "PZ")),
-    "JointModelPlanar": (("x", "PX"), ("y", "PY"), ("angle", "RZ")),
+    "JointModelRUBX": (("", "RX"),),
+    "JointModelRUBY": (("", "RY"),),
+    "JointModelRUBZ": (("", "RZ"),),
+    "JointModelSpherical": ((".x", "RX"), (".y", "RY"), (".z", "RZ")),
+    "JointModelSphericalZYX": ((".z", "RZ"), (".y", "RY"), (".x", "RX")),
+    "JointModelTranslation": ((".x", "PX"), (".y", "PY"), (".z", "PZ")),
+    "JointModelPlanar": ((".x", "PX"), (".y", "PY"), (".angle", "RZ")),
     "JointModelFreeFlyer": (
-        ("x", "PX"),
-        ("y", "PY"),
-        ("z", "PZ"),
-        ("rx", "RX"),
-        ("ry", "RY"),
-        ("rz", "RZ"),
+        (".x", "PX"),
+        (".y", "PY"),
+        (".z", "PZ"),
+        (".rx", "RX"),
+        (".ry", "RY"),
+        (".rz", "RZ"),
     ),
 }
 PLAIN = {
@@ -73,7 +76,6 @@ PLAIN = {
     )
     for name in names.split()
 }
-_UNBOUNDED = {"JointModelRUBX": "RX", "JointModelRUBY": "RY", "JointModelRUBZ": "RZ"}
 
 
 def _axis(joint: Any) -> Array:
@@ -113,50 +115,52 @@ def add_joint(
     return int(added)
 
 
-def expansion(joint: Any, name: str) -> list[tuple[str, str, Any, Array]]:
+def expansion(
+    joint: Any, name: str, normal: Array | None = None
+) -> list[tuple[str, str, Any, Array]]:
     """The one-coordinate joints (name, type, model, placement) that replace `joint`.
+
+    A planar joint may have a `normal` (3,) other than z.
 
     Raises
     ------
     InputError
         For a joint type that cannot be expanded.
     """
+    if normal is not None:
+        return _planar(name, normal)
     short = joint.shortname()
-    parts: list[tuple[str, str, Any]] = []
     # Joints with one coordinate, and chains of them in place of the others.
     if short in PLAIN:
         parts = [("", PLAIN[short], joint)]
-    elif short in _UNBOUNDED:
-        parts = [("", "revolute", primitive(_UNBOUNDED[short]))]
-    elif short == "JointModelRevoluteUnboundedUnaligned":
-        parts = [("", "revolute", pin.JointModelRevoluteUnaligned(_axis(joint)))]
     elif short in _EXPANSIONS:
-        for suffix, kind in _EXPANSIONS[short]:
-            parts.append((f".{suffix}", PLAIN[f"JointModel{kind}"], primitive(kind)))
+        each = _EXPANSIONS[short]
+        parts = [(s, PLAIN[f"JointModel{kind}"], primitive(kind)) for s, kind in each]
+    elif short == "JointModelRevoluteUnboundedUnaligned":
+        parts = [_turn("", _axis(joint))]
     elif short == "JointModelUniversal":
         concrete = joint.extract()
-        for i, axis in enumerate((concrete.axis1, concrete.axis2), start=1):
-            turn = pin.JointModelRevoluteUnaligned(np.array(axis))
-            parts.append((f".{i}", "revolute", turn))
-    if parts:
-        return [(name + suffix, kind, part, np.eye(4)) for suffix, kind, part in parts]
-    # A composite is expanded part by part.
-    if short == "JointModelComposite":
-        concrete = joint.extract()
-        every = []
-        for i, (part, at) in enumerate(
-            zip(concrete.joints, concrete.jointPlacements, strict=True)
-        ):
-            first, *others = expansion(part, f"{name}.{i + 1}")
+        parts = [_turn(".1", concrete.axis1), _turn(".2", concrete.axis2)]
+    elif short == "JointModelComposite":  # is expanded part by part
+        concrete, every = joint.extract(), []
+        pairs = zip(concrete.joints, concrete.jointPlacements, strict=True)
+        for i, (part, at) in enumerate(pairs, start=1):
+            first, *others = expansion(part, f"{name}.{i}")
             every += [(*first[:3], at.homogeneous @ first[3]), *others]
         return every
-    raise InputError(
-        f"joint {name!r} has a type that is not supported",
-        expected="revolute, continuous, prismatic, helical, universal, spherical, "
-        "planar, "
-        "translation, free or a composite of these",
-        got=short,
-    )
+    else:
+        raise InputError(
+            f"joint {name!r} has a type that is not supported",
+            expected="revolute, continuous, prismatic, helical, universal, spherical, "
+            "planar, translation, free or a composite of these",
+            got=short,
+        )
+    return [(name + suffix, kind, part, np.eye(4)) for suffix, kind, part in parts]
+
+
+def _turn(suffix: str, axis: Array) -> tuple[str, str, Any]:
+    """Suffix of the name, type and model of a joint that turns about an axis."""
+    return suffix, "revolute", pin.JointModelRevoluteUnaligned(np.array(axis))
 
 
 def standing(model: pin.Model, i: int, q: Array) -> Any:
@@ -167,7 +171,7 @@ def standing(model: pin.Model, i: int, q: Array) -> Any:
     return model.jointPlacements[i] * data.M
 
 
-def planar(name: str, axis: Array) -> list[tuple[str, str, Any, Array]]:
+def _planar(name: str, axis: Array) -> list[tuple[str, str, Any, Array]]:
     """Return a planar joint across an axis.
 
     The least turn of z to the axis gives its x and y.
@@ -178,12 +182,7 @@ def planar(name: str, axis: Array) -> list[tuple[str, str, Any, Array]]:
     return [
         (f"{name}.x", "prismatic", slides[0], np.eye(4)),
         (f"{name}.y", "prismatic", slides[1], np.eye(4)),
-        (
-            f"{name}.angle",
-            "revolute",
-            pin.JointModelRevoluteUnaligned(R[:, 2]),
-            np.eye(4),
-        ),
+        (*_turn(f"{name}.angle", R[:, 2]), np.eye(4)),
     ]
 
 

@@ -25,11 +25,9 @@ from cartstiff.mechanisms.flexible_links import (
     DeflectionMass,
     Give,
     Place,
-    masses_by_side,
     springs_by_joint,
 )
 from cartstiff.mechanisms.tree import (
-    PLAIN,
     WORLD,
     FixedFrame,
     KinematicTree,
@@ -37,7 +35,6 @@ from cartstiff.mechanisms.tree import (
     check_coordinates,
     expansion,
     limits_of_joint,
-    planar,
     primitive,
     set_position,
     standing,
@@ -114,132 +111,181 @@ def plain_tree(
     fixed_q = pin.neutral(model)
     for index, value in locked.items():
         set_position(model, index, value, fixed_q)
-    still = [i for i in range(1, model.njoints) if i not in kept]
-    # Pinocchio joins links faster than the loop below. It crashes where a joint has no
-    # frame of its own (joints from files have one), and refuses several frames of one
-    # name.
-    joints = list(model.names)[1:]
-    if (
-        still
-        and not flexible
-        and all(model.existFrame(name, pin.JOINT) for name in joints)
-    ):
-        with suppress(ValueError):
-            model = pin.buildReducedModel(model, still, fixed_q)
-            kept, locked = set(range(1, model.njoints)), {}
+    if not flexible:
+        reduced = _reduced(model, kept, fixed_q)
+        if reduced is not model:
+            model, kept = reduced, set(range(1, reduced.njoints))
+    new = _PlainTree(model, flexible)
     # Access to one of Pinocchio's lists costs as much as the arithmetic.
     parents, names = model.parents.tolist(), list(model.names)
     placements = [T.homogeneous for T in model.jointPlacements]
+    for i in range(1, model.njoints):
+        place = new.side(new.frame_of.get(i, UNFRAMED), parents[i])
+        if i in kept:
+            normal = (planar_axes or {}).get(names[i])
+            parts = expansion(model.joints[i], names[i], normal)
+            new.move(i, _beyond(place, placements[i]), parts)
+        else:
+            new.near[i] = _beyond(place, standing(model, i, fixed_q).homogeneous)
+        new.soften(i)
+    return new.tree()
 
-    plain = pin.Model()
-    plain.name = model.name
-    plain.gravity = model.gravity
-    coordinates: list[Coordinate] = []
-    near: dict[int, Place] = {0: (0, np.eye(4))}
-    beyond: dict[int, list[tuple[frozenset[int], Place]]] = {}
-    springs = springs_by_joint(model, flexible or {})
-    rotors: list[DeflectionMass] = []
 
-    def side(frame: int, joint: int) -> Place:
+def _reduced(model: pin.Model, kept: Collection[int], q: Array) -> pin.Model:
+    """The model with the kept joints only, where Pinocchio makes it: faster than here.
+
+    It crashes where a joint has no frame of its own (joints from files have one), and
+    refuses several frames of one name.
+    """
+    still = [i for i in range(1, model.njoints) if i not in kept]
+    framed = (model.existFrame(name, pin.JOINT) for name in list(model.names)[1:])
+    if still and all(framed):
+        with suppress(ValueError):
+            return pin.buildReducedModel(model, still, q)
+    return model
+
+
+def _beyond(place: Place, T: Array) -> Place:
+    """Place at a pose in the frame of another."""
+    joint, T_j = place
+    return joint, T_j @ T
+
+
+class _PlainTree:
+    """A tree of one-coordinate joints, while it is made from a model.
+
+    Attributes
+    ----------
+    near : dict
+        Place of each of the model's joints that has been made.
+    beyond : dict
+        For joints with compliant links: the frames that each link carries, and the place
+        at its far side.
+    frame_of : dict
+        Frame of each joint, where compliant links may carry it.
+    """
+
+    def __init__(self, model: pin.Model, flexible: Mapping[str, Give] | None) -> None:
+        self.model = model
+        self.plain = pin.Model()
+        self.plain.name = model.name
+        self.plain.gravity = model.gravity
+        self.coordinates: list[Coordinate] = []
+        self.near: dict[int, Place] = {0: (0, np.eye(4))}
+        self.beyond: dict[int, list[tuple[frozenset[int], Place]]] = {}
+        self.springs = springs_by_joint(model, flexible)
+        self.rotors: list[DeflectionMass] = []
+        self.frame_of: dict[int, int] = {}
+        if self.springs:
+            joints = enumerate(model.frames)
+            kind = pin.FrameType.JOINT
+            self.frame_of = {f.parentJoint: k for k, f in joints if f.type == kind}
+        self.soften(0)
+
+    def side(self, frame: int, joint: int) -> Place:
         """Place that carries a frame on a joint: the joint,
         or the last spring that carries it.
         """
-        if joint not in beyond:
-            return near[joint]
-        carriers = [place for carried, place in beyond[joint] if frame in carried]
+        beyond = self.beyond.get(joint, [])
+        carriers = [place for carried, place in beyond if frame in carried]
         if frame == UNFRAMED and len(carriers) > 1:
             raise InputError(
                 "several compliant links are fixed together, and a joint has no frame "
-                "that tells "
-                "which of them carries it",
+                "that tells which of them carries it",
                 expected="a frame for each joint",
             )
-        return carriers[-1] if carriers else near[joint]
+        return carriers[-1] if carriers else self.near[joint]
 
-    def carry(joint: int, T_j: Array, inertia: Any) -> None:
-        """Fix a mass to a joint."""
-        if inertia is not None and joint > 0:
-            plain.appendBodyToJoint(joint, inertia, pin.SE3(T_j))
+    def move(
+        self, i: int, place: Place, parts: Sequence[tuple[str, str, Any, Array]]
+    ) -> None:
+        """Add the one-coordinate joints that replace a joint of the model."""
+        model, plain, (parent, T) = self.model, self.plain, place
+        limits = -np.inf, np.inf
+        if len(parts) == 1:
+            limits = limits_of_joint(model, i)
+        for k, (name, kind, joint, T_part) in enumerate(parts, int(model.idx_vs[i])):
+            unique = free_name(name, [c.name for c in self.coordinates])
+            parent = plain.addJoint(parent, joint, pin.SE3(T @ T_part), unique)
+            plain.armature[plain.idx_vs[parent]] = model.armature[k]
+            plain.damping[plain.idx_vs[parent]] = model.damping[k]
+            self.coordinates.append(Coordinate(unique, kind, *limits))  # type: ignore[arg-type]
+            T = np.eye(4)
+        self.near[i] = parent, T
 
-    def soften(i: int) -> None:
-        for spring in springs.get(i, ()):
+    def soften(self, i: int) -> None:
+        """Add the virtual joints of the compliant links on a joint, and its masses."""
+        for spring in self.springs.get(i, ()):
             give = spring.give
-            joint, T_j = side(spring.frame, i)
-            T_j = T_j @ give.start
-            carry(joint, T_j, give.half(1.0))
+            joint, T_j = _beyond(self.side(spring.frame, i), give.start)
+            self.carry(joint, T_j, give.half(1.0))
             if give.mass is not None:
-                first = len(coordinates)
-                rotors.append(DeflectionMass(spring.link, joint, T_j, first, give.mass))
+                first = len(self.coordinates)
+                mass = DeflectionMass(spring.link, joint, T_j, first, give.mass)
+                self.rotors.append(mass)
             count = len(give.joints)
             for k, (suffix, kind, along) in enumerate(give.joints, start=1):
-                full = f"{spring.link}.{suffix}"
+                name = f"{spring.link}.{suffix}"
                 T_j = T_j @ se3.pose(translation=(along, 0.0, 0.0))
-                joint = plain.addJoint(joint, primitive(kind), pin.SE3(T_j), full)
-                coordinates.append(axis_coordinate(full, kind))
+                joint = self.plain.addJoint(joint, primitive(kind), pin.SE3(T_j), name)
+                self.coordinates.append(axis_coordinate(name, kind))
                 T_j = np.eye(4)
                 if k % len(SEGMENT) == 0:  # a node of the beam
-                    carry(joint, T_j, give.half(-1.0))
-                    carry(joint, T_j, give.half(1.0) if k < count else None)
+                    self.carry(joint, T_j, give.half(-1.0))
+                    self.carry(joint, T_j, give.half(1.0) if k < count else None)
             place = joint, se3.inverse(give.end)
-            beyond.setdefault(i, []).append((spring.carried, place))
-        for (joint, T_j), inertia in masses_by_side(model, i, side, near[i], i in beyond):
-            carry(joint, T_j, inertia)
+            self.beyond.setdefault(i, []).append((spring.carried, place))
+        self.carry_masses(i)
 
-    soften(0)
-    frame_of: dict[int, int] = {}
-    if beyond or springs:
-        frame_of = {
-            f.parentJoint: k
-            for k, f in enumerate(model.frames)
-            if f.type == pin.FrameType.JOINT
-        }
-    for i in range(1, model.njoints):
-        parent, T_p = side(frame_of.get(i, UNFRAMED), parents[i])
-        if i not in kept:
-            is_at_zero = i not in locked and model.joints[i].shortname() in PLAIN
-            T = placements[i] if is_at_zero else standing(model, i, fixed_q).homogeneous
-            near[i] = (parent, T_p @ T)
+    def carry(self, joint: int, T_j: Array, inertia: Any) -> None:
+        """Fix a mass to a joint."""
+        if inertia is not None and joint > 0:
+            self.plain.appendBodyToJoint(joint, inertia, pin.SE3(T_j))
+
+    def carry_masses(self, i: int) -> None:
+        """Fix the masses on a joint of the model: on its own side,
+        and beyond each spring.
+        """
+        # Pinocchio stores the masses of fixed links with their frames, but not that of
+        # the moved link.
+        own, near = self.model.inertias[i], self.near[i]
+        beyond: list[tuple[Place, Any]] = []
+        for k, frame in enumerate(self.model.frames if i in self.beyond else ()):
+            inertia = frame.placement.act(frame.inertia)
+            has_mass = inertia.mass > 0
+            if int(frame.parentJoint) != i or not (has_mass or inertia.inertia.any()):
+                continue
+            if (place := self.side(k, i)) is not near:
+                # Pinocchio's difference is NaN where neither has a mass.
+                left = own.inertia - inertia.inertia
+                weightless = pin.Inertia(own.mass, own.lever, left)
+                own = own - inertia if has_mass else weightless
+                beyond.append((place, inertia))
+        for (joint, T_j), inertia in [(near, own), *beyond]:
+            self.carry(joint, T_j, inertia)
+
+    def frames(self, name: str | None = None) -> dict[str, FixedFrame]:
+        """All frames of the model, or the named one, in the new tree."""
+        placed, every, chosen = {"world": WORLD}, list(self.model.frames), list[int]()
+        if name is None:
+            kinds = [_precedence(f.type) for f in every]
+            chosen = sorted(range(len(every)), key=kinds.__getitem__)
         else:
-            T = T_p @ placements[i]
-            parts = expansion(model.joints[i], names[i])
-            if names[i] in (planar_axes or {}):
-                parts = planar(names[i], (planar_axes or {})[names[i]])
-            for k, (name, kind, joint, T_part) in enumerate(
-                parts, start=int(model.idx_vs[i])
-            ):
-                lower, upper = (
-                    limits_of_joint(model, i) if len(parts) == 1 else (-np.inf, np.inf)
-                )
-                unique = free_name(name, [c.name for c in coordinates])
-                parent = plain.addJoint(parent, joint, pin.SE3(T @ T_part), unique)
-                plain.armature[plain.idx_vs[parent]] = model.armature[k]
-                plain.damping[plain.idx_vs[parent]] = model.damping[k]
-                coordinates.append(Coordinate(unique, kind, lower, upper))  # type: ignore[arg-type]
-                T = np.eye(4)
-            near[i] = (parent, T)
-        soften(i)
-
-    def placed(k: int, frame: Any) -> FixedFrame:
-        joint, T_j = side(k, frame.parentJoint)
-        return FixedFrame(joint, T_j @ frame.placement.homogeneous)
-
-    def frames(name: str | None = None) -> dict[str, FixedFrame]:
-        places_of = {"world": WORLD}
-        if name is not None:
             with suppress(UnknownNameError):
-                k = _index_of_frame(model, name)
-                places_of.setdefault(name, placed(k, model.frames[k]))
-            return places_of
-        every = list(model.frames)
-        kinds = {k: _precedence(f.type) for k, f in enumerate(every)}
-        for k in sorted(kinds, key=kinds.__getitem__):
-            places_of.setdefault(every[k].name, placed(k, every[k]))
-        return places_of
+                chosen = [_index_of_frame(self.model, name)]
+        for k in chosen:
+            frame = every[k]
+            place = self.side(k, frame.parentJoint)
+            at = FixedFrame(*_beyond(place, frame.placement.homogeneous))
+            placed.setdefault(frame.name, at)
+        return placed
 
-    n = len(coordinates)
-    rows = [rotor.added(plain, n) for rotor in rotors]
-    mimic = np.concatenate([np.eye(n), *rows]) if rows else None
-    return KinematicTree(plain, tuple(coordinates), frames, mimic)
+    def tree(self) -> KinematicTree:
+        """The tree, when all joints have been made."""
+        n = len(self.coordinates)
+        rows = [rotor.added(self.plain, n) for rotor in self.rotors]
+        mimic = np.concatenate([np.eye(n), *rows]) if rows else None
+        return KinematicTree(self.plain, tuple(self.coordinates), self.frames, mimic)
 
 
 def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:
@@ -248,7 +294,7 @@ def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:
     if not (others or first) and np.array_equal(T_F_only, np.eye(4)):
         return only
     model = pin.Model()
-    coordinates: list[Coordinate] = []
+    coordinates, mimics, offsets = list[Coordinate](), [], []
     frames: dict[str, FixedFrame] = {"world": WORLD}
     # Joints, coordinates and frames of each tree, at its root.
     for prefix, tree, T_F_root in parts:
@@ -259,23 +305,24 @@ def merged(parts: Sequence[tuple[str, KinematicTree, Array]]) -> KinematicTree:
         coordinates += [replace(c, name=prefix + c.name) for c in tree.coordinates]
         for name, p in tree.frames.items():
             T = T_F_root @ p.T_j_f if p.joint == 0 else p.T_j_f
-            if prefix or name != "world":
-                frames[prefix + name] = FixedFrame(at[p.joint], T)
-    # Coordinates that several joints follow.
-    mimic = None
-    if any(tree.mimic is not None for _, tree, _ in parts):
-        every = [
-            np.eye(tree.n) if tree.mimic is None else tree.mimic for _, tree, _ in parts
-        ]
-        mimic = _block_diagonal(every)
-    offset = np.concatenate([tree.offset for _, tree, _ in parts])
-    return KinematicTree(model, tuple(coordinates), frames, mimic, offset)
+            frames[prefix + name] = FixedFrame(at[p.joint], T)
+        mimics.append((tree.mimic, tree.n))
+        offsets.append(tree.offset)
+    frames["world"] = WORLD  # that of a tree without a prefix is its root
+    offset = np.concatenate(offsets)
+    return KinematicTree(model, tuple(coordinates), frames, _mimics(mimics), offset)
 
 
-def _block_diagonal(blocks: Sequence[Array]) -> Array:
+def _mimics(parts: Sequence[tuple[Array | None, int]]) -> Array | None:
+    """Matrix of joints that follow coordinates, of trees beside each other: each with its
+    own matrix, if any, and its number of coordinates.
+    """
+    if all(mimic is None for mimic, _ in parts):
+        return None
     from scipy.linalg import block_diag
 
-    return np.asarray(block_diag(*blocks))
+    each = [np.eye(n) if mimic is None else mimic for mimic, n in parts]
+    return np.asarray(block_diag(*each))
 
 
 def extended(
@@ -294,9 +341,7 @@ def extended(
         T = np.eye(4)
     frames = {**tree.frames, end: FixedFrame(joint, T)}
     # Pinocchio keeps joints in the order of their addition: the new ones are last.
-    mimic = tree.mimic
-    if mimic is not None:
-        mimic = _block_diagonal([mimic, np.eye(len(new))])
+    mimic = _mimics([(tree.mimic, tree.n), (None, len(new))])
     offset = np.append(tree.offset, np.zeros(len(new)))
     return KinematicTree(model, (*tree.coordinates, *new), frames, mimic, offset)
 

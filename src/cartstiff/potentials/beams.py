@@ -270,9 +270,8 @@ class Beam(Potential):
         if bent > _NOTED_TURN or error > _NOTED_ERROR:
             message = (
                 f"{many}: one turns by {bent:.2g} rad against its chord, so that "
-                "stiffnesses may "
-                f"be wrong by about {100 * error:.2g} %: give more segments (segments: "
-                f"{2 * count})"
+                f"stiffnesses may be wrong by about {100 * error:.2g} %: give more "
+                f"segments (segments: {2 * count})"
             )
             values = {"link": self.link, "turn": bent, "segments": count, "error": error}
             diagnostics.append(Note("beam-bent", message, values))
@@ -482,13 +481,18 @@ def evaluate_together(terms: Sequence[Potential], posture: Posture) -> list[Eval
     """
     bent = (t for t in terms if isinstance(t, Beam) and posture.q[t.indices].any())
     for beams in alike(bent):
-        xs = [posture.q[beam.indices] for beam in beams]
-        if len(beams) > 1 and any(
-            x.tobytes() not in b._last for b, x in zip(beams, xs, strict=True)
-        ):
-            every, start = beams[0]._evaluated(np.concatenate(xs)), 0
-            for beam, x in zip(beams, xs, strict=True):
-                beam._last.clear()
-                own = slice(start, start := start + len(x))
-                beam._last[x.tobytes()] = _Segments(*(part[own] for part in every))
+        if len(beams) > 1:
+            _evaluate_alike(beams, posture)
     return [term.evaluate(posture) for term in terms]
+
+
+def _evaluate_alike(beams: Sequence[Beam], posture: Posture) -> None:
+    """Let beams with equal segments know their terms at a posture."""
+    each = [(beam, posture.q[beam.indices]) for beam in beams]
+    if all(x.tobytes() in beam._last for beam, x in each):
+        return
+    every, start = beams[0]._evaluated(np.concatenate([x for _, x in each])), 0
+    for beam, x in each:
+        beam._last.clear()
+        own = slice(start, start := start + len(x))
+        beam._last[x.tobytes()] = _Segments(*(part[own] for part in every))

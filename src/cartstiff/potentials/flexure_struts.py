@@ -506,8 +506,7 @@ class FlexureStruts(LineSprings):
         if not at.is_stable.all():
             raise NoEnergyError(
                 f"strut {first} has buckled: between its flexures it gives way by "
-                "itself, and what "
-                "is left is no stiffness of a balance that lasts",
+                "itself, and what is left is no stiffness of a balance that lasts",
                 code="strut-buckled",
                 values={"strut": first},
             )

@@ -45,8 +45,7 @@ def _differentiate(
     if not np.isfinite(error) or error > _AGREEMENT * size + rounding:
         raise InputError(
             "the energy cannot be differentiated numerically here (not smooth, or its "
-            "length "
-            "scale is far from the one given); pass its derivatives",
+            "length scale is far from the one given); pass its derivatives",
             expected=f"two step sizes to agree within {_AGREEMENT:g}",
             got=f"relative difference {error / size if size else np.nan:.3g}",
         )

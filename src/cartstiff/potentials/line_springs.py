@@ -10,9 +10,10 @@ With anchor a (frame A), body point b (frame B), length l, unit vector u, tensio
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from functools import partial
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,56 +174,54 @@ class LineSprings(PosePotential, Springs):
     }
 
     def __post_init__(self) -> None:
-        for name, width in (
-            ("anchors", 3),
-            ("points", 3),
-            ("stiffness", 0),
-            ("rest_length", 0),
-        ):
-            numbers = getattr(self, name)
-            # Read-only arrays are kept: a platform recognises its own points by identity.
-            flags = getattr(numbers, "flags", None)
-            copy = flags is None or not flags.owndata or flags.writeable
-            what = f"line springs: {name}"
-            value = checked_array(numbers, None, what, finite=False, copy=copy)
-            shape = (len(self.anchors), width) if width else (len(self.anchors),)
-            finite = np.isfinite(value) | (np.isnan(value) & (name == "rest_length"))
-            if value.shape != shape or not np.all(finite):
-                raise InputError(
-                    f"line springs: {name} must be finite numbers",
-                    expected=f"shape {shape}",
-                    got=f"shape {value.shape}",
-                )
-            value.flags.writeable = False
-            object.__setattr__(self, name, value)
+        given = {"anchors": (3,), "points": (3,), "stiffness": (), "rest_length": ()}
+        for name, shape in given.items():
+            object.__setattr__(self, name, self._numbers(name, shape))
         if not len(self.anchors):
             raise InputError("line springs: no lines", expected="at least one")
         if np.any(self.stiffness <= 0):
             least = float(self.stiffness.min())
             raise InputError("line spring stiffness must be above zero", got=least)
         for name in ("preload", "least", "most"):
-            if (given := getattr(self, name)) is not None:
-                tensions = real_array(given)
-                if tensions.shape not in ((), self.stiffness.shape):
-                    raise self._miscounted(name)
-                tensions = tensions + np.zeros(len(self.stiffness))
+            if getattr(self, name) is not None:
+                tensions = self._per_line(name, real_array) + np.zeros(
+                    len(self.stiffness)
+                )
                 object.__setattr__(self, name, read_only(tensions))
         for name in ("unilateral", "driven"):
-            flags = np.array(getattr(self, name), bool)
-            if flags.ndim and flags.shape != self.stiffness.shape:
-                raise self._miscounted(name)
-            own = (
-                tuple(flags.tolist())
-                if flags.any() and not flags.all()
-                else bool(flags.any())
-            )
+            flags = self._per_line(name, partial(np.array, dtype=bool))
+            some = flags.any() and not flags.all()
+            own = tuple(flags.tolist()) if some else bool(flags.any())
             object.__setattr__(self, name, own)
 
-    def _miscounted(self, name: str) -> InputError:
-        count, got = len(self.stiffness), np.shape(getattr(self, name))
-        expected = f"one, or {count}, one per line"
-        what = f"line springs: {name}: wrong count"
-        return InputError(what, expected=expected, got=f"shape {got}")
+    def _numbers(self, name: str, shape: tuple[int, ...]) -> Array:
+        """A field as a read-only array of finite numbers, of a shape per line."""
+        numbers = getattr(self, name)
+        # Read-only arrays are kept: a platform recognises its own points by identity.
+        flags = getattr(numbers, "flags", None)
+        copy = flags is None or not flags.owndata or flags.writeable
+        value = checked_array(
+            numbers, None, f"line springs: {name}", finite=False, copy=copy
+        )
+        own = value if name == "anchors" else self.anchors
+        finite = np.isfinite(value) | (np.isnan(value) & (name == "rest_length"))
+        if value.shape != (*own.shape[:1], *shape) or not np.all(finite):
+            raise InputError(
+                f"line springs: {name} must be finite numbers",
+                expected=f"shape {(len(own), *shape)}",
+                got=f"shape {value.shape}",
+            )
+        value.flags.writeable = False
+        return value
+
+    def _per_line(self, name: str, array: Callable[[Any], Array]) -> Array:
+        """A field as an array of one number, or of one per line."""
+        values, own = array(getattr(self, name)), self.stiffness.shape
+        if values.shape not in ((), own):
+            what = f"line springs: {name}: wrong count"
+            expected = f"one, or {own[0]}, one per line"
+            raise InputError(what, expected=expected, got=f"shape {values.shape}")
+        return values
 
     def labels(self, first: int) -> list[str]:
         """As "line1", "line2"."""
@@ -352,52 +351,50 @@ class LineSprings(PosePotential, Springs):
             message = f"cables {numbers} are slack and carry nothing"
             notes.append(Note("slack", message, {"slack": slack}))
         lengths, _, lines = self.geometry(posture)
-        # Cables that neither pull nor hang.
-        if self.unilateral:
-            pull = self._pull(lengths)
-            edge = np.abs(pull) <= numerics.NEGLIGIBLE_DIFFERENCE * np.abs(pull).max(
-                initial=0.0
+        if self.unilateral and (at_edge := self._at_edge(lengths)):
+            numbers = ", ".join(map(str, at_edge))
+            message = (
+                f"cables {numbers} are at the edge of slackness: they resist a motion "
+                "that stretches them and not its opposite, so that the stiffness depends "
+                "on the direction; here they count as taut"
             )
-            at_edge = [int(i) + 1 for i in np.flatnonzero(edge & self.cables)]
-            if at_edge:
-                numbers = ", ".join(map(str, at_edge))
-                message = (
-                    f"cables {numbers} are at the edge of slackness: they resist a "
-                    "motion that "
-                    "stretches them and not its opposite, so that the stiffness depends "
-                    "on the "
-                    "direction; here they count as taut"
-                )
-                notes.append(Note("direction-dependent", message, {"cables": at_edge}))
-        # Tensions that were chosen among several sets.
-        if self.balanced_at is None or len(lines) < 2:
-            return notes
-        _, tensions, given = self.balanced_at
-        tensions = np.where(self.cables, np.maximum(tensions, 0.0), tensions)
+            notes.append(Note("direction-dependent", message, {"cables": at_edge}))
+        if self.balanced_at is not None and len(lines) > 1:
+            _, tensions, given = self.balanced_at
+            tensions = np.where(self.cables, np.maximum(tensions, 0.0), tensions)
+            notes += self._notes_on_choice(lines, tensions, given)
+        return notes
+
+    def _at_edge(self, lengths: Array) -> list[int]:
+        """Numbers of cables that neither pull nor hang, from 1."""
+        pull = np.abs(self._pull(lengths))
+        edge = pull <= numerics.NEGLIGIBLE_DIFFERENCE * pull.max(initial=0.0)
+        return [int(i) + 1 for i in np.flatnonzero(edge & self.cables)]
+
+    def _notes_on_choice(self, lines: Array, tensions: Array, given: Array) -> list[Note]:
+        """Note on tensions (m,) that were chosen among several sets."""
         values = numerics.singular_values(
             lines / np.repeat([np.abs(lines).max(), 1.0], 3)
         )
         largest = numerics.NEGLIGIBLE_FORCE * np.abs(tensions).max()
         is_given = given.any() and (np.abs(tensions - given) <= largest).all()
-        if len(lines) > numerics.rank(values) and not is_given:
+        if len(lines) <= numerics.rank(values) or is_given:
+            return []
+        message = (
+            "several sets of tensions balance the load; this is the set nearest to the "
+            "given tensions (least squares), or to zero"
+        )
+        if given.any() and not tensions.any():
             message = (
-                "several sets of tensions balance the load; this is the set nearest to "
-                "the given "
-                "tensions (least squares), or to zero"
+                "no tensions of these cables balance one another at this pose: they "
+                "cannot hold the given tensions, and have none"
             )
-            if given.any() and not tensions.any():
-                message = (
-                    "no tensions of these cables balance one another at this pose: they "
-                    "cannot "
-                    "hold the given tensions, and have none"
-                )
-            elif self.unilateral:
-                message += ", with every cable taut where that is possible"
-            if self.most is not None and np.isfinite(self.most).any():
-                message += ", within the limits of the forces"
-            values_of = {"tensions": tensions.tolist(), "given": given.tolist()}
-            notes.append(Note("tensions-chosen", message, values_of))
-        return notes
+        elif self.unilateral:
+            message += ", with every cable taut where that is possible"
+        if self.most is not None and np.isfinite(self.most).any():
+            message += ", within the limits of the forces"
+        values_of = {"tensions": tensions.tolist(), "given": given.tolist()}
+        return [Note("tensions-chosen", message, values_of)]
 
     @property
     def rest(self) -> Array:  # type: ignore[override]

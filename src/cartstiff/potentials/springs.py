@@ -6,7 +6,7 @@ Energy Phi = sum_j U_j(q_j - r_j) with rest positions r; torque U_j', stiffness 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Container, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import pi
 from types import MappingProxyType
@@ -283,11 +283,11 @@ class TabulatedLaw(SpringLaw):
         ends = (-np.inf, *self.deflections, np.inf)
         knot, _, at_knot, slope, *_ = self._rows[i].tolist()
         low, high = ends[i], ends[i + 1]
-        is_outside = i in (0, len(self.deflections))
-        if is_outside:
-            far = at_knot + (np.inf if i else -np.inf) * slope if slope else at_knot
-        else:
+        is_outside, far = i in (0, len(self.deflections)), at_knot
+        if not is_outside:
             far = self.torques[i]
+        elif slope:
+            far = at_knot + (high if i else low) * slope
         if not min(at_knot, far) <= torque <= max(at_knot, far):
             return None
         if at_knot == far:  # flat, as a play is
@@ -707,28 +707,6 @@ class JointSprings(Springs):
         return replace(self, rest=rest)
 
 
-def unheld(joint: str, torque: str, others: Collection[str]) -> InputError:
-    """Refusal of a load that needs a torque at a joint where no rest position
-    can be chosen.
-
-    `others` are the kinds of energy that act on the joint.
-    """
-    needed = f"but the wrench needs {torque} from it"
-    if not others:
-        return InputError(
-            f"{joint} has no spring, {needed}",
-            expected="a stiffness above zero there, or a wrench that does not load it",
-        )
-    words = ", ".join(sorted(others))
-    return InputError(
-        f"{joint} has no spring whose rest position could be chosen, {needed}; "
-        f"the energy that acts there ({words}) keeps its own rest",
-        expected="equilibrium (cartstiff equilibrium), which deflects it, or springs "
-        "whose rest "
-        "may be chosen: springs or coupled_springs in the file",
-    )
-
-
 @dataclass(frozen=True)
 class CoupledSprings(Potential):
     """A spring over several coordinates, Phi = 1/2 x^T K x, as in a compliant link.
@@ -823,8 +801,7 @@ class CoupledSprings(Potential):
             return []
         message = (
             f"link {self.link!r} carries {100 * share:.0f} % of the Euler load of a "
-            "cantilever "
-            "with its compliance; a 6x6 spring does not feel its own axial force: give "
-            "it as beam"
+            "cantilever with its compliance; a 6x6 spring does not feel its own axial "
+            "force: give it as beam"
         )
         return [Note("link-compressed", message, {"link": self.link, "share": share})]

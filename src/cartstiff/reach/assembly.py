@@ -8,6 +8,7 @@ flexures come to rest near the pose of ideal joints.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, ClassVar, Literal, cast
@@ -73,11 +74,11 @@ def closed_from(
     for done, row in enumerate(begin, 1):
         if progress is not None:
             progress(done, len(begin))
-        if done > first and not is_closed[done - 1]:
-            continue
-        try:
-            posture = fixed.closed(row, hold=())
-        except ConvergenceError:
+        posture = None
+        if done <= first or is_closed[done - 1]:
+            with suppress(ConvergenceError):
+                posture = fixed.closed(row, hold=())
+        if posture is None:
             continue
         if np.abs(posture.q[held] - q[held]).max() > numerics.NEGLIGIBLE_DISTANCE:
             continue  # closed only by leaving the actuators' positions
@@ -451,11 +452,8 @@ def assemble(
     )
     # Platforms: all solutions of the equations of their lengths.
     if mechanism.coordinates_are_pose:
-        if (
-            wrench is not None
-            and elastic.springs is not None
-            and elastic.springs.gives_aside
-        ):
+        springs = elastic.springs
+        if wrench is not None and springs is not None and springs.gives_aside:
             raise InputError(
                 "struts with flexures leave the mode under a load",
                 where="wrench",
@@ -472,13 +470,6 @@ def assemble(
     if lengths is not None:
         raise InputError("leg lengths are for platforms", got=mechanism.kind)
     # Closed chains: from many starting postures.
-    if not mechanism.closures:
-        raise InputError(
-            "assembly modes exist for closed chains and platforms",
-            got=mechanism.kind,
-            expected="for an arm, the branches of its inverse kinematics "
-            "(inverse_kinematics)",
-        )
     starts = _DEFAULT_STARTS if starts is None else starts
     chain = cast(Chain, mechanism)
     return _of_chain(
@@ -530,49 +521,36 @@ def _of_platform(
         result, more = at_rest_with(elastic, q, wanted, at, stiffness)
         missed = float(np.abs(platform.leg_lengths(result.q) - wanted).max())
         listed.append(AssemblyMode(result, missed, int(counts[i]), more))
-    # Notes on solutions that are not isolated, meet, or were lost.
-    if search.moving:
-        message = (
-            f"{search.moving} of {sum((search.single, search.multiple, search.moving))} "
-            "solutions "
-            "lie on curves: with these lengths the platform can move while its legs are "
-            "held, "
-            + (
-                "for example from the pose in `values`"
-                if len(moving)
-                else "in complex poses"
-            )
-        )
-        notes.append(
-            Note(
-                "self-motion",
-                message,
-                {
-                    "paths": search.moving,
-                    "pose": moving.tolist() if len(moving) else None,
-                },
-            )
-        )
-    if search.multiple:
-        message = (
-            f"{search.multiple} solutions meet in groups at singular poses (their "
-            "`multiplicity`), "
-            "which are known to a root of the digits only"
-        )
-        notes.append(Note("multiple-solutions", message, {"paths": search.multiple}))
-    if not search.is_complete:
-        notes.append(
-            Note(
-                "paths-lost",
-                f"{search.lost} of the paths are lost: assembly modes may be missing",
-                {"lost": search.lost},
-            )
-        )
+    notes += _notes_on_paths(search, moving)
     if listed:
         notes += limit_notes(platform, listed[0].result.posture)
     return AssemblyModes(
         elastic, lengths_by_leg, tuple(listed), search, tuple(notes), found=len(poses)
     )
+
+
+def _notes_on_paths(search: PathCount, moving: Array) -> list[Note]:
+    """Notes on solutions that are not isolated, meet, or were lost."""
+    notes, found = [], search.single + search.multiple + search.moving
+    if search.moving:
+        pose = moving.tolist() if len(moving) else None
+        where = "for example from the pose in `values`" if pose else "in complex poses"
+        message = (
+            f"{search.moving} of {found} solutions lie on curves: with these lengths the "
+            f"platform can move while its legs are held, {where}"
+        )
+        values = {"paths": search.moving, "pose": pose}
+        notes.append(Note("self-motion", message, values))
+    if search.multiple:
+        message = (
+            f"{search.multiple} solutions meet in groups at singular poses (their "
+            "`multiplicity`), which are known to a root of the digits only"
+        )
+        notes.append(Note("multiple-solutions", message, {"paths": search.multiple}))
+    if not search.is_complete:
+        message = f"{search.lost} of the paths are lost: assembly modes may be missing"
+        notes.append(Note("paths-lost", message, {"lost": search.lost}))
+    return notes
 
 
 def _of_chain(
@@ -585,6 +563,13 @@ def _of_chain(
     stiffness: _Stiffness,
     progress: Callable[[int, int], None] | None,
 ) -> AssemblyModes:
+    if not chain.closures:
+        raise InputError(
+            "assembly modes exist for closed chains and platforms",
+            got=chain.kind,
+            expected="for an arm, the branches of its inverse kinematics "
+            "(inverse_kinematics)",
+        )
     if not chain.actuated:
         raise InputError(
             "the mechanism names no actuated joints, so that nothing is held",

@@ -426,6 +426,42 @@ def _normals(lines: Array) -> Array:
     )
 
 
+def _limits_of_forces(platform: Platform, springs: LineSprings) -> Array | None:
+    """Least and largest forces (m, 2) in the legs; those of cables where none are given.
+
+    None without limits.
+    """
+    m, forces = len(platform.points), platform.tension_limits
+    if forces is None and springs.unilateral:
+        slack = np.where(springs.cables, 0.0, -np.inf)
+        forces = np.column_stack([slack, np.full(m, np.inf)])
+    if forces is not None:
+        ideal_joints_only(springs, "limits of forces")
+        if m < 6:
+            raise InputError(
+                "the forces in fewer than six legs do not follow from a load", got=m
+            )
+    return forces
+
+
+def _check_distribution(tensions: str, forces: Array | None) -> None:
+    """Refuse a distribution of tensions that does not exist within limits (m, 2)."""
+    if tensions not in TENSIONS:
+        raise InputError(
+            "unknown distribution of tensions",
+            expected=" or ".join(TENSIONS),
+            got=tensions,
+        )
+    if tensions != "any" and (forces is None or not np.isfinite(forces).all()):
+        raise InputError(
+            "the middle of the limits exists for cables, or more than six legs, with "
+            "least and largest tensions",
+            where="tensions",
+            expected="legs.force",
+            got=tensions,
+        )
+
+
 class Margins(PoseMargins):
     """Margins of a platform's limits.
 
@@ -467,24 +503,13 @@ class Margins(PoseMargins):
         self.platform, self.springs, self.sign = platform, springs, sign
         self.load, self.tensions = load, tensions
         m = len(platform.points)
-        self.forces = platform.tension_limits
-        if self.forces is None and springs.unilateral:
-            self.forces = np.column_stack(
-                [np.where(springs.cables, 0.0, -np.inf), [np.inf] * m]
-            )
+        self.forces = _limits_of_forces(platform, springs)
         # A load determines the forces of six drives; springs that nothing drives keep
         # the rest lengths that they have.
         drives = np.broadcast_to(springs.driven, m)
         chosen = int(drives.sum()) if drives.any() else m
-        self.is_spread = self.forces is not None and (
-            bool(springs.unilateral) or chosen > 6
-        )
-        if self.forces is not None:
-            ideal_joints_only(springs, "limits of forces")
-            if m < 6:
-                raise InputError(
-                    "the forces in fewer than six legs do not follow from a load", got=m
-                )
+        is_redundant = bool(springs.unilateral) or chosen > 6
+        self.is_spread = self.forces is not None and is_redundant
         if self.is_spread:
             # The limits choose among the balancing tensions, not the rest lengths. Here
             # any balancing tensions will do: those without a bound need no search.
@@ -499,22 +524,7 @@ class Margins(PoseMargins):
                 balanced_at=None,
             )
             self.elastic = replace(elastic, springs=free)
-        if tensions not in TENSIONS:
-            raise InputError(
-                "unknown distribution of tensions",
-                expected=" or ".join(TENSIONS),
-                got=tensions,
-            )
-        forces = self.forces if self.is_spread else None
-        if tensions != "any" and (forces is None or not np.isfinite(forces).all()):
-            raise InputError(
-                "the middle of the limits exists for cables, or more than six legs, with "
-                "least and "
-                "largest tensions",
-                where="tensions",
-                expected="legs.force",
-                got=tensions,
-            )
+        _check_distribution(tensions, self.forces if self.is_spread else None)
         self.is_slow = self.is_spread or springs.gives_aside
 
     def solved(self, poses: Array) -> Array:
@@ -1325,22 +1335,14 @@ class Workspace(LabelledResult):
     def to_dict(self) -> dict[str, Any]:
         """For JSON: numbers, lists, texts, None."""
         sphere, cube, near = self.sphere, self.cube, self.singularity
+        parts = (self.positions, self.turns, self.columns)
         own = {
             "cut_by": {} if self.positions is None else self.positions.shares(),
             "slices": [{"z": z, "area": area} for z, area in self.slices],
-            "poses": sum(
-                r.poses
-                for r in (self.positions, self.turns, self.columns)
-                if r is not None
-            ),
+            "poses": sum(0 if part is None else part.poses for part in parts),
             "sphere": sphere and {"centre": sphere[0], "radius": sphere[1]},
             "cube": cube and {"centre": cube[0], "edge": cube[1]},
-            "rotations": self.turns
-            and {
-                "share": self.share_of_rotations,
-                "every_axis": self.least_turn,
-                "cut_by": self.turns.shares(),
-            },
+            "rotations": self._rotations(),
             "singularity": near and {"least_ratio": near[0], "position": near[1]},
             "singular": self.singular and self.singular.to_dict(),
             "tensions": self.distribution or None,
@@ -1351,6 +1353,16 @@ class Workspace(LabelledResult):
             "workspace", own, elastic.about(), gravity_loads(elastic).to_dict(), self
         )
 
+    def _rotations(self) -> dict[str, Any] | None:
+        """Rotations at the centre, for JSON."""
+        if self.turns is None:
+            return None
+        return {
+            "share": self.share_of_rotations,
+            "every_axis": self.least_turn,
+            "cut_by": self.turns.shares(),
+        }
+
     def plot(self) -> Any:
         """Draw the boundary in space and along three axes,
         by the limit that is reached there.
@@ -1358,14 +1370,18 @@ class Workspace(LabelledResult):
         figure = new_figure(11.0, 8.0, self.elastic.springs_in_doubt)
         from matplotlib import colormaps
 
-        labels, places = self.axes_with_units, self.boundary
+        labels, places, singular = self.axes_with_units, self.boundary, self.singular
         names = np.array([]) if self.positions is None else self.positions.limit
         colours = colormaps["tab20"].colors  # type: ignore[attr-defined]
         is_place = self.axes == ("x", "y", "z")
-        for position, plane in enumerate(((0, 1, 2), (0, 1), (0, 2), (1, 2)), start=1):
-            axis = figure.add_subplot(
-                2, 2, position, projection="3d" if len(plane) == 3 else None
-            )
+        panels: tuple[tuple[tuple[int, ...], str | None, str], ...] = (
+            ((0, 1, 2), "3d", "box"),
+            ((0, 1), None, "datalim"),
+            ((0, 2), None, "datalim"),
+            ((1, 2), None, "datalim"),
+        )
+        for position, (plane, projection, adjusted) in enumerate(panels, start=1):
+            axis = figure.add_subplot(2, 2, position, projection=projection)
             for k, kind in enumerate(np.unique(names)):
                 axis.scatter(
                     *places[names == kind][:, plane].T,
@@ -1373,20 +1389,14 @@ class Workspace(LabelledResult):
                     color=colours[k % 20],
                     label=kind,
                 )
-            if (
-                len(plane) == 3
-                and self.singular is not None
-                and len(self.singular.surface)
-            ):
+            if projection and singular is not None and len(singular.surface):
                 axis.scatter(
-                    *self.singular.surface.T, s=1, color="0.6", label="singular surface"
+                    *singular.surface.T, s=1, color="0.6", label="singular surface"
                 )
             for i, name in zip(plane, "xyz", strict=False):
                 getattr(axis, f"set_{name}label")(labels[i])
             if is_place:
-                axis.set_aspect(
-                    "equal", adjustable="datalim" if len(plane) == 2 else "box"
-                )
+                axis.set_aspect("equal", adjustable=adjusted)
         if names.size:
             figure.legend(
                 *axis.get_legend_handles_labels(),
@@ -1478,113 +1488,150 @@ def workspace(
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
     if scan < 2 or (directions is not None and directions < 8):
         raise InputError("too few poses", expected="scan from 2, directions from 8")
-    notes = list(elastic.notes)
-    pose, about_load = posture.pose, None
+    pose, about_load, load = posture.pose, None, None
     if wrench is not None:
+        given = checked_input(wrench, (6,), "wrench")
+        load = carried(kind, given, load_axes, pose)
         about_load = {
-            "wrench": np.asarray(wrench, float),
+            "wrench": given,
             "kind": kind.kind,
             "at": kind.at,
             "axes": load_axes,
         }
-    margins: PoseMargins
+    margins = _margins(elastic, pose, load, tensions, through)
+    if isinstance(margins, Note):
+        return Workspace(elastic, pose, notes=(*elastic.notes, margins))
+    count = directions or (200 if margins.is_slow else 1000)
+    most = margins.reach(pose) if radius is None else checked_length(radius, "radius")
+    axes, scales, moved = _axes_of_rays(margins, pose, most)
+    here = Workspace(elastic, pose, axes=axes, scales=scales, load=about_load)
+    # Rays to the boundaries of positions, columns over their box, rays of rotations.
+    is_open = radius is None
+    positions = _rays_within(margins, moved, most, is_open, count, scan, progress)
+    boundary = positions.offsets + here.centre
+    side = 2 * max(4, round(0.5 * np.sqrt(count)))  # halves of the grid are alike
+    columns = columns_inside(margins, moved, here.centre, boundary, side, scan, most)
+    turned = partial(around, pose, shifts=np.zeros((1, 3)))
+    turns = None
+    if len(margins.free) == 6:
+        turns = rays_to_boundaries(margins, turned, np.pi, count, scan, end="half turn")
+    at_centre = margins.at(pose[None])[0]
+    notes = _notes_on_rays(margins, at_centre)
+    sphere = cube = None
+    may_fit = fits and at_centre.min() >= 0.0 and axes == ("x", "y", "z")
+    if may_fit and margins.is_quick:
+        sphere, cube = inscribed(margins, moved, here.centre, positions)
+    elif may_fit:
+        message = (
+            "the largest sphere and cube are not looked for: these legs' joints "
+            "follow from a pose by iterations, which take too long for it"
+        )
+        notes.append(Note("no-fits", message, {}))
+    return replace(
+        _with_singular_poses(here, margins, moved, positions, scan),
+        positions=positions,
+        turns=turns,
+        columns=columns,
+        sphere=sphere,
+        cube=cube,
+        margin=float(at_centre.min()),
+        notes=(*elastic.notes, *notes),
+        distribution=margins.distribution(pose),
+    )
+
+
+def _margins(
+    elastic: ElasticMechanism,
+    pose: Array,
+    load: CarriedLoad | None,
+    tensions: Distribution,
+    through: bool,
+) -> PoseMargins | Note:
+    """Margins of the limits, on the side of singular poses where the centre is.
+
+    A note on what is singular everywhere in their place.
+    """
     if not elastic.mechanism.coordinates_are_pose:
-        if wrench is not None or tensions != "any":
+        if load is not None or tensions != "any":
             raise InputError(
                 "is for limits of forces, which legs made of joints do not have",
                 where="wrench or tensions",
                 expected="neither",
             )
-        margins = LegMargins(elastic, pose, through)
-    else:
-        margins = Margins(elastic, tensions=tensions)
-        if wrench is not None:
-            if margins.forces is None:
-                raise InputError(
-                    "nothing limits forces, so that a load does not change the workspace",
-                    where="wrench",
-                    expected="limits of the legs' forces (legs.force in the file), or "
-                    "cables",
-                )
-            margins.load = carried(
-                kind, checked_input(wrench, (6,), "wrench"), load_axes, pose
-            )
-        if (everywhere := singular_note(margins, pose)) is not None:
-            return Workspace(elastic, pose, notes=(*notes, everywhere))
-        if not margins.names:
-            raise InputError(
-                "no limits: every pose is within them",
-                expected="limits, base_joints, diameter or force in legs",
-            )
-        if (
-            len(margins.platform.points) == 6
-            and not through
-            and not margins.springs.unilateral
-        ):
-            margins.sign = float(np.sign(margins.determinants(pose[None])[0]))
-    count = directions or (200 if margins.is_slow else 1000)
-    most = margins.reach(pose) if radius is None else checked_length(radius, "radius")
-    axes, scales, moved = _axes_of_rays(margins, pose, most)
-    here = Workspace(elastic, pose, axes=axes, scales=scales, load=about_load)
-    turned = partial(around, pose, shifts=np.zeros((1, 3)))
-    at_centre, reach = margins.at(pose[None])[0], most
+        return LegMargins(elastic, pose, through)
+    margins = Margins(elastic, load, tensions=tensions)
+    if load is not None and margins.forces is None:
+        raise InputError(
+            "nothing limits forces, so that a load does not change the workspace",
+            where="wrench",
+            expected="limits of the legs' forces (legs.force in the file), or cables",
+        )
+    if (everywhere := singular_note(margins, pose)) is not None:
+        return everywhere
+    if not margins.names:
+        raise InputError(
+            "no limits: every pose is within them",
+            expected="limits, base_joints, diameter or force in legs",
+        )
+    has_six = len(margins.platform.points) == 6 and not margins.springs.unilateral
+    if has_six and not through:
+        margins.sign = float(np.sign(margins.determinants(pose[None])[0]))
+    return margins
+
+
+def _rays_within(
+    margins: PoseMargins,
+    moved: Moved,
+    most: float,
+    is_open: bool,
+    count: int,
+    scan: int,
+    progress: Progress | None,
+) -> Rays:
+    """Rays of positions to their boundaries, as far as `most`.
+
+    Where the reach is open, it is chosen by a few rays first: the longest lengths reach
+    beyond most workspaces.
+    """
+    reach = most
     first = rays_to_boundaries(margins, moved, reach, max(8, count // 8), scan)
-    if (
-        first.distance.size and radius is None
-    ):  # the longest lengths reach beyond most workspaces
+    if first.distance.size and is_open:
         reach = min(reach, 1.3 * float(first.distance.max()))
     positions = rays_to_boundaries(margins, moved, reach, count, scan, progress)
-    while reach < most and positions.is_cut_short and radius is None:
+    while reach < most and positions.is_cut_short and is_open:
         reach = min(2.0 * reach, most)
         positions = rays_to_boundaries(margins, moved, reach, count, scan, progress)
-    boundary = positions.offsets + here.centre
-    side = 2 * max(
-        4, round(0.5 * np.sqrt(count))
-    )  # even, so that halves of the grid are alike
-    columns = columns_inside(margins, moved, here.centre, boundary, side, scan, most)
-    turns = None
-    if len(margins.free) == 6:
-        turns = rays_to_boundaries(margins, turned, np.pi, count, scan, end="half turn")
+    return positions
+
+
+def _with_singular_poses(
+    here: Workspace, margins: PoseMargins, moved: Moved, positions: Rays, scan: int
+) -> Workspace:
+    """The workspace with the least ratio of singular values, and singular poses."""
+    near = least_ratio(margins, moved, positions)
+    near = near and (near[0], here.centre + here.scales * near[1])
+    singular = singular_around(margins, here.pose, moved, positions, scan)
+    if singular is not None:
+        surface = singular.surface * here.scales + here.centre
+        singular = replace(singular, surface=surface)
+    return replace(here, singularity=near, singular=singular)
+
+
+def _notes_on_rays(margins: PoseMargins, at_centre: Array) -> list[Note]:
+    """Notes on working modes that are not known, and on a centre beyond a limit."""
+    notes = []
     if isinstance(margins, LegMargins) and not margins.keeps_modes:
         message = (
             "joints of legs follow from a pose by iterations alone, which may end in "
-            "another "
-            "working mode: single poses may be taken as inside, or outside, that are not"
+            "another working mode: single poses may be taken as inside, or outside, "
+            "that are not"
         )
         notes.append(Note("working-mode-unchecked", message, {}))
     if at_centre.min() < 0.0:
         worst = margins.names[int(at_centre.argmin())]
         message = f"the pose that the rays start from is itself beyond a limit: {worst}"
         notes.append(Note("centre-outside", message, {"limit": worst}))
-    sphere = cube = None
-    if fits and at_centre.min() >= 0.0 and axes == ("x", "y", "z"):
-        if margins.is_quick:
-            sphere, cube = inscribed(margins, moved, here.centre, positions)
-        else:
-            message = (
-                "the largest sphere and cube are not looked for: these legs' joints "
-                "follow from a "
-                "pose by iterations, which take too long for it"
-            )
-            notes.append(Note("no-fits", message, {}))
-    near = least_ratio(margins, moved, positions)
-    near = None if near is None else (near[0], here.centre + here.scales * near[1])
-    singular = singular_around(margins, pose, moved, positions, scan)
-    if singular is not None:
-        singular = replace(singular, surface=singular.surface * scales + here.centre)
-    return replace(
-        here,
-        positions=positions,
-        turns=turns,
-        columns=columns,
-        sphere=sphere,
-        cube=cube,
-        singularity=near,
-        singular=singular,
-        margin=float(at_centre.min()),
-        notes=tuple(notes),
-        distribution=margins.distribution(pose),
-    )
+    return notes
 
 
 def _axes_of_rays(

@@ -69,19 +69,17 @@ def commanded(
     springs = elastic.springs
     if springs is None:
         raise InputError(f"{elastic.name} has no springs to command", where="command")
-    rigid = springs.rigid
-    shifts = {n: x for n, x in steps.items() if names.index(n) not in rigid}
-    rigid_steps = {names.index(n): x for n, x in steps.items() if names.index(n) in rigid}
-    moved = elastic.with_springs(
-        rest={n: float(springs.rest[names.index(n)]) + x for n, x in shifts.items()}
-        or None
-    )
-    units = {c.name: "m" if c.is_length else "rad" for c in mechanism.coordinates}
-    units = {
-        n: elastic.units.length if units.get(n, "m") == "m" else "rad" for n in names
-    }
-    words = ", ".join(f"{n} by {x:+g} {units[n]}" for n, x in steps.items())
-    note = Note("commanded", f"drives are told to move on: {words}", {"command": steps})
+    shifts, rigid_steps, each = dict[str, float](), dict[int, float](), []
+    for name, x in steps.items():
+        j = names.index(name)
+        each.append(f"{name} by {x:+g} {elastic.units.coordinate(elastic.slides[j])}")
+        if j in springs.rigid:
+            rigid_steps[j] = x
+        else:
+            shifts[name] = float(springs.rest[j]) + x
+    moved = elastic.with_springs(rest=shifts or None)
+    words = f"drives are told to move on: {', '.join(each)}"
+    note = Note("commanded", words, {"command": steps})
     return moved.with_notes(note), _driven(mechanism, at, rigid_steps)
 
 

@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +30,7 @@ from cartstiff.checked_call import checked
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.figures import new_axes
 from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.gravity_loads import GravityLoads, gravity_loads
 from cartstiff.mechanisms.limits import Limits
@@ -55,7 +56,7 @@ from cartstiff.statics.small_motions import (
     is_unstable,
     vibrations,
 )
-from cartstiff.stiffness.applied_load import checked_load
+from cartstiff.stiffness.applied_load import LoadKind, checked_load
 from cartstiff.stiffness.balance import with_rest_balancing
 from cartstiff.stiffness.compute import SCHEMA
 
@@ -98,6 +99,12 @@ class CurvePoint:
     def is_conservative(self) -> bool:
         """Whether everything that acts has a potential."""
         return not np.isnan(self.point.evaluation.energy)
+
+    @property
+    def smallest(self) -> float:
+        """Smallest eigenvalue; NaN if what acts has no potential."""
+        least = float(self.eigenvalues.min(initial=np.inf))
+        return least if self.is_conservative else np.nan
 
 
 class LoadPath:
@@ -677,6 +684,48 @@ class LoadCurve(Result, LabelledResult):
 _SMALLEST_STEP, _COSINE = numerics.NEGLIGIBLE_STEP, 0.9
 
 
+class Start(NamedTuple):
+    """A mechanism where a search for its rest begins, and what acts on it.
+
+    Attributes
+    ----------
+    given, elastic : ElasticMechanism
+        As given, and with rest positions chosen so that it is at rest at the posture.
+    posture : MechanismPosture
+        The start.
+    loads : tuple of Potential
+        All loads.
+    held : Held or None
+        The prescribed displacement, from the posture.
+    """
+
+    given: ElasticMechanism
+    elastic: ElasticMechanism
+    posture: MechanismPosture
+    loads: tuple[Potential, ...]
+    held: Held | None
+
+    @classmethod
+    def of(
+        cls,
+        elastic: ElasticMechanism,
+        q: ArrayLike | Mapping[str, float] | None,
+        loads: tuple[Potential, ...],
+        held: Held | Mapping[str, float] | None,
+        wrench: ArrayLike | None,
+        kind: LoadKind,
+        axes: Literal["body", "world"],
+    ) -> Start:
+        """The start at coordinates, with the wrench among the loads."""
+        given, posture = elastic.placed(q)
+        refuse_springs_far_apart(given)
+        if held is not None:
+            held = (held if isinstance(held, Held) else Held(held)).at_start(posture)
+        if wrench is not None:
+            loads = (*loads, kind.acting(wrench, posture.pose, axes))
+        return cls(given, with_rest_balancing(given, posture), posture, loads, held)
+
+
 def start_and_loads(
     q: ArrayLike | Mapping[str, float] | Potential | None, loads: tuple[Potential, ...]
 ) -> tuple[ArrayLike | Mapping[str, float] | None, tuple[Potential, ...]]:
@@ -751,23 +800,19 @@ def load_curve(
             "resolution cannot be used", expected="a positive number", got=resolution
         )
     # The mechanism before the load, and what acts on it.
-    elastic, posture = elastic.placed(q)
-    refuse_springs_far_apart(elastic)
-    limits, before_load = contact_limits(elastic, posture), elastic.before_load
-    elastic, q = with_rest_balancing(elastic, posture), posture.q
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
-    if wrench is not None:
-        loads = (*loads, kind.acting(wrench, posture.pose, load_axes))
-    if held is not None:
-        held = (held if isinstance(held, Held) else Held(held)).at_start(posture)
+    start = Start.of(elastic, q, loads, held, wrench, kind, load_axes)
+    given, elastic, posture, loads, held = start
+    limits = contact_limits(given, posture)
     # The curve from there.
-    path = LoadPath(elastic, q, loads, fixed, held, limits, to, back, resolution)
+    path = LoadPath(elastic, posture.q, loads, fixed, held, limits, to, back, resolution)
     notes = (
         *elastic.notes,
         *notes_at_start(elastic.mechanism, posture, limits),
         *gravity_loads(elastic).notes,
     )
-    return replace(_trace(path, notes, [path.origin], points), _before_load=before_load)
+    curve = _trace(path, notes, [path.origin], points)
+    return replace(curve, _before_load=given.before_load)
 
 
 def branch(
@@ -826,7 +871,7 @@ def _trace(
     path: LoadPath, notes: tuple[Note, ...], states: list[CurvePoint], points: int
 ) -> LoadCurve:
     """Continue from the last of `states` until a reason to stop."""
-    goal, limits = path.goal, path.limits
+    goal, limits, sign = path.goal, path.limits, np.sign(path.goal)
     critical: list[CriticalPoint] = []
     reason: Reason = "points-reached"
     size = path.resolution
@@ -838,11 +883,9 @@ def _trace(
             reason = "lost"
             break
         there, size_taken = taken
-        last = (there.factor - goal) * np.sign(goal) >= 0.0
+        last = (there.factor - goal) * sign >= 0.0
         if last:
-            landed = _land(path, here, there, goal, size_taken)
-            if landed is not None:
-                there = landed
+            there = _land(path, here, there, goal, size_taken) or there
         # Critical points on the way; a step that jumped to another curve is taken again,
         # shorter.
         found: list[CriticalPoint] = []
@@ -856,19 +899,25 @@ def _trace(
         if limits.side(limits.values(at.q, at.pose)).any():
             reason = "limit-contact"
             break
-        critical += [
-            c for c in found if not last or (c.factor - goal) * np.sign(goal) <= 0.0
-        ]
+        if last:
+            found = [c for c in found if (c.factor - goal) * sign <= 0.0]
+        critical += found
         states.append(there)
         if last:
             reason = "factor-reached"
             break
-        if there.factor * np.sign(goal) < -path.back * abs(goal):
+        if there.factor * sign < -path.back * abs(goal):
             reason = "factor-left"
             break
-        grow = 1.5 if there.corrections <= 3 else 0.7 if there.corrections > 6 else 1.0
-        size = min(size_taken * grow, path.resolution)
+        size = min(size_taken * _growth(there.corrections), path.resolution)
     return _collected(path, notes, states, critical, reason)
+
+
+def _growth(corrections: int) -> float:
+    """Factor of the next step after one that took so many Newton steps."""
+    if corrections <= 3:
+        return 1.5
+    return 0.7 if corrections > 6 else 1.0
 
 
 def _is_elsewhere(
@@ -951,25 +1000,20 @@ def _collected(
     reason: Reason,
 ) -> LoadCurve:
     elastic, factors = path.system.elastic, np.array([s.factor for s in states])
-    origin, conservative = (
-        path.origin.point.posture.pose,
-        all(s.is_conservative for s in states),
-    )
+    origin = path.origin.point.posture.pose
     new = elastic.diagnostics(max(states, key=lambda s: abs(s.factor)).point.posture)
-    if not conservative:
+    if not all(s.is_conservative for s in states):
         new = [*new, UNDAMPED if all(s.vibrations for s in states) else MASSLESS]
-    kept = [n for n in notes if n.code not in {m.code for m in new}]
-    smallest = [
-        s.eigenvalues.min(initial=np.inf) if s.is_conservative else np.nan for s in states
-    ]
+    codes = {note.code for note in new}
+    kept = [note for note in notes if note.code not in codes]
     return LoadCurve(
         elastic,
         factors,
         np.array([s.point.q for s in states]),
         np.array([displacement_between(origin, s.point.posture.pose) for s in states]),
         factors[:, None] * path.linear_rate,
-        np.array(smallest),
-        tuple(_verdict(s) for s in states),
+        np.array([s.smallest for s in states]),
+        tuple(map(_verdict, states)),
         tuple(critical),
         reason,
         (*kept, *new),

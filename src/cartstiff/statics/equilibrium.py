@@ -25,7 +25,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.loads import Scaled
-from cartstiff.statics.continuation import load_curve, start_and_loads
+from cartstiff.statics.continuation import Start, load_curve, start_and_loads
 from cartstiff.statics.held import Held
 from cartstiff.statics.newton import Solution, solve
 from cartstiff.statics.problem import (
@@ -34,14 +34,12 @@ from cartstiff.statics.problem import (
     System,
     bounded,
     contact_limits,
-    refuse_springs_far_apart,
 )
 from cartstiff.statics.rest import MAX_CURVE_POINTS, chosen_forces, state_of_rest
 from cartstiff.statics.rest import Equilibrium as Equilibrium
 from cartstiff.statics.rest import Reactions as Reactions
 from cartstiff.statics.small_motions import divergence
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, checked_load
-from cartstiff.stiffness.balance import with_rest_balancing
 
 
 def relaxed(elastic: ElasticMechanism, q: ArrayLike | None = None) -> Array:
@@ -163,37 +161,40 @@ def equilibrium(
     given = checked_elastic(elastic)
     if against_gravity is not None:
         elastic, q = _before_turning(given, q, against_gravity, limits)
-    original, start = elastic.placed(q)
-    refuse_springs_far_apart(original)
-    q = start.q
-    elastic = with_rest_balancing(original, start)
-    if held is not None:
-        held = (held if isinstance(held, Held) else Held(held)).at_start(start)
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
-    if wrench is not None:
-        loads = (*loads, kind.acting(wrench, start.pose, load_axes))
-    chosen = (
-        None if elastic.identified is None else chosen_forces(original, elastic, start)
-    )
-    acting = contact_limits(original, start) if limits else None
+    start = Start.of(elastic, q, loads, held, wrench, kind, load_axes)
+    original, elastic, posture, loads, held = start
+    chosen = None
+    if elastic.identified is not None:
+        chosen = chosen_forces(original, elastic, posture)
+    acting = contact_limits(original, posture) if limits else None
     system = System(elastic, loads, held, acting)
-    stages = 1
     with bounded(elastic):
-        try:
-            solution = solve(system, q, iterations=iterations, settle=settle)
-            if settle and solution.is_saddle and divergence(solution.balance) is None:
-                solution = _from_rest(system, q, iterations) or solution
-        except ConvergenceError as error:
-            if not loads and held is None:
-                raise
-            staged = in_stages(system, q, iterations, settle)
-            if staged is None:
-                staged = _along_its_curve(system, q, iterations, settle)
-            if staged is None:
-                raise error from None
-            solution, stages = replace(staged, is_far=True), _STAGES
-    state = state_of_rest(system, solution, start, stages)
+        solution, stages = _at_once_or_in_stages(system, posture.q, iterations, settle)
+    state = state_of_rest(system, solution, posture, stages)
     return replace(state, _chosen=chosen, _before_load=given.before_load)
+
+
+def _at_once_or_in_stages(
+    system: System, q: Array, iterations: int, settle: bool
+) -> tuple[Solution, int]:
+    """The equilibrium found from q, and the number of stages in which loads and
+    displacements were put on.
+    """
+    try:
+        solution = solve(system, q, iterations=iterations, settle=settle)
+        if settle and solution.is_saddle and divergence(solution.balance) is None:
+            solution = _from_rest(system, q, iterations) or solution
+        return solution, 1
+    except ConvergenceError:
+        if not system.loads and system.held is None:
+            raise
+        staged = in_stages(system, q, iterations, settle)
+        if staged is None:
+            staged = _along_its_curve(system, q, iterations, settle)
+        if staged is None:
+            raise
+        return replace(staged, is_far=True), _STAGES
 
 
 def _before_turning(
@@ -209,8 +210,7 @@ def _before_turning(
     ]
     words = (
         f"the displacement counts from the rest under gravity ({shown[0]}) m/s^2, with "
-        "the body "
-        f"frame at ({shown[1]})"
+        f"the body frame at ({shown[1]})"
     )
     values = {"gravity": np.asarray(gravity, float).tolist(), "q": before.q.tolist()}
     unstable = (note for note in before.notes if note.code == "unstable-start")

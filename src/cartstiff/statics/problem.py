@@ -471,38 +471,33 @@ class System:
         contacts.
         """
         # Each constraint with the natural sizes of its residual.
-        parts: list[tuple[Array, SecondOrderMap]] = []
-        units: list[Array] = []
+        parts: list[tuple[Array, SecondOrderMap, Array]] = []
+        length = posture.length
         if posture.closure is not None and posture.residual is not None:
-            parts.append((posture.residual, posture.closure))
-            units.append(np.full(len(posture.residual), max(1.0, posture.length)))
+            unit = np.full(len(posture.residual), max(1.0, length))
+            parts.append((posture.residual, posture.closure, unit))
         if self.held is not None:
             residual, to_held, _ = self.held.constraint(posture)
-            parts.append((residual, to_held))
-            units.append(
-                np.array([1.0 if i < 3 else posture.length for i in self.held.rows])
-            )
+            unit = np.where(np.array(self.held.rows) < 3, 1.0, length)
+            parts.append((residual, to_held, unit))
         if contacts:
-            parts.append(constraint(self.limits, posture, contacts))
-            units.append(sizes(self.limits, posture)[[c.quantity for c in contacts]])
-        if not parts:
-            return None
-        if len(parts) == 1:
-            return (*parts[0], units[0])
+            unit = sizes(self.limits, posture)[[c.quantity for c in contacts]]
+            parts.append((*constraint(self.limits, posture, contacts), unit))
+        if len(parts) < 2:
+            return parts[0] if parts else None
         # Several constraints are one map.
-        counts = np.cumsum([len(residual) for residual, _ in parts])[:-1]
+        residuals, maps, units = zip(*parts, strict=True)
+        counts = np.cumsum(list(map(len, residuals)))[:-1]
 
         def curvature(multipliers: Array) -> Array:
             shares = np.split(multipliers, counts)
-            total: Array = sum(
-                (m.curvature(s) for (_, m), s in zip(parts, shares, strict=True)),
-                start=np.zeros(1),
-            )
+            each = (m.curvature(s) for m, s in zip(maps, shares, strict=True))
+            total: Array = sum(each, start=np.zeros(1))
             return total
 
-        jacobian = np.concatenate([m.jacobian for _, m in parts])
-        residuals = np.concatenate([residual for residual, _ in parts])
-        return residuals, SecondOrderMap(jacobian, curvature), np.concatenate(units)
+        jacobian = np.concatenate([m.jacobian for m in maps])
+        whole = SecondOrderMap(jacobian, curvature)
+        return np.concatenate(residuals), whole, np.concatenate(units)
 
     def balance(self, point: Point, contacts: Sequence[Contact] = ()) -> Balance:
         """Forces and stiffness on the motions that keep the constraints."""

@@ -154,8 +154,7 @@ def chosen_forces(
 
 _NEUTRAL = (
     "a motion costs no energy to second order, or too little to be seen beside the "
-    "stiffest "
-    "spring: definiteness does not decide stability here"
+    "stiffest spring: definiteness does not decide stability here"
 )
 
 
@@ -169,11 +168,10 @@ def state_of_rest(
     unresolved = _unresolved(point, balance, start)
     known = [n.values.get("largest") for n in unresolved]
     is_anywhere = any(isinstance(x, float) and x >= 1.0 for x in known)
-    stable, squares, diagnostics = (
-        _by_energy(balance, is_anywhere)
-        if conservative
-        else _by_vibrations(system, point, balance)
-    )
+    if conservative:
+        stable, squares, diagnostics = _by_energy(balance, is_anywhere)
+    else:
+        stable, squares, diagnostics = _by_vibrations(system, point, balance)
     notes += diagnostics
     if stages > 1:
         notes.append(
@@ -184,15 +182,7 @@ def state_of_rest(
                 {"stages": stages},
             )
         )
-    notes += notes_at_start(system.elastic.mechanism, start, system.limits)
-    beside = limits_of(system.elastic.mechanism)
-    if not len(system.limits) or len(beside) > len(system.limits):
-        notes += limit_notes(system.elastic.mechanism, point.posture, "at rest: ")
-    notes += force_notes(system.elastic, point.posture)
-    notes += deflection_notes(system.elastic, point.posture.q)
-    notes += system.elastic.diagnostics(point.posture)
-    if system.elastic.gravity is not None:
-        notes += gravity_loads(system.elastic).notes
+    notes += _notes_on_posture(system, start, point.posture)
     # An unstable equilibrium is left anyway; the sign of a determinant gives no position.
     if stable is not False or not conservative:
         notes += unresolved
@@ -219,6 +209,22 @@ def state_of_rest(
         solution,
         squares,
     )
+
+
+def _notes_on_posture(
+    system: System, start: MechanismPosture, posture: MechanismPosture
+) -> list[Note]:
+    """Notes on the start, and on limits, forces, deflections and weight at rest."""
+    elastic, limits = system.elastic, system.limits
+    notes = [*notes_at_start(elastic.mechanism, start, limits)]
+    if not len(limits) or len(limits_of(elastic.mechanism)) > len(limits):
+        notes += limit_notes(elastic.mechanism, posture, "at rest: ")
+    notes += force_notes(elastic, posture)
+    notes += deflection_notes(elastic, posture.q)
+    notes += elastic.diagnostics(posture)
+    if elastic.gravity is not None:
+        notes += gravity_loads(elastic).notes
+    return notes
 
 
 def _by_energy(
@@ -361,8 +367,7 @@ MAX_CURVE_POINTS = 200
 # Messages on critical loads of that curve, by kind.
 _CRITICAL_LOADS = {
     "limit": "a limit point, where the mechanism snaps through: it comes to rest "
-    "elsewhere than a "
-    "small load leads to",
+    "elsewhere than a small load leads to",
     "bifurcation": "a bifurcation, where the mechanism buckles",
 }
 
@@ -730,8 +735,7 @@ class Equilibrium(Result, LabelledResult):
             )
         return (
             "part of the load that the springs balance, in the body frame; what the "
-            "structure "
-            "carries is not known"
+            "structure carries is not known"
         )
 
     @cached_property

@@ -49,16 +49,14 @@ from cartstiff.units import Units, convert_length
 MASSLESS = Note(
     "masses-missing",
     "motions without mass or inertia are left: whether a load without a potential leads "
-    "to flutter "
-    "or divergence depends on them, and no statement is made (give every moving link "
-    "both)",
+    "to flutter or divergence depends on them, and no statement is made (give every "
+    "moving link both)",
 )
 #: Assumptions of a statement.
 UNDAMPED = Note(
     "undamped",
     "flutter and divergence, under a load without a potential, are those of undamped "
-    "vibrations "
-    "with the masses given; damping may lower the load of flutter",
+    "vibrations with the masses given; damping may lower the load of flutter",
 )
 
 

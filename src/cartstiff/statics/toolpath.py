@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.arrays import checked_array, csv_text, is_pose, plain_dict
+from cartstiff.arrays import checked_array, checked_pose, csv_text, plain_dict
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
     CartstiffError,
@@ -33,6 +33,7 @@ from cartstiff.errors import (
 from cartstiff.figures import new_figure
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.mechanisms.gravity_loads import GravityLoads, gravity_loads
 from cartstiff.mechanisms.limits import finite, limit_notes, limits_of
@@ -266,8 +267,7 @@ def compensate(
     if elastic.coupled_springs:
         raise InputError(
             "a path's commands are for the springs of single joints, and springs that "
-            "couple "
-            "joints are not commanded",
+            "couple joints are not commanded",
             expected="springs of single joints; equilibrium or analyse for this "
             "mechanism",
         )
@@ -287,52 +287,29 @@ def compensate(
     straight = replace(
         elastic, gravity=None, potentials=tuple(t for t in inner if t is not springs)
     )
-    points: list[tuple[Any, ...]] = []
     notes = list(elastic.notes)
-    for index, (given, target, acting) in enumerate(
-        zip(postures, poses, loads, strict=True)
-    ):
-        here, under_weight, force_free = (
-            _with_links_at_rest(one, given, carried, target, index)
-            for one, carried in ((elastic, acting), (elastic, ()), (straight, ()))
+    points = [
+        _Point(elastic, straight, number, target, acting, notes).solved(given, against)
+        for number, (given, target, acting) in enumerate(
+            zip(postures, poses, loads, strict=True), start=1
         )
-        rest = _balancing_rest(elastic, here, acting, index)
-        taught = _balancing_rest(elastic, under_weight, (), index)
-        posture = elastic.mechanism.at(force_free)
-        alone = replace(straight, potentials=())
-        unbent = _springs(with_rest_balancing(alone, posture, np.zeros(6))).rest
-        naive, program = (
-            (taught, under_weight) if against == "load" else (unbent, force_free)
-        )
-        before, deflected = _error(
-            elastic, naive, acting, program, target, "before", index, notes
-        )
-        # The check starts beside the answer, on the side of the deflection.
-        start = here if deflected is None else here + _START_OFFSET * (deflected.q - here)
-        after, held = _error(elastic, rest, acting, start, target, "after", index, notes)
-        spread = None if held is None else held.displacement_deviation
-        deviation = np.full(6, np.nan) if spread is None else spread
-        stable = _verdict(elastic, rest, acting, here, index, notes)
-        points.append(
-            (here, rest, naive, taught - unbent, before, after, deviation, stable)
-        )
-        _note_limits(elastic, rest, index, notes)
-        posture = elastic.mechanism.at(here)
-        notes += limit_notes(elastic.mechanism, posture, f"point {index + 1}: ")
-        away = displacement_between(target, posture.pose) / np.repeat(
-            [1.0, posture.length], 3
-        )
-        if np.abs(away).max() > numerics.NEGLIGIBLE_DIFFERENCE:
-            words = (
-                "the joints cannot undo all of the links' deflection: the nearest "
-                "pose is taken"
-            )
-            notes.append(
-                Note("pose-missed", f"point {index + 1}: {words}", {"point": index + 1})
-            )
+    ]
     # A program is taught: whatever rest positions the file gives are commanded anew.
     taught_under: Literal["balanced"] | None = "balanced" if against == "load" else None
     mass = replace(gravity_loads(elastic, loads[0]), before=taught_under)
+    result = _collected(elastic, np.array(poses), points, mass, notes)
+    axes = load_axes if potentials is None else None
+    return replace(result, against=against, load_axes=axes)
+
+
+def _collected(
+    elastic: ElasticMechanism,
+    poses: Array,
+    points: Sequence[tuple[Any, ...]],
+    mass: GravityLoads,
+    notes: Sequence[Note],
+) -> CompensatedPath:
+    """The commands at all points, of the springs that are driven."""
     within = {elastic.names[j] for j in elastic.mechanism.virtual}
     names = tuple(name for name in elastic.spring_names if name not in within)
     *columns, verdicts = zip(*points, strict=True)
@@ -341,19 +318,19 @@ def compensate(
     own = [elastic.spring_names.index(name) for name in names]
     return CompensatedPath(
         elastic,
-        np.array(poses),
+        poses,
         reached,
         names,
         commands[:, own],
         unloaded[:, own],
         weight[:, own],
-        against,
+        "all",
         before,
         after,
         None if elastic.identified is None else deviation,
         verdicts,
         mass,
-        load_axes if potentials is None else None,
+        None,
         (*notes, *mass.notes, *undriven),
     )
 
@@ -391,9 +368,7 @@ def _postures(
         return mechanism.undeflected(rows)
     q = elastic.q if start is None else mechanism.checked(start, "q")
     postures = []
-    for index, T in enumerate(rows):
-        if not is_pose(T):
-            raise InputError(f"pose {index + 1} is not a rigid motion", got=T.tolist())
+    for index, T in enumerate(checked_pose(rows)):
         try:
             q = System(elastic, (), Held.from_pose(T)).retracted(q)
         except ConvergenceError as error:
@@ -416,23 +391,27 @@ def _given_loads(
     if wrenches is None:
         return [()] * m
     each: Any = [wrenches] * m if isinstance(wrenches, Potential) else wrenches
-    if not isinstance(each, Sequence) or not each:
+    points = list(map(_potentials, each)) if isinstance(each, Sequence) else []
+    loads = [loads for loads in points if loads is not None]
+    if not points or len(loads) < len(points):
         return None
-    points = [(p,) if isinstance(p, Potential) else p for p in each]
-    if not all(
-        isinstance(p, Sequence) and all(isinstance(x, Potential) for x in p)
-        for p in points
-    ):
-        return None
-    if len(points) != m:
-        raise InputError("loads and path differ in number", expected=m, got=len(points))  # type: ignore[arg-type]
+    if len(loads) != m:
+        raise InputError("loads and path differ in number", expected=m, got=len(loads))  # type: ignore[arg-type]
     if kind != DEAD_AT_ORIGIN or axes != "body":
         raise InputError(
             "potentials already say how and where they act",
             where="loads of the path",
             expected="no load_kind, load_at or load_axes",
         )
-    return [tuple(p) for p in points]
+    return loads
+
+
+def _potentials(given: Any) -> tuple[Potential, ...] | None:
+    """One potential, or a sequence of them; None if it is neither."""
+    each = (given,) if isinstance(given, Potential) else given
+    if isinstance(each, Sequence) and all(isinstance(x, Potential) for x in each):
+        return tuple(each)
+    return None
 
 
 def _loads(
@@ -448,71 +427,6 @@ def _loads(
     return [(kind.acting(w, T, axes),) for w, T in zip(rows, poses, strict=True)]
 
 
-def _with_links_at_rest(
-    elastic: ElasticMechanism,
-    q: Array,
-    loads: Sequence[Potential],
-    target: Array,
-    index: int,
-) -> Array:
-    """Posture (n,) that has a pose while compliant links carry their part of
-    loads and weight.
-    """
-    try:
-        posture = settled(
-            elastic,
-            elastic.mechanism.at(q),
-            loads,
-            lambda at: se3.log(se3.inverse(at.pose) @ target),
-        )
-    except ConvergenceError as error:
-        raise ConvergenceError(
-            f"point {index + 1}: {error.what}",
-            iterations=error.iterations,
-            residual=error.residual,
-        ) from None
-    return posture.q
-
-
-def _balancing_rest(
-    elastic: ElasticMechanism, q: Array, loads: Sequence[Potential], index: int
-) -> Array:
-    """Rest positions at which the springs, and the closures,
-    balance all other forces at q.
-    """
-    posture = elastic.mechanism.at(q)
-    columns = posture.coordinate_lengths
-    if posture.coordinates_are_pose:  # as under a load: near their preload, if possible
-        balanced = with_rest_balancing(
-            elastic.with_potential(*loads), posture, np.zeros(6)
-        )
-    else:
-        free = _commanded(elastic, np.full(len(elastic.spring_names), np.nan))
-        balanced = with_rest_balancing(free.with_potential(*loads), posture)
-    springs = _springs(balanced)
-    acting = balanced.evaluate(posture)
-    left = acting.gradient * columns
-    carried = np.abs(left - springs.evaluate(posture).gradient * columns)
-    if posture.closure is not None:
-        N = decomposed(posture.closure, columns).N
-        left, carried = N.T @ left, np.abs(N).T @ carried
-    unbalanced = float(np.abs(left).max(initial=0.0))
-    stiffest = float(np.abs(acting.hessian * np.outer(columns, columns)).max())
-    shares = (
-        numerics.REPORTED_ERROR * carried.max(initial=0.0),
-        numerics.ROUNDOFF_OF_SUMS * stiffest,
-    )
-    if unbalanced > max(shares):
-        raise UndefinedError(
-            f"no command balances the load at point {index + 1}: joints without springs "
-            "would have "
-            "to carry a part of it",
-            code="not-compensable",
-            values={"point": index + 1, "unbalanced": unbalanced},
-        )
-    return springs.rest
-
-
 def _springs(elastic: ElasticMechanism) -> Springs:
     if elastic.springs is None:  # refused at the start
         raise InputError(
@@ -526,67 +440,160 @@ def _commanded(elastic: ElasticMechanism, rest: Array) -> ElasticMechanism:
     return replace(elastic, springs=springs.replaced(springs.stiffness, rest))
 
 
-def _error(
-    elastic: ElasticMechanism,
-    rest: Array,
-    loads: Sequence[Potential],
-    q: Array,
-    target: Array,
-    which: str,
-    index: int,
-    notes: list[Note],
-) -> tuple[Array, Equilibrium | None]:
-    try:
-        state = equilibrium(_commanded(elastic, rest), q, *loads, limits=False)
-    except CartstiffError as error:
-        notes.append(
-            Note(
-                "no-equilibrium",
-                f"point {index + 1}, {which} compensation: {error}",
-                {"point": index + 1},
+@dataclass(frozen=True)
+class _Point:
+    """A point of a path whose command is wanted.
+
+    Attributes
+    ----------
+    elastic, straight : ElasticMechanism
+        With all that acts, and with what is left without weight and other potentials.
+    number : int
+        Of the point, from 1.
+    target : ndarray (4, 4)
+        Pose that is wanted.
+    loads : sequence of Potential
+        What acts there.
+    notes : list of Note
+        Those on the point are added.
+    """
+
+    elastic: ElasticMechanism
+    straight: ElasticMechanism
+    number: int
+    target: Array
+    loads: Sequence[Potential]
+    notes: list[Note]
+
+    def solved(self, given: Array, against: str) -> tuple[Any, ...]:
+        """Posture, commands with and without compensation, change by the weight, errors
+        before and after, its deviation, and the verdict; from a `given` posture (n,).
+        """
+        elastic, mechanism = self.elastic, self.elastic.mechanism
+        # Postures under the load, under the weight, and without forces.
+        here = self.at_rest(elastic, given, self.loads)
+        under_weight = self.at_rest(elastic, given, ())
+        force_free = self.at_rest(self.straight, given, ())
+        rest = self.balancing_rest(here, self.loads)
+        taught = self.balancing_rest(under_weight, ())
+        alone = replace(self.straight, potentials=())
+        posture = mechanism.at(force_free)
+        unbent = _springs(with_rest_balancing(alone, posture, np.zeros(6))).rest
+        naive, program = unbent, force_free
+        if against == "load":
+            naive, program = taught, under_weight
+        before, deflected = self.error(naive, program, "before")
+        # The check starts beside the answer, on the side of the deflection.
+        start = here if deflected is None else here + _START_OFFSET * (deflected.q - here)
+        after, held = self.error(rest, start, "after")
+        spread = None if held is None else held.displacement_deviation
+        deviation = np.full(6, np.nan) if spread is None else spread
+        stable = self.verdict(rest, here)
+        self.note_limits(rest)
+        posture = mechanism.at(here)
+        self.notes.extend(limit_notes(mechanism, posture, f"point {self.number}: "))
+        away = displacement_between(self.target, posture.pose) / np.repeat(
+            [1.0, posture.length], 3
+        )
+        if np.abs(away).max() > numerics.NEGLIGIBLE_DIFFERENCE:
+            words = (
+                ": the joints cannot undo all of the links' deflection: the nearest pose "
+                "is taken"
             )
-        )
-        return np.full(6, np.nan), None
-    return displacement_between(target, state.pose), state
+            self.add(Note("pose-missed", words))
+        return here, rest, naive, taught - unbent, before, after, deviation, stable
 
+    def add(self, note: Note) -> None:
+        """Add a note on the point, which its message and values name."""
+        words = f"point {self.number}{note.message}"
+        self.notes.append(Note(note.code, words, {"point": self.number, **note.values}))
 
-def _verdict(
-    elastic: ElasticMechanism,
-    rest: Array,
-    loads: Sequence[Potential],
-    q: Array,
-    index: int,
-    notes: list[Note],
-) -> bool | None:
-    """Whether the mechanism stays at q under the command."""
-    state = equilibrium(_commanded(elastic, rest), q, *loads, limits=False, settle=False)
-    if state.stable is False:
-        notes.append(
-            Note(
-                "unstable-command",
-                f"point {index + 1}: under the command and the load this posture is "
-                "unstable, and "
-                "the mechanism settles elsewhere",
-                {"point": index + 1, "eigenvalues": state.eigenvalues.tolist()},
+    def at_rest(
+        self, elastic: ElasticMechanism, q: Array, loads: Sequence[Potential]
+    ) -> Array:
+        """Posture (n,) that has the pose while compliant links carry their part of
+        loads and weight.
+        """
+
+        def away(at: MechanismPosture) -> Array:
+            return se3.log(se3.inverse(at.pose) @ self.target)
+
+        try:
+            return settled(elastic, elastic.mechanism.at(q), loads, away).q
+        except ConvergenceError as error:
+            raise ConvergenceError(
+                f"point {self.number}: {error.what}",
+                iterations=error.iterations,
+                residual=error.residual,
+            ) from None
+
+    def balancing_rest(self, q: Array, loads: Sequence[Potential]) -> Array:
+        """Rest positions at which the springs, and the closures,
+        balance all other forces at q.
+        """
+        elastic, posture = self.elastic, self.elastic.mechanism.at(q)
+        columns = posture.coordinate_lengths
+        if posture.coordinates_are_pose:  # as under a load: near their preload
+            balanced = with_rest_balancing(
+                elastic.with_potential(*loads), posture, np.zeros(6)
             )
+        else:
+            free = _commanded(elastic, np.full(len(elastic.spring_names), np.nan))
+            balanced = with_rest_balancing(free.with_potential(*loads), posture)
+        springs = _springs(balanced)
+        acting = balanced.evaluate(posture)
+        left = acting.gradient * columns
+        carried = np.abs(left - springs.evaluate(posture).gradient * columns)
+        if posture.closure is not None:
+            N = decomposed(posture.closure, columns).N
+            left, carried = N.T @ left, np.abs(N).T @ carried
+        unbalanced = float(np.abs(left).max(initial=0.0))
+        stiffest = float(np.abs(acting.hessian * np.outer(columns, columns)).max())
+        shares = (
+            numerics.REPORTED_ERROR * carried.max(initial=0.0),
+            numerics.ROUNDOFF_OF_SUMS * stiffest,
         )
-    return state.stable
+        if unbalanced > max(shares):
+            raise UndefinedError(
+                f"no command balances the load at point {self.number}: joints without "
+                "springs would have to carry a part of it",
+                code="not-compensable",
+                values={"point": self.number, "unbalanced": unbalanced},
+            )
+        return springs.rest
 
+    def error(
+        self, rest: Array, q: Array, which: str
+    ) -> tuple[Array, Equilibrium | None]:
+        """Error (6,) of the pose under a command, and the state; found from q."""
+        commanded = _commanded(self.elastic, rest)
+        try:
+            state = equilibrium(commanded, q, *self.loads, limits=False)
+        except CartstiffError as error:
+            self.add(Note("no-equilibrium", f", {which} compensation: {error}"))
+            return np.full(6, np.nan), None
+        return displacement_between(self.target, state.pose), state
 
-def _note_limits(
-    elastic: ElasticMechanism, rest: Array, index: int, notes: list[Note]
-) -> None:
-    """Note commands that the joints, or the legs of a platform, cannot take."""
-    limits = limits_of(elastic.mechanism, contacts=True)
-    commands = rest[limits.columns]
-    for i in np.flatnonzero(limits.side(commands)):
-        name, r = limits.names[i], float(commands[i])
-        facts = {
-            "command": r,
-            "lower": float(limits.lower[i]),
-            "upper": float(limits.upper[i]),
-        }
-        message = f"point {index + 1}: the command of {name} is beyond its limit"
-        notes.append(
-            Note("command-beyond-limit", message, {"point": index + 1, **finite(facts)})
-        )
+    def verdict(self, rest: Array, q: Array) -> bool | None:
+        """Whether the mechanism stays at q under the command."""
+        commanded = _commanded(self.elastic, rest)
+        state = equilibrium(commanded, q, *self.loads, limits=False, settle=False)
+        if state.stable is False:
+            words = (
+                ": under the command and the load this posture is unstable, and the "
+                "mechanism settles elsewhere"
+            )
+            values = {"eigenvalues": state.eigenvalues.tolist()}
+            self.add(Note("unstable-command", words, values))
+        return state.stable
+
+    def note_limits(self, rest: Array) -> None:
+        """Note commands that the joints, or the legs of a platform, cannot take."""
+        limits = limits_of(self.elastic.mechanism, contacts=True)
+        commands = rest[limits.columns]
+        for i in np.flatnonzero(limits.side(commands)):
+            name, low, high = limits.names[i], limits.lower[i], limits.upper[i]
+            words = f": the command of {name} is beyond its limit"
+            facts = {"command": commands[i], "lower": low, "upper": high}
+            values = finite({key: float(x) for key, x in facts.items()})
+            self.add(Note("command-beyond-limit", words, values))

@@ -134,37 +134,34 @@ def irregular(closure: SecondOrderMap, found: Closures, columns: Array) -> Note 
     # The quadratic forms by which residuals grow; none: the closures are redundant.
     lost = found.lost if closure.sizes is None else found.lost / closure.sizes[:, None]
     curvatures = (closure.curvature(nu) for nu in lost.T)
-    forms = [
-        N.T @ (curvature * columns[:, None] * columns) @ N for curvature in curvatures
-    ]
-    size = max(float(np.abs(form).max(initial=0.0)) for form in forms)
+    forms = np.array(
+        [N.T @ (curvature * columns[:, None] * columns) @ N for curvature in curvatures]
+    )
+    sizes = np.abs(forms).max(axis=(1, 2), initial=0.0)
+    size = float(sizes.max())
     if size <= numerics.VANISHING_FORM * max(1.0, float(values.max(initial=0.0))):
         return None
-    forms = [
-        form for form in forms if np.abs(form).max() > numerics.VANISHING_FORM * size
-    ]
+    forms = forms[sizes > numerics.VANISHING_FORM * size]
     # A motion on which all forms vanish is a branch; without any, every motion is
     # blocked.
-    root = _common_root(np.array(forms) / size)
+    root = _common_root(forms / size)
     numbers: dict[str, object] = {
         "rank": found.rank,
         "singular_values": values.tolist(),
-        "second_order": [np.linalg.eigvalsh(form).tolist() for form in forms],
+        "second_order": np.linalg.eigvalsh(forms).tolist(),
         "motions": (columns[:, None] * N).T.tolist(),
     }
     if root is not None:
         return Note(
             "constraint-singularity",
             "the closures lose rank here and branches of motion meet: the energy has no "
-            "second "
-            "derivative along them",
+            "second derivative along them",
             {**numbers, "branch": (columns * (N @ root)).tolist()},
         )
     return Note(
         "non-regular-redundancy",
         "the closures lose rank here and block to second order what is free to first "
-        "order: the "
-        "mechanism is shaky, and its closure forces are not determined",
+        "order: the mechanism is shaky, and its closure forces are not determined",
         numbers,
     )
 
@@ -365,8 +362,7 @@ def _inverse(matrix: Array, sizes: Array | None) -> Array:
     except np.linalg.LinAlgError:  # chains that are singular in two ways at once
         raise UndefinedError(
             "the motions of the body and those inside the mechanism cannot be told apart "
-            "here: the "
-            "posture is singular in more than one way",
+            "here: the posture is singular in more than one way",
             code="ill-conditioned",
             values={"motions": matrix.tolist()},
         ) from None

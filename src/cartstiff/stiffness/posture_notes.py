@@ -73,59 +73,50 @@ def notes_on_digits(
         See `error_of_chosen_forces`.
     """
     notes = []
-    K = reduction.stiffness
-    both = (compliance, None if change is None else loaded)
-    errors = [inverse.error for inverse in both if inverse is not None]
-    error = max(*errors, error_of_forces) if errors else 0.0
+    K, is_loaded = reduction.stiffness, change is not None
+    known = (compliance, loaded if is_loaded else None)
+    errors = [inverse.error for inverse in known if inverse is not None]
     # Digits of the compliance, then those of the soft directions in K.
-    if error > numerics.REPORTED_ERROR:
-        notes.append(
-            Note(
-                "ill-conditioned",
-                "springs and load nearly cancel along a motion, legs are nearly "
-                "dependent, or "
-                "springs hardly move along it: the compliance is known " + _known(error),
-                {"matrix": "compliance", "relative_error": error},
-            )
+    if errors:
+        words = (
+            "springs and load nearly cancel along a motion, legs are nearly dependent, "
+            "or springs hardly move along it: the compliance is known {}"
         )
-    if K is not None and compliance is not None:
-        error = error_of_soft_directions(K, compliance.matrix)
-        if error > numerics.REPORTED_ERROR:
-            is_near = (
-                numerics.ratio(reduction.singular_values) < numerics.NEAR_SINGULARITY
-            )
-            words = "so near to a singularity" if is_near else "with springs so far apart"
-            known = _known(error)
-            notes.append(
-                Note(
-                    "ill-conditioned",
-                    f"{words} the stiffness matrix holds the softer directions {known}; "
-                    "the "
-                    "compliance, and what is free, hold them",
-                    {"matrix": "stiffness", "relative_error": error},
-                )
-            )
-    # A stiffness that exists and has no inverse.
-    under_load = change is not None and compliance is not None and loaded is None
-    if K is not None and (compliance is None or under_load):
-        if change is not None and under_load:
-            K = without_cancelled((K + change)[None], K, change[None], 1 / natural)[0]
-        values = numerics.eigenvalues(K * natural * natural[:, None])
-        notes.append(
-            Note(
-                "singular-stiffness",
-                f"the stiffness matrix {'under the load ' * under_load}is singular: a "
-                "motion costs "
-                "nothing, or nothing that can be told from the rounding of the stiffest "
-                "springs, "
-                "and there is no compliance matrix",
-                {
-                    "eigenvalues": values.tolist(),
-                    "characteristic_length": float(natural[-1]),
-                },
-            )
-        )
+        notes += _lost("compliance", max(*errors, error_of_forces), words)
+    if K is None:
+        return notes
+    if compliance is None:
+        return [*notes, *_singular(K, None, natural)]
+    is_near = numerics.ratio(reduction.singular_values) < numerics.NEAR_SINGULARITY
+    words = "so near to a singularity" if is_near else "with springs so far apart"
+    words += (
+        " the stiffness matrix holds the softer directions {}; the compliance, and "
+        "what is free, hold them"
+    )
+    notes += _lost("stiffness", error_of_soft_directions(K, compliance.matrix), words)
+    if is_loaded and loaded is None:
+        notes += _singular(K, change, natural)
     return notes
+
+
+def _singular(K: Array, change: Array | None, natural: Array) -> list[Note]:
+    """Note on a stiffness, changed by a load if any, that exists and has no inverse."""
+    under_load = change is not None
+    if change is not None:
+        K = without_cancelled((K + change)[None], K, change[None], 1 / natural)[0]
+    values = numerics.eigenvalues(K * natural * natural[:, None])
+    return [
+        Note(
+            "singular-stiffness",
+            f"the stiffness matrix {'under the load ' * under_load}is singular: a "
+            "motion costs nothing, or nothing that can be told from the rounding of the "
+            "stiffest springs, and there is no compliance matrix",
+            {
+                "eigenvalues": values.tolist(),
+                "characteristic_length": float(natural[-1]),
+            },
+        )
+    ]
 
 
 def indefinite(
@@ -146,27 +137,26 @@ def indefinite(
     """
     sizes = natural[:, None] * natural
     K = reduction.reachable_stiffness if tangent is None else tangent * sizes
-    pair = [
-        M
-        for M in (K, None if compliance is None else compliance / sizes)
-        if M is not None
-    ]
+    C = None if compliance is None else compliance / sizes
+    pair = [M for M in (K, C) if M is not None]
     if any(numerics.asymmetry(M) for M in pair):
         return []
     spectra = [numerics.eigenvalues(M) for M in pair]
-    if all(x.min() >= -numerics.ZERO_SHARE * np.abs(x).max() for x in spectra if x.size):
-        return []
     negative = max(
-        int((x < -numerics.ZERO_SHARE * np.abs(x).max()).sum()) for x in spectra
+        (
+            int((x < -numerics.ZERO_SHARE * np.abs(x).max(initial=0.0)).sum())
+            for x in spectra
+        ),
+        default=0,
     )
+    if not negative:
+        return []
     return [
         Note(
             "indefinite",
             f"the stiffness is negative along {negative} motion(s) of the body, under "
-            "the load and "
-            "the tensions here: the posture is not stable, and without something else "
-            "that holds "
-            "it the mechanism moves away",
+            "the load and the tensions here: the posture is not stable, and without "
+            "something else that holds it the mechanism moves away",
             {
                 "eigenvalues": spectra[0].tolist(),
                 "characteristic_length": float(natural[-1]),
@@ -175,10 +165,15 @@ def indefinite(
     ]
 
 
-def _known(error: float) -> str:
-    return (
-        f"to a relative error of about {error:.1g} only" if error < 1.0 else "not at all"
-    )
+def _lost(matrix: str, error: float, words: str) -> list[Note]:
+    """Note on a matrix with lost digits; `words` have a place for how many are left."""
+    if not error > numerics.REPORTED_ERROR:
+        return []
+    known = "not at all"
+    if error < 1.0:
+        known = f"to a relative error of about {error:.1g} only"
+    numbers = {"matrix": matrix, "relative_error": error}
+    return [Note("ill-conditioned", words.format(known), numbers)]
 
 
 def error_of_soft_directions(K: Array, C: Array) -> float:
@@ -264,8 +259,7 @@ def near_serial(posture: MechanismPosture, values: Array, rank: int = 6) -> list
         Note(
             "near-serial-singularity",
             "the end-effector hardly moves in one direction: smallest over largest "
-            "singular "
-            f"value {values[rank - 1] / values[0]:.2g}",
+            f"singular value {values[rank - 1] / values[0]:.2g}",
             {"singular_values": values.tolist(), "characteristic_length": posture.length},
         )
     ]
@@ -290,12 +284,10 @@ def near_constraint(reduction: Reduction) -> list[Note]:
         Note(
             "near-constraint-singularity",
             f"the closures nearly repeat each other: {doubtful.size} motion(s) break "
-            "them by "
-            f"shares of {least:.2g} to {doubtful.max():.2g} only, of which {held} "
-            "count(s) as "
-            "held; axes that should be parallel and are not quite, or a branching near: "
-            "what "
-            "moves, and how stiffly, hangs on these digits of the geometry",
+            f"them by shares of {least:.2g} to {doubtful.max():.2g} only, of which "
+            f"{held} count(s) as held; axes that should be parallel and are not quite, "
+            "or a branching near: what moves, and how stiffly, hangs on these digits of "
+            "the geometry",
             {
                 "singular_values": values.tolist(),
                 "held": held,
@@ -330,12 +322,9 @@ def nearly_still(posture: MechanismPosture, reduction: Reduction) -> list[Note]:
         Note(
             "nearly-still",
             f"the body hardly has a {half}: {share:.2g} of its {other}, in "
-            "characteristic lengths; "
-            "axes that should be parallel, or meet, and do not quite in the file's "
-            "digits? If so, "
-            f"its {half} is none, and compliances of {half}, and of {other} with {half} "
-            "held, say "
-            "nothing about the machine",
+            "characteristic lengths; axes that should be parallel, or meet, and do not "
+            f"quite in the file's digits? If so, its {half} is none, and compliances of "
+            f"{half}, and of {other} with {half} held, say nothing about the machine",
             {"half": half, "share": share, "characteristic_length": posture.length},
         )
     ]
@@ -353,21 +342,19 @@ def near_type_2(posture: MechanismPosture, free: Array | None = None) -> list[No
     if not rates.size or len(rates) < rates.shape[1]:
         return []
     _, values, motions = np.linalg.svd(rates)
-    each = values.tolist()
-    if not each[-1] < numerics.NEAR_SINGULARITY * each[0]:
+    each, largest = values.tolist(), float(values[0])
+    if not each[-1] < numerics.NEAR_SINGULARITY * largest:
         return []
     if free is not None:
         motions = motions @ free.T
-    is_lost = each[-1] <= numerics.RANK * each[0]
-    limit, weak = (numerics.RANK if is_lost else numerics.NEAR_SINGULARITY) * each[0], 1
-    while weak < len(each) and each[-1 - weak] <= limit:
-        weak += 1
+    is_lost = each[-1] <= numerics.RANK * largest
+    limit = numerics.RANK if is_lost else numerics.NEAR_SINGULARITY
+    weak = max(1, int((values <= limit * largest).sum()))
     return [
         Note(
             "type-2-singularity" if is_lost else "near-type-2-singularity",
             f"the actuators {'do not' if is_lost else 'hardly'} hold the mechanism in "
-            f"{weak} "
-            f"direction(s): smallest over largest singular value "
+            f"{weak} direction(s): smallest over largest singular value "
             f"{each[-1] / each[0]:.2g}",
             {
                 "singular_values": each,

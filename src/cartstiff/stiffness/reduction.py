@@ -190,19 +190,16 @@ _NEITHER = (
 )
 _UNBALANCED = (
     "no wrench at the end-effector balances this posture: a torque acts along the "
-    "self-motion and "
-    "the mechanism would move; choose rest positions that balance it, or let the "
-    "self-motion settle"
+    "self-motion and the mechanism would move; choose rest positions that balance it, or "
+    "let the self-motion settle"
 )
 _IGNORED = (
     "the wrench given is not the one that the springs exert on the reachable motions; "
-    "the wrench "
-    "of least norm is used"
+    "the wrench of least norm is used"
 )
 _BUCKLED = (
     "the self-motion is unstable: the energy has no minimum over it, the mechanism would "
-    "snap away "
-    "from this posture"
+    "snap away from this posture"
 )
 _COUPLED = " but couple to the others: no minimum exists"
 _IDLE = ": they do not move the end-effector and are left out"
@@ -548,9 +545,8 @@ def _lost_directions(
     return Note(
         "fewer-than-six-freedoms" if is_regular else "serial-singularity",
         f"the end-effector cannot move in {len(rows) - rank} of {len(rows)} directions "
-        "here"
-        f"{inside}: {exists}; the wrench along them is carried by the structure"
-        f"{'' if is_given else ' and is taken as zero in the scaled norm'}",
+        f"here{inside}: {exists}; the wrench along them is carried by the "
+        f"structure{'' if is_given else ' and is taken as zero in the scaled norm'}",
         numbers,
     )
 

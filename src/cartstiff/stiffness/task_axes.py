@@ -22,6 +22,12 @@ from cartstiff.geometry.se3 import Array
 
 #: Names of the components of a twist.
 NAMES = ("rx", "ry", "rz", "x", "y", "z")
+# Of a machine that moves in a plane.
+_IN_A_PLANE: dict[tuple[str, ...], tuple[str, ...]] = {
+    ("x", "y", "rz"): ("x", "y", "phi"),
+    ("y", "z", "rx"): ("y", "z", "phi"),
+    ("x", "z", "ry"): ("x", "z", "phi"),
+}
 # Share of the largest determinant from which coordinates count as independent.
 _INDEPENDENT = 0.1
 
@@ -93,11 +99,8 @@ def task_axes(
     inverse = np.linalg.inv(motions[rows])
     tangent = K + U.T @ change @ U
     names = tuple(NAMES[i] for i in rows)
-    if is_pure and len(names) == 3 and names[-1].startswith("r") and names[1] in "yz":
-        plane = {"xy": "rz", "yz": "rx", "xz": "ry"}["".join(names[:2])]
-        names = (*names[:2], "phi") if names[2] == plane else names
     return TaskAxes(
-        names,
+        _IN_A_PLANE.get(names, names) if is_pure else names,
         "F" if is_turned else "M",
         is_pure,
         _rounded(motions @ inverse, np.repeat([1.0 / length, 1.0], 3), rows, length),

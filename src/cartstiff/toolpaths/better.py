@@ -302,14 +302,21 @@ def better_posture(
         before = question.settled(start)
         if before is None or not question.here.displacement[0] > 0.0:
             raise _not_sought("the load is not resisted, or does not move the tip")
-        best, least = None, before
-        for Q, is_near in _candidates(question, load_axes):
-            if best is not None and not is_near:
-                break
-            wanted = USEFUL_GAIN if is_near else USEFUL_GAIN_ELSEWHERE
-            if (found := _best(question, Q, (1.0 - wanted) * least)) is not None:
-                best, least = (*found, is_near), found[1]
-        return None if best is None else _described(question, before, *best)
+        return _searched(question, before, load_axes)
+
+
+def _searched(
+    question: LoadedPostures, before: float, load_axes: Literal["body", "world"]
+) -> BetterPosture | None:
+    """The best of the candidates, those nearby first; None if none saves enough."""
+    best, least = None, before
+    for Q, is_near in _candidates(question, load_axes):
+        if best is not None and not is_near:
+            break
+        wanted = USEFUL_GAIN if is_near else USEFUL_GAIN_ELSEWHERE
+        if (found := _best(question, Q, (1.0 - wanted) * least)) is not None:
+            best, least = (*found, is_near), found[1]
+    return None if best is None else _described(question, before, *best)
 
 
 def _not_sought(reason: str) -> UndefinedError:
@@ -348,15 +355,7 @@ def _candidates(
         )
         return next_to(elastic, np.asarray(branches))
 
-    kept, near = dict[str, tuple[float, float]](), dict[str, tuple[float, float]]()
-    for c, x in zip(elastic.mechanism.coordinates, elastic.q.tolist(), strict=True):
-        margin = _NEAR_LIMIT * (c.upper - c.lower)
-        low, high = c.lower, c.upper
-        if np.isfinite(margin):
-            low, high = min(x, low + margin), max(x, high - margin)
-        kept[c.name] = low, high
-        if not c.is_length:
-            near[c.name] = max(low, x - NEARBY), min(high, x + NEARBY)
+    kept, near = _ranges(elastic)
     try:
         wide = JointPoses(elastic).narrowed(kept)
         around = wide.narrowed(near)
@@ -447,3 +446,20 @@ def _margins(elastic: ElasticMechanism, q: Array) -> list[Change]:
             bool(limits.are_angles[i]),
         )
     ]
+
+
+_Ranges = dict[str, tuple[float, float]]
+
+
+def _ranges(elastic: ElasticMechanism) -> tuple[_Ranges, _Ranges]:
+    """Ranges of joints away from their limits, and of angles near the posture."""
+    kept, near = _Ranges(), _Ranges()
+    for c, x in zip(elastic.mechanism.coordinates, elastic.q.tolist(), strict=True):
+        margin = _NEAR_LIMIT * (c.upper - c.lower)
+        low, high = c.lower, c.upper
+        if np.isfinite(margin):
+            low, high = min(x, low + margin), max(x, high - margin)
+        kept[c.name] = low, high
+        if not c.is_length:
+            near[c.name] = max(low, x - NEARBY), min(high, x + NEARBY)
+    return kept, near

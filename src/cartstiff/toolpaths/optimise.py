@@ -47,7 +47,6 @@ from cartstiff.checked_call import checked
 from cartstiff.errors import (
     InputError,
     UndefinedError,
-    UnknownNameError,
     check_name,
     checked_kind,
 )
@@ -354,23 +353,23 @@ def choices_of(
             "too few samples of a free choice", expected="3 or more", got=samples
         )
     dimension, left = solver.redundancy(free), solver.redundancy("none")
-    if redundant is not None and redundant not in names:
-        raise UnknownNameError("joint", redundant, names)
-    if redundant is not None and left < 1:
-        raise InputError(f"no joint is left over here: {redundant!r} cannot be chosen")
-    angles, positions, joint = np.zeros(1), np.zeros(1), None
+    if redundant is not None:
+        check_name("joint", redundant, names)
+        if left < 1:
+            raise InputError(
+                f"no joint is left over here: {redundant!r} cannot be chosen"
+            )
+    angles, positions, joint, size = np.zeros(1), np.zeros(1), None, 1.0
     if free in ("x", "y", "z") and dimension > left:
         angles = -np.pi + 2 * np.pi * np.arange(samples) / samples
     if left > 0 and free != "rotation" and isinstance(solver, JointPoses):
-        joint = (
-            _most_moving_joint(solver) if redundant is None else names.index(redundant)
-        )
-        low, high = (bound[joint] for bound in solver.region())
+        joint = names.index(redundant) if redundant else _most_moving_joint(solver)
+        size = float(solver.sizes[joint])
+        low, high = np.transpose(solver.region())[joint]
         if solver.periodic[joint]:
             positions = low + (high - low) * np.arange(samples) / samples
         else:
             positions = np.linspace(low, high, samples)
-    size = 1.0 if joint is None else float(solver.sizes[joint])
     return Choices(free, angles, joint, positions, dimension, size)
 
 
@@ -1152,8 +1151,7 @@ def broken(
     else:
         reason = (
             f"a joint would have to make a step {factor:.3g} times as large as allowed; "
-            "a finer "
-            "path or a larger step may help"
+            "a finer path or a larger step may help"
         )
     return UndefinedError(
         f"no continuous way leads from point {i + 1} of the path to point {i + 2}: "
@@ -1280,30 +1278,14 @@ def optimise_path(
         codes ``"path-unreachable"``, ``"path-beyond-limits"``, ``"path-near-singular"``,
         ``"path-without-stiffness"``, ``"path-discontinuous"``.
     """
-    mechanism = checked_elastic(elastic).mechanism
+    _check_mechanism(checked_elastic(elastic))
     checked_kind(path, ToolPath, "path", "a ToolPath")
     connection = connection or ("load" if loaded else "B")
-    if mechanism.closures:
-        raise InputError("paths are for serial arms and platforms", got=mechanism.kind)
-    if elastic.springs is None:
-        raise InputError(f"{elastic.name} has no springs, whose stiffness could be best")
     check_name("free rotation", free, get_args(Free))
     check_name("criterion", criterion, criteria())
-    if not 0.0 <= singular < 1.0:
-        raise InputError(
-            "singularity threshold cannot be used", expected="0 to below 1", got=singular
-        )
-    if not 0.0 <= smoothness < np.inf:
-        raise InputError(
-            "smoothness cannot be used", expected="0 or more", got=smoothness
-        )
+    _check_shares(singular, smoothness)
     # The posture near which the path begins, and the choices that are left along it.
-    start = None
-    if isinstance(near, str):
-        check_name("posture nearby", near, ("anywhere",))
-        near = None
-    elif near is None and not mechanism.coordinates_are_pose:
-        start = elastic.q
+    near, start = _nearby(elastic, near)
     solver = path_solver(elastic, ranges, near)
     grid = choices_of(solver, free, redundant, samples, list(elastic.names))
     # The cost of a posture: a criterion of the stiffness, of which load and damping are
@@ -1369,6 +1351,39 @@ def optimise_path(
         None if near is None else NEARBY,
         solver.length,
     )
+
+
+def _check_mechanism(elastic: ElasticMechanism) -> None:
+    """Refuse a mechanism with closures or without springs."""
+    mechanism = elastic.mechanism
+    if mechanism.closures:
+        raise InputError("paths are for serial arms and platforms", got=mechanism.kind)
+    if elastic.springs is None:
+        raise InputError(f"{elastic.name} has no springs, whose stiffness could be best")
+
+
+def _check_shares(singular: float, smoothness: float) -> None:
+    """Refuse a threshold or a cost of steps that is out of its range."""
+    if not 0.0 <= singular < 1.0:
+        raise InputError(
+            "singularity threshold cannot be used", expected="0 to below 1", got=singular
+        )
+    if not 0.0 <= smoothness < np.inf:
+        raise InputError(
+            "smoothness cannot be used", expected="0 or more", got=smoothness
+        )
+
+
+def _nearby(
+    elastic: ElasticMechanism,
+    near: Mapping[str, float] | ArrayLike | Literal["anywhere"] | None,
+) -> tuple[Mapping[str, float] | ArrayLike | None, Array | None]:
+    """The posture near which the path stays, and that near which it begins, if any."""
+    if isinstance(near, str):
+        check_name("posture nearby", near, ("anywhere",))
+        return None, None
+    begins = near is None and not elastic.mechanism.coordinates_are_pose
+    return near, elastic.q if begins else None
 
 
 def _bounds(
@@ -1479,8 +1494,7 @@ class _Search:
         if best < self.singular:
             return UndefinedError(
                 f"{here} is reached only near singularities: smallest over largest "
-                "singular value "
-                f"{best:.3g}, and {self.singular:g} is required",
+                f"singular value {best:.3g}, and {self.singular:g} is required",
                 code="path-near-singular",
                 values={**values, "ratio": best, "threshold": self.singular},
             )
@@ -1501,7 +1515,7 @@ class _Search:
     ) -> ConstantChoice | None:
         if not self.grid.is_grid:
             return None
-        best: tuple[float, ConstantChoice] | None = None
+        smallest, choice = np.inf, None
         least = np.full((len(layers), self.grid.count), np.inf)
         for row, layer, cell in zip(least, layers, cells, strict=True):
             np.minimum.at(row, cell[cell >= 0], layer.cost[cell >= 0])
@@ -1509,17 +1523,21 @@ class _Search:
         size_of = np.max if self.objective == "worst" else np.sum
         bounds = size_of(least, axis=0)
         for cell in np.argsort(bounds, kind="stable"):
-            if not bounds[cell] < (np.inf if best is None else best[0]):
+            if not bounds[cell] < smallest:
                 break
             own = [layer.taken(c == cell) for layer, c in zip(layers, cells, strict=True)]
             way = self._way(own)
             if isinstance(way, UndefinedError):
                 continue
-            size = float(size_of([one.cost for one in way[1]]))
-            if best is None or size < best[0]:
-                values = np.array([one.value for one in way[1]])
-                best = size, ConstantChoice(self.grid.at(int(cell)), way[0], values)
-        return None if best is None else best[1]
+            q, judged = way
+            costs, values = np.array([(one.cost, one.value) for one in judged]).T
+            size = float(size_of(costs))
+            if size < smallest:
+                smallest, choice = (
+                    size,
+                    ConstantChoice(self.grid.at(int(cell)), q, values),
+                )
+        return choice
 
     def _way(self, layers: list[Judged]) -> tuple[Array, list[Judged]] | UndefinedError:
         """Return postures and candidates of the best sequence,
@@ -1605,12 +1623,7 @@ class _Search:
         halved repeatedly.
         """
         m, d = len(q), self.grid.dimension
-        reach = (-2.0, -1.0, 1.0, 2.0) if d == 1 else (-1.0, 1.0)
-        shifts = np.array(
-            [s for s in product((0.0, *reach), repeat=d) if any(s)]
-            if d <= 2
-            else [s * e for e in np.eye(d) for s in reach]
-        )
+        shifts = _shifts(d)
         points = np.repeat(np.arange(m), len(shifts))
         never = np.zeros(q.shape[1], bool)
         step = 0.5 * self.grid.spacing
@@ -1632,3 +1645,11 @@ class _Search:
             step *= 0.5
             self.advance()
         return q
+
+
+def _shifts(d: int) -> Array:
+    """Directions (k, d) in which postures are moved along d self-motions."""
+    reach = (-2.0, -1.0, 1.0, 2.0) if d == 1 else (-1.0, 1.0)
+    if d > 2:
+        return np.array([s * e for e in np.eye(d) for s in reach])
+    return np.array([s for s in product((0.0, *reach), repeat=d) if any(s)])

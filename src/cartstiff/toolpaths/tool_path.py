@@ -111,11 +111,9 @@ class ToolPath:
                 if rows is not None and rows.reshape(-1, 3)[:, across].any():
                     raise InputError(
                         f"the axes of the {name} are not known: a path by the tool's "
-                        "axis alone "
-                        "defines no others",
+                        "axis alone defines no others",
                         expected="axes world or body (--world, --axes, columns such as "
-                        "fx_world), "
-                        "or poses with roll, pitch, yaw",
+                        "fx_world), or poses with roll, pitch, yaw",
                     )
         return path
 
