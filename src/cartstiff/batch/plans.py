@@ -86,10 +86,11 @@ class TracedModel:
         """The same under another kind of load, with a wrench along the axes of M or F."""
         if load == DEAD_AT_ORIGIN and axes == "body":
             return self
-        untraced = replace(self.untraced, load=load, axes=axes)
-        return replace(
-            self, case=replace(self.case, load=load, axes=axes), untraced=untraced
-        )
+        untraced, shared = replace(self.untraced, load=load, axes=axes), self.shared
+        if "load_at" in shared:
+            shared = {**shared, "load_at": np.array([load.at])}
+        case = replace(self.case, load=load, axes=axes)
+        return replace(self, case=case, untraced=untraced, shared=shared)
 
 
 def plan_with(

@@ -37,10 +37,9 @@ from cartstiff.batch.arguments import (
 from cartstiff.batch.assembly import Assembly, one_posture
 from cartstiff.batch.closed_chains import settle
 from cartstiff.batch.execution import (
-    CompiledKernel,
     Kernel,
     OnePosture,
-    PortableKernel,
+    compiled_or_portable,
 )
 from cartstiff.batch.gradient import gradient_program
 from cartstiff.batch.kernels import has_package, run
@@ -225,6 +224,7 @@ class Program:
         self._untraced: UntracedTerms | None = None
         self._tape: Tape | None = None
         self._answer: OnePosture | None = None
+        self._made: dict[Tape, Kernel] = {}
         self._closing: Assembly | None = None
         self._settling: OnePosture | None = None
         self._slopes = dict[str, tuple[OnePosture, Tape]]()
@@ -286,8 +286,6 @@ class Program:
         rows = {name: np.ascontiguousarray(row) for name, row in taken.shared.items()}
         shared = {name: row for name, row in rows.items() if name not in self.inputs}
         self._usual = {name: rows[name][0] for name in self.inputs}
-        if "load_at" in self._usual:
-            self._usual["load_at"] = np.array(self.load.at)
         self._answer = one_posture(program, shared)
         # What exists at no posture of the mechanism is missing.
         at = self._answer.at
@@ -706,9 +704,12 @@ class Program:
 
     def _kernel(self, one: OnePosture | None, tape: Tape, count: int) -> Kernel | None:
         """The code for many postures."""
-        if self.path != "compiled":
-            return PortableKernel(tape)
-        return CompiledKernel(tape) if count >= WORTH_WIDENING else one
+        if self.path == "compiled" and count < WORTH_WIDENING:
+            return one
+        if tape not in self._made:
+            is_compiled = self.path == "compiled"
+            self._made[tape] = compiled_or_portable(tape, is_compiled)
+        return self._made[tape]
 
     def _rows(
         self,

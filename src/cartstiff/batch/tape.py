@@ -95,9 +95,9 @@ class Tape:
         tape = cls()
         tape.inputs = [*program.inputs]
         for step, operation in enumerate(program.operations):
-            name, arguments, _ = operation
-            number = tape._known[tuple(operation)] = Number(tape, step)
-            tape.operations.append(tuple(operation))
+            name, arguments, value = operation
+            number = tape._known[name, arguments, value] = Number(tape, step)
+            tape.operations.append((name, arguments, value))
             if name == "input":
                 tape._known[tape.inputs[arguments[0]]] = number
         return tape
