@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,6 +34,7 @@ from cartstiff.arrays import (
 )
 from cartstiff.errors import InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
+from cartstiff.stiffness.posture import StiffnessInFrame
 
 #: Relative change of stiffness below which the choice of connection does not matter.
 THRESHOLD = 0.01
@@ -96,6 +99,24 @@ def largest_in_blocks(entries: Array, stiffness: Array) -> Array:
         np.abs(in_blocks(entries)).max(axis=(-3, -1)),
     )
     return np.asarray((largest / np.where(scales == 0.0, 1.0, scales)).max(axis=(-2, -1)))
+
+
+@lru_cache(maxsize=16)
+def asymmetries(
+    here: StiffnessInFrame, quantity: Literal["stiffness", "compliance"] = "stiffness"
+) -> Mapping[str, float | None]:
+    """Largest entry of K - K^T of each connection, 0 where it is only round-off;
+    None without that matrix.
+    """
+    matrices = here.matrices if quantity == "stiffness" else here.compliances
+    existing = {name: K for name, K in matrices.items() if K is not None}
+    K = np.array([*existing.values()]).reshape(-1, 6, 6)
+    skew = K - K.swapaxes(1, 2)
+    sizes = np.zeros(len(K))
+    if skew.any():  # seldom without a load
+        counts = largest_in_blocks(skew, K) > numerics.SYMMETRY
+        sizes = np.where(counts, skew.max(axis=(1, 2)), 0.0)
+    return dict.fromkeys(matrices) | dict(zip(existing, sizes.tolist(), strict=True))
 
 
 def is_roundoff(entries: Array, stiffness: Array) -> bool:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.analysis.asymmetry import is_roundoff
+from cartstiff.analysis.asymmetry import asymmetries
 from cartstiff.analysis.ellipsoids import Freedom, Others, softest, stiffest
 from cartstiff.analysis.indices import spectrum
 from cartstiff.analysis.metrics import length_of_pair
@@ -133,7 +133,7 @@ def verdict_at(
 ) -> Verdict:
     """The verdict on the matrix of a connection, from its definiteness and the notes."""
     K = result.at().matrices[connection]
-    is_symmetric = K is None or numerics.is_symmetric(K) or is_roundoff(K - K.T, K)
+    is_symmetric = not asymmetries(result.at())[connection]
     facts = facts_of(
         (note.code for note in result.notes),
         None if K is None else definiteness or UNRESOLVED,

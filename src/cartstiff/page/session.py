@@ -7,6 +7,7 @@ about many postures; it is a generator, which a server can interrupt between two
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from functools import lru_cache
 from time import thread_time
 from typing import Any
 
@@ -67,6 +68,9 @@ _OPEN = "the loops do not close with the drives there"
 _REACHED = numerics.NEGLIGIBLE_DIFFERENCE
 #: The plotted numbers of a posture with its "q", or the "reason" why it is not reached.
 Row = dict[str, Any]
+
+#: Checking a point takes as long as some of the numbers.
+_load_kind = lru_cache(maxsize=8)(LoadKind)
 
 #: Makes the picture of a mechanism, without a posture yet.
 PictureMaker = Callable[[ElasticMechanism], Any]
@@ -268,7 +272,7 @@ class Session:
         # Its buttons stay as they are while there is no load.
         kind = DEAD_AT_ORIGIN
         if wrench is not None or elastic.may_be_loaded:
-            kind = LoadKind(state.load_kind, state.acts_at)
+            kind = _load_kind(state.load_kind, state.acts_at)
         if state.command is None or not any(state.command):
             if self.postures.elastic is not elastic:
                 self.postures = RecordedPostures(elastic)

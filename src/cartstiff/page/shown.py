@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.analysis.asymmetry import largest_in_blocks
+from cartstiff.analysis.asymmetry import asymmetries
 from cartstiff.analysis.ellipsoids import Freedom, MatrixPair, softest
 from cartstiff.analysis.indices import spectrum
 from cartstiff.analysis.metrics import length_of_pair
@@ -241,7 +241,7 @@ def shown_numbers(
         "principal": principal,
         "softest": softest_in_room(here),
         "indices": numbers,
-        "symmetric": _asymmetries(shown),
+        "symmetric": asymmetries(here, state.quantity),
         "singularity": distance_to_singularity(result),
         "legs": legs(result),
         "moved": _moved(result, state),
@@ -547,18 +547,6 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         "leg_force": [max(map(abs, forces))] if forces else None,
         "unstable": unstable,
     }
-
-
-def _asymmetries(matrices: Mapping[str, Array | None]) -> dict[str, float | None]:
-    """Largest entry of K - K^T of each connection, 0 where it is only round-off."""
-    existing = {name: K for name, K in matrices.items() if K is not None}
-    K = np.array([*existing.values()]).reshape(-1, 6, 6)
-    skew = K - K.swapaxes(1, 2)
-    sizes = np.zeros(len(K))
-    if skew.any():  # seldom without a load
-        counts = largest_in_blocks(skew, K) > numerics.SYMMETRY
-        sizes = np.where(counts, skew.max(axis=(1, 2)), 0.0)
-    return dict.fromkeys(matrices) | dict(zip(existing, sizes.tolist(), strict=True))
 
 
 def _listed(matrix: Array | None) -> list[Any] | None:

@@ -648,11 +648,13 @@ class PostureStiffness(LabelledResult):
         InputError
             If it is not a rigid motion.
         """
-        T = _M if T_M_N is None else checked_pose(T_M_N, "frame of the body")
-        key = T.tobytes()
-        if key not in self._frames:
-            self._frames[key] = stiffness_in_frame(self, T)
-        return self._frames[key]
+        T, key = _M, _HERE
+        if T_M_N is not None:
+            T = checked_pose(T_M_N, "frame of the body")
+            key = T.tobytes()
+        if (found := self._frames.get(key)) is None:
+            found = self._frames[key] = stiffness_in_frame(self, T)
+        return found
 
     @cached_property
     def _frames(self) -> dict[bytes, StiffnessInFrame]:
