@@ -21,7 +21,6 @@ from cartstiff.arrays import (
     checked_array,
     checked_matrix,
     checked_vector,
-    real_array,
 )
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
@@ -66,9 +65,16 @@ def compliance_deflection(
     """
     C = checked_matrix(compliance, "compliance")
     W, p = checked_vector(wrench, 6, "wrench"), checked_vector(point, 3, "point")
+    for own in (W, p):  # new arrays need no copy
+        own.flags.writeable = False
+    return deflection_of(C, W, p)
+
+
+def deflection_of(C: Array, W: Array, p: Array) -> Deflection:
+    """`compliance_deflection` of checked arrays."""
     twist = C.dot(W)
     moved = twist[3:] + se3.cross(twist[:3].tolist(), p.tolist())
-    for own in (W, p, twist, moved):  # new arrays need no copy
+    for own in (twist, moved):  # new arrays need no copy
         own.flags.writeable = False
     return Deflection(W, twist, p, moved, 0.5 * float(W.dot(twist)))
 
@@ -155,53 +161,3 @@ def joint_shares(
     return JointShares(
         deflection, motion, twists, displacements, share, 0.5 * motion * torque
     )
-
-
-@dataclass(frozen=True, eq=False)
-class SpringShares(Result):
-    """Each spring's part in the energy of a deflection.
-
-    Attributes
-    ----------
-    elongation : ndarray, shape (m,)
-        Elongation of each spring: length, or angle for a spring in a revolute joint.
-    force : ndarray, shape (m,)
-        Stiffness times elongation: change of the spring's force by the deflection.
-    energy : ndarray, shape (m,)
-        ``1/2 k e^2``.
-    share : ndarray, shape (m,)
-        Over the energy of the deflection; NaN if that is zero.
-    load_share : float
-        Share of the turning of loaded springs' lines, and of other potentials. With it
-        the shares add up to 1; it is zero without a load.
-    """
-
-    elongation: Array
-    force: Array
-    energy: Array
-    share: Array
-    load_share: float
-
-
-def spring_shares(
-    elongation: ArrayLike, stiffness: ArrayLike, deflection: Deflection
-) -> SpringShares:
-    """Energies of springs that are not in series.
-
-    Parameters
-    ----------
-    elongation : array_like, shape (m,)
-        Elongation of each spring under the deflection.
-    stiffness : array_like, shape (m,)
-        Stiffness of the springs.
-    deflection : Deflection
-        Deflection of the body.
-    """
-    elongation = real_array(elongation)
-    force = real_array(stiffness) * elongation
-    energy = 0.5 * force * elongation
-    whole = deflection.energy
-    share = energy / whole if whole != 0.0 else np.full(len(energy), np.nan)
-    for own in (force, energy, share):  # new arrays need no copy
-        own.flags.writeable = False
-    return SpringShares(elongation, force, energy, share, 1.0 - float(share.sum()))

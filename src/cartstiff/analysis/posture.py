@@ -70,7 +70,7 @@ from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.posture import StiffnessInFrame, inverse_pair
 
 if TYPE_CHECKING:
-    from cartstiff.analysis.deflection import Deflection, SpringShares
+    from cartstiff.analysis.deflection import Deflection
     from cartstiff.analysis.tolerances import Tolerances
 
 
@@ -159,9 +159,9 @@ def deflection_found(
         reason = UndefinedError("no compliance exists here", code="no-compliance")
         notes.add(reason, "deflection")
         return None
-    from cartstiff.analysis.deflection import compliance_deflection
+    from cartstiff.analysis.deflection import deflection_of
 
-    whole = _without_rounding(C, compliance_deflection(C, whole_wrench, point), r.length)
+    whole = _without_rounding(C, deflection_of(C, whole_wrench, point), r.length)
     shares = notes.attempt("shares of the deflection", _shares, r, name, whole)
     return FoundDeflection(by, name, whole, added, acts_at, shares)
 
@@ -190,12 +190,12 @@ def _without_rounding(C: Array, deflection: Deflection, length: float) -> Deflec
 
 def _about_origin(point: Array, force: Array) -> Array:
     """Wrench (6,) that a force at a point adds to its moment about the origin."""
-    return np.append(se3.cross(point, force), np.zeros(3))
+    return np.array([*se3.cross(point, force).tolist(), 0.0, 0.0, 0.0])
 
 
 def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]:
     """Each joint's or leg's part, with its name and unit kind."""
-    from cartstiff.analysis.deflection import joint_shares, spring_shares
+    from cartstiff.analysis.deflection import joint_shares
 
     posture = r.posture
     coordinates = r.mechanism.coordinates
@@ -243,8 +243,7 @@ def _shares(r: PostureStiffness, name: str, whole: Deflection) -> dict[str, Any]
         found = [part for part in found if part[2]]
     if not found:
         raise UndefinedError("no springs share the deflection", code="no-shares")
-    names, are_lengths, stiffness, elongations = zip(*found, strict=True)
-    return _of_springs(names, are_lengths, spring_shares(elongations, stiffness, whole))
+    return _of_springs(found, whole.energy)
 
 
 def _rows(columns: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:
@@ -256,15 +255,31 @@ def _rows(columns: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:
 
 
 def _of_springs(
-    names: Sequence[str], are_lengths: Sequence[bool | None], parts: SpringShares
+    parts: Iterable[tuple[str, bool | None, float, float]], whole: float
 ) -> dict[str, Any]:
-    """Each spring's part."""
-    own = {
-        key: getattr(parts, key).tolist()
-        for key in ("elongation", "force", "energy", "share")
-    }
-    rows = _rows({"name": names, **own, "is_length": are_lengths})
-    return {"kind": "springs", "shares": rows, "load_share": parts.load_share}
+    """Each spring's part in the energy of a deflection.
+
+    From its name, kind, stiffness k and elongation e: force k e, energy ``1/2 k e^2``,
+    and its share, NaN if the whole is zero. Shares and the load's, by the turning of
+    loaded springs' lines and by other potentials, add up to 1.
+    """
+    rows, sum_of_shares = list[dict[str, Any]](), 0.0
+    for name, is_length, k, elongation in parts:
+        force = k * elongation
+        energy = 0.5 * force * elongation
+        share = energy / whole if whole != 0.0 else float("nan")
+        sum_of_shares += share
+        rows.append(
+            {
+                "name": name,
+                "elongation": elongation,
+                "force": force,
+                "energy": energy,
+                "share": share,
+                "is_length": is_length,
+            }
+        )
+    return {"kind": "springs", "shares": rows, "load_share": 1.0 - sum_of_shares}
 
 
 def target_section(
