@@ -141,16 +141,11 @@ def load(
     InputError
         With what is wrong, where, what was expected and what was got.
     """
-    for name in setup:
-        if name not in (known := ModelSetup.__annotations__):
-            raise UnknownArgumentError("argument of load", name, known)
     given: Mapping[str, Any] = setup
-    get, frame = given.get, given.get("frame")
-    tcp, payload = get("tcp"), get("payload")
-    if frame is not None and not isinstance(frame, str):
-        raise InputError("frame is not a name", expected="text", got=frame)
+    _check_words(given)
+    get, tcp, payload = given.get, given.get("tcp"), given.get("payload")
     overrides = {
-        "frame": frame,
+        "frame": get("frame"),
         "locked": _positions(get("locked")),
         "actuator_springs": get("springs") == "actuators",
         **tool_of(tcp, get("gravity"), payload),
@@ -166,20 +161,33 @@ def load(
         turn = np.asarray(tcp, float).ravel()[3:].tolist()
         loaded = loaded.with_notes(*large_angles({"the tool's rotation": turn}))
     if payload is not None:
-        loaded = loaded.with_payload(*overrides["payload"])
-        if get("gravity") is None:
-            from cartstiff.mechanisms.gravity_loads import with_default_gravity
-
-            loaded = with_default_gravity(loaded, overrides["payload"][0])
+        loaded = _carrying(loaded, overrides["payload"], get("gravity") is None)
     body = getattr(loaded.mechanism, "body", None)
     if body is not None:
         checked_reach(body.T_j_f[:3, 3], f"frame {loaded.mechanism.frame!r}")
     springs = get("springs")
-    if springs is not None and springs != "actuators":
+    if springs not in (None, "actuators"):
         from cartstiff.loading.published import with_named_springs
 
         loaded = with_named_springs(loaded, springs)
     return loaded.with_springs(get("stiffness"), get("rest"))
+
+
+def _check_words(given: Mapping[str, Any]) -> None:
+    """Refuse unknown keywords, and a frame that is no name."""
+    known, frame = ModelSetup.__annotations__, given.get("frame")
+    for name in given.keys() - known:
+        raise UnknownArgumentError("argument of load", name, known)
+    if frame is not None and not isinstance(frame, str):
+        raise InputError("frame is not a name", expected="text", got=frame)
+
+
+def _carrying(loaded: ElasticMechanism, payload: Any, falls: bool) -> ElasticMechanism:
+    """Return a mechanism with a payload; without any gravity that of the earth acts."""
+    from cartstiff.mechanisms.gravity_loads import with_default_gravity
+
+    loaded = loaded.with_payload(*payload)
+    return with_default_gravity(loaded, payload[0]) if falls else loaded
 
 
 def _from_words(
@@ -267,20 +275,21 @@ def _ros_keys(arguments: Any, folders: Any) -> dict[str, Any]:
     """
     folders = [folders] if isinstance(folders, (str, Path)) else list(folders)
     keys: dict[str, Any] = {}
-    if arguments and not isinstance(arguments, Mapping):
-        raise InputError(
-            "xacro_args is not a mapping",
-            expected="names and values",
-            got=type(arguments).__name__,
-        )
     if arguments:
+        if not isinstance(arguments, Mapping):
+            raise InputError(
+                "xacro_args is not a mapping",
+                expected="names and values",
+                got=type(arguments).__name__,
+            )
         # xacro writes truth values in lower case.
+        words = {True: "true", False: "false"}
         keys["xacro"] = {
-            str(k): str(v).lower() if isinstance(v, bool) else str(v)
+            str(k): words[v] if isinstance(v, bool) else str(v)
             for k, v in arguments.items()
         }
     for folder in folders:
-        if not isinstance(folder, (str, Path)) or not Path(folder).expanduser().is_dir():
+        if not Path(str(folder)).expanduser().is_dir():
             raise InputError(
                 "no such folder", where="--package-path", got=one_line(str(folder))
             )
@@ -338,8 +347,7 @@ def _path_of(text: str) -> Path:
 
 
 def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMechanism:
-    from cartstiff.loading.mechanism_file import places_in
-    from cartstiff.loading.overrides import with_overrides
+    from cartstiff.loading.mechanism_file import places_in, with_overrides
     from cartstiff.loading.passes import one_robot
     from cartstiff.loading.readers import robot_of
     from cartstiff.loading.schema import SerialFile

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from cartstiff.arrays import Array
-from cartstiff.errors import InputError
+from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
 from cartstiff.mechanisms.chain import Description
 from cartstiff.notes import Note
@@ -120,6 +120,15 @@ class Obstacle:
     )
     keys: tuple[str, ...] = ()
     error: InputError | None = None
+
+    def refusal(self, moving: set[str], path: Path | None) -> InputError:
+        """Return the refusal of a file in which it acts on one of some joints."""
+        affected = min(self.joints & moving)
+        return self.error or InputError(
+            f"{self.what} acts on joint {affected!r} and cannot be expressed here",
+            where="XML text" if path is None else one_line(str(path)),
+            expected=self.expected,
+        )
 
 
 @dataclass(frozen=True)

@@ -51,20 +51,16 @@ def described(name: str) -> dict[str, Any]:
         raise
     if missing:
         return {"not_cached": missing[0]}
-    variable = next(
-        (k for k in ("URDF_PATH", "XACRO_PATH", "MJCF_PATH") if getattr(module, k, None)),
-        None,
-    )
-    if variable is None:
+    for kind in ("URDF", "XACRO", "MJCF"):
+        if path := getattr(module, f"{kind}_PATH", None):
+            break
+    else:
         return {"error": "it has neither a URDF nor a xacro nor an MJCF file"}
-    xacro = variable == "XACRO_PATH"
-    packages = getattr(module, "XACRO_PACKAGE_PATHS", {}) if xacro else {}
+    more = vars(module) if kind == "XACRO" else {}
     return {
-        "path": getattr(module, variable),
-        "arguments": {k: str(v) for k, v in getattr(module, "XACRO_ARGS", {}).items()}
-        if xacro
-        else {},
-        "packages": [str(p) for p in packages.values()],
+        "path": path,
+        "arguments": {k: str(v) for k, v in more.get("XACRO_ARGS", {}).items()},
+        "packages": [*map(str, more.get("XACRO_PACKAGE_PATHS", {}).values())],
     }
 
 

@@ -32,13 +32,12 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
         If they do not fit each other, or the springs of the file.
     """
     elements, beyond, where = Elements(elastic), {*elastic.beyond}, "key identified"
+    # Compliances of springs that act, each compared with the file's own.
     P, kept = len(model.compliances), dict[int, CompliancePattern]()
     for i, entry in enumerate(model.compliances):
-        law = entry.polynomial
-        pairs = entry.elements or ([] if law else [(entry.name, entry.name, 1.0)])
-        pairs = [pair for pair in pairs if beyond.isdisjoint(pair[:2])]
-        if pairs or (law is not None and law[0] not in beyond):
-            kept[i] = pattern = CompliancePattern(entry.name, tuple(pairs), law)
+        pattern = _pattern(entry, beyond)
+        if pattern is not None:
+            kept[i] = pattern
             _check_found(elastic, elements, pattern, entry)
     names = {*elements.names, *(entry.name for entry in model.compliances)}
     at_least = {name: k for name, k in model.at_least.items() if name not in beyond}
@@ -50,6 +49,7 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
             where=where,
             expected=f"{P} rows of {P} numbers",
         )
+    # The covariance is that of the compliances that are kept.
     undetermined = [name for name in model.undetermined if name not in beyond]
     identified = Identified(
         tuple(kept.values()),
@@ -68,11 +68,20 @@ def with_findings(elastic: ElasticMechanism, model: IdentifiedModel) -> ElasticM
         return elastic
     words = (
         "the measurements say nothing about these springs, whose stiffness in the file "
-        "is an "
-        f"assumption: {', '.join(undetermined)}"
+        f"is an assumption: {', '.join(undetermined)}"
     )
     note = Note("stiffness-not-identified", words, {"joints": undetermined})
     return elastic.with_notes(note)
+
+
+def _pattern(entry: FoundModel, beyond: set[str]) -> CompliancePattern | None:
+    """Springs of a compliance, but those beyond the frame; None without any."""
+    law = entry.polynomial
+    own = [] if law else [(entry.name, entry.name, 1.0)]
+    pairs = [pair for pair in entry.elements or own if beyond.isdisjoint(pair[:2])]
+    if not pairs and (law is None or law[0] in beyond):
+        return None
+    return CompliancePattern(entry.name, tuple(pairs), law)
 
 
 def _check_found(
@@ -84,25 +93,29 @@ def _check_found(
     """Refuse a measured compliance, or coefficient, that is not that of the
     file's springs.
     """
-    where, changed = (
-        "key identified",
-        "or no key 'identified' with springs that were changed",
-    )
-    law = entry.polynomial
+
+    def check(what: str, own: float, value: float, size: float) -> None:
+        if abs(own - value) > _COMPLIANCE_TOLERANCE * size:
+            raise InputError(
+                f"{what} of {entry.name!r} is not that of the file's spring",
+                where=where,
+                expected=f"{own:.6g}, or no key 'identified' with changed springs",
+                got=f"{value:.6g}",
+            )
+
+    where, law = "key identified", entry.polynomial
     if law is not None and entry.elements is not None:
-        what = f"{entry.name!r} has elements and a polynomial"
-        raise InputError(what, where=where, expected="one of both")
+        raise InputError(
+            f"{entry.name!r} has elements and a polynomial",
+            where=where,
+            expected="one of both",
+        )
     for a, b, weight in pattern.entries:
         row, column = (elements.index(name, where) for name in (a, b))
-        C, own = elements.compliance, entry.value * weight
-        tolerance = _COMPLIANCE_TOLERANCE * np.sqrt(C[row, row] * C[column, column])
-        if not pattern.is_share and abs(C[row, column] - own) > tolerance:
-            raise InputError(
-                f"compliance of {entry.name!r} is not that of the file's spring",
-                where=where,
-                expected=f"{C[row, column]:.6g}, {changed}",
-                got=f"{own:.6g}",
-            )
+        C = elements.compliance
+        if not pattern.is_share:
+            size = float(np.sqrt(C[row, row] * C[column, column]))
+            check("compliance", C[row, column], entry.value * weight, size)
     if law is None:
         return
     power, c = law[1], law_of(elastic, law[0], where).powers
@@ -114,10 +127,4 @@ def _check_found(
             got=power,
         )
     own = coefficient(elastic, law)
-    if abs(own - entry.value) > _COMPLIANCE_TOLERANCE * abs(own):
-        raise InputError(
-            f"value of {entry.name!r} is not that of the file's spring",
-            where=where,
-            expected=f"{own:.6g}, {changed}",
-            got=f"{entry.value:.6g}",
-        )
+    check("value", own, entry.value, abs(own))

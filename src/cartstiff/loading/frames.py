@@ -23,8 +23,7 @@ _TOOL_NAMES = tuple(
     for words in (
         "tool0",
         "tcp|hand_tcp|tcp_link|tcp_frame|link_tcp",
-        "ee|eef|ee_link|ee_frame|eef_link|link_eef|ee_gripper_link|ee_arm_link|effector|"
-        "end_effector_link|tool_frame|tool_link|tool",
+        "ee|eef|ee_link|ee_frame|eef_link|link_eef|ee_gripper_link|ee_arm_link|effector|end_effector_link|tool_frame|tool_link|tool",
         "flange|flange_link|link_flange",
     )
 )
@@ -73,16 +72,17 @@ def hand_joints(robot: RobotDescription) -> set[str]:
     """
     model, names = robot.model, list(robot.model.names)
     supports = [set(support) for support in model.supports]
-    depths = [sum(names[j] not in robot.loose for j in some) - 1 for some in supports]
+    called = names.__getitem__
+    depths = [len({*map(called, some)} - robot.loose) - 1 for some in supports]
     found: set[str] = set()
     for wrist, depth in enumerate(depths):
         beyond = [j for j in range(wrist + 1, len(names)) if wrist in supports[j]]
-        branches = sum(model.parents[j] == wrist for j in beyond)
+        branches = [*map(model.parents.__getitem__, beyond)].count(wrist)
         if branches < 2 or depth < _MIN_WRIST_DEPTH:
             continue
-        ends = {names[j] for j in beyond}
-        is_short = max(depths[j] for j in beyond) - depth <= _MAX_FINGER_JOINTS
-        if is_short and not any(map(FEET.search, ends)):
+        ends = {*map(called, beyond)}
+        longest = max(map(depths.__getitem__, beyond)) - depth
+        if longest <= _MAX_FINGER_JOINTS and not any(map(FEET.search, ends)):
             found |= ends
     return found
 

@@ -10,15 +10,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import filterfalse
 from typing import Any
 
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.errors import InputError, check_name, listed, one_line
+from cartstiff.errors import InputError, check_name, listed
 from cartstiff.geometry import se3
 from cartstiff.loading.assembly import Part, placed_frame
 from cartstiff.loading.description import (
@@ -79,8 +80,7 @@ def held_base(part: Part) -> Part:
     name = min(min(free).rsplit(".", 1)[0], min(free))
     words = (
         f"the free-flying joint {name!r} is held; floating: true in a mechanism file of "
-        "kind "
-        "closed-chain lets it move"
+        "kind closed-chain lets it move"
     )
     held = replace(robot, held=robot.held | free)
     return part.noting([Note("root-held", words)], robot=held)
@@ -136,8 +136,21 @@ def leaders(part: Part) -> Part:
         For a spring or a zero of a follower, and for places that do not agree.
     """
     entry, rules = part.entry, led_joints(part)
+    _check_followers(part, rules)
+    lists = [*filter(partial(hasattr, entry), ("actuated", "passive"))]
+    named = [name for key in (*lists, "q") for name in getattr(entry, key)]
+    if not (led := {name: rules[name][0] for name in named if name in rules}):
+        return part
+    changed = {key: [led.get(n, n) for n in getattr(entry, key)] for key in lists}
+    changed = {key: [*dict.fromkeys(names)] for key, names in changed.items()}
+    entry = entry.model_copy(update={**changed, "q": _of_leaders(part, rules)})
+    return part.noting([leaders_note(led)], entry=entry)
+
+
+def _check_followers(part: Part, rules: Followers) -> None:
+    """Refuse springs and zeros of followers."""
     for key in ("springs", "zeros"):
-        for name in rules.keys() & getattr(entry, key, {}).keys():
+        for name in rules.keys() & getattr(part.entry, key, {}).keys():
             leader, factor, offset = rules[name]
             raise InputError(
                 f"joint {name!r} has no coordinate of its own: it follows {leader!r} by "
@@ -146,27 +159,29 @@ def leaders(part: Part) -> Part:
                 expected=f"{leader}, of which it is {factor:g} times the position, "
                 f"plus {offset:g}",
             )
-    named = dict.fromkeys((*getattr(entry, "actuated", ()), *entry.passive, *entry.q))
-    if not (led := {name: rules[name][0] for name in named if name in rules}):
-        return part
-    q = {name: value for name, value in entry.q.items() if name not in led}
-    for name in entry.q.keys() & led.keys():
+
+
+def _of_leaders(part: Part, rules: Followers) -> dict[str, float]:
+    """Positions of an entry's `q` with those of followers as their leaders'."""
+    given = part.entry.q
+    q = {name: value for name, value in given.items() if name not in rules}
+    for name in given.keys() & rules.keys():
         leader, factor, offset = rules[name]
-        place = (entry.q[name] - offset) / factor
-        if abs(q.setdefault(leader, place) - place) > numerics.NEGLIGIBLE_SHARE:
-            raise InputError(
-                f"joint {name!r} follows {leader!r}, and the places of both do not agree",
-                where=part.key("q"),
-                expected=f"{leader} at {place:g}, or one of them",
-                got=f"{q[leader]:g}",
-            )
-    changed: dict[str, Any] = {
-        key: list(dict.fromkeys(led.get(name, name) for name in getattr(entry, key)))
-        for key in ("actuated", "passive")
-        if hasattr(entry, key)
-    }
-    entry = entry.model_copy(update={**changed, "q": q})
-    return part.noting([leaders_note(led)], entry=entry)
+        _agreed(q, name, leader, (given[name] - offset) / factor, part.key("q"))
+    return q
+
+
+def _agreed(
+    places: dict[str, float], follower: str, leader: str, place: float, where: str
+) -> None:
+    """Put a leader where its follower wants it; refuse another place that it has."""
+    if abs(places.setdefault(leader, place) - place) > numerics.NEGLIGIBLE_SHARE:
+        raise InputError(
+            f"joint {follower!r} follows {leader!r}, and the places of both do not agree",
+            where=where,
+            expected=f"{leader} at {place:g}, or one of them",
+            got=f"{places[leader]:g}",
+        )
 
 
 def led_joints(part: Part) -> Followers:
@@ -223,12 +238,7 @@ def cut(part: Part) -> Part:
             words = f"joint {follower!r} mimics {leader!r}, which does not exist: "
             words += "it is taken as a joint of its own"
             notes.append(Note("mimic-ignored", words))
-    # Other joints are fixed where the file's posture has them: their masses are carried.
-    still = {n: posture[n] for n in names if n not in keep and n in posture} | still
-    number = {name: j for j, name in enumerate(names)}
-    fixed = {number[name]: x for name, x in still.items()}
-    kept = {number[name] for name in keep}
-    tree = plain_tree(robot.model, kept, fixed, part.gives(), robot.planar_axes)
+    tree = _tree(part, keep, still, posture)
     if tree.n == 0 and part.kind == "serial":
         raise InputError(
             f"no joint moves frame {part.frame!r}", expected="a frame on a moving link"
@@ -239,6 +249,24 @@ def cut(part: Part) -> Part:
     return part.noting(notes, tree=tree)
 
 
+def _tree(
+    part: Part,
+    keep: set[str],
+    still: Mapping[str, float],
+    posture: Mapping[str, float],
+) -> KinematicTree:
+    """The plain tree of some joints; the others are held, with the masses on them.
+
+    They are where they are `still`, else in the file's posture.
+    """
+    robot = part.robot
+    number = {name: j for j, name in enumerate(robot.model.names)}
+    others = {n: x for n, x in posture.items() if n in number and n not in keep}
+    fixed = {number[name]: x for name, x in {**others, **still}.items()}
+    kept = {number[name] for name in keep}
+    return plain_tree(robot.model, kept, fixed, part.gives(), robot.planar_axes)
+
+
 def _locked(part: Part) -> dict[str, float]:
     """Positions of joints that are held; a locked follower locks its leader."""
     names = list(part.robot.model.names)
@@ -246,14 +274,8 @@ def _locked(part: Part) -> dict[str, float]:
     for follower, (leader, factor, offset) in part.robot.leaders.items():
         if not (follower in still and leader in names and factor):
             continue
-        position = (still[follower] - offset) / factor
-        if abs(still.setdefault(leader, position) - position) > numerics.NEGLIGIBLE_SHARE:
-            raise InputError(
-                f"joint {follower!r} follows {leader!r}, and both are locked elsewhere",
-                where=part.key("locked"),
-                expected=f"{leader} at {position:g}, or one of them",
-                got=f"{still[leader]:g}",
-            )
+        place = (still[follower] - offset) / factor
+        _agreed(still, follower, leader, place, part.key("locked"))
     for name in still:
         check_name("joint", name, names[1:], part.key("locked"))
     return still
@@ -278,6 +300,7 @@ def _following(
     tree: KinematicTree, follows: Followers
 ) -> tuple[KinematicTree, list[Note]]:
     """The tree in which joints follow others, and notes on limits that contradict."""
+    # The leaders are the coordinates; positions are a matrix times these, plus offsets.
     free = [c for c in tree.coordinates if c.name not in follows]
     column, notes = {c.name: i for i, c in enumerate(free)}, list[Note]()
     matrix, offsets = np.zeros((tree.n, len(free))), np.zeros(tree.n)
@@ -286,6 +309,7 @@ def _following(
         matrix[i, j := column[leader]] = factor
         if own.name not in follows or not factor:
             continue
+        # A follower's limits are limits of its leader, too.
         limits = ((own.lower - offsets[i]) / factor, (own.upper - offsets[i]) / factor)
         low, high = max(min(limits), free[j].lower), min(max(limits), free[j].upper)
         if low < high:
@@ -313,7 +337,7 @@ def without_beyond(part: Part) -> Part:
     for key in {"q", "springs", "zeros"}.intersection(type(entry).model_fields):
         values = getattr(entry, key)
         acting[key] = {name: x for name, x in values.items() if name not in beyond}
-    idle = tuple(name for name in entry.springs if name in beyond)
+    idle = tuple(filter(beyond.__contains__, entry.springs))
     entry = entry.model_copy(update=acting)
     return replace(part, entry=entry, beyond=beyond, idle=idle)
 
@@ -373,17 +397,8 @@ def _without_effect(part: Part) -> list[str]:
     ]
     obstacles = [*robot.obstacles, *open_loops]
     for obstacle in obstacles:
-        affected = sorted(obstacle.joints & moving)
-        if not affected or not part.keys.isdisjoint(obstacle.keys):
-            continue
-        if obstacle.error is not None:
-            raise obstacle.error
-        path = robot.path
-        raise InputError(
-            f"{obstacle.what} acts on joint {affected[0]!r} and cannot be expressed here",
-            where="XML text" if path is None else one_line(str(path)),
-            expected=obstacle.expected,
-        )
+        if obstacle.joints & moving and part.keys.isdisjoint(obstacle.keys):
+            raise obstacle.refusal(moving, robot.path)
     return [obstacle.what for obstacle in obstacles]
 
 
@@ -447,21 +462,24 @@ def beside(part: Part) -> Part:
     robot, frame, kept = part.robot, part.frame, part.tree.names
     # Nobody expects of a hand's joints that they hold the frame.
     hands = hand_joints(robot)
-    names = [
-        n for n in list(robot.model.names)[1:] if n not in hands and not is_finger(n)
-    ]
-    away = [n for n in names if n not in kept and n not in robot.followers]
-    own = (n for n in away if n in robot.springs and n not in part.idle)
-    notes = idle_springs([*part.idle, *own], frame)
-    if FEET.search(frame) or "hand" in str(robot.model.name).lower():
-        return part.noting(notes)
-    chains = [
-        chain
-        for chain in equal_chains(
-            robot.model, int(find_frame(robot.model, frame).parentJoint)
-        )
-        if {*names}.issuperset(chain) and chain[0] not in kept
-    ]
+    names = [n for n in robot.model.names[1:] if n not in hands and not is_finger(n)]
+    away = [*filterfalse({*kept, *robot.followers}.__contains__, names)]
+    own = [n for n in away if n in robot.springs]
+    notes = idle_springs([*dict.fromkeys([*part.idle, *own])], frame)
+    if not FEET.search(frame) and "hand" not in str(robot.model.name).lower():
+        notes += _open_loops(part, names, away)
+    return part.noting(notes)
+
+
+def _open_loops(part: Part, names: list[str], away: list[str]) -> list[Note]:
+    """Return a note where the chain to the frame may be one leg of several.
+
+    `names` are all joints that might hold the frame, `away` those off the chain.
+    """
+    robot, frame, kept = part.robot, part.frame, part.tree.names
+    end = int(find_frame(robot.model, frame).parentJoint)
+    equal = equal_chains(robot.model, end)
+    chains = [c for c in equal if {*names}.issuperset(c) and c[0] not in kept]
     joints = [name for chain in chains for name in chain]
     is_short_pair = len(chains) == 1 and len(joints) <= _MOST_OF_PAIR
     driven = [name for name in away if name in robot.actuated]
@@ -472,15 +490,13 @@ def beside(part: Part) -> Part:
         joints = driven
         words = f"no actuator drives {_listed(undriven)} on the chain to {frame!r}"
     else:
-        return part.noting(notes)
+        return []
     words += (
         f", and joints beside it do not act: {_listed(joints)}. If they hold the same "
-        "body in "
-        "the real machine, this is the answer of one leg alone: name its loops under "
-        "'closures' in a mechanism file of kind closed-chain"
+        "body in the real machine, this is the answer of one leg alone: name its loops "
+        "under 'closures' in a mechanism file of kind closed-chain"
     )
-    values = {"frame": frame, "joints": joints}
-    return part.noting([*notes, Note("open-loops", words, values)])
+    return [Note("open-loops", words, {"frame": frame, "joints": joints})]
 
 
 def idle_springs(joints: Sequence[str], frame: str, place: str = "") -> list[Note]:
@@ -489,15 +505,11 @@ def idle_springs(joints: Sequence[str], frame: str, place: str = "") -> list[Not
     """
     if not joints:
         return []
-    message = (
-        f"{len(joints)} joints with springs are not on the chain to {frame!r} and "
-        "do not act"
-    )
+    what, end = f"{len(joints)} joints with springs are", "do"
     if len(joints) == 1:
-        message = (
-            f"1 joint with a spring is not on the chain to {frame!r} and does not act"
-        )
-    words = f"{place}{message}: {_listed(joints)}"
+        what, end = "1 joint with a spring is", "does"
+    words = f"{place}{what} not on the chain to {frame!r} and {end} not act: "
+    words += _listed(joints)
     return [Note("idle-springs", words, {"joints": list(joints)})]
 
 

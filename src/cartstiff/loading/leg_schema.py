@@ -45,8 +45,7 @@ _PerLeg = Each[Positive]
 _KNOWN_CHAINS = re.compile(r"[URS]P[URS]?|[UR]C[UR]|[PR][URS][URS]")
 _CHAIN_EXAMPLES = (
     "a strut such as UPS, RPS, SPS, UPU, UCU, UP; a rail such as PUS, PRS, PUU; a crank "
-    "such "
-    "as RUS, RUU, RSS, RRR"
+    "such as RUS, RUU, RSS, RRR"
 )
 
 
@@ -107,14 +106,12 @@ class NamedLegs(FileModel):
     axis: Direction | None = keyed(
         "of cranks, hinges and first axes of universal joints: radial, tangential, "
         "vertical, a vector in the leg's frame (x radial, z up), or one vector in F for "
-        "each "
-        "leg; default vertical for chains of R and P only, else tangential",
+        "each leg; default vertical for chains of R and P only, else tangential",
         None,
     )
     end_axis: Direction | None = keyed(
         "of hinges at the body, and of the body's axis of universal joints there, as "
-        "axis but in "
-        "P; default parallel to axis where the body is parallel to F",
+        "axis but in P; default parallel to axis where the body is parallel to F",
         None,
     )
     rail: Direction | None = keyed(
@@ -126,9 +123,8 @@ class NamedLegs(FileModel):
     mode: Each[Literal["plus", "minus"]] | None = keyed(
         "working mode: the smaller (minus) or the larger (plus) of the two slides, or "
         "crank angles between -pi and pi, that reach the file's pose; default the "
-        "smaller slide, "
-        "and the crank that points outwards the more; where both do so alike, the larger "
-        "angle",
+        "smaller slide, and the crank that points outwards the more; where both do so "
+        "alike, the larger angle",
         None,
     )
     actuated: list[Text] | None = keyed(
@@ -164,21 +160,18 @@ class NamedLegs(FileModel):
     def _fits(self) -> NamedLegs:
         if not _KNOWN_CHAINS.fullmatch(self.chain):
             raise ValueError(f"unknown chain {self.chain!r} (expected {_CHAIN_EXAMPLES})")
-        strut = self.chain[1] in "PC"
-        only_at_end = self.chain[0 if strut else 1] == "S" and self.chain[0] != "R"
+        first, strut = self.chain[0], self.chain[1] in "PC"
+        only_at_end = self.chain[0 if strut else 1] == "S" and first != "R"
         if self.end_axis is not None and only_at_end:
             only_one(self, "axis", "end_axis", needed=False)
         if self.turn is not None and self.platform.half_angle is None:
             raise ValueError(
                 "turn is of the platform's pairs: give its half_angle, or angles"
             )
-        for key, belongs in (
-            ("rail", self.chain[0] == "P"),
-            ("mode", not strut),
-            ("end_axis", len(self.chain) > 2 and self.chain[-1] in "RU"),
-            ("rod", not strut),
-            ("crank", self.chain[0] == "R" and not strut),
-        ):
+        has = {"rail": first == "P", "mode": not strut, "rod": not strut}
+        has["end_axis"] = len(self.chain) > 2 and self.chain[-1] in "RU"
+        has["crank"] = first == "R" and not strut
+        for key, belongs in has.items():
             is_given = getattr(self, key) is not None
             if is_given and not belongs:
                 raise ValueError(f"a leg {self.chain} has no {key}")
@@ -203,8 +196,7 @@ class ContactStiffnessModel(FileModel):
 
     rpy: Vector = keyed(
         "the contact's axes in the chain's end frame, roll, pitch, yaw in rad; z is the "
-        "normal, "
-        "about which it spins",
+        "normal, about which it spins",
         [0.0, 0.0, 0.0],
     )
 
@@ -235,8 +227,7 @@ class LegModel(Joints):
     )
     contact_stiffness: ContactStiffnessModel | None = keyed(
         "of a soft-finger or point contact: joints contact.tx, .ty, .tz with springs, "
-        "which "
-        "balance the load at q as those of other joints without rest",
+        "which balance the load at q as those of other joints without rest",
         None,
     )
     _drawing: Any = PrivateAttr(default=None)
@@ -246,8 +237,7 @@ class LegModel(Joints):
         if isinstance(self.springs, NamedSprings):
             raise ValueError(
                 f"springs {self.springs.name!r}: a name is read in kind serial and "
-                "closed-chain; "
-                "give the springs of a leg by joint"
+                "closed-chain; give the springs of a leg by joint"
             )
         return self
 
@@ -320,3 +310,8 @@ class ParallelFile(FileWords):
     offset: PoseModel = keyed("M in the body's own frame", PoseModel.model_construct())
     actuated: list[Text] = keyed("joints as leg1/joint_name", [])
     lines: list[LineModel] = []
+
+    @property
+    def entries(self) -> list[Any]:
+        """Entries of legs, as a list."""
+        return self.legs if isinstance(self.legs, list) else [self.legs]

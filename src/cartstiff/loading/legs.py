@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from itertools import count
+from itertools import count, filterfalse
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,9 @@ from cartstiff.mechanisms.leg_shapes import Family, LegShape, frame_along, turns
 from cartstiff.notes import Note
 
 _Z = np.array([0.0, 0.0, 1.0])
+
+
+_WORDS = {"radial": [1, 0, 0], "tangential": [0, -1, 0], "vertical": [0, 0, 1]}
 
 
 class _Layout:
@@ -97,25 +100,25 @@ class _Layout:
 
     def directions(self, key: str, value: Any) -> list[Array]:
         """Unit vectors in F, one for each leg."""
-        frames, is_word = self.frames, isinstance(value, str)
-        if is_word:
-            words = {"radial": [1, 0, 0], "tangential": [0, 1, 0], "vertical": [0, 0, 1]}
+        frames, m = self.frames, len(self.base)
+        if is_word := isinstance(value, str):
             if value != "vertical":
                 frames = [self._radial(p, self.key(key)) for p in self.base]
             # With -y as its axis a positive angle raises a crank that points outwards.
-            turned = key != "rail" and value == "tangential"
-            value = [0, -1, 0] if turned else words[value]
+            outwards = {("rail", "tangential"): [0, 1, 0]}
+            value = outwards.get((key, value), _WORDS[value])
         one = is_word or not isinstance(value[0], list)
         # An axis of rotation is reversed in a mirror.
-        mirror = np.array([1.0, -1.0, 1.0]) * (1.0 if key == "rail" else -1.0)
-        directions, m = [], len(self.base)
+        mirror = np.array([1.0, -1.0, 1.0]) * (2.0 * (key == "rail") - 1.0)
+        directions = []
         for k, entry in enumerate(one_each(value, m, self.key(key), row=True)):
-            v = np.array(entry, float)
-            size = float(np.linalg.norm(v))
+            size = float(np.linalg.norm(entry))
             if size < numerics.TINY:
                 raise InputError("a direction has no length", where=self.key(key))
-            v = v / size * (mirror if one and self.mirrored[k] else 1.0)
-            directions.append(frames[k] @ v if one else v)
+            v = np.array(entry, float) / size
+            if one:
+                v = frames[k] @ (v * mirror if self.mirrored[k] else v)
+            directions.append(v)
         return directions
 
     def _radial(self, p: Array, where: str) -> Array:
@@ -165,23 +168,22 @@ def drawn(
         of such legs could not be put together.
     """
     layout, letters = _Layout(entry, leg), _without_free_spin(entry.chain)
-    family: Family = "crank"
-    if letters[1] in "PC":
-        family = "strut"
-    elif letters[0] == "P":
-        family = "rail"
-    default = "vertical" if set(entry.chain) <= set("RP") else "tangential"
-    axes = at_body = layout.directions("axis", entry.axis or default)
+    family: Family = "strut"
+    if letters[1] not in "PC":
+        family = "rail" if letters[0] == "P" else "crank"
+    # Directions and dimensions of every leg, then the shape that has them at the pose.
+    axes = at_body = layout.directions("axis", _axis(entry))
     if is_skew := entry.end_axis is not None:
         at_body = layout.directions("end_axis", entry.end_axis)
     rails = layout.directions("rail", entry.rail or "vertical")
     rods, cranks, modes = map(layout.each, ("rod", "crank", "mode"))
+    first = letters[family != "strut"]
     R = T_F_P[:3, :3]
     shapes = []
     for k, (A, end) in enumerate(zip(layout.base, layout.platform, strict=True)):
         shape = LegShape(
             family,
-            letters[0] if family == "strut" else letters[1],
+            first,
             letters[1] == "C",
             letters[2:],
             A,
@@ -194,8 +196,16 @@ def drawn(
             se3.pose(R, R @ end + T_F_P[:3, 3]),
         )
         sign, other = _root(shape, modes[k])
-        shapes.append((_at_home(shape, sign, f"leg {k + 1}", leg, is_skew), other))
+        is_straight = not (shape.spins or is_skew)
+        shape = _at_home(shape, sign, f"leg {k + 1}", leg, is_straight)
+        shapes.append((shape, other))
     return shapes
+
+
+def _axis(entry: NamedLegs) -> Any:
+    """Direction of the first axes of the legs."""
+    default = "vertical" if set(entry.chain) <= set("RP") else "tangential"
+    return entry.axis or default
 
 
 def _root(shape: LegShape, mode: str | None) -> tuple[int, float | None]:
@@ -215,25 +225,31 @@ def _root(shape: LegShape, mode: str | None) -> tuple[int, float | None]:
     is_crank, alike = shape.family == "crank", numerics.NEGLIGIBLE_DISTANCE
     B = shape.end_home[None, :3, 3]
     roots = [(float(shape.driven(B, sign)[0][0]), sign) for sign in shape.modes]
+    least = shape.rod * alike
     if is_crank:
-        roots = [(t + 2.0 * np.pi if t < alike - np.pi else t, sign) for t, sign in roots]
+        turn, least = 2.0 * np.pi, alike
+        roots = [(t + turn * (t < alike - np.pi), sign) for t, sign in roots]
     # Two roots that meet are in the order of their signs, whatever their round-off.
-    is_double = abs(roots[0][0] - roots[-1][0]) <= alike * (
-        1.0 if is_crank else shape.rod
-    )
-    smaller, larger = (roots[0], roots[-1]) if is_double else (min(roots), max(roots))
+    is_double = abs(roots[0][0] - roots[-1][0]) <= least
+    smaller, larger = roots[0], roots[-1]
+    if not is_double:
+        smaller, larger = min(roots), max(roots)
     if mode is not None or not is_crank:
         return (larger if mode == "plus" else smaller)[1], None
     outwards = abs(larger[0]) - abs(smaller[0])
-    if is_double or abs(outwards) <= alike:
-        return larger[1], None if is_double else smaller[0]
-    return (smaller if outwards > 0.0 else larger)[1], None
+    if is_double:
+        return larger[1], None
+    if abs(outwards) <= alike:
+        return larger[1], smaller[0]
+    return [larger, smaller][outwards > 0.0][1], None
 
 
-def _at_home(shape: LegShape, sign: int, name: str, leg: str, is_skew: bool) -> LegShape:
+def _at_home(
+    shape: LegShape, sign: int, name: str, leg: str, is_straight: bool
+) -> LegShape:
     """Set the driven coordinate at home; refuse joints that cannot be assembled there.
 
-    With `is_skew`, a rod's axes at its two ends need not be parallel.
+    With `is_straight`, a rod's axes at its two ends must be parallel.
     """
     B = shape.end_home[:3, 3]
     value = float(shape.driven(B[None], sign)[0][0])
@@ -258,14 +274,10 @@ def _at_home(shape: LegShape, sign: int, name: str, leg: str, is_skew: bool) -> 
             f"{error.what} ({name})", where=f"{leg}key legs.axis", expected=error.expected
         ) from None
     # Joints that do not fit are not drawn with other axes: that would be another machine.
-    sines = [0.0]
-    if shape.middle == "R":
-        sines.append(abs(float(n @ shape.axis)))
-    if shape.end == "R":
-        sines.append(abs(float(n @ shape.end_axis)))
-    if shape.middle == shape.end and not (
-        shape.spins or is_skew
-    ):  # two hinges, or two universal joints
+    hinges = ((shape.middle, shape.axis), (shape.end, shape.end_axis))
+    sines = [abs(float(n @ axis)) * (letter == "R") for letter, axis in hinges]
+    # Two hinges, or two universal joints, of a rod that does not spin.
+    if shape.middle == shape.end and is_straight:
         sines.append(float(np.linalg.norm(np.cross(inner, end_inner))))
     if (largest := max(sines)) > numerics.NEGLIGIBLE_DISTANCE:
         raise InputError(
@@ -380,6 +392,7 @@ def leg_model(shape: LegShape) -> tuple[Any, list[str]]:
     """Return Pinocchio's model of a leg at home, and the names of its joints."""
     drawing = _Drawing()
     T_rod = se3.pose(shape.rod_frame, shape.centre)
+    # What drives the rod's lower end, then the joint there.
     if shape.family == "rail":
         helper = np.eye(3)[int(np.argmin(np.abs(shape.along)))]
         drawing.slide(
@@ -392,6 +405,7 @@ def leg_model(shape: LegShape) -> tuple[Any, list[str]]:
         drawing.link("crank")
     axes = (shape.axis, shape.universal[1]) if shape.middle == "U" else (shape.axis,)
     drawing.turns(shape.middle, T_rod, axes, shape.rod_frame)
+    # The strut's slide, or the rod, then the joint at the body.
     B = shape.end_home[:3, 3]
     if shape.family == "strut":
         drawing.link("lower")
@@ -415,22 +429,8 @@ def leg_model(shape: LegShape) -> tuple[Any, list[str]]:
 
 def with_drawn_legs(file: ParallelFile) -> ParallelFile:
     """Return the file with a drawn leg for each leg by name; itself where it has none."""
-    entries = file.legs if isinstance(file.legs, list) else [file.legs]
-    named = [isinstance(entry, NamedLegs) for entry in entries]
-    if file.units.force != "N":
-        raise InputError(
-            "cannot be used",
-            where="key units.force",
-            expected="N",
-            got=repr(file.units.force),
-        )
-    if file.units.length != "m" and not all(named):
-        raise InputError(
-            "units are for legs by name: the files of robots are in m",
-            where="key units",
-            expected="m and N, or no units",
-            got=file.units.length,
-        )
+    named = [isinstance(entry, NamedLegs) for entry in file.entries]
+    _check_units(file, all(named))
     if not any(named):
         return file
     if file.pose is None:
@@ -440,49 +440,62 @@ def with_drawn_legs(file: ParallelFile) -> ParallelFile:
         )
     legs: list[LegModel] = []
     driven: list[str] = []
-    for i, entry in enumerate(entries):
-        place = "" if entry is file.legs else f"leg {i + 1}, "
-        if not isinstance(entry, NamedLegs):
+    T_F_P = pose_of(file.pose)
+    for i, entry in enumerate(file.entries, start=1):
+        place = "" if entry is file.legs else f"leg {i}, "
+        if isinstance(entry, LegModel):
             legs.append(entry)
             continue
-        for leg, names in _legs(entry, pose_of(file.pose), place):
+        for leg, names in _legs(entry, T_F_P, place):
             legs.append(leg)
             driven += [f"leg{len(legs)}/{name}" for name in names]
     return file.model_copy(update={"legs": legs, "actuated": file.actuated or driven})
 
 
+def _check_units(file: ParallelFile, is_by_name: bool) -> None:
+    """Refuse units that robots' files do not have."""
+    if file.units.force != "N":
+        raise InputError(
+            "cannot be used",
+            where="key units.force",
+            expected="N",
+            got=repr(file.units.force),
+        )
+    if file.units.length != "m" and not is_by_name:
+        raise InputError(
+            "units are for legs by name: the files of robots are in m",
+            where="key units",
+            expected="m and N, or no units",
+            got=file.units.length,
+        )
+
+
 def drawn_legs(file: ParallelFile) -> list[LegModel]:
     """Return the legs of a file in which all legs by name have been drawn."""
-    entries = file.legs if isinstance(file.legs, list) else []
-    return [entry for entry in entries if isinstance(entry, LegModel)]
+    return [entry for entry in file.entries if isinstance(entry, LegModel)]
 
 
 def mode_notes(legs: Iterable[LegModel]) -> list[Note]:
     """Note on legs whose two working modes are equally near to the file's pose."""
     drawings = {f"leg{i}": leg.drawing for i, leg in enumerate(legs, start=1)}
     tied = {
-        name: d for name, d in drawings.items() if d is not None and d.other is not None
+        name: (float(d.shape.home), float(d.other))
+        for name, d in drawings.items()
+        if d is not None and d.other is not None
     }
     if not tied:
         return []
-    taken = {name: float(drawing.shape.home) for name, drawing in tied.items()}
-    others = {name: float(drawing.other) for name, drawing in tied.items()}
-    each = [
-        f"{np.degrees(taken[n]):.4g} and {np.degrees(others[n]):.4g} deg" for n in tied
-    ]
-    angles = (
-        each[0]
-        if len(set(each)) == 1
-        else ", ".join(map(": ".join, zip(tied, each, strict=True)))
-    )
+    each = [f"{np.degrees(a):.4g} and {np.degrees(b):.4g} deg" for a, b in tied.values()]
+    angles = each[0]
+    if len({*each}) > 1:
+        angles = ", ".join(map(": ".join, zip(tied, each, strict=True)))
     words = (
         "no mode was given, and two working modes are equally near: cranks of "
-        f"{', '.join(tied)} "
-        f"at {angles}; the larger angle is taken (mode: plus), and `mode: minus` in legs "
-        "takes "
-        "the other"
+        f"{', '.join(tied)} at {angles}; the larger angle is taken (mode: plus), and "
+        "`mode: minus` in legs takes the other"
     )
-    return [Note("working-mode", words, {"taken": taken, "other": others})]
+    taken, other = ({n: x[i] for n, x in tied.items()} for i in (0, 1))
+    return [Note("working-mode", words, {"taken": taken, "other": other})]
 
 
 def _legs(entry: NamedLegs, T_F_P: Array, leg: str) -> list[tuple[LegModel, list[str]]]:
@@ -493,40 +506,24 @@ def _legs(entry: NamedLegs, T_F_P: Array, leg: str) -> list[tuple[LegModel, list
         for key, row in (("stiffness", False), ("limits", True), ("diameter", False))
     }
     for k, (shape, other) in enumerate(shapes):
+        # The joints and their limits, then the springs, then the leg as a file has it.
         model, names = leg_model(shape)
         main = "crank" if shape.family == "crank" else "slide"
         actuated = [main] if entry.actuated is None else entry.actuated
-        others = [name for name in names if name != main]
-        for key, named, known in (
-            ("actuated", actuated, names),
-            ("springs", entry.springs, names),
-            ("turns", entry.turns, others),
-        ):
-            for name in named:
-                check_name("joint", name, known, f"{leg}key legs.{key}")
+        _check_names(leg, names, actuated=actuated, springs=entry.springs)
+        _check_names(leg, [*filter(main.__ne__, names)], turns=entry.turns)
         limits = {**entry.turns, main: each["limits"][k]}
-        for name, pair in limits.items():
-            if pair is not None:
-                i = names.index(name)
+        for i, name in enumerate(names):
+            if (pair := limits.get(name)) is not None:
                 model.lowerPositionLimit[i], model.upperPositionLimit[i] = pair
-        springs = dict(entry.springs)
-        for name in actuated:
-            if each["stiffness"][k] is not None:
-                spring = JointSpringModel(stiffness=each["stiffness"][k])
-                springs.setdefault(name, spring)
-            elif name not in springs:
-                raise InputError(
-                    f"driven joint {name!r} has no spring",
-                    where=f"{leg}key legs",
-                    expected="stiffness, or an entry under springs",
-                )
+        springs = _driven(entry, actuated, each["stiffness"][k], leg)
         grip = se3.inverse(T_F_P) @ shape.end_home
         model_of_leg = LegModel(
             model="by name",
             frame=END,
             grip=PoseModel(xyz=grip[:3, 3].tolist()),
             springs=springs,
-            passive=[n for n in names if n not in springs],
+            passive=[*filterfalse(springs.__contains__, names)],
             q={main: shape.home},
             flexible=entry.flexible,
         )
@@ -534,3 +531,27 @@ def _legs(entry: NamedLegs, T_F_P: Array, leg: str) -> list[tuple[LegModel, list
         drawing = DrawnLeg(robot, shape, tuple(names), main, diameter, other)
         legs.append((model_of_leg.drawn(drawing), [n for n in names if n in actuated]))
     return legs
+
+
+def _check_names(leg: str, known: list[str], **named: Iterable[str]) -> None:
+    """Refuse names under keys that are no joints of a leg."""
+    for key, names in named.items():
+        for name in names:
+            check_name("joint", name, known, f"{leg}key legs.{key}")
+
+
+def _driven(
+    entry: NamedLegs, actuated: list[str], stiffness: float | None, leg: str
+) -> dict[str, JointSpringModel]:
+    """Springs of an entry, with those of its driven joints."""
+    springs = dict(entry.springs)
+    for name in actuated:
+        if stiffness is not None:
+            springs.setdefault(name, JointSpringModel(stiffness=stiffness))
+        elif name not in springs:
+            raise InputError(
+                f"driven joint {name!r} has no spring",
+                where=f"{leg}key legs",
+                expected="stiffness, or an entry under springs",
+            )
+    return springs

@@ -6,7 +6,7 @@ A refusal names file, line and key.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache, reduce
@@ -16,17 +16,21 @@ from pathlib import Path
 from string import digits
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import ValidationError
 
-from cartstiff.arrays import checked_number
+from cartstiff.arrays import Array, checked_number
 from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.expressions import Expression, is_name
+from cartstiff.geometry import se3
 from cartstiff.loading.schema import (
     FILE_KINDS,
     NamedSprings,
+    PoseModel,
     file_model,
     first_error,
     place_of,
+    pose_of,
     way_of,
 )
 from cartstiff.loading.yaml_file import Lines
@@ -98,7 +102,8 @@ def with_parameters(
         for name, x in dict(chosen or {}).items()
     }
     entries = _entries(data, given, place)
-    rest = {key: value for key, value in data.items() if key != "parameters"}
+    rest = {**data}
+    rest.pop("parameters", None)
     units = _own_units(rest)
     turning = units if data.get("kind") == "parallel" else SI
     values, used = _evaluated(entries, given, place, (units, turning))
@@ -110,7 +115,7 @@ def with_parameters(
             return {key: with_numbers(value, (*at, key)) for key, value in data.items()}
         if isinstance(data, list):
             return [with_numbers(value, (*at, i)) for i, value in enumerate(data)]
-        if not isinstance(data, str) or not data.startswith("="):
+        if not str(data).startswith("="):
             return data
         formula = Expression(data[1:], place(at))
         used.update(formula.names)
@@ -126,13 +131,12 @@ def with_parameters(
         key: value if key in _TEXT_KEYS else with_numbers(value, (key,))
         for key, value in rest.items()
     }
-    for name in entries:
-        if name not in used:
-            raise InputError(
-                f"parameter {name!r} is not used",
-                where=place(("parameters", name)),
-                expected=f"a number such as '={name}' in the file",
-            )
+    for name in sorted(entries.keys() - used):
+        raise InputError(
+            f"parameter {name!r} is not used",
+            where=place(("parameters", name)),
+            expected=f"a number such as '={name}' in the file",
+        )
     return filled, Parameters(values, given)
 
 
@@ -185,8 +189,19 @@ def _evaluated(
     for name, others in needed.items():
         for other in sorted(others):
             check_name("parameter", other, entries, place(("parameters", name)))
+    values: dict[str, float] = {}
+    for name in [*_order(needed, place), *entries]:
+        own = given.get(name, numbers[name])
+        values[name] = own.value(values) if isinstance(own, Expression) else own
+    return {name: values[name] for name in entries}, set().union(*needed.values())
+
+
+def _order(
+    needed: Mapping[str, Iterable[str]], place: Callable[[Place], str]
+) -> list[str]:
+    """Parameters after those that they need."""
     try:
-        order = [*TopologicalSorter(needed).static_order()]
+        return [*TopologicalSorter(needed).static_order()]
     except CycleError as error:
         circle = error.args[1][::-1]
         raise InputError(
@@ -194,11 +209,6 @@ def _evaluated(
             got=" -> ".join(circle),
             where=place(("parameters", circle[0])),
         ) from None
-    values: dict[str, float] = {}
-    for name in [*order, *entries]:
-        own = given.get(name, numbers[name])
-        values[name] = own.value(values) if isinstance(own, Expression) else own
-    return {name: values[name] for name in entries}, set().union(*needed.values())
 
 
 def _number_of(entry: Any, where: str, units: tuple[Units, Units]) -> Expression | float:
@@ -270,20 +280,20 @@ def _from_closure_list(data: dict[str, Any], path: Path) -> dict[str, Any]:
     Its keys: pairs of frames that are tied, "6d" or "3d" for each pair, names of the
     actuated joints, names of joints with another type than in the URDF, and these types.
     """
-    where, lists = (
-        one_line(str(path)),
-        [data.get(key) or [] for key in _CLOSURE_LIST_KEYS],
-    )
+    where = one_line(str(path))
     for key, value in data.items():
         check_name("key", key, _CLOSURE_LIST_KEYS, where)
-        if value is not None and not isinstance(value, list):
+        if not isinstance(value, list | None):
             raise InputError(
                 "cannot be used", where=f"{where}, key {key}", expected="a list"
             )
-    loops, kinds, actuated, names, types = lists
-    for (a, b), one, other in (
-        (("closed_loop", "type"), loops, kinds),
-        (("joint_name", "joint_type"), names, types),
+    loops, kinds, actuated, names, types = (
+        data.get(key) or [] for key in _CLOSURE_LIST_KEYS
+    )
+    # Two pairs of lists belong together.
+    for a, b, one, other in (
+        ("closed_loop", "type", loops, kinds),
+        ("joint_name", "joint_type", names, types),
     ):
         if len(one) != len(other):
             raise InputError(
@@ -292,8 +302,9 @@ def _from_closure_list(data: dict[str, Any], path: Path) -> dict[str, Any]:
                 expected=f"{len(one)} of {b}",
                 got=len(other),
             )
+    # The robot's own file lies beside the list, in the best case with the same name.
     beside = [path.with_suffix(".urdf"), *sorted(path.parent.glob("*.urdf"))]
-    urdf = next((file for file in beside if file.is_file()), None)
+    urdf = next(filter(Path.is_file, beside), None)
     if urdf is None:
         raise InputError(
             "no URDF beside the list of closures", where=where, expected=beside[0].name
@@ -383,7 +394,6 @@ def mechanism_of(
     file: Any, parameters: Parameters, path: Path, overrides: dict[str, Any]
 ) -> ElasticMechanism:
     """Build the mechanism of a checked file."""
-    from cartstiff.loading.overrides import with_overrides
     from cartstiff.loading.plausible import file_notes
 
     name = file.name or path.stem
@@ -412,3 +422,90 @@ def mechanism_of(
     from cartstiff.loading.findings import with_findings
 
     return with_findings(elastic, file.identified)
+
+
+def with_overrides(file: Any, overrides: Mapping[str, Any]) -> Any:
+    """Return the file with overrides, which replace its own values.
+
+    Parameters
+    ----------
+    file : a model of the schema
+        The mechanism file.
+    overrides : mapping
+        Any of "frame", "locked", "tcp" (pose of M in that frame), "gravity",
+        "actuator_springs", "xacro", "package_path". The file's payload stays where it is.
+
+    Raises
+    ------
+    InputError
+        For what the file's kind does not have.
+    """
+    get: Callable[[str], Any] = overrides.get
+    keys: dict[str, Any] = {}
+    if get("frame") is not None:
+        file = _with_frame(file, get("frame"))
+    if locked := get("locked"):
+        if file.kind not in ("serial", "closed-chain"):
+            raise InputError(
+                f"kind {file.kind} has no joints to lock",
+                expected="kind serial or closed-chain",
+            )
+        keys["locked"] = {**file.locked, **locked}
+    if any(map(get, ("xacro", "package_path"))):
+        file = _with_ros(file, overrides)
+    if get("actuator_springs"):
+        if not hasattr(file, "actuator_springs"):
+            raise InputError(f"kind {file.kind} has no actuators", where="--springs")
+        keys["actuator_springs"] = True
+    if get("gravity") is not None:
+        keys["gravity"] = list(get("gravity"))
+    if get("tcp") is not None:
+        keys |= _moved(file, get("tcp"))
+    return file.model_copy(update=keys) if keys else file
+
+
+def _moved(file: Any, T: Array) -> dict[str, Any]:
+    """Keys of a file whose M is moved by T; its payload stays where it is."""
+    key, payload = "offset", file.payload
+    if file.kind in ("stewart-gough", "springs"):
+        key = "frame"
+    keys = {key: _model_of(pose_of(getattr(file, key)) @ T)}
+    if payload is not None and payload.carrier is None:
+        centre = (se3.inverse(T) @ [*payload.com, 1.0])[:3].tolist()
+        keys["payload"] = payload.model_copy(update={"com": centre})
+    return keys
+
+
+def _model_of(T: Array) -> PoseModel:
+    xyz, rpy = T[:3, 3].tolist(), se3.roll_pitch_yaw(T).tolist()
+    return PoseModel.model_construct(xyz=xyz, rpy=rpy)
+
+
+def _with_ros(file: Any, overrides: Mapping[str, Any]) -> Any:
+    """Return the file with more xacro arguments and package folders for its robots."""
+    if hasattr(file, "model"):
+        return file.with_ros(
+            overrides.get("xacro", {}), overrides.get("package_path", ())
+        )
+    if isinstance(file.legs, list) and any(leg.drawing is None for leg in file.legs):
+        legs = [
+            _with_ros(leg, overrides) if leg.drawing is None else leg for leg in file.legs
+        ]
+        return file.model_copy(update={"legs": legs})
+    raise InputError(
+        f"kind {file.kind} has no robot description",
+        expected="no xacro arguments and no package path",
+    )
+
+
+def _with_frame(file: Any, frame: str) -> Any:
+    """Return the file with another frame of interest."""
+    only = {"stewart-gough": "platform", "springs": "platform", "parallel": "body"}.get(
+        file.kind
+    )
+    if only is not None:
+        check_name("frame", frame, [only])
+        return file
+    payload = file.payload and file.payload.carried_by(file.frame, file.offset)
+    other = {"frame": frame, "offset": _model_of(np.eye(4)), "payload": payload}
+    return file.model_copy(update=other)

@@ -102,46 +102,43 @@ def _mesh(path: Path) -> tuple[dict[str, Any], list[NDArray[Any]]]:
         raise RefusedError(
             f"{count // 3} triangles, and at most {MOST_CORNERS // 3} are read"
         )
-    factor = _metres(scene, path)
-    colours = [_colour(part) for part in parts]
-    known = {c for c in colours if c is not None}
-    single = known.pop() if len(known) == 1 and None not in colours else None
-    corners, shades = [], []
-    for part, colour in zip(parts, colours, strict=True):
-        triangles = np.asarray(part.triangles, float) * factor
-        corners.append(triangles.reshape(-1, 3))
-        shades.append(
-            np.broadcast_to(
-                np.array(colour or _GREY, np.uint8)[:3], (len(corners[-1]), 3)
-            )
-        )
-    positions = np.concatenate(corners)
+    triangles = [np.asarray(part.triangles, float).reshape(-1, 3) for part in parts]
+    positions = np.concatenate(triangles) * _metres(scene, path)
     if not np.abs(positions).max() < _MAX_COORDINATE:  # or not a number
         raise RefusedError(f"coordinates that are not below {_MAX_COORDINATE:g} m")
-    positions = positions.astype(np.float32)
+    # One colour is that of the whole mesh; of several each corner has its own.
+    colours = [_colour(part) for part in parts]
+    if len({*colours}) == 1:
+        return _packed(positions, colours[0], None)
+    shades = [
+        np.broadcast_to(np.array(colour or _GREY, np.uint8)[:3], own.shape)
+        for colour, own in zip(colours, triangles, strict=True)
+    ]
+    return _packed(positions, None, np.concatenate(shades))
+
+
+def _packed(
+    corners: NDArray[Any], colour: Any, shades: NDArray[Any] | None
+) -> tuple[dict[str, Any], list[NDArray[Any]]]:
+    """Sizes and arrays of a mesh by the corners of its triangles, alike ones once."""
+    positions = corners.astype(np.float32)
     normals = corner_normals(positions.astype(float))
-    several = single is None and any(c is not None for c in colours)
     alike: list[NDArray[Any]] = [positions.view(np.int32), normals]
-    if several:
-        alike.append(np.concatenate(shades))
+    alike += [] if shades is None else [shades]
     first, faces = _distinct(np.concatenate(alike, axis=1, dtype=np.int64))
     order = np.argsort(first)  # the order of the file compresses better
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
-    first, faces = first[order], rank[faces.reshape(-1)].reshape(-1, 3)
-    arrays: list[NDArray[Any]] = [
-        positions[first],
-        faces.astype(np.int32),
-        normals[first],
-    ]
-    if several:
-        arrays.append(np.concatenate(shades)[first])
-    entry: dict[str, Any] = {
+    first, faces = first[order], rank[faces].reshape(-1, 3)
+    entry = {
         "vertices": len(first),
         "faces": len(faces),
-        "coloured": several,
-        "colour": single,
+        "coloured": shades is not None,
+        "colour": colour,
     }
+    arrays: list[NDArray[Any]] = [positions[first], faces.astype(np.int32)]
+    arrays.append(normals[first])
+    arrays += [] if shades is None else [shades[first]]
     return entry, arrays
 
 

@@ -77,6 +77,7 @@ def read_meshes(paths: Iterable[Path]) -> dict[Path, Mesh | InputError]:
     MissingDependencyError
         Without trimesh, or pycollada for a DAE.
     """
+    # Files that were read before, and have not changed, are in the cache.
     read: dict[Path, Mesh | InputError] = {}
     wanted: list[tuple[Path, int, int]] = []
     for path in dict.fromkeys(paths):
@@ -107,6 +108,7 @@ def read_meshes(paths: Iterable[Path]) -> dict[Path, Mesh | InputError]:
             raise InputError("meshes cannot be read", where=where, got=got)
     except InputError as error:
         return read | {path: error for path, *_ in wanted}
+    # The arrays of all meshes follow each other in the payload.
     start = 0
     for key, entry in zip(wanted, answer["meshes"], strict=True):
         if "error" in entry:

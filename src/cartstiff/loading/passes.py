@@ -238,13 +238,7 @@ class _Closing:
         if a == b:
             raise InputError("a closure ties a frame to itself", where=place, got=repr(a))
         if entry.points is None and "world" in (a, b):
-            other = b if a == "world" else a
-            tied = f"world (closure {i + 1})"
-            T = tree.at(self.q).pose(tree.placement(other))
-            if entry.axes is not None:  # these are along the axes of F
-                T = se3.pose(translation=T[:3, 3])
-            tree.frames[tied] = FixedFrame(0, T)
-            a, b = (tied, other) if a == "world" else (other, tied)
+            a, b = self._at_q(entry, i)
         if entry.points is not None or entry.type in _FREE_AXES:
             names = []
             points = entry.points or [[0.0] * 3] * 2
@@ -255,6 +249,16 @@ class _Closing:
                 names.append(tied)
             a, b = names
         self.add(f"closure{i + 1}", a, b, entry.type)
+
+    def _at_q(self, entry: ClosureModel, i: int) -> list[str]:
+        """Frames of an entry with a frame of F at the other one in place of "world"."""
+        tied, tree = f"world (closure {i + 1})", self.tree
+        (other,) = {*entry.frames} - {"world"}
+        T = tree.at(self.q).pose(tree.placement(other))
+        if entry.axes is not None:  # these are along the axes of F
+            T = se3.pose(translation=T[:3, 3])
+        tree.frames[tied] = FixedFrame(0, T)
+        return [tied if frame == "world" else frame for frame in entry.frames]
 
     def add_tie(self, tie: FileClosure, i: int) -> None:
         """Add a closure of the robot's own file."""
@@ -320,6 +324,7 @@ def joint_springs(whole: Assembly) -> Assembly:
             f"joint {of['assumed'][0]!r} has no spring",
             expected="an entry under springs, passive or locked",
         )
+    # A spring, or none, for each coordinate.
     sprung = list[_Spring]()
     for c in whole.tree.coordinates:
         role = roles[c.name]
@@ -336,6 +341,7 @@ def joint_springs(whole: Assembly) -> Assembly:
         np.array([spring.rest for spring in sprung]),
         {j: spring.law for j, spring in enumerate(sprung) if spring.law is not None},
     )
+    # What was assumed is said before all other notes.
     doubts = list[Note]()
     if joints := of.get("assumed"):
         doubts.append(assumed_stiffness(ASSUMED_STIFFNESS, joints, whole.tree.names))
@@ -357,6 +363,7 @@ def _roles(whole: Assembly, given: set[str], own: set[str]) -> dict[str, str]:
     only these are named. What line springs hold, and no joint is named as passive, has
     assumed springs only where an actuator of the robot's own file drives a joint.
     """
+    # Joints without springs: those that the file names, and those of ties.
     passive = {*whole.names(lambda part: part.entry.passive)}
     free = {*whole.virtual(), *(n for n in whole.free if n not in given)}
     for name in sorted(given & (passive | free)):
@@ -364,6 +371,7 @@ def _roles(whole: Assembly, given: set[str], own: set[str]) -> dict[str, str]:
         raise InputError(f"joint {name!r} is passive and has a spring", where=where)
     unsprung = {*whole.names(lambda part: part.robot.passive)} - passive - free
     unsprung -= (coupled := _coupled(whole))
+    # Joints that a drive holds, where the file has no spring for them.
     driven = {*whole.tree.names} - passive - free - unsprung - coupled
     actuated = {*whole.names(lambda part: part.robot.actuated)} & {*whole.tree.names}
     on_lines, is_open = set[str](), not given and not passive - free
@@ -453,6 +461,7 @@ def coupled(whole: Assembly) -> Assembly:
     and fixed tendons of robots.
     """
     names = whole.tree.names
+    # Springs of entries come first, then tendons that act on a joint of the tree.
     entries = [(part, one) for part in whole.parts for one in part.entry.coupled_springs]
     entries += [
         (part, one)
@@ -468,6 +477,7 @@ def coupled(whole: Assembly) -> Assembly:
         what = "a coupled spring has the name of another, or of a joint"
         where = entries[0][0].key("coupled_springs")
         raise InputError(what, where=where, expected="different names")
+    # A joint that is held moves the rest position.
     rows, rests = [], []
     for part, entry in entries:
         held = {**part.robot.locked, **part.entry.locked}
@@ -517,10 +527,10 @@ def _without_effect(whole: Assembly) -> list[Note]:
     that holds it.
     """
     chain, tree = whole.chain, whole.chain.tree
-    frames = {frame for line in whole.lines for frame in line.frames}
-    frames |= {f for tie in chain.closures for f in (tie.frame_a, tie.frame_b)}
+    frames = set[str]().union(*(line.frames for line in whole.lines))
+    frames.update(*((tie.frame_a, tie.frame_b) for tie in chain.closures))
     ends = {chain.body.joint, *(tree.placement(frame).joint for frame in frames)}
-    carrying = {tree.model.names[j] for end in ends for j in tree.support(end)}
+    carrying = {tree.model.names[j] for j in set().union(*map(tree.support, ends))}
     without = [
         spring.link
         for spring in whole.potentials
@@ -554,8 +564,7 @@ def _ends_elsewhere(beam: Beam, chain: Chain) -> list[Note]:
     begins = (nearest + np.array([length, 0.0, 0.0])).tolist()
     words = (
         f"the beam of link {beam.link!r} runs along the x axis of the link or its "
-        "offset, to "
-        f"({length:.6g}, 0, 0); what hangs on it begins at "
+        f"offset, to ({length:.6g}, 0, 0); what hangs on it begins at "
         f"({', '.join(f'{x:.6g}' for x in begins)}), joined rigidly"
     )
     values = {"link": beam.link, "length": length, "begins": begins}
@@ -569,23 +578,23 @@ def lines(whole: Assembly) -> Assembly:
     from cartstiff.potentials.line_springs import LineSprings, line_geometry
 
     springs, strains = list[LineSprings](), dict[str, float]()
-    at = whole.chain.at(whole.q)
+    at, place = whole.chain.at(whole.q), whole.chain.tree.placement
     for i, line in enumerate(whole.lines, start=1):
-        a, b = line.frames
-        tree = whole.chain.tree
-        if tree.placement(a).joint == tree.placement(b).joint:
+        (a, b), where = line.frames, f"key lines.{i}"
+        if place(a).joint == place(b).joint:
             raise InputError(
                 "a line between two points of one link never changes its length",
-                where=f"key lines.{i}",
+                where=where,
                 got=f"{a!r} and {b!r}",
             )
         anchors, points = (np.array([point], float) for point in line.points)
+        # The rest length is given, or follows from the tension at q.
         try:
             (length,) = line_geometry(at.relative(a, b)[0], anchors, points).lengths
         except UndefinedError:
             raise InputError(
                 f"the line between {a!r} and {b!r} has zero length at q",
-                where=f"key lines.{i}",
+                where=where,
             ) from None
         rest = line.rest_length
         if rest is None:
@@ -807,10 +816,8 @@ def _repeated_conditions(elastic: ElasticMechanism, own: int) -> list[Note]:
         return []
     words = (
         f"{more} of the {m - own} conditions of the closures repeat others here, as in "
-        "planar "
-        "loops of hinges: the motions do not change, but the forces and moments in the "
-        "loop "
-        "that answer to them are not determined between rigid links"
+        "planar loops of hinges: the motions do not change, but the forces and moments "
+        "in the loop that answer to them are not determined between rigid links"
     )
     values = {"conditions": m - own, "repeated": more}
     return [Note("repeated-closures", words, values)]

@@ -20,8 +20,7 @@ from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.loading import ModelSetup, load
 from cartstiff.loading.description import Followers, RobotDescription, successive_turns
-from cartstiff.loading.mechanism_file import places_in
-from cartstiff.loading.overrides import with_overrides
+from cartstiff.loading.mechanism_file import places_in, with_overrides
 from cartstiff.loading.passes import one_robot
 from cartstiff.loading.schema import ClosedChainFile, ClosureModel, SerialFile
 from cartstiff.loading.visuals import geometry_pieces
@@ -145,11 +144,11 @@ def _configuration(
         entry.key(): np.array(entry.data(), float)
         for entry in model.referenceConfigurations
     }
-    chosen = next((home for home in _HOME_NAMES if home in kept), None)
-    if chosen is None and len(kept) == 1:
-        chosen = next(iter(kept))
-    if chosen is None or kept[chosen].shape != (model.nq,):
+    # The best of the usual names, or the only one.
+    named = [*filter(kept.__contains__, _HOME_NAMES)] or [*kept] * (len(kept) == 1)
+    if not named or kept[named[0]].shape != (model.nq,):
         return None, []
+    chosen = named[0]
     words = (
         f"no posture was given: the model's reference configuration {chosen!r} is taken"
     )

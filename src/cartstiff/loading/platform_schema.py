@@ -91,21 +91,23 @@ class LayoutModel(FileModel):
         """Refuse what is missing, or more than the circles need."""
         if self.height is None:
             raise ValueError("key 'height' is missing: the height of P over F")
-        each = 6 // (self.symmetry or 1)
         for name, ring in rings.items():
             if ring.radius is None:
                 raise ValueError(f"key 'radius' of {name} is missing")
-            if ring.angles is not None and len(ring.angles) != each:
-                of = f" with symmetry {self.symmetry}" if self.symmetry else ""
-                raise ValueError(
-                    f"{name}.angles must be {each}{of}: there are {len(ring.angles)}"
-                )
-        if self.symmetry is not None and all(r.angles is None for r in rings.values()):
+            self._check_count(name, len(ring.angles or ()))
+        if self.symmetry is not None and not (self.base.angles or self.platform.angles):
             raise ValueError("symmetry is for angles; pairs stand 120 degrees apart")
         if self.turn is not None and self.platform.angles is not None:
             raise ValueError(
                 "turn is for pairs: angles of the platform say where its joints are"
             )
+
+    def _check_count(self, name: str, count: int) -> None:
+        """Refuse angles that are not one for each leg of a part."""
+        each = 6 // (self.symmetry or 1)
+        if count not in (0, each):
+            of = f" with symmetry {self.symmetry}" if self.symmetry else ""
+            raise ValueError(f"{name}.angles must be {each}{of}: there are {count}")
 
     def points(self) -> tuple[Array, Array, Array]:
         """Return joints of the base in F (6, 3) and the platform in P (6, 3),
@@ -247,24 +249,19 @@ class LinesLegs(FileModel):
     )
     rest_length: PerLeg | None = keyed(
         "length without tension: a fixed number, at every pose; a driven leg changes it "
-        "for a "
-        "given load only",
+        "for a given load only",
         None,
     )
     preload: Each[Number] | None = keyed(
         "in place of rest_length. Of a driven leg: its tension at every commanded pose, "
-        "to which "
-        "the drive winds it; more legs than motions have the tensions nearest to it that "
-        "balance "
-        "weight and load. Of a passive one: its tension at the file's pose, which fixes "
-        "its "
-        "rest length",
+        "to which the drive winds it; more legs than motions have the tensions nearest "
+        "to it that balance weight and load. Of a passive one: its tension at the "
+        "file's pose, which fixes its rest length",
         None,
     )
     driven: Each[Flag] | None = keyed(
         "a drive changes the length; default: legs of a stewart-gough, and cables, are "
-        "driven, "
-        "other springs are passive",
+        "driven, other springs are passive",
         None,
     )
     limits: Each[Annotated[Two[Positive], IN_ORDER]] | None = keyed(
@@ -278,8 +275,7 @@ class LinesLegs(FileModel):
     )
     mass: LegMassModel | PerLeg | None = keyed(
         "bars of the legs; or kg of each leg, as a uniform bar of the leg's length at "
-        "the file's "
-        "pose, one half of it on either joint",
+        "the file's pose, one half of it on either joint",
         None,
     )
     damping: PerLeg = keyed("dampers along the legs, force per velocity (seconds)", 0.0)

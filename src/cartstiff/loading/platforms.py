@@ -175,9 +175,8 @@ def _struts(file: PlatformFile | SpringsFile, legs: _Legs) -> Struts | None:
     half = np.array(one_each(mass, legs.m, f"key legs.{key}"), float) / 2.0
     words = (
         "legs.mass is one number for a leg: a uniform bar of the leg's length at the "
-        "file's "
-        "pose, half of it on either joint; fixed, moving, fixed_com and moving_com state "
-        "another distribution"
+        "file's pose, half of it on either joint; fixed, moving, fixed_com and "
+        "moving_com state another distribution"
     )
     legs.notes.append(Note("leg-mass-spread", words, {"mass": (2.0 * half).tolist()}))
     return Struts(half, half, quarter, quarter, np.zeros(legs.m))

@@ -106,29 +106,25 @@ def file_notes(file: Any) -> list[Note]:
     if file.kind in ("stewart-gough", "springs"):
         notes += gyration(file)
         for key in ("base", "platform"):
-            lengths |= {
-                f"{key}.{i}": p for i, p in enumerate(getattr(file, key), start=1)
-            }
+            for i, point in enumerate(getattr(file, key), start=1):
+                lengths[f"{key}.{i}"] = point
     else:
         beams = dict(_each(file, "", "BeamModel"))
         lengths |= {f"{place}.length": [beam.length] for place, beam in beams.items()}
-        soft = {
-            f"{place}.E": [beam.E]
-            for place, beam in beams.items()
-            if beam.E < _MIN_MODULUS
-        }
+        moduli = {f"{place}.E": [beam.E] for place, beam in beams.items()}
+        soft = {place: E for place, E in moduli.items() if E[0] < _MIN_MODULUS}
         notes += _doubtful(soft, "N/m^2", "Gigapascals? Moduli are in N/m^2")
         if file.payload is not None:
             lengths["payload.com"] = file.payload.com
-    if (
-        "units" not in file.model_fields_set
-    ):  # else lengths are meant in the file's own unit
+    # With a key for them lengths are meant in the file's own unit.
+    if "units" not in file.model_fields_set:
         lengths |= {f"{place}.xyz": pose.xyz for place, pose in poses.items()}
         notes += large_lengths(lengths)
-    if file.gravity is None and file.payload is not None and file.payload.mass > 0:
-        mass = f"a payload of {file.payload.mass:g} kg"
-        words = f"the file names {mass} and no gravity: it weighs nothing"
-        notes.append(Note("weightless", words, {"payload": file.payload.mass}))
+    mass = file.payload.mass if file.payload else 0.0
+    if file.gravity is None and mass > 0:
+        words = f"the file names a payload of {mass:g} kg and no gravity"
+        words += ": it weighs nothing"
+        notes.append(Note("weightless", words, {"payload": mass}))
     return notes
 
 
@@ -141,10 +137,10 @@ def _each(value: Any, place: str, form: str) -> Iterator[tuple[str, Any]]:
         inner = ((key, getattr(value, key)) for key in value.model_fields_set)
     elif isinstance(value, dict):
         inner = value.items()
-    elif isinstance(value, list) and value and type(value[0]).__name__ == "LegModel":
+    elif isinstance(value, list) and "LegModel" in {type(x).__name__ for x in value[:1]}:
         inner = ((str(i), entry) for i, entry in enumerate(value, start=1))
     for key, entry in inner:
-        yield from _each(entry, f"{place}.{key}" if place else key, form)
+        yield from _each(entry, ".".join(filter(None, (place, key))), form)
 
 
 def _numbers(values: Sequence[float]) -> str:

@@ -172,8 +172,9 @@ def regular_posture(chain: Chain, q: Array, *, alone: bool) -> tuple[Array, list
         words = f"no posture was given, and zero is singular: a regular one is {shown}"
         note = Note("zero-singular", words, {"q": best.tolist()})
         return q, [note] if is_singular else []
-    before = None if is_singular else 1.0 / search.at_q
-    zero = "singular" if is_singular else "near a singularity"
+    zero, before = "singular", None
+    if not is_singular:
+        zero, before = "near a singularity", 1.0 / search.at_q
     words = (
         f"no posture was given, and zero is {zero}: a regular one is taken, {shown} "
         f"(condition of the scaled Jacobian {1.0 / largest:.3g})"

@@ -78,6 +78,7 @@ def with_named_springs(
             for joint, k in about["stiffness"].items()
         }
         grade = f"grade {about['grade']} ({GRADES[about['grade']]}), "
+    # What cannot act is left out; a note says so, and what has no value.
     left_out = [joint for joint in stiffness if joint in outside]
     stiffness = {joint: k for joint, k in stiffness.items() if joint not in outside}
     try:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -76,16 +76,7 @@ def read_robot_description(
     """
     ros, where = ros or Ros(), where or one_line(str(path))
     if (read := FORMATS.get(path.suffix.lower())) is not None:
-        robot = read(path, where)
-        of_urdf = {"joint_types": joint_types, "xacro arguments": ros.arguments}
-        for what, given in of_urdf.items():
-            if given:
-                raise InputError(
-                    f"{what} are of a URDF", where=where, got=", ".join(given)
-                )
-        if floating and not robot.loose:
-            raise InputError("has no free root", where=where, expected="no key floating")
-        return robot
+        return _of_format(read(path, where), where, floating, joint_types, ros)
     text = read_text(path, _MAX_BYTES)
     root = parse_text(text, where)
     expanded, notes = None, list[Note]()
@@ -112,7 +103,7 @@ def read_robot_description(
         return replace(
             robot, path=path, notes=tuple(notes), text=expanded, packages=ros.packages
         )
-    got = f"<{one_line(root.tag, 40)}>"
+    # What is no URDF is MJCF as it is written.
     if root.tag == "sdf":
         raise InputError(
             "SDF files are not read",
@@ -120,6 +111,7 @@ def read_robot_description(
             expected="URDF or MJCF, as the robot's maker offers it or a converter writes "
             "it",
         )
+    got = f"<{one_line(root.tag, 40)}>"
     if joint_types:
         raise InputError("joint_types are of a URDF", where=where, got=got)
     if root.tag == "mujoco" and expanded is None:
@@ -134,11 +126,31 @@ def read_robot_description(
     )
 
 
+def _of_format(
+    robot: RobotDescription,
+    where: str,
+    floating: bool,
+    joint_types: Mapping[str, str],
+    ros: Ros,
+) -> RobotDescription:
+    """Return the robot of a reader of one's own; refuse what only XML files have."""
+    for what, given in (
+        ("joint_types", joint_types),
+        ("xacro arguments", ros.arguments),
+    ):
+        if given:
+            raise InputError(f"{what} are of a URDF", where=where, got=", ".join(given))
+    if floating and not robot.loose:
+        raise InputError("has no free root", where=where, expected="no key floating")
+    return robot
+
+
 def robot_of(entry: Any, beside: Path | None, floating: bool = False) -> RobotDescription:
     """Read the robot of a `model:` or `dh:` entry.
 
     Paths are relative to the mechanism file.
     """
+    folder = beside or Path()
     if entry.dh is not None:
         if entry.xacro or entry.package_path:
             raise InputError(
@@ -146,32 +158,34 @@ def robot_of(entry: Any, beside: Path | None, floating: bool = False) -> RobotDe
             )
         from cartstiff.loading.dh import dh_description
 
-        return dh_description(entry.dh, beside or Path(), floating)
-    folder = beside or Path()
-    packages = tuple(folder / Path(name).expanduser() for name in entry.package_path)
-    for name, package in zip(entry.package_path, packages, strict=True):
-        if not package.is_dir():
-            raise InputError(
-                "no such folder", where="key package_path", got=one_line(name)
-            )
+        return dh_description(entry.dh, folder, floating)
+    packages = _folders(entry.package_path, folder)
     named = tuple(map(Path, entry.named_folders))
     model, ros = entry.model or "", Ros(packages, dict(entry.xacro), named)
     if model.lstrip().startswith("<"):
         return described_text(model, floating, ros)
     path = folder / Path(model).expanduser()
-    if path.suffix.lower() not in robot_files() and not path.is_file():
-        if is_description_name(model):
-            path, more = described_robot(model)
-            ros = Ros(
-                (*ros.packages, *more.packages),
-                {**more.arguments, **ros.arguments},
-                (*named, *more.packages),
+    types = getattr(entry, "joint_types", {})
+    if path.suffix.lower() in robot_files() or path.is_file():
+        return read_robot_description(path, floating, ros, joint_types=types)
+    if is_description_name(model):
+        path, own = described_robot(model)
+        arguments = {**own.arguments, **ros.arguments}
+        ros = Ros((*packages, *own.packages), arguments, (*named, *own.packages))
+    else:
+        path = example_robot(model)
+    return read_robot_description(path, floating, ros, joint_types=types)
+
+
+def _folders(names: Sequence[str], beside: Path) -> tuple[Path, ...]:
+    """Folders of a file's key, which exist."""
+    folders = {name: beside / Path(name).expanduser() for name in names}
+    for name, folder in folders.items():
+        if not folder.is_dir():
+            raise InputError(
+                "no such folder", where="key package_path", got=one_line(name)
             )
-        else:
-            path = example_robot(model)
-    return read_robot_description(
-        path, floating, ros, joint_types=getattr(entry, "joint_types", {})
-    )
+    return tuple(folders.values())
 
 
 def described_text(

@@ -315,10 +315,8 @@ class SpringTableModel(FileModel):
     points: TablePoints = keyed("pairs [deflection, torque], deflections increasing")
     pieces: Literal["linear", "smooth"] = keyed(
         "linear: straight lines between the points, as in catalogues; at a corner the "
-        "stiffness "
-        "has two values, and a note names both; smooth: a curve that rises and falls as "
-        "the "
-        "points do, without corners",
+        "stiffness has two values, and a note names both; smooth: a curve that rises "
+        "and falls as the points do, without corners",
         "linear",
     )
 
@@ -328,8 +326,7 @@ class JointSpringModel(FileModel):
 
     stiffness: JointStiffness | None = keyed(
         "N m/rad, N/m for a prismatic joint, or a text with another unit such as 392 N "
-        "m/arcmin; "
-        "or rigid",
+        "m/arcmin; or rigid",
         None,
     )
     polynomial: list[Annotated[Number, with_unit("joint")]] | None = keyed(
@@ -340,8 +337,7 @@ class JointSpringModel(FileModel):
     )
     table: TablePoints | Section[SpringTableModel] | None = keyed(
         "pairs [deflection, torque], deflections increasing: straight pieces between "
-        "them; or "
-        "points and pieces",
+        "them; or points and pieces",
         None,
     )
     rest: Number | None = keyed(
@@ -416,8 +412,7 @@ class CoupledSpringModel(FileModel):
     )
     stiffness: Annotated[Positive, with_unit("joint")] = keyed(
         "force per change of the sum: the energy is half of it times the square of that "
-        "change; "
-        "N m/rad for a sum of angles, N/m for one of lengths"
+        "change; N m/rad for a sum of angles, N/m for one of lengths"
     )
     rest: Number | None = keyed(
         "the sum at rest; without it the spring balances the load at q", None
@@ -492,11 +487,9 @@ class FlexibleModel(FileModel):
     )
     mass: _Six | None = keyed(
         "6x6, of the spring's deflection: kg, in the file's unit of length, as a "
-        "finite-element "
-        "model has it at the spring with the link's near side clamped (Guyan). The "
-        "link's inertia "
-        "in the robot's file stays at the near side besides; what the two exchange is "
-        "left out",
+        "finite-element model has it at the spring with the link's near side clamped "
+        "(Guyan). The link's inertia in the robot's file stays at the near side "
+        "besides; what the two exchange is left out",
         None,
         min_length=6,
         max_length=6,
@@ -564,8 +557,7 @@ class FileWords(FileModel):
     payload: Section[PayloadModel] | None = None
     parameters: dict[Text, Number | Text] = keyed(
         "names for numbers, or for stiffnesses with their units; wherever a number "
-        "stands in the "
-        "file, a text such as '=2*r*cos(pi/6)' may stand for it",
+        "stands in the file, a text such as '=2*r*cos(pi/6)' may stand for it",
         {},
     )
     identified: Section[IdentifiedModel] | None = None
@@ -606,15 +598,13 @@ class DHModel(FileModel):
 
     convention: Literal["standard", "modified"] = keyed(
         "standard: a row is Rz(theta) Tz(d) Tx(a) Rx(alpha), joint i turns about z of "
-        "frame i-1; "
-        "modified (Craig): Rx(alpha) Tx(a) Rz(theta) Tz(d), joint i turns about z of "
-        "frame i"
+        "frame i-1; modified (Craig): Rx(alpha) Tx(a) Rz(theta) Tz(d), joint i turns "
+        "about z of frame i"
     )
     joints: list[DHJoint] | None = keyed("row by row", None, min_length=1, max_length=100)
     table: FileName | None = keyed(
         "CSV in place of joints: columns joint, type, a, alpha, d, theta, lower, upper, "
-        "with the "
-        "units in the heads, as a [mm]",
+        "with the units in the heads, as a [mm]",
         None,
     )
     units: DHUnits = keyed("of the numbers under joints", DHUnits.model_construct())
@@ -679,8 +669,7 @@ class Joints(_Robot):
     )
     springs: SpringsByJoint = keyed(
         "by joint; or the name of a published set (see `cartstiff models`), or of a "
-        "table beside "
-        "this file (.csv: joint, stiffness [N m/arcmin])",
+        "table beside this file (.csv: joint, stiffness [N m/arcmin])",
         {},
     )
     coupled_springs: list[Section[CoupledSpringModel]] = keyed(
@@ -729,8 +718,7 @@ class ClosureModel(FileModel):
     frames: Two[Text]
     type: Literal["point", "ball", "weld", "rigid", "hinge", "universal"] = keyed(
         "point or ball: a common point; weld or rigid: the same pose; hinge: a common "
-        "axis and "
-        "point; universal: a common point, and two axes that stay square"
+        "axis and point; universal: a common point, and two axes that stay square"
     )
     points: Two[Vector] | None = keyed(
         "points in the frames; default origins, and for the world where the other frame "
@@ -739,8 +727,7 @@ class ClosureModel(FileModel):
     )
     axes: Two[Vector] | None = keyed(
         "of a hinge in either frame, default z; of a universal joint the first in the "
-        "first frame, "
-        "default x, the second in the second, default y",
+        "first frame, default x, the second in the second, default y",
         None,
     )
 
@@ -771,8 +758,7 @@ class ClosedChainFile(Joints, FileWords):
         ],
     ] = keyed(
         "what joints of a URDF are taken as: spherical (turns ankle.x, ankle.y, ankle.z "
-        "of joint "
-        "ankle), ujoint_xy (about x, then y), or fixed",
+        "of joint ankle), ujoint_xy (about x, then y), or fixed",
         {},
     )
     floating: Flag = keyed(
@@ -846,7 +832,7 @@ def _words(
     problem: Any, at: tuple[str | int, ...], data: dict[str, Any], known: set[str] | None
 ) -> tuple[str, str | None, Any]:
     """What is wrong, what was expected, and what was found."""
-    kind, got, key = problem["type"], problem["input"], str(at[-1]) if at else ""
+    kind, got, key = problem["type"], problem["input"], str((at or ("",))[-1])
     if kind == "extra_forbidden":
         expected = _expected_key(key, _section_keys(at[:-1], data), known)
         return "unknown key", expected, repr(key)
@@ -859,7 +845,7 @@ def _words(
         return problem["msg"].removeprefix("Value error, "), None, None
     if kind in ("too_short", "too_long"):
         return "wrong count", _expectation(problem), len(got)
-    if got is None or got == "":
+    if got in (None, ""):
         got = "nothing"
     elif isinstance(got, str):
         got = repr(got)
@@ -878,13 +864,12 @@ def _expected_key(got: str, own: Sequence[str], known: set[str] | None) -> str |
     return f"keys of the file format{closest}" if close else None
 
 
-def _section_keys(at: tuple[str | int, ...], data: Any) -> list[str]:
+def _section_keys(at: tuple[str | int, ...], data: dict[str, Any]) -> list[str]:
     """Keys of the section of a file at a way of keys.
 
     None where the section is not known.
     """
-    kind = data.get("kind") if isinstance(data, dict) else None
-    if not isinstance(kind, str) or kind not in FILE_KINDS:
+    if (kind := str(data.get("kind"))) not in FILE_KINDS:
         return []
     hints: list[Any] = [file_model(kind)]
     section: Any = data
@@ -892,22 +877,20 @@ def _section_keys(at: tuple[str | int, ...], data: Any) -> list[str]:
     for part in at:
         section = section[part] if isinstance(section, (dict, list)) else None
         hints = [inner for hint in hints for inner in _inner(hint, part)]
-    models = [
-        hint for hint in hints if isinstance(hint, type) and issubclass(hint, BaseModel)
-    ]
+    models = [*filter(_is_model, hints)]
     if not models or not isinstance(section, dict):
         return []
     # Of several kinds of entries the one is meant with which most keys agree.
-    return [
-        *max(
-            models, key=lambda model: len(model.model_fields.keys() & section.keys())
-        ).model_fields
-    ]
+    return [*max((m.model_fields for m in models), key=lambda f: len(f.keys() & section))]
+
+
+def _is_model(hint: Any) -> bool:
+    return isinstance(hint, type) and issubclass(hint, BaseModel)
 
 
 def _inner(hint: Any, part: str | int) -> list[Any]:
     """Types of what is at a key, or an index, of a type."""
-    if isinstance(hint, type) and issubclass(hint, BaseModel):
+    if _is_model(hint):
         field = hint.model_fields.get(str(part))
         return [] if field is None else _alternatives(field.annotation)
     inner = get_args(hint)

@@ -248,6 +248,7 @@ def cells_of(table: Any, what: str, joints: tuple[str, ...] = ()) -> Cells:
         For columns of different lengths, without names, or without rows.
     """
     where = f"{type(table).__name__} of {what}"
+    # Columns by name, or a data frame's rows; then texts, as a file has them.
     if isinstance(table, Mapping):
         names, columns = [*table], [np.asarray(c, object) for c in table.values()]
         lengths = [len(c) if c.ndim == 1 else -1 for c in columns]
@@ -258,20 +259,22 @@ def cells_of(table: Any, what: str, joints: tuple[str, ...] = ()) -> Cells:
                 expected="columns of one length",
                 got=dict(zip(names, lengths, strict=True)),
             )
-        rows = [list(row) for row in zip(*columns, strict=True)]
+        rows = [*zip(*columns, strict=True)]
     else:
         names, rows = [*table.columns], np.asarray(table.to_numpy(), object).tolist()
     for name in names:
         if not isinstance(name, str) or not name.strip():
-            expected = "names of the columns, such as 'fz [N]'"
             raise InputError(
-                "a column has no name", where=where, expected=expected, got=repr(name)
+                "a column has no name",
+                where=where,
+                expected="names of the columns, such as 'fz [N]'",
+                got=repr(name),
             )
     if not rows:
         raise InputError(f"no {what}", where=where, expected="at least one row")
-    texts = [[_cell(value) for value in row] for row in rows]
+    heads = _numbered(tuple(name.strip() for name in names), joints)
     places = [f"{where}, row {i}" for i in range(1, len(rows) + 1)]
-    return Cells(_numbered(tuple(n.strip() for n in names), joints), texts, places, where)
+    return Cells(heads, [[*map(_cell, row)] for row in rows], places, where)
 
 
 def _cell(value: Any) -> str:

@@ -408,9 +408,8 @@ class _Robot:
 
     def read_extensions(self, elements: Sequence[ET.Element]) -> None:
         """Read the elements beside links and joints: loops, actuators, springs."""
-        frames = {
-            str(e.get("name")): str(e.get("link")) for e in elements if e.tag == "frame"
-        }
+        named = [*filter(lambda element: element.tag == "frame", elements)]
+        frames = {str(e.get("name")): str(e.get("link")) for e in named}
         for element in elements:
             tag, joint = _local(element.tag), element.get("reference")
             if tag == "joint":
@@ -420,19 +419,27 @@ class _Robot:
                     got=f"<{element.tag}>",
                 )
             if tag in ("transmission", "ros2_control"):
-                named = {str(joint.get("name")) for joint in element.iter("joint")}
-                self.actuated |= named & self.joints.keys()
+                self._read_actuators(element)
             elif tag == "gazebo" and joint in self.joints:
                 self.attempt(joint, self._read_spring, _texts(element))
             elif tag == "gazebo":
-                for sdf_joint in element.findall("joint"):
-                    self._read_sdf_joint(sdf_joint)
-                for plugin in element.iter("plugin"):
-                    self._leave_out_follower(plugin)
+                self._read_gazebo(element)
             elif tag == "ball_constraint":
                 self._read_ball(element)
             elif (key := _mechanical(tag)) is not None:
                 self._leave_out_element(element, key, frames)
+
+    def _read_actuators(self, element: ET.Element) -> None:
+        """Read which joints are driven."""
+        driven = {str(joint.get("name")) for joint in element.iter("joint")}
+        self.actuated |= driven & self.joints.keys()
+
+    def _read_gazebo(self, element: ET.Element) -> None:
+        """Read closures, and plugins that couple joints."""
+        for joint in element.findall("joint"):
+            self._read_sdf_joint(joint)
+        for plugin in element.iter("plugin"):
+            self._leave_out_follower(plugin)
 
     def _leave_out_follower(self, plugin: ET.Element) -> None:
         """Leave out a joint that follows another by a plugin."""
@@ -484,6 +491,7 @@ class _Robot:
         if not {"world", *self.links} >= set(links) or _has_more(joint):
             self._leave_out_element(joint, "closures", {})
             return
+        # The joint is at a pose in its child, which is seen from the parent as well.
         text = joint.findtext("pose", "0 0 0 0 0 0")
         numbers = numbers_in(text, 6, "gazebo joint: pose")
         T_a_b = se3.inverse(self.at_zero(links[0])) @ self.at_zero(links[1])
@@ -497,6 +505,7 @@ class _Robot:
             what = f"<joint type={kind!r}> in <gazebo>"
             self._leave_out_closure(what, kind, links, points)
             return
+        # Both frames are turned so that the axes are those of the closure.
         axes = [numbers_in(text or "", 3, "gazebo joint: axis") for text in texts]
         where = f"gazebo joint {joint.get('name')!r}"
         turns = turned_axes(closure, axes and [axes[0], axes[-1]], where)
@@ -547,7 +556,7 @@ class _Robot:
                 if is_place and len(value.split()) == 3:
                     with suppress(ValueError):
                         points.append([float(x) for x in value.split()])
-                values[tag if word == "value" else word] = value
+                values[{"value": tag}.get(word, word)] = value
         return links, points, values
 
     def _leave_out_closure(
@@ -646,20 +655,19 @@ def retype_joints(root: ET.Element, kinds: Mapping[str, str]) -> None:
             continue
         for part in [p for tag in ("axis", "limit", "mimic") for p in joint.findall(tag)]:
             joint.remove(part)
-        letters = "xyz" if kind == "spherical" else kind[-2:]
-        carried = [f"{name}.{letter}" for letter in letters]
-        links = [*carried[:-1], child.get("link", "")]
-        for i, (turn, link) in enumerate(zip(carried, links, strict=True)):
-            if i:
-                joint, child = ET.SubElement(root, "joint"), ET.Element("child")
-                ET.SubElement(joint, "parent", link=links[i - 1])
-                joint.append(child)
-                ET.SubElement(root, "link", name=links[i - 1])
+        letters, end = "xyz" if kind == "spherical" else kind[-2:], child.get("link", "")
+        # The first turn is the joint; the others follow, each on a link of its own.
+        for letter, following in zip(letters, (*letters[1:], ""), strict=True):
+            turn = f"{name}.{letter}"
             joint.attrib |= {"name": turn, "type": "continuous"}
-            child.set("link", link)
-            ET.SubElement(
-                joint, "axis", xyz=" ".join(str(int(a == letters[i])) for a in "xyz")
-            )
+            child.set("link", turn if following else end)
+            axis = " ".join("1" if own == letter else "0" for own in "xyz")
+            ET.SubElement(joint, "axis", xyz=axis)
+            if following:
+                ET.SubElement(root, "link", name=turn)
+                joint = ET.SubElement(root, "joint")
+                ET.SubElement(joint, "parent", link=turn)
+                child = ET.SubElement(joint, "child")
 
 
 def read_urdf(
@@ -889,27 +897,10 @@ class _Reader:
         place = f"{tag} {name!r}" if name else f"{inside}{tag}"
         within = "" if tag == "robot" else f"{place}: "
         self._check_words(element, place)
-        used, ignored = (
-            table.get(tag, "").split() for table in (_USED_CHILDREN, _IGNORED_CHILDREN)
-        )
         for child in list(element):
-            if child.tag in used:
-                continue
-            element.remove(child)
-            local = _local(child.tag)
-            if tag == "joint" and child.tag == "gazebo":
-                self.extensions.setdefault(name, []).append(_texts(child))
-            if tag == "robot" and (local in ("joint", "frame") or _mechanical(local)):
-                continue  # read as an element beside links and joints
-            if tag == "joint" and _mechanical(child.tag) is not None:
-                self.mechanical.setdefault(name, []).append(child.tag)
-            elif child.tag not in ignored and not child.tag.startswith("{"):
-                # A tag with a namespace is an extension.
-                what = f"{place}: unknown element"
-                self._refuse_typo(child.tag, used, what, f"<{child.tag}>")
-                if tag in _STRICT_TAGS:
-                    self._refuse_inside(place, child)
-                self.unknown.append(f"<{child.tag}> in <{tag}>")
+            if child.tag not in _USED_CHILDREN.get(tag, "").split():
+                element.remove(child)
+                self._read_other(element, child, place)
         own = [child for child in element if tag == "joint" and child.tag in _JOINT_PARTS]
         for part in own:
             self._read_own(element, part, name)
@@ -921,6 +912,27 @@ class _Reader:
                 self._read(child, within)
         if element.get("quat_xyzw") is not None:
             self._to_angles(element, place)
+
+    def _read_other(self, element: ET.Element, child: ET.Element, place: str) -> None:
+        """Read an element that Pinocchio does not get."""
+        tag, name, local = element.tag, element.get("name", ""), _local(child.tag)
+        if tag == "joint":
+            if child.tag == "gazebo":
+                self.extensions.setdefault(name, []).append(_texts(child))
+            elif _mechanical(child.tag) is not None:
+                self.mechanical.setdefault(name, []).append(child.tag)
+                return
+        elif tag == "robot" and (local in ("joint", "frame") or _mechanical(local)):
+            return  # read as an element beside links and joints
+        # A tag with a namespace is an extension.
+        ignored = _IGNORED_CHILDREN.get(tag, "").split()
+        if child.tag not in ignored and not child.tag.startswith("{"):
+            used = _USED_CHILDREN.get(tag, "").split()
+            what = f"{place}: unknown element"
+            self._refuse_typo(child.tag, used, what, f"<{child.tag}>")
+            if tag in _STRICT_TAGS:
+                self._refuse_inside(place, child)
+            self.unknown.append(f"<{child.tag}> in <{tag}>")
 
     def _read_own(self, joint: ET.Element, part: ET.Element, name: str) -> None:
         """Check a part of a joint; remove it where it cannot be used."""

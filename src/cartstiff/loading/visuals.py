@@ -119,10 +119,12 @@ def _pieces(description: Description) -> tuple[Sequence[Piece], list[str]]:
         if path and text is None
         else parse_text(str(text), description.name)
     )
+    # Colours by the names of materials, which the robot declares once.
     painted: dict[str | None, ET.Element] = {}
     for material in root.iter("material"):
         if (colour := material.find("color")) is not None:
             painted.setdefault(material.get("name"), colour)
+    # A shape that cannot be shown is named, and the others are shown.
     pieces, missing = [], []
     for link in root.findall("link"):
         name = link.get("name", "")

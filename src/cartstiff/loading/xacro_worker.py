@@ -58,27 +58,11 @@ _PLAIN = """
 abs all any bool dict divmod float int isinstance len list max min ord repr set sorted
 str sum tuple
 """
-_KNOWN = (
-    ast.Expression,
-    ast.Name,
-    ast.Attribute,
-    ast.Subscript,
-    ast.Slice,
-    ast.UnaryOp,
-    ast.BinOp,
-    ast.BoolOp,
-    ast.Compare,
-    ast.IfExp,
-    ast.List,
-    ast.Tuple,
-    ast.Call,
-    ast.keyword,
-    ast.operator,
-    ast.unaryop,
-    ast.boolop,
-    ast.cmpop,
-    ast.expr_context,
-)
+_NODES = """
+Expression Name Attribute Subscript Slice UnaryOp BinOp BoolOp Compare IfExp List Tuple
+Call keyword operator unaryop boolop cmpop expr_context
+"""
+_KNOWN = tuple(getattr(ast, kind) for kind in _NODES.split())
 
 
 class RefusedError(Exception):
@@ -401,18 +385,7 @@ def expanded(
     except (MemoryError, RecursionError):
         answer = {"error": "it needs too much memory"}
     except Exception as error:
-        inner = _cause(error)
-        place = [str(name) for name in getattr(xacro, "filestack", None) or [] if name]
-        answer = {
-            "error": _innermost(error),
-            "package": isinstance(inner, LookupError) and "is not found" in str(inner),
-            "outside": "is outside of the file's package" in _innermost(error),
-            "missing_arguments": reader.missing,
-            "lost_file": isinstance(inner, FileNotFoundError),
-            "file": place[-1] if place else path,
-        }
-        if isinstance(inner, (MemoryError, RecursionError)):
-            answer["error"] = "it needs too much memory"
+        answer = {"missing_arguments": reader.missing, **_fault(error, path)}
     unread = [name for name in values if name not in arguments.read]
     asked = _arguments(path)
     empty = [name for name in asked if arguments.get(name) == ""]
@@ -422,6 +395,21 @@ def expanded(
         "empty": empty,
         "unread": unread,
         "twice": reader.twice,
+    }
+
+
+def _fault(error: Exception, path: str) -> dict[str, Any]:
+    """Describe a fault: its words, its file, and what it is about."""
+    inner, words = _cause(error), _innermost(error)
+    if isinstance(inner, (MemoryError, RecursionError)):
+        words = "it needs too much memory"
+    files = [path, *filter(None, getattr(xacro, "filestack", None) or [])]
+    return {
+        "error": words,
+        "package": isinstance(inner, LookupError) and "is not found" in str(inner),
+        "outside": "is outside of the file's package" in words,
+        "lost_file": isinstance(inner, FileNotFoundError),
+        "file": str(files[-1]),
     }
 
 

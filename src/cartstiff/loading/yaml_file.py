@@ -28,9 +28,11 @@ _MAX_DEPTH = 30
 # More brackets in a row than any mechanism file has: they cost the parser seconds.
 _BRACKETS = re.compile(r"(?:[\[{]\s*){60}")
 _COMMENTS = re.compile(r"^\s*(?:#.*)?$", re.MULTILINE)
-_NULLS = {"", "~", "null", "Null", "NULL"}
 _MERGE = "tag:yaml.org,2002:merge"
-_TRUTHS = {"true": True, "false": False}
+_WORDS: dict[str, dict[str, Any]] = {
+    "null": dict.fromkeys(("", "~", "null")),
+    "bool": {"true": True, "false": False},
+}
 
 
 def checked_status(path: Path, largest: int, where: str) -> os.stat_result:
@@ -274,40 +276,39 @@ class _Reader:
     ) -> dict[str, Any]:
         if tag != "tag:yaml.org,2002:map":
             raise InputError("YAML tags are not supported", where=place, got=tag)
-        pairs, merged = [], None
-        for key_node, value_node in node.value:
-            key_place = f"{self._where}, line {key_node.start_mark.line + 1}"
+        pairs, merged = [], list[Any]()
+        for key_node, value in node.value:
+            key, line = str(key_node.tag), key_node.start_mark.line + 1
+            key_place = f"{self._where}, line {line}"
             if key_node.id != "scalar":
                 raise InputError("keys must be plain text", where=key_place)
-            if str(key_node.tag) == _MERGE:
-                if merged is not None:
+            if key == _MERGE:
+                if merged:
                     raise InputError("key stands twice", where=key_place, got="'<<'")
-                merged = value_node.value if value_node.id == "sequence" else [value_node]
+                merged = value.value if value.id == "sequence" else [value]
                 if any(part.id != "mapping" for part in merged):
                     raise InputError(
                         "cannot be merged",
                         where=key_place,
                         expected="a mapping, or a list of mappings",
                     )
-                continue
-            if not str(key_node.tag).startswith("tag:yaml.org,2002:") or "/" in str(
-                key_node.tag
-            ):
+            elif not key.startswith("tag:yaml.org,2002:") or "/" in key:
                 raise InputError(
                     "YAML tags are not supported", where=key_place, got=key_node.tag
                 )
-            pairs.append((str(key_node.value), key_node.start_mark.line + 1, value_node))
+            else:
+                pairs.append((str(key_node.value), line, value))
         data: dict[str, Any] = {}
-        for part in reversed(merged or []):  # the first has precedence
+        for part in reversed(merged):  # the first has precedence
             data |= self.plain(part, at)
         own: set[str] = set()
-        for key, line, value_node in pairs:
+        for key, line, value in pairs:
             if key in own:
                 raise InputError(
                     "key stands twice", where=f"{self._where}, line {line}", got=repr(key)
                 )
             own.add(key)
-            data[key] = self.plain(value_node, (*at, key))
+            data[key] = self.plain(value, (*at, key))
             self._lines[(*at, key)] = line
         return data
 
@@ -324,10 +325,9 @@ def _scalar(node: Any, tag: str, place: str) -> Any:
     text = str(node.value)
     # An explicit tag (!!bool abc) may precede any text: it is used only where the text
     # fits.
-    if kind == "null" and text in _NULLS:
-        return None
-    if kind == "bool" and text.lower() in _TRUTHS:
-        return _TRUTHS[text.lower()]
+    words = _WORDS.get(kind, {})
+    if text.lower() in words:
+        return words[text.lower()]
     if kind in ("int", "float") and "_" not in text:  # 1_000 is text in YAML 1.2
         number = re.sub(r"^([-+]?)\.(inf|nan)$", r"\1\2", text.lower())
         for convert in (lambda x: int(x, 0), float):

@@ -12,7 +12,8 @@ import importlib.util
 import re
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from itertools import count
+from itertools import count, filterfalse
+from operator import attrgetter
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Literal
@@ -203,6 +204,7 @@ class _Compiled:
             taken.add(site.name)
         self._join()
         self._check_numbers()
+        self._check_directions()
         for joint in self.joints:
             self._check_joint(joint)
 
@@ -236,7 +238,9 @@ class _Compiled:
         for name in _WHOLE.split():
             what = f"a position, an armature, a damping or gravity ({name})"
             self._check(what, self.data[name] or [])
-        # MuJoCo normalises directions, to rounding, where they are not zero.
+
+    def _check_directions(self) -> None:
+        """Refuse zeros: MuJoCo normalises other directions, to rounding."""
         turns = [q for body in self.bodies for q in (body.quat, body.iquat)]
         turns += [site.quat for site in self.sites]
         axes = [joint.axis for joint in self.joints]
@@ -305,7 +309,7 @@ class _Compiled:
                 for name, part, T_part, limits in self._parts(own, T):
                     joint = add_joint(model, joint, part, T_part, name, limits)
                 turns = own.type in ("mjJNT_HINGE", "mjJNT_BALL")
-                T = se3.pose(translation=-np.array(own.pos) if turns else np.zeros(3))
+                T = se3.pose(translation=-turns * np.array(own.pos))
             at.append((joint, T))
             inertia = pin.Inertia.Zero()
             if self._has_mass(body):
@@ -424,10 +428,9 @@ class _Compiled:
         """
         closures: list[FileClosure] = []
         couplings: list[tuple[str, str, float, float]] = []
-        if self.is_off("EQUALITY", "CONSTRAINT"):
-            return [], {}
         mocap = {body.name for body in self.bodies if body.mocapid >= 0}
-        for one in [e for e in self.equalities if e.active0]:
+        is_off = self.is_off("EQUALITY", "CONSTRAINT")
+        for one in [] if is_off else filter(attrgetter("active0"), self.equalities):
             what = f"equality {one.name or one.index + 1}"
             if one.type in ("mjEQ_CONNECT", "mjEQ_WELD"):
                 closure = self._closure(one)
@@ -437,19 +440,14 @@ class _Compiled:
                 else:
                     self.ignored.append(f"tie of {a!r} and {b!r} (a mocap body)")
             elif one.type == "mjEQ_JOINT":
-                try:
-                    couplings += self._coupling(one, what)
-                except InputError as error:
-                    joints = [self.joints[j] for j in (one.obj1id, one.obj2id) if j >= 0]
-                    names = (c for joint in joints for c in joint.coordinates)
-                    self._leave_out(error.what, names, error)
+                couplings += self._coupling(one, what)
             elif one.type == "mjEQ_TENDON":
-                tendon = self.tendons[one.obj1id]
-                self._leave_out(f"{what} of tendons", self._tendon_joints(tendon))
+                names = self._tendon_joints(self.tendons[one.obj1id])
+                self._leave_out(f"{what} of tendons", names)
             else:
                 word = one.type.removeprefix("mjEQ_").lower()
-                flex = self.flexes[one.obj1id]
-                self._leave_out(f"{what} of {word}s", self._flex_joints(flex))
+                names = self._flex_joints(self.flexes[one.obj1id])
+                self._leave_out(f"{what} of {word}s", names)
         return closures, self._followers(couplings)
 
     def _closure(self, one: Any) -> FileClosure:
@@ -478,16 +476,20 @@ class _Compiled:
         b = self.joints[one.obj2id] if one.obj2id >= 0 else None
         follower, start = a.coordinates[0], self._reference(a)[0] + values[0]
         if b is not None and any(values[2:5]):
-            raise InputError(
+            error = InputError(
                 f"{what} couples joints {a.name!r} and {b.name!r} by a curve",
                 where=self.where,
                 expected="a straight line: polycoef with two numbers",
                 got=" ".join(f"{v:g}" for v in values[:5]),
             )
+            self._leave_out(error.what, (*a.coordinates, *b.coordinates), error)
+            return []
         if b is None or values[1] == 0.0:
             if follower in self.locked:
-                raise InputError(f"joint {follower!r} is held twice", where=self.where)
-            self.locked[follower] = start
+                words = f"joint {follower!r} is held twice"
+                error = InputError(words, where=self.where)
+                self._leave_out(words, a.coordinates, error)
+            self.locked.setdefault(follower, start)
             return []
         offset = start - values[1] * self._reference(b)[0]
         return [(follower, b.coordinates[0], values[1], offset)]
@@ -585,7 +587,7 @@ class _Compiled:
         joint.
         """
         driven: dict[str, float] = {}
-        held, others = list[str](), list[str]()
+        held, others = list[Any](), list[Any]()
         for one in self.actuators:
             k = 0.0
             is_of_joint = one.trntype in (0, 1)  # joint, joint in parent
@@ -594,10 +596,9 @@ class _Compiled:
                 if one.biastype == "mjBIAS_AFFINE":
                     k = max(-one.biasprm[1] * one.gear[0] ** 2, 0.0)
                 driven[own[0]] = driven.get(own[0], 0.0) + k
-            (held if k > 0.0 else others).append(one.name or f"{one.index + 1}")
-        for words, names in ((POSITION_ACTUATORS, held), ("actuators", others)):
-            if names:
-                self.ignored.append(f"{words} ({_listed(names)})")
+            (held if k > 0.0 else others).append(one)
+        self._ignore(POSITION_ACTUATORS, held)
+        self._ignore("actuators", others)
         return driven
 
     def _tendons(
@@ -659,29 +660,28 @@ class _Compiled:
         for flex in self.flexes:
             self._leave_out(f"flex {flex.name!r}", self._flex_joints(flex))
 
+    def _ignore(self, words: str, things: Iterable[Any], key: str = "index") -> None:
+        """Describe things without effect: those of which a field is not zero."""
+        some = [one for one in things if key == "index" or np.any(getattr(one, key))]
+        names = [one.name or f"{one.index + 1}" for one in some]
+        if names:
+            self.ignored.append(f"{words} ({_listed(names)})")
+
     def _ignore_parts(self) -> None:
         """Describe further parts without effect."""
         data, several = self.data, [j for j in self.joints if len(j.coordinates) > 1]
-        for words, some in (
-            ("tendons without stiffness", [t for t in self.tendons if not t.stiffness]),
-            ("ranges of tendons", [t for t in self.tendons if t.limited]),
-        ):
-            if some:
-                names = [t.name or f"{t.index + 1}" for t in some]
-                self.ignored.append(f"{words} ({_listed(names)})")
+        loose = filterfalse(attrgetter("stiffness"), self.tendons)
+        self._ignore("tendons without stiffness", loose)
+        self._ignore("ranges of tendons", self.tendons, "limited")
         if data["pair_names"]:
             self.ignored.append(f"contact pairs ({len(data['pair_names'])})")
-        dampers = "how turns away from the file's orientation couple the dampers"
-        for words, some in (
-            ("ranges of ball joints", [j for j in several if j.limited]),
-            ("armature of ball and free joints", [j for j in several if j.armature[0]]),
-            (f"{dampers} of ball and free joints", [j for j in several if j.damping[0]]),
-        ):
-            if some:
-                self.ignored.append(f"{words} ({_listed([j.name for j in some])})")
+        self._ignore("ranges of ball joints", several, "limited")
+        self._ignore("armature of ball and free joints", several, "armature")
+        words = "how turns away from the file's orientation couple the dampers"
+        self._ignore(f"{words} of ball and free joints", several, "damping")
         if any(data["opt.wind"]) and (data["opt.density"] or data["opt.viscosity"]):
             self.ignored.append("wind")
-        if self.is_off("SPRING", "PASSIVE") and any(j.stiffness for j in self.joints):
+        if self.is_off("SPRING", "PASSIVE") and any(data["jnt_stiffness"]):
             self.ignored.append("springs, which the file switches off")
 
     def _weightless(self) -> tuple[str, ...]:
