@@ -15,6 +15,8 @@ import pytest
 from tests.laws.test_set_ups import SetUp, later, posture
 from tests.support.commands import answer, run
 from tests.support.generated import Arm, close
+from tests.support.report_words import states_what_is_said
+from tests.view.test_browser_program import asked_of
 from tests.view.test_export import held
 
 import cartstiff
@@ -23,7 +25,7 @@ from cartstiff.answer.equilibrium import STABILITY
 from cartstiff.answer.posture import answer_at
 from cartstiff.answer.verdict import RULES, decide
 from cartstiff.notes import Note
-from cartstiff.page.browser_program import browser_program
+from cartstiff.page.browser_program import BrowserProgram, browser_program
 from cartstiff.page.export import export_page
 from cartstiff.page.messages import read_message
 from cartstiff.page.session import Session
@@ -55,12 +57,13 @@ def test_both_displacements_are_those_of_virtual_work(seed, axes, tmp_path):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_text_json_page_and_python_say_the_same(seed, axes, tmp_path):
+def test_text_json_report_pages_and_python_say_the_same(seed, axes, tmp_path):
     one = SetUp(Arm.generated(seed), tmp_path, axes, None)
     q = posture(one.arm, "elsewhere")
     options = ["--q", ",".join(map(repr, q.tolist())), *one.words(q)]
     elastic = cartstiff.load(one.file())
-    ours = answer_at(cartstiff.analyse(elastic, q, **one.load(q)))
+    result = cartstiff.analyse(elastic, q, **one.load(q))
+    ours = answer_at(result)
     printed, text = answer("analyse", one.file(), options), run("analyse", one.file(), options)
     assert printed["answer"] == json.loads(json.dumps(ours.to_dict()))
     lines = [line.strip() for line in text.splitlines()]
@@ -68,17 +71,29 @@ def test_text_json_page_and_python_say_the_same(seed, axes, tmp_path):
         assert sentence in lines
     shown = page_numbers(elastic, one, q)
     same_as_page(ours, shown, q)
+    # The page as a file, where its formulas cover the posture.
+    if isinstance(made := browser_program(elastic, cartstiff.analyse(elastic)), BrowserProgram):
+        (alone,) = asked_of(made, [asking(one, q).state], "program.numbers(state)")
+        if alone is not None:
+            same_as_page(ours, alone, q)
+    run("report", one.file(), options, f"-o {tmp_path / 'r.html'}")
+    report = (tmp_path / "r.html").read_text("utf-8")
+    states_what_is_said(report, result, printed["answer"])
 
 
-def page_numbers(elastic: Any, one: SetUp, q: np.ndarray) -> dict[str, Any]:
+def asking(one: SetUp, q: np.ndarray) -> Any:
+    """A page's question for the numbers of a set-up."""
     state = {
         "q": q.tolist(),
         "load": one.wrench(q).tolist(),
         "load_axes": one.axes,
         "load_at": one.arm.at.tolist(),
     }
-    message = read_message(json.dumps({"id": 1, "do": "numbers", "state": state}))
-    found: dict[str, Any] = Session(Source(elastic)).answer(message).data["numbers"]
+    return read_message(json.dumps({"id": 1, "do": "numbers", "state": state}))
+
+
+def page_numbers(elastic: Any, one: SetUp, q: np.ndarray) -> dict[str, Any]:
+    found: dict[str, Any] = Session(Source(elastic)).answer(asking(one, q)).data["numbers"]
     return found
 
 

@@ -183,7 +183,11 @@ def without_a_document() -> str:
 
 
 def asked(name: str, wanted: list[ViewState], what: str) -> list[Any]:
-    _, made = program_of(name)
+    return asked_of(program_of(name)[1], wanted, what)
+
+
+def asked_of(made: BrowserProgram, wanted: list[ViewState], what: str) -> list[Any]:
+    """What JavaScript answers to states; None where the posture is not plain."""
     inputs = json.dumps([s.model_dump() for s in wanted])
     return run(
         f"{made.script}\n{without_a_document()}\n"

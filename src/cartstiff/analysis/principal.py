@@ -13,7 +13,7 @@ from cartstiff.analysis.ellipsoids import (
     Quantity,
     is_direct,
 )
-from cartstiff.stiffness.posture import StiffnessInFrame, inverse_pair
+from cartstiff.stiffness.posture import StiffnessInFrame
 
 
 def block_ellipsoid(
@@ -52,4 +52,4 @@ def matrix_pair(
     held = matrix_pair(here, connection)
     if held.C is not None and own.tolist() == held.C.tolist():
         return held
-    return MatrixPair(lambda: inverse_pair(K, own)[0], 0.5 * (own + own.T))
+    return MatrixPair(lambda: here.pair(connection, others)[0], 0.5 * (own + own.T))
