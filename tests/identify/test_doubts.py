@@ -12,10 +12,11 @@ from tests.identify.test_zeros import _urdf, campaign
 from tests.support.commands import answer, run
 
 import cartstiff
+from cartstiff.answer.identify import answer_of_identification
 from cartstiff.errors import InputError
 from cartstiff.identify.identification import identify
 from cartstiff.identify.measurements import read_measurements
-from cartstiff.report.identification import describe_identification
+from cartstiff.report.answer import answer_text
 
 
 def _table(folder, elastic, *, force=1.0, moved=1.0, heads=None, rows=40):
@@ -71,7 +72,7 @@ def test_an_answer_that_springs_do_not_explain_doubts_itself_first(tmp_path, is_
             unknown = {n: np.full(len(rows), np.nan) for n in rows.deviations}
             rows = replace(rows, deviations=unknown)
         result = identify(ten, rows)
-        return result, describe_identification(result).split("\n\nStiffness")[0], rows
+        return result, answer_text(answer_of_identification(result)).split("\n\nStiffness")[0], rows
 
     result, first, rows = found(tool=(0.01, 0.0, 0.0))
     places = np.array([ten.mechanism.at(q).pose[:3, 3] for q in rows.q])
@@ -88,7 +89,7 @@ def test_an_answer_that_springs_do_not_explain_doubts_itself_first(tmp_path, is_
     result, first, _ = found(sd=0.01)
     assert ("hardly-explained" in first) != is_known, "mere noise of the size that was given"
     result, first, _ = found()
-    assert "DOUBTFUL" not in first
+    assert "Doubts" not in first
     assert result.checks.unexplained < 0.1
 
 
@@ -173,7 +174,7 @@ def test_the_recommended_fit_contains_the_truth_beside_gross_errors(tmp_path, is
     assert inside.all()
     text = run("identify", path, tmp_path / "m.csv")
     assert "robust fit (recommended) of" in text
-    assert "DOUBTFUL, suspects: suspect rows: row" in text
+    assert "[suspects] suspect rows: row" in text
     plain = run("identify", path, tmp_path / "m.csv", "--fit plain")
     assert "plain fit (the robust one is recommended) of" in plain
     assert "the answer is the plain one" in plain

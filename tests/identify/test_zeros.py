@@ -11,6 +11,7 @@ from tests.identify.campaigns import measurements, simulated, write_table
 from tests.support.commands import run
 
 import cartstiff
+from cartstiff.answer.identify import answer_of_identification
 from cartstiff.errors import InputError
 from cartstiff.identify.fitting import rates_by_step
 from cartstiff.identify.identification import identify
@@ -19,7 +20,7 @@ from cartstiff.identify.plan import candidates, plan
 from cartstiff.identify.unknowns import unknowns_of
 from cartstiff.mechanisms.other_units import in_units
 from cartstiff.potentials.loads import DeadWrench
-from cartstiff.report.identification import describe_identification
+from cartstiff.report.answer import answer_text
 
 JOINTS = (
     "shoulder_pan_joint",
@@ -180,7 +181,7 @@ def test_zeros_and_springs_come_back_together(arm, tmp_path):
     notes = {n.code: n for n in without.notes}
     assert notes["zeros-taken-as-known"].values["error"] == 5e-4
     assert "zeros-taken-as-known" not in {n.code for n in result.notes}
-    assert "shoulder_lift_joint.zero" in describe_identification(result)
+    assert "shoulder_lift_joint.zero" in answer_text(answer_of_identification(result))
 
 
 def test_what_half_a_milliradian_does_is_what_the_note_says(arm, tmp_path):

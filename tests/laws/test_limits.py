@@ -12,10 +12,11 @@ from tests.support import robot_file
 
 import cartstiff
 from cartstiff import Axis, DeadForce, Grid, compensate, compute_map, equilibrium, load_curve
+from cartstiff.answer.paths import answer_of_compensation
 from cartstiff.kinematics.joint_poses import PlatformPoses
 from cartstiff.maps.reading import state_names
 from cartstiff.mechanisms.limits import Limits
-from cartstiff.report.statics import describe_path
+from cartstiff.report.answer import answer_text
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 DEGREES = [0.0, -60.0, 90.0, 0.0, 45.0, 0.0]
@@ -82,7 +83,11 @@ def test_legs_out_of_reach_are_named_by_every_command(tmp_path):
     assert "beyond-limits" in notes_of(curve)
     path = compensate(elastic, [far, far, elastic.q, far], [load] * 4)
     assert {"beyond-limits", "command-beyond-limit"} <= set(notes_of(path))
-    told = [line for line in describe_path(path).splitlines() if "the command of leg2" in line]
+    told = [
+        line
+        for line in answer_text(answer_of_compensation(path)).splitlines()
+        if "the command of leg2" in line
+    ]
     assert told == [
         "  [command-beyond-limit] points 1-2, 4: the command of leg2 is beyond its limit"
     ]

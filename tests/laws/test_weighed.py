@@ -13,9 +13,11 @@ from tests.support import robot_file
 
 import cartstiff
 from cartstiff import DeadForce, compensate, equilibrium, load_curve, payload
+from cartstiff.answer.paths import answer_of_compensation, answer_of_curve
 from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.report.analysis import describe
-from cartstiff.report.statics import describe_curve, describe_equilibrium, describe_path
+from cartstiff.report.answer import answer_text
+from cartstiff.report.statics import describe_equilibrium
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 Q = [0.3, -1.1, 1.4, -0.7, 0.9, 0.2]
@@ -97,8 +99,8 @@ def test_every_report_says_what_was_weighed(arm):
     results = [
         (cartstiff.analyse(arm, Q), describe),
         (equilibrium(arm, Q, hung), describe_equilibrium),
-        (load_curve(arm, Q, hung), describe_curve),
-        (compensate(arm, [Q], [hung]), describe_path),
+        (load_curve(arm, Q, hung), lambda result: answer_text(answer_of_curve(result))),
+        (compensate(arm, [Q], [hung]), lambda result: answer_text(answer_of_compensation(result))),
     ]
     for result, text in results:
         data = json.loads(json.dumps(result.to_dict()))

@@ -11,8 +11,9 @@ import pytest
 from tests.support.commands import answer, run
 
 import cartstiff
+from cartstiff.answer.paths import answer_of_compensation
 from cartstiff.errors import ConvergenceError, InputError
-from cartstiff.report.statics import describe_path
+from cartstiff.report.answer import answer_text
 from cartstiff.statics.toolpath import compensate
 
 FORCE = np.array([20.0, -30.0, -80.0])
@@ -58,7 +59,7 @@ def test_the_shares(arm, postures, winds, against, stated):
     np.testing.assert_allclose(path.offsets, pushed + own, atol=1e-9)
     moved = path.summary()["before"]["translation_max"]
     assert path.summary()["after"]["translation_max"] < 1e-9 < moved
-    text = describe_path(path)
+    text = answer_text(answer_of_compensation(path))
     assert f"--against {against}" in text
     assert f"{np.degrees(np.abs(weight).max(axis=0)[1]):.6g}" in text
 

@@ -11,8 +11,9 @@ from tests.view.test_report import HEAVY
 
 import cartstiff
 from cartstiff import InputError, ToolPath, optimise_path
+from cartstiff.answer.paths import answer_of_path
 from cartstiff.errors import UnknownNameError
-from cartstiff.report.statics import describe_optimised_path
+from cartstiff.report.answer import answer_text
 from cartstiff.toolpaths.optimise import NEARBY
 
 POINTS = np.column_stack([np.linspace(0.45, 0.3, 3), np.linspace(0.2, 0.35, 3)])
@@ -64,7 +65,7 @@ def test_a_path_begins_near_the_posture(free):
     limit = found.summary()["nearest_limit"]
     assert (limit["name"], limit["point"]) == (arm.names[joint], point + 1)
     assert limit["distance"] == pytest.approx(away.min())
-    text = describe_optimised_path(found)
+    text = answer_text(answer_of_path(found))
     assert f"nearest to a limit: {limit['name']} at point {point + 1}, " in text
     assert f"{np.degrees(away.min()):.4g} deg from it" in text
 

@@ -271,7 +271,8 @@ def test_one_listed_mode_is_not_called_the_only_one():
     """The paper's platform has four poses with these lengths (random Newton starts find four)."""
     code, text, _ = outcome("assemble stewart-gough")
     assert code == 0
-    assert "Assembly modes: 4, the nearest one listed (--all: every one)" in text
+    assert "Assembly modes: 4; searched:" in text
+    assert "The nearest one is listed (--all: every one)" in text
     assert answer("assemble stewart-gough")["found"] == 4
     assert "listed" not in outcome("assemble stewart-gough --all")[1]
 

@@ -16,10 +16,11 @@ from tests.mechanisms.test_assembly_modes import FICHTER, MA_ANGELES
 from tests.support.commands import answer, refuses, run
 
 import cartstiff
+from cartstiff.answer.reach import answer_of_workspace
 from cartstiff.errors import InputError
 from cartstiff.reach.workspace import LegMargins, Margins, around, lines_at, wrench_margins
+from cartstiff.report.answer import answer_text
 from cartstiff.report.json_schema import json_schema
-from cartstiff.report.reach import describe_workspace
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
 
 LEGS = {
@@ -228,7 +229,7 @@ def test_boundaries_of_bodies_on_legs_agree_with_analyse(machines, name, axes):
         assert found.notes[-1].code == "no-fits"
     json_text = json.dumps(found.to_dict(), allow_nan=False)
     jsonschema.validate(json.loads(json_text), json_schema("workspace"))
-    assert found.axes[2] in describe_workspace(found)
+    assert found.axes[2] in answer_text(answer_of_workspace(found))
 
 
 def test_legs_of_joints_stay_in_their_working_mode():
@@ -420,7 +421,7 @@ def test_tensions_nearest_to_the_middle_of_their_limits(tmp_path):
     )
     assert np.allclose(middle.distribution["at_centre"], best.x, atol=1e-6)
     assert every.distribution["at_centre"] == middle.distribution["at_centre"]
-    assert "nearest to the middle" in describe_workspace(middle)
+    assert "nearest to the middle" in answer_text(answer_of_workspace(middle))
     jsonschema.validate(json.loads(json.dumps(middle.to_dict())), json_schema("workspace"))
     typed = answer(
         f"workspace {tmp_path / 'cables.yaml'} --tensions closed-form --radius 2",

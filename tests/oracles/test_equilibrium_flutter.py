@@ -17,7 +17,9 @@ import pytest
 from tests.support import links
 
 from cartstiff import DeadForce, FollowerWrench, equilibrium, load_curve
-from cartstiff.report.statics import describe_curve, describe_equilibrium
+from cartstiff.answer.paths import answer_of_curve
+from cartstiff.report.answer import answer_text
+from cartstiff.report.statics import describe_equilibrium
 
 K, LENGTH, MASS = 3.0, 0.7, 2.5
 PUSH = FollowerWrench([0.0, 0.0, 0.0, -K / LENGTH, 0.0, 0.0])  # factor P l / k
@@ -56,7 +58,7 @@ def test_flutter_is_found_in_one_step_beyond_it():
     (critical,) = curve.critical
     assert critical.kind == "flutter"
     assert critical.factor == pytest.approx(onset(2.0, 1.0), rel=1e-10)
-    assert "No critical load" not in describe_curve(curve)
+    assert "No critical load" not in answer_text(answer_of_curve(curve))
 
 
 @pytest.mark.parametrize("masses", [(2.0, 1.0), (1.0, 1.0), (0.3, 2.0)])
@@ -77,7 +79,7 @@ def test_flutter_load_of_two_links(masses):
 def test_zieglers_column_far_beyond_its_load():
     curve = load_curve(column((2.0, 1.0)), PUSH, to=12.5, resolution=0.01)
     assert curve.critical[0].factor == pytest.approx(3.5 - np.sqrt(2.0), rel=1e-9)
-    text = describe_curve(curve)
+    text = answer_text(answer_of_curve(curve))
     assert "Critical load: flutter at factor 2.08578643" in text
     data = json.loads(json.dumps(curve.to_dict(), allow_nan=False))
     # Eigenvalues of an unsymmetric tangent depend on the coordinates: none is given.
@@ -119,7 +121,7 @@ def test_without_masses_nothing_is_said_about_flutter(masses):
     assert curve.critical == ()
     assert set(curve.stable) == {None}
     assert [n.code for n in curve.notes] == ["masses-missing"]
-    text = describe_curve(curve)
+    text = answer_text(answer_of_curve(curve))
     assert "flutter is not examined" in text
     assert "No critical load" not in text
     state = equilibrium(column(masses), PUSH)

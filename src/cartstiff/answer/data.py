@@ -9,16 +9,19 @@ text, JSON, report and page render the same object.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import hypot
 from typing import Any, Literal
 
+from cartstiff import numerics
 from cartstiff.analysis.ellipsoids import Freedom, Others
 from cartstiff.answer.doubts import doubts_of
-from cartstiff.answer.verdict import Verdict
+from cartstiff.answer.verdict import LEVELS, Verdict
 from cartstiff.arrays import plain
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.gravity_loads import GravityLoads, gravity_loads
 from cartstiff.notes import Note
 from cartstiff.units import Units
 
@@ -175,8 +178,10 @@ class Quantity:
     unit: str
 
 
-#: What a statement or a cell holds: a name, a number, or None where it does not exist.
-Value = str | int | float | Quantity | None
+def rounded(values: Iterable[float], size: float) -> tuple[float, ...]:
+    """Numbers without the round-off of a size, which is zero."""
+    least = numerics.PRINTED_AS_ZERO * size
+    return tuple(float(x) * (abs(x) >= least) for x in values)
 
 
 @dataclass(frozen=True)
@@ -188,7 +193,7 @@ class Statement:
     code : str
         Key of `cartstiff.report.sentences.SENTENCES`.
     values : mapping
-        Names, numbers, loads, and lists of these, by the name that the sentence uses.
+        Names, numbers, and lists of these, by the name that the sentence uses.
     """
 
     code: str
@@ -212,20 +217,13 @@ class Column:
         Unit of its numbers; "" where they have none, or each has its own.
     form : str
         How people read a number: digits, then what is written; see
-        `cartstiff.report.sentences.value_words`.
-    missing : str
-        What is written for None.
+        `cartstiff.report.sentences.value_words`. It ends with "?" where nothing is
+        written for None, and with "<" where cells are left-aligned.
     """
 
     head: str
     unit: str = ""
     form: str = ""
-    missing: str = "-"
-
-
-def columns(*heads: str, unit: str = "", **form: str) -> tuple[Column, ...]:
-    """Columns of one unit and form."""
-    return tuple(Column(head, unit, **form) for head in heads)
 
 
 @dataclass(frozen=True)
@@ -236,22 +234,74 @@ class Table:
     ----------
     name : str
         Key of `cartstiff.report.sentences.TITLES`, or its title.
-    columns : tuple of Column
+    columns : sequence of Column
         The columns; those without a cell are not written.
-    rows : tuple of tuple
-        Cells: names, numbers in the unit of their column, quantities with their own, or
-        None.
+    rows : sequence of sequence
+        Cells: names, numbers in the unit of their column, quantities with their own,
+        statements, several of these, or None.
     values : mapping
         What is in the title, by name.
-    below : tuple of Statement
+    below : sequence of Statement
         What the table needs to be understood.
     """
 
     name: str
     columns: Sequence[Column]
-    rows: Sequence[Sequence[Value]]
+    rows: Sequence[Sequence[Any]]
     values: Mapping[str, Any] = field(default_factory=dict)
     below: Sequence[Statement] = ()
+
+
+# A head, unit, key and form: "from [Hz] = interval.0 : 6".
+_HEAD = re.compile(r"([^=\[:]*)(?:\[(.*)\])?(?:\s*= ([\w.]+))?(?:\s*: (\S+))?")
+
+
+def table(
+    name: str,
+    heads: str | Sequence[Column],
+    rows: Iterable[Sequence[Any] | Mapping[str, Any]],
+    *below: Statement,
+    **values: Any,
+) -> Table:
+    """A table with its columns in one line.
+
+    Parameters
+    ----------
+    name : str
+        Name of the table.
+    heads : str or sequence of Column
+        The columns, or their heads with "|" between them, each with its unit, key and
+        form, if wanted: "from [Hz] = interval.0 : 6".
+    rows : iterable
+        Cells of each row, or mappings that have them under the keys of the columns; the
+        key of a column is its head, if no other is named.
+    *below : Statement
+        What the table needs to be understood.
+    **values
+        What is in its title.
+    """
+    keys = list[str]()
+    if isinstance(heads, str):
+        columns = list[Column]()
+        for part in heads.split("|"):
+            head, unit, key, form = (x or "" for x in _HEAD.findall(part)[0])
+            columns.append(Column(head.strip(), unit, form))
+            keys.append(key or head.strip())
+        heads = columns
+    cells = [
+        [_entry(row, key) for key in keys] if isinstance(row, Mapping) else row
+        for row in rows
+    ]
+    return Table(name, heads, cells, values, below)
+
+
+def _entry(data: Any, path: str) -> Any:
+    """What is at a dotted path of keys and places; None where there is nothing."""
+    for key in path.split("."):
+        if data is None:
+            break
+        data = data[int(key)] if key.isdigit() else data[key]
+    return data
 
 
 @dataclass(frozen=True)
@@ -264,30 +314,32 @@ class Answer:
         The command's name.
     subject, kind, frame : str
         Name and kind of the mechanism, and the frame of its body.
-    frame_offset : tuple of tuple of float
+    frame_offset : sequence of sequence of float
         ``T_frame_M``, the pose of the body frame M in that frame.
     units : Units
         Units of every number.
     verdict : Verdict
-        On the posture, or on what was asked; told by the statement of its code, if there
+        On the posture, or on what was asked; said by the statement of its code, if there
         is one.
-    about : tuple of Statement
+    about : sequence of Statement
         What was asked, the first with the mechanism.
     load : Load or None
         None in an unbalanced posture, and where no posture is asked about.
+    weight : GravityLoads or None
+        The masses on which gravity acts.
     displacement : Displacement or None
         Of the analysed point; None without a load, and where the body does not resist it.
     shares : Shares or None
         Of that displacement.
-    extremes : tuple of Extreme
+    extremes : sequence of Extreme
         Softest and stiffest directions that exist.
-    statements : tuple of Statement
+    statements : sequence of Statement
         What else is found.
     doubts : tuple of Note
         The reasons to doubt the answer, the weightiest first.
-    tables : tuple of Table
+    tables : sequence of Table
         What the answer is read from: joints, legs, points, modes.
-    notes : tuple of Note
+    notes : sequence of Note
         The other notes.
     """
 
@@ -300,9 +352,10 @@ class Answer:
     verdict: Verdict
     about: Sequence[Statement] = ()
     load: Load | None = None
+    weight: GravityLoads | None = None
     displacement: Displacement | None = None
     shares: Shares | None = None
-    extremes: tuple[Extreme, ...] = ()
+    extremes: Sequence[Extreme] = ()
     statements: Sequence[Statement] = ()
     doubts: tuple[Note, ...] = ()
     tables: Sequence[Table] = ()
@@ -313,12 +366,18 @@ class Answer:
         cls,
         question: str,
         elastic: ElasticMechanism,
-        verdict: Verdict,
-        notes: Iterable[Note] = (),
+        notes: Iterable[Note],
+        *statements: Statement,
+        verdict: Verdict | None = None,
         **parts: Any,
     ) -> Answer:
-        """An answer about a mechanism, its notes parted into doubts and others."""
+        """An answer about a mechanism, its notes parted into doubts and others.
+
+        Without a verdict the first statement is it.
+        """
         mechanism, every = elastic.mechanism, tuple(notes)
+        if verdict is None:
+            verdict = Verdict(LEVELS.get(statements[0].code, "good"), statements[0].code)
         doubts = doubts_of(elastic, every, verdict)
         return cls(
             question=question,
@@ -328,9 +387,10 @@ class Answer:
             frame_offset=mechanism.frame_offset.tolist(),
             units=elastic.units,
             verdict=verdict,
+            statements=statements,
             doubts=doubts,
             notes=[note for note in every if note not in doubts],
-            **parts,
+            **{"weight": gravity_loads(elastic)} | parts,
         )
 
     @property

@@ -7,10 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cartstiff.answer.data import Answer, Column, Table, Value, columns, said
-from cartstiff.answer.verdict import Verdict
+from cartstiff.answer.data import Answer, Column, Table, said, table
 from cartstiff.designs.run import Design, Designs
-from cartstiff.mechanisms.gravity_loads import gravity_loads
 
 #: Largest number of reasons listed.
 _MAX_REASONS = 5
@@ -19,96 +17,72 @@ _MAX_REASONS = 5
 def answer_of_designs(designs: Designs, best: int = 10) -> Answer:
     """The measures, the designs of the front, at most `best`, and why others fail."""
     study, counts = designs.study, designs.counts()
-    verdict = Verdict("bad", "no-feasible-design")
-    if designs.front:
-        verdict = Verdict("good", "feasible")
+    facts = {"designs": len(designs), "method": study.method.kind}
+    cases = (
+        said("case", of=f" of {name}" * (name != "load"), load=case.words)
+        for name, case in study.cases.items()
+        if case.wrench is not None
+    )
     return Answer.about_mechanism(
         "design",
         designs.home,
-        verdict,
         designs.notes,
-        about=[
-            said(
-                "study",
-                designs=len(designs),
-                method=study.method.kind,
-                poses=study.poses.count,
-            ),
-            *(
-                said("case", of=f" of {name}" * (name != "load"), load=case.words)
-                for name, case in study.cases.items()
-                if case.wrench is not None
-            ),
-            said("gravity", weight=gravity_loads(designs.home)),
-        ],
-        statements=[said(verdict.code, **counts)],
+        said(("no-feasible-design", "feasible")[bool(designs.front)], **counts),
+        about=[said("study", **facts, poses=study.poses.count), *cases],
         tables=[_measures(designs), *_front(designs, best), *_reasons(designs)],
     )
 
 
 def _measures(designs: Designs) -> Table:
     """What is wanted, and the range of each measure."""
-    rows: list[tuple[Value, ...]] = []
+    rows = []
     for name, measure in designs.study.measures.items():
         values = designs.table(name)
         finite = values[np.isfinite(values)].tolist()
-        ends = {">=": "at_least", "<=": "at_most"}  # of constraints alone
-        bounds = [
-            f"{sign} {end:.5g}"
-            for sign, key in ends.items()
-            if (end := getattr(measure, key, None)) is not None
-        ]
+        # of constraints alone
+        ends = {sign: getattr(measure, key, None) for sign, key in _BOUNDS.items()}
+        bounds = [f"{sign} {end:.5g}" for sign, end in ends.items() if end is not None]
         case = f" ({measure.case})" * bool(measure.case)
         wanted = designs.better.get(name) or " and ".join(bounds)
         reach = min(finite, default=None), max(finite, default=None)
-        words, unit = f"{measure.words}{case}", designs.units[name]
-        rows.append((name, words, unit, wanted, *reach))
-    heads = columns("name", "what", "unit", "wanted", "from", "to")
-    return Table("measures", heads, rows)
+        rows.append((name, measure.words + case, designs.units[name], wanted, *reach))
+    return table("measures", "name | what | unit | wanted | from | to", rows)
+
+
+_BOUNDS = {">=": "at_least", "<=": "at_most"}
 
 
 def _front(designs: Designs, best: int) -> Iterator[Table]:
     """The best designs, with their parameters and measures."""
     if not designs.front:
         return
-    names = [*designs.study.variables, *designs.study.measures]
-    rows: list[list[Value]] = [
-        [str(i + 1), *designs.designs[i].parameters.values(), *_values(designs, i)]
-        for i in designs.front[:best]
-    ]
-    left = len(designs.front) - len(rows)
-    yield Table(
-        "best design" if len(designs.better) == 1 else "front",
-        columns("design", *names, form="6"),
-        rows,
-        {"count": len(designs.front)},
-        [said("more-designs", count=left)] * (left > 0),
-    )
-
-
-def _values(designs: Designs, index: int) -> list[float]:
-    values = designs.designs[index].values
-    return [values[name] for name in designs.study.measures]
+    names = ["design", *designs.study.variables, *designs.study.measures]
+    rows = []
+    for i in designs.front[:best]:
+        design = designs.designs[i]
+        measures = (design.values[name] for name in designs.study.measures)
+        rows.append((i + 1, *design.parameters.values(), *measures))
+    more = said("more-designs", count=len(designs.front) - len(rows))
+    name = ("front", "best design")[len(designs.better) == 1]
+    heads = [Column(name, form="6") for name in names]
+    below = [more] * (len(designs.front) > len(rows))
+    yield table(name, heads, rows, *below, count=len(designs.front))
 
 
 def _reasons(designs: Designs) -> Iterator[Table]:
     """The most frequent reasons, with the first design of each."""
     for state in ("failed", "infeasible"):
-        reasons = [
-            _reason(design) if design.state == state else None
-            for design in designs.designs
-        ]
-        counts = Counter(reason for reason in reasons if reason is not None)
-        rows = [
-            (count, f"{reason} (design {1 + reasons.index(reason)})")
-            for reason, count in counts.most_common(_MAX_REASONS)
-        ]
-        left = len(counts) - len(rows)
+        first = dict[str, int]()
+        counts = Counter[str]()
+        for i, design in enumerate(designs.designs, 1):
+            if design.state == state:
+                counts[_reason(design)] += 1
+                first.setdefault(_reason(design), i)
+        most = counts.most_common(_MAX_REASONS)
+        more = said("more-reasons", count=len(counts) - len(most))
+        rows = [(n, f"{reason} (design {first[reason]})") for reason, n in most]
         if rows:
-            heads = (Column(""), Column("", form="<"))
-            yield Table(
-                state, heads, rows, below=[said("more-reasons", count=left)] * (left > 0)
-            )
+            yield table(state, " | : <", rows, *[more] * (len(counts) > len(most)))
 
 
 def _reason(design: Design) -> str:

@@ -26,8 +26,8 @@ def answer_of_equilibrium(state: Equilibrium) -> Answer:
     return Answer.about_mechanism(
         "equilibrium",
         elastic,
-        Verdict(level, code),
         state.notes,
+        verdict=Verdict(level, code),
         load=load_of(state.elastic_stiffness),
         displacement=moved,
         extremes=tuple(extremes_of(there, there.at(), "load")),

@@ -4,7 +4,7 @@ and its notes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any, Literal
@@ -21,7 +21,6 @@ from cartstiff.analysis.principal import block_ellipsoid, matrix_pair
 from cartstiff.analysis.sections import Notes
 from cartstiff.answer.data import (
     Answer,
-    Column,
     Displacement,
     Extreme,
     Load,
@@ -31,7 +30,7 @@ from cartstiff.answer.data import (
     Shares,
     Table,
     Vector,
-    columns,
+    table,
 )
 from cartstiff.answer.verdict import UNRESOLVED, Verdict, decide, facts_of
 from cartstiff.errors import CartstiffError, UndefinedError
@@ -107,8 +106,8 @@ def answer_at(
     return Answer.about_mechanism(
         "analyse",
         elastic,
-        verdict,
         notes,
+        verdict=verdict,
         load=load_of(result),
         displacement=moved,
         shares=shares,
@@ -155,23 +154,33 @@ def is_resisted(here: StiffnessInFrame, connection: str, found: FoundDeflection)
 
 
 def load_of(result: PostureStiffness) -> Load | None:
-    """The wrench on the body about its own point, along the axes of F,
-    and what acts before it.
-    """
+    """The wrench on the body, and what acts before it."""
     if result.wrench is None:
         return None
-    R, W = result.pose[:3, :3], result.shown_wrench(result.wrench)
-    moment = W[:3] - se3.cross(np.array(result.load.at), W[3:])
-    weighed = gravity_loads(result.elastic)
+    W, R, load = (
+        result.shown_wrench(result.wrench).copy(),
+        result.pose[:3, :3],
+        result.load,
+    )
+    W[:3] -= se3.cross(np.array(load.at), W[3:])
+    found = room_load(result.elastic, load.kind, load.at, W, R)
+    return replace(found, given=result._load_is_given, before=result.weighed.before)
+
+
+def room_load(
+    elastic: ElasticMechanism, kind: str, at: Sequence[float], W: Array, R: Array
+) -> Load:
+    """A load from its moment about, and force at, a point of the body, along axes R."""
+    weight = gravity_loads(elastic)
     return Load(
-        result._load_is_given,
-        result.load.kind,
-        result.load.at,
+        True,
+        kind,
+        vector(np.array(at)),
         vector(R @ W[3:]),
-        vector(R @ moment),
-        weighed.acceleration,  # type: ignore[arg-type]
-        sum(weighed.bodies.values()),
-        result.weighed.before,
+        vector(R @ W[:3]),
+        weight.acceleration,  # type: ignore[arg-type]
+        sum(weight.bodies.values()),
+        None,
     )
 
 
@@ -360,8 +369,9 @@ def _tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
         rows += tuple(
             row.at(name, None, None) for name in row.shares if name not in known
         )
-    one = "coordinate" if is_pose else "joint"
-    yield Table(f"{one}s", _heads(one, "position", "lower", "upper", share), rows)
+    one = ("joint", "coordinate")[is_pose]
+    heads = f"{one} : ? | position : 6p? | lower : ? | upper : ? | stiffness : ?"
+    yield table(f"{one}s", f"{heads} | {share} : ?", rows)
 
 
 def drive_tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
@@ -378,20 +388,11 @@ def drive_tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Ta
         )
         for drive in drives
     )
-    name, heads = "drives", ("drive", "position", "lower", "upper")
+    name, heads = "drives", "drive : ? | position : 6p? | lower : ? | upper : ?"
     if result.leg_lengths is not None:
-        name, heads = "legs", ("leg", "length", "shortest", "longest")
-    yield Table(name, _heads(*heads, share, "to the limit", "force"), rows)
-
-
-def _heads(one: str, place: str, least: str, most: str, *more: str) -> list[Column]:
-    """Columns of places with their limits; a place with the digits that people type
-    again.
-    """
-    first, where, *others = columns(
-        one, place, least, most, "stiffness", *more, missing=""
-    )
-    return [first, replace(where, form={"position": "6p"}.get(place, "6e")), *others]
+        name, heads = "legs", "leg : ? | length : 6e? | shortest : ? | longest : ?"
+    more = f"stiffness : ? | {share} : ? | to the limit : ? | force : ?"
+    yield table(name, f"{heads} | {more}", rows)
 
 
 @dataclass(frozen=True)

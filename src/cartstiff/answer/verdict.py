@@ -21,6 +21,21 @@ MISSING, NOT_TANGENT, ASYMMETRIC, FLAT = "no matrix", "not tangent", "asymmetric
 UNRESOLVED = "unresolved"
 
 
+#: Levels of the verdicts that statements are, where they are not good.
+LEVELS: dict[str, Level] = {
+    "no-feasible-design": "bad",
+    "no-assembly": "bad",
+    "modes-may-be-missing": "warning",
+    "no-workspace": "bad",
+    "springs-undetermined": "warning",
+    "not-loaded": "warning",
+    "unstable-modes": "bad",
+    "unstable-from": "bad",
+    "critical-load": "warning",
+    "free-modes": "warning",
+}
+
+
 @dataclass(frozen=True)
 class Verdict:
     """The code of a state, and whether it is good.

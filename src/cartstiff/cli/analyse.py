@@ -254,6 +254,7 @@ def command(
             describe,
             summary_text,
         )
+        from cartstiff.report.answer import tables_lines
 
         shown, only = "", None
         if reading.level != "none":
@@ -263,7 +264,10 @@ def command(
             only = data["analysis"]["connection"]
         if "as_controller" in data:
             shown = "\n".join([*_matrices_text(data["as_controller"]), shown])
-        lines = [describe(result, shown, answer=answer, only=only), *by_parameters]
+        lines = [
+            describe(result, shown, answer=answer, only=only),
+            *tables_lines(by_parameters),
+        ]
         if is_unbalanced and not relax:
             lines.append(
                 "  --relax lets the self-motion settle, with the body held where it is"

@@ -140,6 +140,7 @@ def command(
 
         acting["held"] = Held(hold, axes=setup.axes)
     if curve is None:
+        from cartstiff.report.answer import tables_lines
         from cartstiff.report.statics import describe_equilibrium
         from cartstiff.statics.equilibrium import equilibrium
 
@@ -161,20 +162,19 @@ def command(
         out.show(
             data,
             elastic.name,
-            lambda: "\n".join([describe_equilibrium(state), *more]),
+            lambda: "\n".join([describe_equilibrium(state), *tables_lines(more)]),
             output,
         )
         return
     _check_load(elastic, setup)
 
-    from cartstiff.report.statics import describe_curve
+    from cartstiff.answer.paths import answer_of_curve
     from cartstiff.statics.continuation import load_curve
 
     result = load_curve(elastic, start, to=curve, **acting)
-    out.show(
+    out.answer(
         result.to_dict(),
-        elastic.name,
-        lambda: describe_curve(result),
+        answer_of_curve(result),
         output,
         csv=result.to_csv,
         picture=result.plot,
@@ -249,9 +249,9 @@ def _compensate(
     out: Printed,
     output: Files,
 ) -> None:
+    from cartstiff.answer.paths import answer_of_compensation
     from cartstiff.cli.tables import along_world, once, one_of_axes, wrench_columns
     from cartstiff.loading.tables import FORCE, MOMENT, WRENCH, along_axes, read_rows
-    from cartstiff.report.statics import describe_path
     from cartstiff.statics.toolpath import compensate
 
     mechanism, axes = elastic.mechanism, None
@@ -282,10 +282,9 @@ def _compensate(
         result = compensate(
             elastic, postures, wrenches, load_axes=named, against=against, **setup.manner
         )
-    out.show(
+    out.answer(
         result.to_dict(),
-        elastic.name,
-        lambda: describe_path(result, is_written=".csv" in (output or {})),
+        answer_of_compensation(result),
         output,
         csv=result.to_csv,
         picture=result.plot,

@@ -211,16 +211,15 @@ class Plan:
         table: Table,
         fit: Fit,
         out: Printed,
-        mechanism: str,
         output: Files,
     ) -> None:
         """Choose and print the rows to be measured."""
         import numpy as np
 
+        from cartstiff.answer.identify import answer_of_plan
         from cartstiff.identify.measurements import table_text
         from cartstiff.identify.plan import candidates, plan
         from cartstiff.identify.unknowns import unknowns_of
-        from cartstiff.report.identification import describe_plan
 
         spreads = table.deviations(elastic)
         unknowns = unknowns_of(elastic, **fit.unknowns)
@@ -251,10 +250,9 @@ class Plan:
             criterion=self.criterion or "worst",
             test=test,
         )
-        out.show(
+        out.answer(
             chosen.to_dict(),
-            mechanism,
-            lambda: describe_plan(chosen),
+            answer_of_plan(chosen),
             output,
             csv=lambda: table_text(chosen.rows, elastic, tuple(spreads)),
         )
@@ -331,15 +329,15 @@ def command(
         _check_written(setup)
     elastic = setup.in_frame(setup.frame)
     if data is None:
-        plan.run(elastic, table, fit, out, setup.mechanism, output)
+        plan.run(elastic, table, fit, out, output)
         return
 
     import numpy as np
 
+    from cartstiff.answer.identify import answer_of_identification
     from cartstiff.identify.identification import identify
     from cartstiff.identify.unknowns import unknowns_of
     from cartstiff.identify.written_file import keys_to_write, mechanism_file
-    from cartstiff.report.identification import describe_identification
 
     measured = table.read(data, elastic)
     keys: dict[str, Any] = {}
@@ -351,10 +349,9 @@ def command(
             elastic, measured, **fit.unknowns, **fit.keywords, progress=_progress
         )
 
-    out.show(
+    out.answer(
         result.to_dict(),
-        setup.mechanism,
-        lambda: describe_identification(result),
+        answer_of_identification(result),
         output,
         yaml=lambda: mechanism_file(result, keys, one_line(data.name)),
         picture=result.plot,

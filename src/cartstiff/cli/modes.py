@@ -30,6 +30,7 @@ from cartstiff.cli.tables import read_target
 from cartstiff.errors import UndefinedError
 
 if TYPE_CHECKING:
+    from cartstiff.answer.data import Table
     from cartstiff.mechanisms.elastic import ElasticMechanism
     from cartstiff.vibration.modes import Modes
 
@@ -63,11 +64,11 @@ class Controller:
     axes: Axes = "body"
     ratio: Annotated[list[float] | None, Numbers("RATIO[,RATIO...]", 1, 6, low=0)] = None
 
-    def run(self, modes: Modes, data: dict[str, Any]) -> list[str]:
-        """Compute the controller, add it to the JSON object; return its text."""
+    def run(self, modes: Modes, data: dict[str, Any]) -> list[Table]:
+        """Compute the controller, add it to the JSON object; return its tables."""
         if self.impedance is None:
             return []
-        from cartstiff.report.modes import describe_impedance
+        from cartstiff.answer.vibration import impedance_tables
         from cartstiff.stiffness.tensor import StiffnessTensor
         from cartstiff.vibration.controllers import impedance
 
@@ -92,7 +93,7 @@ class Controller:
             "for_controller": shown,
             **answer.to_dict(),
         }
-        return describe_impedance(answer, shown, elastic.units)
+        return impedance_tables(answer, shown, elastic.units)
 
 
 def _without_load(elastic: ElasticMechanism, q: Any) -> Modes:
@@ -143,16 +144,16 @@ class Response:
 
     def run(
         self, modes: Modes, vibration: Rayleigh, data: dict[str, Any]
-    ) -> tuple[list[str], dict[str, Any]]:
+    ) -> tuple[list[Table], dict[str, Any]]:
         """Compute, add to the JSON object.
 
-        Return text, and functions that make the files.
+        Return its table, and functions that make the files.
         """
         if self.response is None:
             return [], {}
         import numpy as np
 
-        from cartstiff.report.modes import describe_response
+        from cartstiff.answer.vibration import response_table
         from cartstiff.vibration.response import frequency_response, transmissibility
 
         low, high, count = self.response
@@ -167,7 +168,7 @@ class Response:
             else frequency_response(*asked, kind=self.kind, at=at)
         )
         data["response"] = answer.to_dict(self.direction)
-        return describe_response(answer, self.direction), {
+        return [response_table(answer, self.direction)], {
             "csv": lambda: answer.to_csv(self.direction),
             "picture": lambda: answer.plot(self.direction, modes),
         }
@@ -251,8 +252,8 @@ def command(
 
     import numpy as np
 
+    from cartstiff.answer.vibration import answer_of_modes
     from cartstiff.report.analysis import BALANCING
-    from cartstiff.report.modes import describe_modes
     from cartstiff.vibration.modes import modes
 
     try:
@@ -280,15 +281,14 @@ def command(
         data["unloaded"] = {
             key: unloaded[key] for key in ("frequencies", "eigenvalues", "load")
         }
-    lines = parameters.add(swinging, setup, data)
+    tables = parameters.add(swinging, setup, data)
     more, made = response.run(swinging, vibration, data)
-    lines += [*more, *controller.run(swinging, data)]
+    tables += [*more, *controller.run(swinging, data)]
     if controller.impedance is not None:
         made["yaml"] = lambda: _as_yaml(data["impedance"])
-    out.show(
+    out.answer(
         data,
-        setup.mechanism,
-        lambda: describe_modes(swinging, bare, lines),
+        answer_of_modes(swinging, bare, tables),
         output,
         **made,
     )

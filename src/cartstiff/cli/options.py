@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -28,7 +28,7 @@ from cartstiff.notes import DOUBTS, Note
 from cartstiff.parsing import parse_numbers
 
 if TYPE_CHECKING:
-    from cartstiff.answer.data import Answer
+    from cartstiff.answer.data import Answer, Table
     from cartstiff.vibration.response import Damping
 
 
@@ -749,18 +749,13 @@ class Printed:
         data: Mapping[str, Any],
         answer: Answer,
         output: Files = None,
-        more: Sequence[str] = (),
         **others: Callable[[], Any],
     ) -> None:
-        """Write the files, and print the answer: with the result as JSON, or as text
-        with the lines `more` before the notes.
-        """
+        """Write the files, and print the answer: with the result as JSON, or as text."""
         from cartstiff.report.answer import answer_text
 
         whole = {**data, "answer": answer.to_dict()}
-        self.show(
-            whole, answer.subject, lambda: answer_text(answer, more), output, **others
-        )
+        self.show(whole, answer.subject, lambda: answer_text(answer), output, **others)
 
 
 def only_endings(output: Files, *endings: str, others: str) -> None:
@@ -819,8 +814,8 @@ class Parameters:
         setup: Setup,
         data: dict[str, Any],
         finish: Callable[[Any], Any] = lambda elastic: elastic,
-    ) -> list[str]:
-        """Add derivatives and deviations to the JSON object, and return them as lines.
+    ) -> list[Table]:
+        """Add derivatives and deviations to the JSON object, and return their tables.
 
         `finish` completes the mechanism after its file was read again. Modes also get
         intervals of their frequencies, for measured springs even without --tolerance.
@@ -830,33 +825,33 @@ class Parameters:
         if not (self.sensitivities or is_uncertain):
             return []
         from cartstiff.analysis.tolerances import Tolerances
+        from cartstiff.answer import vibration as answers
         from cartstiff.gradients.matrices import accuracy, sensitivities
-        from cartstiff.report import modes as words
         from cartstiff.vibration.modes import Modes
 
         def reread(values: Any) -> Any:
             told = {**(setup.parameters or {}), **values}
             return finish(replace(setup, parameters=told).read()[0])
 
-        lines: list[str] = []
+        tables: list[Table] = []
         known, t = None, Tolerances(*(tolerance or ()))
         if self.sensitivities:
             again = reread if elastic.parameters else None
             with Progress("parameters") as bar:
                 known = sensitivities(subject, reread=again, progress=bar)
             data["sensitivities"] = known.to_dict()
-            lines += words.describe_sensitivities(known, elastic.units)
+            tables.append(answers.sensitivity_table(known, elastic.units))
         swings = isinstance(subject, Modes)
         if tolerance is not None or (swings and is_uncertain):
             with Progress("parameters") as bar:
                 deviations = accuracy(subject, t, given=known, progress=bar)
             if swings and "frequencies" in deviations.nominal:
                 data["intervals"] = deviations.interval.to_dict()
-                lines += words.describe_intervals(subject, deviations.interval)
+                tables.append(answers.interval_table(subject, deviations.interval))
             if tolerance is not None:
                 data["accuracy"] = deviations.to_dict()
-                lines += words.describe_accuracy(deviations, elastic.units)
-        return lines
+                tables.append(answers.accuracy_table(deviations, elastic.units))
+        return tables
 
 
 @dataclass(frozen=True)

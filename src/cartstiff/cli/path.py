@@ -135,8 +135,8 @@ def command(
         axes = "world"
     elastic = setup.at_posture()
 
+    from cartstiff.answer.paths import answer_of_path
     from cartstiff.cli.tables import read_path_file
-    from cartstiff.report.statics import describe_optimised_path
     from cartstiff.toolpaths.optimise import optimise_path
 
     free = "rotation" if free_rotation else free_axis or "none"
@@ -166,13 +166,11 @@ def command(
         "near": None if near is None else near.of(elastic.names),
         "damping": vibration.damped,
     }
-    is_written = ".csv" in (output or {})
     with Progress("path", progress) as advance:
         result = optimise_path(elastic, path, progress=advance, **options)
-    out.show(
+    out.answer(
         result.to_dict(),
-        elastic.name,
-        lambda: describe_optimised_path(result, is_written=is_written),
+        answer_of_path(result),
         output,
         csv=result.to_csv,
         picture=result.plot,

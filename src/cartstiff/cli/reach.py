@@ -82,8 +82,9 @@ def assemble_command(
     cartstiff assemble five-bar --all -o modes.csv
     """  # noqa: E501
     elastic, q = replace(setup, lengths=None).read()
+    from cartstiff.answer.reach import answer_of_assembly
     from cartstiff.reach.assembly import assemble
-    from cartstiff.report.reach import assembly_csv, describe_assembly
+    from cartstiff.report.reach import assembly_csv
 
     if setup.lengths is not None and not len(elastic.mechanism.points):
         raise InputError("is for platforms", where="--lengths", expected="--q")
@@ -91,10 +92,9 @@ def assemble_command(
         modes = assemble(
             elastic, setup.lengths, q=q, **asdict(search), progress=bar, **setup.keywords
         )
-    out.show(
+    out.answer(
         modes.to_dict(),
-        setup.mechanism,
-        lambda: describe_assembly(modes),
+        answer_of_assembly(modes),
         output,
         csv=lambda: assembly_csv(modes),
     )
@@ -174,16 +174,16 @@ def workspace_command(
     """
     elastic, q = setup.read()
 
+    from cartstiff.answer.reach import answer_of_workspace
     from cartstiff.reach.workspace import workspace
-    from cartstiff.report.reach import boundary_csv, describe_workspace
+    from cartstiff.report.reach import boundary_csv
 
     with Progress("poses", progress) as bar:
         asked = asdict(search) | {"radius": Metres.in_units(search.radius, elastic.units)}
         reached = workspace(elastic, q, **setup.keywords, **asked, progress=bar)
-    out.show(
+    out.answer(
         reached.to_dict(),
-        setup.mechanism,
-        lambda: describe_workspace(reached),
+        answer_of_workspace(reached),
         output,
         csv=lambda: boundary_csv(reached),
         picture=reached.plot,

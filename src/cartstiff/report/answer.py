@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
+from typing import Any
 
-from cartstiff.answer.data import Answer, Column, Quantity, Table, Value
+from cartstiff.answer.data import Answer, Column, Quantity, Table, said
 from cartstiff.errors import joined
 from cartstiff.notes import DOUBTS
 from cartstiff.report.layout import note_lines, table
@@ -19,17 +20,24 @@ from cartstiff.report.sentences import (
 from cartstiff.units import shown_unit
 
 
-def answer_text(answer: Answer, more: Sequence[str] = ()) -> str:
-    """An answer as its command prints it; `more` lines before the notes."""
+def answer_text(answer: Answer) -> str:
+    """An answer as its command prints it."""
+    is_loaded = answer.load is not None and answer.load.given
     return joined(
         [
             *statement_sentences(answer, answer.about),
+            *statement_sentences(answer, [said("load")] * is_loaded),
+            *([answer.weight.text] if answer.weight else []),
             *answer_lines(answer),
-            *(line for shown in answer.tables for line in table_lines(shown)),
-            *more,
+            *tables_lines(answer.tables),
             *note_lines(answer.notes),
         ]
     )
+
+
+def tables_lines(tables: Iterable[Table]) -> list[str]:
+    """Tables below each other."""
+    return [line for shown in tables for line in table_lines(shown)]
 
 
 def answer_lines(answer: Answer) -> list[str]:
@@ -48,12 +56,14 @@ def answer_lines(answer: Answer) -> list[str]:
 def table_lines(shown: Table) -> list[str]:
     """A table under its title, without empty columns, and what it needs to be read."""
     title, (columns, texts) = table_title(shown), table_cells(shown)
-    left = [i for i, column in enumerate(columns) if column.form == "<"]
+    left = [i for i, column in enumerate(columns) if column.form.endswith("<")]
     body = table([table_head(column) for column in columns], texts, left)
+    if not columns:
+        body = ["  none"] * bool(shown.columns)
     return [
         "",
         *([title] * bool(title)),
-        *(body if columns else ["  none"]),
+        *body,
         *(sentence(SENTENCES[x.code], x.values) for x in shown.below),
     ]
 
@@ -81,12 +91,13 @@ def table_head(column: Column) -> str:
     return f"{column.head} [{shown_unit(column.unit)[0]}]" if column.unit else column.head
 
 
-def cell_text(cell: Value, column: Column) -> str:
+def cell_text(cell: Any, column: Column) -> str:
     """A cell as people read it: in the unit of its column, or in its own."""
+    form = column.form.rstrip("<?")
     if cell is None:
-        return column.missing
+        return "-" * (not column.form.endswith("?"))
     if isinstance(cell, Quantity):
-        return value_words(cell, column.form or "4e")
+        return value_words(cell, form or "4e")
     if isinstance(cell, float):
         cell *= shown_unit(column.unit)[1]
-    return value_words(cell, column.form)
+    return value_words(cell, form)

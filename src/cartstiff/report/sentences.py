@@ -22,6 +22,7 @@ from cartstiff.answer.data import (
 from cartstiff.answer.verdict import ASYMMETRIC, NOT_TANGENT, Verdict
 from cartstiff.errors import listed
 from cartstiff.report import layout
+from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.units import Units, engineering, shown_unit
 
 #: What a verdict's code says.
@@ -71,7 +72,117 @@ VERDICTS |= {
 #: Sentences of statements by their code; "{length:4}" is a value with four digits, see
 #: `value_words`. Those that begin with a line's place belong below a table.
 SENTENCES: dict[str, str] = {
-    "gravity": "{weight.text}",
+    "mechanism": "{subject}: {kind}, {body_frame}",
+    "load": "Load: {load.kind}, moment {moment:6}, force {force:6} along the axes of the "
+    "room, at {at:6} of the body; {load.words}",
+    # assemble
+    "held": "Held: {held:6}",
+    "modes": "Assembly modes: {count}; searched: {search}",
+    "nearest-mode": "The nearest one is listed (--all: every one)",
+    "all-modes": "No isolated mode is missing: every path's end is known",
+    "modes-may-be-missing": "There may be more",
+    "no-assembly": "No assembly mode exists",
+    "least-stiffness": "min K: smallest eigenvalue of the tangent stiffness, angles "
+    "times the body's length",
+    "determinant": "det: of the legs' lines, moments over that length",
+    # identify
+    "fit": "{subject}, {body_frame}: {rows} rows, {numbers} numbers; {fit} fit "
+    "(recommended) of {model}",
+    "fit-not-recommended": "{subject}, {body_frame}: {rows} rows, {numbers} numbers; "
+    "{fit} fit (the {recommended} one is recommended) of {model}",
+    "springs-found": "All {all} stiffnesses are determined",
+    "springs-undetermined": "{known} of {all} stiffnesses are determined",
+    "singular-values": "Singular values of the scaled regressor: {largest:3} to "
+    "{least:3}",
+    "not-seen": "  not seen: {parts:2}",
+    "plan": "{subject}: {rows} rows chosen for {criterion}",
+    "not-loaded": "No candidate row loads {names}",
+    "widest": "The widest interval with {rows} rows: {half} of the compliance",
+    "half-width": "+- {half:3} %",
+    "all-not-determined": "not all are determined",
+    # curves and paths
+    "curve": "Load-deflection curve of {subject}: {count} equilibria, ended: {reason}",
+    "critical-load": "Critical load: {what:6}",
+    "at-factor": "{kind} at factor {factor:10}",
+    "times": "{count} modes",
+    "unstable-from": "Unstable at factor {factor}; where it becomes so was not found",
+    "no-critical-load": "No critical load up to the end of the curve",
+    "no-limit-point": "No limit point and no branch up to the end of the curve; flutter "
+    "is not examined",
+    "linear-range": "The linear prediction stays within 5 % up to factor {translation:4} "
+    "for the translation, {rotation:4} for the rotation",
+    "compensation": "Deflection compensation of {subject} along {count} postures",
+    "weight-against-all": "The weight is compensated as well (--against all)",
+    "weight-against-load": "The weight is not compensated: the program was taught under "
+    "it (--against load)",
+    "axes-of-loads": "{what} along the {axes}",
+    "compensated": "The largest error of the position is {after:6}, {before:6} without "
+    "compensation",
+    "from-springs": "{level} % from the measured springs, at most, along an axis: "
+    "{moved:3}, {turned:3}",
+    "commands-in-file": "(-o FILE.csv writes the commands.)",
+    "path": "{subject}, {body_frame}: {points} points, {candidates} postures compared",
+    "criterion": "{what}, {better} is better; K^{connection} {under}",
+    "unloaded": "unloaded",
+    "under-path-load": "under the path's load, {load.kind} at ({load.at}): {load.words}",
+    "length-of-angles": "angles count by the characteristic length {length}",
+    "free": "free: {what}",
+    "turn-about": "rotation about the body's {axis} axis",
+    "every-turn": "all of the body's rotation",
+    "sampled-joint": "a self-motion of the joints, sampled by {joint}",
+    "only-branch": "only the branch of the inverse kinematics",
+    "worst-point": "worst at point {point}; smallest over largest singular value at "
+    "least {ratio:3}",
+    "no-limits": "no limits are known",
+    "nearest-limit": "nearest to a limit: {name} at point {point}, {distance:4} from it, "
+    "at {value:4}",
+    "as-said": "{words}",
+    "no-constant-choice": "  no constant choice follows the path",
+    "more-points": "  ... and {count} more points (-o FILE.csv has all)",
+    # modes
+    "swinging": "{subject}: {kind}, {body_frame}, small undamped motions about rest, "
+    "{load}",
+    "moving-masses": "Masses that move [kg]: {masses:4}",
+    "lowest-frequency": "The lowest frequency is {frequency:6}, that of mode {mode}",
+    "unstable-modes": "{count} of {all} modes are unstable: the motion grows",
+    "free-modes": "{count} of {all} modes are free: no stiffness resists the motion",
+    "mode-still": "does not move",
+    "mode-slides": "moves along {direction:3}",
+    "mode-turns": "about {direction:3} through {point:3}, pitch {pitch:3}",
+    "more-parameters": "  {count} more, which matter less, with --json",
+    "left-out": "  {names}",
+    "noted": "  {note}",
+    "closed-loop": "  closed loop without damping: {frequencies:6} Hz",
+    "square-roots": "  by square roots instead the ratios are {ratios:3}, and "
+    "{coupling:%} couples them",
+    "joint-gains": "  joints: J^T K J and J^T D J, {count}x{count}, in --json and -o; "
+    "gains of single joints, the diagonal, leave out {left_out:%}",
+    "null-motion": "  null motion {motion:2} of the joints: no stiffness, no damping; "
+    "with a stiffness k of its own 2 ratio sqrt({mass:3} k) damps it",
+    "antisymmetric-part": "  antisymmetric part dropped: {share:%}",
+    # workspace
+    "orientation": "Orientation of M kept; position {position:5}",
+    "freedoms": "The body takes {axes}; the rest of its pose follows",
+    "no-workspace": "No workspace: singular everywhere",
+    "volume": "Volume: {volume}, +- {error:2n} ({poses} poses tried)",
+    "volume-at-orientation": "Volume with this orientation: {volume}, +- {error:2n} "
+    "({poses} poses tried)",
+    "turns": "The body turns about every axis by at least {least:4} at this position; "
+    "{share:2} of all rotations",
+    "sphere": "Largest sphere found inside: radius {size:4} at {centre:4}",
+    "cube": "Largest cube found inside: edge {size:4} at {centre:4}",
+    "tensions-any": "Tensions that count: any within the limits",
+    "tensions-closed-form": "Tensions that count: nearest to the middle of the limits",
+    "tensions": "Tensions nearest to the middle at the position: {tensions}",
+    "ratio-of-legs": "Nearest to singular that was found: smallest over largest singular "
+    "value of the legs' lines {ratio:3} at {at:4}; moments over the body's length "
+    "{length}, 0 is singular",
+    "ratio-of-twists": "Nearest to singular that was found: smallest over largest "
+    "singular value of the passive joints' twists that meet in the body {ratio:3} at "
+    "{at:4}; lengths over the body's length {length}, 0 is singular",
+    "singular-pose": "Nearest singular pose found: {distance:4} away, by sqrt(distance^2 "
+    "+ ({length} x angle)^2)",
+    "singular-position": "Without turning the nearest singular pose is {shift:4} away",
     # design
     "study": "{subject}, {body_frame}: {designs} designs by {method}, {poses} pose(s) "
     "each",
@@ -85,6 +196,33 @@ SENTENCES: dict[str, str] = {
 
 #: Titles of tables, where these are not their names.
 TITLES: dict[str, str] = {
+    "assembly modes": "",
+    "stiffnesses": "Stiffness, {level} % intervals",
+    "offsets": "Zeros and offsets, {level} % intervals",
+    "predicted": "Predicted {level} % intervals of the file's stiffnesses",
+    "deviations": "Predicted standard deviations of zeros and offsets",
+    "by rows": "Widest interval with the number of rows",
+    "points": "",
+    "errors": "",
+    "commands": "Largest change of a command",
+    "energies": "Share of each coordinate in the kinetic energy, in per cent",
+    "axes": "Screw axis of the body's motion, in its frame",
+    "sensitivities of frequencies": "Sensitivities: change of each frequency in Hz",
+    "sensitivities of stiffness": "Sensitivities: change of the diagonal of K^K in "
+    "{rotation} and {translation}",
+    "no sensitivities": "Sensitivities: none, as no stiffness matrix, and no frequency, "
+    "exists at this posture",
+    "accuracy": "Accuracy to first order: standard deviations ({factor:4} of them hold "
+    "{level} per cent), and who contributes to the variance",
+    "intervals": "Intervals that hold {level} per cent, to first order",
+    "response": "Response: {kind} in {unit}, {low:6n} to {high:6}",
+    "impedance": "Impedance controller: order {order}, {axes}, about the origin of "
+    "{about!r}",
+    "impedance stiffness": "  stiffness",
+    "impedance damping": "  damping by double diagonalisation; units of the stiffness "
+    "times s",
+    "limits": "Limits that end the workspace (share of directions)",
+    "rotations": "Limits that end the rotations at this position (share of directions)",
     "measures": "Objectives and constraints",
     "best design": "Best design",
     "front": "Pareto front: {count} designs, of which none is better in everything",
@@ -290,11 +428,16 @@ def answer_sentences(answer: Answer) -> list[str]:
 def statement_sentences(answer: Answer, statements: Iterable[Statement]) -> list[str]:
     """The sentences of statements, which may name the mechanism and its frame."""
     frames = {"frame": answer.frame, "frame_offset": answer.frame_offset}
-    about = {
+    about: dict[str, Any] = {
         "subject": answer.subject,
         "kind": answer.kind,
         "body_frame": layout.body_frame(frames, answer.units),
     }
+    if (load := answer.load) is not None:
+        about["load"] = LoadKind(load.kind, load.at)  # type: ignore[arg-type]
+        about["moment"] = Quantity(load.moment, answer.units.moment)
+        about["force"] = Quantity(load.force, answer.units.force)
+        about["at"] = Quantity(load.at, answer.units.length)
     return [sentence(SENTENCES[s.code], about | dict(s.values)) for s in statements]
 
 
@@ -325,8 +468,12 @@ def value_words(value: Any, spec: str = "") -> str:
     """
     letter = spec.lstrip("0123456789")
     digits = int(spec.removesuffix(letter) or 5)
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {value_words(x, spec)}" for key, x in value.items())
     if isinstance(value, (list, tuple)):
         return ", ".join(value_words(x, spec) for x in value)
+    if isinstance(value, Statement):
+        return sentence(SENTENCES[value.code], value.values)
     if isinstance(value, Quantity):
         return _quantity_words(value, digits, letter)
     if letter == "f":
@@ -342,13 +489,14 @@ def _quantity_words(quantity: Quantity, digits: int, letter: str) -> str:
     """A number, or numbers in brackets, with the unit."""
     x, (unit, per) = quantity.value, shown_unit(quantity.unit)
     if isinstance(x, tuple):
-        return f"{layout.vector([per * value for value in x], digits)} {unit}"
+        numbers = layout.vector([per * value for value in x], digits)
+        return f"{numbers} {unit.removeprefix('1')}".rstrip()
     if letter == "n":
         return layout.number(x and per * x, digits)
+    if unit == "1":
+        return {"e": percent}.get(letter, layout.percent)(x or 0.0)
     if letter not in ("e", "p") or x is None:
         return f"{layout.number(x and per * x, digits)} {unit}"
-    if unit == "1":
-        return percent(x)
     if quantity.unit == Units.angle:
         both = f"{x:.{digits}g} rad " * (letter == "p")
         return f"{both}{per * x:.4g} {unit}"
@@ -356,7 +504,18 @@ def _quantity_words(quantity: Quantity, digits: int, letter: str) -> str:
 
 
 #: Words of codes, and of flags.
-WORDS = {"True": "yes", "False": "NO"}
+WORDS = {
+    "determined": "",
+    "True": "yes",
+    "False": "NO",
+    "linear in the load": "displacements linear in the load",
+    "loaded equilibrium": "the equilibrium under load",
+    "at-least": "at least",
+    "not-identifiable": "not identifiable",
+    "by all": "all compliances (D-optimal)",
+    "by worst": "the widest interval",
+    "by posture": "the deflection at the test posture",
+}
 
 
 def doubt_sentences(answer: Answer) -> list[str]:
