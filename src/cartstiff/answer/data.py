@@ -178,6 +178,15 @@ class Quantity:
     unit: str
 
 
+@dataclass(frozen=True)
+class Frame:
+    """A body frame M by its pose in a frame that has a name; lengths in a unit."""
+
+    frame: str
+    frame_offset: Sequence[Sequence[float]]
+    length: str
+
+
 def rounded(values: Iterable[float], size: float) -> tuple[float, ...]:
     """Numbers without the round-off of a size, which is zero."""
     least = numerics.PRINTED_AS_ZERO * size
@@ -200,7 +209,7 @@ class Statement:
     values: Mapping[str, Any] = field(default_factory=dict)
 
 
-def said(code: str, **values: Any) -> Statement:
+def said(code: str, /, **values: Any) -> Statement:
     """A statement with its values by name."""
     return Statement(code, values)
 
@@ -260,6 +269,7 @@ def table(
     name: str,
     heads: str | Sequence[Column],
     rows: Iterable[Sequence[Any] | Mapping[str, Any]],
+    /,
     *below: Statement,
     **values: Any,
 ) -> Table:

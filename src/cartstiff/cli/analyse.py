@@ -250,11 +250,11 @@ def command(
 
     def text() -> str:
         from cartstiff.report.analysis import (
-            BALANCING,
             describe,
             summary_text,
         )
         from cartstiff.report.answer import tables_lines
+        from cartstiff.report.sentences import BALANCING
 
         shown, only = "", None
         if reading.level != "none":

@@ -82,12 +82,11 @@ def command(
             labels=_labels(elastic, against, changed or {}),
         )
 
-    from cartstiff.report.comparison import describe_comparison
+    from cartstiff.answer.compared import answer_of_comparison
 
-    out.show(
+    out.answer(
         found.to_dict(),
-        setup.mechanism,
-        lambda: describe_comparison(found),
+        answer_of_comparison(found),
         output,
         picture=found.plot,
     )

@@ -356,9 +356,7 @@ def command(
         )
         raise click.exceptions.Exit(130) from None
     seconds = time.perf_counter() - start
-    from cartstiff.mechanisms.gravity_loads import gravity_loads
-    from cartstiff.mechanisms.other_units import shown_heads
-    from cartstiff.report.maps import describe_map, ranked
+    from cartstiff.answer.maps import answer_of_map, ranked
 
     dataset: Any = None  # opened only if the statistics of the parts do not suffice
     if cuts or shown.best is not None or drawn:
@@ -371,17 +369,14 @@ def command(
     if shown.best is not None:
         answer["best"] = {name: ranked(dataset, name, shown.best) for name in quantities}
 
-    def text() -> str:
-        names, weighed = shown_heads(elastic), gravity_loads(elastic).text
-        return describe_map(answer, names, weighed, setup.load is not None)
-
     def picture() -> Any:
         from cartstiff.maps.pictures import draw_map
 
         return draw_map(dataset, quantities[0], angle=elastic.units.shown_angle)
 
     files = {ending: path for ending, path in output.items() if ending != ".zarr"}
-    out.show(answer, setup.mechanism, text, files, picture=picture)
+    found = answer_of_map(answer, elastic, is_loaded=setup.load is not None)
+    out.answer(answer, found, files, picture=picture)
 
 
 def _check_ranked(quantities: tuple[str, ...]) -> None:

@@ -253,7 +253,7 @@ def command(
     import numpy as np
 
     from cartstiff.answer.vibration import answer_of_modes
-    from cartstiff.report.analysis import BALANCING
+    from cartstiff.report.sentences import BALANCING
     from cartstiff.vibration.modes import modes
 
     try:

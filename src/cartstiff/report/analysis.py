@@ -40,12 +40,6 @@ from cartstiff.units import SI, Units, shown_unit
 
 _SAME = "they are the same here"
 
-#: Advice for springs that push along a self-motion without a given load.
-BALANCING = (
-    "--load 0,0,0,0,0,0 (or what acts) chooses rest positions at which the "
-    "springs balance"
-)
-
 
 def describe(
     result: PostureStiffness,

@@ -14,6 +14,7 @@ from cartstiff.answer.data import (
     Answer,
     Displacement,
     Extreme,
+    Frame,
     Quantity,
     Shares,
     Statement,
@@ -68,6 +69,12 @@ VERDICTS |= {
     for fact, why in _NO_STABILITY.items()
     for kind in ("indefinite", "negative semidefinite", "negative", "zero")
 }
+
+#: Advice for springs that push along a self-motion without a given load.
+BALANCING = (
+    "--load 0,0,0,0,0,0 (or what acts) chooses rest positions at which the "
+    "springs balance"
+)
 
 #: Sentences of statements by their code; "{length:4}" is a value with four digits, see
 #: `value_words`. Those that begin with a line's place belong below a table.
@@ -139,6 +146,40 @@ SENTENCES: dict[str, str] = {
     "as-said": "{words}",
     "no-constant-choice": "  no constant choice follows the path",
     "more-points": "  ... and {count} more points (-o FILE.csv has all)",
+    # map
+    "map": "{subject}: {count} postures, {body_frame}, K^{connection}, characteristic "
+    "length {length:6}",
+    "parts": "{file}: {total} part(s), {found} found there, {computed} computed",
+    "slice": "  only the nearest places to the slice: {places}",
+    "branches": "at most {found} branches found at a place, up to {kept} kept; searched "
+    "from {starts} starts: the mechanism as a whole",
+    "branches-of-legs": "at most {found} branches found at a place, up to {kept} kept; "
+    "searched from {starts} starts: each of {legs} legs",
+    "map-load": "K^load: the tangent under the load, {load.kind} at ({load.at}): "
+    "{load.words}",
+    "postures": "States of the {count} postures: {states}",
+    "range": "{name} from {smallest:4e} to {largest:4e}",
+    "balancing": f"unbalanced: {BALANCING}",
+    # compare
+    "compared": "{second} compared with {first}",
+    "one": "  {label}: {kind}, {of}, at {place:4} of the room",
+    "frames-apart": "  body frames {distance} apart",
+    "same-load": "  load: force {push:4}, moment {twist:4}, along the axes of the room",
+    "load-of": "  load of {label}: force {push:4}, moment {twist:4}, along the axes of "
+    "the room",
+    "verdict-of": "{label}: {verdict}",
+    "moves-by-first order": "Under the load {second} moves {ratio:3} times as far as "
+    "{first} (to first order): {there:4e}, not {here:4e}",
+    "moves-by-equilibrium": "Under the load {second} moves {ratio:3} times as far as "
+    "{first} (by the equilibria): {there:4e}, not {here:4e}",
+    "shares-of": "{label}: {shares}",
+    "times-as-stiff": "Along its softest direction (free to turn) {second} is {ratio:3} "
+    "times as stiff: {there:4e}, not {here:4e}",
+    "directions-apart": "The softest directions are {angle:3} apart in the room",
+    "no-ratio-both": "{names}: does not exist with either",
+    "no-ratio-sign": "{names}: is zero or negative",
+    "no-ratio-first": "{names}: does not exist with {first}",
+    "no-ratio-second": "{names}: does not exist with {second}",
     # modes
     "swinging": "{subject}: {kind}, {body_frame}, small undamped motions about rest, "
     "{load}",
@@ -205,6 +246,7 @@ TITLES: dict[str, str] = {
     "points": "",
     "errors": "",
     "commands": "Largest change of a command",
+    "best": "Best of {name} [{unit}]",
     "energies": "Share of each coordinate in the kinetic energy, in per cent",
     "axes": "Screw axis of the body's motion, in its frame",
     "sensitivities of frequencies": "Sensitivities: change of each frequency in Hz",
@@ -427,11 +469,10 @@ def answer_sentences(answer: Answer) -> list[str]:
 
 def statement_sentences(answer: Answer, statements: Iterable[Statement]) -> list[str]:
     """The sentences of statements, which may name the mechanism and its frame."""
-    frames = {"frame": answer.frame, "frame_offset": answer.frame_offset}
     about: dict[str, Any] = {
         "subject": answer.subject,
         "kind": answer.kind,
-        "body_frame": layout.body_frame(frames, answer.units),
+        "body_frame": Frame(answer.frame, answer.frame_offset, answer.units.length),
     }
     if (load := answer.load) is not None:
         about["load"] = LoadKind(load.kind, load.at)  # type: ignore[arg-type]
@@ -472,6 +513,12 @@ def value_words(value: Any, spec: str = "") -> str:
         return ", ".join(f"{key} {value_words(x, spec)}" for key, x in value.items())
     if isinstance(value, (list, tuple)):
         return ", ".join(value_words(x, spec) for x in value)
+    if isinstance(value, Verdict):
+        return title(value)
+    if isinstance(value, Shares):
+        return share_words(value)
+    if isinstance(value, Frame):
+        return layout.body_frame(vars(value), Units(value.length))
     if isinstance(value, Statement):
         return sentence(SENTENCES[value.code], value.values)
     if isinstance(value, Quantity):
