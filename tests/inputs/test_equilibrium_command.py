@@ -223,7 +223,7 @@ def _table(path):
 def test_a_curve_with_its_files(workplace):
     push = "five-bar --load 0,0,0,0,-1000,0 --world --curve 1"
     text = run("equilibrium", push, "-o curve.csv -o curve.png")
-    assert "x m" in text
+    assert "x [mm]" in text
     assert "Critical load: limit at factor 0.4521544917" in text
     data = answer("equilibrium", push)
     header, table = _table("curve.csv")

@@ -27,7 +27,7 @@ def answer_text(answer: Answer) -> str:
         [
             *statement_sentences(answer, answer.about),
             *statement_sentences(answer, [said("load")] * is_loaded),
-            *([answer.weight.text] if answer.weight else []),
+            *(weight.text for weight in (answer.weight,) if weight),
             *answer_lines(answer),
             *tables_lines(answer.tables),
             *note_lines(answer.notes),
@@ -88,7 +88,7 @@ def table_cells(shown: Table) -> tuple[list[Column], list[list[str]]]:
 
 def table_head(column: Column) -> str:
     """Name of a column with the unit that people read."""
-    return f"{column.head} [{shown_unit(column.unit)[0]}]" if column.unit else column.head
+    return f"{column.head}{f' [{shown_unit(column.unit)[0]}]' * bool(column.unit)}"
 
 
 def cell_text(cell: Any, column: Column) -> str:

@@ -82,28 +82,30 @@ def _joints(elastic: ElasticMechanism, chain: Chain) -> list[dict[str, Any]]:
                     masses[j - 1]
                 )
                 continue
-        coordinate = tree.coordinates[k]
-        kind = (
-            "prismatic" if model.joints[j].shortname().startswith("JointModelP") else None
-        )
-        own = follows is None
-        joints.append(
-            {
-                "name": names[j],
-                "parent": names[parent] if parent else None,
-                "type": coordinate.type if own else kind or "revolute",
-                "lower": plain(coordinate.lower) if own else None,
-                "upper": plain(coordinate.upper) if own else None,
-                "q": float(elastic.q[k]) if own else None,
-                "spring": _spring(elastic, k) if own else None,
-                "follows": follows,
-                "actuated": None if actuated is None else own and k in actuated,
-                "virtual": own and k in chain.virtual,
-                "mass": float(masses[j - 1]),
-                "frames": _frames_on(chain, j),
-                "carries_body": chain.body.joint == j,
+        coordinate, slides = tree.coordinates[k], model.joints[j].shortname()
+        joint: dict[str, Any] = {
+            "name": names[j],
+            "parent": (parent and names[parent]) or None,
+            "type": ("revolute", "prismatic")[slides.startswith("JointModelP")],
+            **dict.fromkeys(("lower", "upper", "q", "spring")),
+            "follows": follows,
+            "actuated": None,
+            "virtual": follows is None and k in chain.virtual,
+            "mass": float(masses[j - 1]),
+            "frames": _frames_on(chain, j),
+            "carries_body": chain.body.joint == j,
+        }
+        if actuated is not None:
+            joint["actuated"] = follows is None and k in actuated
+        if follows is None:
+            joint |= {
+                "type": coordinate.type,
+                "lower": plain(coordinate.lower),
+                "upper": plain(coordinate.upper),
+                "q": float(elastic.q[k]),
+                "spring": _spring(elastic, k),
             }
-        )
+        joints.append(joint)
     return joints
 
 
@@ -115,12 +117,9 @@ def _spring(elastic: ElasticMechanism, k: int) -> dict[str, Any] | None:
     if k in springs.rigid:
         return {"stiffness": None, "rest": None, "law": False, "rigid": True}
     if springs.has_coordinate(len(elastic.names))[k]:
-        return {
-            "stiffness": None if k in springs.laws else float(springs.stiffness[k]),
-            "rest": plain(springs.rest[k]),
-            "law": k in springs.laws,
-            "rigid": False,
-        }
+        rest, law = plain(springs.rest[k]), k in springs.laws
+        stiffness = {False: float(springs.stiffness[k])}.get(law)
+        return {"stiffness": stiffness, "rest": rest, "law": law, "rigid": False}
     return None
 
 
@@ -144,6 +143,9 @@ def _body(platform: Mechanism) -> dict[str, Any]:
 
 def _legs(mechanism: Mechanism, springs: Springs) -> list[dict[str, Any]]:
     limits = list(mechanism.bounds.values()) or [(0.0, np.inf)] * len(springs.stiffness)
+    preload = [None] * len(springs.stiffness)
+    if springs.preload is not None:
+        preload = plain(springs.preload)
     (frame_a, anchors), (frame_b, points) = springs.attachments()
     return [
         {
@@ -153,7 +155,7 @@ def _legs(mechanism: Mechanism, springs: Springs) -> list[dict[str, Any]]:
             "to": points[i].tolist(),
             "stiffness": float(k),
             "rest": plain(springs.rest[i]),
-            "preload": None if springs.preload is None else plain(springs.preload[i]),
+            "preload": preload[i],
             "shortest": plain(limits[i][0]),
             "longest": plain(limits[i][1]),
         }
@@ -178,13 +180,14 @@ def describe_frames(answer: Mapping[str, Any], length: float = 0.0) -> str:
     def below(parent: str | None, indent: str) -> None:
         children = [j for j in joints if j["parent"] == parent]
         for i, joint in enumerate(children):
-            last = i == len(children) - 1
-            lines.append(f"{indent}{'└─' if last else '├─'} {_joint_words(joint, units)}")
-            deeper = indent + ("   " if last else "│  ")
+            branch, stem = (("├─", "│  "), ("└─", "   "))[i == len(children) - 1]
+            lines.append(f"{indent}{branch} {_joint_words(joint, units)}")
+            deeper = indent + stem
             if joint["frames"]:
-                own = "M on " if joint["carries_body"] else ""
-                stem = "│" if any(j["parent"] == joint["name"] for j in joints) else " "
-                lines.append(f"{deeper}{stem}  {own}{', '.join(joint['frames'])}")
+                own = "M on " * joint["carries_body"]
+                has_children = any(j["parent"] == joint["name"] for j in joints)
+                names = f"{own}{', '.join(joint['frames'])}"
+                lines.append(f"{deeper}{' │'[has_children]}  {names}")
             below(joint["name"], deeper)
 
     below(None, "")
@@ -199,16 +202,16 @@ def describe_frames(answer: Mapping[str, Any], length: float = 0.0) -> str:
         ]
     pose = np.array(answer["pose"])
     turned = np.degrees(se3.roll_pitch_yaw(pose))
-    base = placed(np.array(answer["base_pose"]), units)
+    base, gravity = placed(np.array(answer["base_pose"]), units), "none"
+    if answer["gravity"] is not None:
+        gravity = f"{vector(answer['gravity'], 6)} m/s^2"
     lines += [
         "",
-        *([f"The robot's base B {base} in F"] if base else []),
+        *[f"The robot's base B {base} in F"] * bool(base),
         f"M at {vector(lengths(pose[:3, 3], units), 6, length * units.shown_per_length)} "
         f"{units.shown_length} in F, roll, pitch, yaw "
         f"{vector(turned, 6, 1.0)} deg",
-        "Gravity: none"
-        if answer["gravity"] is None
-        else f"Gravity: {vector(answer['gravity'], 6)} m/s^2",
+        f"Gravity: {gravity}",
     ]
     if answer["payload"]:
         lines.append(f"Payload: {answer['payload']:.6g} kg")
@@ -217,10 +220,9 @@ def describe_frames(answer: Mapping[str, Any], length: float = 0.0) -> str:
 
 def _range(low: float | None, high: float | None, size: float = 1.0) -> str:
     ends = [
-        "-inf" if low is None else f"{low * size:.6g}",
-        "inf" if high is None else f"{high * size:.6g}",
+        size * float(end if x is None else x) for x, end in ((low, "-inf"), (high, "inf"))
     ]
-    return f"[{ends[0]}, {ends[1]}]"
+    return f"[{ends[0]:.6g}, {ends[1]:.6g}]"
 
 
 def _joint_words(joint: Mapping[str, Any], units: Units) -> str:
@@ -257,8 +259,10 @@ def _spring_words(
     unit, per = units.stiffness["rotation"], 1.0
     if not turns:
         unit, per = f"{units.force}/{units.shown_length}", 1.0 / units.shown_per_length
-    rest = "" if spring["rest"] is None else f" at rest at {spring['rest'] * size:.6g}"
-    return f"{per * spring['stiffness']:.6g} {unit}{rest}"
+    words = f"{per * spring['stiffness']:.6g} {unit}"
+    if spring["rest"] is not None:
+        words += f" at rest at {spring['rest'] * size:.6g}"
+    return words
 
 
 def _leg_words(leg: Mapping[str, Any], units: Units) -> str:
