@@ -56,9 +56,9 @@ def answer_of_map(
 
 def _range(quantity: Mapping[str, Any]) -> Statement:
     """Both ends of a quantity."""
-    ends = {
-        end: Quantity(quantity[end], quantity["unit"]) for end in ("smallest", "largest")
-    }
+    ends = {end: quantity[end] for end in ("smallest", "largest")}
+    if quantity["unit"] not in ("", "1"):
+        ends = {end: Quantity(x, quantity["unit"]) for end, x in ends.items()}
     return said("range", name=quantity["name"], **ends)
 
 

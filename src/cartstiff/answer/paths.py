@@ -81,7 +81,7 @@ def _equilibria(curve: LoadCurve) -> Table:
     for i in np.unique(np.linspace(0, last, _MAX_EQUILIBRIA).astype(int)).tolist():
         moved = curve.displacement[i]
         off_turn, off = plain(100.0 * curve.deviation[i])
-        (turned,) = rounded([np.linalg.norm(moved[:3])], turn)
+        (turned,) = rounded([float(np.linalg.norm(moved[:3]))], turn)
         state = {True: "stable", False: "unstable", None: None}[curve.stable[i]]
         own = rounded(moved[3:], size), off, turned, off_turn
         rows.append((float(curve.factors[i]), *own[0], *own[1:], state))
