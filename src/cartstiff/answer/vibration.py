@@ -178,7 +178,9 @@ def sensitivity_table(known: Sensitivities, units: Units) -> Table:
     changes[sizes < numerics.PRINTED_AS_ZERO * np.nanmax(sizes, axis=0, initial=0.0)] = (
         0.0
     )
-    order = np.argsort(-np.nanmax(sizes, axis=1, initial=0.0), kind="stable")
+    # Equal effects, as those of a symmetric machine's legs, stay in its order.
+    largest = np.nanmax(sizes, axis=1, initial=0.0)
+    order = np.argsort(-np.round(largest / (largest.max() or 1.0), 9), kind="stable")
     shown = [(*rows[i][:2], *changes[i].tolist()) for i in order[:_MAX_PARAMETERS]]
     columns = [Column("parameter"), Column(""), *(Column(h, form="3") for h in heads)]
     more = said("more-parameters", count=len(rows) - len(shown))
