@@ -391,6 +391,7 @@ class Command(click.Command):
         self._exclusive, self._rare = [*exclusive], rare.split()
         self._meaningless, self._needs = dict[str, str](), dict[str, list[str]]()
         params, rules = list[click.Parameter](), dict[str, str]()
+        # Each parameter of the function is an option, or a class of options.
         for key, hint in get_type_hints(function, include_extras=True).items():
             kind, marks = _split(hint)
             if is_dataclass(kind):

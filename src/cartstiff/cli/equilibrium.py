@@ -255,6 +255,7 @@ def _compensate(
     from cartstiff.statics.toolpath import compensate
 
     mechanism, axes = elastic.mechanism, None
+    # Columns of the file: joints, then a wrench or a half of one.
     rows = read_rows(path, "postures", units=elastic.units, joints=elastic.names)
     joints = dict.fromkeys((elastic.names, mechanism.joint_names))
     parts: list[tuple[str, ...]] = [WRENCH]
@@ -271,6 +272,7 @@ def _compensate(
     )
     named_wrenches = wrench_columns({n: by_name[n] for n in columns[len(own) :]})
     wrenches = once("--load", setup.load, named_wrenches, one_line(str(path)))
+    # The path without and with wrenches.
     if wrenches is None:
         _check_without_load(elastic, setup, against)
         result = compensate(elastic, mechanism.undeflected(table), against=against)

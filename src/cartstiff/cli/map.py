@@ -100,6 +100,7 @@ class Where:
                 expected="exactly one of --grid, --random, --cartesian, --trajectory",
                 got=count or "none of them",
             )
+        # A trajectory, a grid, random postures, or a Cartesian grid.
         base = elastic.placed(q, "--q")[1].q
         if self.trajectory is not None:
             table = _table(self.trajectory, elastic)

@@ -275,6 +275,7 @@ def command(
             words += f"\n  {BALANCING}"
         out.show(data, setup.mechanism, lambda: words, output)
         return
+    # Modes without the load, derivatives, response and controller.
     data = swinging.to_dict()
     if bare is not None:
         unloaded = bare.to_dict()

@@ -833,6 +833,7 @@ class Parameters:
             told = {**(setup.parameters or {}), **values}
             return finish(replace(setup, parameters=told).read()[0])
 
+        # Derivatives, then deviations and intervals.
         tables: list[Table] = []
         known, t = None, Tolerances(*(tolerance or ()))
         if self.sensitivities:

@@ -52,6 +52,7 @@ def read_points(path: Path, elastic: ElasticMechanism, q: Any) -> list[ReportPoi
         postures = read_trajectory(path, elastic.names, elastic.units).q
         _few_enough(len(postures), path)
         return [ReportPoint(name, x) for name, x in zip(names, postures, strict=False)]
+    # Poses with wrenches.
     mechanism = elastic.mechanism
     parts = read_path_file(path, base=mechanism.base_pose, units=elastic.units)
     _few_enough(len(parts), path)

@@ -189,6 +189,7 @@ def read_target(path: Path, order: str | None = None, option: str = "--target") 
         raise InputError(
             "matrix is not symmetric", where=where, expected="a symmetric stiffness (K^B)"
         )
+    # Order, units and frame, by the option, the file or default.
     own = fields.get("order")
     if own is not None:
         _check_order(own, order, where)

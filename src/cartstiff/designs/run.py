@@ -258,6 +258,7 @@ class StudyEvaluator:
             T = elastic.mechanism.at(home).pose
             home = np.concatenate([T[:3, 3], se3.roll_pitch_yaw(T)])
         ranges = self._ranges(given, dict(zip(names, home.tolist(), strict=True)), turns)
+        # A grid, random postures, or the home posture alone.
         sampling: Sampling
         if poses.grid is not None:
             counts = poses.grid

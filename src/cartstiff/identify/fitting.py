@@ -146,6 +146,7 @@ def linear_fit(
     full = np.hstack([A, N])
     root = np.ones(m) if root is None else root
     scales, floor = np.ones(2), np.full(2, numerics.TINY)
+    # Noise of positions and of angles: what is not known is found by repeated fits.
     group, unit = seen.group, seen.unit
     unknown = np.flatnonzero(~seen.is_known)
     for g in unknown:
@@ -179,6 +180,7 @@ def linear_fit(
             expected="more rows, or standard deviations (columns sd_..., --sd)",
             got=f"{m} numbers for {P + N.shape[1]} unknowns",
         )
+    # Compliances that cannot be negative, and the covariance.
     theta = x
     if np.any(x[:P][bounded & basis.is_determined[:P]] < 0.0):
         theta = basis.bounded(right, bounded)

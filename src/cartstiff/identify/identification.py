@@ -111,6 +111,7 @@ def contradictions(measured: Measurements) -> None:
         repeats = [
             known[settings == g] for g in np.flatnonzero(np.bincount(settings) > 1)
         ]
+        # The spread of rows that repeat a setting, against what was stated.
         squares = np.array([np.sum((values[g] - values[g].mean()) ** 2) for g in repeats])
         freedoms = np.array([len(g) - 1 for g in repeats])
         for n, mine in enumerate(repeats):
@@ -542,6 +543,7 @@ class Identification(LabelledResult):
         )
         weight = measured.mass * 9.81
         moment = np.linalg.norm(measured.wrench[:, :3], axis=1)
+        # Residuals against the load, the posture and the time.
         load, name, unit = force + weight, "force", "N"
         if not load.any():
             load, name, unit = moment, "moment", self.elastic.units.moment
@@ -699,6 +701,7 @@ def _assumed(result: Identification) -> Iterator[Note]:
     elastic, measured = result.elastic, result.measured
     own = ("stiffness-assumed", "default-posture")
     yield from (n for n in elastic.notes if n.code not in own)
+    # Weight and cables.
     masses = bool(measured.mass.any() or measured.mass0.any())
     if masses and elastic.gravity is None:
         words = (
@@ -707,6 +710,7 @@ def _assumed(result: Identification) -> Iterator[Note]:
         )
         yield Note("gravity-assumed", words, {"gravity": list(EARTH)})
     yield from _cables(result)
+    # The model of the deflection.
     if not result.loaded:
         words = (
             "displacements are taken as linear in the load, joints at their commanded "
@@ -721,6 +725,7 @@ def _assumed(result: Identification) -> Iterator[Note]:
             "far all give, so the equilibrium under load is fitted, as by --loaded"
         )
         yield Note("equilibrium-needed", words)
+    # Frames in which positions were measured.
     absolute = result.model.observations.is_absolute.any()
     in_base = not measured.session or result.offsets == "none"
     if absolute and in_base and "base" not in result.unknowns.geometry:
@@ -763,6 +768,7 @@ def _zeros(result: Identification) -> Iterator[Note]:
             "some that fit the rows"
         )
         yield Note("geometry-estimated", words, {"sought": list(sought)})
+    # How far an error of the zeros of joints moves each stiffness.
     slides = {c.name for c in elastic.mechanism.coordinates if c.is_length}
     zeros = [name for name in zeros_of(elastic) if name.removesuffix(ZERO) not in slides]
     if not zeros or not set(zeros).isdisjoint(sought):
@@ -806,6 +812,7 @@ def _cables(result: Identification) -> Iterator[Note]:
             names += [name for name, only in both if only]
     if not names:
         return
+    # Rows in which the load pushes a cable.
     pushed: dict[str, list[int]] = {}
     forces, _ = result.model.forces_in(written_values(result.unknowns, result.estimates))
     least = -numerics.ROUNDOFF * np.abs(forces).max(initial=0.0)

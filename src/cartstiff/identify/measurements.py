@@ -298,6 +298,7 @@ def observe(
             np.array([*columns], float).reshape(len(names), len(R), *shape).swapaxes(0, 1)
         )
 
+    # One number per measured cell, in the order of the rows.
     values = table(measured.values.values())
     used = ~np.isnan(values)
     row, place = np.nonzero(used)
@@ -310,6 +311,7 @@ def observe(
         ),
         3,
     )[used]
+    # How it depends on the twist of the body.
     along = np.einsum("nji,nj->ni", R[row], axis)
     is_angle = np.array([group in (ROTATION, TURN) for group in kinds], bool)[place]
     turning = np.where(is_angle[:, None], along, np.cross(p, along))
@@ -559,6 +561,7 @@ def read_measurements(
             "frame",
             got=type(table).__name__,
         )
+    # Columns, by their heads.
     kinds = kinds_of(elastic)
     cells, unused = without_paths(cells, kinds)
     columns = [
@@ -574,6 +577,7 @@ def read_measurements(
         for i, column in enumerate(columns)
         if column.kind != "text"
     }
+    # Postures, loads and measured numbers, in the mechanism's units.
     count = len(cells.rows)
     length, force = convert_length(SI, elastic.units)
     q = _postures(numbers, columns, elastic, cells, length)
@@ -582,6 +586,7 @@ def read_measurements(
     factors = np.repeat([force * length, force], 3)
     wrench = np.stack([_loads(numbers, name, cells) for name in LOAD], axis=1) * factors
     values, sds = _measured(numbers, cells, dict(deviations or {}), length, open_cells)
+    # Sessions and masses.
     session: tuple[str, ...] = ()
     if "session" in names:
         at = names.index("session")
@@ -840,6 +845,7 @@ def _measured(
                 where="--sd",
                 expected=f"a column {name!r}",
             )
+    # Each quantity with its standard deviation, in the mechanism's units.
     values, sds = {}, {}
     for name, kind in MEASURED.items():
         spread = table.get(f"sd_{name}")
@@ -866,6 +872,7 @@ def _measured(
             where=cells.place,
             expected=f"some of {', '.join(MEASURED)}",
         )
+    # Orientations are whole.
     turned = [name in values for name in TURN]
     if any(turned) and not all(turned):
         raise InputError(
@@ -948,6 +955,7 @@ def table_text(
     in_length = own.length if own.length in UNITS["length"] else SI.length
     length, force = convert_length(Units(in_length), own)
     mechanism = elastic.mechanism
+    # Joints, loads, measured quantities, then times and sessions.
     table: dict[str, Array] = {}
     for j, c in enumerate(mechanism.coordinates):
         if j not in mechanism.virtual:

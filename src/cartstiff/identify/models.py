@@ -190,6 +190,7 @@ class Model:
         q, _ = self._distinct
         weights = self._weights
         Gamma = self.unknowns.compliance(theta)
+        # An arm: the Jacobian says it all.
         if self._is_open:
             J = self._kinematics[1]
             at = [self._rest.names.index(n) for n in self.unknowns.elements.names]
@@ -197,6 +198,7 @@ class Model:
             F = J.swapaxes(1, 2)
             own = weights[:, at]
             return F, J @ Gamma @ F, own, np.einsum("kie,ef,kf->ki", J, Gamma, own)
+        # Others are analysed at each posture.
         if (key := theta.tobytes()) in self._known:
             return self._known[key]
         elastic = at_rest(self.unknowns.mechanism(theta))
@@ -394,6 +396,7 @@ class LoadedModel(Model):
         references: dict[bytes, _State] = {}
         inertial, weight0 = self._inertial
         y, A = np.zeros(len(seen)), np.zeros((len(seen), len(theta)))
+        # One equilibrium for rows with the same posture and load.
         for k, n in enumerate(first):
             rows = np.flatnonzero(groups == k)
             at = np.flatnonzero(np.isin(seen.row, rows))
@@ -422,6 +425,7 @@ class LoadedModel(Model):
         """
         q = self.measured.q[n]
         P = len(self.unknowns.parameters)
+        # What acts in the row.
         loads: list[Load] = []
         if load[:3].any():
             loads.append(DeadWrench(load, point=self.measured.load_at))
@@ -429,6 +433,7 @@ class LoadedModel(Model):
             loads.append(DeadForce(load[3:], self.measured.load_at))
         if not loads and elastic.gravity is None:
             return _State(elastic.mechanism.at(q).pose, np.zeros((6, P)))
+        # The search starts at the equilibrium found last.
         system = System(elastic, loads)
         key = (n, load.tobytes())
         start = q

@@ -114,6 +114,7 @@ def candidates(
                 got=repr(name),
                 expected=", ".join(n for n in MEASURED if n not in TURN),
             )
+    # Postures within the ranges and the volume.
     rng = np.random.default_rng(checked_seed(seed))
     low, high = _ranges(elastic, ranges or {})
     box = dict(within or {})
@@ -138,6 +139,7 @@ def candidates(
             where="--within",
             expected="a volume that the mechanism reaches",
         )
+    # Loads and directions.
     N = len(kept)
     wrench = np.zeros((N, 6))
     if not mass > 0.0:
@@ -413,6 +415,7 @@ def plan(
         )
     P, elastic = len(unknowns.parameters), unknowns.elements.elastic
     geometry = model_of(unknowns, offered).offsets.geometry
+    # The information of each row; rows that move far are left out.
     whole, moved = _per_row(unknowns, offered, geometry)
     most = max(_LARGE_DISPLACEMENT, _TIMES_MEDIAN * float(np.median(moved)))
     offered, whole = offered.chosen(moved <= most), whole[moved <= most]
@@ -438,6 +441,7 @@ def plan(
         effects = _effects(unknowns, *test)[:, known[:P]]
         if not effects.any():
             raise InputError("the load of the test posture moves nothing", where="--load")
+    # The rows, one after the other, and what is known after each.
     cost = _cost_of(criterion, known, effects)
     ways = (cost, _cost_of("sum", known, effects)) if criterion == "worst" else (cost,)
     orders = [_greedy(whole, faint, count, way) for way in ways]

@@ -333,6 +333,7 @@ def _of_link(elastic: ElasticMechanism, elements: Elements, word: str) -> list[U
     members = _links(elastic)[name]
     at = [elements.index(m) for m in members]
     C = elements.compliance[np.ix_(at, at)]
+    # A beam has one unknown, its share.
     for potential in elastic.potentials:
         if potential.is_scaled and potential.link == name:
             if form:
@@ -345,6 +346,7 @@ def _of_link(elastic: ElasticMechanism, elements: Elements, word: str) -> list[U
             )
             pattern = CompliancePattern(name + BEAM, entries)
             return [Unknown(pattern, "of the file's", 1.0, is_scale=True)]
+    # A spring has one for each chosen axis, or each pair of them.
     axes = [member.rpartition(".")[2] for member in members]
     chosen = (
         [part.strip() for part in form.split(",")]
@@ -665,6 +667,7 @@ def in_base(unknowns: Unknowns, measured: Measurements, poses: Array) -> Measure
         by_session or "base" in unknowns.geometry
     ):
         return measured
+    # Points where they would be without deflection, and where they were measured.
     T_F_B = elastic.mechanism.base_pose
     points = poses[:, :3, 3] + poses[:, :3, :3] @ np.asarray(measured.point)
     points = (points - T_F_B[:3, 3]) @ T_F_B[:3, :3]
@@ -677,6 +680,7 @@ def in_base(unknowns: Unknowns, measured: Measurements, poses: Array) -> Measure
             "whole",
             expected="all of x, y, z, or --offsets translation",
         )
+    # The frame of each session, or of all rows, moved onto the base.
     names = dict.fromkeys(measured.session) if by_session else [""]
     for name in names:
         rows = np.flatnonzero(known & (sessions == name) if by_session else known)

@@ -55,6 +55,7 @@ def mechanism_file(result: Identification, data: dict[str, Any], source: str) ->
     identified = elastic.identified
     if identified is None:
         raise TypeError("a result without findings")
+    # The estimates with their covariance.
     entries = []
     for pattern, value in zip(
         identified.patterns, identified.values.tolist(), strict=True

@@ -305,6 +305,7 @@ class _Search:
                     [leg.shape.gaps(T @ leg.T_M_end, m) for leg, m in self._modes], 1
                 )
 
+        # Steps of the dependent coordinates that close the gaps of all legs.
         for _ in range(_MAX_LEG_STEPS if follow else 0):
             x = at[going]
             left, rates = gaps(x), []
@@ -344,6 +345,7 @@ class _Search:
             [i for i in range(6) if i not in self.free],
         )
         around = np.vstack([np.eye(6)[self.free], -np.eye(6)[self.free]])
+        # Each leg goes to poses around home as well, which test it.
         near = home + around * _TEST_DISTANCE * self.sizes
         at = np.vstack([near, wanted])
         at[:, follow] = home[follow]
@@ -414,11 +416,13 @@ class _Search:
         _, C = self._closing(self.start)
         C = C * self.columns
         C = C / np.max(np.abs(C), axis=1, keepdims=True, initial=numerics.TINY)
+        # Rates of the pose's coordinates along the free motions.
         _, values, Vt = np.linalg.svd(C[:, self.movable > 0.0])
         motions = Vt[numerics.rank(values) :].T
         rates = (self.rates(self.start) * self.columns)[:, self.movable > 0.0] @ motions
         rates = rates / self.sizes[:, None]
         count = numerics.rank(np.linalg.svd(rates, compute_uv=False))
+        # The most independent set of them.
         every = [list(c) for c in combinations(range(6), count)]
         scores = [
             float(np.linalg.svd(rates[c], compute_uv=False).min(initial=1.0))

@@ -128,6 +128,7 @@ def inverse_kinematics(
         return branches[0] if single else branches
     solver = JointPoses(elastic, limits) if solver is None else solver
     begin, near = _starts(solver, starts, seed)
+    # Legs are searched by themselves, other chains as a whole.
     legs = legs_of(elastic, limits)
     modes = legs and working_modes(legs, near, wanted, begin, free, tolerance, most)
     if not modes:

@@ -202,6 +202,7 @@ def _rod(
     point: Array,
 ) -> Rod | None:
     """The rod between C and B (3,); None if the driven joint does not move C."""
+    # The driven joint slides C along its axis, or turns it about a centre.
     twist = _axes(leg, home)[0][:, driven]
     is_length = bool(leg.chain.is_length[driven])
     axis = twist[3:] if is_length else twist[:3]

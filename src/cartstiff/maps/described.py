@@ -100,6 +100,7 @@ def check_described(root: Mapping[str, Any]) -> None:
     for key, fits in _ATTRIBUTES.items():
         require(fits(attributes[key]), f"attribute {key}")
     joints = _check_identity(loaded(attributes["description"]))
+    # What it holds, and the seals of its objects.
     about = nodes["parts"]["attributes"]
     names, objects = about["arrays"], about["objects"]
     require(
@@ -113,6 +114,7 @@ def check_described(root: Mapping[str, Any]) -> None:
         all(type(seal) is int and 0 <= seal < 2**32 for seal in objects.values()),
         "its checksums",
     )
+    # Dimensions and sizes of its arrays.
     dims, shape, chunk = _check_state(nodes["state"])
     others = {"xyz": 3, "joint": joints}
     lengths = {**dict(zip(dims, zip(shape, chunk, strict=True), strict=True))}
@@ -192,6 +194,7 @@ def _check_array(name: str, node: Mapping[str, Any], part: list[int]) -> None:
     require(not node.get("storage_transformers"), f"storage of {name}")
     keys = {"name": "default", "configuration": {"separator": "/"}}
     require(node["chunk_key_encoding"] == keys, f"keys of {name}")
+    # Codecs, alone or within shards.
     codecs = [codec["name"] for codec in node["codecs"]]
     require(codecs in _CODECS, f"codecs of {name}")
     if codecs == _CODECS[1]:

@@ -194,6 +194,7 @@ class MapJob:
             arrays["q"] = np.empty((count, len(self.elastic.names)))
         if isinstance(self.sampling, CartesianGrid):
             arrays["branches"] = np.empty(count, np.uint32)
+        # Pieces of the box.
         step = max(1, _PIECE_ROWS // inner)
 
         def fill(first: int) -> None:

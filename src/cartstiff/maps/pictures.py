@@ -218,6 +218,7 @@ def _cells(
     )
     if spatial:
         axis.set_aspect("equal")
+    # Cells without a value are hatched by their reason.
     reasons = reasons_of(dataset, values)
     names = set(reasons[reasons != ""].tolist())
     borders = [_borders(dataset[d].values) for d in (x, y)]

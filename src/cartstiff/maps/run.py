@@ -157,6 +157,7 @@ def map_job(
             expected="a Grid, RandomPostures, Trajectory or CartesianGrid",
         )
     _check_postures(sampling, elastic)
+    # Load and settings.
     load = None if wrench is None else checked_input(wrench, (6,), "wrench")
     kind = checked_load(
         load_kind, load_at, load_axes, load is not None, elastic.may_be_loaded
@@ -174,6 +175,7 @@ def map_job(
         world=world,
         damping=damping if isinstance(damping, Damping) else Damping(damping),
     )
+    # Quantities, which have to use the settings.
     names = [quantities] if isinstance(quantities, str) else list(quantities)
     chosen = choose_quantities(names, settings, elastic)
     check_used(settings, chosen)
@@ -234,6 +236,7 @@ def planned(
     path = lasting_path(elastic, acts, sampling.size)
     reads = path == "compiled" and sampling.size >= WORTH_READING
     job = replace(job, path=path, by_kernel=reads)
+    # The identity of the map: what its numbers depend on.
     options = {
         "joints": list(elastic.names),
         "sampling": sampling.to_dict(),
@@ -254,6 +257,7 @@ def planned(
         "by_kernel": job.by_kernel,
     }
     units = elastic.units
+    # Attributes of the file.
     attributes = {
         "schema": SCHEMA,
         "title": f"stiffness map of {elastic.name}",
@@ -273,6 +277,7 @@ def planned(
         for i, name in enumerate(elastic.names):
             if i not in sampling.columns:
                 attributes[f"fixed_{dimension_name(name)}"] = float(sampling.base[i])
+    # Its arrays and axes.
     dims = sampling.dims
     arrays = {q.name: Kind(dims, dict(q.words(units))) for q in chosen}
     state = {

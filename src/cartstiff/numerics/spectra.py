@@ -48,6 +48,7 @@ def eigenvalues(
         return _cleaned(a)
     result = _cleaned(a).reshape(-1, n)
     is_lossy = losses[0] != 1.0
+    # Small eigenvalues that the matrix has lost are those of its inverse.
     todo = np.flatnonzero(is_lossy | ~(condition(result) < LARGEST_BLOCK_CONDITION))
     if not todo.size:
         return result.reshape(a.shape)

@@ -451,6 +451,7 @@ class Beam(Potential):
         b, b1, f = 1 - N[:, None] / GA, -1 / GA, EI / (GA * h * h)
         c = h * h / EI
         x, x1, x2 = c * N[:, None] * b, c * (1 - 2 * N[:, None] / GA), -2 * c / GA
+        # Bow and double bow, each with two derivatives by the normal force.
         z, dz, ddz = stability_functions(x)
         z1, z2 = dz * x1, ddz * x1 * x1 + dz * x2
         y, y1, y2 = 1 + x * z, x1 * z + x * z1, x2 * z + 2 * x1 * z1 + x * z2

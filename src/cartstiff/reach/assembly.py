@@ -583,6 +583,7 @@ def _of_chain(
         raise InputError(
             "number of starts cannot be used", expected="0 or more", got=starts
         )
+    # Modes in the order of their distance.
     held = list(chain.actuated)
     q = chain.assembled(q)
     closed, places = closed_from(elastic, chain, q, int(starts), seed, progress)

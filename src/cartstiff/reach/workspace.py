@@ -317,6 +317,7 @@ class LegMargins(PoseMargins):
         ball = np.tile(np.eye(6)[:, : 3 * (leg.free == "rotation")], (len(q), 1, 1))
         J = np.concatenate([there.jacobian * leg.solver.sizes, ball], axis=2)
         J = se3.adjoint(T_M_F @ there.pose) @ J / lengths[:, None]
+        # Without virtual joints; then without the driven ones.
         columns = np.append(leg.columns, np.full(ball.shape[2], -1))
         J, columns = (
             x[..., ~np.isin(columns, sorted(self.chain.virtual))] for x in (J, columns)

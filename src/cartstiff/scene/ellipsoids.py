@@ -279,6 +279,7 @@ def add_ellipsoid(
     pose = np.eye(4) if T is None else checked_pose(T, "T")
     if not 0.0 < size < np.inf:
         raise InputError("size cannot be used", expected="a positive length", got=size)
+    # Its shape and scale, then the picture.
     shape = ellipsoid(M)
     if isinstance(scale, str):
         if scale not in SCALES:

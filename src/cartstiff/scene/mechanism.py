@@ -141,6 +141,7 @@ class PlatformPicture:
         self.notes: list[str] = []
         radius, thick = 0.011 * size, 0.025 * size
         self._body = node["body"]
+        # The body: a plate, or rods to its points.
         flat = objects.plate(
             platform.points,
             thick,
@@ -169,6 +170,7 @@ class PlatformPicture:
             if made is not None:
                 node["base"]["plate"].set_object(made)
             self._balls(node["base"], anchors, 0.017 * size, look.joint)
+        # Legs or cables.
         legs = platform.has_legs
         lengths = platform.leg_lengths(elastic.q)
         shortest = (
@@ -343,6 +345,7 @@ class ChainPicture:
             return False
         if mesh is not None and not len(mesh.faces):
             return False
+        # Its place, and a box around a mesh.
         M = visual.at.T_j_f
         if isinstance(visual.shape, MeshFile):
             M = scaled(M, np.array(visual.shape.scale))

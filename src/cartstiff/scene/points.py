@@ -43,6 +43,7 @@ def colours_of(values: NDArray[Any]) -> tuple[NDArray[np.uint8], dict[str, Any]]
     }
     if not good.any():
         return colours, facts
+    # Diverging or sequential colours.
     v = values[good]
     low, high = float(v.min()), float(v.max())
     if low < 0.0 < high:

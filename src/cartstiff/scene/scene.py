@@ -214,6 +214,7 @@ class Scene:
             which joint.
         """
         self.draw(result, look)
+        # Make all parts, also those that are not shown now.
         for freedom in _FREEDOMS:
             for quantity in _QUANTITIES:
                 picture = self._ellipsoid_of(freedom, quantity)
@@ -305,6 +306,7 @@ class Scene:
                 picture.hide()
         if not wanted:
             return None
+        # Its shape, or why it has none.
         shape: Ellipsoid | None = None
         try:
             shape = block_ellipsoid(
@@ -317,6 +319,7 @@ class Scene:
                 self._ellipsoids[key].hide()
             return {"shown": False, "reason": reason or f"no {look.quantity} exists here"}
         picture = self._ellipsoid_of(freedom, look.quantity)
+        # Its scale: the one that is kept, or one by the values.
         target, scale = _RADIUS * self._environment.size, SCALES[look.scale]
         kept = (look.measures or {}).get(freedom)
         if kept and kept["kind"] == look.scale:

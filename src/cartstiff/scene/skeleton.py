@@ -39,6 +39,7 @@ def links_of(
             for j in range(1, model.njoints)
             if model.parents[j] == joint and j not in free
         ]
+        # The body, and what closures tie to the link.
         if joint == chain.body.joint:
             grips = _grips(chain) if is_parallel else []
             if len(grips) > 1:
@@ -50,6 +51,7 @@ def links_of(
         if len(closing) > 2 or (joint == 0 and len(ends) > 2):
             yield joint, np.array(ends)
             ends = []
+        # Ends of springs.
         for line in lines:
             for frame, anchors in line.attachments():
                 placed = chain.placement(frame)

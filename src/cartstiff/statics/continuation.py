@@ -267,6 +267,7 @@ class LoadPath:
             balance = system.balance(point)
             if not np.isfinite(balance.residual):
                 break
+            # The best point so far; it is enough, or the steps go on.
             if balance.residual < best:
                 stalled = 0 if balance.residual < 0.5 * best else stalled + 1
                 best, kept = balance.residual, (q, factor)

@@ -163,6 +163,7 @@ def equilibrium(
         elastic, q = _before_turning(given, q, against_gravity, limits)
     kind = checked_load(load_kind, load_at, load_axes, wrench is not None)
     start = Start.of(elastic, q, loads, held, wrench, kind, load_axes)
+    # What acts, from where; then the search, and its result.
     original, elastic, posture, loads, held = start
     chosen = None
     if elastic.identified is not None:

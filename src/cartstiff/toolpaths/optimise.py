@@ -1470,6 +1470,7 @@ class _Search:
         """Return the error for a point (counted from 0) without any usable candidate."""
         values: dict[str, Any] = {"point": point + 1, "candidates": len(ratios)}
         here, elastic = f"point {point + 1} of the path", self.cost.elastic
+        # Out of reach, or beyond limits.
         if not len(ratios):
             pose = self.cost.path.poses[point]
             excess = self.solver.beyond_limits(self.grid.targets(pose), self.grid.task)
@@ -1490,6 +1491,7 @@ class _Search:
                 code="path-beyond-limits",
                 values={**values, "limit_of": name, "beyond": amount},
             )
+        # Near singularities only, or without the criterion.
         best = float(ratios.max())
         if best < self.singular:
             return UndefinedError(
