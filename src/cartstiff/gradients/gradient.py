@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import ArrayLike
 from cartstiff import numerics
 from cartstiff.arrays import Array, Result, checked_flag, checked_input
 from cartstiff.batch.gradient import Differentiated
+from cartstiff.batch.plans import Case
 from cartstiff.batch.quantities import Settings, choose_quantities, default_length
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
@@ -289,6 +291,19 @@ def gradient(
     return _Question(subject, asked, load, kind).gradient(by)
 
 
+@lru_cache(maxsize=8)
+def _program(
+    case: Case, asked: Asked, lengths: tuple[bool, ...], comes_to_rest: bool
+) -> Differentiated:
+    """An objective with its derivatives, recorded once; KeyError without an output."""
+
+    def objective(arrays: Mapping[str, Array]) -> tuple[list[Any], Any]:
+        value, verdict = asked.recorded(arrays, np.array(lengths))
+        return [value], verdict
+
+    return Differentiated(case, asked.needed, objective, comes_to_rest)
+
+
 class _Question:
     """An objective of a posture or a state of rest, with its parameters."""
 
@@ -363,19 +378,12 @@ class _Question:
         """Exact derivatives by name, and the reason why there is none."""
         self._operations: tuple[int, int] | None = None
         self._is_kink = False
-        lengths = np.array([c.is_length for c in self.mechanism.coordinates])
-
-        def objective(arrays: Mapping[str, Array]) -> tuple[list[Any], Any]:
-            value, verdict = self.asked.recorded(arrays, lengths)
-            return [value], verdict
-
+        lengths = tuple(c.is_length for c in self.mechanism.coordinates)
         recorded = Recorded.of(self.parameters, self.state)
         if isinstance(recorded, str):
             return {}, f"nothing is recorded: {recorded}"
         try:
-            program = Differentiated(
-                recorded.case, self.asked.needed, objective, self.state is not None
-            )
+            program = _program(recorded.case, self.asked, lengths, self.state is not None)
         except KeyError as missing:
             return {}, f"nothing is recorded: {missing.args[0]} is not among its outputs"
         found = program.at(recorded.given)

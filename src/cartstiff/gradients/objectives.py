@@ -27,6 +27,14 @@ class Asked:
     unit: str
     #: Outputs that it reads.
     needed: tuple[str, ...]
+    #: What its recorded numbers depend on beside a mechanism.
+    key: tuple[Any, ...]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Asked) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash(self.key)
 
     def seen(self, result: PostureStiffness) -> float:
         """Its value at an analysed posture; NaN where it does not exist."""
@@ -48,6 +56,7 @@ class OfQuantity(Asked):
     ) -> None:
         self._quantity, self._settings = quantity, settings
         self.name, self.unit = quantity.name, quantity.unit_in(elastic.units)
+        self.key = quantity.name, settings
         self._readings = Readings((quantity.name,), settings)
         self.needed = self._readings.needs
 
@@ -73,6 +82,7 @@ class OfFunction(Asked):
 
     def __init__(self, function: OwnObjective, settings: Settings) -> None:
         self._function, self._connection = function, settings.connection
+        self.key = function, settings.connection, settings.load
         self._load = settings.load
         self.name, self.unit = getattr(function, "__name__", "objective"), ""
         own = "B" if self._connection == "load" else self._connection
