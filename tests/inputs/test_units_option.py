@@ -48,7 +48,7 @@ def test_tables_have_their_units_in_their_heads_and_are_read_again(tmp_path):
     assert head[0] == "shoulder_pan_joint [rad]"
     np.testing.assert_array_equal(np.array([row[:6] for row in rows], float), q)
     text = run("path ur5", path, load)
-    assert "coordinates in deg" in text
+    assert "shoulder_pan_joint [deg]" in text
     assert f"{np.degrees(q[0][0]):.3f}" in text
     run(f"equilibrium ur5 --path {postures} -o {moved}", said="not needed here")
     assert {"command_elbow_joint [rad]", "before_rx [rad]", "before_z [m]"} <= {
