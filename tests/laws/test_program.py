@@ -16,6 +16,7 @@ import pytest
 from tests.support.generated import Arm
 
 import cartstiff
+from cartstiff.batch import kernels
 from cartstiff.batch.quantities import QUANTITIES
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.stiffness.balance import with_rest_balancing
@@ -561,3 +562,23 @@ def test_c_bends_links_to_rest(tmp_path):
         close(out[:36].reshape(6, 6), core.matrices["B"], 1e-9)
     far = 1e6 * LOAD
     assert function(*(a.ctypes.data_as(doubles) for a in (elastic.q.copy(), far, out)))
+
+
+@pytest.mark.parametrize("name", ["6-pus", *later("flexible_arm")])
+def test_many_take_the_steps_of_a_call(name):
+    """Chains are closed and links bent by the code of the program: no other is made."""
+    example = Path(__file__).resolve().parents[2] / "examples" / f"{name}.yaml"
+    elastic = cartstiff.load(example if example.exists() else name)
+    is_loaded = name == "flexible_arm"
+    program = cartstiff.record(elastic, ["B", "pose"], loaded=is_loaded)
+    Q, load = postures(elastic, 6, 0.02), [LOAD] * is_loaded
+    Q[:, sorted(elastic.mechanism.virtual)] = 0.0
+    kernels._compiled.clear()
+    many = program.many(Q, *load)
+    assert not kernels._compiled
+    assert many.path == "compiled"
+    for i, q in enumerate(Q):
+        answer = program(q, *load)
+        close(many.q[i], answer.q, 1e-11)
+        close(many.B[i], answer.B)
+    assert f"{many.fallback} by the engine" in repr(many) or not many.fallback

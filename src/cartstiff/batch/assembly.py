@@ -26,10 +26,16 @@ def one_posture(program: Tape, shared: Mapping[str, Array]) -> OnePosture:
 
 
 class Assembly:
-    """Closes a chain as `Chain.closed` does, its motors held."""
+    """Closes a chain as `Chain.closed` does, its motors held.
+
+    Attributes
+    ----------
+    step : OnePosture
+        One step towards closure.
+    """
 
     def __init__(self, taken: TracedModel) -> None:
-        self._step, self._home = (
+        self.step, self._home = (
             one_posture(program_for(taken.case, CLOSING), {}),
             taken.home,
         )
@@ -55,9 +61,9 @@ class Assembly:
 
         None if these do not close it.
         """
-        left, size, best, futile = self._step.at["left"], inf, inf, 0
+        left, size, best, futile = self.step.at["left"], inf, inf, 0
         for _ in range(STEPS):
-            record, before = self._step.record(q=q), size
+            record, before = self.step.record(q=q), size
             size, step, length, doubt = record[left].tolist()
             if is_shut(size, step, length, before):
                 return q

@@ -14,7 +14,13 @@ from cartstiff.batch.algebra import FALLBACK, PLAIN
 from cartstiff.batch.arguments import EVERY_OUTPUT, aligned_empty
 from cartstiff.batch.chains import ChainCase
 from cartstiff.batch.closed_chains import close, settle
-from cartstiff.batch.execution import CHUNK, STREAMED, CompiledKernel, PortableKernel
+from cartstiff.batch.execution import (
+    CHUNK,
+    STREAMED,
+    CompiledKernel,
+    Kernel,
+    PortableKernel,
+)
 from cartstiff.batch.plans import (
     CLOSING,
     SETTLING,
@@ -199,9 +205,21 @@ class _PostureSolver:
     deflects links under the load.
     """
 
-    def __init__(self, taken: TracedModel, compiled: bool, threads: int = 1) -> None:
-        make = _compiled_kernel if compiled else _portable_kernel
+    def __init__(
+        self,
+        taken: TracedModel,
+        compiled: bool,
+        threads: int = 1,
+        made: Mapping[tuple[str, ...], Kernel] | None = None,
+    ) -> None:
         case, self._home = taken.case, taken.home
+
+        def make(way: Case, outputs: tuple[str, ...]) -> Kernel:
+            if made and way is case:
+                return made[outputs]
+            is_compiled = compiled and not made
+            return (_compiled_kernel if is_compiled else _portable_kernel)(way, outputs)
+
         ways = case.ways if isinstance(case, ChainCase) and case.is_closed else ()
         self._closing = [
             lambda way=way: partial(make(way, CLOSING), threads=threads) for way in ways
@@ -301,10 +319,12 @@ def run(
     threads: int,
     size: int | None,
     more: Mapping[str, Array] | None = None,
+    made: Mapping[tuple[str, ...], Kernel] | None = None,
 ) -> None:
     """Fill the arrays by a kernel in chunks; outputs that do not exist become NaN.
 
-    `more` are further inputs (N, ...) by name.
+    `more` are further inputs (N, ...) by name; `made` the code of the steps to the
+    posture, if there is some.
 
     Coordinates of closed chains are replaced by those that close them, those of compliant
     links by those at which they carry the load; if none are found, the verdict is
@@ -328,7 +348,7 @@ def run(
         length = min(length, CLOSED_CHUNK)
     length = min(length, count)
     workers = _workers(threads, length)
-    solver = _PostureSolver(taken, is_compiled, workers)
+    solver = _PostureSolver(taken, is_compiled, workers, made)
     shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
     if loads is not None and loads.ndim == 1:
         if "wrench" in kernel.program.shared:

@@ -562,13 +562,15 @@ class Program:
             at += size
         wrench = []
         if self.is_loaded:
-            point = ", ".join(f"{x:g}" for x in self.load.at)
+            point = f"({', '.join(f'{x:g}' for x in self.load.at)})"
             axes = {"body": "the body frame M", "world": "the frame F"}[self.load_axes]
+            if "load_at" in self.inputs:
+                point = "load_at"
             wrench = [
                 f"  0 to 2: moment [{units.moment}], 3 to 5: force [{units.force}], "
                 "along the axes "
                 f"of {axes};",
-                f"  it acts at ({point}) {units.length} of M, and is {self.load.kind}",
+                f"  it acts at {point} {units.length} of M, and is {self.load.kind}",
             ]
         lines.append(
             f"in {units.length}, {units.force} and rad; twists and wrenches: rotation "
@@ -734,7 +736,22 @@ class Program:
             for name in tape.outputs
             if name not in arrays and name != "verdict"
         }
-        run(taken, kernel, q, loads, {**arrays, **more}, verdicts, threads, None)
+        made = dict[tuple[str, ...], Kernel]()  # the steps that a call takes
+        if self.path == "compiled" and self._closing is not None:
+            made[CLOSING] = self._closing.step
+        if self.path == "compiled" and self._settling is not None:
+            made[SETTLING] = self._settling
+        run(
+            taken,
+            kernel,
+            q,
+            loads,
+            {**arrays, **more},
+            verdicts,
+            threads,
+            None,
+            made=made,
+        )
         known = verdicts == PLAIN
         some = loads if loads is None or loads.ndim == 1 else loads[known]
         rows = {name: array[known] for name, array in {**arrays, **more}.items()}
