@@ -32,9 +32,6 @@ def _summarised(wrench=(0.0,) * 6, K=K, length=None, **others):
     return posture.summarise(given, posture.Reading(length))
 
 
-TOLERANCES = {"x": tolerances.Tolerance(1.0, 0.1)}
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -74,19 +71,9 @@ TOLERANCES = {"x": tolerances.Tolerance(1.0, 0.1)}
             lambda: congruence.joint_stiffness(K, np.eye(6, 7), null_space_stiffness=np.eye(2)),
             "null-space stiffness has the wrong shape",
         ),
-        (lambda: tolerances.Tolerance(np.nan, 1.0), "nominal value must be finite"),
-        (lambda: tolerances.Tolerance(1.0, -1.0), "standard deviation cannot be used"),
-        (lambda: tolerances.propagate_first_order(dict, {}), "no tolerances given"),
-        (
-            lambda: tolerances.propagate_first_order(dict, TOLERANCES, level=1.0),
-            "level cannot be used",
-        ),
-        (
-            lambda: tolerances.propagate_first_order(
-                lambda p: np.zeros(1 + (p["x"] > 1.0)), TOLERANCES
-            ),
-            "other numbers from one call to the next",
-        ),
+        (lambda: tolerances.Tolerances(length=np.nan), "tolerance of the length must be finite"),
+        (lambda: tolerances.Tolerances(angle=-1.0), "tolerance of the angle cannot be used"),
+        (lambda: tolerances.check_level(1.0), "level cannot be used"),
         (lambda: report.summary_text({}, {"length": "m"}), "units are incomplete"),
         (lambda: _summarised(np.zeros(5)), "wrench has the wrong count"),
         (lambda: _summarised(K=NAN), "must be finite"),
@@ -108,10 +95,6 @@ def test_input_errors(call, message):
         (lambda: ellipsoids.stiffness_block(K, "turning", "free"), "unknown freedom"),  # type: ignore[arg-type]
         (lambda: ellipsoids.stiffness_block(K, "rotation", "loose"), "unknown condition"),  # type: ignore[arg-type]
         (lambda: asymmetry.compare_connections({"A": K}), "unknown connection.*'B'"),
-        (
-            lambda: tolerances.propagate_first_order(lambda p: p, TOLERANCES).of("y"),
-            "unknown result",
-        ),
         (lambda: report.summary_text({}, level="long"), "unknown level"),
         (lambda: _summarised(connection="Z"), "unknown connection"),
     ],
