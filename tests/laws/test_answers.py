@@ -199,7 +199,7 @@ def test_a_page_says_the_sentences_of_the_command(tmp_path):
     ],
 )
 def test_the_first_rule_whose_facts_hold_decides(facts, level, code):
-    rule = decide(facts)
+    rule = decide(frozenset(facts))
     assert (rule.level, rule.code) == (level, code)
 
 
