@@ -471,6 +471,22 @@ def test_a_closed_chain_is_assembled_led_and_swept_as_by_the_library(name):
     assert sum("reason" not in row for row in rows) >= (1 if name == "4-rrr" else 5)
 
 
+@pytest.mark.parametrize("name", ["stewart-simscape", "hexapod"])
+def test_a_file_gives_the_legs_of_any_posture(name):
+    """Lengths, forces and margins under a load, as `cartstiff analyse --json`."""
+    elastic, _ = program_of(name)
+    q = elastic.q + 0.02 * np.array([1.0, -1.0, 2.0, 0.5, 0.7, -0.3])
+    load = (0.4, -0.2, 0.3, 5.0, -7.0, 6.0)
+    (found,) = asked(name, [ViewState(q=q.tolist(), load=load)], "program.result(state)")
+    result = cartstiff.analyse(elastic, q, wrench=load)
+    wanted = json.loads(json.dumps(result.to_dict()))["legs"]
+    assert [leg["name"] for leg in found["legs"]] == [f"leg{i}" for i in range(1, 7)]
+    for leg, one in zip(found["legs"], wanted, strict=True):
+        assert leg.keys() == one.keys()
+        for key in ("position", "force", "margin"):
+            assert leg[key] == (one[key] and pytest.approx(one[key], rel=1e-9)), key
+
+
 @pytest.mark.parametrize("name", ["cubic", "stewart-simscape"])
 def test_legs_of_given_lengths_and_twists_lead_to_the_library_s_pose(name):
     elastic, _ = program_of(name)

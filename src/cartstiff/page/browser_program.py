@@ -252,9 +252,10 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
     mechanism = elastic.mechanism
     limits = Limits(mechanism)
     chart = [note for note in result.notes if note.code == "kf-undefined"]
-    # What a page as a file does not compute must not stay that of this posture.
+    # What a page as a file does not compute must not stay that of this posture: of legs,
+    # the page finds lengths, forces and margins.
     base = result.to_dict()
-    for key in ("legs", "task_axes"):
+    for key in ("legs", "task_axes")[mechanism.coordinates_are_pose :]:
         base.pop(key, None)
     described = {
         "platform": mechanism.coordinates_are_pose,

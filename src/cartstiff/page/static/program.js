@@ -304,7 +304,17 @@ export class Program {
     const m = this.solve(state);
     const found = { ...this.data.base, ...this.part(m, "stiffness", this.notes(m, state)), jacobian: m.jacobian ?? null, compliance: this.matrices(m.C) };
     delete found.stored_energy; // gravity's part is not told apart here
+    if (found.legs) found.legs = this.drives(m, found.legs);
     return found;
+  }
+
+  /** Legs with their lengths, forces, and distances to the nearer limit. */
+  drives(m, legs) {
+    return legs.map((leg, i) => {
+      const [position, force] = [m.lengths[i], m.tensions[i]];
+      const margin = Math.min(position - (leg.lower ?? -Infinity), (leg.upper ?? Infinity) - position);
+      return { ...leg, position, force, margin: Number.isFinite(margin) ? margin : null };
+    });
   }
 
   indices(K) {
