@@ -99,7 +99,8 @@ def _check_found(
             raise InputError(
                 f"{what} of {entry.name!r} is not that of the file's spring",
                 where=where,
-                expected=f"{own:.6g}, or no key 'identified' with changed springs",
+                expected=f"{own:.6g}, or no key 'identified' with springs that were "
+                "changed",
                 got=f"{value:.6g}",
             )
 

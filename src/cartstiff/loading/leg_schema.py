@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, PrivateAttr, Tag, model_validator
 
-from cartstiff.loading.rings import RingModel
+from cartstiff.loading.rings import Ring
 from cartstiff.loading.schema import (
     RIGID,
     Each,
@@ -49,7 +49,7 @@ _CHAIN_EXAMPLES = (
 )
 
 
-class LegEndsModel(RingModel):
+class LegEndsModel(Ring):
     """Joints on a circle about z, or points one by one."""
 
     half_angle: Number | None = keyed(

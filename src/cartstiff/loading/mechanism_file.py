@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache, reduce
 from graphlib import CycleError, TopologicalSorter
+from itertools import filterfalse
 from operator import or_
 from pathlib import Path
 from string import digits
@@ -131,7 +132,7 @@ def with_parameters(
         key: value if key in _TEXT_KEYS else with_numbers(value, (key,))
         for key, value in rest.items()
     }
-    for name in sorted(entries.keys() - used):
+    for name in filterfalse(used.__contains__, entries):
         raise InputError(
             f"parameter {name!r} is not used",
             where=place(("parameters", name)),

@@ -14,7 +14,7 @@ from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError
 from cartstiff.loading.plausible import is_inertia
-from cartstiff.loading.rings import RingModel
+from cartstiff.loading.rings import Ring
 from cartstiff.loading.schema import (
     IN_ORDER,
     RIGID,
@@ -38,6 +38,10 @@ from cartstiff.loading.schema import (
     keyed,
     only_one,
 )
+
+
+class RingModel(Ring):
+    """The joints of base or platform, on a circle around z."""
 
 
 class CubicModel(FileModel):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Self
+
 import numpy as np
 from pydantic import model_validator
 
@@ -16,8 +18,8 @@ from cartstiff.loading.schema import (
 )
 
 
-class RingModel(FileModel):
-    """The joints of base or platform, on a circle around z."""
+class Ring(FileModel):
+    """Joints on a circle around z."""
 
     radius: Positive | None = keyed("of the circle; not for a cube", None)
     half_angle: NotNegative | None = keyed(
@@ -33,7 +35,7 @@ class RingModel(FileModel):
     )
 
     @model_validator(mode="after")
-    def _one(self) -> RingModel:
+    def _one(self) -> Self:
         only_one(self, "half_angle", "angles", needed=False)
         return self
 
