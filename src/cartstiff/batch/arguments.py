@@ -32,11 +32,12 @@ TENSIONS = "tensions"
 EVERY_OUTPUT = (*OUTPUTS, TENSIONS)
 #: What programs alone have: bounds on what notes remark on (`algebra.noteworthy`), the
 #: inverse of the symmetric part of the tangent under the load, the characteristic length
-#: of a chain, and lengths and lines of a platform's legs.
-DETAILS = NOTEWORTHY, SYMMETRIC, LENGTH, LEGS, LINES = (
+#: of a chain, motions that keep its closures, and lengths and lines of a platform's legs.
+DETAILS = NOTEWORTHY, SYMMETRIC, LENGTH, MOTIONS, LEGS, LINES = (
     "noteworthy",
     "inverse_of_symmetric_tangent",
     "length",
+    "motions",
     "leg_lengths",
     "actuation",
 )
@@ -101,6 +102,7 @@ def shape_of(name: str, count: int, n: int, legs: int = 0) -> tuple[int, ...]:
         TENSIONS: (legs,),
         NOTEWORTHY: (4,),
         LENGTH: (1,),
+        MOTIONS: (n, -1),
         LEGS: (legs,),
         LINES: (legs, 6),
     }

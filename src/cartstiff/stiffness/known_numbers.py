@@ -29,7 +29,7 @@ from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.stiffness.applied_load import Axes, LoadKind, wrench_in_body
 from cartstiff.stiffness.balance import balanced, with_rest_balancing
 from cartstiff.stiffness.compute import analyse
-from cartstiff.stiffness.motions import scaled_values
+from cartstiff.stiffness.motions import scaled_values, values_of_closed, values_on
 from cartstiff.stiffness.posture import PostureStiffness
 from cartstiff.stiffness.posture_notes import indefinite, near_serial, near_type_2
 from cartstiff.stiffness.reduction import Reduction
@@ -120,7 +120,7 @@ class _Known:
                 "reduction": self.reduction,
                 "notes": self.notes,
                 "notes_on_posture": self.notes_on_posture,
-                "motions_of_closed": self.reduction,
+                "motions_of_closed": self.motions_of_closed,
             },
         )
         return self._result
@@ -176,6 +176,14 @@ class _Known:
     def reduction(self) -> Reduction:
         """The reduction to the end-effector, of the core."""
         return self.asked.core.reduction
+
+    def motions_of_closed(self) -> tuple[Array, int, Array]:
+        """`Reduction.singular_values`, `freedoms` and `motions` of a closed chain."""
+        posture, motions = self._result.posture, self.record.get("motions")
+        if motions is None:
+            return values_of_closed(posture)
+        N = np.linalg.qr(motions / posture.coordinate_lengths[:, None])[0]
+        return values_on(N, posture, self.record["jacobian"]), N.shape[1], N
 
     # -- notes
     # ---------------------------------------------------------------------------------

@@ -378,8 +378,12 @@ def values_of_closed(posture: MechanismPosture) -> tuple[Array, int, Array]:
     """`Reduction.singular_values`, `freedoms` and `motions` for regular closures."""
     assert posture.closure is not None
     N = decomposed(posture.closure, posture.coordinate_lengths).N
-    J = _scaled(posture, posture.motion.jacobian, posture.length)
-    return numerics.singular_values(J @ N), N.shape[1], N
+    return values_on(N, posture, posture.motion.jacobian), N.shape[1], N
+
+
+def values_on(motions: Array, posture: MechanismPosture, jacobian: Array) -> Array:
+    """Singular values of the length-scaled Jacobian on orthonormal motions (n, f)."""
+    return numerics.singular_values(_scaled(posture, jacobian, posture.length) @ motions)
 
 
 def _scaled(posture: MechanismPosture, J: Array, length: float) -> Array:

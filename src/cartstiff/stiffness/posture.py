@@ -480,8 +480,8 @@ class PostureStiffness(LabelledResult):
     @property
     def motions_of_closed(self) -> tuple[Array, int, Array | None]:
         """Of a closed chain: `Reduction.singular_values`, `usual_rank`, `motions`."""
-        if "motions_of_closed" in self._later:  # regular closures, without the reduction
-            return values_of_closed(self.posture)
+        if (find := self._later.get("motions_of_closed")) is not None:
+            return cast(tuple[Array, int, Array], find())
         found = self.reduction
         return found.singular_values, found.usual_rank, found.motions
 
