@@ -132,7 +132,7 @@ def verdict_at(
 ) -> Verdict:
     """The verdict on the matrix of a connection, from its definiteness and the notes."""
     K = result.at().matrices[connection]
-    is_symmetric = not asymmetries(result.at())[connection]
+    is_symmetric = not asymmetries(result.at(), "stiffness")[connection]
     facts = facts_of(
         (note.code for note in result.notes),
         None if K is None else definiteness or UNRESOLVED,
