@@ -212,15 +212,15 @@ def engineering(
 def shown_unit(unit: str) -> tuple[str, float]:
     """The unit of texts for numbers of a unit, and their factor: ("N/mm", 0.001) for N/m.
 
-    Lengths, also those per angle, angles, and forces per length have one; any other unit
-    is that of texts.
+    Lengths, also those per angle or force, angles, and forces per length have one; any
+    other unit is that of texts.
     """
     shown, (over, _, under) = Units.shown_length, unit.partition("/")
     if unit == Units.angle:
         return Units.shown_angle, 1.0 / ANGLES[Units.shown_angle]
     if unit in LENGTHS:
         return shown, LENGTHS[unit] / LENGTHS[shown]
-    if over in LENGTHS and under == Units.angle:
+    if over in LENGTHS and under in (Units.angle, *FORCES):
         return f"{shown}/{under}", LENGTHS[over] / LENGTHS[shown]
     if over in FORCES and under in LENGTHS:
         return f"{over}/{shown}", LENGTHS[shown] / LENGTHS[under]

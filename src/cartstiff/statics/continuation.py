@@ -103,8 +103,9 @@ class CurvePoint:
     @property
     def smallest(self) -> float:
         """Smallest eigenvalue; NaN if what acts has no potential."""
-        least = float(self.eigenvalues.min(initial=np.inf))
-        return least if self.is_conservative else np.nan
+        if not self.is_conservative:  # pairs of them may be complex
+            return float("nan")
+        return float(self.eigenvalues.min(initial=np.inf))
 
 
 class LoadPath:
