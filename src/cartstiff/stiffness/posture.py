@@ -52,7 +52,6 @@ from cartstiff.stiffness.flat_chart import (
     flat_connection,
     pose_by_chart,
 )
-from cartstiff.stiffness.motions import values_of_closed
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import exceeds_roundoff, shown_wrench, without_cancelled
 from cartstiff.stiffness.tensor import (
