@@ -75,6 +75,7 @@ class EllipsoidPicture:
         self._axes = [node[f"axis {i + 1}"] for i in range(3)]
         self._labels = [Label(node[f"value {i + 1}"], look, colour) for i in range(3)]
         self._signs = [(axis["plus"], axis["minus"], axis["cut"]) for axis in self._axes]
+        self._signs_shown = [(True, False, False)] * 3
         self._rings = [node[f"ring {i + 1}"] for i in range(MOST_RINGS)]
         self._has_rings = False
         self._made = False
@@ -117,10 +118,11 @@ class EllipsoidPicture:
             if not shown:
                 continue
             half, negative = max(radius, SHORTEST * self._size), value < 0.0
-            for part, is_on in zip(
-                self._signs[i], (not negative, negative, is_cut), strict=True
-            ):
-                part.show(is_on)
+            signs = not negative, negative, is_cut
+            if signs != self._signs_shown[i]:
+                self._signs_shown[i] = signs
+                for part, is_on in zip(self._signs[i], signs, strict=True):
+                    part.show(is_on)
             start = _along(columns[i], -half, centre)
             ends = _along(columns[i], 2.0 * half), columns[i - 2], columns[i - 1]
             self._axes[i].set_columns(*ends, start)
