@@ -6,7 +6,7 @@ Energy Phi = sum_j U_j(q_j - r_j) with rest positions r; torque U_j', stiffness 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Collection, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import pi
 from types import MappingProxyType
@@ -705,6 +705,27 @@ class JointSprings(Springs):
                 chosen[j] = False
         rest[chosen] = posture.q[chosen] - forces[chosen] / self.stiffness[chosen]
         return replace(self, rest=rest)
+
+
+def unheld(joint: str, torque: str, others: Collection[str]) -> InputError:
+    """Refusal of a load that needs a torque at a joint where no rest position
+    can be chosen.
+
+    `others` are the kinds of energy that act on the joint.
+    """
+    needed = f"but the wrench needs {torque} from it"
+    if not others:
+        return InputError(
+            f"{joint} has no spring, {needed}",
+            expected="a stiffness above zero there, or a wrench that does not load it",
+        )
+    words = ", ".join(sorted(others))
+    return InputError(
+        f"{joint} has no spring whose rest position could be chosen, {needed}; "
+        f"the energy that acts there ({words}) keeps its own rest",
+        expected="equilibrium (cartstiff equilibrium), which deflects it, or springs "
+        "whose rest may be chosen: springs or coupled_springs in the file",
+    )
 
 
 @dataclass(frozen=True)

@@ -21,13 +21,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import Array, checked_input
-from cartstiff.errors import InputError
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.beams import evaluate_together
 from cartstiff.potentials.contract import Evaluation, nothing, summed
 from cartstiff.potentials.coupled_joints import CoupledJointSprings, balancing
-from cartstiff.potentials.springs import JointSprings
+from cartstiff.potentials.springs import JointSprings, unheld
 from cartstiff.units import engineering
 
 
@@ -78,82 +77,46 @@ def _chosen(
     Torques are NaN where they are not chosen; None if no spring of a joint chooses.
     """
     every, springs, J = wrench is not None, elastic.springs, posture.motion.jacobian
-    carried = np.zeros(J.shape[1]) if wrench is None else J.T.dot(wrench)
+    n = J.shape[1]
+    carried = np.zeros(n) if wrench is None else J.T.dot(wrench)
     terms = elastic.terms(springs=False)
     parts = evaluate_together(terms, posture)
     if any(term.rest_is_free(every).any() for term in elastic.coupled_springs):
-        elastic = _with_coupled_balancing(elastic, posture, carried, parts, every)
+        # Springs that couple joints, before those of the joints: these carry what is
+        # left.
+        left, own = carried, np.zeros(n)
+        if isinstance(springs, JointSprings):
+            chosen = springs.rest_is_free(every)
+            given = springs.evaluate(posture)
+            k = np.diag(given.hessian)
+            own = np.where(chosen, np.where(k > 0.0, k, 1.0), 0.0)
+            left = left - np.where(chosen, 0.0, given.gradient)
+        at = [i for i, t in enumerate(terms) if isinstance(t, CoupledJointSprings)]
+        others = [part.gradient for i, part in enumerate(parts) if i not in at]
+        left = left - sum(others, np.zeros(n))
+        found = balancing(elastic.coupled_springs, posture, left, own, every)
+        potentials = list(elastic.potentials)
+        for i, term in zip(at, found, strict=True):
+            potentials[i], parts[i] = term, term.evaluate(posture)
+        elastic = replace(elastic, potentials=tuple(potentials))
+
     if springs is None or (springs.is_complete and not every):
         return elastic, parts, None
-    gradient, exerted = carried - _gradient(parts, carried), None
+    gradient, exerted = carried - sum((p.gradient for p in parts), np.zeros(n)), None
     if isinstance(springs, JointSprings):
         size = float(np.abs(carried).max(initial=0.0))
         gradient, left = springs.beside_closures(posture, gradient, size, every)
         if every and left.any():  # otherwise the result says that it is unbalanced
-            raise _unheld(elastic, parts, left)
+            j = int(np.argmax(np.abs(left)))
+            unit = elastic.units.effort(elastic.mechanism.coordinates[j].is_length)
+            acting = {
+                type(term).__name__
+                for term, part in zip(terms, parts, strict=True)
+                if not term.is_external and part.hessian[j].any()
+            }
+            raise unheld(elastic.names[j], engineering(abs(left[j]), unit), acting)
         exerted = np.where(springs.rest_is_free(every), gradient, np.nan)
         springs = springs.with_forces(posture, exerted)
     else:
         springs = springs.with_rest_balancing(posture, gradient, every=every)
     return replace(elastic, springs=springs), parts, exerted
-
-
-def _with_coupled_balancing(
-    elastic: ElasticMechanism,
-    posture: MechanismPosture,
-    carried: Array,
-    parts: list[Evaluation],
-    every: bool,
-) -> ElasticMechanism:
-    """Choose the rest of springs that couple joints, before those of the joints:
-    these carry what is left.
-
-    Their evaluations in `parts`, of all potentials but the springs, are replaced.
-    """
-    left, own = carried, np.zeros(len(carried))
-    if isinstance(elastic.springs, JointSprings):
-        chosen = elastic.springs.rest_is_free(every)
-        given = elastic.springs.evaluate(posture)
-        k = np.diag(given.hessian)
-        own = np.where(chosen, np.where(k > 0.0, k, 1.0), 0.0)
-        left = left - np.where(chosen, 0.0, given.gradient)
-    terms, potentials = elastic.terms(springs=False), list(elastic.potentials)
-    at = [i for i, t in enumerate(terms) if isinstance(t, CoupledJointSprings)]
-    others = [part for i, part in enumerate(parts) if i not in at]
-    left = left - _gradient(others, carried)
-    found = balancing(elastic.coupled_springs, posture, left, own, every)
-    for i, term in zip(at, found, strict=True):
-        potentials[i], parts[i] = term, term.evaluate(posture)
-    return replace(elastic, potentials=tuple(potentials))
-
-
-def _gradient(parts: list[Evaluation], like: Array) -> Array:
-    return sum((part.gradient for part in parts), np.zeros(len(like)))
-
-
-def _unheld(
-    elastic: ElasticMechanism, parts: list[Evaluation], left: Array
-) -> InputError:
-    """Refusal of a load that needs torques `left` (n,) at joints, where no rest position
-    can be chosen.
-    """
-    j = int(np.argmax(np.abs(left)))
-    unit = elastic.units.effort(elastic.mechanism.coordinates[j].is_length)
-    joint = elastic.names[j]
-    needed = f"but the wrench needs {engineering(abs(left[j]), unit)} from it"
-    acting = {
-        type(term).__name__
-        for term, part in zip(elastic.terms(springs=False), parts, strict=True)
-        if not term.is_external and part.hessian[j].any()
-    }
-    if not acting:
-        return InputError(
-            f"{joint} has no spring, {needed}",
-            expected="a stiffness above zero there, or a wrench that does not load it",
-        )
-    return InputError(
-        f"{joint} has no spring whose rest position could be chosen, {needed}; "
-        f"the energy that acts there ({', '.join(sorted(acting))}) keeps its own rest",
-        expected="equilibrium (cartstiff equilibrium), which deflects it, or springs "
-        "whose rest may be chosen: springs or coupled_springs in the file",
-    )

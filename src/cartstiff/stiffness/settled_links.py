@@ -14,7 +14,7 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.potentials.beams import evaluate_together
-from cartstiff.potentials.contract import Evaluation, Potential, nothing, summed
+from cartstiff.potentials.contract import Potential
 from cartstiff.stiffness.motions import decompose
 
 #: Largest number of steps.
@@ -76,18 +76,41 @@ def settled(
     free = settled_coordinates(elastic)
     if not free.size:
         return posture
-    acting = [t for t in elastic.terms(springs=False) if t not in elastic.coupled_springs]
     lam = np.zeros(0)
+    acting = [t for t in elastic.terms(springs=False) if t not in elastic.coupled_springs]
     for _ in range(STEPS):
+        parts = evaluate_together((*acting, *loads), posture)
         sizes = posture.coordinate_lengths
-        energy = summed(
-            [nothing(sizes.size), *evaluate_together((*acting, *loads), posture)]
+        gradient = sum((p.gradient for p in parts), np.zeros(sizes.size)) * sizes
+        H = sum((p.hessian for p in parts), np.zeros(2 * sizes.shape)) * np.outer(
+            sizes, sizes
         )
+        closure, missed = posture.closure, posture.residual
+        C, r = np.zeros((0, sizes.size)), np.zeros(0)
+        if closure is not None and missed is not None:
+            C, r = closure.jacobian * sizes, missed
+            if lam.size:
+                H = H + closure.curvature(lam) * np.outer(sizes, sizes)
+        stiff = max(float(np.abs(H).max()), numerics.TINY)
         moving = free if away is None else np.arange(sizes.size)
-        system, right, stiff = _equations(energy, posture, lam, free, moving)
+        system = np.block(
+            [
+                [H[np.ix_(free, moving)] / stiff, C[:, free].T],
+                [C[:, moving], np.zeros((r.size, r.size))],
+            ]
+        )
+        right = -np.concatenate([gradient[free] / stiff, r])
         solution = np.linalg.lstsq(system, right, rcond=numerics.ROUNDOFF_OF_SUMS)[0]
         if away is not None:
-            solution = _towards(away(posture), posture, solution, system)
+            scale = np.repeat([1.0, 1.0 / posture.length], 3)
+            rates = np.zeros((6, system.shape[1]))
+            rates[:, moving] = scale[:, None] * posture.motion.jacobian * sizes
+            keeping = decompose(system).N
+            left = scale * away(posture) - rates @ solution
+            solution = (
+                solution
+                + keeping @ np.linalg.lstsq(rates @ keeping, left, numerics.RANK)[0]
+            )
         step, lam = solution[: moving.size], solution[moving.size :] * stiff
         largest = float(np.abs(step).max(initial=0.0))
         if not np.isfinite(largest):
@@ -103,51 +126,4 @@ def settled(
         "the links find no rest under this load, which may be beyond what they carry",
         iterations=STEPS,
         residual=largest,
-    )
-
-
-def _equations(
-    energy: Evaluation,
-    posture: MechanismPosture,
-    lam: Array,
-    free: Array,
-    moving: Array,
-) -> tuple[Array, Array, float]:
-    """Newton's equations for the forces on free coordinates and for the closures.
-
-    The matrix for steps of the moving coordinates and forces of the closures, the right
-    side, and the unit of force. `lam` are the closures' forces, if known.
-    """
-    sizes = posture.coordinate_lengths
-    scale = np.outer(sizes, sizes)
-    gradient, H = energy.gradient * sizes, energy.hessian * scale
-    C, r = np.zeros((0, sizes.size)), np.zeros(0)
-    if (closure := posture.closure) is not None and posture.residual is not None:
-        C, r = closure.jacobian * sizes, posture.residual
-        if lam.size:
-            H = H + closure.curvature(lam) * scale
-    stiff = max(float(np.abs(H).max()), numerics.TINY)
-    system = np.block(
-        [
-            [H[np.ix_(free, moving)] / stiff, C[:, free].T],
-            [C[:, moving], np.zeros((r.size, r.size))],
-        ]
-    )
-    return system, -np.concatenate([gradient[free] / stiff, r]), stiff
-
-
-def _towards(
-    away: Array, posture: MechanismPosture, solution: Array, system: Array
-) -> Array:
-    """A solution (n + m,) of the system and what keeps the balance,
-    nearest to a twist `away` (6,) of M.
-    """
-    sizes = posture.coordinate_lengths
-    scale = np.repeat([1.0, 1.0 / posture.length], 3)
-    rates = np.zeros((6, system.shape[1]))
-    rates[:, : sizes.size] = scale[:, None] * posture.motion.jacobian * sizes
-    keeping = decompose(system).N
-    left = scale * away - rates @ solution
-    return np.asarray(
-        solution + keeping @ np.linalg.lstsq(rates @ keeping, left, numerics.RANK)[0]
     )
