@@ -421,7 +421,6 @@ def hexapod(
     symmetry: int | None = None,
     cubic: Mapping[str, Any] | None = None,
     legs: float | Mapping[str, Any],
-    name: str = "hexapod",
     **keys: Any,
 ) -> ElasticMechanism:
     """Build a Stewart-Gough platform from radii and angles, or in a cube.
@@ -445,11 +444,9 @@ def hexapod(
     legs : float or mapping
         The stiffness of every leg, or the file's key: ``stiffness`` or ``strut``,
         ``rest_length``, ``preload``, ``limits``, ``mass``, ``damping``.
-    name : str
-        Name for people.
     **keys
-        Any other key of the file: ``units``, ``frame``, ``body``, ``flexible``,
-        ``payload``, ``gravity``.
+        Any other key of the file: ``name`` for people, ``units``, ``frame``, ``body``,
+        ``flexible``, ``payload``, ``gravity``.
 
     Returns
     -------
@@ -478,7 +475,8 @@ def hexapod(
         "cubic": cubic,
     }
     layout = {key: plain(value) for key, value in numbers.items() if value is not None}
-    data = {"kind": "stewart-gough", "layout": layout, **plain(keys), "name": name}
+    data = {"name": "hexapod", "kind": "stewart-gough", "layout": layout}
+    data |= plain(keys)
     data["legs"] = (
         plain(legs) if isinstance(legs, Mapping) else {"stiffness": plain(legs)}
     )
