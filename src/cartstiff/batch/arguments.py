@@ -32,15 +32,17 @@ TENSIONS = "tensions"
 EVERY_OUTPUT = (*OUTPUTS, TENSIONS)
 #: What programs alone have: bounds on what notes remark on (`algebra.noteworthy`), the
 #: inverse of the symmetric part of the tangent under the load, the characteristic length
-#: of a chain, motions that keep its closures, and lengths and lines of a platform's legs.
-DETAILS = NOTEWORTHY, SYMMETRIC, LENGTH, MOTIONS, LEGS, LINES = (
+#: of a chain, and lengths and lines of a platform's legs.
+DETAILS = NOTEWORTHY, SYMMETRIC, LENGTH, LEGS, LINES = (
     "noteworthy",
     "inverse_of_symmetric_tangent",
     "length",
-    "motions",
     "leg_lengths",
     "actuation",
 )
+#: Output of closed chains, beside these: rates of the coordinates in the motions that
+#: keep the closures, as many columns as there are.
+MOTIONS = "motions"
 
 
 def checked_q(elastic: ElasticMechanism, q: ArrayLike) -> Array:
@@ -102,7 +104,6 @@ def shape_of(name: str, count: int, n: int, legs: int = 0) -> tuple[int, ...]:
         TENSIONS: (legs,),
         NOTEWORTHY: (4,),
         LENGTH: (1,),
-        MOTIONS: (n, -1),
         LEGS: (legs,),
         LINES: (legs, 6),
     }

@@ -27,6 +27,7 @@ from cartstiff.batch.algebra import CASE_INPUTS, PLAIN
 from cartstiff.batch.arguments import (
     DETAILS,
     EVERY_OUTPUT,
+    MOTIONS,
     TENSIONS,
     checked_names,
     checked_q,
@@ -218,6 +219,7 @@ class Program:
         self._base = tuple(dict.fromkeys(self._base))
         self.names = (*names, *own.names, *own.quantities)
         self._shapes = _shapes(elastic) | own.shapes | dict.fromkeys(own.quantities, ())
+        self._shapes[MOTIONS] = len(elastic.mechanism.coordinates), -1
         self.path, self.reason = "engine", ""
         self.from_matrices: tuple[str, ...] = own.quantities
         self._taken: TracedModel | None = None

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from threading import Thread
 
-from cartstiff.batch.arguments import DETAILS, NOTEWORTHY, OUTPUTS, TENSIONS
+from cartstiff.batch.arguments import DETAILS, MOTIONS, NOTEWORTHY, OUTPUTS, TENSIONS
 from cartstiff.batch.assembly import Assembly
 from cartstiff.batch.kernels import LARGEST_PROGRAM
 from cartstiff.batch.own_outputs import OwnOutputs
@@ -114,7 +114,7 @@ class _Recording:
         if not is_plain or (outside and not taken.is_closed):
             return
         legs = (TENSIONS,) if len(self.elastic.mechanism.points) else ()
-        outputs, nothing = (*OUTPUTS, *legs, *DETAILS), OwnOutputs.of({}, {})
+        outputs, nothing = (*OUTPUTS, *legs, *DETAILS, MOTIONS), OwnOutputs.of({}, {})
         tape = program_for(taken.under(self.load, self.axes).case, outputs, own=nothing)
         if NOTEWORTHY not in tape.outputs:
             return
