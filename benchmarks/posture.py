@@ -18,7 +18,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -250,11 +250,17 @@ class Platform:
 # -- cartstiff -------------------------------------------------------------------------------
 
 
-@cache
+PROGRAMS: dict[tuple[int, bool], cartstiff.Program] = {}
+
+
 def program(elastic: cartstiff.ElasticMechanism, loaded: bool) -> cartstiff.Program:
     """Every array of a posture, recorded and compiled once."""
-    each = [f"{kind}_{c}" for kind in ("stiffness", "compliance") for c in "ABKF"]
-    return cartstiff.record(elastic, ["pose", "jacobian", "wrench", "energy", *each], loaded=loaded)
+    key = id(elastic), loaded  # a program keeps its mechanism, so that no other has its identity
+    if key not in PROGRAMS:
+        each = [f"{kind}_{c}" for kind in ("stiffness", "compliance") for c in "ABKF"]
+        outputs = ["pose", "jacobian", "wrench", "energy", *each]
+        PROGRAMS[key] = cartstiff.record(elastic, outputs, loaded=loaded)
+    return PROGRAMS[key]
 
 
 def ours(elastic: cartstiff.ElasticMechanism, q: Array, wrench: Array | None = None) -> Matrices:
