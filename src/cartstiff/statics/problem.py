@@ -472,13 +472,12 @@ class System:
         """
         # Each constraint with the natural sizes of its residual.
         parts: list[tuple[Array, SecondOrderMap, Array]] = []
-        length = posture.length
         if posture.closure is not None and posture.residual is not None:
-            unit = np.full(len(posture.residual), max(1.0, length))
+            unit = np.full(len(posture.residual), max(1.0, posture.length))
             parts.append((posture.residual, posture.closure, unit))
         if self.held is not None:
             residual, to_held, _ = self.held.constraint(posture)
-            unit = np.where(np.array(self.held.rows) < 3, 1.0, length)
+            unit = np.where(np.array(self.held.rows) < 3, 1.0, posture.length)
             parts.append((residual, to_held, unit))
         if contacts:
             unit = sizes(self.limits, posture)[[c.quantity for c in contacts]]
