@@ -25,7 +25,7 @@ def better_sentences(found: BetterPosture, elastic: ElasticMechanism) -> list[st
         kept += f", the tool turns by {np.degrees(found.turn):.1f} deg about its z axis"
     lead = (
         f"Better posture ({kept}): {100 * found.gain:.0f} % less displacement, "
-        f"{there} instead of {here}"
+        f"{there} instead of {here} (by the equilibrium)"
     )
     if (j := found.moves_most) is not None:
         coordinate = elastic.mechanism.coordinates[j]
