@@ -21,7 +21,8 @@ HEAD = TABLE.read_text(encoding="utf-8").partition("\ncore:")[0] + "\n"
 
 def imported(path: Path) -> Iterator[tuple[str, str]]:
     """Module and name of each import of this package in a file."""
-    inside = ["cartstiff", *path.relative_to(PACKAGE).with_suffix("").parts]
+    is_inside = path.is_relative_to(PACKAGE)
+    inside = ["cartstiff", *path.relative_to(PACKAGE).with_suffix("").parts] if is_inside else []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom):
             base = inside[: len(inside) - node.level] if node.level else []

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import importlib
 import inspect
+from pathlib import Path
 
-from tests import doors
+from tests import doors, inner
 
 #: Imports past the doors when the list was made; a lower number replaces it as they go.
 MOST_STRANGERS = 149
+#: Inner names that tests use; a lower number replaces it as public names serve instead.
+MOST_INNER = 503
+#: Modules beside `cartstiff` whose names everybody may use.
+PUBLIC = {"cartstiff.errors", "cartstiff.geometry", "cartstiff.maps", "cartstiff.scene"}
 
 
 def test_no_new_import_passes_the_doors() -> None:
@@ -35,3 +40,21 @@ def test_every_door_exists_and_says_what_it_is() -> None:
 def test_an_import_inside_a_function_counts() -> None:
     inside = doors.PACKAGE / "loading" / "postures.py"
     assert any(module == "cartstiff.kinematics.joint_poses" for module, _ in doors.imported(inside))
+
+
+def test_tests_import_public_names_or_what_inner_py_lists() -> None:
+    """So a wall is moved with one line of `inner.py`, and no test with it."""
+    homes = {home for names in inner.HOMES.values() for home in names.split()}
+    assert len(homes) <= MOST_INNER
+    folder = Path(inner.__file__).parent
+    own = {folder / name for name in ("inner.py", "conftest.py", "surface.py")}
+    files = sorted(set(folder.rglob("*.py")) - own)
+    found = {
+        f"{path.relative_to(folder)}: {module}.{name}"
+        for path in files
+        for module, name in doors.imported(path)
+        if module.startswith("cartstiff.") and module not in PUBLIC
+    }
+    assert not found, "add the name to tests/inner.py, or use a public one"
+    used = {n for path in files for module, n in doors.imported(path) if module == "tests.inner"}
+    assert {home.partition("=")[0] for home in homes} == used

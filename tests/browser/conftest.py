@@ -263,7 +263,7 @@ def short(source: Any) -> Any:
 @pytest.fixture(scope="package", autouse=True)
 def _short_curves() -> Iterator[None]:
     """The page's own questions for curves are those for 61 postures."""
-    from cartstiff.page.session import Session
+    from tests.inner import Session
 
     sweep = Session._sweep
 
@@ -283,8 +283,7 @@ def serve() -> Iterator[Callable[..., Any]]:
 
     Its curves are `short`, unless a test looks at them.
     """
-    from cartstiff.page.server import Background
-    from cartstiff.page.source import Source
+    from tests.inner import Background, Source
 
     running: dict[str, Background] = {}
 

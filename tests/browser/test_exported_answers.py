@@ -7,8 +7,7 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff.page.export import export_page
-from cartstiff.page.source import Source
+from tests.inner import Source, export_page
 from tests.support.generated import Arm, close
 
 

@@ -12,9 +12,8 @@ from tools.screenshot import settled
 
 import cartstiff
 from cartstiff.geometry import se3
-from cartstiff.page.export import export_page
-from cartstiff.page.source import Playback, Source
 from tests.browser.conftest import unfold
+from tests.inner import Playback, Source, export_page
 
 LOAD = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -300.0])
 #: Where the loops do not close, along the first coordinate.

@@ -13,9 +13,8 @@ from tools.look import SIZES, looked_at
 from tools.screenshot import ready, settled
 
 import cartstiff
-from cartstiff.page.server import Background
-from cartstiff.page.source import Source
 from tests.browser.conftest import VIEWPORT, heard, setup, short, unfold
+from tests.inner import Background, Source
 from tests.support.read_units import si
 
 #: Cells show three digits at least.
@@ -655,7 +654,7 @@ def test_the_page_comes_back_when_the_server_does(pages):
 
 
 def test_a_tab_too_many_says_so_and_does_not_try_again(pages, monkeypatch):
-    from cartstiff.page import server as tab
+    from tests.inner import server as tab
 
     monkeypatch.setattr(tab, "MOST_TABS", 1)
     server = Background(short(Source(cartstiff.load("cubic"))))

@@ -10,8 +10,7 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff.page.export import export_page
-from cartstiff.page.source import Source
+from tests.inner import Source, export_page
 
 # Answers wait in `window.held` until they are let go; nothing is computed between them.
 HOLD = """() => {

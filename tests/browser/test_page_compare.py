@@ -9,8 +9,7 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff.page.server import Background
-from cartstiff.page.source import Source
+from tests.inner import Background, Source
 from tests.support.read_units import si
 
 LOAD = [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]

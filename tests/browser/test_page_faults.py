@@ -7,9 +7,8 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff.page.export import export_page
-from cartstiff.page.source import Cloud, Source, read_cloud
 from tests.browser.test_page_state import TOOL, changed
+from tests.inner import Cloud, Source, export_page, read_cloud
 
 
 def test_zero_is_zero_where_limits_allow_it(serve, pages):

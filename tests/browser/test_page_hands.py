@@ -7,10 +7,8 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff.page.messages import ViewState
-from cartstiff.page.shown import shown_numbers
-from cartstiff.scene.theme import COLOURS
 from tests.browser.test_page_state import TOOL, changed
+from tests.inner import COLOURS, ViewState, shown_numbers
 
 
 @pytest.mark.parametrize("name", ["hexapod", "panda", "delta"])

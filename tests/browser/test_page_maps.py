@@ -7,10 +7,9 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff.maps import Axis, Grid, compute_map, open_map
-from cartstiff.page.export import export_page
-from cartstiff.page.source import Cloud, Source, cloud_of_workspace, read_cloud
+from cartstiff import Axis, Grid, compute_map, open_map
 from tests.browser.conftest import heard
+from tests.inner import Cloud, Source, cloud_of_workspace, export_page, read_cloud
 
 # Places on the screen, from -1 to 1, of the points of a map.
 POINTS = """() => {

@@ -7,9 +7,8 @@ import pytest
 from tools.screenshot import ready, settled
 
 import cartstiff
-from cartstiff.page.export import export_page
-from cartstiff.page.source import Source
 from tests.browser.test_page import moved, transforms
+from tests.inner import Source, export_page
 
 PLAYED = (
     "(least) => window.cartstiff.swing.picture !== null && window.cartstiff.swing.picture > least"

@@ -10,9 +10,8 @@ from PIL import Image
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff.page.export import export_page
-from cartstiff.page.source import Source
-from cartstiff.version import __version__
+from cartstiff import __version__
+from tests.inner import Source, export_page
 
 # Dots between the images of two points, both `length` from M to either side of the line of sight.
 ACROSS = """(length) => {

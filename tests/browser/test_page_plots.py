@@ -9,10 +9,7 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff.page.export import export_page
-from cartstiff.page.messages import ViewState
-from cartstiff.page.shown import series_row, swept_range
-from cartstiff.page.source import Source
+from tests.inner import Source, ViewState, export_page, series_row, swept_range
 
 LOAD = (1.0, 2.0, -3.0, 40.0, 20.0, -90.0)
 QUANTITY, ALONG, AND = (

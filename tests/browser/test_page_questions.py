@@ -7,8 +7,7 @@ import pytest
 from tools.screenshot import ready, settled
 
 import cartstiff
-from cartstiff.report.better import better_sentences
-from cartstiff.toolpaths.better import better_posture
+from tests.inner import better_posture, better_sentences
 
 SIDEWAYS = np.array([0.0, 0.0, 0.0, 100.0, 0.0, 0.0])
 MILLI = {"m": 1e3, "mm": 1.0, "µm": 1e-3}
@@ -117,8 +116,7 @@ def test_a_better_posture(stranger):
 
 
 def test_a_link_outlives_a_restart_and_holds_no_secret(pages):
-    from cartstiff.page.server import Background
-    from cartstiff.page.source import Source
+    from tests.inner import Background, Source
 
     arm = cartstiff.load("ur5")
     server = Background(Source(arm))

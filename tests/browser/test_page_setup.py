@@ -9,10 +9,8 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff.page.export import export_page
-from cartstiff.page.server import Background
-from cartstiff.page.source import Source
 from tests.browser.conftest import heard, setup, short
+from tests.inner import Background, Source, export_page
 
 LOAD = "() => window.cartstiff.state.load"
 

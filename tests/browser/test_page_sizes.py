@@ -7,9 +7,8 @@ from tools.look import looked_at
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff.page.export import export_page
-from cartstiff.page.source import Source
 from tests.browser.conftest import unfold
+from tests.inner import Source, export_page
 
 SIZES = ((390, 844), (844, 390), (1024, 768), (1440, 900), (2560, 1440))
 

@@ -9,13 +9,11 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff.analysis.posture import analyse_posture
+from cartstiff import analyse_posture
 from cartstiff.geometry import se3
-from cartstiff.loading.catalogue import bundled_files
-from cartstiff.page.messages import ViewState
-from cartstiff.report.analysis import summary_text
 from tests.browser.conftest import setup
 from tests.browser.test_page import close, matrix
+from tests.inner import ViewState, bundled_files, summary_text
 
 # Where the tool is on the screen, within [-1, 1] in both directions if it is in the picture.
 TOOL = """() => {
@@ -192,8 +190,7 @@ def test_the_same_matrix_is_drawn_alike_whatever_was_before(ur5):
 
 
 def test_a_dead_server_is_said_when_the_numbers_are_asked_for(pages):
-    from cartstiff.page.server import Background
-    from cartstiff.page.source import Source
+    from tests.inner import Background, Source
 
     server = Background(Source(cartstiff.load("cable-robot")))
     page = pages.open(server.url)
@@ -206,8 +203,7 @@ def test_a_dead_server_is_said_when_the_numbers_are_asked_for(pages):
 
 
 def test_the_browser_computes_between_answers_and_for_a_dead_server(pages):
-    from cartstiff.page.server import Background
-    from cartstiff.page.source import Source
+    from tests.inner import Background, Source
 
     arm = cartstiff.load("ur5")
     server = Background(Source(arm))
@@ -266,8 +262,7 @@ def test_springs_that_nobody_measured_are_said_with_the_answer(serve, pages):
 
 
 def test_an_exported_page_keeps_point_axes_and_the_kept_state(serve, pages, tmp_path):
-    from cartstiff.page.export import export_page
-    from cartstiff.page.source import Source
+    from tests.inner import Source, export_page
 
     arm = cartstiff.load("ur5")
     other = [0.1, -1.2, 1.3, -0.2, 0.8, 0.0]

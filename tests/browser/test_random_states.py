@@ -14,8 +14,7 @@ from tools.screenshot import settled
 
 import cartstiff
 from cartstiff.geometry import se3
-from cartstiff.page.export import export_page
-from cartstiff.page.source import Source
+from tests.inner import Source, export_page
 
 #: What is pressed between wishes: undo and redo, quantity, connections, angles, states, Escape.
 KEYS = ["u", "U", "s", "s", "1", "2", "3", "4", "6", "d", "a", "b", "Escape"]

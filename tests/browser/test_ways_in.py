@@ -9,12 +9,9 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff.cli.options import Setup
-from cartstiff.cli.view import Shown
-from cartstiff.maps import Axis, Grid, compute_map
-from cartstiff.page.export import export_page
-from cartstiff.page.server import Background
+from cartstiff import Axis, Grid, compute_map
 from tests.browser.conftest import short, unfold
+from tests.inner import Background, Setup, Shown, export_page
 
 # What the page says in its banner, from its first moment on.
 BANNERS = """

@@ -13,14 +13,20 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
+from tests.inner import (
+    Design,
+    Designs,
+    Study,
+    StudyEvaluator,
+    command,
+    evaluator,
+    json_schema,
+    postures,
+    read_study,
+)
 
 import cartstiff
-from cartstiff.batch import postures
-from cartstiff.cli.main import command
-from cartstiff.designs.run import Design, Designs, StudyEvaluator, evaluator
-from cartstiff.designs.study import Study, read_study
-from cartstiff.errors import InputError, UndefinedError
-from cartstiff.report.json_schema import json_schema
+from cartstiff import InputError, UndefinedError
 
 HEXAGONS = """\
 kind: stewart-gough

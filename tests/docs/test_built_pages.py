@@ -7,8 +7,7 @@ from urllib.parse import urlsplit
 import pytest
 from tests.docs.blocks import ROOT
 from tests.docs.html_pages import Page, broken
-
-from cartstiff.batch.quantities import QUANTITIES
+from tests.inner import QUANTITIES
 
 DOCS, SOURCES = ROOT / "docs", ROOT / "src" / "cartstiff"
 
@@ -56,7 +55,7 @@ def test_every_module_is_in_the_reference(built):
 
 
 def test_schema_page_has_every_key(built):
-    from cartstiff.loading.mechanism_file import json_schema
+    from tests.inner import mechanism_file_json_schema as json_schema
 
     text = re.sub(r"<[^>]+>", "", _page(built, "reference/mechanism-file.html").text)
     for model in json_schema()["$defs"].values():

@@ -7,10 +7,7 @@ from unittest.mock import patch
 
 import pytest
 from tests.docs.blocks import ROOT, agree, blocks_of, pages, run_page
-
-from cartstiff.batch.quantities import QUANTITIES
-from cartstiff.cli.main import main
-from cartstiff.loading.catalogue import example_robots
+from tests.inner import QUANTITIES, example_robots, main
 
 DOCS, SOURCES = ROOT / "docs", ROOT / "src" / "cartstiff"
 _LARGEST_GALLERY = 1_500_000

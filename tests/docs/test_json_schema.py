@@ -6,17 +6,21 @@ import re
 
 import numpy as np
 import pytest
+from tests.inner import (
+    LOAD_KINDS,
+    PostureMatrices,
+    Reading,
+    bundled_files,
+    example_robots,
+    json_schema,
+    numbers,
+    summarise,
+    unit_of,
+)
 
 import cartstiff
-from cartstiff.analysis.posture import PostureMatrices, Reading, analyse_posture, summarise
-from cartstiff.analysis.sections import numbers, unit_of
-from cartstiff.analysis.tolerances import Tolerances
-from cartstiff.choices import LOAD_KINDS
+from cartstiff import DeadForce, FollowerWrench, Tolerances, analyse_posture, equilibrium
 from cartstiff.errors import UnknownNameError
-from cartstiff.loading.catalogue import bundled_files, example_robots
-from cartstiff.potentials.loads import DeadForce, FollowerWrench
-from cartstiff.report.json_schema import json_schema
-from cartstiff.statics.equilibrium import equilibrium
 
 jsonschema = pytest.importorskip("jsonschema")
 ROBOTS = {"ur5", "ur10", "panda", "xarm7"}

@@ -10,8 +10,7 @@ from functools import cache
 import click
 import pytest
 from tests.docs.blocks import ROOT, blocks_of, pages
-
-from cartstiff.cli.main import _COMMANDS, command
+from tests.inner import _COMMANDS, command
 
 #: Options that no console block can hold, each with the reason and the test that holds it.
 WITHOUT_A_WORKED_LINE = {

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-
-from cartstiff.loading.catalogue import example_robots
+from tests.inner import example_robots
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 # Six digits are kept below; rounding differs from machine to machine far behind them.

@@ -6,8 +6,7 @@ import subprocess
 import sys
 
 import pytest
-
-from cartstiff.child_process import answer_of
+from tests.inner import answer_of
 
 HOSTILE = """
 import os, socket, subprocess, sys

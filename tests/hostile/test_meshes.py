@@ -6,13 +6,11 @@ import zipfile
 import zlib
 
 import pytest
+from tests.inner import ChainPicture, read_mesh, read_meshes, theme
 from tests.support.memory import megabytes_of_children
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.loading.meshes import read_mesh, read_meshes
-from cartstiff.scene import theme
-from cartstiff.scene.mechanism import ChainPicture
+from cartstiff import InputError
 
 READS_MESHES = """
 from pathlib import Path

@@ -12,11 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.inner import create_folder, write_whole
 
-from cartstiff.errors import InputError
-from cartstiff.geometry.connections import CARTAN_MINUS
-from cartstiff.stiffness.tensor import StiffnessTensor
-from cartstiff.writing import create_folder, write_whole
+from cartstiff import CARTAN_MINUS, InputError, StiffnessTensor
 
 
 def listed(folder: Path) -> list[str]:

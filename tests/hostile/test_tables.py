@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.inner import csv_rows, csv_text, read_rows, safe_cell, unsafe_cell
 from tests.support.commands import outcome
 
 import cartstiff
-from cartstiff.arrays import csv_rows, csv_text, safe_cell, unsafe_cell
-from cartstiff.loading.tables import read_rows
 
 FORMULAS = [
     "=1+1",

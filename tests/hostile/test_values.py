@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff.errors import InputError
+from cartstiff import InputError
 
 CALLS = {
     "inverse kinematics": "cartstiff.inverse_kinematics(arm, np.eye(4), seed=VALUE)",

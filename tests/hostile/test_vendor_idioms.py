@@ -3,9 +3,7 @@
 import math
 
 import pytest
-
-from cartstiff.loading.readers import read_robot_description
-from cartstiff.loading.ros import Ros
+from tests.inner import Ros, read_robot_description
 
 pytest.importorskip("xacro")
 

@@ -11,12 +11,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.inner import Ros, read_robot_description, ros
 from tests.support.memory import megabytes_of_children
 
-from cartstiff.errors import InputError
-from cartstiff.loading import ros
-from cartstiff.loading.readers import read_robot_description
-from cartstiff.loading.ros import Ros
+from cartstiff import InputError
 
 pytest.importorskip("xacro")
 

@@ -9,15 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from tests.inner import Measurements, bundled, candidates, model_of, read_yaml, unknowns_of
 
 import cartstiff
 from cartstiff.geometry import se3
-from cartstiff.identify.measurements import Measurements
-from cartstiff.identify.models import model_of
-from cartstiff.identify.plan import candidates
-from cartstiff.identify.unknowns import unknowns_of
-from cartstiff.loading.catalogue import bundled
-from cartstiff.loading.yaml_file import read_yaml
 
 _JOINTS = {
     # name: (type, origin, axis) of each joint

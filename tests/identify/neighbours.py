@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from tests.inner import Elements
 
 from cartstiff import ElasticMechanism
-from cartstiff.mechanisms.elements import Elements
 
 # Relative change of the compliances between which differences are taken.
 _STEP = 1e-3

@@ -9,14 +9,11 @@ import pytest
 from scipy.optimize import minimize
 from tests.identify.campaigns import SPRINGS, arm, load, measurements, random_campaign, table_of
 from tests.identify.test_zeros import _urdf, campaign
+from tests.inner import answer_of_identification, answer_text, identify, read_measurements
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.answer.identify import answer_of_identification
-from cartstiff.errors import InputError
-from cartstiff.identify.identification import identify
-from cartstiff.identify.measurements import read_measurements
-from cartstiff.report.answer import answer_text
+from cartstiff import InputError
 
 
 def _table(folder, elastic, *, force=1.0, moved=1.0, heads=None, rows=40):

@@ -8,14 +8,11 @@ import numpy as np
 import pytest
 from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, simulated, table_of
 from tests.identify.neighbours import neighbours
+from tests.inner import candidates, displacement_between, identify, in_units, with_result
 from tests.support.commands import run
 
 import cartstiff
 from cartstiff import DeadWrench, compensate, equilibrium
-from cartstiff.identify.identification import identify, with_result
-from cartstiff.identify.plan import candidates
-from cartstiff.mechanisms.other_units import in_units
-from cartstiff.statics.held import displacement_between
 
 FORCE = np.array([0, 0, 0, 30.0, -20.0, -60.0])
 PLACES = [[0.3, 0.5, 0.9, 0.2, 0.7, -0.3], [-0.4, 0.8, 0.5, -0.6, 0.9, 0.1]]

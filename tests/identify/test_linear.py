@@ -7,13 +7,11 @@ import pytest
 from scipy.linalg import lstsq
 from scipy.stats import t as student
 from tests.identify.campaigns import SPRINGS, arm, jacobian, load, random_campaign, table_of
+from tests.inner import identify, json_schema, read_measurements
 from tests.support.commands import answer, run
 
 import cartstiff
 from cartstiff import analyse_posture
-from cartstiff.identify.identification import identify
-from cartstiff.identify.measurements import read_measurements
-from cartstiff.report.json_schema import json_schema
 
 jsonschema = pytest.importorskip("jsonschema")
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from scipy import stats
 from tests.identify.campaigns import LOOP_UNKNOWNS, bent_loop
-
-from cartstiff.identify.identification import identify
-from cartstiff.identify.unknowns import unknowns_of
+from tests.inner import identify, unknowns_of
 
 
 def test_the_fit_of_a_loop_with_many_unknowns_ends(tmp_path):

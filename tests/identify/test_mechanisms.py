@@ -19,16 +19,19 @@ from tests.identify.campaigns import (
     table_of,
     write_table,
 )
+from tests.inner import (
+    LoadedModel,
+    Model,
+    bundled,
+    candidates,
+    identify,
+    read_measurements,
+    unknowns_of,
+)
 
 import cartstiff
 from cartstiff import DeadForce, equilibrium
 from cartstiff.geometry import se3
-from cartstiff.identify.identification import identify
-from cartstiff.identify.measurements import read_measurements
-from cartstiff.identify.models import LoadedModel, Model
-from cartstiff.identify.plan import candidates
-from cartstiff.identify.unknowns import unknowns_of
-from cartstiff.loading.catalogue import bundled
 
 
 def _softer(elastic, factors):

@@ -7,13 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.identify.campaigns import arm, load, simulated
+from tests.inner import (
+    candidates,
+    identify,
+    keys_to_write,
+    mechanism_file,
+    unknowns_of,
+    written_values,
+)
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.identify.identification import identify, written_values
-from cartstiff.identify.plan import candidates
-from cartstiff.identify.unknowns import unknowns_of
-from cartstiff.identify.written_file import keys_to_write, mechanism_file
+from cartstiff import InputError
 
 LINK = """
 flexible:

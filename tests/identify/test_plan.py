@@ -8,15 +8,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.identify.campaigns import SPRINGS, arm, load, simulated
+from tests.inner import (
+    Model,
+    candidates,
+    identify,
+    information,
+    linear_fit,
+    read_measurements,
+    table_text,
+    unknowns_of,
+)
+from tests.inner import plan_plan as plan
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.identify.fitting import linear_fit
-from cartstiff.identify.identification import identify
-from cartstiff.identify.measurements import read_measurements, table_text
-from cartstiff.identify.models import Model
-from cartstiff.identify.plan import candidates, information, plan
-from cartstiff.identify.unknowns import unknowns_of
 
 
 @pytest.fixture(scope="module")

@@ -7,16 +7,13 @@ import json
 import numpy as np
 import pytest
 from tests.identify.campaigns import SPRINGS, arm, jacobian, load, measurements, simulated, table_of
+from tests.inner import LoadedModel, Model, candidates, identify, read_measurements, unknowns_of
+from tests.inner import plan_plan as plan
 from tests.support.commands import answer, run
 
 import cartstiff
 from cartstiff import DeadForce, InputError
 from cartstiff.errors import ConvergenceError
-from cartstiff.identify.identification import identify
-from cartstiff.identify.measurements import read_measurements
-from cartstiff.identify.models import LoadedModel, Model
-from cartstiff.identify.plan import candidates, plan
-from cartstiff.identify.unknowns import unknowns_of
 
 TRUE = (2.5e4, 3.0e5, 4.0e8)
 # Jacobians by differences of poses; differences of predictions by the parameters.

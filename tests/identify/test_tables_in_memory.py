@@ -5,10 +5,9 @@ import csv
 import numpy as np
 import pytest
 from tests.identify.campaigns import SPRINGS, arm, load, random_campaign, table_of
+from tests.inner import identify, read_measurements
 
-from cartstiff.errors import InputError
-from cartstiff.identify.identification import identify
-from cartstiff.identify.measurements import read_measurements
+from cartstiff import InputError
 
 
 class Frame:

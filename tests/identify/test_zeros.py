@@ -8,19 +8,21 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from tests.identify.campaigns import measurements, simulated, write_table
+from tests.inner import (
+    answer_of_identification,
+    answer_text,
+    candidates,
+    identify,
+    in_units,
+    rates_by_step,
+    read_measurements,
+    unknowns_of,
+)
+from tests.inner import plan_plan as plan
 from tests.support.commands import run
 
 import cartstiff
-from cartstiff.answer.identify import answer_of_identification
-from cartstiff.errors import InputError
-from cartstiff.identify.fitting import rates_by_step
-from cartstiff.identify.identification import identify
-from cartstiff.identify.measurements import read_measurements
-from cartstiff.identify.plan import candidates, plan
-from cartstiff.identify.unknowns import unknowns_of
-from cartstiff.mechanisms.other_units import in_units
-from cartstiff.potentials.loads import DeadWrench
-from cartstiff.report.answer import answer_text
+from cartstiff import DeadWrench, InputError
 
 JOINTS = (
     "shoulder_pan_joint",

@@ -4,9 +4,8 @@ import json
 import tempfile
 
 import pytest
+from tests.inner import main
 from tests.support.commands import words as split
-
-from cartstiff.cli.main import main
 
 #: Keys of platforms, of closed chains, and of bodies with fewer than six freedoms.
 OF_SOME = {"legs", "task_axes"}

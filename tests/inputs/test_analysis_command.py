@@ -4,14 +4,12 @@ import json
 
 import numpy as np
 import pytest
+from tests.inner import LoadKind, plain
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.analysis.posture import analyse_posture
-from cartstiff.analysis.tolerances import Tolerances
-from cartstiff.arrays import plain
+from cartstiff import Tolerances, analyse_posture
 from cartstiff.geometry import se3
-from cartstiff.stiffness.applied_load import LoadKind
 
 LOAD = "10,-20,5,30,-40,50"
 
@@ -179,8 +177,7 @@ def test_output_file_holds_the_analysis(workplace):
 
 def test_a_spread_that_does_not_exist_is_a_dash(analysis):
     """A tolerance far beyond its parameter leaves values without a spread, or a spread alone."""
-    from cartstiff.report.analysis import uncertainty_lines
-    from cartstiff.units import SI
+    from tests.inner import SI, uncertainty_lines
 
     found = analysis("cubic --tolerance 0.1,0.0001 --length 0.3")["uncertainty"]
     whole = uncertainty_lines(found, SI, full=True)

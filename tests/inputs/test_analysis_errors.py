@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
-from cartstiff.analysis import (
+from tests.inner import analysis as report
+from tests.inner import (
     asymmetry,
     centres,
     congruence,
@@ -16,8 +16,9 @@ from cartstiff.analysis import (
     screws,
     tolerances,
 )
-from cartstiff.errors import InputError, UndefinedError, UnknownNameError
-from cartstiff.report import analysis as report
+
+from cartstiff import InputError, UndefinedError
+from cartstiff.errors import UnknownNameError
 
 K = np.diag([1.0, 2.0, 3.0, 10.0, 20.0, 30.0])
 J = np.eye(6)

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.inner import read_yaml
 
 import cartstiff
-from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.loading.yaml_file import read_yaml
+from cartstiff import InputError
+from cartstiff.errors import UnknownNameError
 
 GOOD = [0.1, -1.0, 1.2, 0.3, 0.9, 0.2]
 

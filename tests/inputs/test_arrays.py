@@ -6,16 +6,19 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from mpmath import mpf
+from tests.inner import (
+    checked_array,
+    checked_pose,
+    checked_unit,
+    move_stiffness,
+    real_array,
+    stiffness_along,
+)
 from tests.support.commands import refuses
 
 import cartstiff
-from cartstiff.analysis.ellipsoids import stiffness_along
-from cartstiff.analysis.matrices import move_stiffness
-from cartstiff.arrays import checked_array, checked_pose, checked_unit, real_array
-from cartstiff.batch.postures import analyse_many
-from cartstiff.errors import InputError
+from cartstiff import DeadForce, InputError, analyse_many
 from cartstiff.geometry import se3
-from cartstiff.potentials.loads import DeadForce
 
 DATES = np.array(["NaT"] * 6, "datetime64[s]")
 NO_NUMBERS = [

@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.inner import example_robots, json_schema
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.loading.catalogue import example_robots
-from cartstiff.report.json_schema import json_schema
+from cartstiff import InputError
 
 jsonschema = pytest.importorskip("jsonschema")
 

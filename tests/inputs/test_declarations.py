@@ -11,18 +11,30 @@ from typing import Annotated, Any, Literal
 import click
 import pytest
 from click.testing import CliRunner
+from tests.inner import (
+    _COMMANDS,
+    Case,
+    Command,
+    Overrides,
+    Pairs,
+    Point,
+    ViewState,
+    analyse,
+    declare,
+    declared,
+    map_job,
+    options,
+    path,
+    reach,
+)
+from tests.inner import cli_identify as identify
+from tests.inner import cli_modes as modes
+from tests.inner import command as group
+from tests.inner import map as maps
+from tests.inner import options_Number as Number
 
 import cartstiff
-from cartstiff.cli import analyse, declare, identify, modes, options, path, reach
-from cartstiff.cli import map as maps
-from cartstiff.cli.declare import Command, Overrides
-from cartstiff.cli.main import _COMMANDS
-from cartstiff.cli.main import command as group
-from cartstiff.cli.options import Number, Pairs, Point, declared
-from cartstiff.designs.study import Case
-from cartstiff.errors import InputError
-from cartstiff.maps.run import map_job
-from cartstiff.page.messages import ViewState
+from cartstiff import InputError
 
 
 @pytest.fixture(params=list(_COMMANDS))

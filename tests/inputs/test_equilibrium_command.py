@@ -6,12 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.inner import example_robots
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.loading.catalogue import example_robots
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.statics.equilibrium import equilibrium
+from cartstiff import DeadForce, equilibrium
 
 ROBOTS = {"ur5", "panda"}
 MORE = {

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from tests.inner import leg_schema, platform_schema, schema
 from tests.mechanisms.machines import joint, masses, write_file, write_urdf
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.loading import leg_schema, platform_schema, schema
+from cartstiff import InputError
 
 #: Keys for people who read the file; their descriptions say so.
 FOR_READERS = {"description", "source", "date", "rows"}

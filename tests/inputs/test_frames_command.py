@@ -4,13 +4,11 @@ import json
 import math
 
 import pytest
+from tests.inner import bundled_files, describe_frames, example_robots, frames_of, json_schema
 from tests.mechanisms.machines import joint, write_file, write_urdf
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.loading.catalogue import bundled_files, example_robots
-from cartstiff.report.frames import describe_frames, frames_of
-from cartstiff.report.json_schema import json_schema
 
 ROBOTS = {"ur5", "ur10", "panda", "xarm7"}
 

@@ -8,7 +8,8 @@ import pinocchio as pin
 import pytest
 
 import cartstiff
-from cartstiff.errors import InputError, UndefinedError, UnknownNameError
+from cartstiff import InputError, UndefinedError
+from cartstiff.errors import UnknownNameError
 
 LOAD = [1.0, -2.0, 3.0, 40.0, -50.0, 60.0]
 

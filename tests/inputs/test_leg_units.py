@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff import analyse
-from cartstiff.errors import InputError
+from cartstiff import InputError, analyse
 
 #: Powers of the length in the numbers of a file, by key.
 POWERS = {

@@ -7,15 +7,13 @@ import click
 import numpy as np
 import pytest
 from scipy.optimize import linprog
+from tests.inner import _COMMANDS, LegLimits, lines_at
+from tests.inner import command as cartstiff_command
 from tests.support.commands import answer
 
 import cartstiff
-from cartstiff.cli.main import _COMMANDS
-from cartstiff.cli.main import command as cartstiff_command
-from cartstiff.errors import InputError
+from cartstiff import InputError
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.platform import LegLimits
-from cartstiff.reach.workspace import lines_at
 
 TOOL = {"--tcp", "--gravity", "--payload"}
 LOAD = {"--load", "--load-at", "--world", "--load-kind"}

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from tests.inner import OUTPUTS
 
 import cartstiff
-from cartstiff.batch.postures import OUTPUTS, analyse_many
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff import InputError, analyse_many
+from cartstiff.errors import UnknownNameError
 
 PATHS = ("engine", "portable", "compiled")
 

@@ -7,9 +7,7 @@ import pytest
 from tests.support.commands import answer
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.statics.equilibrium import equilibrium
+from cartstiff import DeadForce, InputError, equilibrium
 
 # Newtons in a unit, metres in a unit, by their definitions.
 FORCES = {"N": 1.0, "kN": 1000.0, "mN": 0.001, "daN": 10.0, "lbf": 0.45359237 * 9.80665}

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.inner import read_yaml
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.loading.yaml_file import read_yaml
+from cartstiff import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
 PLATFORM = (ROOT / "robots" / "stewart-gough.yaml").read_text(encoding="utf-8")

@@ -8,12 +8,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from tests.inner import reading as mjcf
+from tests.inner import worker
 from tests.inputs.mjcf_tool import verdict
 
 import cartstiff
 from cartstiff import InputError, load
-from cartstiff.loading.mjcf import reading as mjcf
-from cartstiff.loading.mjcf import worker
 
 ARM = """<mujoco model="arm">
   <compiler angle="radian"/>
@@ -423,7 +423,7 @@ def test_a_free_body_on_tendons_is_not_held():
 
 def test_a_model_of_many_meshes_is_gone_through_once(tmp_path):
     """A thousand meshes on a thousand shapes took half a minute."""
-    from cartstiff.loading.mjcf import worker
+    from tests.inner import worker
 
     meshes = "".join(f'<mesh name="m{i}" file="m{i}.stl"/>' for i in range(20))
     geoms = "".join(f'<geom type="mesh" mesh="m{i}"/>' for i in range(20))

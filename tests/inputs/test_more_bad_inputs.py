@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
+from tests.inner import prepare_map
 from tests.mechanisms.machines import joint, write_urdf
 from tests.support.commands import run
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.maps.run import prepare_map
-from cartstiff.maps.sampling import Grid
-from cartstiff.statics.command import commanded
+from cartstiff import Grid, InputError, commanded
 
 TOO_LARGE = {
     "q of a platform": lambda: cartstiff.analyse(cartstiff.load("stewart-gough"), [1e300] * 6),

@@ -7,12 +7,11 @@ import unicodedata
 from pathlib import Path
 
 import pytest
+from tests.inner import Answer, printable
 from tests.support.commands import answer, outcome
 
 import cartstiff
-from cartstiff.errors import printable
-from cartstiff.page.messages import Answer
-from cartstiff.potentials.loads import DeadForce
+from cartstiff import DeadForce
 
 TITLE, TURN, CSI = "\x1b]0;owned\x07", "\u202e", "\x9b31m"
 NAME = f"arm{TITLE}{TURN}{CSI}$\\frac$\u2028"
@@ -112,8 +111,9 @@ def test_json_holds_the_names_themselves(arm):
 
 
 def test_tables_and_pictures(arm):
-    from cartstiff.report.output import save_figure
-    from cartstiff.statics.continuation import load_curve
+    from tests.inner import save_figure
+
+    from cartstiff import load_curve
 
     elastic = cartstiff.load(arm)
     curve = load_curve(elastic, DeadForce([0, 0, -1.0]))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.inner import Expression
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.expressions import Expression
+from cartstiff import InputError
 
 FILE = """\
 kind: springs

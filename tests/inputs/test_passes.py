@@ -8,17 +8,26 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import (
+    FORMATS,
+    Assembly,
+    ClosedChainFile,
+    FileSpring,
+    Lifted,
+    Part,
+    RobotDescription,
+    SerialFile,
+    add_joint,
+    joints,
+    passes,
+    read_robot_description,
+)
 from tests.mechanisms.machines import joint, masses, write_file, write_urdf
 
 import cartstiff
-from cartstiff.errors import InputError, UnknownNameError
+from cartstiff import InputError
+from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
-from cartstiff.loading import joints, passes
-from cartstiff.loading.assembly import Assembly, Part
-from cartstiff.loading.description import FileSpring, Lifted, RobotDescription
-from cartstiff.loading.readers import FORMATS, read_robot_description
-from cartstiff.loading.schema import ClosedChainFile, SerialFile
-from cartstiff.mechanisms.tree import add_joint
 
 #: Functions that users call, whose arguments are options of their own.
 DOORS = {"load", "hexapod", "from_pinocchio"}
@@ -121,7 +130,7 @@ def test_what_is_beyond_the_frame_is_left_out(robot):
 
 
 def test_checks_refuse_what_acts_on_a_joint_and_cannot_be_expressed(robot):
-    from cartstiff.loading.description import Obstacle
+    from tests.inner import Obstacle
 
     bushing = Obstacle("<bushing>", frozenset({"b"}), keys=("springs",))
     part = run(part_of(replace(robot, obstacles=(bushing,))), joints.named_frame, joints.cut)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff.errors import InputError
+from cartstiff import InputError
 
 ARM = """kind: serial
 model: ur5

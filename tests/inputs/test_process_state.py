@@ -6,9 +6,9 @@ import sys
 from threading import Thread
 
 import pytest
+from tests.inner import write_whole
 
 import cartstiff
-from cartstiff.writing import write_whole
 
 
 def test_children_beside_a_load_keep_their_streams():

@@ -5,12 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.inner import example_robot, published_springs
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.loading.catalogue import example_robot
-from cartstiff.loading.published import published_springs
+from cartstiff import InputError
 
 KLIMCHIK = "kuka-kr270/klimchik-2013"
 #: Compliances as printed, in urad/(N m), joints 2 to 6 (arXiv:1311.6810, table IV).

@@ -5,11 +5,10 @@ import math
 
 import numpy as np
 import pytest
+from tests.inner import relaxed, with_rest_balancing
 from tests.support.commands import outcome
 
 import cartstiff
-from cartstiff.statics.equilibrium import relaxed
-from cartstiff.stiffness.balance import with_rest_balancing
 
 #: The held pose is kept, and lengths are met, to the rounding of a few steps.
 KEPT = 1e-11

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import cartstiff
+from cartstiff import DeadForce
 from cartstiff.errors import UnknownNameError
-from cartstiff.potentials.loads import DeadForce
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,9 @@ import pkgutil
 
 import numpy as np
 import pytest
+from tests.inner import LabelledResult, impedance
 
 import cartstiff
-from cartstiff.results import LabelledResult
-from cartstiff.vibration.controllers import impedance
 
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("matplotlib")

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from tests.inner import catalogue, package_folders, ros, search_path, visuals
 
 import cartstiff
-from cartstiff.errors import InputError, MissingDependencyError, UnknownNameError
-from cartstiff.loading import catalogue, ros, visuals
-from cartstiff.ros_packages import package_folders, search_path
+from cartstiff import InputError
+from cartstiff.errors import MissingDependencyError, UnknownNameError
 
 pytest.importorskip("xacro")
 

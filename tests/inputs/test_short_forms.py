@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff import analyse
-from cartstiff.errors import InputError
+from cartstiff import InputError, analyse
 
 SET = "kuka-kr210/gbt-adl-2023"
 #: Its numbers, N m/rad.
@@ -182,7 +181,7 @@ def test_a_link_with_two_parents_names_the_way_out():
 
 
 def test_springs_that_were_found_replace_those_by_name(tmp_path):
-    from cartstiff.identify.written_file import _put_joints
+    from tests.inner import _put_joints
 
     elastic = cartstiff.load(arm(tmp_path, springs=SET)).with_springs({"j3": 7.0})
     holder = {"springs": SET}

@@ -10,10 +10,10 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from tests.inner import read_mesh, read_meshes
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.loading.meshes import read_mesh, read_meshes
+from cartstiff import InputError
 
 SOURCE = str(Path(cartstiff.__file__).parents[1])
 #: Bytes that a process may take here: the libraries' code, and little more.
@@ -124,23 +124,25 @@ def test_as_many_hinges_as_may_be_take_little(tmp_path):
 
 
 def test_the_limits_are_those_of_the_reference():
-    from cartstiff.cli import map as map_request
-    from cartstiff.cli import tables as target_file
-    from cartstiff.loading import (
+    from tests.inner import (
+        chain,
+        described,
         mesh_worker,
         meshes,
+        messages,
         readers,
-        tables,
+        sampling,
+        tree,
         urdf,
         xacro_worker,
         yaml_file,
     )
-    from cartstiff.loading.mjcf import reading as mjcf_data
-    from cartstiff.loading.mjcf import worker as mjcf_worker
-    from cartstiff.maps import described, sampling
-    from cartstiff.mechanisms import chain, tree
-    from cartstiff.page import messages
-    from cartstiff.statics import problem as effort
+    from tests.inner import loading_tables as tables
+    from tests.inner import map as map_request
+    from tests.inner import problem as effort
+    from tests.inner import reading as mjcf_data
+    from tests.inner import tables as target_file
+    from tests.inner import worker as mjcf_worker
 
     table = (Path(__file__).parents[2] / "docs/reference/limits.md").read_text(encoding="utf-8")
     assert yaml_file.LARGEST == tables.LARGEST == target_file._LARGEST == 1024**2

@@ -7,8 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 import cartstiff
-from cartstiff import analyse_many
-from cartstiff.errors import InputError
+from cartstiff import InputError, analyse_many
 
 URDF = """<robot name="two"><link name="g"/><link name="a"/><link name="b"/><link name="tip"/>
 <joint name="s" type="revolute"><parent link="g"/><child link="a"/><axis xyz="0 1 0"/>

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from tests.inner import head_of
 from tests.support.commands import answer
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.loading.tables import head_of
+from cartstiff import InputError
 
 #: By hand: an arc minute is pi/10800 rad, an inch 0.0254 m, a pound 4.4482216152605 N.
 BY_HAND = {

@@ -3,19 +3,20 @@
 import numpy as np
 import pytest
 from tests.identify.campaigns import simulated
+from tests.inner import (
+    DISPLACEMENT,
+    Units,
+    csv_rows,
+    csv_text,
+    read_measurements,
+    read_rows,
+    table_text,
+)
+from tests.inner import measurements_ROTATION as ROTATION
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.arrays import csv_rows, csv_text
-from cartstiff.errors import InputError
-from cartstiff.identify.measurements import (
-    DISPLACEMENT,
-    ROTATION,
-    read_measurements,
-    table_text,
-)
-from cartstiff.loading.tables import read_rows
-from cartstiff.units import Units
+from cartstiff import InputError
 
 
 def table(tmp_path, text, **keys):
@@ -137,7 +138,7 @@ def test_a_seam_in_three_commands(big_arm):
     errors = answer("equilibrium", *robot, more, said="not needed here")["summary"]
     assert errors["before"]["translation_max"] > 1e-4
     assert errors["after"]["translation_max"] < 1e-9
-    from cartstiff.page.source import read_trajectory
+    from tests.inner import read_trajectory
 
     heads = c.read_text().splitlines()[0].split(",")
     assert {"before_rx [rad]", "before_z [m]", "after_y [m]"} <= set(heads)

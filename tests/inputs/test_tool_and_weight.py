@@ -5,12 +5,12 @@ import re
 
 import numpy as np
 import pytest
+from tests.inner import describe_frames, frames_of
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.errors import InputError
+from cartstiff import InputError
 from cartstiff.geometry import se3
-from cartstiff.report.frames import describe_frames, frames_of
 
 TCP = (0.02, -0.01, 0.1, 0.3, -0.2, 0.5)
 T = se3.from_roll_pitch_yaw(TCP[:3], TCP[3:])
@@ -173,9 +173,7 @@ def test_every_command_takes_them(arm, tmp_path):
 
 
 def test_pages_start_with_the_load_that_was_stated(arm):
-    from cartstiff.cli.options import Setup
-    from cartstiff.cli.view import Shown
-    from cartstiff.page.session import Session
+    from tests.inner import Session, Setup, Shown
 
     tool = {"tcp": list(TCP), "payload": [2.0]}
     load = {"load": [0, 0, 0, 0, 0, -100], "load_at": [0, 0, 0.05], "world": True}

@@ -5,12 +5,11 @@ import csv
 import numpy as np
 import pytest
 from matplotlib.colors import LogNorm
+from tests.inner import figure_content, new_figure
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.figures import figure_content, new_figure
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.statics.toolpath import compensate
+from cartstiff import DeadForce, compensate
 
 
 def test_analyse_prints_the_numbers_of_its_json_in_engineering_units():

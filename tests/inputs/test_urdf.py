@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.inner import bundled_files, example_robots
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.loading.catalogue import bundled_files, example_robots
+from cartstiff import InputError
 
 
 def joint(name, parent, child, axis="0 0 1", kind="revolute"):
@@ -403,8 +403,7 @@ def test_a_hand_alone_is_all_fingers(accepted):
     ],
 )
 def test_default_frame_of_example_robots(name, frame, tmp_path):
-    from cartstiff.loading.frames import default_frame
-    from cartstiff.loading.readers import read_robot_description
+    from tests.inner import default_frame, read_robot_description
 
     path = example_robots()[name]
     assert path is not None

@@ -6,13 +6,9 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import Part, SerialFile, bundled_files, cut, example_robots, read_robot_description
 
-from cartstiff.errors import InputError
-from cartstiff.loading.assembly import Part
-from cartstiff.loading.catalogue import bundled_files, example_robots
-from cartstiff.loading.joints import cut
-from cartstiff.loading.readers import read_robot_description
-from cartstiff.loading.schema import SerialFile
+from cartstiff import InputError
 
 # Products of a few dozen rotations, each right to 1e-16.
 ROUNDING = 1e-12

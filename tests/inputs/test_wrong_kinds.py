@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff.errors import InputError
+from cartstiff import InputError
 
 PLATFORM = cartstiff.load("stewart-gough")
 AXES = {"x": (0.0, 1.0, 2)}

@@ -3,10 +3,9 @@
 import pytest
 from ruamel.yaml import YAML
 from tests.docs.blocks import ROOT
+from tests.inner import _yaml, read_yaml
 
-from cartstiff.errors import InputError
-from cartstiff.identify.written_file import _yaml
-from cartstiff.loading.yaml_file import read_yaml
+from cartstiff import InputError
 
 FILES = [*(ROOT / "robots").glob("*.yaml"), *(ROOT / "cases").glob("*/*.yaml")]
 SCALARS = """a: [yes, no, on, 1:30, 0x1F, 0o17, 017, 1e5, 3.0e+4, .5, 1., -.inf, ~, null, Null]

@@ -8,6 +8,40 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.inner import (
+    SWAP_FORM,
+    Freedom,
+    Others,
+    asymmetry_of,
+    best_conditioned_length,
+    centre_of_compliance,
+    centre_of_elasticity,
+    centre_of_stiffness,
+    centres_of,
+    compare_connections,
+    compliance_block,
+    condition_numbers,
+    decoupling_frame,
+    eigenscrews,
+    ellipsoid,
+    in_units,
+    indices_of,
+    inertia_metric,
+    length_metric,
+    modes,
+    move_compliance,
+    move_stiffness,
+    natural_length,
+    normal_form,
+    point_of_least_coupling,
+    scale_lengths,
+    stiffness_about,
+    stiffness_along,
+    stiffness_block,
+    stiffness_ellipsoid,
+    twist_compliant_axes,
+    wrench_compliant_axes,
+)
 
 import cartstiff
 from cartstiff import (
@@ -18,37 +52,7 @@ from cartstiff import (
     UndefinedError,
     analyse_posture,
 )
-from cartstiff.analysis.asymmetry import asymmetry_of, compare_connections
-from cartstiff.analysis.centres import (
-    centre_of_compliance,
-    centre_of_elasticity,
-    centre_of_stiffness,
-    centres_of,
-    decoupling_frame,
-    normal_form,
-    point_of_least_coupling,
-)
-from cartstiff.analysis.ellipsoids import (
-    Freedom,
-    Others,
-    compliance_block,
-    ellipsoid,
-    stiffness_about,
-    stiffness_along,
-    stiffness_block,
-    stiffness_ellipsoid,
-)
-from cartstiff.analysis.indices import best_conditioned_length, condition_numbers, indices_of
-from cartstiff.analysis.matrices import move_compliance, move_stiffness, scale_lengths
-from cartstiff.analysis.metrics import inertia_metric, length_metric, modes, natural_length
-from cartstiff.analysis.screws import (
-    SWAP_FORM,
-    eigenscrews,
-    twist_compliant_axes,
-    wrench_compliant_axes,
-)
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.other_units import in_units
 
 # Condition numbers of the samples stay below 1e4: sixteen digits less four, less a factor for
 # the chain of operations.

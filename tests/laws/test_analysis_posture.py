@@ -9,6 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.inner import (
+    LETTERS,
+    LEVELS,
+    Evaluation,
+    Parameters,
+    Posture,
+    Uncertain,
+    joint_shares,
+    numbers,
+    summary_text,
+)
 from tests.support import adjoint_reference, body_jacobian, frame_pose, loaded_arm
 
 import cartstiff
@@ -22,16 +33,8 @@ from cartstiff import (
     UndefinedError,
     analyse_posture,
 )
-from cartstiff.analysis.deflection import joint_shares
-from cartstiff.analysis.parameters import Parameters
-from cartstiff.analysis.sections import numbers
-from cartstiff.analysis.tolerances import Uncertain
-from cartstiff.choices import LEVELS
 from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
-from cartstiff.matrix_names import LETTERS
-from cartstiff.potentials.contract import Evaluation, Posture
-from cartstiff.report.analysis import summary_text
 
 LOAD = np.array([3.0, -2.0, 1.0, 20.0, -30.0, 40.0])
 KEYS = {

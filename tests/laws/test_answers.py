@@ -12,6 +12,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.inner import (
+    RULES,
+    STABILITY,
+    VERDICTS,
+    WEIGHTS,
+    BrowserProgram,
+    Note,
+    Session,
+    Source,
+    answer_at,
+    answer_sentences,
+    browser_program,
+    decide,
+    direction_words,
+    doubts_of,
+    export_page,
+    read_message,
+)
 from tests.laws.test_set_ups import SetUp, later, posture
 from tests.support.commands import answer, run
 from tests.support.generated import Arm, close
@@ -20,17 +38,6 @@ from tests.view.test_browser_program import asked_of
 from tests.view.test_export import held
 
 import cartstiff
-from cartstiff.answer.doubts import WEIGHTS, doubts_of
-from cartstiff.answer.equilibrium import STABILITY
-from cartstiff.answer.posture import answer_at
-from cartstiff.answer.verdict import RULES, decide
-from cartstiff.notes import Note
-from cartstiff.page.browser_program import BrowserProgram, browser_program
-from cartstiff.page.export import export_page
-from cartstiff.page.messages import read_message
-from cartstiff.page.session import Session
-from cartstiff.page.source import Source
-from cartstiff.report.sentences import VERDICTS, answer_sentences, direction_words
 
 SEEDS = [3, *later(0, *range(4, 24))]
 
@@ -223,7 +230,6 @@ def test_doubts_are_in_the_order_of_their_weight_and_said_once():
 def test_the_signs_of_a_matrix_are_those_that_its_keys_describe():
     from typing import get_args
 
-    from cartstiff.analysis.matrices import Definiteness
-    from cartstiff.described import SIGNS
+    from tests.inner import SIGNS, Definiteness
 
     assert get_args(Definiteness) == SIGNS

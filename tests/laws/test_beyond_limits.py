@@ -71,9 +71,7 @@ def test_the_way_back_to_a_limit_is_no_deflection(
 
 
 def test_it_is_said_first() -> None:
-    from cartstiff.answer.posture import answer_at
-    from cartstiff.report.analysis import describe
-    from cartstiff.report.statics import describe_equilibrium
+    from tests.inner import answer_at, describe, describe_equilibrium
 
     elastic = arm(LIMITED.format(-1, 0.1))
     state = cartstiff.equilibrium(elastic, wrench=[0, 0, 0, *FORCE], q=[0.2, 0.3])

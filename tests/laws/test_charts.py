@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given
+from tests.inner import Chart, exponential, from_pose_function, paper, product_of_exponentials
 from tests.support import (
     exp_reference,
     general_legs,
@@ -18,14 +19,8 @@ from tests.support import (
     twist_of,
 )
 
-from cartstiff.errors import ConvergenceError, UndefinedError
-from cartstiff.geometry.charts import (
-    Chart,
-    exponential,
-    from_pose_function,
-    paper,
-    product_of_exponentials,
-)
+from cartstiff import UndefinedError
+from cartstiff.errors import ConvergenceError
 
 ROUNDING = 1e-12
 # Eighth-order differences at step 0.01 of poses of unit size.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given
+from tests.inner import NAMED, Field, exponential, flat, paper
 from tests.support import (
     adjoint_reference,
     bracket_reference,
@@ -17,17 +18,14 @@ from tests.support import (
     wrenches,
 )
 
-from cartstiff.errors import InputError, UndefinedError
-from cartstiff.geometry.charts import exponential, paper
-from cartstiff.geometry.connections import (
+from cartstiff import (
     BI_INVARIANT,
     CARTAN_MINUS,
     CARTAN_PLUS,
     KINEMATIC,
-    NAMED,
     Connection,
-    Field,
-    flat,
+    InputError,
+    UndefinedError,
     from_bilinear_map,
     from_symbols,
     levi_civita,

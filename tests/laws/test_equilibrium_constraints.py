@@ -7,15 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.inner import displacement_between, jacobian, with_rest_balancing
 from tests.support import general_legs, legs_as_platform, relative_error, robot_file
 
 import cartstiff
 from cartstiff import DeadForce, DeadWrench, Held, InputError, equilibrium
 from cartstiff.errors import ConvergenceError, UnknownNameError
 from cartstiff.geometry import se3
-from cartstiff.geometry.differences import jacobian
-from cartstiff.statics.held import displacement_between
-from cartstiff.stiffness.balance import with_rest_balancing
 
 
 def ur5():

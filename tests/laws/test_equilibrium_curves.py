@@ -10,6 +10,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.optimize import brentq
+from tests.inner import (
+    Chain,
+    Platform,
+    PolynomialLaw,
+    branch,
+    plain_tree,
+    save_figure,
+    with_rest_balancing,
+)
 from tests.support import links, robot_file
 
 import cartstiff
@@ -29,13 +38,6 @@ from cartstiff import (
 )
 from cartstiff.errors import ConvergenceError, MissingDependencyError
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.potentials.springs import PolynomialLaw
-from cartstiff.report.output import save_figure
-from cartstiff.statics.continuation import branch
-from cartstiff.stiffness.balance import with_rest_balancing
 
 HALF, HEIGHT, STIFFNESS = 1.0, 0.3, 50.0
 REST = float(np.hypot(HALF, HEIGHT))

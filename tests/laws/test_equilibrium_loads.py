@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import Scaled, jacobian, problem, right_jacobian, with_rest_balancing
 from tests.support import relative_error, robot_file
 
 import cartstiff
@@ -21,11 +22,6 @@ from cartstiff import (
     payload,
 )
 from cartstiff.errors import ConvergenceError
-from cartstiff.geometry.differences import jacobian
-from cartstiff.geometry.se3 import right_jacobian
-from cartstiff.potentials.loads import Scaled
-from cartstiff.statics import problem
-from cartstiff.stiffness.balance import with_rest_balancing
 
 ROBOTS = ("ur5", "panda")
 

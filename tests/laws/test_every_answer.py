@@ -16,12 +16,10 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from tests.inner import DOUBTS, SENTENCES
 from tests.laws.test_set_ups import SetUp, later, posture
 from tests.support.commands import answer, run
 from tests.support.generated import Arm, numbers
-
-from cartstiff.notes import DOUBTS
-from cartstiff.report.sentences import SENTENCES
 
 SEEDS = [3, *later(0, 4, 5, 6)]
 _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(?:e[-+]?\d+)?")

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.inner import Tape, absolute, copysign, larger, largest, pick, pullback, square_root
+from tests.inner import gradients_matrices as matrices
 from tests.support.builders import (
     general_legs,
     legs_as_platform,
@@ -17,11 +19,7 @@ from tests.support.builders import (
 
 import cartstiff
 from cartstiff import InputError, UndefinedError
-from cartstiff.analysis.parameters import largest
-from cartstiff.batch.gradient import pullback
-from cartstiff.batch.tape import Tape, absolute, copysign, larger, pick, square_root
 from cartstiff.errors import UnknownNameError
-from cartstiff.gradients import matrices
 
 WRENCH = np.array([1.0, -2.0, 0.5, 30.0, -20.0, 40.0])
 STEP = 1e-3
@@ -312,7 +310,7 @@ def test_every_operation_against_differences():
         b = b + copysign(numbers[0], numbers[1])
         value = pick(a, b, a * b - 2.0 / numbers[1], -b)
         value = value + numbers[0].sin() * numbers[1].cos()
-        from cartstiff.batch.execution import PortableKernel
+        from tests.inner import PortableKernel
 
         slopes = np.array(pullback([(value, 1.0)], numbers), object)
         program = tape.program({"slopes": slopes}, [])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cartstiff.errors import InputError
+from cartstiff import InputError
 from cartstiff.geometry import se3
 
 TWISTS = [

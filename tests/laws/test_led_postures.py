@@ -6,12 +6,11 @@ from itertools import product
 
 import numpy as np
 import pytest
+from tests.inner import Assembler, Chain
 
 import cartstiff
 from cartstiff import Grid
-from cartstiff.batch.following import Assembler
 from cartstiff.errors import ConvergenceError
-from cartstiff.mechanisms.chain import Chain
 
 CLOSE = 1e-9
 

@@ -7,18 +7,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.inner import (
+    LoadKind,
+    Margins,
+    Session,
+    Source,
+    carried,
+    read_message,
+    with_rest_balancing,
+)
 from tests.mechanisms.machines import write_file
 from tests.view.conftest import NoPicture
 
 import cartstiff
+from cartstiff import Trajectory, compute_map, open_map
 from cartstiff.geometry import se3
-from cartstiff.maps import Trajectory, compute_map, open_map
-from cartstiff.page.messages import read_message
-from cartstiff.page.session import Session
-from cartstiff.page.source import Source
-from cartstiff.reach.workspace import Margins, carried
-from cartstiff.stiffness.applied_load import LoadKind
-from cartstiff.stiffness.balance import with_rest_balancing
 
 FIELD, MASS, COM = np.array([0.0, 0.0, -9.81]), 40.0, np.array([0.03, -0.02, 0.05])
 STRUT = {"fixed": 3.0, "moving": 2.0, "fixed_com": 0.2, "moving_com": 0.15}

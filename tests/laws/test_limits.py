@@ -8,15 +8,11 @@ import numpy as np
 import pytest
 import yaml
 from scipy.spatial.transform import Rotation
+from tests.inner import Limits, PlatformPoses, answer_of_compensation, answer_text, state_names
 from tests.support import robot_file
 
 import cartstiff
 from cartstiff import Axis, DeadForce, Grid, compensate, compute_map, equilibrium, load_curve
-from cartstiff.answer.paths import answer_of_compensation
-from cartstiff.kinematics.joint_poses import PlatformPoses
-from cartstiff.maps.reading import state_names
-from cartstiff.mechanisms.limits import Limits
-from cartstiff.report.answer import answer_text
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 DEGREES = [0.0, -60.0, 90.0, 0.0, 45.0, 0.0]

@@ -8,15 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.inner import OUTPUTS, Array, Closer, plan, rotation_vector
 from tests.laws.test_many_engine import assert_same
 
 import cartstiff
 from cartstiff import DeadForce, ElasticMechanism, InputError, analyse_many
-from cartstiff.batch.algebra import rotation_vector
-from cartstiff.batch.kernels import Closer
-from cartstiff.batch.plans import plan
-from cartstiff.batch.postures import OUTPUTS
-from cartstiff.geometry.se3 import Array
 
 COUNT = 5
 RECORDED = tuple(name for name in OUTPUTS if not name.startswith("root"))

@@ -8,6 +8,24 @@ from dataclasses import replace
 import numpy as np
 import pinocchio
 import pytest
+from tests.inner import (
+    OUTPUTS,
+    Array,
+    Chain,
+    Coordinate,
+    CoupledSprings,
+    KinematicTree,
+    LoadKind,
+    PolynomialLaw,
+    PortableKernel,
+    Struts,
+    TabulatedLaw,
+    Tape,
+    deflection_for,
+    plain_tree,
+    tensions_of,
+    tensions_of_many,
+)
 from tests.support import add_frame, random_pose, serial_model
 
 import cartstiff
@@ -21,19 +39,6 @@ from cartstiff import (
     analyse_many,
     payload,
 )
-from cartstiff.batch.chains import deflection_for
-from cartstiff.batch.execution import PortableKernel
-from cartstiff.batch.postures import OUTPUTS, tensions_of_many
-from cartstiff.batch.tape import Tape
-from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.contract import Coordinate
-from cartstiff.mechanisms.limits import tensions_of
-from cartstiff.mechanisms.platform import Struts
-from cartstiff.mechanisms.tree import KinematicTree
-from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.potentials.springs import CoupledSprings, PolynomialLaw, TabulatedLaw
-from cartstiff.stiffness.applied_load import LoadKind
 
 #: Two computations in double precision: relative to the largest entry,
 AGREEMENT = 1e-12

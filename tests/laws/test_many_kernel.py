@@ -8,24 +8,31 @@ from dataclasses import replace
 import mpmath
 import numpy as np
 import pytest
+from tests.inner import (
+    CompiledKernel,
+    ForceField,
+    Kinematics,
+    Number,
+    PortableKernel,
+    PrintedPosture,
+    Tape,
+    adjoint,
+    aligned_empty,
+    cosine,
+    inverse,
+    kernels,
+    plan,
+    positive_factor,
+    product,
+    program_for,
+    reflections,
+    sine,
+    solution,
+)
+from tests.inner import algebra_congruence as congruence
 
 import cartstiff
 from cartstiff import analyse_many
-from cartstiff.batch import kernels
-from cartstiff.batch.algebra import (
-    congruence,
-    inverse,
-    positive_factor,
-    product,
-    reflections,
-    solution,
-)
-from cartstiff.batch.arguments import aligned_empty
-from cartstiff.batch.execution import CompiledKernel, PortableKernel, PrintedPosture
-from cartstiff.batch.plans import plan, program_for
-from cartstiff.batch.tape import Number, Tape, cosine, sine
-from cartstiff.batch.twists import ForceField, Kinematics
-from cartstiff.geometry.se3 import adjoint
 
 OPTIMISED = True
 OUTPUTS = ("jacobian", "wrench", "energy", "stiffness_A", "stiffness_F")

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.inner import plan
 
 import cartstiff
 from cartstiff import LineSprings, analyse_many
-from cartstiff.batch.plans import plan
 
 pytest.importorskip("llvmlite")
 

@@ -10,19 +10,22 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.inner import (
+    Array,
+    Beam,
+    LoadKind,
+    MapJob,
+    Reader,
+    Readings,
+    Section,
+    Settings,
+    segments_of_many,
+)
 from tests.laws.test_many_closed_chains import RECORDED, starts, weighed
 from tests.laws.test_many_engine import assert_same
 
 import cartstiff
 from cartstiff import ElasticMechanism, RandomPostures, analyse_many
-from cartstiff.batch.postures import Reader
-from cartstiff.batch.quantities import Settings
-from cartstiff.batch.readings import Readings
-from cartstiff.batch.untraced import segments_of_many
-from cartstiff.geometry.se3 import Array
-from cartstiff.maps.job import MapJob
-from cartstiff.potentials.beams import Beam, Section
-from cartstiff.stiffness.applied_load import LoadKind
 
 WRENCH = np.array([1.0, -2.0, 3.0, 20.0, 30.0, -40.0])
 EACH = np.random.default_rng(3).normal(size=(4, 6)) * [1, 1, 1, 20, 20, 20]

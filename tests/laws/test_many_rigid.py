@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.inner import browser_program, plan
 from tests.laws.test_many_engine import assert_same
 
 import cartstiff
 from cartstiff import InputError, RandomPostures, analyse_many, compute_map, open_map
-from cartstiff.batch.plans import plan
-from cartstiff.page.browser_program import browser_program
 
 pytest.importorskip("llvmlite")
 

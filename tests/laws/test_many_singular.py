@@ -7,16 +7,20 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from tests.inner import (
+    OUTPUTS,
+    WORTH_RECORDING,
+    Array,
+    Settings,
+    choose_quantities,
+    evaluate,
+    needed_outputs,
+)
 from tests.laws.test_many_engine import arm, assert_same
 from tests.mechanisms.machines import joint, write_urdf
 
 import cartstiff
 from cartstiff import ElasticMechanism, analyse_many, analyse_posture
-from cartstiff.batch.kernels import WORTH_RECORDING
-from cartstiff.batch.postures import OUTPUTS
-from cartstiff.batch.quantities import Settings, choose_quantities
-from cartstiff.batch.stacks import evaluate, needed_outputs
-from cartstiff.geometry.se3 import Array
 
 WRENCH = np.array([1.0, 2.0, -3.0, 40.0, 50.0, -6.0])
 _FREEDOMS = {"rotation": slice(0, 3), "translation": slice(3, 6)}

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.inner import Array, MountedStruts, strut_states, with_rest_balancing
 from tests.laws.test_many_engine import assert_same
 
 import cartstiff
 from cartstiff import DeadForce, ElasticMechanism, analyse_many
-from cartstiff.batch.untraced import strut_states
 from cartstiff.geometry import se3
-from cartstiff.geometry.se3 import Array
-from cartstiff.potentials.mounted_struts import MountedStruts
-from cartstiff.stiffness.balance import with_rest_balancing
 
 WRENCH = np.array([0.1, -0.2, 0.3, 10.0, 20.0, -30.0])
 EACH = np.random.default_rng(2).normal(size=(6, 6)) * [0.2, 0.2, 0.2, 20.0, 20.0, 20.0]

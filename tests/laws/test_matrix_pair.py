@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from cartstiff.analysis.ellipsoids import (
+from tests.inner import (
+    ROTATION,
+    TRANSLATION,
     MatrixPair,
+    characteristic_length,
     compliance_ellipsoid,
+    length_of_pair,
     principal_pairs,
     stiffness_ellipsoid,
 )
-from cartstiff.analysis.matrices import ROTATION, TRANSLATION
-from cartstiff.analysis.metrics import characteristic_length, length_of_pair
 
 
 @settings(max_examples=150, deadline=None)

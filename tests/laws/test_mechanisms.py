@@ -7,6 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import (
+    SCHEMA,
+    SI,
+    Chain,
+    Closure,
+    Coordinate,
+    Gravity,
+    Note,
+    Platform,
+    PolynomialLaw,
+    Units,
+    plain_tree,
+    with_rest_balancing,
+)
 from tests.support import (
     add_frame,
     adjoint_reference,
@@ -33,17 +47,8 @@ from cartstiff import (
     LineSprings,
     PoseFunction,
     UndefinedError,
+    analyse,
 )
-from cartstiff.mechanisms.chain import Chain, Closure
-from cartstiff.mechanisms.contract import Coordinate
-from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.notes import Note
-from cartstiff.potentials.gravity import Gravity
-from cartstiff.potentials.springs import PolynomialLaw
-from cartstiff.stiffness.balance import with_rest_balancing
-from cartstiff.stiffness.compute import SCHEMA, analyse
-from cartstiff.units import SI, Units
 
 ROUNDING = 1e-12
 # Sums and differences of matrices with condition numbers up to a thousand.
@@ -604,7 +609,7 @@ def test_analysis_closes_the_chain():
 def test_given_wrench_that_the_springs_do_not_carry():
     """A deficient closed chain, its springs fixed: the wrench given may be none of theirs."""
     arm = loaded_arm("RRRR", 12)
-    from cartstiff.stiffness.reduction import reduce_to
+    from tests.inner import reduce_to
 
     posture = arm.elastic.mechanism.at(arm.q)
     energy = arm.elastic.evaluate(posture)

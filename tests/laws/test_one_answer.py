@@ -19,6 +19,20 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import (
+    Answer,
+    Chain,
+    Closure,
+    Session,
+    Settings,
+    Source,
+    ViewState,
+    choose_quantities,
+    evaluate,
+    numerics,
+    plain_tree,
+    shown_numbers,
+)
 from tests.support import (
     add_frame,
     hexagons,
@@ -41,17 +55,8 @@ from cartstiff import (
     analyse_many,
     analyse_posture,
     equilibrium,
-    numerics,
 )
-from cartstiff.batch.quantities import Settings, choose_quantities
-from cartstiff.batch.stacks import evaluate
 from cartstiff.errors import ConvergenceError
-from cartstiff.mechanisms.chain import Chain, Closure
-from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.page.messages import Answer, ViewState
-from cartstiff.page.session import Session
-from cartstiff.page.shown import shown_numbers
-from cartstiff.page.source import Source
 
 DISTANCES = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8, 1e-9, 1e-11, 1e-12)
 LOADS = ("none", "dead force", "dead moment", "follower", "conservative", "spring")

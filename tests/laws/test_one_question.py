@@ -18,14 +18,12 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
+from tests.inner import Session, Source, read_message
 from tests.support.commands import answer, run
 from tests.support.generated import EARTH, Arm, FourBar, close, frame, numbers
 from tests.support.oracles import cross_matrix
 
 import cartstiff
-from cartstiff.page.messages import read_message
-from cartstiff.page.session import Session
-from cartstiff.page.source import Source
 
 #: Seven turning joints; four and six of which one slides.
 SEEDS = pytest.mark.parametrize("seed", [0, 1, 3])

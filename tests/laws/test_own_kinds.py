@@ -7,20 +7,27 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.inner import (
+    Coordinate,
+    Evaluation,
+    MechanismPosture,
+    Parameters,
+    SecondOrderMap,
+    Skeleton,
+    ViewerNode,
+    exp,
+    gradient_and_hessian,
+    in_units,
+    jacobian,
+    log,
+)
+from tests.inner import contract_Number as Number
+from tests.inner import se3_inverse as inverse
 from tests.view.viewer import Viewer
 
 import cartstiff
-from cartstiff.analysis.parameters import Parameters
-from cartstiff.analysis.posture import analyse_posture
-from cartstiff.geometry.differences import gradient_and_hessian, jacobian
-from cartstiff.geometry.se3 import exp, inverse, log
-from cartstiff.mechanisms.contract import Coordinate, Mechanism, MechanismPosture, Skeleton
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.other_units import in_units
-from cartstiff.potentials.contract import Evaluation, Number, Potential, SecondOrderMap
-from cartstiff.potentials.springs import JointSprings
+from cartstiff import ElasticMechanism, JointSprings, Mechanism, Potential, analyse_posture
 from cartstiff.scene import Appearance, RecordingWindow, Scene
-from cartstiff.scene.viewer import ViewerNode
 
 Q = np.array([0.3, 0.2, 0.4, -0.5, 0.1, 0.7])
 STIFFNESS = [900.0, 4e4, 700.0, 500.0, 300.0, 200.0]

@@ -5,13 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import (
+    cartesian_stiffness,
+    displacement_of_point,
+    move_stiffness,
+    screw_of_twist,
+    screw_of_wrench,
+)
 
 import cartstiff
 from cartstiff import DeadWrench, FollowerWrench, InputError, inverse_kinematics
-from cartstiff.analysis.congruence import cartesian_stiffness
-from cartstiff.analysis.deflection import displacement_of_point
-from cartstiff.analysis.matrices import move_stiffness
-from cartstiff.analysis.screws import screw_of_twist, screw_of_wrench
 from cartstiff.geometry import se3
 
 W = np.array([1.0, -2.0, 3.0, 40.0, 50.0, -60.0])
@@ -96,7 +99,7 @@ def test_what_holds_other_numbers_is_refused(arm):
         cartstiff.load("ur5", payload=inertia)
     with pytest.raises(InputError, match="wrong"):
         cartstiff.analyse(arm, wrench=T)
-    from cartstiff.arrays import real_array
+    from tests.inner import real_array
 
     spatial = real_array(inertia)
     twist = np.r_[MOTION.angular, MOTION.linear]

@@ -12,21 +12,22 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from tests.inner import LoadKind, Margins, Session, Source, open_map, read_message
 from tests.mechanisms.machines import write_file
 from tests.support.generated import Arm
 
 import cartstiff
-from cartstiff import analyse, analyse_many, equilibrium, load, modes
+from cartstiff import (
+    ToolPath,
+    Trajectory,
+    analyse,
+    analyse_many,
+    compute_map,
+    equilibrium,
+    load,
+    modes,
+)
 from cartstiff.geometry import se3
-from cartstiff.maps.reading import open_map
-from cartstiff.maps.run import compute_map
-from cartstiff.maps.sampling import Trajectory
-from cartstiff.page.messages import read_message
-from cartstiff.page.session import Session
-from cartstiff.page.source import Source
-from cartstiff.reach.workspace import Margins
-from cartstiff.stiffness.applied_load import LoadKind
-from cartstiff.toolpaths.tool_path import ToolPath
 
 HOME = np.array([0.02, -0.01, 0.8, 0.05, -0.1, 0.08])
 AWAY = HOME + np.array([0.05, -0.04, 0.03, 0.05, 0.1, -0.08])

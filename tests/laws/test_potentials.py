@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.inner import PolynomialLaw, TabulatedLaw, TaylorCheck
 from tests.support import bend, hessian_of, seeds, slope
 
-from cartstiff.errors import InputError
-from cartstiff.potentials.functions import JointFunction, PoseFunction, TaylorCheck, taylor_check
-from cartstiff.potentials.springs import JointSprings, PolynomialLaw, TabulatedLaw
+from cartstiff import InputError, JointFunction, JointSprings, PoseFunction, taylor_check
 
 ROUNDING = 1e-12
 # Eighth-order differences at step 0.01 of a polynomial of low degree.

@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.inner import QUANTITIES, kernels, with_rest_balancing
 from tests.support.generated import Arm
 
 import cartstiff
-from cartstiff.batch import kernels
-from cartstiff.batch.quantities import QUANTITIES
-from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.stiffness.balance import with_rest_balancing
+from cartstiff import InputError
+from cartstiff.errors import UnknownNameError
 
 LOAD = np.array([4.0, -3.0, 2.0, 20.0, 30.0, -40.0])
 MINE = cartstiff.levi_civita(np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), "mine")

@@ -4,13 +4,11 @@ import pickle
 
 import numpy as np
 import pytest
+from tests.inner import JointPoses, QuickPoses, cartesian
 
 import cartstiff
 from cartstiff import Axis, CartesianGrid
-from cartstiff.batch.quick_poses import QuickPoses
 from cartstiff.geometry import se3
-from cartstiff.kinematics.joint_poses import JointPoses
-from cartstiff.maps import cartesian
 
 COUNT = 300
 

@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.inner import QUANTITIES, LoadKind, OfFunction, OfQuantity, Settings
+from tests.inner import gradient_Question as _Question
 from tests.support.builders import general_legs, legs_as_platform, legs_as_tree, loaded_arm
 
 import cartstiff
-from cartstiff.batch.quantities import QUANTITIES, Settings
-from cartstiff.gradients.gradient import _Question
-from cartstiff.gradients.objectives import OfFunction, OfQuantity
-from cartstiff.stiffness.applied_load import LoadKind
 
 #: A difference of eighth order has lost so much of the change per natural size.
 LIMIT = 1e-7

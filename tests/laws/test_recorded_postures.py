@@ -6,15 +6,19 @@ import pickle
 
 import numpy as np
 import pytest
+from tests.inner import (
+    DEAD_AT_ORIGIN,
+    LoadKind,
+    RecordedPostures,
+    Session,
+    Source,
+    ViewState,
+    read_message,
+    shown_numbers,
+)
 
 import cartstiff
-from cartstiff.batch.recorded_postures import RecordedPostures
 from cartstiff.errors import ConvergenceError
-from cartstiff.page.messages import ViewState, read_message
-from cartstiff.page.session import Session
-from cartstiff.page.shown import shown_numbers
-from cartstiff.page.source import Source
-from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind
 
 WRENCH = np.array([4.0, -3.0, 2.0, 20.0, 30.0, -40.0])
 FOLLOWER = LoadKind("follower", (0.05, -0.02, 0.1))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.inner import _inverse
 
-from cartstiff.errors import UndefinedError
-from cartstiff.stiffness.motions import _inverse
+from cartstiff import UndefinedError
 
 
 def test_motions_that_cannot_be_told_apart_are_named():

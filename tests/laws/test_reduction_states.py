@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.inner import compute, numerics, reduction, threads
 
 import cartstiff
-from cartstiff import numerics
-from cartstiff.numerics import threads
-from cartstiff.stiffness import compute, reduction
 
 
 def test_a_redundant_arm_that_moves_by_itself_is_named():

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.inner import Problem, balanced, decomposed, reduction
+from tests.inner import motions_motions as motions
 from tests.support.oracles import relative_error
 
 import cartstiff
-from cartstiff.stiffness import reduction
-from cartstiff.stiffness.balance import balanced
-from cartstiff.stiffness.motions import Problem, decomposed, motions
 
 W = np.array([3.0, -2.0, 1.0, 20.0, -10.0, 50.0])
 

@@ -8,6 +8,27 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import (
+    Chain,
+    Closure,
+    Platform,
+    PolynomialLaw,
+    TabulatedLaw,
+    Units,
+    checked_vector,
+    convert_length,
+    flat,
+    from_pose_function,
+    line_geometry,
+    named_values,
+    one_line,
+    paper,
+    plain_tree,
+    product_of_exponentials,
+    write_json,
+    write_whole,
+)
+from tests.inner import tree_building_Give as Give
 from tests.support import (
     add_frame,
     general_legs,
@@ -31,24 +52,13 @@ from cartstiff import (
     PoseFunction,
     StiffnessTensor,
     UndefinedError,
+    analyse,
     from_symbols,
     levi_civita,
     load,
     payload,
 )
-from cartstiff.arrays import checked_vector, named_values
-from cartstiff.errors import ConvergenceError, MissingDependencyError, UnknownNameError, one_line
-from cartstiff.geometry.charts import from_pose_function, paper, product_of_exponentials
-from cartstiff.geometry.connections import flat
-from cartstiff.mechanisms.chain import Chain, Closure
-from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.tree_building import Give, plain_tree
-from cartstiff.potentials.line_springs import line_geometry
-from cartstiff.potentials.springs import PolynomialLaw, TabulatedLaw
-from cartstiff.report.output import write_json
-from cartstiff.stiffness.compute import analyse
-from cartstiff.units import Units, convert_length
-from cartstiff.writing import write_whole
+from cartstiff.errors import ConvergenceError, MissingDependencyError, UnknownNameError
 
 NAN = float("nan")
 

@@ -10,19 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.inner import LegMargins, Margins, Session, Source, carried, checked_load, read_message
 from tests.inputs.test_every_key import SPRINGS
 from tests.mechanisms.machines import write_file
 from tests.view.conftest import NoPicture
 
 import cartstiff
+from cartstiff import RandomPostures, Trajectory, compute_map, open_map
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry import se3
-from cartstiff.maps import RandomPostures, Trajectory, compute_map, open_map
-from cartstiff.page.messages import read_message
-from cartstiff.page.session import Session
-from cartstiff.page.source import Source
-from cartstiff.reach.workspace import LegMargins, Margins, carried
-from cartstiff.stiffness.applied_load import checked_load
 
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 LIMITED = {"beyond-limits", "force-limits"}

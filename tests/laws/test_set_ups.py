@@ -17,14 +17,12 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from tests.inner import Session, Source, read_message
 from tests.support.commands import answer
 from tests.support.generated import EARTH, Arm, close, frame, numbers
 from tests.support.oracles import exp_reference
 
 import cartstiff
-from cartstiff.page.messages import read_message
-from cartstiff.page.session import Session
-from cartstiff.page.source import Source
 
 
 def later(*seeds: int) -> list[Any]:

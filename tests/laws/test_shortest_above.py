@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import nnls
-
-from cartstiff.numerics import shortest_above
+from tests.inner import shortest_above
 
 
 def by_least_squares(G, g):

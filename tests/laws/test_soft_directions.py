@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.inner import PLAIN, error_of_soft_directions, holds_soft_directions, numerics
 
 import cartstiff
-from cartstiff import analyse_many, numerics
-from cartstiff.batch.algebra import PLAIN, holds_soft_directions
-from cartstiff.stiffness.posture_notes import error_of_soft_directions
+from cartstiff import analyse_many
 
 COUNT = 40
 

@@ -11,20 +11,26 @@ from functools import partial
 
 import numpy as np
 import pytest
+from tests.inner import (
+    FREQUENCIES,
+    QUANTITIES,
+    READINGS,
+    Damping,
+    LoadKind,
+    ManyModes,
+    Platform,
+    Reader,
+    Readings,
+    Settings,
+    choose_quantities,
+    compliance_ellipsoid,
+    evaluate,
+    needed_outputs,
+    unit_of,
+)
 
 import cartstiff
-from cartstiff import analyse_many, analyse_posture, modes
-from cartstiff.analysis.ellipsoids import compliance_ellipsoid
-from cartstiff.analysis.sections import unit_of
-from cartstiff.batch.postures import Reader
-from cartstiff.batch.quantities import FREQUENCIES, QUANTITIES, Settings, choose_quantities
-from cartstiff.batch.readings import READINGS, Readings
-from cartstiff.batch.stacks import evaluate, needed_outputs
-from cartstiff.batch.vibrations import ManyModes
-from cartstiff.errors import InputError
-from cartstiff.mechanisms.platform import Platform
-from cartstiff.stiffness.applied_load import LoadKind
-from cartstiff.vibration.response import Damping
+from cartstiff import InputError, analyse_many, analyse_posture, modes
 
 LENGTH, DIRECTION, RATIO = 0.3, (0.2, -0.5, 0.7), 0.03
 LOAD = (0.4, -0.2, 0.3, 5.0, -7.0, 6.0)

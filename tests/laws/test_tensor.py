@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 from hypothesis import given
+from tests.inner import NAMED, Field, Units, convert_length, format_matrix, paper
 from tests.support import (
     adjoint_reference,
     cross_matrix,
@@ -24,19 +25,15 @@ from tests.support import (
     seeds,
 )
 
-from cartstiff.geometry.charts import paper
-from cartstiff.geometry.connections import (
+from cartstiff import (
     BI_INVARIANT,
     CARTAN_MINUS,
     KINEMATIC,
-    NAMED,
-    Field,
+    StiffnessTensor,
+    analyse,
     from_symbols,
     levi_civita,
 )
-from cartstiff.stiffness.compute import analyse
-from cartstiff.stiffness.tensor import StiffnessTensor, format_matrix
-from cartstiff.units import Units, convert_length
 
 ROUNDING = 1e-12
 # Ad is squared and its entries reach three: rounding grows by a hundred.

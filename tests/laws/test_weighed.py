@@ -9,15 +9,18 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import (
+    answer_of_compensation,
+    answer_of_curve,
+    answer_text,
+    describe,
+    describe_equilibrium,
+    gravity_loads,
+)
 from tests.support import robot_file
 
 import cartstiff
 from cartstiff import DeadForce, compensate, equilibrium, load_curve, payload
-from cartstiff.answer.paths import answer_of_compensation, answer_of_curve
-from cartstiff.mechanisms.gravity_loads import gravity_loads
-from cartstiff.report.analysis import describe
-from cartstiff.report.answer import answer_text
-from cartstiff.report.statics import describe_equilibrium
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 Q = [0.3, -1.1, 1.4, -0.7, 0.9, 0.2]

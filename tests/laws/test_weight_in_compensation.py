@@ -8,13 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import answer_of_compensation, answer_text
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.answer.paths import answer_of_compensation
-from cartstiff.errors import ConvergenceError, InputError
-from cartstiff.report.answer import answer_text
-from cartstiff.statics.toolpath import compensate
+from cartstiff import InputError, compensate
+from cartstiff.errors import ConvergenceError
 
 FORCE = np.array([20.0, -30.0, -80.0])
 

@@ -10,24 +10,31 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-
-import cartstiff
-from cartstiff import DeadForce, analyse_posture, equilibrium
-from cartstiff.analysis.asymmetry import compare_connections
-from cartstiff.answer.posture import answer_at, parts_of_links
-from cartstiff.cli.main import command as cartstiff_command
-from cartstiff.errors import InputError, UndefinedError
-from cartstiff.geometry import se3
-from cartstiff.potentials.loads import Scaled
-from cartstiff.potentials.springs import JointSprings, PolynomialLaw
-from cartstiff.report.analysis import (
+from tests.inner import (
+    PolynomialLaw,
+    Scaled,
+    answer_at,
+    compare_connections,
     describe,
+    describe_equilibrium,
+    parts_of_links,
+    percent,
+    posture_notes,
+    share_words,
     summary_text,
 )
-from cartstiff.report.layout import percent
-from cartstiff.report.sentences import share_words
-from cartstiff.report.statics import describe_equilibrium
-from cartstiff.stiffness import posture_notes
+from tests.inner import command as cartstiff_command
+
+import cartstiff
+from cartstiff import (
+    DeadForce,
+    InputError,
+    JointSprings,
+    UndefinedError,
+    analyse_posture,
+    equilibrium,
+)
+from cartstiff.geometry import se3
 
 
 def test_stored_energy_is_that_of_the_springs_alone():
@@ -206,8 +213,7 @@ _ROUNDING = re.compile(r"\de-(?:1[3-9]|[2-9]\d|\d{3})\b")
 )
 def test_no_rounding_is_printed_as_a_number(command):
     from click.testing import CliRunner
-
-    from cartstiff.cli.main import command as main
+    from tests.inner import command as main
 
     done = CliRunner().invoke(main, command.split())
     assert done.exit_code == 0, done.output

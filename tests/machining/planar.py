@@ -2,12 +2,11 @@
 
 import numpy as np
 import pinocchio as pin
+from tests.inner import Chain, plain_tree
 from tests.support import translation
 
 from cartstiff import ElasticMechanism, JointSprings
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.tree_building import plain_tree
 
 LENGTHS = np.array([0.5, 0.4, 0.2])
 STIFFNESS = np.array([900.0, 700.0, 300.0])

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.inner import Steps, best_way
 from tests.support import seeds
 
 from cartstiff.errors import UnknownNameError
-from cartstiff.toolpaths.optimise import Steps, best_way
 
 
 @given(seeds, st.sampled_from(["worst", "mean"]), st.booleans())

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from tests.inner import JointPoses, distinct, example_robots, pose_errors
+from tests.inner import joint_poses_Kinematics as Kinematics
 from tests.machining import planar
 from tests.support import frame_pose, loaded_arm, random_pose
 
 import cartstiff
 from cartstiff import InputError, inverse_kinematics
 from cartstiff.geometry import se3
-from cartstiff.kinematics.joint_poses import JointPoses, Kinematics, distinct, pose_errors
-from cartstiff.loading.catalogue import example_robots
 
 # Solutions are iterated until rounding is left, in rad and lengths of about one.
 EXACT = 1e-9

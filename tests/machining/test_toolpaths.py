@@ -5,16 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.inner import compliance_deflection, example_robots, read_path_file
 from tests.machining import planar
 from tests.support import frame_pose, loaded_arm
 
 import cartstiff
 from cartstiff import InputError, ToolPath, UndefinedError, optimise_path
-from cartstiff.analysis.deflection import compliance_deflection
-from cartstiff.cli.tables import read_path_file
 from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
-from cartstiff.loading.catalogue import example_robots
 
 needs_robots = pytest.mark.skipif(not example_robots(), reason="example robots are not installed")
 # A fine grid of N values misses a smooth minimum by its curvature times the spacing squared.

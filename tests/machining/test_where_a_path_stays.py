@@ -6,15 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.inner import NEARBY, answer_of_path, answer_text
 from tests.machining import planar
 from tests.view.test_report import HEAVY
 
 import cartstiff
 from cartstiff import InputError, ToolPath, optimise_path
-from cartstiff.answer.paths import answer_of_path
 from cartstiff.errors import UnknownNameError
-from cartstiff.report.answer import answer_text
-from cartstiff.toolpaths.optimise import NEARBY
 
 POINTS = np.column_stack([np.linspace(0.45, 0.3, 3), np.linspace(0.2, 0.35, 3)])
 PATH = ToolPath(planar.poses(POINTS, 0.0), [0, 0, 0, -40.0, 25.0, 0], axes="world")

@@ -12,8 +12,7 @@ from tests.support import loaded_arm, paper_platform
 from tests.support.commands import words
 
 import cartstiff
-from cartstiff.maps.sampling import Axis, Grid, RandomPostures
-from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff import Axis, ElasticMechanism, Grid, RandomPostures
 
 
 def arm(kinds: str = "RRRRRR", seed: int = 3) -> ElasticMechanism:

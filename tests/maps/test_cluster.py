@@ -10,14 +10,11 @@ import time
 
 import numpy as np
 import pytest
+from tests.inner import CHECKSUM, packed, part_elsewhere, prepare_map
 from tests.maps.machines import arm, drawn, marks, start, start_held_map, start_map
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.maps import Axis, Grid, RandomPostures, compute_map, open_map
-from cartstiff.maps.run import packed, part_elsewhere, prepare_map
-from cartstiff.maps.store import CHECKSUM
-from cartstiff.potentials.functions import JointFunction
+from cartstiff import Axis, Grid, InputError, JointFunction, RandomPostures, compute_map, open_map
 
 
 def _end(process):

@@ -7,22 +7,12 @@ import random
 import shutil
 
 import pytest
+from tests.inner import MapFile, read_cloud, store
 from tools.fuzz_maps import crafted_map, resealed, whole_map
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.maps import (
-    Axis,
-    Grid,
-    RandomPostures,
-    compute_map,
-    draw_map,
-    open_map,
-    store,
-    summary,
-)
-from cartstiff.maps.store import MapFile
-from cartstiff.page.source import read_cloud
+from cartstiff import Axis, Grid, InputError, RandomPostures, compute_map, draw_map, open_map
+from cartstiff.maps import summary
 
 
 @pytest.mark.parametrize("seed", range(12))

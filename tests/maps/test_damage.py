@@ -16,11 +16,10 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+from tests.inner import MapFile
 from tests.maps.machines import arm, drawn, grid_of
 
-from cartstiff.errors import CartstiffError, InputError
-from cartstiff.maps import Trajectory, compute_map, open_map
-from cartstiff.maps.store import MapFile
+from cartstiff import CartstiffError, InputError, Trajectory, compute_map, open_map
 
 QUANTITIES = ["translation_free_min", "condition"]
 #: Damages of each kind that are tried; "170,34,17" for each sampling takes some minutes.
@@ -305,7 +304,7 @@ def test_links_and_devices(whole, tmp_path):
 
 def test_only_missing_parts_are_computed(elastic, whole, tmp_path):
     """A lost object is computed, a wrong one is left and refused by who reads it."""
-    from cartstiff.maps.run import prepare_map, run_map
+    from tests.inner import prepare_map, run_map
 
     sampling, original, expected = whole
     file = tmp_path / "m.zarr"

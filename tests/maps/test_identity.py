@@ -11,13 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.inner import _PARTS, bundled_folder, identity_of, part_elsewhere, prepare_map, version
 
 import cartstiff
-from cartstiff import version
-from cartstiff.errors import InputError
-from cartstiff.loading.catalogue import bundled_folder
-from cartstiff.maps.run import part_elsewhere, prepare_map
-from cartstiff.mechanisms.identity import _PARTS, identity_of
+from cartstiff import InputError
 
 TOOL = Path(__file__).parents[2] / "tools" / "fuzz_edits.py"
 #: A twentieth of what the tool does by itself.

@@ -10,26 +10,23 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 import xarray
+from tests.inner import MapFile, chunk_shape, prepare_map, run_map, usual_chunk
 from tests.maps.machines import arm, platform, softest
 from tests.support.commands import refuses
 
 import cartstiff
-from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.maps import (
+from cartstiff import (
     Axis,
     CartesianGrid,
     Grid,
+    InputError,
     RandomPostures,
     Trajectory,
-    best,
     compute_map,
     open_map,
-    slice_map,
-    summary,
 )
-from cartstiff.maps.run import prepare_map, run_map
-from cartstiff.maps.sampling import chunk_shape, usual_chunk
-from cartstiff.maps.store import MapFile
+from cartstiff.errors import UnknownNameError
+from cartstiff.maps import best, slice_map, summary
 
 # Another order of the same operations, matrices of condition up to 1e6.
 SAME = 1e-8

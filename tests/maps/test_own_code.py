@@ -8,13 +8,10 @@ import sys
 import threading
 
 import pytest
+from tests.inner import QUANTITIES, Quantity, bundled_folder, fingerprint, prepare_map
 
 import cartstiff
-from cartstiff.batch.quantities import QUANTITIES, Quantity
-from cartstiff.errors import InputError
-from cartstiff.loading.catalogue import bundled_folder
-from cartstiff.maps.run import prepare_map
-from cartstiff.mechanisms.identity import fingerprint
+from cartstiff import InputError
 
 MODULE = """
 import functools, math

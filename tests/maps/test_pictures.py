@@ -7,22 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray
+from tests.inner import assumed_stiffness, histogram, save_figure
 from tests.maps.machines import arm
 
 import cartstiff
+from cartstiff import Axis, Grid, RandomPostures, compute_map, draw_map, map_of
 from cartstiff.errors import UnknownNameError
-from cartstiff.maps import (
-    Axis,
-    Grid,
-    RandomPostures,
-    compute_map,
-    draw_map,
-    map_of,
-    slice_map,
-)
-from cartstiff.maps.pictures import histogram
-from cartstiff.notes import assumed_stiffness
-from cartstiff.report.output import save_figure
+from cartstiff.maps import slice_map
 
 QUANTITY = "translation_free_min"
 

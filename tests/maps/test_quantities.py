@@ -6,23 +6,33 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.inner import (
+    BUILT_IN,
+    CHECKSUM,
+    QUANTITIES,
+    STATES,
+    LoadKind,
+    PostureMatrices,
+    Quantity,
+    Settings,
+    choose_quantities,
+    evaluate,
+    indices_of,
+    motions,
+    packed,
+    part_elsewhere,
+    prepare_map,
+    reduction,
+    stiffnesses_of_motions,
+    summarise,
+    with_angles_times,
+)
 from tests.support import loaded_arm, paper_platform
 from tests.support.commands import refuses
 
 import cartstiff
-from cartstiff.analysis.indices import indices_of
-from cartstiff.analysis.matrices import stiffnesses_of_motions, with_angles_times
-from cartstiff.analysis.posture import PostureMatrices, analyse_posture, summarise
-from cartstiff.batch.postures import analyse_many
-from cartstiff.batch.quantities import BUILT_IN, QUANTITIES, Quantity, Settings, choose_quantities
-from cartstiff.batch.stacks import evaluate
-from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.maps import open_map
-from cartstiff.maps.job import STATES
-from cartstiff.maps.run import packed, part_elsewhere, prepare_map
-from cartstiff.maps.store import CHECKSUM
-from cartstiff.stiffness import motions, reduction
-from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff import InputError, analyse_many, analyse_posture, open_map
+from cartstiff.errors import UnknownNameError
 
 LENGTH = 0.3
 DIRECTION = (0.2, -0.5, 0.7)

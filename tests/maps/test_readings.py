@@ -10,40 +10,36 @@ import mpmath
 import numpy as np
 import pinocchio
 import pytest
+from tests.inner import (
+    FREQUENCIES,
+    QUANTITIES,
+    READINGS,
+    Chain,
+    LoadKind,
+    MapJob,
+    PortableKernel,
+    Reader,
+    Readings,
+    Settings,
+    Struts,
+    Tape,
+    ascending,
+    choose_quantities,
+    eigenvalues,
+    eliminated,
+    evaluate,
+    frequency_name,
+    largest_eigenvalue,
+    loss_of_elimination,
+    numerics,
+    plain_tree,
+    principal_values,
+    readable,
+)
 from tests.support import serial_model
 
 import cartstiff
-from cartstiff import numerics
-from cartstiff.analysis.matrices import loss_of_elimination
-from cartstiff.batch.algebra import eliminated
-from cartstiff.batch.execution import PortableKernel
-from cartstiff.batch.postures import Reader, analyse_many, readable
-from cartstiff.batch.quantities import (
-    FREQUENCIES,
-    QUANTITIES,
-    Settings,
-    choose_quantities,
-    frequency_name,
-)
-from cartstiff.batch.readings import (
-    READINGS,
-    Readings,
-    ascending,
-    eigenvalues,
-    largest_eigenvalue,
-    principal_values,
-)
-from cartstiff.batch.stacks import evaluate
-from cartstiff.batch.tape import Tape
-from cartstiff.maps.job import MapJob
-from cartstiff.maps.sampling import RandomPostures
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.platform import Struts
-from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.potentials.loads import payload
-from cartstiff.potentials.springs import JointSprings
-from cartstiff.stiffness.applied_load import LoadKind
+from cartstiff import ElasticMechanism, JointSprings, RandomPostures, analyse_many, payload
 
 LENGTH = 0.18
 #: Rounding that two ways to a number may differ by, over the condition number of what is read.

@@ -14,15 +14,12 @@ import pytest
 import xarray
 import zarr
 import zarr.core.buffer.cpu
+from tests.inner import MapFile, MapJob, planned, prepare_map, run_map, store
 from tests.maps.machines import arm, drawn, grid_of, start
 from tests.maps.test_damage import _Killed, _killed_after
 from zarr.storage import LocalStore
 
-from cartstiff.errors import InputError
-from cartstiff.maps import compute_map, map_of, open_map, store
-from cartstiff.maps.job import MapJob
-from cartstiff.maps.run import planned, prepare_map, run_map
-from cartstiff.maps.store import MapFile
+from cartstiff import InputError, compute_map, map_of, open_map
 
 QUANTITIES = ["translation_free_min", "condition"]
 

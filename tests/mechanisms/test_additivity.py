@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.inner import Elements
 from tests.mechanisms.oracle import GRAVITY
 from tests.support import gradient_of, log_reference, relative_error
 
 from cartstiff import JointSprings, PoseFunction, analyse, load
-from cartstiff.mechanisms.elements import Elements
 
 # Eighth-order first differences of an energy along joints, step 0.01.
 SLOPE = 1e-9

@@ -10,16 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.docs.blocks import ROOT
+from tests.inner import Platform, architecture_of, json_schema, orientation_rank, poses_of_lengths
+from tests.inner import platform_assembly as study
 from tests.support.commands import answer, outcome
 
 import cartstiff
 from cartstiff import ElasticMechanism, InputError, LineSprings
 from cartstiff.geometry import se3
-from cartstiff.kinematics import platform_assembly as study
-from cartstiff.kinematics.architecture import architecture_of, orientation_rank
-from cartstiff.kinematics.platform_assembly import poses_of_lengths
-from cartstiff.mechanisms.platform import Platform
-from cartstiff.report.json_schema import json_schema
 
 DIETMAIER = ROOT / "cases" / "dietmaier-forty-postures" / "mechanism.yaml"
 LENGTHS = [1, 0.645275, 1.086284, 1.503439, 1.281933, 0.771071]
@@ -204,7 +201,7 @@ def test_assembly_modes_of_a_closed_chain():
 @pytest.mark.parametrize("name", ["five-bar", "delta"])
 def test_starts_closed_at_once_end_where_the_engine_ends(name, monkeypatch):
     """Where recorded steps close a start, the mode is one of those found one by one."""
-    from cartstiff.reach import assembly
+    from tests.inner import assembly
 
     elastic, seen = cartstiff.load(name), []
     monkeypatch.setattr(assembly, "_MAX_SINGLE_STARTS", 0)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from tests.inner import Beam, Section, evaluate_together, stability_functions
 from tests.mechanisms.bars import EI, SECTION, bar, load_bar
 from tests.mechanisms.machines import codes
 from tests.support import cross_matrix, relative_error
@@ -21,7 +22,6 @@ from cartstiff import (
     taylor_check,
 )
 from cartstiff.errors import ConvergenceError
-from cartstiff.potentials.beams import Beam, Section, evaluate_together, stability_functions
 
 # Linear algebra of condition 1e6, and sums of the same compliances.
 SUM = 1e-10

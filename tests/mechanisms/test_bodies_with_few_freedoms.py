@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
+from tests.inner import answer_at, answer_sentences
 from tests.mechanisms.machines import codes, joint, note, write_file, write_urdf
 
 import cartstiff
-from cartstiff.answer.posture import answer_at
-from cartstiff.report.sentences import answer_sentences
 
 STIFFNESS = (2e5, 3e5, 5e5)
 RADIUS, PLATE, ROD, WIDTH = 0.3, 0.06, 0.4, 0.05

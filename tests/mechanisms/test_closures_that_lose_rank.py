@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from tests.mechanisms.machines import codes, joint, note, write_file, write_urdf
 
-from cartstiff import DeadForce, analyse, equilibrium, load
-from cartstiff.errors import UndefinedError
+from cartstiff import DeadForce, UndefinedError, analyse, equilibrium, load
 
 # Files hold all digits: what is zero is zero to rounding.
 ROUNDING = 1e-12

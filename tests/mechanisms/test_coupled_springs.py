@@ -5,14 +5,20 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from tests.inner import in_units
 from tests.support.commands import answer, outcome, refuses, run
 
 import cartstiff
-from cartstiff import InputError, JointFunction, analyse, equilibrium, load
-from cartstiff.mechanisms.other_units import in_units
-from cartstiff.potentials.loads import DeadWrench
-from cartstiff.statics.command import commanded
-from cartstiff.statics.toolpath import compensate
+from cartstiff import (
+    DeadWrench,
+    InputError,
+    JointFunction,
+    analyse,
+    commanded,
+    compensate,
+    equilibrium,
+    load,
+)
 
 STEP = 1e-6
 DIFFERENCES = 1e-7

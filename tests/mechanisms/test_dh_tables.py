@@ -6,10 +6,10 @@ from math import cos, pi, sin
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import example_robot
 from tests.mechanisms.machines import write_file
 
 import cartstiff
-from cartstiff.loading.catalogue import example_robot
 
 # a, alpha, d, theta. Puma 560: Corke, Robotics, Vision and Control (2011), without the height of
 # the shoulder. UR5: the maker's page on DH parameters. Panda: Franka's documentation (modified).

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from tests.mechanisms.machines import codes, note, write_file
 
-from cartstiff import analyse, load
-from cartstiff.kinematics.at_pose import at_pose
+from cartstiff import analyse, at_pose, load
 
 ROD, STIFFNESS = 0.31, 1e7
 FIRST_AXES = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])

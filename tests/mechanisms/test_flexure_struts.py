@@ -4,13 +4,13 @@ import json
 
 import numpy as np
 import pytest
+from tests.inner import Flexure, FlexureStruts
 from tests.mechanisms.machines import joint, write_file, write_urdf
 from tests.support import relative_error
 
 import cartstiff
 from cartstiff import InputError, LineSprings, UndefinedError, after_command, analyse, load
 from cartstiff.geometry import se3
-from cartstiff.potentials.flexure_struts import Flexure, FlexureStruts
 
 # Two ways through 13 coordinates a leg, the longer one through 60 closures.
 SAME = 1e-10

@@ -7,7 +7,7 @@ import pytest
 from tests.mechanisms.machines import codes, joint, note, write_file, write_urdf
 
 import cartstiff
-from cartstiff.errors import InputError
+from cartstiff import InputError
 
 FACTOR, OFFSET = -0.5, 0.2
 

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
+from tests.inner import CONSTRAINT_TOLERANCE, Follower
 
 import cartstiff
 from cartstiff.geometry import se3
-from cartstiff.kinematics.following import Follower
-from cartstiff.numerics import CONSTRAINT_TOLERANCE
 
 #: A hand moves so far between two pictures.
 STEP = np.array([0.03, -0.02, 0.04, 0.02, 0.01, -0.015])

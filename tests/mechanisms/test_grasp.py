@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
+from tests.inner import describe
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.oracle import ROBOTS, Held, missed
 
 from cartstiff import CARTAN_PLUS, UndefinedError, analyse, analyse_many, analyse_posture, load
-from cartstiff.report.analysis import describe
 
 # Differences of the reduced energy and of the load, step 0.005.
 DIFFERENCES = 1e-9

@@ -5,7 +5,7 @@ import pytest
 from tests.support.commands import answer
 
 import cartstiff
-from cartstiff.potentials.loads import DeadForce
+from cartstiff import DeadForce
 
 POSTURE = [0.3, -1.1, 1.4, -0.7, 0.9, 0.2]
 CODE = "implausible-deflection"

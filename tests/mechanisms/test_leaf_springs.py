@@ -8,10 +8,9 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from tests.inner import Beam, Section
 
-from cartstiff import equilibrium, load
-from cartstiff.potentials.beams import Beam, Section
-from cartstiff.potentials.loads import DeadForce
+from cartstiff import DeadForce, equilibrium, load
 
 LENGTH, WIDTH, THICKNESS, GAP = 0.09, 0.025, 0.0004, 0.08
 E, G = 2.1e11, 8.1e10

@@ -8,13 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
+from tests.inner import Limits, distances_of_segments
 from tests.inputs.test_every_key import PLATFORM
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.test_chains_by_letters import CHAINS
 
 import cartstiff
-from cartstiff.mechanisms.clearances import distances_of_segments
-from cartstiff.mechanisms.limits import Limits
 
 POSE = [0.05, 0.02, 0.8, 0.05, 0.02, 0.1]
 
@@ -107,7 +106,7 @@ def test_forces_beyond_limits_are_named(tmp_path):
 
 
 def test_units_change_distances_and_leave_angles(tmp_path):
-    from cartstiff.mechanisms.other_units import in_units
+    from tests.inner import in_units
 
     elastic = _load(tmp_path, {"diameter": 0.18, "base_joints": {"axis": [0, 0, 1], "angle": 0.1}})
     here = Limits(elastic.mechanism)

@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
+from tests.inner import bundled_files
 from tests.support.digits import skew, turned
 
 import cartstiff
-from cartstiff.loading.catalogue import bundled_files
 
 # Two exact ways; condition numbers of 1e3 stand between.
 SAME = 1e-10

@@ -9,7 +9,7 @@ from tests.laws.test_many_engine import assert_same
 from tests.mechanisms.machines import joint, masses, note, write_file, write_urdf
 
 import cartstiff
-from cartstiff.errors import InputError
+from cartstiff import InputError
 
 Y = (0, 1, 0)
 #: Crank, coupler and rocker of a four-bar that is no parallelogram, and the way between pivots.

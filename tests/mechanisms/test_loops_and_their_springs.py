@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import cartstiff
-from cartstiff.errors import InputError
+from cartstiff import InputError
 
 L, SPAN = 0.3, 0.5
 TREE = f"""

@@ -6,13 +6,12 @@ import warnings
 import mujoco
 import numpy as np
 import pytest
+from tests.inner import ASSUMED_STIFFNESS, in_units
+from tests.inner import reading as mjcf
 from tests.inputs.mjcf_tool import SEEDS, compile_here, mutant, verdict
 
-from cartstiff import analyse, load
-from cartstiff.errors import InputError, MissingDependencyError
-from cartstiff.loading.mjcf import reading as mjcf
-from cartstiff.loading.passes import ASSUMED_STIFFNESS
-from cartstiff.mechanisms.other_units import in_units
+from cartstiff import InputError, analyse, load
+from cartstiff.errors import MissingDependencyError
 
 # Central differences of forces known to 1e-16: step^2 and 1e-16 / step, with margin.
 STEP = 1e-6

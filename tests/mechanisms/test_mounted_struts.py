@@ -4,16 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.inner import in_units, tensions_of
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.test_flexure_struts import AXIAL, BODY, LAYOUT, LOWER, SAME, UPPER
 from tests.support import gradient_of, relative_error
 
 import cartstiff
-from cartstiff import analyse, load
-from cartstiff.errors import InputError
+from cartstiff import InputError, analyse, load
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.limits import tensions_of
-from cartstiff.mechanisms.other_units import in_units
 
 LEGS = {"strut": {"axial": AXIAL, "lower": LOWER, "upper": UPPER}}
 RESTS = 1e-4 * np.array([1.0, -0.5, 2.0, 0.7, -1.0, 0.3])

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.inner import in_units
 
 import cartstiff
 from cartstiff import InputError, JointFunction
-from cartstiff.mechanisms.other_units import in_units
 
 SLIDING = """<robot name='r'><link name='l0'/>
 <link name='l1'><inertial><mass value='3'/><origin xyz='.1 .02 .3'/>
@@ -105,8 +105,7 @@ def test_there_and_back():
 
 
 def test_pictures_have_the_size_of_the_mechanism():
-    from cartstiff.loading.visuals import visuals_of
-    from cartstiff.mechanisms.shapes import Box
+    from tests.inner import Box, visuals_of
 
     box = "<visual><geometry><box size='.1 .2 .3'/></geometry><origin xyz='0 0 1'/></visual>"
     arm = cartstiff.load(SLIDING.replace("<link name='l3'/>", f"<link name='l3'>{box}</link>"))

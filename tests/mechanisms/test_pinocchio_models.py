@@ -8,15 +8,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.inner import TreeState, example_robot, jacobian, plain_tree, visuals_of
 from tests.support.commands import refuses
 
 import cartstiff
-from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.geometry.differences import jacobian
-from cartstiff.loading.catalogue import example_robot
-from cartstiff.loading.visuals import visuals_of
-from cartstiff.mechanisms.tree import TreeState
-from cartstiff.mechanisms.tree_building import plain_tree
+from cartstiff import InputError
+from cartstiff.errors import UnknownNameError
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 POINTS = {

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from tests.mechanisms.machines import joint, write_file, write_urdf
 
 import cartstiff
-from cartstiff.errors import InputError
+from cartstiff import InputError
 
 # Newton's method on the closures ends at rounding.
 CLOSED = 1e-10

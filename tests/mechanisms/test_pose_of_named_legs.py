@@ -6,11 +6,11 @@ from itertools import product
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.inner import COORDINATES
 from tests.support.commands import outcome
 
 import cartstiff
 from cartstiff import InputError, at_pose, inverse_kinematics
-from cartstiff.kinematics.at_pose import COORDINATES
 
 EXACT = 1e-10
 #: What of a pose is free, by machine.

@@ -7,8 +7,7 @@ from scipy.spatial.transform import Rotation
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.oracle import ROBOTS, Held, missed
 
-from cartstiff import analyse, analyse_many, equilibrium, load
-from cartstiff.errors import InputError
+from cartstiff import InputError, analyse, analyse_many, equilibrium, load
 from cartstiff.geometry import se3
 
 # Linear algebra of well-conditioned matrices.
@@ -150,7 +149,7 @@ def test_what_does_not_fit_is_refused(tmp_path, change, words):
 
 
 def test_springs_that_were_found_are_written_where_the_contact_has_them(tmp_path):
-    from cartstiff.identify.written_file import _put_joints
+    from tests.inner import _put_joints
 
     data = data_of({"normal": 3000, "tangential": 2000, "spin": 0.5})
     elastic = load(write_file(tmp_path, "grasp", **data))

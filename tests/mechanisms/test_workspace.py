@@ -10,18 +10,24 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog, minimize
 from scipy.spatial.transform import Rotation
+from tests.inner import (
+    DEAD_AT_ORIGIN,
+    LegMargins,
+    Margins,
+    answer_of_workspace,
+    answer_text,
+    around,
+    json_schema,
+    lines_at,
+    wrench_margins,
+)
 from tests.inputs.test_every_key import PLATFORM
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.test_assembly_modes import FICHTER, MA_ANGELES
 from tests.support.commands import answer, refuses, run
 
 import cartstiff
-from cartstiff.answer.reach import answer_of_workspace
-from cartstiff.errors import InputError
-from cartstiff.reach.workspace import LegMargins, Margins, around, lines_at, wrench_margins
-from cartstiff.report.answer import answer_text
-from cartstiff.report.json_schema import json_schema
-from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
+from cartstiff import InputError
 
 LEGS = {
     "limits": [[0.85, 1.25]] * 6,
@@ -370,8 +376,7 @@ def test_rotations_are_a_share_of_all(machine, found):
     quaternions = rng.normal(size=(20_000, 4))
     quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
     from scipy.spatial.transform import Rotation
-
-    from cartstiff.reach.workspace import Margins
+    from tests.inner import Margins
 
     poses = np.tile(found.pose, (20_000, 1, 1))
     poses[:, :3, :3] = Rotation.from_quat(quaternions).as_matrix()

@@ -8,32 +8,37 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from cartstiff.analysis.centres import centres_of
-from cartstiff.analysis.congruence import cartesian_stiffness
-from cartstiff.analysis.deflection import compliance_deflection, joint_shares
-from cartstiff.analysis.ellipsoids import stiffness_block, stiffness_ellipsoid
-from cartstiff.analysis.indices import best_conditioned_length, indices_of, isotropy
-from cartstiff.analysis.metrics import (
+from tests.inner import (
+    PostureMatrices,
+    Reading,
+    Uncertain,
+    best_conditioned_length,
+    cartesian_stiffness,
+    centres_of,
     characteristic_length,
+    compliance_deflection,
+    eigenscrews,
+    indices_of,
     inertia_metric,
+    isotropy,
+    joint_shares,
     length_from_inertia,
     modes,
     natural_length,
-)
-from cartstiff.analysis.posture import PostureMatrices, Reading, summarise
-from cartstiff.analysis.screws import (
-    eigenscrews,
+    plain,
+    product_of_exponentials,
     screw_of_twist,
     screw_of_wrench,
+    shares_of,
+    stiffness_block,
+    stiffness_ellipsoid,
+    summarise,
+    summary_text,
     twist_compliant_axes,
     wrench_compliant_axes,
 )
-from cartstiff.analysis.tolerances import Uncertain, shares_of
-from cartstiff.arrays import plain
+
 from cartstiff.geometry import se3
-from cartstiff.geometry.charts import product_of_exponentials
-from cartstiff.report.analysis import summary_text
 
 EXACT = 1e-12  # a handful of operations in double precision
 

@@ -6,13 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.inner import Parameters, Uncertain, shares_of, summary_text
 from tests.support import loaded_arm
 
 import cartstiff
 from cartstiff import ElasticMechanism, JointSprings, PostureStiffness, Tolerances, analyse_posture
-from cartstiff.analysis.parameters import Parameters
-from cartstiff.analysis.tolerances import Uncertain, shares_of
-from cartstiff.report.analysis import summary_text
 
 HELD = "ellipsoids.stiffness.translation.held.eigenvalues"
 
@@ -53,10 +51,8 @@ def test_one_common_factor_scales_everything() -> None:
 def planar(lengths: tuple[float, float]) -> ElasticMechanism:
     """A 2R arm in the xy plane."""
     import pinocchio as pin
+    from tests.inner import Chain, plain_tree
     from tests.support import add_frame, translation
-
-    from cartstiff.mechanisms.chain import Chain
-    from cartstiff.mechanisms.tree_building import plain_tree
 
     model = pin.Model()
     first = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "shoulder")

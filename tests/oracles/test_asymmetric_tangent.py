@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.inner import (
+    Settings,
+    ViewState,
+    block_ellipsoid,
+    choose_quantities,
+    describe,
+    evaluate,
+    shown_numbers,
+    summary_text,
+)
 
 import cartstiff
 from cartstiff import analyse_posture
-from cartstiff.analysis.principal import block_ellipsoid
-from cartstiff.batch.quantities import Settings, choose_quantities
-from cartstiff.batch.stacks import evaluate
-from cartstiff.page.messages import ViewState
-from cartstiff.page.shown import shown_numbers
-from cartstiff.report.analysis import describe, summary_text
 
 MOMENT = [3.0, -5.0, 2.0, 40.0, -30.0, -120.0]
 U = np.array([0.48, -0.6, 0.64])

@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.optimize import root
+from tests.inner import read_trajectory
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff.page.source import read_trajectory
-from cartstiff.statics.toolpath import compensate
+from cartstiff import compensate
 
 LINK = "{stiffness: [[4e4, 0, 0, 0, 9e3, 0], [0, 3e4, 0, 0, 0, 0], [0, 0, 5e4, 0, 0, 0], "
 LINK += "[0, 0, 0, 2e6, 0, 0], [9e3, 0, 0, 0, 2e6, 0], [0, 0, 0, 0, 0, 2e6]]}"

@@ -10,16 +10,12 @@ import mpmath as mp
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import Chain, Settings, choose_quantities, evaluate, plain_tree, summary_text
 from tests.support import add_frame, promised, random_pose, translation
 from tests.support.digits import matrix, skew, turned
 
 import cartstiff
 from cartstiff import ElasticMechanism, JointSprings, analyse_many, analyse_posture
-from cartstiff.batch.quantities import Settings, choose_quantities
-from cartstiff.batch.stacks import evaluate
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.report.analysis import summary_text
 
 # What is asked of the compliance: ten digits of its largest entry, in the chain's natural units.
 TEN_DIGITS = 1e-10

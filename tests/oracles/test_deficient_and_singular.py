@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import Chain, Closure, plain_tree
 from tests.support import (
     add_frame,
     body_jacobian,
@@ -23,10 +24,7 @@ from tests.support import (
     translation,
 )
 
-from cartstiff import ElasticMechanism, JointSprings, UndefinedError
-from cartstiff.mechanisms.chain import Chain, Closure
-from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.stiffness.compute import analyse
+from cartstiff import ElasticMechanism, JointSprings, UndefinedError, analyse
 
 # Second differences of an energy of size 10 at step 0.01, through a matrix logarithm.
 DIFFERENCES = 1e-8

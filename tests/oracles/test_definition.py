@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.inner import Field
 from tests.laws.test_connections import covariant_derivative
 from tests.laws.test_tensor import CONNECTIONS
 from tests.support import exp_reference, general_legs, legs_as_platform, slope
 
-from cartstiff.geometry.connections import (
-    Field,
-)
-from cartstiff.stiffness.compute import analyse
+from cartstiff import analyse
 
 # Two nested eighth-order differences at step 0.01.
 NESTED = 1e-9

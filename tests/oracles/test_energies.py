@@ -5,6 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import (
+    Chain,
+    Gravity,
+    KinematicTree,
+    Platform,
+    PolynomialLaw,
+    TabulatedLaw,
+    plain_tree,
+)
 from tests.support import (
     add_frame,
     exp_reference,
@@ -18,12 +27,6 @@ from tests.support import (
 )
 
 from cartstiff import JointFunction, JointSprings, LineSprings, PoseFunction
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.tree import KinematicTree
-from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.potentials.gravity import Gravity
-from cartstiff.potentials.springs import PolynomialLaw, TabulatedLaw
 
 # Eighth-order differences at step 0.01 of energies near one; second differences lose four digits.
 GRADIENT = 1e-10

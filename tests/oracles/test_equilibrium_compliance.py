@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+from tests.inner import displacement_between, with_rest_balancing
 from tests.support import robot_file, slope
 
 import cartstiff
 from cartstiff import DeadForce, Held, equilibrium
-from cartstiff.statics.held import displacement_between
-from cartstiff.stiffness.balance import with_rest_balancing
 
 # Mechanism, base load [its unit of force], and the size of the change for the differences.
 CASES = {

@@ -14,12 +14,10 @@ import json
 
 import numpy as np
 import pytest
+from tests.inner import answer_of_curve, answer_text, describe_equilibrium
 from tests.support import links
 
 from cartstiff import DeadForce, FollowerWrench, equilibrium, load_curve
-from cartstiff.answer.paths import answer_of_curve
-from cartstiff.report.answer import answer_text
-from cartstiff.report.statics import describe_equilibrium
 
 K, LENGTH, MASS = 3.0, 0.7, 2.5
 PUSH = FollowerWrench([0.0, 0.0, 0.0, -K / LENGTH, 0.0, 0.0])  # factor P l / k

@@ -5,13 +5,13 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
+from tests.inner import with_rest_balancing
 from tests.support import hexagons, platform_mechanism, robot_file
 
 import cartstiff
 from cartstiff import DeadForce, InputError, equilibrium
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry import se3
-from cartstiff.stiffness.balance import with_rest_balancing
 
 # Rounding of six joint angles of size 1, and what it does to a reach of one metre.
 ROUNDED = 1e-14
@@ -174,8 +174,8 @@ def test_a_posture_that_rounding_hides_is_named():
 
 def test_a_search_in_vain_ends_after_so_many_postures(monkeypatch):
     """Seconds would depend on the machine; the whole of what is tried shares one bound."""
-    from cartstiff.statics import problem as effort
-    from cartstiff.statics.problem import System
+    from tests.inner import System
+    from tests.inner import problem as effort
 
     elastic = cartstiff.load("3-rrr")
     k = np.array([3e3 * 10.0 ** (3.5 * (i % 3)) for i in range(len(elastic.names))])

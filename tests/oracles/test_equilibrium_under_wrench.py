@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.inner import SemitangentialWrench
 from tests.support import crossed_bars, slope
 
 import cartstiff
@@ -18,7 +19,6 @@ from cartstiff import (
 )
 from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
-from cartstiff.potentials.loads import SemitangentialWrench
 
 KINDS = ("dead", "follower", "conservative")
 AT = np.array([0.02, -0.03, 0.06])

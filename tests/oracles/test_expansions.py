@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.inner import Chain, plain_tree
 from tests.support import (
     add_frame,
     body_jacobian,
@@ -16,9 +17,6 @@ from tests.support import (
     relative_error,
     robot_file,
 )
-
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.tree_building import plain_tree
 
 # Products of a few rotation matrices.
 ROUNDING = 1e-13

@@ -5,6 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import (
+    VIRTUAL,
+    Chain,
+    CoupledSprings,
+    Give,
+    KinematicTree,
+    Platform,
+    Scaled,
+    extended,
+    merged,
+    plain_tree,
+)
 from tests.support import (
     body_jacobian,
     cross_matrix,
@@ -20,15 +32,15 @@ from tests.support import (
     translation,
 )
 
-from cartstiff import DeadForce, DeadWrench, ElasticMechanism, FollowerWrench, JointSprings, payload
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.flexible_links import VIRTUAL, Give
-from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.tree import KinematicTree
-from cartstiff.mechanisms.tree_building import extended, merged, plain_tree
-from cartstiff.potentials.loads import Scaled
-from cartstiff.potentials.springs import CoupledSprings
-from cartstiff.stiffness.compute import analyse
+from cartstiff import (
+    DeadForce,
+    DeadWrench,
+    ElasticMechanism,
+    FollowerWrench,
+    JointSprings,
+    analyse,
+    payload,
+)
 
 ROUNDING = 1e-12
 # Eighth-order differences at step 0.01: first and second.
@@ -82,7 +94,7 @@ def test_payload_is_a_weight():
         assert np.array_equal(x, y)
     legs = general_legs()
     heavy = Platform(legs.base, legs.platform, mass=2.5, mass_centre=POINT)
-    from cartstiff.potentials.gravity import Gravity
+    from tests.inner import Gravity
 
     a = payload(2.5, g, POINT).evaluate(heavy.at(legs.q))
     b = Gravity(g).evaluate(heavy.at(legs.q))

@@ -8,13 +8,12 @@ from dataclasses import replace
 import mpmath as mp
 import numpy as np
 import pytest
+from tests.inner import Settings, choose_quantities, evaluate
 from tests.support import hexagons, platform_mechanism, spread_springs
 from tests.support.digits import skew
 
 import cartstiff
 from cartstiff import DeadForce, analyse_many, analyse_posture, equilibrium
-from cartstiff.batch.quantities import Settings, choose_quantities
-from cartstiff.batch.stacks import evaluate
 
 CORNERS = np.repeat(2 * np.pi / 3 * np.arange(3), 2)
 

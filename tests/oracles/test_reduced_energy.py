@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.linalg import null_space
+from tests.inner import Chain, Closure, plain_tree
 from tests.support import (
     ReducedEnergy,
     add_chain,
@@ -35,10 +36,7 @@ from tests.support import (
     spring_energy,
 )
 
-from cartstiff import ElasticMechanism, JointSprings, PostureStiffness
-from cartstiff.mechanisms.chain import Chain, Closure
-from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.stiffness.compute import analyse
+from cartstiff import ElasticMechanism, JointSprings, PostureStiffness, analyse
 
 # Required of the engine; the differences themselves reach about 1e-10.
 ENERGY = 1e-8

@@ -6,6 +6,7 @@ import mpmath as mp
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import Chain, plain_tree
 from tests.mechanisms.machines import write_file
 from tests.support import loaded_arm
 from tests.support.digits import skew, turned
@@ -22,8 +23,6 @@ from cartstiff import (
     modes,
     sensitivities,
 )
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.tree_building import plain_tree
 
 #: Required; double precision gives 1e-11.
 EXACT = 1e-8

@@ -5,15 +5,13 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
+from tests.inner import MATRICES, Parameters, _Question
 from tests.mechanisms.machines import write_file
 from tests.support.digits import skew
 
 import cartstiff
-from cartstiff.analysis.parameters import Parameters
 from cartstiff.errors import ConvergenceError
 from cartstiff.geometry import se3
-from cartstiff.gradients.matrices import _Question
-from cartstiff.vibration.sensitivities import MATRICES
 
 #: Required of every derivative, of its largest entry; struts give 1e-10.
 EXACT = 1e-8

@@ -9,6 +9,7 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
+from tests.inner import MATRICES, _Question
 from tests.oracles.test_sensitivities_fifty_digits import (
     DIGITS,
     EXACT,
@@ -21,8 +22,6 @@ from tests.oracles.test_sensitivities_fifty_digits import (
 from tests.support.digits import skew, turned
 
 import cartstiff
-from cartstiff.gradients.matrices import _Question
-from cartstiff.vibration.sensitivities import MATRICES
 
 
 def inverse(T):

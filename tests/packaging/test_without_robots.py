@@ -3,9 +3,7 @@
 import json
 
 import pytest
-
-from cartstiff.cli.main import main
-from cartstiff.loading import catalogue
+from tests.inner import catalogue, main
 
 URDF = """<robot name="two">
   <link name="base"/><link name="upper"/><link name="tool"/>

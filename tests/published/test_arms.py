@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import Chain, plain_tree
 from tests.support import reference, relative_error, robot_file
 
-from cartstiff import ElasticMechanism, JointSprings
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.stiffness.compute import analyse
+from cartstiff import ElasticMechanism, JointSprings, analyse
 
 ARMS = reference("arms.json")
 

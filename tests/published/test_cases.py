@@ -15,7 +15,7 @@ from cases.case import json_schema, read_case, read_cases
 from cases.run import run_case, table, tool
 from click.testing import CliRunner
 
-from cartstiff.errors import InputError
+from cartstiff import InputError
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "cases"

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import Chain, plain_tree
 from tests.support import add_frame, cross_matrix, platform_mechanism, translation
 
-from cartstiff import BI_INVARIANT, KINEMATIC, ElasticMechanism, JointSprings, PoseFunction
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.stiffness.compute import analyse
+from cartstiff import BI_INVARIANT, KINEMATIC, ElasticMechanism, JointSprings, PoseFunction, analyse
 
 # Printed to 15 digits; a handful of operations.
 PRINTED = 1e-12

@@ -6,11 +6,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.optimize import brentq
+from tests.inner import Chain, plain_tree
 from tests.mechanisms.machines import write_file
 
 from cartstiff import DeadForce, ElasticMechanism, JointSprings, equilibrium, load, load_curve
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.tree_building import plain_tree
 
 LENGTH, STIFFNESS = 0.7, 3.0
 # Smallest P l / k of n equal links, each joint with a spring, the base one included.

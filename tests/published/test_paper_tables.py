@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.support import paper_platform, reference, relative_error
 
-from cartstiff.stiffness.compute import analyse
+from cartstiff import analyse
 
 TABLES = reference("paper_tables.json")
 

@@ -23,10 +23,7 @@ from cartstiff import (
     JointSprings,
     LineSprings,
 )
-from cartstiff.mechanisms.chain import Chain, Closure
-from cartstiff.mechanisms.platform import Platform
-from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.units import Units
+from tests.inner import Chain, Closure, Platform, Units, plain_tree
 from tests.support.oracles import (
     adjoint_reference,
     body_jacobian,

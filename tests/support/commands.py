@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from cartstiff.cli.main import main
-from cartstiff.errors import InputError
+from cartstiff import InputError
+from tests.inner import main
 
 
 def words(*parts: object) -> list[str]:

@@ -13,17 +13,17 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from cartstiff import numerics
-from cartstiff.arrays import Array
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff import (
+    ElasticMechanism,
+    InputError,
+    JointSprings,
+    LineSprings,
+    PostureStiffness,
+    UndefinedError,
+)
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.platform import Platform, PlatformPosture
-from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.potentials.springs import JointSprings
-from cartstiff.stiffness.posture import PostureStiffness
-from cartstiff.units import SI, Units, convert_length
+from tests.inner import SI, Chain, Platform, PlatformPosture, Units, convert_length, numerics
+from tests.inner import arrays_Array as Array
 
 
 @dataclass

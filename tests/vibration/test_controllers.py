@@ -6,17 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.inner import double_diagonalisation, impedance, in_units, square_root_damping
 from tests.support import random_pose
 from tests.support.commands import answer, refuses, run
 
-from cartstiff import StiffnessTensor, analyse, load, modes
-from cartstiff.errors import InputError, UndefinedError
-from cartstiff.mechanisms.other_units import in_units
-from cartstiff.vibration.controllers import (
-    double_diagonalisation,
-    impedance,
-    square_root_damping,
-)
+from cartstiff import InputError, StiffnessTensor, UndefinedError, analyse, load, modes
 
 
 def _random(rng, spread):

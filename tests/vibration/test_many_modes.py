@@ -5,9 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.inner import Damping, ManyModes, criteria, in_units, poles, vibrations
 from tests.vibration.test_modes import column
 
 from cartstiff import (
+    InputError,
     ToolPath,
     Trajectory,
     analyse,
@@ -17,12 +19,7 @@ from cartstiff import (
     modes,
     optimise_path,
 )
-from cartstiff.batch import vibrations
-from cartstiff.batch.vibrations import ManyModes
-from cartstiff.errors import ConvergenceError, InputError
-from cartstiff.mechanisms.other_units import in_units
-from cartstiff.toolpaths.optimise import criteria
-from cartstiff.vibration.response import Damping, poles
+from cartstiff.errors import ConvergenceError
 
 
 @pytest.fixture(autouse=True)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.inner import in_units
 from tests.mechanisms.machines import write_file
 from tests.support import exp_reference, links, loaded_arm, relative_error
 
@@ -19,7 +20,6 @@ from cartstiff import (
     modes,
     payload,
 )
-from cartstiff.mechanisms.other_units import in_units
 
 #: Hz, as the simulator's documentation prints them, to a tenth.
 PRINTED = [780.6, 780.6, 903.9, 1061.4, 1061.4, 1269.6]

@@ -5,16 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.identify.neighbours import neighbours
+from tests.inner import Parameters
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.oracle import ROBOTS
 from tests.support import loaded_arm
 from tests.support.commands import answer
 from tests.vibration.test_modes import LENGTH, M_1, K, column
 
-from cartstiff import accuracy, analyse, load, modes, sensitivities
-from cartstiff.analysis.parameters import Parameters
-from cartstiff.analysis.tolerances import Tolerances
-from cartstiff.errors import InputError, UndefinedError
+from cartstiff import (
+    InputError,
+    Tolerances,
+    UndefinedError,
+    accuracy,
+    analyse,
+    load,
+    modes,
+    sensitivities,
+)
 
 #: Two rounds of central differences.
 DIFFERENCES = 1e-5

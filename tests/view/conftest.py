@@ -138,8 +138,7 @@ def platform() -> Any:
 @pytest.fixture
 def page(platform: Any) -> Iterator[Any]:
     """A server for the paper's platform that draws nothing."""
-    from cartstiff.page.server import Background
-    from cartstiff.page.source import Source
+    from tests.inner import Background, Source
 
     server = Background(Source(platform), picture=NoPicture)
     yield server

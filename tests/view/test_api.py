@@ -9,11 +9,11 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from tests.inner import Page, StaticPage
 from tests.view.conftest import Tab
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.page.api import Page, StaticPage
+from cartstiff import InputError
 
 
 @pytest.fixture

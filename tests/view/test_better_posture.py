@@ -6,17 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.inner import (
+    USEFUL_GAIN,
+    Better,
+    Session,
+    Source,
+    ViewState,
+    better_posture,
+    better_sentences,
+    in_units,
+)
 from tests.view.test_report import ARM, HEAVY, Q, moved_by
 
 import cartstiff
-from cartstiff.analysis.posture import analyse_posture
-from cartstiff.errors import UndefinedError
-from cartstiff.mechanisms.other_units import in_units
-from cartstiff.page.messages import Better, ViewState
-from cartstiff.page.session import Session
-from cartstiff.page.source import Source
-from cartstiff.report.better import better_sentences
-from cartstiff.toolpaths.better import USEFUL_GAIN, better_posture
+from cartstiff import UndefinedError, analyse_posture
 
 DOWN = [0, 0, 0, 0, 0, -1.0]
 

@@ -12,34 +12,38 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-
-import cartstiff
-from cartstiff.arrays import plain
-from cartstiff.batch.execution import HELPERS, PortableKernel, javascript
-from cartstiff.batch.postures import analyse_many
-from cartstiff.batch.quantities import Settings, choose_quantities
-from cartstiff.batch.stacks import evaluate, needed_outputs
-from cartstiff.batch.tape import (
+from tests.inner import (
+    HELPERS,
+    BrowserProgram,
+    Follower,
+    LoadKind,
+    PortableKernel,
+    Session,
+    Settings,
+    Source,
     Tape,
+    ViewState,
     absolute,
+    browser_program,
+    choose_quantities,
+    client_data,
     copysign,
     cosine,
+    evaluate,
+    javascript,
     larger,
+    needed_outputs,
+    page_script,
     pick,
+    plain,
+    series_row,
     sine,
     square_root,
 )
-from cartstiff.errors import UndefinedError
+
+import cartstiff
+from cartstiff import UndefinedError, analyse_many
 from cartstiff.geometry import se3
-from cartstiff.kinematics.following import Follower
-from cartstiff.page.browser_program import BrowserProgram, browser_program
-from cartstiff.page.export import client_data
-from cartstiff.page.files import page_script
-from cartstiff.page.messages import ViewState
-from cartstiff.page.session import Session
-from cartstiff.page.shown import series_row
-from cartstiff.page.source import Source
-from cartstiff.stiffness.applied_load import LoadKind
 
 MECHANISMS = (
     "ur5",

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.inner import main
 
 import cartstiff
-from cartstiff.cli.main import main
 
 SOURCE = str(Path(cartstiff.__file__).parents[1])
 
@@ -68,7 +68,7 @@ def test_export_writes_a_page(tmp_path, capfd):
 
 def test_a_page_with_the_workspace_is_that_of_the_workspace(tmp_path, monkeypatch):
     """The load counts where forces are limited; without, the page alone has it."""
-    from cartstiff.page import export
+    from tests.inner import export
 
     sources = []
     monkeypatch.setattr(export, "export_page", lambda source, **_: sources.append(source) or "")

@@ -12,16 +12,19 @@ from typing import Any
 import numpy as np
 import pytest
 import umsgpack
+from tests.inner import (
+    Session,
+    Source,
+    ViewState,
+    export_page,
+    numbered,
+    page_script,
+    read_mesh,
+    visuals_of,
+)
 from tests.view.conftest import unpacked
 
 import cartstiff
-from cartstiff.loading.meshes import read_mesh
-from cartstiff.loading.visuals import visuals_of
-from cartstiff.page.export import export_page, numbered
-from cartstiff.page.files import page_script
-from cartstiff.page.messages import ViewState
-from cartstiff.page.session import Session
-from cartstiff.page.source import Source
 
 
 def held(page: str) -> tuple[dict[str, Any], list[bytes]]:
@@ -104,7 +107,7 @@ def test_the_state_of_a_tab_is_exported():
 
 def test_meshes_are_on_a_fine_grid():
     """A corner of a link differs from that of its file by half a step; the steps compress well."""
-    from cartstiff.page.picture import PageScene
+    from tests.inner import PageScene
 
     picture, arm = PageScene(cartstiff.load("ur5")), cartstiff.load("ur5")
     picture.draw(cartstiff.analyse(arm), ViewState(q=arm.q.tolist()))

@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.inner import corner_normals, objects, read_mesh
 from tests.support import robot_file
 
-from cartstiff.errors import InputError, MissingDependencyError
-from cartstiff.loading.mesh_worker import corner_normals
-from cartstiff.loading.meshes import read_mesh
-from cartstiff.scene import objects
+from cartstiff import InputError
+from cartstiff.errors import MissingDependencyError
 
 UR5 = "ur_description/meshes/ur5/visual"
 # Normals are rounded to 127 steps.

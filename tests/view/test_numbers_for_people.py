@@ -9,13 +9,9 @@ import shutil
 import subprocess
 
 import pytest
+from tests.inner import Session, Source, ViewState, engineering, page_script
 
 import cartstiff
-from cartstiff.page.files import page_script
-from cartstiff.page.messages import ViewState
-from cartstiff.page.session import Session
-from cartstiff.page.source import Source
-from cartstiff.units import engineering
 
 #: Value, unit, digits, what is read.
 READ = [

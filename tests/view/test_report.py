@@ -12,6 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.inner import (
+    VERDICTS,
+    PolynomialLaw,
+    answer_at,
+    answer_sentences,
+    exaggerated,
+    in_units,
+    report_page,
+)
+from tests.inner import command as cartstiff_command
 from tests.support.read_units import read
 from tests.support.report_words import (
     METRES,
@@ -24,17 +34,8 @@ from tests.support.report_words import (
 )
 
 import cartstiff
-from cartstiff.analysis.posture import analyse_posture
-from cartstiff.answer.posture import answer_at
-from cartstiff.cli.main import command as cartstiff_command
+from cartstiff import DeadWrench, analyse_posture, equilibrium
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.other_units import in_units
-from cartstiff.page.html_report import report_page
-from cartstiff.page.report_drawing import exaggerated
-from cartstiff.potentials.loads import DeadWrench
-from cartstiff.potentials.springs import PolynomialLaw
-from cartstiff.report.sentences import VERDICTS, answer_sentences
-from cartstiff.statics.equilibrium import equilibrium
 
 ARM = "".join(
     f"<link name='l{i}'><inertial><mass value='2'/><inertia ixx='1' iyy='1' izz='1' ixy='0' "
@@ -187,10 +188,9 @@ def test_a_map_stands_in_the_report(arm, tmp_path):
     """Its picture and range, with joints in degrees; a map of another mechanism is refused."""
     from dataclasses import replace
 
-    from cartstiff.errors import InputError
-    from cartstiff.maps import compute_map, open_map
-    from cartstiff.maps.sampling import Axis, Grid
-    from cartstiff.report.maps import map_section
+    from tests.inner import map_section
+
+    from cartstiff import Axis, Grid, InputError, compute_map, open_map
 
     grid = Grid({"j2": Axis(0.3, 0.9, 4), "j3": Axis(-1, -0.4, 3)}, arm.names, Q)
     compute_map(arm, grid, ["condition"], tmp_path / "m.zarr", length=1.0)

@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from tests.inner import ViewerNode, add_ellipsoid, theme
 from tests.support import twist_matrix
 from tests.support.read_units import read, si
 from tests.view.viewer import Viewer
 
 import cartstiff
-from cartstiff.errors import InputError, UnknownNameError
-from cartstiff.scene import Appearance, RecordingWindow, Scene, theme
-from cartstiff.scene.ellipsoids import add_ellipsoid
-from cartstiff.scene.viewer import ViewerNode
+from cartstiff import InputError
+from cartstiff.errors import UnknownNameError
+from cartstiff.scene import Appearance, RecordingWindow, Scene
 
 ROOT = "/meshcat/cartstiff"
 # Lengths go through a single division and square roots.

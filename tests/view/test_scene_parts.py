@@ -14,12 +14,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
+from tests.inner import (
+    Tension,
+    ViewerNode,
+    page_style,
+    rotation_to,
+    round_number,
+    scene_units,
+    segment,
+    text_png,
+    theme,
+)
 from tests.support import random_pose
 from tests.view.viewer import Viewer, meshcat
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.page.files import page_style
+from cartstiff import InputError, Scene
 from cartstiff.scene import (
     Linear,
     Logarithmic,
@@ -29,14 +39,7 @@ from cartstiff.scene import (
     add_path,
     add_points,
     add_wrench,
-    theme,
 )
-from cartstiff.scene.environment import scene_units
-from cartstiff.scene.labels import text_png
-from cartstiff.scene.objects import rotation_to, segment
-from cartstiff.scene.scales import Tension, round_number
-from cartstiff.scene.scene import Scene
-from cartstiff.scene.viewer import ViewerNode
 
 ROUNDING = 1e-9
 

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from tests.inner import ViewerNode, visuals_of
 from tests.support import robot_file
 from tests.view.viewer import Viewer
 
 import cartstiff
-from cartstiff.loading.visuals import visuals_of
 from cartstiff.scene import Appearance, RecordingWindow, Scene
-from cartstiff.scene.viewer import ViewerNode
 
 MECHANISM = "/meshcat/cartstiff/mechanism"
 # Positions go through single rotations in double precision.

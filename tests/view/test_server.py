@@ -15,15 +15,14 @@ import urllib.request
 from urllib.parse import urlsplit
 
 import pytest
+from tests.inner import Background, Source
+from tests.inner import server as serving
 from tests.view.conftest import NoPicture, Tab
 from tornado.httpclient import HTTPClientError
 from tornado.websocket import WebSocketClosedError
 
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.page import server as serving
-from cartstiff.page.server import Background
-from cartstiff.page.source import Source
+from cartstiff import InputError
 
 
 def get(url: str, path: str = "", **headers: str) -> tuple[int, bytes, dict[str, str]]:
@@ -502,7 +501,7 @@ def test_a_port_in_use_is_one_clear_line(page, platform):
 
 
 def test_an_export_from_a_tab(tab):
-    from cartstiff.page import export
+    from tests.inner import export
 
     assert export  # the stand-in has no commands by path: the refusal must be an answer too
     answer = tab().ask({"id": 4, "do": "export"})

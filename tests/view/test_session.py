@@ -10,16 +10,22 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.inner import (
+    Cloud,
+    Frame,
+    Playback,
+    PolynomialLaw,
+    Session,
+    Source,
+    describe_mechanism,
+    read_message,
+    slider_ranges,
+)
 
 import cartstiff
-from cartstiff.errors import CartstiffError, InputError, UnknownNameError
+from cartstiff import CartstiffError, DeadWrench, InputError, JointSprings
+from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
-from cartstiff.page.messages import Frame, read_message
-from cartstiff.page.session import Session
-from cartstiff.page.shown import describe_mechanism, slider_ranges
-from cartstiff.page.source import Cloud, Playback, Source
-from cartstiff.potentials.loads import DeadWrench
-from cartstiff.potentials.springs import JointSprings, PolynomialLaw
 
 
 @pytest.fixture
@@ -469,8 +475,7 @@ def test_a_changed_spring_leaves_the_laws_of_the_others(no_picture):
 
 
 def test_another_frame_keeps_the_springs_of_the_command_line(no_picture):
-    from cartstiff.cli.options import Setup, Values
-    from cartstiff.cli.view import Shown
+    from tests.inner import Setup, Shown, Values
 
     given = Values("--stiffness", {"elbow_joint": np.inf, "wrist_1_joint": 5e3})
     one = Session(Shown().source(Setup("ur5", stiffness=given)), no_picture)

@@ -10,13 +10,11 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+from tests.inner import Session, Source, read_message
 from tests.view.conftest import NoPicture
 
 import cartstiff
-from cartstiff.errors import CartstiffError, InputError
-from cartstiff.page.messages import read_message
-from cartstiff.page.session import Session
-from cartstiff.page.source import Source
+from cartstiff import CartstiffError, InputError
 
 _NUMBERS = st.floats(-2.0, 2.0)
 

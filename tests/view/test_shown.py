@@ -6,19 +6,22 @@ import json
 
 import numpy as np
 import pytest
+from tests.inner import (
+    Appearance,
+    Session,
+    Source,
+    ViewState,
+    describe,
+    describe_mechanism,
+    in_units,
+    reference_frame,
+    series_row,
+    shown_numbers,
+)
 
 import cartstiff
-from cartstiff.analysis.posture import analyse_posture
+from cartstiff import DeadForce, analyse_posture, equilibrium
 from cartstiff.geometry import se3
-from cartstiff.mechanisms.other_units import in_units
-from cartstiff.page.messages import ViewState
-from cartstiff.page.session import Session
-from cartstiff.page.shown import describe_mechanism, reference_frame, series_row, shown_numbers
-from cartstiff.page.source import Source
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.report.analysis import describe
-from cartstiff.scene.appearance import Appearance
-from cartstiff.statics.equilibrium import equilibrium
 
 LOAD = np.array([3.0, -2.0, 1.0, 30.0, -20.0, -100.0])
 

@@ -7,11 +7,9 @@ import types
 
 import numpy as np
 import pytest
+from tests.inner import in_units, read_cloud, read_trajectory, source
 
-from cartstiff.errors import InputError
-from cartstiff.mechanisms.other_units import in_units
-from cartstiff.page import source
-from cartstiff.page.source import read_cloud, read_trajectory
+from cartstiff import InputError
 
 NAMES = ("a", "b")
 
@@ -123,7 +121,7 @@ def test_a_map_without_positions_is_refused(opened, tmp_path):
 def test_a_real_map_with_places_out_of_reach(tmp_path):
     """Five places along a line of which the last two are beyond the arm."""
     import cartstiff
-    from cartstiff.maps import Axis, CartesianGrid, compute_map, open_map
+    from cartstiff import Axis, CartesianGrid, compute_map, open_map
 
     arm = cartstiff.load("five-bar")
     posture = arm.mechanism.closed(arm.q)
@@ -149,7 +147,7 @@ def test_a_real_map_with_places_out_of_reach(tmp_path):
 
 def test_points_of_a_map_bring_their_postures(tmp_path, monkeypatch):
     import cartstiff
-    from cartstiff.maps import Grid, compute_map
+    from cartstiff import Grid, compute_map
 
     arm = cartstiff.load("ur5")
     grid = Grid({"shoulder_pan_joint": (-1, 1, 3), "elbow_joint": (0.5, 1.5, 3)}, arm.names, arm.q)
@@ -172,9 +170,10 @@ def test_points_of_a_map_bring_their_postures(tmp_path, monkeypatch):
 
 def test_a_boundary_of_a_workspace(tmp_path):
     """What `workspace -o` writes, in the units of the file or in others."""
+    from tests.inner import boundary_csv
+
     import cartstiff
-    from cartstiff.reach.workspace import workspace
-    from cartstiff.report.reach import boundary_csv
+    from cartstiff import workspace
 
     hexapod = cartstiff.load("hexapod")
     reached = workspace(hexapod, directions=60, scan=12, fits=False)
@@ -198,8 +197,9 @@ def test_a_boundary_of_a_workspace(tmp_path):
 
 
 def test_a_workspace_of_tilts_is_no_cloud_of_positions():
+    from tests.inner import cloud_of_workspace
+
     import cartstiff
-    from cartstiff.page.source import cloud_of_workspace
 
     legs = {
         "chain": "RPS",
@@ -215,7 +215,7 @@ def test_a_workspace_of_tilts_is_no_cloud_of_positions():
 
 
 def test_rare_kinds_of_points_are_others():
-    from cartstiff.scene.points import colours_of
+    from tests.inner import colours_of
 
     words = np.array([f"limit {i:02}" for i in range(20) for _ in range(20 - i)])
     colours, facts = colours_of(words)

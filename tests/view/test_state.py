@@ -10,10 +10,10 @@ from typing import get_args
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.inner import LARGEST_MESSAGE, Draw, Message, ViewState, read_message
 from tools import page_messages
 
-from cartstiff.errors import InputError
-from cartstiff.page.messages import LARGEST_MESSAGE, Draw, Message, ViewState, read_message
+from cartstiff import InputError
 
 
 def test_a_message_is_read():

@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.inner import Draw, Numbers, Response, Session, Source, Swing, ViewState, extent, swing_of
 
-from cartstiff import load, modes
-from cartstiff.errors import InputError, UndefinedError
-from cartstiff.page.messages import Draw, Numbers, Response, Swing, ViewState
-from cartstiff.page.session import Session
-from cartstiff.page.source import Source
-from cartstiff.scene.mechanism import extent
-from cartstiff.scene.swing import swing_of
+from cartstiff import InputError, UndefinedError, load, modes
 
 
 @pytest.mark.parametrize("name", ["ur5", "stewart-simscape", "five-bar"])
