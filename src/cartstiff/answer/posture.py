@@ -149,7 +149,7 @@ def is_resisted(here: StiffnessInFrame, connection: str, found: FoundDeflection)
     definite amount.
     """
     C = here.compliances[connection]
-    is_positive = C is not None and numerics.eigenvalues(C)[0] >= 0.0
+    is_positive = C is not None and numerics.is_never_negative(C)
     return bool(is_positive and found.whole.energy >= 0.0)
 
 

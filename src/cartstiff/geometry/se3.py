@@ -11,10 +11,11 @@ Every function acts on the last axes and broadcasts over leading ones.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import Array as Array
@@ -37,7 +38,7 @@ _SMALL_ANGLE: Final = 1e-2
 def _of_shape(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
     """Doubles whose last axes have a shape; InputError for others."""
     array = real_array(values, what)
-    if array.shape[-len(shape) :] != shape:
+    if array.shape != shape and array.shape[-len(shape) :] != shape:
         expected = f"(..., {', '.join(map(str, shape))})"
         raise InputError(f"{what} has another shape", expected=expected, got=array.shape)
     return array
@@ -367,6 +368,13 @@ def chain_curvature(jacobian: ArrayLike, wrench: ArrayLike) -> Array:
         raise InputError(
             "jacobian has another shape", expected="(..., 6, n)", got=J.shape
         )
-    upper = np.triu(0.5 * J.swapaxes(-1, -2) @ bracket_form(wrench) @ J, 1)
+    products = 0.5 * J.swapaxes(-1, -2) @ bracket_form(wrench) @ J
+    upper = np.where(_above_diagonal(J.shape[-1]), products, 0.0)
     S: Array = upper + upper.swapaxes(-1, -2)
     return S
+
+
+@cache
+def _above_diagonal(n: int) -> NDArray[np.bool_]:
+    """Which entries (n, n) are above the diagonal: `numpy.triu` makes it at each call."""
+    return np.tri(n, dtype=bool).T & ~np.eye(n, dtype=bool)

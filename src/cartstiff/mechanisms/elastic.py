@@ -379,14 +379,14 @@ class ElasticMechanism(ShownInLines):
             self, springs=springs, notes=notes, identified=identified, given=known
         )
 
-    @property
+    @cached_property
     def spring_names(self) -> tuple[str, ...]:
         """Names of the springs: the coordinates', or leg1, leg2, ... for lines."""
         if self.springs is None:
             return self.names
         return self.springs.names_in(self.mechanism.coordinates)
 
-    @property
+    @cached_property
     def slides(self) -> list[bool]:
         """Whether each of `spring_names` deflects by a distance."""
         coordinates, springs = self.mechanism.coordinates, self.springs
@@ -404,12 +404,17 @@ class ElasticMechanism(ShownInLines):
 
     def parts(self, posture: MechanismPosture) -> list[Parts]:
         """Return what deflects in springs and potentials, in their order."""
-        every = self.labelled()
-        if self.springs is not None:
-            every.insert(0, (self.springs, self.spring_names))
+        every = self._named
         coordinates = self.mechanism.coordinates
         each = (term.parts(posture, coordinates, names) for term, names in every)
         return [parts for parts in each if parts is not None]
+
+    @cached_property
+    def _named(self) -> list[tuple[Potential, Sequence[str]]]:
+        """Springs and potentials with the names of their parts."""
+        springs = self.springs
+        own = [] if springs is None else [(springs, self.spring_names)]
+        return [*own, *self.labelled()]
 
     def numbers(self) -> dict[str, Number]:
         """Return the numbers that `with_numbers` changes, by name.

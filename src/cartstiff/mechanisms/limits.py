@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.contract import Mechanism
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
@@ -113,14 +114,14 @@ class Limits:
         """
         if self.legs is None and not self._more:  # comparing lists is faster than arrays
             own = q.tolist()
-            each = zip(
-                self.columns.tolist(),
-                self.lower.tolist(),
-                self.upper.tolist(),
-                strict=True,
-            )
-            return all(low <= own[j] <= high for j, low, high in each)
+            return all(low <= own[j] <= high for j, low, high in self._bounds)
         return not len(self) or bool(self._within(self.values(q, pose)))
+
+    @cached_property
+    def _bounds(self) -> list[tuple[int, float, float]]:
+        """Column and bounds of each quantity, in plain numbers."""
+        lists = self.columns.tolist(), self.lower.tolist(), self.upper.tolist()
+        return list(zip(*lists, strict=True))
 
     def leaving_out(self, sides: Array) -> Limits:
         """Remove the lower bounds where `sides` (m,) is -1, the upper ones where it is 1.
@@ -130,6 +131,7 @@ class Limits:
         if not sides.any():
             return self
         other = copy(self)
+        vars(other).pop("_bounds", None)
         other.left_out = sides
         other.lower = np.where(sides < 0, -np.inf, self.lower)
         other.upper = np.where(sides > 0, np.inf, self.upper)

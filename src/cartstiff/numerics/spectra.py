@@ -68,6 +68,12 @@ def eigenvalues(
     return result.reshape(a.shape)
 
 
+def is_never_negative(matrix: Array) -> bool:
+    """Whether one symmetric matrix has no negative one of its `eigenvalues`."""
+    least, *_, most = np.linalg.eigvalsh(0.5 * (matrix + matrix.T)).tolist()
+    return bool(least >= -ZERO_SHARE * max(-least, most))
+
+
 def eigenpairs(
     matrix: Array, inverse: Array | None = None, losses: tuple[float, float] = (1.0, 1.0)
 ) -> tuple[Array, Array]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import re
-import struct
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, TypeVar
@@ -347,7 +346,7 @@ class Answer:
         """
         text, parts = self._text(), list[bytes]()
         for chunk in (text, *self.commands):
-            parts += [struct.pack(">I", len(chunk)), chunk]
+            parts += [len(chunk).to_bytes(4, "big"), chunk]
         return b"".join(parts)
 
     def _text(self) -> bytes:

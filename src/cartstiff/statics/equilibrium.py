@@ -172,8 +172,8 @@ def equilibrium(
     system = System(elastic, loads, held, acting)
     with bounded(elastic):
         solution, stages = _at_once_or_in_stages(system, posture.q, iterations, settle)
-    state = state_of_rest(system, solution, posture, stages)
-    return replace(state, _chosen=chosen, _before_load=given.before_load)
+    facts = {"_chosen": chosen, "_before_load": given.before_load}
+    return state_of_rest(system, solution, posture, stages, **facts)
 
 
 def _at_once_or_in_stages(

@@ -123,6 +123,10 @@ class Point:
         Sum of the absolute generalised forces of the terms' members, in natural units.
     stiffness_scale : ndarray (n, n)
         Sum of the terms' absolute stiffnesses, in natural units.
+    limited : ndarray
+        What the limits bound.
+    areas : ndarray (n, n)
+        Products of the coordinates' natural sizes.
     """
 
     q: Array
@@ -132,6 +136,7 @@ class Point:
     forces: Array
     stiffness_scale: Array
     limited: Array
+    areas: Array
 
     def add(self, term: Evaluation, members: Array) -> None:
         """Add a term that acts here, with the absolute forces (n,) of its members."""
@@ -140,7 +145,7 @@ class Point:
         columns = self.posture.coordinate_lengths
         self.energies += abs(term.energy)
         self.forces += members * columns
-        self.stiffness_scale += np.abs(term.hessian * columns[:, None] * columns)
+        self.stiffness_scale += np.abs(term.hessian * self.areas)
 
 
 @dataclass(eq=False)
@@ -438,7 +443,8 @@ class System:
         """Everything that acts at coordinates q."""
         count()
         posture = self.elastic.mechanism.at(q)
-        n = posture.coordinate_lengths.size
+        columns = posture.coordinate_lengths
+        n = columns.size
         limited = (
             self.limits.values(posture.q, posture.pose)
             if len(self.limits)
@@ -446,7 +452,14 @@ class System:
         )
         nothing = Evaluation(0.0, np.zeros(n), np.zeros((n, n)))
         point = Point(
-            posture.q, posture, nothing, 0.0, np.zeros(n), np.zeros((n, n)), limited
+            posture.q,
+            posture,
+            nothing,
+            0.0,
+            np.zeros(n),
+            np.zeros((n, n)),
+            limited,
+            columns[:, None] * columns,
         )
         for term in self.terms:
             evaluation = term.evaluate(posture)
@@ -502,7 +515,7 @@ class System:
         """Forces and stiffness on the motions that keep the constraints."""
         columns = point.posture.coordinate_lengths
         g = point.evaluation.gradient * columns
-        H = point.evaluation.hessian * columns[:, None] * columns
+        H = point.evaluation.hessian * point.areas
         constraints = self.constraints(point.posture, contacts)
         N, lam, forces = None, np.empty(0), point.forces
         if constraints is not None:
@@ -512,14 +525,14 @@ class System:
             N, carried = closed.N, closed.forces(-g, list(range(len(g))))
             forces = forces + np.abs(A.T @ carried)
             lam = carried / units
-            H = H + to_constraints.curvature(lam) * columns[:, None] * columns
+            H = H + to_constraints.curvature(lam) * point.areas
         reach = self._reach(point.posture)
         lines = line_springs_and_rest(self.elastic, point.posture)
         legs = None if constraints is not None else self._by_lengths(point, lines)
         own_rounding: Array | float = 0.0
         if legs is not None:
             N, H, scale = legs.motions, legs.stiffness, legs.terms
-            g, forces, own = N.T @ g, np.abs(N.T) @ forces, np.diag(legs.terms)
+            g, forces, own = N.T @ g, np.abs(N.T) @ forces, legs.terms.diagonal()
         elif (
             N is None
             and not self.elastic.potentials
@@ -527,7 +540,7 @@ class System:
         ):
             # Forces are judged by coordinate: each has its own spring.
             scale = point.stiffness_scale
-            own = np.diag(scale)
+            own = scale.diagonal()
         else:
             # Principal motions, so that no soft one is judged by the forces of a stiff
             # one.

@@ -159,9 +159,15 @@ _NEUTRAL = (
 
 
 def state_of_rest(
-    system: System, solution: Solution, start: MechanismPosture, stages: int
+    system: System,
+    solution: Solution,
+    start: MechanismPosture,
+    stages: int,
+    **facts: Any,
 ) -> Equilibrium:
-    """The result of a solution: verdict on its stability, reactions, notes."""
+    """The result of a solution: verdict on its stability, reactions, notes; with
+    further facts of the result.
+    """
     point, balance = solution.point, solution.balance
     notes = list(system.elastic.notes)
     conservative = not np.isnan(point.evaluation.energy)
@@ -208,6 +214,7 @@ def state_of_rest(
         system,
         solution,
         squares,
+        **facts,
     )
 
 

@@ -336,7 +336,7 @@ class PostureStiffness(LabelledResult):
             axis.set(**dict(zip(("xlabel", "ylabel"), labels, strict=True)))
             axis.ticklabel_format(scilimits=(-3, 3))
         title = f"{self.elastic.name}: displacement of M under a unit force"
-        if numerics.eigenvalues(block)[0] < 0.0:
+        if not numerics.is_never_negative(block):
             title += " (indefinite: M moves against some forces)"
         figure.suptitle(title)
         return figure
@@ -602,7 +602,7 @@ class PostureStiffness(LabelledResult):
     def _resists(self) -> bool:
         """Whether no load moves the body on and on, as a negative compliance lets it."""
         C = self.tangent_compliance
-        return C is None or bool(numerics.eigenvalues(C)[0] >= 0.0)
+        return C is None or numerics.is_never_negative(C)
 
     @cached_property
     def inverse_of_symmetric_tangent(self) -> Array | None:
