@@ -7,6 +7,7 @@ the file to the models.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -90,19 +91,31 @@ def _typedef(model: type[BaseModel]) -> str:
     lines = [f"@typedef {{object}} {model.__name__} {(model.__doc__ or '').splitlines()[0]}"]
     for name, field in model.model_fields.items():
         called = name if field.is_required() else f"[{name}]"
-        lines.append(f"@property {{{_type(field.annotation)}}} {called}")
+        lines += _rows(f"@property {{{_type(field.annotation)}}} {called}".split(" "), "  ")
     return "\n".join(["/**", *(f" * {line}" for line in lines), " */"])
 
 
+def _rows(words: Iterable[str], begin: str, first: str = "") -> list[str]:
+    """Words in lines of at most 110 letters; those after the first begin with blanks."""
+    rows = [first]
+    for word in words:
+        if len(rows[-1]) + len(word) > 110:
+            rows.append(begin)
+        rows[-1] += f"{' ' * (rows[-1].strip() != '')}{word}"
+    return rows
+
+
 def _constant(name: str, values: dict[str, Any]) -> str:
-    lines = [f"  {key}: {_object(value)}," for key, value in values.items()]
+    lines = [row for key, value in values.items() for row in _rows_of(key, value)]
     return "\n".join([f"export const {name} = {{", *lines, "};", ""])
 
 
-def _object(value: Any) -> str:
+def _rows_of(key: str, value: Any) -> list[str]:
+    """A constant's entry."""
     if not isinstance(value, dict):
-        return json.dumps(value)
-    return "{ " + ", ".join(f"{key}: {json.dumps(one)}" for key, one in value.items()) + " }"
+        return [f"  {key}: {json.dumps(value)},"]
+    held = [f"{name}: {json.dumps(one)}," for name, one in value.items()]
+    return _rows([*held[:-1], *(word[:-1] for word in held[-1:]), "},"], "    ", f"  {key}: {{")
 
 
 if __name__ == "__main__":

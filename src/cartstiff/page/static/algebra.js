@@ -7,7 +7,8 @@ export const times = (A, v) => A.map((row) => row.reduce((sum, x, k) => sum + x 
 export const dot = (a, b) => a.reduce((sum, x, k) => sum + x * b[k], 0);
 export const cross = ([a, b, c], [x, y, z]) => [b * z - c * y, c * x - a * z, a * y - b * x];
 export const plus = (A, B) => A.map((row, i) => row.map((x, j) => x + B[i][j]));
-export const identity = (n) => Array.from({ length: n }, (_, i) => Array.from({ length: n }, (__, j) => Number(i === j)));
+export const identity = (n) => Array.from({ length: n },
+  (_, i) => Array.from({ length: n }, (__, j) => Number(i === j)));
 export const zeros = (n, m) => Array.from({ length: n }, () => new Array(m).fill(0));
 export const skew = ([a, b, c]) => [[0, -c, b], [c, 0, -a], [-b, a, 0]];
 export const symmetric = (A) => A.map((row, i) => row.map((x, j) => 0.5 * (x + A[j][i])));
@@ -27,7 +28,8 @@ export function product(A, B) {
 export const congruence = (A, B) => product(transposed(A), product(B, A));
 
 /** The matrix in four blocks of 3 x 3. */
-export const blocks = (a, b, c, d) => [0, 1, 2].map((i) => [...a[i], ...b[i]]).concat([0, 1, 2].map((i) => [...c[i], ...d[i]]));
+export const blocks = (a, b, c, d) => [0, 1, 2].map((i) => [...a[i], ...b[i]])
+  .concat([0, 1, 2].map((i) => [...c[i], ...d[i]]));
 
 /** The matrix with its rows and columns multiplied. */
 export const scaled = (A, rows, columns = rows) => A.map((row, i) => row.map((x, j) => x * rows[i] * columns[j]));
@@ -62,7 +64,10 @@ const roots = (A) => A.map((row, i) => Math.sqrt(Math.abs(row[i])));
 /** The same, measured by the roots of its diagonal. */
 export const scaledInverse = (A) => inverse(A, inverted(roots(A)));
 
-/** To which share of its largest entry an inverse can be known: entries of the matrix, and elimination, each cost what `cartstiff.numerics.invert` expects. */
+/**
+ * To which share of its largest entry an inverse can be known: entries of the matrix, and elimination, each cost what
+ * `cartstiff.numerics.invert` expects.
+ */
 export function sureOfInverse(C, K = scaledInverse(C)) {
   if (!K) return 1;
   const sizes = roots(K);
@@ -128,7 +133,8 @@ export function singular(M) {
     }
     if (!rest) break;
   }
-  const found = columns.map((column, i) => ({ value: Math.hypot(...column), vector: V[i] })).sort((a, b) => b.value - a.value);
+  const found = columns.map((column, i) => ({ value: Math.hypot(...column), vector: V[i] }))
+    .sort((a, b) => b.value - a.value);
   return { values: found.map(({ value }) => value), vectors: found.map(({ vector }) => vector) };
 }
 
@@ -171,6 +177,7 @@ export function angles(T) {
 export function general(x, digits) {
   if (x === 0) return "0";
   const [mantissa, exponent] = x.toExponential(digits - 1).split("e");
-  if (Number(exponent) < -4 || Number(exponent) >= digits) return `${Number(mantissa)}e${exponent[0]}${exponent.slice(1).padStart(2, "0")}`;
+  if (Number(exponent) < -4 || Number(exponent) >= digits) return `${Number(mantissa)}e${exponent[0]}${exponent.slice(1)
+    .padStart(2, "0")}`;
   return String(Number(x.toPrecision(digits)));
 }

@@ -5,7 +5,7 @@ import { button, byId, el, heading, hint, inSize, short } from "./dom.js";
 import { Pane } from "./pane.js";
 import { symbol } from "./matrix.js";
 import { freeness } from "./numbers.js";
-import { actsAt } from "./program.js";
+import { actsAt } from "./formulas.js";
 import { LOOKS, METRES, Store, givenLoad, partOf } from "./store.js";
 
 // A picture that nobody sees.
@@ -33,7 +33,8 @@ class Row {
 
   /** Whether its numbers can be set beside those that are shown. */
   get comparable() {
-    return Boolean(this.numbers && !this.late && READ.every((key) => JSON.stringify(this.shown[key]) === JSON.stringify(this.main.shown[key])));
+    return Boolean(this.numbers && !this.late && READ.every((key) =>
+      JSON.stringify(this.shown[key]) === JSON.stringify(this.main.shown[key])));
   }
 
   /** Whether its coordinates are those of the mechanism in hand. */
@@ -61,9 +62,12 @@ class Row {
   wished() {
     const { legend, refused } = this.main;
     const state = refused === null ? this.main.state : this.main.shown;
-    const looks = { ...LOOKS(state), quantity: state.quantity, mode: null, ghost: null, measures: this.sameUnits ? legend?.measures ?? null : null };
-    if (this.own) return { ...structuredClone(this.kept.state), ...looks, load_at: actsAt(this.kept.state), point: state.point, axes: state.axes, moved: null };
-    return { ...this.store.state, ...looks, ...partOf(state, SHARED), ...(this.alike ? { q: state.q, command: state.command } : {}), moved: null };
+    const looks = { ...LOOKS(state), quantity: state.quantity, mode: null, ghost: null,
+      measures: this.sameUnits ? legend?.measures ?? null : null };
+    if (this.own) return { ...structuredClone(this.kept.state), ...looks, load_at: actsAt(this.kept.state),
+      point: state.point, axes: state.axes, moved: null };
+    return { ...this.store.state, ...looks, ...partOf(state, SHARED),
+      ...(this.alike ? { q: state.q, command: state.command } : {}), moved: null };
   }
 
   /** With a picture in a node, or without one. */
@@ -101,7 +105,8 @@ class Row {
   /** A state without a picture: only the answer to the newest question counts. */
   async ask(key, state) {
     this.pending = true;
-    const [numbers, error] = await this.main.ask({ do: "numbers", state }).then((answer) => [answer.numbers, null], ({ message }) => [null, message]);
+    const [numbers, error] = await this.main.ask({ do: "numbers", state })
+      .then((answer) => [answer.numbers, null], ({ message }) => [null, message]);
     if (key !== this.asked) return;
     this.pending = false;
     this.accept(numbers, state, error);
@@ -110,18 +115,21 @@ class Row {
   /** The curve of a sweep under this row's load and springs; null if it has no such coordinate. */
   async sweep(coordinate, steps) {
     const hello = (this.store ?? this.main).hello;
-    if (!hello || !this.sameUnits || hello.mechanism.coordinates[coordinate]?.name !== this.main.hello.mechanism.coordinates[coordinate].name) return null;
+    const nameIn = ({ mechanism }) => mechanism.coordinates[coordinate]?.name;
+    if (!hello || !this.sameUnits || nameIn(hello) !== nameIn(this.main.hello)) return null;
     const wished = this.wished();
     const state = { ...wished, ...givenLoad(wished, this.numbers, hello.mechanism) };
     const answer = await (this.store ?? this.main).ask({ do: "sweep", coordinate, steps, state });
-    return { title: this.title, called: this.own ? `state ${this.title}` : this.title, at: answer.at, rows: answer.rows };
+    return { title: this.title, called: this.own ? `state ${this.title}` : this.title, at: answer.at,
+      rows: answer.rows };
   }
 }
 
 /** Values of a row's numbers: how far the load moves the point, and the softest of each freedom. */
 function values(numbers, { quantity }) {
   const soft = (freedom) => numbers.principal?.[freedom].values.at(quantity === "stiffness" ? 0 : -1) ?? null;
-  return [numbers.moved?.resisted ? Math.hypot(...numbers.moved.displacement) : null, soft("translation"), soft("rotation")];
+  return [numbers.moved?.resisted ? Math.hypot(...numbers.moved.displacement) : null, soft("translation"),
+    soft("rotation")];
 }
 
 /** In words, how a kept state differs from the one in hand. */
@@ -129,16 +137,20 @@ function difference(store, row) {
   if (!row.own) return row.alike ? "" : "its own posture";
   const here = { ...store.state, load_at: actsAt(store.state) };
   const there = { ...row.kept.state, load_at: actsAt(row.kept.state) };
-  return [[["q", "command"], "posture"], [["load", "load_axes", "load_kind", "load_at", "gravity", "payload"], "load"], [["stiffness"], "springs"]]
-    .filter(([keys]) => keys.some((key) => JSON.stringify(here[key]) !== JSON.stringify(there[key]))).map(([, word]) => word).join(", ") || "the same";
+  return [[["q", "command"], "posture"], [["load", "load_axes", "load_kind", "load_at", "gravity", "payload"], "load"],
+    [["stiffness"], "springs"]]
+    .filter(([keys]) => keys.some((key) => JSON.stringify(here[key]) !== JSON.stringify(there[key])))
+      .map(([, word]) => word).join(", ") || "the same";
 }
 
 export function compareCard(store) {
   const table = el("table", { class: "compared" });
-  const keep = button("", () => store.keep(), { title: "Keep posture, load and springs as a state to compare with (a)" });
+  const keep = button("", () => store.keep(),
+    { title: "Keep posture, load and springs as a state to compare with (a)" });
   const pictures = el("input", { type: "checkbox", onchange: () => show() });
   const aside = el("label", { class: "check" }, pictures, "pictures side by side");
-  const words = hint("×: ratio of a row to the current state. Pictures: one camera, radii as in the legend. Dash-dotted curves are rows.");
+  const words = hint("×: ratio of a row to the current state. Pictures: one camera, radii as in the legend. "
+    + "Dash-dotted curves are rows.");
   byId("right").append(el("div", { class: "card compare-card" }, heading("States", keep), table, aside, words));
   const beside = byId("beside");
 
@@ -157,7 +169,8 @@ export function compareCard(store) {
       row.close();
       store.rows.splice(store.rows.indexOf(row), 1);
     }
-    for (const kept of store.kept) if (!store.rows.some((row) => row.kept === kept)) insert(new Row(store, store.hello.number ?? 0, kept));
+    for (const kept of store.kept) if (!store.rows.some((row) => row.kept === kept)) insert(new Row(store,
+      store.hello.number ?? 0, kept));
     show();
     store.tell("rows", store.rows);
   }
@@ -208,18 +221,26 @@ export function compareCard(store) {
       return [times / factor, unit];
     });
     const [moving, turning] = freeness(store.shown);
-    const heads = ["moves", `${stiff ? "softest" : "most compliant"} of ${symbol(store.shown)}, ${moving}`, `in rotation, ${turning}`];
-    const line = (name, title, found, note, ...buttons) => el("tr", { title: title ?? null }, el("th", { scope: "row" }, name, " ", el("span", { class: "dim" }, note), ...buttons),
+    const heads = ["moves", `${stiff ? "softest" : "most compliant"} of ${symbol(store.shown)}, ${moving}`,
+      `in rotation, ${turning}`];
+    const line = (name, title, found, note, ...buttons) =>
+      el("tr", { title: title ?? null }, el("th", { scope: "row" }, name, " ", el("span", { class: "dim" }, note),
+        ...buttons),
       ...found);
-    const cell = (x, k, ratio) => el("td", { class: "num" }, x === null ? "–" : short(x * sizes[k][0]), ratio === null ? "" : el("span", { class: "ratio dim" }, ` × ${short(ratio, 3)}`));
+    const cell = (x, k, ratio) => el("td", { class: "num" }, x === null ? "–" : short(x * sizes[k][0]),
+      ratio === null ? "" : el("span", { class: "ratio dim" }, ` × ${short(ratio, 3)}`));
     table.replaceChildren(
-      el("thead", {}, el("tr", {}, el("td"), ...heads.map((word, k) => el("th", { scope: "col" }, word, el("br"), el("span", { class: "unit" }, sizes[k][1]))))),
-      el("tbody", {}, line(el("b", {}, "now"), "The current state", here.map((x, k) => cell(x, k, null)), store.hello.mechanisms?.length > 1 ? store.hello.mechanism.name : ""),
+      el("thead", {}, el("tr", {}, el("td"),
+        ...heads.map((word, k) => el("th", { scope: "col" }, word, el("br"),
+          el("span", { class: "unit" }, sizes[k][1]))))),
+      el("tbody", {}, line(el("b", {}, "now"), "The current state", here.map((x, k) => cell(x, k, null)),
+        store.hello.mechanisms?.length > 1 ? store.hello.mechanism.name : ""),
         ...rows.map((row) => {
           const name = row.title;
           const found = row.numbers && row.sameUnits ? values(row.numbers, store.shown) : [null, null, null];
           // Until it is answered, a row keeps its numbers and the ratios that belong to them.
-          if (!row.late || !row.cells) row.cells = found.map((x, k) => [x, k, x !== null && here[k] ? x / here[k] : null]);
+          if (!row.late || !row.cells) row.cells = found.map((x, k) =>
+            [x, k, x !== null && here[k] ? x / here[k] : null]);
           const note = row.error ?? (row.numbers && !row.sameUnits ? "other units" : difference(store, row));
           const act = (text, title, onclick) => button(text, onclick, { class: "quiet", title, "aria-label": title });
           const actions = row.own ? [act("→", `Go to state ${name}`, () => store.goToKept(row.kept.number)),

@@ -7,15 +7,18 @@ import { standAtExtreme } from "./pick.js";
 import { givenLoad } from "./store.js";
 
 const COORDINATES = ["x", "y", "z"];
-const AXES = [["body", "tool axes", "Components along the axes of the body frame M"], ["world", "room axes", "Components along the axes of the inertial frame F"]];
+const AXES = [["body", "tool axes", "Components along the axes of the body frame M"],
+  ["world", "room axes", "Components along the axes of the inertial frame F"]];
 const NO_LOAD = [0, 0, 0, 0, 0, 0];
 
 export function controls(store) {
   const note = el("span", { class: "dim small" });
-  const panels = ["load", "drives", "springs", "point"].map((name) => [name, name[0].toUpperCase() + name.slice(1), el("div", { class: "panel" })]);
+  const panels = ["load", "drives", "springs", "point"].map((name) =>
+    [name, name[0].toUpperCase() + name.slice(1), el("div", { class: "panel" })]);
   const [loadPanel, drives, springPanel, pointPanel] = panels.map(([, , node]) => node);
   const [tab, , offer] = tabs("Setup", panels);
-  byId("left").append(el("div", { class: "card setup-card" }, heading("Setup", note), tab, ...panels.map(([, , node]) => node)));
+  byId("left").append(el("div", { class: "card setup-card" }, heading("Setup", note), tab,
+    ...panels.map(([, , node]) => node)));
   const notes = { drives: drivesPanel(store, drives, offer) };
 
   const axes = stateChoice(store, "axes", "Axes of the numbers", AXES);
@@ -26,7 +29,8 @@ export function controls(store) {
     ["conservative", "conservative", "the force keeps its direction in the room, the moment turns by half"]]);
   const [loadPlace, choosePlace] = choice("The load acts at", [
     ["point", "at the point", "The load acts at the reference point, about which its moment is"],
-    ["origin", "at M, or at:", "The load acts at the origin of M, or at the point of M that is given, about which its moment is"]],
+    ["origin", "at M, or at:",
+      "The load acts at the origin of M, or at the point of M that is given, about which its moment is"]],
   (value) => store.change({ load_at: value === "point" ? null : [0, 0, 0] }));
   // One of three; mine begins with what is shown.
   const [loadOf, chooseLoad] = choice("Load", [
@@ -49,25 +53,32 @@ export function controls(store) {
 
     // -- load
     weight = {
-      gravity: fields(["gx", "gy", "gz"].map((name) => [name, "m/s²", "gravity"]), (values) => store.change({ gravity: values })),
+      gravity: fields(["gx", "gy", "gz"].map((name) => [name, "m/s²", "gravity"]),
+        (values) => store.change({ gravity: values })),
       payload: fields([["mass", "kg", "payload"], ...COORDINATES.map((name) => [name, units.length, "payload at"])],
         (values) => store.change({ payload: values[0] > 0 ? values : null })),
     };
     isMine = false;
     loadOf.querySelector("[data-value=springs]").hidden = !mechanism.may_be_loaded;
-    const six = [["mx", moment], ["my", moment], ["mz", moment], ["fx", units.force], ["fy", units.force], ["fz", units.force]];
-    load = fields(six, (values) => store.change({ ...shownLoad(), load: values.map((x) => x ?? 0) }), six.map(() => ({ called: "0", value: null })));
-    loadPoint = fields(COORDINATES.map((name) => [name, units.length, "load at"]), (values) => store.change({ load_at: values }));
+    const six = [["mx", moment], ["my", moment], ["mz", moment], ["fx", units.force], ["fy", units.force],
+      ["fz", units.force]];
+    load = fields(six, (values) => store.change({ ...shownLoad(), load: values.map((x) => x ?? 0) }),
+      six.map(() => ({ called: "0", value: null })));
+    loadPoint = fields(COORDINATES.map((name) => [name, units.length, "load at"]),
+      (values) => store.change({ load_at: values }));
     loadPoint.node.title = `Where the load acts: from the origin of M along its axes, in ${units.length}`;
     loadPanel.replaceChildren(
       loadOf, along, load.node, loadAxes, loadPlace, loadPoint.node, loadKind);
     // A file weighs what it weighed when it was made.
-    if (store.source.live) loadPanel.append(hint("Gravity along the room's axes in m/s²; a mass on the body in kg, and its centre in M"), weight.gravity.node, weight.payload.node);
+    if (store.source.live) loadPanel.append(hint("Gravity along the room's axes in m/s²; a mass on the body in kg, "
+      + "and its centre in M"), weight.gravity.node, weight.payload.node);
 
     // -- springs
     springs = mechanism.springs.length ? fields(mechanism.springs.map(({ name, unit }) => [name, unit]),
-      (values) => (values.some((x) => x < 0) ? toast("a stiffness must be 0 or more") : store.change({ stiffness: values })),
-      mechanism.springs.map(({ stiffness, nonlinear }) => (nonlinear || stiffness === null) && { called: nonlinear ? "nonlinear" : "rigid", value: stiffness })) : null;
+      (values) => (values.some((x) => x < 0) ? toast("a stiffness must be 0 or more")
+        : store.change({ stiffness: values })),
+      mechanism.springs.map(({ stiffness, nonlinear }) => (nonlinear || stiffness === null)
+        && { called: nonlinear ? "nonlinear" : "rigid", value: stiffness })) : null;
     springs?.node.classList.add("long");
     offer("springs", springs);
     if (springs) springPanel.replaceChildren(
@@ -84,9 +95,12 @@ export function controls(store) {
       });
     });
     frameSelect.value = mechanism.frame;
-    point = fields([["x", units.length], ["y", units.length], ["z", units.length]], (values) => store.change({ point: values }));
-    const frames = mechanism.frames.length > 1 && store.source.live ? el("label", { class: "line" }, el("span", {}, "frame M"), frameSelect) : "";
-    pointPanel.replaceChildren(frames, hint(`Point on the body, from the origin of M along its axes, in ${units.length}`), point.node, axes);
+    point = fields([["x", units.length], ["y", units.length], ["z", units.length]],
+      (values) => store.change({ point: values }));
+    const frames = mechanism.frames.length > 1 && store.source.live
+      ? el("label", { class: "line" }, el("span", {}, "frame M"), frameSelect) : "";
+    pointPanel.replaceChildren(frames,
+      hint(`Point on the body, from the origin of M along its axes, in ${units.length}`), point.node, axes);
   }
 
   function update() {
@@ -97,7 +111,8 @@ export function controls(store) {
     chooseLoad(ofSprings ? "springs" : isMine || state.load?.some((x) => x) ? "mine" : "none");
     const shown = shownLoad();
     load.set(state.load ?? shown.load.map((x) => Number(x.toPrecision(5))));
-    along.textContent = `Moment in ${units.force} ${units.length}, force in ${units.force}, along the ${shown.load_axes === "world" ? "room's" : "tool's"} axes`;
+    along.textContent = `Moment in ${units.force} ${units.length}, force in ${units.force}, along the `
+      + `${shown.load_axes === "world" ? "room's" : "tool's"} axes`;
     for (const { control } of [...loadOf.children]) control.disabled = !takesLoad || !store.source.moves;
     for (const { control } of [...loadAxes.children]) control.disabled = ofSprings || !store.source.moves;
     choosePlace(state.load_at !== null || state.load === null ? "origin" : "point");
@@ -109,7 +124,8 @@ export function controls(store) {
     springs?.set(state.stiffness ?? hello.mechanism.springs.map(({ stiffness }) => stiffness));
     point.set(state.point);
     notes.springs = state.stiffness ? "springs changed" : "";
-    notes.point = [state.point.some((x) => x) && "point moved", state.axes === "world" && "room axes"].filter(Boolean).join(", ");
+    notes.point = [state.point.some((x) => x) && "point moved", state.axes === "world" && "room axes"].filter(Boolean)
+      .join(", ");
     note.textContent = note.title = [notes.load, notes.drives(), notes.springs, notes.point].filter(Boolean).join(", ");
   }
 
@@ -131,7 +147,8 @@ export function controls(store) {
 
   function loadNote() {
     if (!store.numbers.result.wrench) return "none can hold it";
-    const sizes = [[3, "force"], [0, "moment"]].map(([i, kind]) => [Math.hypot(...exerted().slice(i, i + 3)), store.unit(kind)]);
+    const sizes = [[3, "force"], [0, "moment"]].map(([i, kind]) =>
+      [Math.hypot(...exerted().slice(i, i + 3)), store.unit(kind)]);
     return sizes.filter(([x]) => x).map(([x, unit]) => engineering(x, unit)).join(", ") || "no load";
   }
 
@@ -156,11 +173,14 @@ function drivesPanel(store, node, offer) {
         const command = (store.state.command ?? springs.map(() => 0)).with(i, Math.abs(x) < most / 200 ? 0 : x);
         store.change({ command: command.some((told) => told) ? command : null });
       };
-      return driven ? [sliderRow(store, { id: `drive-${i}`, name: `command of ${name}`, label: name, lower: -most, upper: most, unit: isLength ? units.length : "rad", is_length: isLength, digits: 5,
+      return driven ? [sliderRow(store, { id: `drive-${i}`, name: `command of ${name}`, label: name, lower: -most,
+        upper: most, unit: isLength ? units.length : "rad", is_length: isLength, digits: 5,
         value: () => store.state.command?.[i] ?? 0, move })] : [];
     });
-    node.replaceChildren(hint("How far each drive is commanded to move from the posture; what results under the load is shown."),
-      el("div", { class: "sliders" }, ...rows.map((row) => row.node)), button("None", () => store.change({ command: null })));
+    node.replaceChildren(hint("How far each drive is commanded to move from the posture; what results under the load "
+      + "is shown."),
+      el("div", { class: "sliders" }, ...rows.map((row) => row.node)),
+        button("None", () => store.change({ command: null })));
   });
   const set = () => rows.forEach((row) => {
     row.relabel();
@@ -192,10 +212,14 @@ export function pictureControls(store) {
     boxes.set(key, box);
     list.append(el("label", { class: "check" }, box, text));
   }
-  const every = el("input", { type: "checkbox", onchange: () => { store.pane.every = every.checked; store.pane.viewer.set_dirty(); } });
-  list.append(el("label", { class: "check", title: "Otherwise the softest value of each, and the others when it is pointed at" }, every, "All principal values"));
+  const every = el("input",
+    { type: "checkbox", onchange: () => { store.pane.every = every.checked; store.pane.viewer.set_dirty(); } });
+  list.append(el("label",
+    { class: "check", title: "Otherwise the softest value of each, and the others when it is pointed at" }, every,
+      "All principal values"));
   const scale = stateChoice(store, "scale", "Scale of the ellipsoids",
-    [["root", "√", "Radii grow with the square root of the value: soft and stiff stay visible"], ["linear", "linear", "Radii grow with the value"],
+    [["root", "√", "Radii grow with the square root of the value: soft and stiff stay visible"],
+      ["linear", "linear", "Radii grow with the value"],
       ["log", "log", "Radii grow with the logarithm; a ring for each factor of ten"]]);
   list.append(el("div", { class: "line" }, el("span", {}, "radii"), scale));
   const details = byId("show");
@@ -222,11 +246,13 @@ export function pictureControls(store) {
     const points = hello.cloud;
     document.querySelector("#map-choice")?.remove();
     if (!points) return;
-    const select = dropdown("Quantity of the map", points.quantities.map(({ name, unit }) => [name, unit ? `${name} (${unit})` : name]),
+    const select = dropdown("Quantity of the map",
+      points.quantities.map(({ name, unit }) => [name, unit ? `${name} (${unit})` : name]),
       (name) => store.change({ quantity_of_map: name }));
     const thinned = points.thinned > 1 ? `, one of ${points.thinned} in its file: a page shows no more` : "";
     const extreme = (words, sign) => button(words, () => standAtExtreme(store, sign),
-      { class: "quiet", disabled: !points.has_postures || !store.source.moves, title: `Stand at the point of the map with its ${words} value` });
+      { class: "quiet", disabled: !points.has_postures || !store.source.moves,
+        title: `Stand at the point of the map with its ${words} value` });
     list.append(el("div", { id: "map-choice" },
       el("label", { class: "line" }, "map", select),
       el("div", { class: "row" }, extreme("lowest", -1), extreme("highest", 1)),

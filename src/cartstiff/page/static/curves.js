@@ -13,25 +13,40 @@ const resisted = (of) => ({ moved }) => (moved?.resisted ? [of(moved)] : null);
 const UNSTABLE = "unstable: the load pushes it away";
 const only = (...values) => (values.every((x) => x === null || x === undefined) ? null : values.map((x) => x ?? null));
 
-/** `of` reads numbers, in the units of the mechanism; `scale` says what one of these is in `unit`, if not 1; `nothing` why a row has no value. */
+/**
+ * `of` reads numbers, in the units of the mechanism; `scale` says what one of these is in `unit`, if not 1; `nothing`
+ * why a row has no value.
+ */
 export const CURVES = [
-  { key: "deflection", words: "deflection", title: () => "How far the load moves the point", nothing: ({ unstable }) => (unstable ? UNSTABLE : "no load: nothing moves"),
+  { key: "deflection", words: "deflection", title: () => "How far the load moves the point",
+    nothing: ({ unstable }) => (unstable ? UNSTABLE : "no load: nothing moves"),
     of: resisted(({ displacement }) => size(displacement)), unit: (store) => store.unit("length") },
-  { key: "turn", words: "turn under the load", title: () => "How far the load turns the body", nothing: ({ unstable }) => (unstable ? UNSTABLE : "no load: nothing turns"),
+  { key: "turn", words: "turn under the load", title: () => "How far the load turns the body",
+    nothing: ({ unstable }) => (unstable ? UNSTABLE : "no load: nothing turns"),
     of: resisted(({ rotation }) => size(rotation)), unit: () => "rad" },
-  { key: "translation", words: "translation", title: (_, state) => `Principal ${state.quantity} of translation, ${freeness(state)[0]}`, lines: THREE,
-    of: principal("translation"), scale: (store, { quantity }) => store.read(1, quantity), unit: (store, { quantity }) => store.blockUnits(quantity)[1][1] },
-  { key: "rotation", words: "rotation", title: (_, state) => `Principal ${state.quantity} of rotation, ${freeness(state)[1]}`, lines: THREE,
+  { key: "translation", words: "translation", title: (_, state) =>
+    `Principal ${state.quantity} of translation, ${freeness(state)[0]}`, lines: THREE,
+    of: principal("translation"), scale: (store, { quantity }) => store.read(1, quantity),
+      unit: (store, { quantity }) => store.blockUnits(quantity)[1][1] },
+  { key: "rotation", words: "rotation", title: (_, state) =>
+    `Principal ${state.quantity} of rotation, ${freeness(state)[1]}`, lines: THREE,
     of: principal("rotation"), unit: (store, { quantity }) => store.blockUnits(quantity)[0][0] },
-  { key: "condition", words: "condition", title: () => "Condition number of the stiffness, of its translations (rotation held), of its rotations (translation held)",
+  { key: "condition", words: "condition",
+    title: () => "Condition number of the stiffness, of its translations (rotation held), of its rotations "
+      + "(translation held)",
     lines: ["whole", "translation", "rotation"], nothing: () => "the stiffness does not exist here", unit: () => "1",
-    of: ({ indices }) => indices && only(indices.condition_number, indices.translational_condition, indices.rotational_condition) },
-  { key: "singularity", words: "singular values", title: () => "Smallest over largest singular value: 0 at a singularity", unit: () => "1",
+    of: ({ indices }) => indices && only(indices.condition_number, indices.translational_condition,
+      indices.rotational_condition) },
+  { key: "singularity", words: "singular values", title: () =>
+    "Smallest over largest singular value: 0 at a singularity", unit: () => "1",
     of: ({ singularity }) => (singularity.length ? [Math.min(...singularity.map(({ ratio }) => ratio))] : null) },
-  { key: "energy", words: "energy", title: () => "Energy that potentials store at the posture", nothing: () => "no energy is stored",
+  { key: "energy", words: "energy", title: () => "Energy that potentials store at the posture",
+    nothing: () => "no energy is stored",
     of: ({ result }) => only(result.energy), unit: (store) => store.unit("moment") },
-  { key: "leg_force", words: "leg force", title: () => "Largest force of a leg", nothing: () => "no legs, or none with a force",
-    of: ({ legs }) => (legs?.some(({ tension }) => tension !== null) ? [Math.max(...legs.map(({ tension }) => Math.abs(tension ?? 0)))] : null),
+  { key: "leg_force", words: "leg force", title: () => "Largest force of a leg",
+    nothing: () => "no legs, or none with a force",
+    of: ({ legs }) => (legs?.some(({ tension }) => tension !== null)
+      ? [Math.max(...legs.map(({ tension }) => Math.abs(tension ?? 0)))] : null),
     unit: (store) => store.unit("force") },
 ];
 
@@ -43,7 +58,8 @@ export const rowOf = (numbers, q) => ({ q, position: numbers.position, unstable:
 function reasonOf(store, { reason, moved }) {
   if (!moved?.length) return reason;
   const most = moved.toSorted(([, a, b], [, c, d]) => Math.abs(d - c) - Math.abs(b - a)).slice(0, 2);
-  const words = most.map(([i, ...ends]) => `${store.hello.mechanism.coordinates[i].name} moves from ${ends.map((x) => inWords(store, i, x)).join(" to ")}`);
+  const words = most.map(([i, ...ends]) =>
+    `${store.hello.mechanism.coordinates[i].name} moves from ${ends.map((x) => inWords(store, i, x)).join(" to ")}`);
   const more = moved.length > 2 ? `; and ${moved.length - 2} more` : "";
   return `the loops do not close with the drives there: ${words.join("; ")}${more}`;
 }
@@ -52,7 +68,8 @@ function reasonOf(store, { reason, moved }) {
 export function plotted(store, key, state, rows) {
   const curve = CURVES.find((each) => each.key === key);
   const own = curve.scale?.(store, state) ?? 1;
-  const sizes = rows.flatMap((row) => row?.[key] ?? []).map(Math.abs).filter((x) => x > 0 && x < Infinity).sort((a, b) => a - b);
+  const sizes = rows.flatMap((row) => row?.[key] ?? []).map(Math.abs).filter((x) => x > 0 && x < Infinity)
+    .sort((a, b) => a - b);
   const middle = own * (sizes[sizes.length >> 1] ?? 0);
   const [factor, unit] = store.fine ? [1, curve.unit(store, state)] : inSize(middle, curve.unit(store, state));
   return {
@@ -61,7 +78,8 @@ export function plotted(store, key, state, rows) {
     title: curve.title(store, state),
     values: (row) => row?.[key]?.map((x) => (x === null ? null : (x * own) / factor)) ?? null,
     why: (row) => reasonOf(store, row) ?? curve.nothing?.(row)
-      ?? (state.quantity === "stiffness" ? "the stiffness does not exist here; the compliance may" : "the compliance does not exist here"),
+      ?? (state.quantity === "stiffness" ? "the stiffness does not exist here; the compliance may"
+        : "the compliance does not exist here"),
     legend: ["grey: no value; hatched: a value is negative"],
   };
 }

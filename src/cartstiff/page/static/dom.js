@@ -22,7 +22,8 @@ export function el(tag, attributes = {}, ...children) {
 export const byId = (id) => document.getElementById(id);
 
 /** Colours of the table that pictures share, as #rrggbb. */
-export const hues = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim().split(",");
+export const hues = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim()
+  .split(",");
 
 /** How much of the page has come, from 0 to 1; then the bar goes. */
 export function loaded(share) {
@@ -50,8 +51,10 @@ export function inSize(size, unit) {
   const head = name.split("/")[0];
   const small = head === "m" || head === "rad";
   const steps = name === "N/m" ? STIFF
-    : /^(N|J|Hz|m|rad)\b/.test(name) ? PREFIXES.filter(([factor]) => factor <= 1 || !small).map(([factor, prefix]) => [factor, prefix + name]) : [[1, name]];
-  const [factor, shown] = steps.find((step) => Math.abs(size) * metres * UP >= step[0]) ?? (size ? steps.at(-1) : [1, name]);
+    : /^(N|J|Hz|m|rad)\b/.test(name) ? PREFIXES.filter(([factor]) => factor <= 1 || !small)
+      .map(([factor, prefix]) => [factor, prefix + name]) : [[1, name]];
+  const [factor, shown] = steps.find((step) => Math.abs(size) * metres * UP >= step[0])
+    ?? (size ? steps.at(-1) : [1, name]);
   return [factor / metres, shown];
 }
 
@@ -61,7 +64,8 @@ export function engineering(value, unit = "", digits = 4) {
   const [factor, name] = Number.isFinite(value) ? inSize(value, unit) : [1, unit];
   const x = Math.abs(value / factor) * UP;
   const [mantissa, power] = x.toExponential(digits - 1).split("e");
-  const text = x === Infinity ? "∞" : x === 0 || (x >= 1e-3 && x < 1e5) ? String(Number(`${mantissa}e${power}`)) : `${Number(mantissa)}e${Number(power)}`;
+  const text = x === Infinity ? "∞" : x === 0 || (x >= 1e-3 && x < 1e5) ? String(Number(`${mantissa}e${power}`))
+    : `${Number(mantissa)}e${Number(power)}`;
   return `${value < 0 ? MINUS : ""}${text} ${name.replace(/^1/, "")}`.trimEnd();
 }
 
@@ -119,7 +123,8 @@ export function dropdown(label, options, onchoose, more = {}) {
 }
 
 /** The head of a card: its title, and what is at its end. */
-export const heading = (title, ...end) => el("div", { class: "row head" }, el("h2", {}, title), el("span", { class: "grow" }), ...end);
+export const heading = (title, ...end) => el("div", { class: "row head" }, el("h2", {}, title),
+  el("span", { class: "grow" }), ...end);
 
 export const hint = (...words) => el("p", { class: "dim small" }, ...words);
 

@@ -2,7 +2,7 @@
 
 import { motion, moved, place, rotation, times } from "./algebra.js";
 import { engineering } from "./dom.js";
-import { inFrame, principalValues } from "./program.js";
+import { inFrame, principalValues } from "./principal.js";
 import { NEGLIGIBLE_DIFFERENCE, ROUNDOFF, ZERO_SHARE } from "./numerics.js";
 
 const ROOT = "/meshcat/cartstiff";
@@ -122,9 +122,12 @@ export class Drawing {
     this.ghost(state);
     const here = inFrame(m, state.point.some((x) => x) ? motion([[1, 0, 0], [0, 1, 0], [0, 0, 1]], state.point) : null);
     here.principal = principalValues(here, state);
-    const missing = this.program.notes(m, state).findLast(({ code }) => MISSING.includes(code))?.message ?? `K^${state.connection} does not exist here`;
-    const [translation, rotation] = ["translation", "rotation"].map((freedom) => this.ellipsoid(freedom, here, state, missing));
-    const legend = { length: { unit: units.length, bar: assets.bar, scene_units_per_unit: assets.scale }, others: state.others,
+    const missing = this.program.notes(m, state).findLast(({ code }) => MISSING.includes(code))?.message
+      ?? `K^${state.connection} does not exist here`;
+    const [translation, rotation] = ["translation", "rotation"]
+      .map((freedom) => this.ellipsoid(freedom, here, state, missing));
+    const legend = { length: { unit: units.length, bar: assets.bar, scene_units_per_unit: assets.scale },
+      others: state.others,
       ellipsoids: { translation, rotation }, wrench: this.arrows(m, here, state), tension, notes };
     return { commands: this.commands, legend };
   }
@@ -157,8 +160,10 @@ export class Drawing {
   /** Places below the mechanism that hold what it is made of. */
   parts() {
     const { assets, program } = this;
-    if (!program.data.platform) return [...assets.joints.map((joint) => `joint ${joint}`), ...assets.sliders.map(([name]) => name)];
-    return ["body", ...program.data.points.flatMap((_, i) => [`legs/line ${i + 1}/rod`, ...(assets.telescope ? [`legs/line ${i + 1}/tube`] : [])])];
+    if (!program.data.platform) return [...assets.joints.map((joint) => `joint ${joint}`),
+      ...assets.sliders.map(([name]) => name)];
+    return ["body", ...program.data.points.flatMap((_, i) =>
+      [`legs/line ${i + 1}/rod`, ...(assets.telescope ? [`legs/line ${i + 1}/tube`] : [])])];
   }
 
   segment(path, start, end, most = Infinity) {
@@ -176,7 +181,8 @@ export class Drawing {
     m.tensions.forEach((tension, i) => {
       const share = limit ? Math.max(-1, Math.min(1, tension / limit)) : 0;
       const value = [...between(this.assets.colours, 0.5 + 0.5 * share).map((c) => Math.round(c) / 255), 1];
-      this.commands.push({ type: "set_property", path: `${ROOT}/mechanism/legs/line ${i + 1}/rod`, property: "color", value });
+      this.commands.push({ type: "set_property", path: `${ROOT}/mechanism/legs/line ${i + 1}/rod`, property: "color",
+        value });
     });
     return { limits: [-limit, limit], unit: this.scene.units.force };
   }
@@ -186,7 +192,8 @@ export class Drawing {
     if (!state.ghost) return;
     if (!this.copied) {
       this.copied = true;
-      this.commands.push({ type: "copy", from: `${ROOT}/mechanism`, to: `${ROOT}/ghost`, parts: this.parts(), ...this.assets.ghost });
+      this.commands.push({ type: "copy", from: `${ROOT}/mechanism`, to: `${ROOT}/ghost`, parts: this.parts(),
+        ...this.assets.ghost });
     }
     this.mechanism("ghost", this.program.place(state.ghost));
   }
@@ -208,11 +215,13 @@ export class Drawing {
     const solid = isFlat || kind === "positive";
     const unit = assets.units[`${quantity}/${freedom}`];
     const kept = state.measures?.[freedom];
-    const scale = kept?.kind === state.scale ? scaleOf(kept) : fitting(state.scale, values, assets.usual[`${quantity}/${freedom}`], assets.radius);
+    const scale = kept?.kind === state.scale ? scaleOf(kept)
+      : fitting(state.scale, values, assets.usual[`${quantity}/${freedom}`], assets.radius);
     const [lengths, centre] = [values.map(scale.length), place(here.pose)];
     const along = (v, x, from = [0, 0, 0]) => v.map((c, i) => from[i] + x * c);
     this.show(`${at}/body`, solid);
-    if (solid) this.put(`${at}/body`, [...axes.map((v, i) => along(v, Math.max(lengths[i], isFlat ? assets.flat : assets.thin))), centre]);
+    if (solid) this.put(`${at}/body`,
+      [...axes.map((v, i) => along(v, Math.max(lengths[i], isFlat ? assets.flat : assets.thin))), centre]);
     axes.forEach((v, i) => {
       const path = `${at}/axis ${i + 1}`;
       const shown = state.labels && lengths[i] > 0;
@@ -224,7 +233,8 @@ export class Drawing {
         const isCut = lengths[i] >= scale.most;
         this.show(`${path}/cut`, isCut);
         this.put(path, [along(v, 2 * half), axes[(i + 1) % 3], axes[(i + 2) % 3], along(v, -half, centre)]);
-        this.write(`${at}/value ${i + 1}`, number(values[i], unit) + (isCut ? assets.cut : ""), along(v, (freedom === "translation" ? 1.08 : -1.08) * half, centre), freedom);
+        this.write(`${at}/value ${i + 1}`, number(values[i], unit) + (isCut ? assets.cut : ""),
+          along(v, (freedom === "translation" ? 1.08 : -1.08) * half, centre), freedom);
       } else this.show(`${at}/value ${i + 1}`, false);
     });
     for (let k = 1; k <= assets.rings; k++) {
@@ -235,7 +245,8 @@ export class Drawing {
     }
     const reason = isFlat ? assets.flat_words[values.filter((x) => x === 0).length]
       : kind === "zero" ? "it is zero" : `${kind}, smallest principal value ${number(values[0], unit)}`;
-    return { shown: solid, reason: kind === "positive" ? null : reason, unit, scale: scale.facts, cut: Math.max(...lengths) >= scale.most };
+    return { shown: solid, reason: kind === "positive" ? null : reason, unit, scale: scale.facts,
+      cut: Math.max(...lengths) >= scale.most };
   }
 
   arrows(m, here, state) {
@@ -252,7 +263,8 @@ export class Drawing {
       const length = facts[kind] = growing(size, per, zero);
       const [along, centre] = [times(rotation(here.pose), vector), place(here.pose)];
       this.put(`${path}/arrow`, [...across(along).map((v) => v.map((c) => c * length)), centre]);
-      if (state.labels) this.write(`${path}/label`, number(size, units[kind]), centre.map((x, i) => x + (1.1 * length * along[i]) / size), "load");
+      if (state.labels) this.write(`${path}/label`, number(size, units[kind]),
+        centre.map((x, i) => x + (1.1 * length * along[i]) / size), "load");
       else this.show(`${path}/label`, false);
     }
     return facts;
@@ -265,12 +277,15 @@ export class Drawing {
     const { assets, program } = this;
     const tool = place(pose);
     const points = [...assets.map, ...[-1, 1].map((side) => tool.map((x) => x + side * assets.radius))];
-    if (program.data.platform) points.push(...program.data.anchors, ...program.data.points.map((point) => moved(pose, point)));
+    if (program.data.platform) points.push(...program.data.anchors,
+      ...program.data.points.map((point) => moved(pose, point)));
     else {
       points.push([0, 0, 0], ...frames.map(place));
-      for (const [joint, box] of assets.boxes) points.push(...box.map((corner) => (joint ? moved(frames[joint - 1], corner) : corner)));
+      for (const [joint, box] of assets.boxes) points.push(...box.map((corner) =>
+        (joint ? moved(frames[joint - 1], corner) : corner)));
     }
-    return [Math.min, Math.max].map((least) => [0, 1, 2].map((i) => assets.scale * (least(...points.map((p) => p[i])) - assets.middle[i])));
+    return [Math.min, Math.max].map((least) => [0, 1, 2]
+      .map((i) => assets.scale * (least(...points.map((p) => p[i])) - assets.middle[i])));
   }
 }
 

@@ -42,7 +42,8 @@ export function hands(store) {
 
   // -- what can be taken hold of
 
-  const glow = (colour) => new THREE.MeshBasicMaterial({ color: colour, transparent: true, opacity: 0.9, depthTest: false });
+  const glow = (colour) => new THREE.MeshBasicMaterial({ color: colour, transparent: true, opacity: 0.9,
+    depthTest: false });
   const unseen = new THREE.MeshBasicMaterial({ visible: false });
   const grips = [];
 
@@ -94,7 +95,8 @@ export function hands(store) {
   function size(group) {
     const { camera } = viewer;
     const away = group.position.distanceTo(vector().setFromMatrixPosition(camera.matrixWorld));
-    group.scale.setScalar(Math.max(NEGLIGIBLE_DIFFERENCE, (ARM * 2 * away * Math.tan((camera.fov * Math.PI) / 360)) / Math.max(1, pane.size[1])));
+    group.scale.setScalar(Math.max(NEGLIGIBLE_DIFFERENCE,
+      (ARM * 2 * away * Math.tan((camera.fov * Math.PI) / 360)) / Math.max(1, pane.size[1])));
   }
 
   function update() {
@@ -109,7 +111,8 @@ export function hands(store) {
       arms.visible = near || pinned || TOOL.includes(hold?.kind);
     }
     rings(live && TOOL.includes(hold?.kind), hold?.names ?? []);
-    twirl.visible = live && store.state.load !== null && store.state.wrench && Boolean(store.numbers.wrench) && (near || pinned || hold?.kind === "twirl");
+    twirl.visible = live && store.state.load !== null && store.state.wrench && Boolean(store.numbers.wrench)
+      && (near || pinned || hold?.kind === "twirl");
     if (twirl.visible) {
       twirl.position.setFromMatrixPosition(reference());
       twirl.quaternion.setFromUnitVectors(vector(0, 0, 1), hold?.kind === "twirl" ? hold.along : line());
@@ -118,7 +121,8 @@ export function hands(store) {
     }
     ["force", "moment"].forEach((kind, i) => {
       const vectorOf = arrow(kind);
-      const given = live && store.state.load !== null && store.state.wrench && vectorOf.children.length > 0 && shown(vectorOf);
+      const given = live && store.state.load !== null && store.state.wrench && vectorOf.children.length > 0
+        && shown(vectorOf);
       pulls[i].visible = Boolean(given) && (near || pinned || hold?.kind === kind);
       if (!given) return;
       if (hold?.kind === kind) pulls[i].position.copy(hold.at);
@@ -141,7 +145,8 @@ export function hands(store) {
   /** The line of the moment; of the force where there is no moment, and upwards where there is neither. */
   function line() {
     const { wrench } = store.numbers;
-    const found = [wrench.slice(0, 3), wrench.slice(3)].find((v) => Math.hypot(...v) > NEGLIGIBLE_DIFFERENCE * Math.hypot(...wrench));
+    const found = [wrench.slice(0, 3), wrench.slice(3)].find((v) =>
+      Math.hypot(...v) > NEGLIGIBLE_DIFFERENCE * Math.hypot(...wrench));
     const axes = found ? reference() : node().matrixWorld;
     return vector(...(found ?? [0, 0, 1])).transformDirection(axes);
   }
@@ -195,12 +200,14 @@ export function hands(store) {
     const toF = node().matrixWorld.clone().invert();
     hold = { ...grip, pointer: event.pointerId, origin, at: origin.clone(), toF, normal: sight(), moved: false,
       pose: store.numbers.result.pose.map((row) => row.slice()), state: structuredClone(store.state) };
-    if (grip.axis !== undefined) hold.along = vector(grip.axis === 0, grip.axis === 1, grip.axis === 2).applyQuaternion(tool.quaternion);
+    if (grip.axis !== undefined) hold.along = vector(grip.axis === 0, grip.axis === 1, grip.axis === 2)
+      .applyQuaternion(tool.quaternion);
     const ray = rayAt(event);
     if (grip.kind === "arm") hold.from = onLine(ray, origin, hold.along);
     else if (grip.kind === "ring" || grip.kind === "twirl") {
       if (grip.kind === "twirl") hold.along = line();
-      if (Math.abs(hold.along.dot(hold.normal)) < EDGE_ON) hold.along = hold.normal.clone().multiplyScalar(Math.sign(hold.along.dot(hold.normal)) || 1);
+      if (Math.abs(hold.along.dot(hold.normal)) < EDGE_ON) hold.along = hold.normal.clone()
+        .multiplyScalar(Math.sign(hold.along.dot(hold.normal)) || 1);
       const met = onPlane(ray, origin, hold.along);
       hold.from = met ? angleIn(met, origin, hold.along) : 0;
       hold.angle = hold.from;
@@ -212,7 +219,8 @@ export function hands(store) {
       const size = Math.hypot(...hold.vector);
       if (grip.kind === "twirl") {
         const first = (Math.hypot(...wrench.slice(3)) || FIRST_FORCE) * store.hello.mechanism.size * LEVER;
-        Object.assign(hold, { direction: toRoom(line(), toF).normalize(), size, half: size > NEGLIGIBLE_DIFFERENCE * first ? size : first });
+        Object.assign(hold, { direction: toRoom(line(), toF).normalize(), size,
+          half: size > NEGLIGIBLE_DIFFERENCE * first ? size : first });
       } else hold.per = size / toRoom(origin.clone().sub(hold.base), toF).length();
     }
     pane.holding = true;
@@ -235,8 +243,10 @@ export function hands(store) {
       // Further round than half a turn goes on.
       const step = angleIn(met, hold.origin, hold.along) - hold.angle;
       hold.angle += step - 2 * Math.PI * Math.round(step / (2 * Math.PI));
-      load(hold.direction.clone().multiplyScalar(hold.size + (hold.half * (hold.angle - hold.from)) / Math.PI).toArray(), event);
-    } else if (hold.kind === "arm") shift(hold.along.clone().multiplyScalar(onLine(ray, hold.origin, hold.along) - hold.from));
+      load(hold.direction.clone().multiplyScalar(hold.size + (hold.half * (hold.angle - hold.from)) / Math.PI)
+        .toArray(), event);
+    } else if (hold.kind === "arm") shift(hold.along.clone()
+      .multiplyScalar(onLine(ray, hold.origin, hold.along) - hold.from));
     else {
       const met = onPlane(ray, hold.origin, hold.normal);
       if (!met || !hold.from) return;
@@ -277,11 +287,13 @@ export function hands(store) {
     let found = own ? toBody(room) : room;
     if (!event.altKey) found = rounded(found);
     // The arrows are along the axes of the numbers; a change is the same along any axes.
-    const before = state.axes === "body" ? (own ? hold.vector : toF(hold.vector)) : own ? toBody(hold.vector) : hold.vector;
+    const before = state.axes === "body" ? (own ? hold.vector : toF(hold.vector)) : own ? toBody(hold.vector)
+      : hold.vector;
     const wanted = state.load.slice();
     const kind = hold.kind === "force" ? "force" : "moment";
     const first = hold.kind === "force" ? 3 : 0;
-    const part = kind === "force" ? found : chop(found.map((x, i) => wanted[i] + x - before[i]), Math.max(...before.map(Math.abs)));
+    const part = kind === "force" ? found : chop(found.map((x, i) => wanted[i] + x - before[i]),
+      Math.max(...before.map(Math.abs)));
     wanted.splice(first, 3, ...part.map((x) => Number(x.toPrecision(12))));
     hold.words = `${engineering(Math.hypot(...found), store.unit(kind))} ${tuple(found)} ${own ? "tool" : "room"} axes`;
     store.change({ load: wanted });
@@ -290,9 +302,12 @@ export function hands(store) {
   /** The point under a pointer on the arrow's own line or on an axis, if it passes one. */
   function onGuide(event) {
     const ray = rayAt(event);
-    const turned = hold.state.load_axes === "body" ? new THREE.Quaternion().setFromRotationMatrix(new THREE.Matrix4().extractRotation(node("M").matrixWorld))
+    const turned = hold.state.load_axes === "body" ? new THREE.Quaternion()
+      .setFromRotationMatrix(new THREE.Matrix4().extractRotation(node("M").matrixWorld))
       : node().getWorldQuaternion(new THREE.Quaternion());
-    const axes = [0, 1, 2].flatMap((i) => [1, -1].map((side) => vector(...[0, 1, 2].map((k) => (k === i ? side : 0))).applyQuaternion(turned)));
+    const axes = [0, 1, 2]
+      .flatMap((i) => [1, -1].map((side) => vector(...[0, 1, 2].map((k) => (k === i ? side : 0)))
+        .applyQuaternion(turned)));
     for (const direction of [hold.origin.clone().sub(hold.base).normalize(), ...axes]) {
       const along = onLine(ray, hold.base, direction);
       const point = hold.base.clone().addScaledVector(direction, along);
@@ -355,7 +370,8 @@ export function hands(store) {
     const p = store.numbers.position.map((x) => short(x, 4)).join(", ");
     const said = { ball: p, arm: `${AXIS_NAMES[hold.axis]}: ${p}`, ring: `about ${AXIS_NAMES[hold.axis]}` }[hold.kind];
     const words = hold.kind === "ring" ? said : hold.words
-      ?? (LOAD.includes(hold.kind) ? (hold.kind === "twirl" ? "turn: moment" : `pull: ${hold.kind}`) : `${said} ${length}`);
+      ?? (LOAD.includes(hold.kind) ? (hold.kind === "twirl" ? "turn: moment" : `pull: ${hold.kind}`)
+        : `${said} ${length}`);
     tip.node.classList.toggle("stopped", Boolean(hold.stopped));
     tip.say(hold.stopped ? `${words} · ${hold.stopped}` : words, hold.last);
   }
@@ -364,14 +380,16 @@ export function hands(store) {
   function feel(followed) {
     const stopped = followed && !followed.reached ? followed.stopped : [];
     const { coordinates } = store.hello.mechanism;
-    coordinates.forEach(({ name }, i) => byId(`slider-${i}`)?.closest(".slider").classList.toggle("stopped", stopped.includes(name)));
+    coordinates.forEach(({ name }, i) => byId(`slider-${i}`)?.closest(".slider").classList.toggle("stopped",
+      stopped.includes(name)));
     [...document.querySelectorAll(".leg:not(.leg-head)")].forEach((row, i) =>
       row.classList.toggle("stopped", stopped.includes(`leg${i + 1}`)));
     if (hold) hold.names = stopped;
     const away = followed && !followed.reached;
     ball.material.color.set(away ? 0xb3261e : 0x0b5cad);
     if (!hold) return;
-    hold.stopped = !away ? "" : stopped.length ? `${stopped.join(", ")} at ${stopped.length > 1 ? "their limits" : "its limit"}`
+    hold.stopped = !away ? "" : stopped.length ? `${stopped.join(", ")} at ${stopped.length > 1 ? "their limits"
+      : "its limit"}`
       : "out of reach";
     if (hold.last) say();
   }

@@ -10,7 +10,8 @@ import { curvesOf, inWords } from "./store.js";
 // number, so that no cell is the middle of the range, where many a singularity lies. Rows are computed
 // in this order, and the one before stands for a row until it has come.
 const CELLS = 48;
-const ORDER = [4, 2, 1].flatMap((step, pass) => Array.from({ length: CELLS }, (_, k) => k).filter((k) => k % step === 0 && (pass === 0 || k % (2 * step) !== 0)));
+const ORDER = [4, 2, 1].flatMap((step, pass) => Array.from({ length: CELLS }, (_, k) => k)
+  .filter((k) => k % step === 0 && (pass === 0 || k % (2 * step) !== 0)));
 // Ratio of largest to smallest from which colours go by logarithms.
 const WIDE = 20;
 // Time (ms) without a change after which it is computed anew.
@@ -34,8 +35,10 @@ const whole = (list) => [list[0] - step(list) / 2, list.at(-1) + step(list) / 2]
 
 /** `what` says what is drawn: {shown, along, busy}, with callbacks {showPlot, toggle, say, computed}. */
 export function heat(store, what) {
-  const select = dropdown("And along what", [], (and) => what.showPlot({ and, seen: null }), { title: "A second coordinate: the values become colours" });
-  const plot = new Plot({ left: 62, right: 76, top: 8, bottom: 18 }, () => draw(), { kind: "plot heat", label: "no values yet" });
+  const select = dropdown("And along what", [], (and) => what.showPlot({ and, seen: null }),
+    { title: "A second coordinate: the values become colours" });
+  const plot = new Plot({ left: 62, right: 76, top: 8, bottom: 18 }, () => draw(),
+    { kind: "plot heat", label: "no values yet" });
   let map = null; // {key, state, first, second, xs, ys, rows}
   let asked = null;
   let timer = null;
@@ -58,7 +61,8 @@ export function heat(store, what) {
   /** What the values depend on, besides the coordinates that run. */
   function wanted() {
     const state = { ...store.state, ...store.given() };
-    const rest = store.hello.mechanism.sliders.filter((i) => i !== what.along() && i !== second()).map((i) => state.q[i]);
+    const rest = store.hello.mechanism.sliders.filter((i) => i !== what.along() && i !== second())
+      .map((i) => state.q[i]);
     return JSON.stringify([curvesOf(state), what.along(), second(), rest]);
   }
 
@@ -76,7 +80,8 @@ export function heat(store, what) {
   async function compute(key) {
     asked = key;
     const [i, j] = [what.along(), second()];
-    const [xs, ys] = [i, j].map((one) => coordinate(one).swept).map(([low, high]) => Array.from({ length: CELLS }, (_, k) => low + ((high - low) * k) / (CELLS - 1)));
+    const [xs, ys] = [i, j].map((one) => coordinate(one).swept)
+      .map(([low, high]) => Array.from({ length: CELLS }, (_, k) => low + ((high - low) * k) / (CELLS - 1)));
     const from = structuredClone({ ...store.state, ...store.given() });
     const found = { key, state: from, first: i, second: j, ys, xs, rows: ys.map(() => null) };
     for (const k of ORDER) {
@@ -84,7 +89,8 @@ export function heat(store, what) {
       // By the page's own arithmetic; what that does not cover the server answers, if there is one.
       let line = store.local?.rows(i, found.xs, state);
       if (line) await new Promise((done) => setTimeout(done));
-      if (!line || store.source.live && line.some((row) => row.reason)) line = await swept(i, state, key) ?? line ?? found.xs.map(() => NOTHING);
+      if (!line || store.source.live && line.some((row) => row.reason)) line = await swept(i, state, key) ?? line
+        ?? found.xs.map(() => NOTHING);
       found.rows[k] = line;
       if (asked !== key) return;
       map = found;
@@ -101,7 +107,8 @@ export function heat(store, what) {
       while (asked === key && what.busy()) await new Promise((done) => setTimeout(done, PAUSE));
       return asked === key;
     };
-    const answer = await store.insist({ do: "sweep", coordinate: along, steps: CELLS, state }, isWanted).catch(() => null);
+    const answer = await store.insist({ do: "sweep", coordinate: along, steps: CELLS, state }, isWanted)
+      .catch(() => null);
     return answer?.rows;
   }
 
@@ -112,13 +119,15 @@ export function heat(store, what) {
   const standsFor = (j) => [j, j - 1, j - 2, j - 3].find((k) => map.rows[k]);
 
   /** Ends of what is seen, across and up. */
-  const seen = () => (store.plot.seen?.length === 4 ? [store.plot.seen.slice(0, 2), store.plot.seen.slice(2)] : [whole(map.xs), whole(map.ys)]);
+  const seen = () => (store.plot.seen?.length === 4 ? [store.plot.seen.slice(0, 2), store.plot.seen.slice(2)]
+    : [whole(map.xs), whole(map.ys)]);
   const axes = () => [plot.across(...seen()[0]), plot.upwards(...seen()[1])];
 
   /** See so many times less, about values that stay where they are: the middle, unless others are given. */
   function zoom(times, about = seen().map(([low, high]) => (low + high) / 2)) {
     if (!map) return;
-    const parts = [map.xs, map.ys].map((list, k) => nearer(seen()[k], whole(list), times, about[k], FEWEST * step(list)));
+    const parts = [map.xs, map.ys].map((list, k) => nearer(seen()[k], whole(list), times, about[k],
+      FEWEST * step(list)));
     what.showPlot({ seen: isWhole(parts[0], whole(map.xs)) && isWhole(parts[1], whole(map.ys)) ? null : parts.flat() });
   }
 
@@ -141,12 +150,14 @@ export function heat(store, what) {
     if (!on() || !map || width < 120 || height < 50) return;
     const found = told();
     const { unit, title, valueOf } = found;
-    const values = map.rows.map((_, j) => map.rows[standsFor(j)]?.map(valueOf).map((value) => (value > 0 ? value : null)));
+    const values = map.rows.map((_, j) => map.rows[standsFor(j)]?.map(valueOf)
+      .map((value) => (value > 0 ? value : null)));
     const all = values.flat().filter(Number.isFinite);
     if (!all.length) return plot.say(`${title}: ${why(found, map.rows.find(Boolean)[0])}`);
     const [low, high] = [Math.min(...all), Math.max(...all)];
     const isLog = high > WIDE * low;
-    const share = (value) => (high === low ? 0.5 : isLog ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low));
+    const share = (value) => (high === low ? 0.5 : isLog ? Math.log(value / low) / Math.log(high / low)
+      : (value - low) / (high - low));
     const [x, y] = axes();
     plot.node.replaceChildren();
     cells(x, y, values, share);
@@ -158,15 +169,19 @@ export function heat(store, what) {
     plot.text(x.start - 4, y.end + 9, at(map.second, map.ys, y.high), "end");
     const [right, top] = [x.end, margin.top];
     const bar = y.start - top - 14;
-    for (let k = 0; k < 24; k++) plot.add("rect", { x: right + 8, y: top + 14 + (bar * k) / 24, width: 9, height: bar / 24 + 0.4, style: hue(1 - k / 23) });
+    for (let k = 0; k < 24; k++) plot.add("rect", { x: right + 8, y: top + 14 + (bar * k) / 24, width: 9,
+      height: bar / 24 + 0.4, style: hue(1 - k / 23) });
     plot.text(right + 20, top + 22, short(high, 3));
     plot.text(right + 20, y.start, short(low, 3));
     plot.text(width - 2, top + 8, unit, "end", "unit");
     if (isLog) plot.text(right + 20, (top + y.start) / 2 + 8, "log");
     // Where the mechanism stands.
     const [here, there] = [store.state.q[map.first], store.state.q[map.second]];
-    if (here >= x.low && here <= x.high && there >= y.low && there <= y.high) plot.add("circle", { class: "here", cx: x.place(here), cy: y.place(there), r: 5 });
-    plot.node.setAttribute("aria-label", `${title} along ${coordinate(map.first).name} and ${coordinate(map.second).name}, as colours from ${short(low, 3)} to ${short(high, 3)}${isLog ? ", by logarithms" : ""}`);
+    if (here >= x.low && here <= x.high && there >= y.low && there <= y.high) plot.add("circle",
+      { class: "here", cx: x.place(here), cy: y.place(there), r: 5 });
+    plot.node.setAttribute("aria-label",
+      `${title} along ${coordinate(map.first).name} and ${coordinate(map.second).name}, as colours from ${short(low,
+        3)} to ${short(high, 3)}${isLog ? ", by logarithms" : ""}`);
   }
 
   /** The cell under a pointer, and the values there. */
@@ -204,7 +219,8 @@ export function heat(store, what) {
     const { title, unit, valueOf } = all;
     const [first, second] = [map.first, map.second].map(coordinate);
     const lines = provenance(store, map.state, `${title} [${unit}] along ${first.name} and ${second.name}`);
-    if (kind !== "csv") return saveDrawing(kind, name, drawing(plot.node, lines, ["colours as in the bar; grey: no value, or one that is not above zero; ring: the posture"]));
+    if (kind !== "csv") return saveDrawing(kind, name, drawing(plot.node, lines,
+      ["colours as in the bar; grey: no value, or one that is not above zero; ring: the posture"]));
     const head = [first, second].map((one) => `${one.name} [${one.unit}]`);
     const rows = map.ys.flatMap((y, j) => map.xs.map((x, i) => {
       const value = valueOf(map.rows[j][i]);

@@ -21,12 +21,15 @@ export function shortcuts(store, parts) {
     ["0", "all coordinates zero", () => store.source.moves && !store.hello.mechanism.platform && toZero(store)],
     ["a", "keep this state", () => store.keep()],
     ["b", "back to state 1", () => store.goToKept()],
-    ["123456", "connection A, B, K, F, +, under the load", (key) => store.change({ connection: ["A", "B", "K", "F", "+", "load"][key - 1] })],
+    ["123456", "connection A, B, K, F, +, under the load",
+      (key) => store.change({ connection: ["A", "B", "K", "F", "+", "load"][key - 1] })],
     ["g", "handles at the tool stay", () => parts.hands.toggle()],
     ["u", "undo", () => store.undo()],
     ["U", "redo", () => store.redo()],
-    ["s", "stiffness or compliance", () => store.change({ quantity: store.state.quantity === "stiffness" ? "compliance" : "stiffness" })],
-    ["l", "radii: √, linear, log", () => store.source.moves && store.change({ scale: { root: "linear", linear: "log", log: "root" }[store.state.scale] })],
+    ["s", "stiffness or compliance",
+      () => store.change({ quantity: store.state.quantity === "stiffness" ? "compliance" : "stiffness" })],
+    ["l", "radii: √, linear, log", () => store.source.moves
+      && store.change({ scale: { root: "linear", linear: "log", log: "root" }[store.state.scale] })],
     ["c", "copy as NumPy array", () => parts.matrix.copyNumpy()],
     ["i", "full analysis", () => showReport(store)],
     ["p", "play or pause", () => parts.strip.toggle()],
@@ -40,9 +43,15 @@ export function shortcuts(store, parts) {
     if (dialog.open) return dialog.close();
     dialog.replaceChildren(
       heading("Keyboard", button("Close", () => dialog.close())),
-      el("dl", { class: "keys" }, ...[...keys, ["← →", "on a slider: 1° or 0.5 %; Shift a tenth, PageUp ten"], ["Tab", "next control; arrows within a group"]]
-        .map(([key, words]) => el("div", {}, el("dt", {}, el("kbd", {}, /^\d{2}/.test(key) ? `${key[0]} … ${key.at(-1)}` : key)), el("dd", {}, words)))),
-      hint("Mouse in the picture: left turns, right moves, wheel zooms; the ball at M and its arms move the tool, its rings turn it (Shift: in steps of 5°), the balls at the load's arrows pull them, the ring about the moment's line makes it larger or smaller (Alt: without snapping); a point of a map that is clicked becomes the posture. Arrow keys turn the view, + and − zoom. The wheel zooms curves, as + and − do on their slider."),
+      el("dl", { class: "keys" }, ...[...keys, ["← →", "on a slider: 1° or 0.5 %; Shift a tenth, PageUp ten"],
+        ["Tab", "next control; arrows within a group"]]
+        .map(([key, words]) => el("div", {}, el("dt", {},
+          el("kbd", {}, /^\d{2}/.test(key) ? `${key[0]} … ${key.at(-1)}` : key)), el("dd", {}, words)))),
+      hint("Mouse in the picture: left turns, right moves, wheel zooms; the ball at M and its arms move the tool, its "
+        + "rings turn it (Shift: in steps of 5°), the balls at the load's arrows pull them, the ring about the "
+          + "moment's line makes it larger or smaller (Alt: without snapping); a point of a map that is clicked "
+            + "becomes the posture. Arrow keys turn the view, + and − zoom. The wheel zooms curves, as + and − do on "
+              + "their slider."),
       hint(`cartstiff ${store.hello.version}`));
     dialog.showModal();
   }

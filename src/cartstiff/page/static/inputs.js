@@ -5,9 +5,13 @@ import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 
 const DEGREES = 180 / Math.PI;
 
-/** Numbers in fields; calls back with all of them when one has changed. `blank` has a name and a value for those that may be left empty. */
+/**
+ * Numbers in fields; calls back with all of them when one has changed. `blank` has a name and a value for those that
+ * may be left empty.
+ */
 export function fields(names, onchange, blank = []) {
-  const inputs = names.map(([name, unit, of]) => el("input", { type: "number", step: "any", "aria-label": `${of ? `${of} ` : ""}${name} ${unit}`, onchange: commit }));
+  const inputs = names.map(([name, unit, of]) => el("input",
+    { type: "number", step: "any", "aria-label": `${of ? `${of} ` : ""}${name} ${unit}`, onchange: commit }));
   function commit() {
     const values = inputs.map((input, i) =>
       (blank[i] && input.value === "" && !input.validity.badInput ? blank[i].value : input.valueAsNumber));
@@ -24,9 +28,11 @@ export function fields(names, onchange, blank = []) {
 }
 
 /** A slider and a number of a length, or of an angle in degrees or radians; `limited`: its ends are limits. */
-export function sliderRow(store, { index, id = `slider-${index}`, name, label = name, lower, upper, unit, is_length: isLength, limited, digits = 4, value, move }) {
+export function sliderRow(store, { index, id = `slider-${index}`, name, label = name, lower, upper, unit,
+  is_length: isLength, limited, digits = 4, value, move }) {
   const range = el("input", { type: "range", id, min: lower, max: upper, step: "any", "aria-label": name });
-  const number = el("input", { type: "number", step: "any", "aria-label": `${name}, value`, id: id.replace("slider", "number") });
+  const number = el("input", { type: "number", step: "any", "aria-label": `${name}, value`,
+    id: id.replace("slider", "number") });
   const shownUnit = el("span", { class: "unit" });
   const low = el("span", { class: "limit" });
   const high = el("span", { class: "limit" });
@@ -68,7 +74,8 @@ export function sliderRow(store, { index, id = `slider-${index}`, name, label = 
   function set(x) {
     if (range.valueAsNumber !== x) range.value = x;
     if (!typing) number.value = shown(x);
-    node.classList.toggle("outside", Boolean(limited) && (x < lower - NEGLIGIBLE_DIFFERENCE || x > upper + NEGLIGIBLE_DIFFERENCE));
+    node.classList.toggle("outside", Boolean(limited) && (x < lower - NEGLIGIBLE_DIFFERENCE || x > upper
+      + NEGLIGIBLE_DIFFERENCE));
     range.setAttribute("aria-valuetext", `${shown(x)} ${shownUnit.textContent}`);
   }
 

@@ -27,7 +27,8 @@ function onScreen(sprite, camera) {
   // A label of what is seen is not cut off at the edge.
   const inside = (at, half) => (Math.abs(at) < 1 ? Math.max(half - 1, Math.min(1 - half, at)) : at);
   const [x0, y0] = [inside(middle.x, width), inside(middle.y, height)];
-  return { sprite, x: x0, y: y0, shift: [(x0 - middle.x) / (2 * width), (y0 - middle.y) / (2 * height)], width, height };
+  return { sprite, x: x0, y: y0, shift: [(x0 - middle.x) / (2 * width), (y0 - middle.y) / (2 * height)], width,
+    height };
 }
 
 // Share of an ellipsoid's half sizes within which no value is written.
@@ -59,7 +60,8 @@ function shine(mesh) {
   if (!mesh.userData.twin) return;
   const { Mesh, GreaterDepth } = MeshCat.THREE;
   const material = mesh.material.clone();
-  Object.assign(material, { transparent: true, depthWrite: false, depthFunc: GreaterDepth, opacity: SHINE * mesh.material.opacity });
+  Object.assign(material, { transparent: true, depthWrite: false, depthFunc: GreaterDepth,
+    opacity: SHINE * mesh.material.opacity });
   const twin = new Mesh(mesh.geometry, material);
   twin.userData.twin = false;
   twin.userData.isTwin = true;
@@ -103,19 +105,23 @@ export function arrange(scene, camera, lit, boxes) {
   const placed = [...boxes];
   const M = scene.getObjectByName("M");
   const ball = M && M.position.clone().setFromMatrixPosition(M.matrixWorld).project(camera);
-  const cores = meshes.filter((mesh) => !mesh.userData.isTwin && /ellipsoid.*body/.test(pathOf(mesh).join())).map((mesh) => coreOf(mesh, camera));
-  if (ball && labels.length) cores.push({ x: ball.x, y: ball.y, width: labels[0].height / camera.aspect, height: labels[0].height });
+  const cores = meshes.filter((mesh) => !mesh.userData.isTwin && /ellipsoid.*body/.test(pathOf(mesh).join()))
+    .map((mesh) => coreOf(mesh, camera));
+  if (ball && labels.length) cores.push({ x: ball.x, y: ball.y, width: labels[0].height / camera.aspect,
+    height: labels[0].height });
   for (const label of labels) {
     const { sprite, width, height } = label;
     const kept = /ellipsoid|wrench/.test(pathOf(sprite)[0]) ? [...placed, ...cores] : placed;
     const free = ([dx, dy], others = kept) => {
       const x = label.x + 2 * dx * width * GAP, y = label.y + 2 * dy * height * GAP;
       const inside = (at, half, to) => Math.abs(at) >= 1 || Math.abs(to) + half <= 1.001;
-      return inside(label.x, width, x) && inside(label.y, height, y) && others.every((other) => Math.abs(other.x - x) >= (other.width + width) * 0.99
+      return inside(label.x, width, x) && inside(label.y, height, y)
+        && others.every((other) => Math.abs(other.x - x) >= (other.width + width) * 0.99
         || Math.abs(other.y - y) >= (other.height + height) * 0.99);
     };
     const before = sprite.userData.place;
-    const place = before && free(before) ? before : PLACES.find((at) => free(at)) ?? PLACES.find((at) => free(at, placed)) ?? PLACES[0];
+    const place = before && free(before) ? before : PLACES.find((at) => free(at))
+      ?? PLACES.find((at) => free(at, placed)) ?? PLACES[0];
     sprite.userData.place = place;
     sprite.center.set(0.5 - place[0] * GAP - label.shift[0], 0.5 - place[1] * GAP - label.shift[1]);
     placed.push({ x: label.x + 2 * place[0] * width * GAP, y: label.y + 2 * place[1] * height * GAP, width, height });

@@ -4,7 +4,8 @@
 import { byId, dropdown, el, engineering, short, tuple, typeset } from "./dom.js";
 import { provenance, saveDrawing, sheet, svg } from "./plotfiles.js";
 
-const MARKS = { translation: "●", rotation: "◆", force: "➞", moment: "↻", deflection: "⇢", tension: "│", nodal: "╱", note: "!" };
+const MARKS = { translation: "●", rotation: "◆", force: "➞", moment: "↻", deflection: "⇢", tension: "│", nodal: "╱",
+  note: "!" };
 // Times its size that a picture can be saved with.
 const SIZES = [1, 2, 3, 4];
 
@@ -13,14 +14,18 @@ const inLength = (x, unit) => (unit === "m" && Math.abs(x) < 1 ? `${short(100 * 
 
 /** What a radius means, by the example of the bar. */
 function radius({ scale, unit, cut }, length) {
-  if (scale.kind === "log") return `radius 0 at ${engineering(scale.zero_at, unit, 3)}, and ${inLength(scale.length_per_decade, length.unit)} for each factor of 10 (rings)`;
+  if (scale.kind === "log") return `radius 0 at ${engineering(scale.zero_at, unit,
+    3)}, and ${inLength(scale.length_per_decade, length.unit)} for each factor of 10 (rings)`;
   const isRoot = scale.kind === "root";
   const value = scale.value_per_length * length.bar ** (isRoot ? 2 : 1);
   return `${inLength(length.bar, length.unit)} = ${engineering(value, unit, 3)}${isRoot ? " (square-root scale)" : ""}`
     + (cut ? `; cut at ${inLength(scale.cut_at, length.unit)}: the axis marked (cut) is longer` : "");
 }
 
-/** A picture's facts, as `cartstiff.scene.Scene.draw` returns them, with their words, the bar, and the scales of the ellipsoids. */
+/**
+ * A picture's facts, as `cartstiff.scene.Scene.draw` returns them, with their words, the bar, and the scales of the
+ * ellipsoids.
+ */
 export function legendOf(facts) {
   const { length, wrench, deflection, tension, nodal } = facts;
   const ellipsoids = Object.entries(facts.ellipsoids).filter(([, own]) => own);
@@ -38,11 +43,13 @@ export function legendOf(facts) {
     const [unit, { zero_at: zero, length_per_decade: step }] = [wrench.units[kind], wrench.scale[kind]];
     const size = engineering(Math.hypot(...wrench.wrench.slice(first, first + 3)), unit, 3);
     const longer = inLength(step, length.unit);
-    say(kind, `${kind}: ${size} is ${inLength(wrench[kind], length.unit)} long; ten times the ${kind} is ${longer} longer`,
+    say(kind, `${kind}: ${size} is ${inLength(wrench[kind],
+      length.unit)} long; ten times the ${kind} is ${longer} longer`,
       `length = ${longer} log10(1 + ${kind} / ${engineering(zero, unit, 3)})`);
   }
   if (deflection?.shown) {
-    const at = deflection.acts_at.some((x) => x) ? `at ${tuple(deflection.acts_at)} ${length.unit} of M` : "at the origin of M";
+    const at = deflection.acts_at.some((x) => x) ? `at ${tuple(deflection.acts_at)} ${length.unit} of M`
+      : "at the origin of M";
     say("deflection", `deflection enlarged ${short(deflection.exaggeration, 3)} times, under the load ${at}`);
   } else if (deflection) miss("deflection", deflection);
   if (tension?.limits?.[1]) {
@@ -50,20 +57,23 @@ export function legendOf(facts) {
     say("tension", `legs: pink ${low} (compression) to green ${high} ${tension.unit} (tension)`);
   }
   if (facts.centres?.shown === false) miss("centres", facts.centres);
-  if (nodal) say("nodal", `${nodal.name}, ${short(nodal.value, 3)} Hz${nodal.shown ? `, pitch ${engineering(nodal.pitch, length.unit, 3)}` : ` not drawn: ${nodal.reason}`}`);
+  if (nodal) say("nodal", `${nodal.name}, ${short(nodal.value, 3)} Hz${nodal.shown
+    ? `, pitch ${engineering(nodal.pitch, length.unit, 3)}` : ` not drawn: ${nodal.reason}`}`);
   for (const [reason, names] of missing) say("note", `${names.join(", ")} not drawn: ${reason}`);
   for (const note of facts.notes) say("note", note);
   return {
     ...facts, lines, per_length: length.scene_units_per_unit,
     bar: { text: inLength(length.bar, length.unit), length: length.bar * length.scene_units_per_unit },
-    measures: Object.fromEntries(ellipsoids.filter(([, { shown }]) => shown).map(([freedom, { scale }]) => [freedom, scale])),
+    measures: Object.fromEntries(ellipsoids.filter(([, { shown }]) => shown)
+      .map(([freedom, { scale }]) => [freedom, scale])),
   };
 }
 
 /** The bar of a map's colours. */
 function colourBar({ label, unit, count, lower, upper, log, kinds, stops = [] }) {
   const head = el("span", { class: "small" }, [label, unit, log && "logarithmic"].filter(Boolean).join(", "));
-  if (kinds) return [head, ...kinds.map((one) => el("div", { class: "small kind", title: `${one.count} of ${count} points: ${one.name}` },
+  if (kinds) return [head,
+    ...kinds.map((one) => el("div", { class: "small kind", title: `${one.count} of ${count} points: ${one.name}` },
     el("span", { class: "mark", style: `color: ${one.colour}`, "aria-hidden": "true" }, "●"), ` ${one.name}`))];
   return [head, el("span", { class: "gradient", style: `background: linear-gradient(to right, ${stops.join(", ")})` }),
     el("span", { class: "ends small num" }, el("span", {}, short(lower)), el("span", {}, short(upper)))];
@@ -80,7 +90,8 @@ export function legendBox(store) {
     const { legend } = store;
     if (!legend) return;
     length = legend.bar.length;
-    box.replaceChildren(el("div", { class: "num", title: "As long as this at M; what is nearer looks larger" }, scale, ` ${legend.bar.text}`),
+    box.replaceChildren(el("div", { class: "num", title: "As long as this at M; what is nearer looks larger" }, scale,
+      ` ${legend.bar.text}`),
       ...legend.lines.map(({ mark, text, title }) => el("div", { title },
         el("span", { class: `mark ${mark}`, "aria-hidden": "true" }, MARKS[mark] ?? "·"), ` ${typeset(text)}`)));
     bar.hidden = !legend.cloud;
@@ -88,13 +99,15 @@ export function legendBox(store) {
     // An address may ask for another posture than the one that the first picture was framed for.
     if (framed) return;
     framed = true;
-    if (String(store.state.q) !== String(store.hello.state.q)) store.ask({ do: "bounds" }).then(({ bounds }) => store.pane.frameAnew(bounds), () => {});
+    if (String(store.state.q) !== String(store.hello.state.q)) store.ask({ do: "bounds" })
+      .then(({ bounds }) => store.pane.frameAnew(bounds), () => {});
   });
 }
 
 /** A choice of sizes that saves the picture, with its legend, scale, name, load and version below. */
 export function pictureFile(store, name) {
-  const select = dropdown("Save the picture", [["", "PNG"], ...SIZES.map((times) => [`png${times}`, `PNG × ${times}`])], (kind) => {
+  const select = dropdown("Save the picture", [["", "PNG"], ...SIZES.map((times) => [`png${times}`, `PNG × ${times}`])],
+    (kind) => {
     select.value = "";
     saveDrawing(kind, name(), picture(store, Number(kind.slice(3))));
   }, { class: "save", title: "The picture as a file, with its legend, scale, load and version" });
@@ -110,9 +123,14 @@ function picture(store, times) {
   const ink = getComputedStyle(document.body).color;
   const copy = svg("svg", {}, svg("image", { href, width, height }),
     svg("path", { d: `M10,${height - 16}v6h${bar}v-6`, fill: "none", stroke: ink, "stroke-width": 1.5 }),
-    svg("text", { x: 14 + bar, y: height - 8, "font-size": 12, "font-family": "sans-serif", fill: ink }, legend.bar.text));
-  const words = [...byId("legend").querySelectorAll(".mark")].map((mark) => ({ text: mark.parentElement.textContent, colour: getComputedStyle(mark).color }));
+    svg("text", { x: 14 + bar, y: height - 8, "font-size": 12, "font-family": "sans-serif", fill: ink },
+      legend.bar.text));
+  const words = [...byId("legend").querySelectorAll(".mark")]
+    .map((mark) => ({ text: mark.parentElement.textContent, colour: getComputedStyle(mark).color }));
   const [title, ...lines] = provenance(store, state, `${store.hello.mechanism.name}: ellipsoids of ${state.quantity}`);
-  const cloud = legend.cloud?.lower === undefined ? [] : [`${legend.cloud.label} [${legend.cloud.unit}]: from ${short(legend.cloud.lower)} to ${short(legend.cloud.upper)}`];
-  return sheet(copy, { width, height, ink, paper: getComputedStyle(document.body).backgroundColor }, [title, ...words, ...cloud, ...lines]);
+  const cloud = legend.cloud?.lower === undefined ? []
+    : [`${legend.cloud.label} [${legend.cloud.unit}]: from ${short(legend.cloud.lower)} to `
+      + `${short(legend.cloud.upper)}`];
+  return sheet(copy, { width, height, ink, paper: getComputedStyle(document.body).backgroundColor },
+    [title, ...words, ...cloud, ...lines]);
 }

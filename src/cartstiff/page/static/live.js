@@ -39,7 +39,8 @@ export class LiveSource {
     const { frame } = store.hello.mechanism;
     const data = await store.ask({ do: "program" });
     if (!data.script) return;
-    await new Promise((done, fail) => document.head.append(el("script", { src: data.script, onload: done, onerror: fail })));
+    await new Promise((done, fail) => document.head.append(el("script",
+      { src: data.script, onload: done, onerror: fail })));
     if (store.hello.mechanism.frame !== frame) return;
     const local = new ComputingSource(data, data.packed);
     local.cannot = "the server does not answer, and the browser cannot do that";

@@ -51,9 +51,11 @@ function build(source) {
 
 /** A file of one posture: what would ask for another is switched off. */
 function fix() {
-  const controls = "#left input, #left select, #left button:not(.quiet), .matrix-card .choices input, .parts > label input, .principal-card .choice input, #map-choice select";
+  const controls = "#left input, #left select, #left button:not(.quiet), .matrix-card .choices input, .parts > label "
+    + "input, .principal-card .choice input, #map-choice select";
   for (const node of document.querySelectorAll(controls)) node.disabled = true;
-  for (const node of document.querySelectorAll("#strip, .compare-card, .setup-card, .posture-card .buttons")) node.hidden = true;
+  for (const node of document.querySelectorAll("#strip, .compare-card, .setup-card, .posture-card "
+    + ".buttons")) node.hidden = true;
 }
 
 /** Once the page has come to rest it gets the mechanism's arithmetic, and again for another frame. */
@@ -80,13 +82,16 @@ function banners(store, source) {
     banner.hidden = !text;
     banner.dataset.level = level;
     banner.replaceChildren(text ?? "");
-    if (text && (level === "bad" || more.length)) banner.append(" ", ...more, button("Dismiss", () => show(null), { class: "quiet" }));
+    if (text && (level === "bad" || more.length)) banner.append(" ", ...more,
+      button("Dismiss", () => show(null), { class: "quiet" }));
   };
   source.onstatus = (status) => {
-    if (status === "lost" && !lost) show(source.alone ? "The server does not answer: what is shown is computed in the browser. The page tries again by itself …"
+    if (status === "lost" && !lost) show(source.alone
+      ? "The server does not answer: what is shown is computed in the browser. The page tries again by itself …"
       : "The server does not answer. The page shows the last posture and tries again by itself …", "warning");
     if (status === "strange") {
-      show("The server has been started anew: the address that it has printed lets you in again, with what is shown here. ", "warning");
+      show("The server has been started anew: the address that it has printed lets you in again, with what is shown "
+        + "here. ", "warning");
       banner.append(el("a", { href: linkTo(store) }, "Enter"));
     }
     if (status === "connected" && lost) show(null);
@@ -114,7 +119,8 @@ async function inflate(id) {
 }
 
 function cannot({ message }) {
-  byId("verdict-text").textContent = `This page needs a browser of 2023 or newer that draws in three dimensions (${message})`;
+  byId("verdict-text").textContent = `This page needs a browser of 2023 or newer that draws in three dimensions `
+    + `(${message})`;
   loaded(1);
 }
 
@@ -141,7 +147,8 @@ async function fromServer() {
   const viewer = import(new URL("viewer.js", location.href));
   source.connect();
   await viewer;
-  Promise.resolve().then(() => localStorage.setItem("address", location.pathname)).catch(() => {}); // for links, which hold no secret
+  // for links, which hold no secret
+  Promise.resolve().then(() => localStorage.setItem("address", location.pathname)).catch(() => {});
   build(source);
 }
 

@@ -7,8 +7,10 @@ import { safeCell } from "./plotfiles.js";
 
 const WRENCH = ["mx", "my", "mz", "fx", "fy", "fz"];
 const MOTION = ["rx", "ry", "rz", "x", "y", "z"];
-const MOTION_WORDS = ["rotation about x", "rotation about y", "rotation about z", "motion along x", "motion along y", "motion along z"];
-const WRENCH_WORDS = ["moment about x", "moment about y", "moment about z", "force along x", "force along y", "force along z"];
+const MOTION_WORDS = ["rotation about x", "rotation about y", "rotation about z", "motion along x", "motion along y",
+  "motion along z"];
+const WRENCH_WORDS = ["moment about x", "moment about y", "moment about z", "force along x", "force along y",
+  "force along z"];
 const VIEWS = [
   ["whole", "K", "The matrix itself"],
   ["symmetric", "sym", "Symmetric part (K + Kᵀ)/2"],
@@ -18,10 +20,12 @@ const VIEWS = [
 
 const NAMES = ["load", "A", "B", "K", "F", "+"];
 
-export const sup = (name) => ({ A: "ᴬ", B: "ᴮ", K: "ᴷ", F: "ꟳ", "+": "⁺", load: " under the load" })[name] ?? `^${name}`;
+export const sup = (name) => ({ A: "ᴬ", B: "ᴮ", K: "ᴷ", F: "ꟳ", "+": "⁺", load: " under the load" })[name]
+  ?? `^${name}`;
 
 /** What a matrix of a state is called: that of its connection, or of another. */
-export const symbol = ({ quantity, connection }, name = connection) => `${quantity === "stiffness" ? "K" : "C"}${sup(name)}`;
+export const symbol = ({ quantity, connection }, name = connection) =>
+  `${quantity === "stiffness" ? "K" : "C"}${sup(name)}`;
 
 const six = (make) => Array.from({ length: 6 }, (_, i) => make(i));
 
@@ -41,12 +45,16 @@ export function matrixPanel(store) {
     update();
   }, { hidden: true });
   const [columnHeads, rowHeads] = ["col", "row"].map((scope) => six(() => el("th", { scope })));
-  const cells = six((i) => six((j) => el("td", { class: "cell", tabindex: i + j ? -1 : 0, "data-row": i, "data-column": j })));
+  const cells = six((i) =>
+    six((j) => el("td", { class: "cell", tabindex: i + j ? -1 : 0, "data-row": i, "data-column": j })));
   const units = [0, 1].map(() => [0, 1].map(() => el("td", { colspan: 3, class: "block-unit" })));
-  const row = (head, one, other) => el("tr", {}, head, ...one, el("td", { class: "space", "aria-hidden": "true" }), ...other);
+  const row = (head, one, other) => el("tr", {}, head, ...one, el("td", { class: "space", "aria-hidden": "true" }),
+    ...other);
   const halves = (list) => [list.slice(0, 3), list.slice(3)];
-  const table = el("table", { class: "matrix", "aria-labelledby": "matrix-title" }, el("thead", {}, row(el("td"), ...halves(columnHeads))),
-    el("tbody", {}, ...cells.flatMap((line, i) => [...(i % 3 ? [] : [row(el("td"), ...units[i / 3].map((unit) => [unit]))]), row(rowHeads[i], ...halves(line))])));
+  const table = el("table", { class: "matrix", "aria-labelledby": "matrix-title" },
+    el("thead", {}, row(el("td"), ...halves(columnHeads))),
+    el("tbody", {}, ...cells.flatMap((line, i) =>
+      [...(i % 3 ? [] : [row(el("td"), ...units[i / 3].map((unit) => [unit]))]), row(rowHeads[i], ...halves(line))])));
   const readout = el("div", { class: "readout", role: "status" });
   const lengths = dropdown("Unit of translations", [], (unit) => {
     store.remember("units");
@@ -63,7 +71,8 @@ export function matrixPanel(store) {
   const choices = el("div", { class: "row choices" }, connections, el("span", { class: "grow" }), quantities);
   parts.prepend(connections.lastChild);
   const fold = el("details", { class: "parts-fold" }, el("summary", {}, "Parts and transpose"), parts);
-  byId("right").append(el("details", { class: "card matrix-card" }, el("summary", {}, title, place, badge), choices, table, absent,
+  byId("right").append(el("details", { class: "card matrix-card" }, el("summary", {}, title, place, badge), choices,
+    table, absent,
     el("div", { class: "row" }, readout, lengths,
       button("NumPy", () => copyNumpy(), { class: "quiet", title: "Copy as NumPy array (c)" }),
       button("CSV", () => copyCsv(), { class: "quiet", title: "Copy as CSV" })),
@@ -97,8 +106,10 @@ export function matrixPanel(store) {
     const [i, j] = read;
     const unit = store.blockUnits()[i < 3 ? 0 : 1][j < 3 ? 0 : 1];
     const stiff = store.shown.quantity === "stiffness";
-    const words = stiff ? `${WRENCH_WORDS[i]} per ${MOTION_WORDS[j]}, other motions held` : `${MOTION_WORDS[i]} per ${WRENCH_WORDS[j]}, no other load`;
-    readout.replaceChildren(el("b", {}, `${sure(shown[i][j], Math.max(...shown.flat().map(Math.abs)))} ${unit}`), ` ${words}`);
+    const words = stiff ? `${WRENCH_WORDS[i]} per ${MOTION_WORDS[j]}, other motions held`
+      : `${MOTION_WORDS[i]} per ${WRENCH_WORDS[j]}, no other load`;
+    readout.replaceChildren(el("b", {}, `${sure(shown[i][j], Math.max(...shown.flat().map(Math.abs)))} ${unit}`),
+      ` ${words}`);
     readout.title = words;
   }
   const scaleWords = "colour: sign and size within blocks of one unit";
@@ -142,7 +153,8 @@ export function matrixPanel(store) {
     const called = (name) => (/\d/.test(name) ? `state ${name}` : symbol(store.shown, name));
     select.offer(options.map((name) => [name, called(name)]));
     select.value = other;
-    title.textContent = { whole: own, symmetric: `sym ${own}`, antisymmetric: `anti ${own}`, difference: `${own} − ${called(other)}` }[view];
+    title.textContent = { whole: own, symmetric: `sym ${own}`, antisymmetric: `anti ${own}`,
+      difference: `${own} − ${called(other)}` }[view];
     const frame = store.hello.mechanism.frame;
     const moved = point.some((x) => x !== 0);
     place.textContent = `in ${frame}${moved ? " + offset" : ""}${axes === "world" ? ", room axes" : ""}`;
@@ -153,17 +165,21 @@ export function matrixPanel(store) {
     const names = store.blockUnits();
     // The unit of a block is of the size of its largest entry, unless another was chosen.
     const sizes = names.map((pair, a) => pair.map((name, b) => (store.fine || !shown ? [1, name]
-      : inSize(Math.max(...shown.slice(3 * a, 3 * a + 3).flatMap((row) => row.slice(3 * b, 3 * b + 3)).map(Math.abs)), name))));
+      : inSize(Math.max(...shown.slice(3 * a, 3 * a + 3).flatMap((row) => row.slice(3 * b, 3 * b + 3)).map(Math.abs)),
+        name))));
     units.forEach((pair, a) => pair.forEach((cell, b) => { cell.textContent = sizes[a][b][1]; }));
 
     absent.hidden = shown !== null;
     table.classList.toggle("empty", shown === null);
     const { verdict, has_compliance: hasCompliance, result } = store.numbers;
-    absent.textContent = `${own} does not exist here${stiff ? `: ${verdict.title}` : ""}.${stiff && hasCompliance && !result.stiffness.B ? " The compliance does." : ""}`;
+    absent.textContent = `${own} does not exist here${stiff ? `: ${verdict.title}` : ""}.${stiff && hasCompliance
+      && !result.stiffness.B ? " The compliance does." : ""}`;
     const { symmetric } = store.numbers;
     const apart = symmetric[connection];
-    for (const button of connections.children) button.classList.toggle("absent", symmetric[button.dataset.value] === null);
-    [badge.textContent, badge.dataset.level] = apart === null ? ["no matrix", "none"] : apart === 0 ? ["✓ symmetric", "good"] : ["≠ asymmetric", "warning"];
+    for (const button of connections.children) button.classList.toggle("absent",
+      symmetric[button.dataset.value] === null);
+    [badge.textContent, badge.dataset.level] = apart === null ? ["no matrix", "none"] : apart === 0
+      ? ["✓ symmetric", "good"] : ["≠ asymmetric", "warning"];
     badge.title = apart ? `largest entry of its difference from the transpose: ${short(apart)}` : "";
     const unsplit = scaled(store.matrix(connection));
     paint(cells, shown, unsplit, sizes);
@@ -178,29 +194,35 @@ export function matrixPanel(store) {
     const old = before && scaled(store.matrix(before));
     let count = 0;
     cells.forEach((row, i) => row.forEach((cell, j) => {
-      const differs = Boolean(matrix && old) && Math.abs(matrix[i][j] - old[i][j]) > UNCOUPLED * Math.sqrt(Math.abs(matrix[i][i] * matrix[j][j]));
+      const differs = Boolean(matrix && old)
+        && Math.abs(matrix[i][j] - old[i][j]) > UNCOUPLED * Math.sqrt(Math.abs(matrix[i][i] * matrix[j][j]));
       cell.classList.toggle("differs-here", differs);
       count += differs;
     }));
     const name = symbol(store.shown, before ?? "");
-    differs.textContent = !matrix || !old ? "" : count ? `Dotted: ${count} of 36 entries differ from ${name}, shown before`
-      : `No difference from ${name}, shown before${store.numbers.result.wrench?.some((x) => x) ? "" : ": there is no load"}`;
+    differs.textContent = !matrix || !old ? "" : count
+      ? `Dotted: ${count} of 36 entries differ from ${name}, shown before`
+      : `No difference from ${name}, shown before${store.numbers.result.wrench?.some((x) => x) ? ""
+        : ": there is no load"}`;
   }
 
   /** The matrix with all its digits, in the file's units. */
   function copyAs(what, begin, row, end) {
     if (!shown) return;
     const [[a, b], [c, d]] = store.blockUnits();
-    const words = `${title.textContent} ${place.textContent}; order rotation, translation; blocks [[${a}, ${b}], [${c}, ${d}]]`;
+    const words = `${title.textContent} ${place.textContent}; order rotation, translation; blocks [[${a}, ${b}], `
+      + `[${c}, ${d}]]`;
     copy(`${begin(words)}\n${shown.map(row).join("\n")}\n${end}`, what);
   }
 
-  const copyNumpy = () => copyAs("NumPy array", (words) => `np.array([  # ${words}`, (row) => `    [${row.map(String).join(", ")}],`, "])\n");
+  const copyNumpy = () => copyAs("NumPy array", (words) => `np.array([  # ${words}`,
+    (row) => `    [${row.map(String).join(", ")}],`, "])\n");
   const copyCsv = () => copyAs("CSV", (words) => `# ${safeCell(words)}`, (row) => row.map(String).join(","), "");
 
   store.on("hello", ({ mechanism }) => {
     for (const { name, title: words, meaning: more } of mechanism.connections) {
-      document.querySelector(`.matrix-card [data-value="${CSS.escape(name)}"]`).title = `K${sup(name)}, ${words}: ${more}`;
+      document.querySelector(`.matrix-card [data-value="${CSS.escape(name)}"]`).title = `K${sup(name)}, ${words}: `
+        + `${more}`;
     }
     lengths.offer(store.lengths.map((unit) => [unit, unit === store.unit("length") ? "by size" : unit]));
     lengths.value = store.fine ?? store.unit("length");
@@ -221,7 +243,8 @@ export function matrixPanel(store) {
 /** Numbers and colours: square roots of the entries over the largest of their unit. */
 function paint(cells, matrix, unsplit, sizes) {
   const [largest, noise] = [0, 1].map(() => [[0, 0], [0, 0]]);
-  const each = (act) => cells.forEach((line, i) => line.forEach((cell, j) => act(cell, i, j, i < 3 ? 0 : 1, j < 3 ? 0 : 1)));
+  const each = (act) =>
+    cells.forEach((line, i) => line.forEach((cell, j) => act(cell, i, j, i < 3 ? 0 : 1, j < 3 ? 0 : 1)));
   if (matrix) each((_, i, j, a, b) => {
     largest[a][b] = Math.max(largest[a][b], Math.abs(matrix[i][j]));
     noise[a][b] = Math.max(noise[a][b], UNCOUPLED * Math.sqrt(Math.abs(unsplit[i][i] * unsplit[j][j])));

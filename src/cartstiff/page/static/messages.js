@@ -41,7 +41,8 @@
  */
 /**
  * @typedef {object} Towards A pose that a hand pulls M to, ``T_F_M``, and whether it turns M as well.
- * @property {[[number, number, number, number], [number, number, number, number], [number, number, number, number], [number, number, number, number]]} pose
+ * @property {[[number, number, number, number], [number, number, number, number], [number, number, number,
+ *   number], [number, number, number, number]]} pose
  * @property {boolean} [turning]
  */
 /**
@@ -157,8 +158,14 @@ export const MESSAGES = {
 
 /** Fields of each model: their model, the words that they may be, or null. */
 export const FIELDS = {
-  Measure: { kind: ["root", "linear", "log"], value_per_length: null, cut_at: null, zero_at: null, length_per_decade: null },
-  ViewState: { q: null, moved: null, connection: ["load", "A", "B", "K", "F", "+"], quantity: ["stiffness", "compliance"], others: ["free", "held"], axes: ["body", "world"], point: null, stiffness: null, load: null, load_axes: ["body", "world"], load_kind: ["dead", "follower", "conservative"], load_at: null, gravity: null, payload: null, command: null, ghost: null, quantity_of_map: null, mode: null, measures: "Measure", theme: ["light", "dark"], translation: null, rotation: null, scale: ["root", "linear", "log"], labels: null, wrench: null, deflection: null, centres: null },
+  Measure: { kind: ["root", "linear", "log"], value_per_length: null, cut_at: null, zero_at: null,
+    length_per_decade: null },
+  ViewState: { q: null, moved: null, connection: ["load", "A", "B", "K", "F", "+"],
+    quantity: ["stiffness", "compliance"], others: ["free", "held"], axes: ["body", "world"], point: null,
+    stiffness: null, load: null, load_axes: ["body", "world"], load_kind: ["dead", "follower", "conservative"],
+    load_at: null, gravity: null, payload: null, command: null, ghost: null, quantity_of_map: null, mode: null,
+    measures: "Measure", theme: ["light", "dark"], translation: null, rotation: null,
+    scale: ["root", "linear", "log"], labels: null, wrench: null, deflection: null, centres: null },
   Towards: { pose: null, turning: null },
   Draw: { id: null, state: "ViewState", do: ["draw"], towards: "Towards", lengths: null },
   Numbers: { id: null, state: "ViewState", do: ["numbers"] },

@@ -31,8 +31,10 @@ export function modesPanel(store) {
     fetchSwing();
   }, { title: "How far what moves most goes, as a share of the mechanism's size" });
   size.value = share;
-  const play = button("▶", () => toggle(), { class: "play", title: "Play or pause the mode (v)", "aria-label": "Play the mode" });
-  const slider = el("input", { type: "range", min: 0, max: 1, step: 1 / 16, value: 0.5, "aria-label": "Phase of the swing",
+  const play = button("▶", () => toggle(), { class: "play", title: "Play or pause the mode (v)",
+    "aria-label": "Play the mode" });
+  const slider = el("input", { type: "range", min: 0, max: 1, step: 1 / 16, value: 0.5,
+    "aria-label": "Phase of the swing",
     oninput: () => { stop(); show(slider.valueAsNumber); } });
   const controls = el("div", { class: "row" }, play, slider, size);
   const card = el("details", { class: "card modes-card", ontoggle: () => {
@@ -74,7 +76,8 @@ export function modesPanel(store) {
     rows.replaceChildren(...modes.frequencies.map((f, i) => row(modes, f, i, i + 1 === mode)));
     if (focused) rows.querySelector(":checked")?.focus();
     const load = result.load?.kind && result.wrench?.some((x) => x) ? `under its ${result.load.kind} load` : "unloaded";
-    const notes = modes.notes.filter(({ code }) => ["unstable", "free-motion", "repeated-modes", "massless-struts", "implausible-mass"].includes(code));
+    const notes = modes.notes.filter(({ code }) => ["unstable", "free-motion", "repeated-modes", "massless-struts",
+      "implausible-mass"].includes(code));
     words.textContent = [
       `Small undamped motions, ${load}. A mode has no size of its own: the swing is drawn, not computed.`,
       store.source.live ? "" : "An exported page holds the table; `cartstiff view` plays modes and draws the response.",
@@ -84,13 +87,15 @@ export function modesPanel(store) {
 
   function row(modes, f, i, chosen) {
     const shares = modes.participation[i].map((x, k) => [x ?? 0, modes.names[k]]).sort((a, b) => b[0] - a[0]);
-    const what = shares.filter(([x]) => x > SMALL).map(([x, name]) => `${name.replace(/_joint$/, "")} ${Math.round(100 * x)} %`).join(", ");
+    const what = shares.filter(([x]) => x > SMALL).map(([x, name]) =>
+      `${name.replace(/_joint$/, "")} ${Math.round(100 * x)} %`).join(", ");
     const hertz = f === null ? "unstable" : f === 0 ? "free" : `${short(f)} Hz`;
     const { direction, point, pitch } = modes.nodal_axes[i];
     const list = (v) => v.map((x) => short(Math.abs(x) < NEGLIGIBLE_DIFFERENCE ? 0 : x, 3)).join(", ");
     const axis = !direction ? "M rests" : !point ? `M moves along ${list(direction)}`
       : `M turns about ${list(direction)} through ${list(point)}, pitch ${short(pitch, 3)} ${store.unit("length")}`;
-    const node = radio("mode", i + 1, [el("span", { class: "dim num" }, String(i + 1)), el("span", { class: `num${f === null ? " bad" : ""}` }, hertz),
+    const node = radio("mode", i + 1, [el("span", { class: "dim num" }, String(i + 1)),
+      el("span", { class: `num${f === null ? " bad" : ""}` }, hertz),
       el("span", { class: "small what" }, what)], () => choose(i + 1), { class: "mode", title: axis });
     node.control.checked = chosen;
     return node;
@@ -98,7 +103,8 @@ export function modesPanel(store) {
 
   // -- the swing ----------------------------------------------------------------------------
 
-  const wanted = () => JSON.stringify([store.numbers?.result.q ?? store.state.q, store.state.mode, share, mechanicsOf(store.state)]);
+  const wanted = () => JSON.stringify([store.numbers?.result.q ?? store.state.q, store.state.mode, share,
+    mechanicsOf(store.state)]);
 
   async function fetchSwing() {
     const { mode } = store.state;
@@ -113,7 +119,8 @@ export function modesPanel(store) {
       frames = answer.counts.map((count) => answer.packed.slice(start, start += count));
       key = now;
       const turn = short((answer.turn * 180) / Math.PI, 2);
-      size.title = `drawn: M goes ${short(answer.displacement, 2)} ${store.unit("length")} and turns ${turn}° to either side`;
+      size.title = `drawn: M goes ${short(answer.displacement,
+        2)} ${store.unit("length")} and turns ${turn}° to either side`;
       if (!shown.playing) show(phase);
       else if (!halt) run();
     } catch (error) {
@@ -197,7 +204,8 @@ function responseStrip(store) {
   let ratio = 0.02;
   let answer = null;
   let key = null;
-  const input = el("input", { type: "number", min: 0, max: 100, step: "any", value: 2, "aria-label": "Damping ratio in per cent",
+  const input = el("input", { type: "number", min: 0, max: 100, step: "any", value: 2,
+    "aria-label": "Damping ratio in per cent",
     onchange: () => {
       const x = input.valueAsNumber / 100;
       if (!(x >= 0 && x <= 10)) return toast("damping must be between 0 and 1000 %");
@@ -207,8 +215,11 @@ function responseStrip(store) {
   const label = el("span", { class: "num small grow peak" });
   const plot = new Plot(MARGIN, () => draw());
   const node = byId("response");
-  node.append(el("div", { class: "row" }, el("span", { class: "dim", title: "Motion of the reference point per force at it, along the body's axes" }, "Over frequency"), label,
-    el("label", { class: "row small" }, el("span", { class: "dim" }, "damping"), input, el("span", { class: "dim" }, "%"))), plot.node);
+  node.append(el("div", { class: "row" },
+    el("span", { class: "dim", title: "Motion of the reference point per force at it, along the body's axes" },
+      "Over frequency"), label,
+    el("label", { class: "row small" }, el("span", { class: "dim" }, "damping"), input,
+      el("span", { class: "dim" }, "%"))), plot.node);
 
   async function request() {
     if (node.hidden || !store.source.live || !store.numbers) return;
@@ -243,18 +254,22 @@ function responseStrip(store) {
     const y = plot.upwards(Math.max(log(Math.min(...values)), high - 5), high + 0.1);
     plot.node.replaceChildren();
     plot.grid(y, true, `${unit}, log: x solid, y dashed, z dotted`);
-    plot.marks(modes.map((hertz) => [x.place(log(hertz)), engineering(hertz, "Hz", 3)]).filter(([at], i, all) => !i || at - all[i - 1][0] > 52));
+    plot.marks(modes.map((hertz) => [x.place(log(hertz)), engineering(hertz, "Hz", 3)])
+      .filter(([at], i, all) => !i || at - all[i - 1][0] > 52));
     modes.forEach((hertz, i) => {
       const at = x.place(log(hertz));
-      plot.add("line", { class: `grid own${i + 1 === store.state.mode ? " chosen" : ""}`, x1: at, x2: at, y1: y.end, y2: y.start });
+      plot.add("line", { class: `grid own${i + 1 === store.state.mode ? " chosen" : ""}`, x1: at, x2: at, y1: y.end,
+        y2: y.start });
     });
     let peak = ["", 0, 0];
     curves.forEach(([name, sizes], k) => {
-      const points = sizes.map((size, i) => (size > 0 ? [x.place(log(f[i])), y.place(Math.max(y.low, log(size)))] : null));
+      const points = sizes.map((size, i) => (size > 0 ? [x.place(log(f[i])), y.place(Math.max(y.low, log(size)))]
+        : null));
       plot.path(points, { class: `curve response curve-${k}`, "data-axis": name });
       sizes.forEach((size, i) => { if (size > peak[1]) peak = [name, size, f[i]]; });
     });
-    label.textContent = label.title = `largest ${short(peak[1], 3)} ${unit} along ${peak[0]} at ${short(peak[2], 3)} Hz`;
+    label.textContent = label.title = `largest ${short(peak[1], 3)} ${unit} along ${peak[0]} at ${short(peak[2],
+      3)} Hz`;
     plot.node.setAttribute("aria-label", `Receptance over frequency, ${label.textContent}`);
   }
 

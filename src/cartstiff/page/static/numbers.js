@@ -1,7 +1,8 @@
 // Verdict, principal values, condition, distance to singularities, notes.
 
 import { angles } from "./algebra.js";
-import { button, byId, chop, clamp, el, engineering, heading, inSize, short, stateChoice, sure, together, tuple } from "./dom.js";
+import { button, byId, chop, clamp, el, engineering, heading, inSize, short, stateChoice, sure, together,
+  tuple } from "./dom.js";
 import { symbol } from "./matrix.js";
 import { PRINTED_AS_ZERO, NEAR_SINGULARITY, RANK } from "./numerics.js";
 
@@ -28,7 +29,8 @@ export function verdictLine(store) {
   });
   store.on("refused", (reason) => {
     document.body.classList.toggle("refused", reason !== null);
-    if (reason !== null) set("bad", `Last valid posture: ${reason}`, `${reason}\nThe numbers and the picture are of the last state that has an answer.`);
+    if (reason !== null) set("bad", `Last valid posture: ${reason}`,
+      `${reason}\nThe numbers and the picture are of the last state that has an answer.`);
   });
   store.on("late", (late) => {
     document.body.classList.toggle("late", late);
@@ -40,12 +42,16 @@ export function verdictLine(store) {
 export const freeness = ({ others }) => [`rotation ${others}`, `translation ${others}`];
 
 export function numbersPanel(store) {
-  const [head, table, facts, meters] = [el("h2"), el("table", { class: "principal" }), el("dl", { class: "facts" }), el("div", { class: "meters" })];
+  const [head, table, facts, meters] = [el("h2"), el("table", { class: "principal" }), el("dl", { class: "facts" }),
+    el("div", { class: "meters" })];
   const others = stateChoice(store, "others", "The other freedoms",
-    [["free", "free", "Principal values of translation while the body may turn, of rotation while it may move: nothing loads the other freedoms"],
-      ["held", "held", "Principal values of translation while the body cannot turn, of rotation while it cannot move: the diagonal blocks of the stiffness matrix"]]);
+    [["free", "free", "Principal values of translation while the body may turn, of rotation while it may move: "
+      + "nothing loads the other freedoms"],
+      ["held", "held", "Principal values of translation while the body cannot turn, of rotation while it cannot move: "
+        + "the diagonal blocks of the stiffness matrix"]]);
   byId("right").append(el("div", { class: "card principal-card" }, el("div", { class: "row" }, head, others,
-    button("Full analysis", () => showReport(store), { class: "quiet", title: "Everything that the matrix says (i)" })), table, facts, meters));
+    button("Full analysis", () => showReport(store), { class: "quiet", title: "Everything that the matrix says (i)" })),
+      table, facts, meters));
 
   /** Principal values of a freedom, in a unit of their size unless one was chosen. */
   function row(kind, mark, unit, others) {
@@ -55,11 +61,13 @@ export function numbersPanel(store) {
     const [factor, read] = !store.fine || kind === "rotation" ? inSize(size, unit) : [1, unit];
     const cell = (x, i) => {
       const title = `${sure(x, size)} ${unit}\nalong ${tuple(found.axes[i])}${x < 0 ? "\nNEGATIVE: pushes away" : ""}`;
-      return el("td", { class: `num${x < -PRINTED_AS_ZERO * size ? " negative" : ""}`, title }, Math.abs(x) < PRINTED_AS_ZERO * size ? "0" : short(x / factor));
+      return el("td", { class: `num${x < -PRINTED_AS_ZERO * size ? " negative" : ""}`, title },
+        Math.abs(x) < PRINTED_AS_ZERO * size ? "0" : short(x / factor));
     };
     const none = () => el("td", { class: "num", title: "does not exist here" }, "–");
     return el("tr", { "data-row-of": kind },
-      el("th", { scope: "row" }, el("span", { class: `mark ${kind}`, "aria-hidden": "true" }, mark), ` ${kind} `, el("span", { class: "unit" }, `${read}, ${others}`)),
+      el("th", { scope: "row" }, el("span", { class: `mark ${kind}`, "aria-hidden": "true" }, mark), ` ${kind} `,
+        el("span", { class: "unit" }, `${read}, ${others}`)),
       ...values.map((x, i) => (x === null ? none() : cell(x, i))));
   }
 
@@ -72,7 +80,8 @@ export function numbersPanel(store) {
     const [low, high] = stiff ? ["softest", "stiffest"] : ["stiffest", "softest"];
     head.textContent = `Principal ${shown.quantity}`;
     table.replaceChildren(
-      el("thead", {}, el("tr", {}, el("td", { class: "dim" }, `of ${symbol(shown)}`), el("th", { scope: "col" }, low), el("td"), el("th", { scope: "col" }, high))),
+      el("thead", {}, el("tr", {}, el("td", { class: "dim" }, `of ${symbol(shown)}`), el("th", { scope: "col" }, low),
+        el("td"), el("th", { scope: "col" }, high))),
       el("tbody", {}, row("translation", "●", units[1][1], free), row("rotation", "◆", units[0][0], turned)));
     const { indices } = numbers;
     const length = store.unit("length");
@@ -80,20 +89,25 @@ export function numbersPanel(store) {
     facts.replaceChildren(
       ...fact("Condition number", !indices ? "–" : indices.condition_number === null ? "∞ (singular)"
         : `${short(indices.condition_number)} at length ${engineering(indices.length, length)}`,
-      indices ? `Angles are multiplied by a length: ${indices.length_reason}. Smallest eigenvalue over largest: ${indices.eigenvalues.map((x) => short(x)).join(", ")}` : ""),
+      indices ? `Angles are multiplied by a length: ${indices.length_reason}. Smallest eigenvalue over largest: `
+        + `${indices.eigenvalues.map((x) => short(x)).join(", ")}` : ""),
       ...(indices ? fact("… of translation, rotation held", short(indices.translational_condition)) : []),
       ...(indices ? fact("… of rotation, translation held", short(indices.rotational_condition)) : []),
-      ...fact("Position", together(chop(numbers.position, numbers.singularity[0]?.length), length), `roll, pitch, yaw ${angles(numbers.result.pose).map((a) => short((a * 180) / Math.PI)).join(", ")}°`));
+      ...fact("Position", together(chop(numbers.position, numbers.singularity[0]?.length), length),
+        `roll, pitch, yaw ${angles(numbers.result.pose).map((a) => short((a * 180) / Math.PI)).join(", ")}°`));
     meters.replaceChildren(...numbers.singularity.map(meter));
   }
 
   function meter({ kind, ratio, smallest, largest, length }) {
     const words = `Distance to ${kind} singularity`;
     const share = ratio > 0 ? clamp(1 + Math.log10(ratio) / 4, 0, 1) : 0; // logarithmic from 0.0001 to 1
-    return el("div", { class: "singular", "data-level": ratio < RANK ? "bad" : ratio < NEAR_SINGULARITY ? "warning" : "good",
-      title: `smallest over largest singular value ${short(smallest)} / ${short(largest)}, lengths over ${engineering(length, store.unit("length"))}; below ${NEAR_SINGULARITY} is near` },
+    return el("div", { class: "singular", "data-level": ratio < RANK ? "bad" : ratio < NEAR_SINGULARITY ? "warning"
+      : "good",
+      title: `smallest over largest singular value ${short(smallest)} / ${short(largest)}, lengths over `
+        + `${engineering(length, store.unit("length"))}; below ${NEAR_SINGULARITY} is near` },
     el("span", { class: "label" }, words),
-    el("span", { class: "meter wide", role: "meter", "aria-label": words, "aria-valuemin": 0, "aria-valuemax": 1, "aria-valuenow": ratio }, el("i", { style: `width: ${100 * share}%` })),
+    el("span", { class: "meter wide", role: "meter", "aria-label": words, "aria-valuemin": 0, "aria-valuemax": 1,
+      "aria-valuenow": ratio }, el("i", { style: `width: ${100 * share}%` })),
     el("span", { class: "num" }, ratio < RANK ? "singular" : short(ratio, 3)));
   }
 

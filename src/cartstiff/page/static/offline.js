@@ -1,10 +1,12 @@
-// Answers without a server: from the recorded arithmetic any posture, load, springs and point, or one posture as it was exported.
+// Answers without a server: from the recorded arithmetic any posture, load, springs and point, or one posture as it was
+// exported.
 
 import { back, inverse, place, product, rotation, times, transposed } from "./algebra.js";
 import { rowOf } from "./curves.js";
 import { clamp } from "./dom.js";
 import { Drawing } from "./drawing.js";
-import { NOT_CLOSED, Program } from "./program.js";
+import { NOT_CLOSED } from "./formulas.js";
+import { Program } from "./program.js";
 import { NEGLIGIBLE_DIFFERENCE, NEAR_SINGULARITY, ROUNDOFF } from "./numerics.js";
 
 const STEPS = 121;
@@ -14,7 +16,8 @@ const ON_THE_WAY = [0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1];
 const MOST_STEPS = 30;
 const HALVINGS = 14;
 // Keys of a state on which an answer depends.
-const ASKED = ["q", "connection", "point", "stiffness", "load", "load_axes", "load_kind", "load_at", "gravity", "payload", "command"];
+const ASKED = ["q", "connection", "point", "stiffness", "load", "load_axes", "load_kind", "load_at", "gravity",
+  "payload", "command"];
 
 /** What the sources in a file share: commands by number, one answer to each question. */
 class FileSource {
@@ -85,7 +88,9 @@ class FileSource {
 /** A file of a mechanism that the browser computes, and what answers while a server is busy or gone. */
 export class ComputingSource extends FileSource {
   constructor(data, commands, other) {
-    super(data, commands, "A file that computes: postures, loads, springs and points are answered here, without a server, wherever the formulas hold.", other);
+    super(data, commands,
+      "A file that computes: postures, loads, springs and points are answered here, without a server, wherever the "
+        + "formulas hold.", other);
     this.moves = true;
     this.shows = ["translation", "rotation", "labels", "wrench"];
     this.theme = data.hello.state.theme;
@@ -101,7 +106,8 @@ export class ComputingSource extends FileSource {
       result: () => ({ result: program.result(state) }),
       bounds: () => ({ bounds: drawing.bounds(program.place(state.q)) }),
       sweep: () => this.sweep(coordinate, state),
-      series: () => ({ seconds: 0, at: data.hello.trajectory.time, rows: data.trajectory.map((q) => this.row(q, state)) }),
+      series: () => ({ seconds: 0, at: data.hello.trajectory.time,
+        rows: data.trajectory.map((q) => this.row(q, state)) }),
       analysis: () => data.analysis,
       answer: () => this.said(state),
     };
@@ -109,12 +115,14 @@ export class ComputingSource extends FileSource {
 
   draw(id, asked, { towards, lengths }) {
     const followed = towards ? follow(this.program, asked.q, towards.pose) : null;
-    const state = followed ? { ...asked, q: followed.q, moved: null } : lengths ? { ...asked, q: stretched(this.program, asked.q, lengths), moved: null } : asked;
+    const state = followed ? { ...asked, q: followed.q, moved: null } : lengths
+      ? { ...asked, q: stretched(this.program, asked.q, lengths), moved: null } : asked;
     const m = this.program.solve(state);
     const numbers = this.program.numbers(state, m);
     const commands = this.themed(state.theme);
     const drawn = this.drawing.draw(m, state);
-    return [{ id, do: "draw", numbers, followed, legend: { ...drawn.legend, cloud: this.data.legend.cloud } }, [...commands, ...drawn.commands]];
+    return [{ id, do: "draw", numbers, followed, legend: { ...drawn.legend, cloud: this.data.legend.cloud } },
+      [...commands, ...drawn.commands]];
   }
 
   /** The posture that the formulas cover nearest to q on the way to another; q itself if none does. */
@@ -135,7 +143,8 @@ export class ComputingSource extends FileSource {
     try {
       const m = this.program.solve({ ...state, q });
       const moved = this.program.adjusted(m);
-      return moved.length ? { reason: NOT_CLOSED, moved } : rowOf(this.program.numbers({ ...state, q, mode: null }, m), m.straight);
+      return moved.length ? { reason: NOT_CLOSED, moved }
+        : rowOf(this.program.numbers({ ...state, q, mode: null }, m), m.straight);
     } catch ({ message }) {
       return { reason: message, ...(message === NOT_CLOSED ? { moved: [] } : {}) };
     }
@@ -164,8 +173,10 @@ export class ComputingSource extends FileSource {
 /** A file of a mechanism that the browser cannot compute: one posture, as it was exported. */
 export class PostureSource extends FileSource {
   constructor(data, commands, other) {
-    super(data, commands, `This file shows one posture: ${data.posture.why}, which the browser does not compute. You can turn the picture, `
-      + "read and copy every number, see the parts of the matrix, the modes and the full analysis, and save JSON and PNG. `cartstiff view` moves it.", other);
+    super(data, commands,
+      `This file shows one posture: ${data.posture.why}, which the browser does not compute. You can turn the picture, `
+      + "read and copy every number, see the parts of the matrix, the modes and the full analysis, and save JSON and "
+        + "PNG. `cartstiff view` moves it.", other);
     this.moves = false;
     this.shows = [];
     this.theme = data.hello.state.theme;
@@ -173,13 +184,16 @@ export class PostureSource extends FileSource {
   }
 
   draw(id, state) {
-    if (this.differs(state, Object.keys(this.data.hello.state).filter((key) => !["theme", "mode", "moved"].includes(key)))) throw new Error(this.cannot);
-    return [{ id, do: "draw", numbers: this.data.posture.numbers, legend: this.data.legend, followed: null }, this.themed(state.theme)];
+    if (this.differs(state, Object.keys(this.data.hello.state)
+      .filter((key) => !["theme", "mode", "moved"].includes(key)))) throw new Error(this.cannot);
+    return [{ id, do: "draw", numbers: this.data.posture.numbers, legend: this.data.legend, followed: null },
+      this.themed(state.theme)];
   }
 
   answers({ state }) {
     const { posture: { numbers, result }, hello: { bounds }, analysis } = this.data;
-    return { numbers: () => ({ numbers }), result: () => ({ result }), bounds: () => ({ bounds }), analysis: () => analysis, answer: () => this.said(state) };
+    return { numbers: () => ({ numbers }), result: () => ({ result }), bounds: () => ({ bounds }),
+      analysis: () => analysis, answer: () => this.said(state) };
   }
 }
 
@@ -215,7 +229,8 @@ export function stretched(program, q, lengths) {
 export function follow(program, q, wanted) {
   const { data } = program;
   const beyond = (place, near) => program.limited(place).flatMap((value, i) => (
-    value < (data.limits.lower[i] ?? -Infinity) + near || value > (data.limits.upper[i] ?? Infinity) - near ? [data.limits.names[i]] : []));
+    value < (data.limits.lower[i] ?? -Infinity) + near || value > (data.limits.upper[i] ?? Infinity) - near
+      ? [data.limits.names[i]] : []));
   let found = q.slice();
   let stopped = [];
   if (data.platform) {
@@ -248,7 +263,8 @@ export function follow(program, q, wanted) {
       let step;
       for (let again = 0; again < 2; again++) {
         const J = here.J.map((row, i) => row.map((x, j) => (free[j] ? x * (i < 3 ? length : 1) : 0)));
-        const JJ = product(J, transposed(J)).map((row, i) => row.map((x, j) => x + (i === j ? damping * length * length : 0)));
+        const JJ = product(J, transposed(J)).map((row, i) =>
+          row.map((x, j) => x + (i === j ? damping * length * length : 0)));
         step = times(transposed(J), times(inverse(JJ) ?? [], error.map((x, i) => (i < 3 ? x * length : x))));
         // A joint that would leave its limit stays, and the others do what they can.
         ends.forEach(([low, high], a) => {
@@ -256,10 +272,12 @@ export function follow(program, q, wanted) {
           if (x < low || x > high) free[a] = false;
         });
       }
-      ends.forEach(([low, high], a) => { step[a] = clamp(found[independent[a]] + step[a], low, high) - found[independent[a]]; });
+      ends.forEach(([low, high], a) => { step[a] = clamp(found[independent[a]] + step[a], low,
+        high) - found[independent[a]]; });
       const there = program.place(program.along(here, step));
       const rest = left(there.pose, wanted);
-      if (size(rest) < size(error)) [found, here, error, damping] = [there.q, there, rest, Math.max(ROUNDOFF, damping / 10)];
+      if (size(rest) < size(error)) [found, here, error, damping] = [there.q, there, rest,
+        Math.max(ROUNDOFF, damping / 10)];
       else if ((damping *= 10) > 10) break;
     }
     stopped = beyond({ q: found }, NEAR_SINGULARITY * NEAR_SINGULARITY * NEAR_SINGULARITY);

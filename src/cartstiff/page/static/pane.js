@@ -15,7 +15,8 @@ const DIRECTIONS = { iso: [1, -1.05, 0.75], front: [1, 0, 0.12], side: [0, -1, 0
 const TURN = Math.PI / 36;
 const ZOOM = 1.1;
 const POLE = 0.02;
-const WAYS = { ArrowLeft: [TURN, 0], ArrowRight: [-TURN, 0], ArrowUp: [0, -TURN], ArrowDown: [0, TURN], "+": ZOOM, "=": ZOOM, "-": 1 / ZOOM };
+const WAYS = { ArrowLeft: [TURN, 0], ArrowRight: [-TURN, 0], ArrowUp: [0, -TURN], ArrowDown: [0, TURN], "+": ZOOM,
+  "=": ZOOM, "-": 1 / ZOOM };
 // First byte of a command in JSON.
 const BRACE = 0x7b;
 // Distance of the camera over that at which the sphere around everything just fits.
@@ -110,7 +111,8 @@ export class Pane {
   center() {
     const { clientWidth: width, clientHeight: height } = this.node;
     // Never back, and not under a hand: a legend that comes and goes does not shake the picture.
-    if (this.over.includes("legend") && !this.holding) this.covered = Math.max(this.covered, byId("legend").offsetHeight);
+    if (this.over.includes("legend") && !this.holding) this.covered = Math.max(this.covered,
+      byId("legend").offsetHeight);
     if (this.over.includes("cameras")) this.above = byId("cameras").offsetTop + byId("cameras").offsetHeight;
     this.viewer.camera.setViewOffset(width, height, 0, (this.covered - this.above) / 2, width, height);
     this.boxes = this.over.map((id) => box(byId(id), width, height));
@@ -197,7 +199,8 @@ export class Pane {
   /** Pale copies of what stands at some places below a path, at the same places below another. */
   copy({ from, to, parts, colour, opacity }) {
     const at = (path) => this.viewer.scene_tree.find(namesOf(path)).object;
-    const material = new MeshCat.THREE.MeshPhongMaterial({ color: colour, opacity, transparent: true, depthWrite: false, side: MeshCat.THREE.DoubleSide });
+    const material = new MeshCat.THREE.MeshPhongMaterial({ color: colour, opacity, transparent: true, depthWrite: false,
+      side: MeshCat.THREE.DoubleSide });
     for (const part of parts) {
       const target = at(`${to}/${part}`);
       for (const child of at(`${from}/${part}`).children) target.add(child.clone(true));
@@ -237,7 +240,8 @@ export class Pane {
     controls.target.set(...middle);
     const tangent = Math.tan((camera.fov * Math.PI) / 360);
     const sizes = [(tangent * width) / Math.max(1, height), tangent * free];
-    const far = Math.max((FILLED * radius) / Math.sin(Math.atan(half)), farEnough(direction.normalize(), bounds, sizes.map((size) => ROOM * size), up));
+    const far = Math.max((FILLED * radius) / Math.sin(Math.atan(half)),
+      farEnough(direction.normalize(), bounds, sizes.map((size) => ROOM * size), up));
     camera.position.copy(controls.target).add(direction.multiplyScalar(far));
     controls.update();
     this.framed = { preset, bounds, view: String(this.view) };
@@ -261,7 +265,8 @@ export class Pane {
   /** Look as another picture does, in units that are so many times its own. */
   seeAs({ viewer: { camera: eye, controls: aim } }, times) {
     const { camera, controls } = this.viewer;
-    if (camera.position.equals(eye.position.clone().multiplyScalar(times)) && controls.target.equals(aim.target.clone().multiplyScalar(times))) return;
+    if (camera.position.equals(eye.position.clone().multiplyScalar(times))
+      && controls.target.equals(aim.target.clone().multiplyScalar(times))) return;
     camera.position.copy(eye.position).multiplyScalar(times);
     controls.target.copy(aim.target).multiplyScalar(times);
     controls.update();
@@ -289,7 +294,8 @@ export class Pane {
     const object = this.at("M");
     object.updateWorldMatrix(true, false);
     camera.updateMatrixWorld();
-    const depth = -camera.position.clone().setFromMatrixPosition(object.matrixWorld).applyMatrix4(camera.matrixWorldInverse).z;
+    const depth = -camera.position.clone()
+      .setFromMatrixPosition(object.matrixWorld).applyMatrix4(camera.matrixWorldInverse).z;
     return depth > 0 ? this.size[1] / (2 * Math.tan((camera.fov * Math.PI) / 360) * depth) : 0;
   }
 
@@ -302,7 +308,9 @@ export class Pane {
   }
 }
 
-/** From how far, in a direction, every corner of a box is seen within tangents of the picture's half width and height. */
+/**
+ * From how far, in a direction, every corner of a box is seen within tangents of the picture's half width and height.
+ */
 function farEnough(direction, [low, high], [across, upright], up) {
   const right = direction.clone().cross({ x: 0, y: -1, z: 0 }).normalize();
   const over = direction.clone().cross(right);
@@ -310,7 +318,8 @@ function farEnough(direction, [low, high], [across, upright], up) {
   let far = 0;
   for (let k = 0; k < 8; k++) {
     const corner = direction.clone().set(...up(half.map((x, i) => (k >> i & 1 ? x : -x))));
-    far = Math.max(far, corner.dot(direction) + Math.max(Math.abs(corner.dot(right)) / across, Math.abs(corner.dot(over)) / upright));
+    far = Math.max(far, corner.dot(direction) + Math.max(Math.abs(corner.dot(right)) / across,
+      Math.abs(corner.dot(over)) / upright));
   }
   return far;
 }

@@ -20,7 +20,8 @@ export function meaning(names, mechanism) {
   const [part, second, third] = names;
   if (part?.endsWith(" ellipsoid")) {
     const freedom = part.split(" ")[0];
-    return third?.startsWith("axis") ? { kind: "axis", freedom, index: Number(third.slice(5)) - 1 } : { kind: "ellipsoid", freedom };
+    return third?.startsWith("axis") ? { kind: "axis", freedom, index: Number(third.slice(5)) - 1 }
+      : { kind: "ellipsoid", freedom };
   }
   if (part === "wrench") return { kind: second === "moment" ? "moment" : "load" };
   if (part === "deflection") return { kind: "deflection" };
@@ -41,13 +42,15 @@ export function under(pane, [x, y], mechanism) {
   let point = null;
   pane.at().traverseVisible((node) => {
     if (node.isPoints && pathOf(node)[0] === "map") point = pointAt(node, pane, x, y);
-    else if (node.isMesh && !node.userData.isTwin && /^(mechanism|wrench|deflection|.* ellipsoid)$/.test(pathOf(node)[0] ?? "")) meshes.push(node);
+    else if (node.isMesh && !node.userData.isTwin && /^(mechanism|wrench|deflection|.* ellipsoid)$/.test(pathOf(node)[0]
+      ?? "")) meshes.push(node);
   });
   const found = ray.intersectObjects(meshes, false)
     .map(({ object, distance }) => ({ what: meaning(pathOf(object), mechanism), distance }))
     .filter(({ what }) => what)
     .sort((a, b) => MEANT[a.what.kind] - MEANT[b.what.kind] || a.distance - b.distance);
-  if (point && !found.some(({ what, distance }) => MEANT[what.kind] < POINT_MEANT || distance < point.distance)) return point.what;
+  if (point && !found.some(({ what, distance }) => MEANT[what.kind] < POINT_MEANT
+    || distance < point.distance)) return point.what;
   return found[0]?.what ?? null;
 }
 
@@ -82,7 +85,8 @@ function carried({ node, index }, name) {
 function standAt(store, what) {
   const q = carried(what, "q");
   if (!q) toast("The map holds no postures of this mechanism: its points cannot be taken");
-  else if (!store.source.moves) toast("This file shows one posture: `cartstiff view` goes to where a point of the map is");
+  else if (!store.source.moves) toast("This file shows one posture: `cartstiff view` goes to where a point of the map "
+    + "is");
   else store.goTo(q);
 }
 
@@ -134,7 +138,8 @@ export function picking(store) {
 
   // A row that is pointed at has its values written in the picture.
   const table = document.querySelector(".principal");
-  table.addEventListener("pointerover", ({ target }) => pane.light(target.closest("[data-row-of]")?.dataset.rowOf ?? null));
+  table.addEventListener("pointerover", ({ target }) => pane.light(target.closest("[data-row-of]")?.dataset.rowOf
+    ?? null));
   table.addEventListener("pointerleave", () => pane.light(null));
 }
 
@@ -152,7 +157,8 @@ export function words(store, what) {
     const unit = store.blockUnits()[i][i];
     const values = what.kind === "axis" ? [found.values[what.index]] : found.values;
     const along = what.kind === "axis" ? ` along ${tuple(found.axes[what.index])}` : "";
-    return `${what.freedom}, ${store.shown.quantity}: ${values.map((x) => short(what.freedom === "translation" ? store.read(x) : x, 5)).join(", ")} ${unit}${along}`;
+    return `${what.freedom}, ${store.shown.quantity}: ${values.map((x) =>
+      short(what.freedom === "translation" ? store.read(x) : x, 5)).join(", ")} ${unit}${along}`;
   }
   if (what.kind === "joint") {
     const { name } = mechanism.coordinates[what.index];
@@ -167,11 +173,14 @@ export function words(store, what) {
   if (what.kind === "leg") {
     const leg = numbers.legs?.[what.index];
     const name = mechanism.springs[what.index]?.name ?? `leg ${what.index + 1}`;
-    return leg ? `${name}: ${engineering(leg.length, store.unit("length"))}, tension ${engineering(leg.tension, store.unit("force"))}${share(name)}` : name;
+    return leg ? `${name}: ${engineering(leg.length, store.unit("length"))}, tension ${engineering(leg.tension,
+      store.unit("force"))}${share(name)}` : name;
   }
-  if (what.kind === "deflection") return `moved by ${engineering(Math.hypot(...(numbers.moved?.displacement ?? [0])), store.unit("length"))} under the load`;
+  if (what.kind === "deflection") return `moved by ${engineering(Math.hypot(...(numbers.moved?.displacement ?? [0])),
+    store.unit("length"))} under the load`;
   const part = what.kind === "moment" ? numbers.wrench?.slice(0, 3) : numbers.wrench?.slice(3);
-  return part ? `load: ${engineering(Math.hypot(...part), store.unit(what.kind === "moment" ? "moment" : "force"))} ${tuple(part)}` : "load";
+  return part ? `load: ${engineering(Math.hypot(...part),
+    store.unit(what.kind === "moment" ? "moment" : "force"))} ${tuple(part)}` : "load";
 }
 
 /** Show where a part's numbers stand. */

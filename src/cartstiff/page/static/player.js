@@ -22,7 +22,10 @@ export function showPlaying(button, is, what = "") {
   button.setAttribute("aria-label", `${is ? "Pause" : "Play"}${what}`);
 }
 
-/** `of` says how many places there are, where it stands, how long all take, whether it goes back at the ends; `go` goes to one. */
+/**
+ * `of` says how many places there are, where it stands, how long all take, whether it goes back at the ends; `go` goes
+ * to one.
+ */
 export function player(button, of) {
   let halt = null;
 

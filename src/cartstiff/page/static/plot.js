@@ -33,7 +33,8 @@ function ticks(first, last, most, isAngle = false) {
   const steps = isAngle && span > 10 ? [1, 2, 5, 10, 15, 30, 45, 60, 90, 180] : [1, 2, 5, 10].map((x) => x * power);
   const step = steps.find((x) => span / x <= most) ?? steps.at(-1);
   const start = Math.ceil(first / step - NEGLIGIBLE_DIFFERENCE);
-  return Array.from({ length: Math.max(0, Math.floor(last / step + NEGLIGIBLE_DIFFERENCE) - start + 1) }, (_, k) => (start + k) * step);
+  return Array.from({ length: Math.max(0, Math.floor(last / step + NEGLIGIBLE_DIFFERENCE) - start + 1) },
+    (_, k) => (start + k) * step);
 }
 
 /** Values at which a logarithmic axis has lines. */
@@ -78,12 +79,14 @@ export class Plot {
   say(words) {
     this.node.replaceChildren();
     const lines = wrapped(typeset(words), Math.floor(this.width / WIDE_LETTER) - 2);
-    lines.forEach((line, k) => this.text(this.width / 2, this.height / 2 + (k + (1 - lines.length) / 2) * LINE, line, "middle", "nothing"));
+    lines.forEach((line, k) => this.text(this.width / 2, this.height / 2 + (k + (1 - lines.length) / 2) * LINE, line,
+      "middle", "nothing"));
   }
 
   /** A path through points [x, y]; null interrupts it. */
   path(points, attributes) {
-    const steps = points.map((point, i) => (point ? `${points[i - 1] ? "L" : "M"}${point.map((x) => x.toFixed(1))}` : ""));
+    const steps = points.map((point, i) => (point ? `${points[i - 1] ? "L" : "M"}${point.map((x) => x.toFixed(1))}`
+      : ""));
     this.add("path", { d: steps.join(""), ...attributes });
   }
 
@@ -128,7 +131,8 @@ export class Plot {
   /** Round values along an axis across, `times` its own, in words. */
   rounds(x, times, isAngle, words) {
     const most = Math.max(2, (x.end - x.start) / 75);
-    this.marks(ticks(x.low * times, x.high * times, most, isAngle).map((value) => [x.place(value / times), words(value / times)]));
+    this.marks(ticks(x.low * times, x.high * times, most, isAngle)
+      .map((value) => [x.place(value / times), words(value / times)]));
   }
 
   /** Where in the drawing a pointer is. */

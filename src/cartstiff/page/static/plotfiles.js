@@ -4,7 +4,8 @@ import { download, toast } from "./dom.js";
 
 const SVG_SPACE = "http://www.w3.org/2000/svg";
 // What a style sheet says of a line or a word, which a file must say itself.
-const OWN = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font-size", "font-family", "font-weight", "paint-order"];
+const OWN = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font-size", "font-family", "font-weight",
+  "paint-order"];
 const ROW = 14;
 // Width of a letter below a drawing, and of one in it, about.
 export const [LETTER, WIDE_LETTER] = [6, 7];
@@ -17,7 +18,8 @@ export function doubts({ hello: { mechanism } }, { stiffness }) {
   const words = { assumed: "assumed", illustrative: "illustrative, not measured" };
   const found = Object.keys(words).flatMap((kind) => {
     const count = own.filter(({ doubt }) => doubt === kind).length;
-    return count ? [{ kind, words: count < sprung ? `${count} of ${sprung} springs ${words[kind]}` : `Springs ${words[kind]}` }] : [];
+    return count ? [{ kind, words: count < sprung ? `${count} of ${sprung} springs ${words[kind]}`
+      : `Springs ${words[kind]}` }] : [];
   });
   // Springs besides those that can be replaced here.
   const others = isIllustrative && !springs.some(({ doubt }) => doubt === "illustrative");
@@ -34,10 +36,13 @@ export function provenance(store, state, title) {
   const axes = (of) => `${of === "body" ? "tool" : "room"} axes`;
   return [
     title,
-    [`${mechanism.name}, frame ${mechanism.frame}, point ${list(state.point)}, ${axes(state.axes)}, connection ${state.connection}`,
-      load && `load ${list(load)} ${state.load_kind}, ${axes(state.load_axes)}, at ${at ? `${list(at)} in M` : "the point"}`,
+    [`${mechanism.name}, frame ${mechanism.frame}, point ${list(state.point)}, ${axes(state.axes)}, connection `
+      + `${state.connection}`,
+      load && `load ${list(load)} ${state.load_kind}, ${axes(state.load_axes)}, at ${at ? `${list(at)} in M`
+        : "the point"}`,
       gravity && `gravity ${list(gravity)}`, payload && `payload ${payload[0]} kg at ${list(payload.slice(1))}`,
-      stiffness && `springs ${list(stiffness)}`, command && `drives commanded by ${list(command)}`].filter(Boolean).join(", "),
+      stiffness && `springs ${list(stiffness)}`, command && `drives commanded by ${list(command)}`].filter(Boolean)
+        .join(", "),
     `posture ${q}`,
     ...doubts(store, state).map(({ words }) => words),
     `cartstiff ${hello.version}`,
@@ -52,15 +57,19 @@ export function svg(tag, attributes = {}, ...children) {
 }
 
 /** A text in lines of at most so many letters. */
-export const wrapped = (text, most) => text.match(new RegExp(`.{1,${most}}(?:\\s|$)|\\S{${most}}`, "g")).map((line) => line.trim());
+export const wrapped = (text, most) => text.match(new RegExp(`.{1,${most}}(?:\\s|$)|\\S{${most}}`, "g"))
+  .map((line) => line.trim());
 
 /** A drawing of its own: an SVG with words below, each a text or {text, colour}. */
 export function sheet(copy, { width, height, ink, paper }, words) {
-  const rows = words.flatMap((word) => wrapped(word.text ?? word, Math.floor((width - 12) / LETTER)).map((text) => [text, word.colour ?? ink]));
+  const rows = words.flatMap((word) => wrapped(word.text ?? word, Math.floor((width - 12) / LETTER))
+    .map((text) => [text, word.colour ?? ink]));
   const total = height + ROW * (rows.length + 0.6);
   copy.prepend(svg("rect", { width, height: total, fill: paper }));
-  rows.forEach(([text, fill], i) => copy.append(svg("text", { x: 6, y: height + ROW * (i + 1), "font-size": 11, "font-family": "sans-serif", fill }, text)));
-  for (const [name, value] of Object.entries({ xmlns: SVG_SPACE, width, height: total, viewBox: `0 0 ${width} ${total}` })) copy.setAttribute(name, value);
+  rows.forEach(([text, fill], i) => copy.append(svg("text",
+    { x: 6, y: height + ROW * (i + 1), "font-size": 11, "font-family": "sans-serif", fill }, text)));
+  for (const [name, value] of Object.entries({ xmlns: SVG_SPACE, width, height: total,
+    viewBox: `0 0 ${width} ${total}` })) copy.setAttribute(name, value);
   return { text: `<?xml version="1.0"?>\n${new XMLSerializer().serializeToString(copy)}\n`, width, height: total };
 }
 
@@ -78,14 +87,18 @@ export function drawing(plot, lines, legend) {
   return sheet(copy, { width, height, ink, paper }, [lines[0], ...legend, ...lines.slice(1)]);
 }
 
-/** Words that no spreadsheet runs: an apostrophe before = + - @ where a cell may begin, unless a plain number follows. */
-export const safeCell = (text) => text.replace(/\s+/g, " ").replace(/(^|[,;])(\s*)(?=[=@+-].)(?=[=@]|[+-](?![\d.]+(?:[eE][+-]?\d+)?\)?(?:[\s,;]|$)))/g, "$1$2'");
+/**
+ * Words that no spreadsheet runs: an apostrophe before = + - @ where a cell may begin, unless a plain number follows.
+ */
+export const safeCell = (text) => text.replace(/\s+/g, " ")
+  .replace(/(^|[,;])(\s*)(?=[=@+-].)(?=[=@]|[+-](?![\d.]+(?:[eE][+-]?\d+)?\)?(?:[\s,;]|$)))/g, "$1$2'");
 
 /** Rows of numbers, every digit, under comments and a line of names. */
 export function table(lines, names, rows) {
   const words = (text) => (/[",;]/.test(text) ? `"${safeCell(text).replaceAll('"', '""')}"` : safeCell(text));
   const cell = (x) => (x === null || x === undefined ? "" : typeof x === "string" ? words(x) : String(x));
-  return [...lines.map((line) => `# ${safeCell(line)}`), names.map(words).join(","), ...rows.map((row) => row.map(cell).join(","))].join("\n") + "\n";
+  return [...lines.map((line) => `# ${safeCell(line)}`), names.map(words).join(","),
+    ...rows.map((row) => row.map(cell).join(","))].join("\n") + "\n";
 }
 
 export async function saveDrawing(kind, name, { text, width, height }) {

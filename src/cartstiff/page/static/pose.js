@@ -19,7 +19,8 @@ export function posePanel(store) {
   const list = el("div", { class: "sliders" });
   const legs = el("div", { class: "legs" });
   const meaning = hint();
-  const filter = el("input", { type: "search", class: "filter", placeholder: "Find a joint", "aria-label": "Find a joint", hidden: true,
+  const filter = el("input", { type: "search", class: "filter", placeholder: "Find a joint",
+    "aria-label": "Find a joint", hidden: true,
     oninput: () => narrow() });
   const unitButton = button("", () => flipAngle(), { title: "Degrees or radians (d)", class: "quiet" });
   const home = button("Home", () => toHome(store), { title: "The posture of the file (h)" });
@@ -55,7 +56,8 @@ export function posePanel(store) {
     zero.hidden = platform || sliders.length !== coordinates.length || !store.source.moves;
     random.hidden = !store.source.moves;
     for (const index of sliders) {
-      const row = sliderRow(store, { ...coordinates[index], index, value: () => store.state.q[index], move: (x) => store.move(index, x) });
+      const row = sliderRow(store, { ...coordinates[index], index, value: () => store.state.q[index],
+        move: (x) => store.move(index, x) });
       rows.push(row);
       list.append(row.node);
     }
@@ -69,14 +71,16 @@ export function posePanel(store) {
   /** Show the coordinates whose names hold what is looked for. */
   function narrow() {
     const wanted = filter.value.trim().toLowerCase();
-    for (const { node, index } of rows) node.hidden = !store.hello.mechanism.coordinates[index].name.toLowerCase().includes(wanted);
+    for (const { node, index } of rows) node.hidden = !store.hello.mechanism.coordinates[index].name.toLowerCase()
+      .includes(wanted);
   }
 
   function update() {
     for (const row of rows) row.set();
     meaning.hidden = !store.source.moves;
     meaning.textContent = store.hello.mechanism.takes_load
-      ? `The sliders move the drives: the springs' rest positions follow, and the load stays as it is under Load.${store.given().load ? " Until something is moved, the springs rest as in the file." : ""}`
+      ? `The sliders move the drives: the springs' rest positions follow, and the load stays as it is under `
+        + `Load.${store.given().load ? " Until something is moved, the springs rest as in the file." : ""}`
       : "The sliders move the mechanism against its potentials: it has no drives with springs.";
   }
 
@@ -89,9 +93,11 @@ export function posePanel(store) {
       legs.replaceChildren(el("div", { class: "leg leg-head dim small" }, el("span", {}, "leg"),
         el("span", {}, `length ${unit}`), el("span", {}, ""), el("span", {}, `tension ${store.unit("force")}`)));
       found.forEach((_, i) => {
-        const range = el("input", { type: "range", step: "any", "aria-label": `length of leg ${i + 1}`, oninput: () => stretch(i, range.valueAsNumber) });
+        const range = el("input", { type: "range", step: "any", "aria-label": `length of leg ${i + 1}`,
+          oninput: () => stretch(i, range.valueAsNumber) });
         range.disabled = !store.source.moves;
-        legs.append(el("div", { class: "leg" }, el("span", {}, String(i + 1)), el("span", { class: "num" }), range, el("span", { class: "num" })));
+        legs.append(el("div", { class: "leg" }, el("span", {}, String(i + 1)), el("span", { class: "num" }), range,
+          el("span", { class: "num" })));
       });
     }
     found.forEach((leg, i) => {
@@ -103,10 +109,12 @@ export function posePanel(store) {
       const beyond = limited && (leg.length < leg.lower || leg.length > leg.upper);
       row.classList.toggle("beyond", beyond);
       // Without limits a share of the length that it had at first.
-      const [low, high] = limited ? [leg.lower, leg.upper] : [1 - LEG_SHARE, 1 + LEG_SHARE].map((x) => x * (range.first ??= leg.length));
+      const [low, high] = limited ? [leg.lower, leg.upper]
+        : [1 - LEG_SHARE, 1 + LEG_SHARE].map((x) => x * (range.first ??= leg.length));
       if (Number(range.min) !== low || Number(range.max) !== high) [range.min, range.max] = [low, high];
       if (document.activeElement !== range || !stretching) range.value = leg.length;
-      row.title = limited ? `leg ${i + 1}: limits ${short(leg.lower)} … ${short(leg.upper)} ${unit}${beyond ? ": BEYOND ITS LIMIT" : ""}` : `leg ${i + 1} has no limits`;
+      row.title = limited ? `leg ${i + 1}: limits ${short(leg.lower)} … ${short(leg.upper)} ${unit}${beyond
+        ? ": BEYOND ITS LIMIT" : ""}` : `leg ${i + 1} has no limits`;
     });
   }
 
@@ -144,7 +152,8 @@ export function toZero(store) {
   const zero = coordinates.map(({ lower, upper }) => clamp(0, lower, upper));
   const q = store.source.covered?.(zero, store.hello.state.q, store.state) ?? zero;
   const away = coordinates.filter((_, i) => zero[i] !== 0).map(({ name }) => name);
-  const why = [away.length && `zero is beyond the limits of ${away.join(", ")}`, q !== zero && "this file does not compute the singular posture at zero"];
+  const why = [away.length && `zero is beyond the limits of ${away.join(", ")}`,
+    q !== zero && "this file does not compute the singular posture at zero"];
   const words = why.filter(Boolean).join("; ");
   if (words) toast(`The nearest posture: ${words}`);
   store.goTo(q);
@@ -171,25 +180,31 @@ function toolPanel(store, node, note, offer) {
   store.on("hello", ({ mechanism }) => {
     offer("tool", !mechanism.platform && store.source.moves);
     const { length } = mechanism.units;
-    rows = [fields(["x", "y", "z"].map((name) => [name, length, "tool"]), () => go()), fields(TURNS.map((name) => [name, "°", "tool"]), () => go())];
-    words.textContent = `Position of M in ${length}; roll, pitch, yaw about the room's axes in degrees. The joints follow as near as they can.`;
+    rows = [fields(["x", "y", "z"].map((name) => [name, length, "tool"]), () => go()),
+      fields(TURNS.map((name) => [name, "°", "tool"]), () => go())];
+    words.textContent = `Position of M in ${length}; roll, pitch, yaw about the room's axes in degrees. The joints `
+      + `follow as near as they can.`;
     node.replaceChildren(rows[0].node, rows[1].node, words);
   });
   store.on("numbers", ({ followed }) => {
     const { numbers } = store;
     const digits = (x) => Number(x.toPrecision(6));
     rows[0].set(chop(numbers.position, numbers.singularity[0]?.length).map(digits));
-    rows[1].set(angles(numbers.result.pose).map((x) => digits((Math.abs(x) < NEGLIGIBLE_DIFFERENCE ? 0 : x) * (180 / Math.PI))));
+    rows[1].set(angles(numbers.result.pose)
+      .map((x) => digits((Math.abs(x) < NEGLIGIBLE_DIFFERENCE ? 0 : x) * (180 / Math.PI))));
     const away = followed && !followed.reached;
     note.textContent = away ? `not reached${followed.stopped.length ? `: ${followed.stopped.join(", ")}` : ""}` : "";
   });
 
   function go() {
-    const [position, angles] = rows.map(({ node: row }) => [...row.querySelectorAll("input")].map((input) => input.valueAsNumber));
+    const [position, angles] = rows.map(({ node: row }) =>
+      [...row.querySelectorAll("input")].map((input) => input.valueAsNumber));
     if (![...position, ...angles].every(Number.isFinite)) return;
-    const [[a, b, c], [d, e, f]] = [angles.map((x) => Math.cos((x * Math.PI) / 180)), angles.map((x) => Math.sin((x * Math.PI) / 180))];
+    const [[a, b, c], [d, e, f]] = [angles.map((x) => Math.cos((x * Math.PI) / 180)),
+      angles.map((x) => Math.sin((x * Math.PI) / 180))];
     // Rz(yaw) Ry(pitch) Rx(roll)
-    const R = [[c * b, c * e * d - f * a, c * e * a + f * d], [f * b, f * e * d + c * a, f * e * a - c * d], [-e, b * d, b * a]];
+    const R = [[c * b, c * e * d - f * a, c * e * a + f * d], [f * b, f * e * d + c * a, f * e * a - c * d],
+      [-e, b * d, b * a]];
     store.remember("pose");
     store.reach({ pose: [...R.map((row, i) => [...row, position[i]]), [0, 0, 0, 1]], turning: true });
   }

@@ -17,7 +17,8 @@ export function limitRings(store, world, size) {
   const part = (...names) => store.pane.part("meshcat", "cartstiff", "mechanism", ...names);
 
   function made(range) {
-    const paint = (opacity) => new THREE.MeshBasicMaterial({ color: hues("negative")[0], transparent: true, opacity, depthTest: false });
+    const paint = (opacity) => new THREE.MeshBasicMaterial({ color: hues("negative")[0], transparent: true, opacity,
+      depthTest: false });
     const ring = new THREE.Group();
     ring.add(new THREE.Mesh(new THREE.TorusGeometry(0.62, 0.028, 8, 64, Math.min(range, 2 * Math.PI)), paint(1)));
     ring.add(new THREE.Mesh(new THREE.SphereGeometry(0.075, 14, 10).translate(0.62, 0, 0), paint(1)));
@@ -39,11 +40,13 @@ export function limitRings(store, world, size) {
       const at = has && !seen.has(i) && part(`joint ${j + 1}`);
       if (!at) continue;
       seen.add(i);
-      yield { key: `joint ${j}`, x: result.q[i], lower, upper, angle: !isLength, name, at, axis: mechanism.axes[j], along: 0 };
+      yield { key: `joint ${j}`, x: result.q[i], lower, upper, angle: !isLength, name, at, axis: mechanism.axes[j],
+        along: 0 };
     }
     for (const [i, { length, lower, upper }] of (legs ?? []).entries()) {
       const at = lower !== null && upper !== null && part("legs", `line ${i + 1}`, "rod");
-      if (at) yield { key: `leg ${i}`, x: length, lower, upper, angle: false, name: `leg${i + 1}`, at, axis: [1, 0, 0], along: 0.5 };
+      if (at) yield { key: `leg ${i}`, x: length, lower, upper, angle: false, name: `leg${i + 1}`, at, axis: [1, 0, 0],
+        along: 0.5 };
     }
   }
 
@@ -61,7 +64,8 @@ export function limitRings(store, world, size) {
       at.updateWorldMatrix(true, false);
       const turned = new THREE.Quaternion().setFromRotationMatrix(new THREE.Matrix4().extractRotation(at.matrixWorld));
       ring.position.set(along, 0, 0).applyMatrix4(at.matrixWorld);
-      ring.quaternion.copy(turned).multiply(new THREE.Quaternion().setFromUnitVectors(new THREE.Vector3(0, 0, 1), new THREE.Vector3(...axis).normalize()));
+      ring.quaternion.copy(turned).multiply(new THREE.Quaternion()
+        .setFromUnitVectors(new THREE.Vector3(0, 0, 1), new THREE.Vector3(...axis).normalize()));
       // The joint's own frame turns with it: its lower end lies behind.
       arc.rotation.z = angle ? lower - x : 0;
       ball.visible = angle;

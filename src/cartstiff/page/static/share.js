@@ -54,7 +54,8 @@ export function toHash(store) {
   if (store.fine) parts.set("lengths", store.fine);
   if (store.angle !== "deg") parts.set("angles", store.angle);
   if (String(store.pane.view) !== store.pane.first) parts.set("camera", String(store.pane.view));
-  for (const [key, name] of PLOT) if (store.plot && String(store.plot[name]) !== String(store.usualPlot[name])) parts.set(key, String(store.plot[name]));
+  for (const [key, name] of PLOT) if (store.plot
+    && String(store.plot[name]) !== String(store.usualPlot[name])) parts.set(key, String(store.plot[name]));
   if (parts.toString()) {
     if (!parts.has("q")) parts.set("q", store.state.q.join(",")); // a page may begin at another posture
     parts.set("of", `${store.hello.mechanism.name}@${store.hello.mechanism.fingerprint}`);
@@ -87,11 +88,13 @@ function stepTo(store, hash) {
   const read = (text) => {
     const found = fromHash(text, first);
     // A file weighs what it weighed when it was made, and draws some parts only.
-    for (const key of Object.keys(found)) if (!live && (FIXED.has(key) || FORMS[key] === flag && !shows.includes(key))) delete found[key];
+    for (const key of Object.keys(found)) if (!live && (FIXED.has(key) || FORMS[key] === flag
+      && !shows.includes(key))) delete found[key];
     return { ...structuredClone(first), ...found };
   };
   const state = read(hash);
-  const kept = [...asked].filter(([key]) => /^kept[1-3]$/.test(key)).map(([key, text]) => ({ number: Number(key[4]), state: read(text) }));
+  const kept = [...asked].filter(([key]) => /^kept[1-3]$/.test(key))
+    .map(([key, text]) => ({ number: Number(key[4]), state: read(text) }));
   // Another posture under the same load, without a state of its own.
   const { q: ghost } = fromHash(`q=${asked.get("ghost") ?? first.ghost ?? ""}`, first);
   if (!kept.length && ghost) kept.push({ number: 1, state: { ...structuredClone(state), q: ghost } });
@@ -104,7 +107,8 @@ function stepTo(store, hash) {
 }
 
 /** The address of what is shown: without the secret of a server, which is new for the next one; it asks for that. */
-export const linkTo = (store) => `${store.source.live ? location.origin + "/" + location.search : location.href.split("#")[0]}#${toHash(store)}`;
+export const linkTo = (store) => `${store.source.live ? location.origin + "/" + location.search
+  : location.href.split("#")[0]}#${toHash(store)}`;
 
 export function sharing(store) {
   const actions = byId("actions");
@@ -125,10 +129,12 @@ export function sharing(store) {
   html.id = "export";
   actions.append(
     button("Link", () => copy(linkTo(store), "Address (without its secret)"),
-      { title: "Copy the address of this state, without the secret in it: who opens it is asked for what cartstiff has printed" }),
+      { title: "Copy the address of this state, without the secret in it: who opens it is asked for what cartstiff "
+        + "has printed" }),
     pictureFile(store, () => file(store)),
     saved("JSON", "The numbers at this posture, as `cartstiff analyse --json` prints them", async () =>
-      [`${file(store)}.json`, `${JSON.stringify((await store.ask({ do: "result" })).result, null, 1)}\n`, "application/json"]),
+      [`${file(store)}.json`, `${JSON.stringify((await store.ask({ do: "result" })).result, null, 1)}\n`,
+        "application/json"]),
     html);
   store.on("hello", () => { html.hidden = !store.source.live; });
 
@@ -138,12 +144,15 @@ export function sharing(store) {
     const [theirs, print] = origin(hash) ?? [name, fingerprint];
     if (theirs !== name) {
       if (isFirst) apply("");
-      store.tell("foreign", { text: `This link is of ${theirs}, and this page shows ${name}: it was not applied.`, act: ["Apply it here", () => apply(hash)] });
+      store.tell("foreign", { text: `This link is of ${theirs}, and this page shows ${name}: it was not applied.`,
+        act: ["Apply it here", () => apply(hash)] });
       return;
     }
     apply(hash);
     if (print !== fingerprint) {
-      store.tell("foreign", { text: `This link was made of another ${name}: its model, springs, masses or load at first were not those of this page, and its numbers may have been others.` });
+      store.tell("foreign",
+        { text: `This link was made of another ${name}: its model, springs, masses or load at first were not those of `
+          + `this page, and its numbers may have been others.` });
     }
   }
 

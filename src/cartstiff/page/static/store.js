@@ -52,7 +52,9 @@ export class Store extends EventTarget {
     this.dispatchEvent(new CustomEvent(event, { detail }));
   }
 
-  /** Keep everything that a step may change, to come back to it; changes of one kind in quick succession are one step. */
+  /**
+   * Keep everything that a step may change, to come back to it; changes of one kind in quick succession are one step.
+   */
   remember(kind) {
     const now = performance.now();
     const again = kind === this.lastKind && now - this.lastTime < TOGETHER;
@@ -114,7 +116,8 @@ export class Store extends EventTarget {
 
   /** What of the state another posture needs changed: see `givenLoad`. */
   given() {
-    return this.state.load === null && this.shown?.load === null ? givenLoad(this.state, this.numbers, this.hello.mechanism) : {};
+    return this.state.load === null && this.shown?.load === null
+      ? givenLoad(this.state, this.numbers, this.hello.mechanism) : {};
   }
 
   /** What computes in the browser, if anything does. */
@@ -125,8 +128,10 @@ export class Store extends EventTarget {
   /** Change what is wanted, and ask for it. */
   change(patch) {
     if (!this.state) return;
-    if (patch.q && !("load" in patch) && String(patch.q) !== String(this.state.q)) patch = { ...this.given(), ...patch };
-    const kinds = Object.keys(patch).filter((key) => key !== "theme" && JSON.stringify(patch[key]) !== JSON.stringify(this.state[key]));
+    if (patch.q && !("load" in patch) && String(patch.q) !== String(this.state.q)) patch = { ...this.given(),
+      ...patch };
+    const kinds = Object.keys(patch).filter((key) => key !== "theme"
+      && JSON.stringify(patch[key]) !== JSON.stringify(this.state[key]));
     if (kinds.length && this.numbers) this.remember(`${kinds.filter((key) => key !== "moved")} ${patch.moved ?? ""}`);
     this.apply(patch);
   }
@@ -159,7 +164,8 @@ export class Store extends EventTarget {
     }
     this.wanted = false;
     const { towards } = this;
-    const question = formed({ do: "draw", id: this.number, state: structuredClone(this.state), ...(towards?.lengths ? towards : towards ? { towards } : {}) });
+    const question = formed({ do: "draw", id: this.number, state: structuredClone(this.state),
+      ...(towards?.lengths ? towards : towards ? { towards } : {}) });
     this.busy = this.number++;
     this.sent = question.state;
     this.towards = null;
@@ -328,7 +334,8 @@ export class Store extends EventTarget {
   /** Keep posture, load and springs under the lowest free number. */
   keep() {
     const number = this.freeNumber;
-    if (number && this.numbers) this.setKept([...this.kept, { number, state: { ...structuredClone(this.shown), q: (this.numbers.q ?? this.numbers.result.q).slice() } }]);
+    if (number && this.numbers) this.setKept([...this.kept,
+      { number, state: { ...structuredClone(this.shown), q: (this.numbers.q ?? this.numbers.result.q).slice() } }]);
   }
 
   /** The states that are kept; the first is drawn pale. */
@@ -342,7 +349,8 @@ export class Store extends EventTarget {
   /** Go to a state that was kept. */
   goToKept(number = 1) {
     const found = this.kept.find((one) => one.number === number);
-    if (found) this.change({ ...structuredClone(found.state), ...LOOKS(this.state), quantity: this.state.quantity, ghost: this.state.ghost, moved: null });
+    if (found) this.change({ ...structuredClone(found.state), ...LOOKS(this.state), quantity: this.state.quantity,
+      ghost: this.state.ghost, moved: null });
   }
 
   /** The shown matrix of a connection, at the reference point: 6 rows, or null. */
@@ -391,12 +399,14 @@ export class Store extends EventTarget {
 /** A message, if the server reads such a one; what its models do not know is refused where it is sent. */
 function formed(message) {
   const check = (name, held, place) => {
-    for (const key of NEEDED[name]) if (held[key] === undefined) throw new Error(`message cannot be sent: ${place} has no ${key}`);
+    for (const key of NEEDED[name]) if (held[key] === undefined) throw new Error(`message cannot be sent: ${place} `
+      + `has no ${key}`);
     for (const [key, value] of Object.entries(held)) {
       const content = FIELDS[name][key];
       if (value === undefined) continue;
       if (content === undefined) throw new Error(`message cannot be sent: ${place} takes no ${key}`);
-      if (Array.isArray(content) && !content.includes(value)) throw new Error(`message cannot be sent: ${place} takes no ${key} ${value}`);
+      if (Array.isArray(content)
+        && !content.includes(value)) throw new Error(`message cannot be sent: ${place} takes no ${key} ${value}`);
       if (typeof content !== "string" || !value) continue;
       if (key === "measures") Object.values(value).forEach((one) => check(content, one, `${place}.${key}`));
       else [value].flat().forEach((one) => check(content, one, `${place}.${key}`));
@@ -426,7 +436,8 @@ export function givenLoad(state, numbers, { may_be_loaded: mayBe }) {
 // What of a state decides its numbers, besides the posture; what else decides curves; how it is shown.
 const MECHANICS = ["point", "stiffness", "load", "load_axes", "load_kind", "load_at", "gravity", "payload", "command"];
 const CURVED = [...MECHANICS, "connection", "quantity", "others", "axes"];
-const SEEN = ["theme", "translation", "rotation", "scale", "labels", "wrench", "deflection", "centres", "connection", "others", "mode"];
+const SEEN = ["theme", "translation", "rotation", "scale", "labels", "wrench", "deflection", "centres", "connection",
+  "others", "mode"];
 export const mechanicsOf = (state) => MECHANICS.map((key) => state[key]);
 export const curvesOf = (state) => CURVED.map((key) => state[key]);
 
@@ -436,7 +447,8 @@ export const inDegrees = ({ angle }, coordinate) => !coordinate.is_length && ang
 /** A value of a coordinate in words. */
 export function inWords(store, index, x, digits = 4) {
   const coordinate = store.hello.mechanism.coordinates[index];
-  return inDegrees(store, coordinate) ? `${short((x * 180) / Math.PI, digits)}°` : `${short(x, digits)} ${coordinate.unit}`;
+  return inDegrees(store, coordinate) ? `${short((x * 180) / Math.PI, digits)}°`
+    : `${short(x, digits)} ${coordinate.unit}`;
 }
 
 // Powers of ten.

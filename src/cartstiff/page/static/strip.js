@@ -21,7 +21,8 @@ const LEAST_SEEN = 0.02;
 // Where this many sweeps in succession took longer than that (s), they are not repeated by themselves: the
 // first of all may wait for machine code to be made, and the next ones are quick.
 const [SLOW_SWEEPS, QUICK] = [2, 1];
-const SAVED_AS = [["", "Save"], ["svg", "SVG"], ["csv", "CSV"], ["png1", "PNG"], ...[2, 3, 4].map((n) => [`png${n}`, `PNG × ${n}`])];
+const SAVED_AS = [["", "Save"], ["svg", "SVG"], ["csv", "CSV"], ["png1", "PNG"],
+  ...[2, 3, 4].map((n) => [`png${n}`, `PNG × ${n}`])];
 
 /** Ends of an axis, in what its lines are even in. */
 function range(list, isLog) {
@@ -50,23 +51,32 @@ export function strip(store) {
   const now = ({ state, rows } = series) => plotted(store, store.plot.of, state, rows);
 
   const what = dropdown("Along what", [], (along) => showPlot({ along, seen: null }));
-  const quantity = dropdown("Values of", CURVES.map(({ key: name, words }) => [name, words]), (of) => showPlot({ of }), { title: "What the curves show" });
-  const scale = dropdown("Values by", [["log", "log"], ["linear", "linear"]], (values) => showPlot({ values }), { title: "Equal steps of the values, or equal factors" });
+  const quantity = dropdown("Values of", CURVES.map(({ key: name, words }) => [name, words]), (of) => showPlot({ of }),
+    { title: "What the curves show" });
+  const scale = dropdown("Values by", [["log", "log"], ["linear", "linear"]], (values) => showPlot({ values }),
+    { title: "Equal steps of the values, or equal factors" });
   const plot = new Plot(MARGIN, () => draw());
   const map = heat(store, {
-    shown: now, showPlot, busy: () => asked !== null, computed: () => write(), say: (words, event) => reading.say(words, event),
-    along: () => (what.value.startsWith("sweep") && what.value !== `sweep:${store.plot.and}` ? Number(what.value.slice(6)) : null),
+    shown: now, showPlot, busy: () => asked !== null, computed: () => write(),
+      say: (words, event) => reading.say(words, event),
+    along: () => (what.value.startsWith("sweep") && what.value !== `sweep:${store.plot.and}`
+      ? Number(what.value.slice(6)) : null),
     toggle: (on) => { scale.hidden = on; plot.node.style.display = on ? "none" : ""; setSlider(); },
   });
   const play = button("▶", () => toggle(), { class: "play", title: "Play or pause (p)", "aria-label": "Play" });
-  const time = el("input", { type: "range", id: "time", min: 0, max: 1, step: "any", value: 0, "aria-label": "Time", title: "+ and \u2212 zoom the curves here" });
-  const whole = button("whole", () => showPlot({ seen: null }), { class: "quiet", hidden: true, title: "The whole of the curves (double click)" });
+  const time = el("input", { type: "range", id: "time", min: 0, max: 1, step: "any", value: 0, "aria-label": "Time",
+    title: "+ and \u2212 zoom the curves here" });
+  const whole = button("whole", () => showPlot({ seen: null }),
+    { class: "quiet", hidden: true, title: "The whole of the curves (double click)" });
   const label = el("span", { class: "num small time-label" });
-  const again = button("↻ compute", () => request(true), { class: "quiet", hidden: true, title: "The posture or the load has changed since this was computed" });
-  const save = dropdown("Save the plot", SAVED_AS, () => keep(), { class: "save", title: "The plot as a file, with what it shows" });
+  const again = button("↻ compute", () => request(true),
+    { class: "quiet", hidden: true, title: "The posture or the load has changed since this was computed" });
+  const save = dropdown("Save the plot", SAVED_AS, () => keep(),
+    { class: "save", title: "The plot as a file, with what it shows" });
   const cursor = svg("line", { class: "cursor" });
   byId("strip").append(
-    el("div", { class: "row" }, el("span", { class: "dim along" }, "Along"), what, map.select, quantity, scale, again, whole, label, save),
+    el("div", { class: "row" }, el("span", { class: "dim along" }, "Along"), what, map.select, quantity, scale, again,
+      whole, label, save),
     el("div", { class: "plots" }, plot.node, map.plot),
     el("div", { class: "time-row" }, play, time));
   const reading = tipIn(byId("strip"), "reading", [12, -30]);
@@ -97,14 +107,17 @@ export function strip(store) {
     const k = closest(under(event));
     const { values, unit, why } = now();
     const found = values(series.rows[k]);
-    reading.say(`${atText(series.at[k])}: ${found ? `${found.map((x) => short(x, 5)).join(", ")} ${unit}` : why(series.rows[k])}`, event);
+    reading.say(`${atText(series.at[k])}: ${found ? `${found.map((x) => short(x, 5)).join(", ")} ${unit}`
+      : why(series.rows[k])}`, event);
   }
 
   /** Show something else. */
   function showPlot(change) {
-    if (store.numbers && Object.entries(change).some(([key, value]) => String(store.plot[key]) !== String(value))) store.remember(`plot ${Object.keys(change)}`);
+    if (store.numbers && Object.entries(change).some(([key, value]) =>
+      String(store.plot[key]) !== String(value))) store.remember(`plot ${Object.keys(change)}`);
     Object.assign(store.plot, change);
-    [what.value, quantity.value, map.select.value, scale.value] = [store.plot.along, store.plot.of, store.plot.and, store.plot.values];
+    [what.value, quantity.value, map.select.value, scale.value] = [store.plot.along, store.plot.of, store.plot.and,
+      store.plot.values];
     whole.hidden = !store.plot.seen;
     store.tell("plot");
     request(true);
@@ -138,11 +151,15 @@ export function strip(store) {
     const { title, lines: names, unit, values, legend, why } = now();
     const lines = provenance(store, series.state, `${title} [${unit}] along ${along()}`);
     if (kind === "csv") {
-      const first = isSweep() ? `${along()} [${coordinate().unit}]` : store.hello.trajectory.timed ? "time [s]" : "posture";
-      const rows = series.at.map((x, k) => (values(series.rows[k]) ? [x, ...values(series.rows[k]), null] : [x, ...names.map(() => null), why(series.rows[k])]));
-      return download(`${name}.csv`, table(lines, [first, ...names.map((word) => `${word} [${unit}]`), "why there is no value"], rows), "text/csv");
+      const first = isSweep() ? `${along()} [${coordinate().unit}]` : store.hello.trajectory.timed ? "time [s]"
+        : "posture";
+      const rows = series.at.map((x, k) => (values(series.rows[k]) ? [x, ...values(series.rows[k]), null]
+        : [x, ...names.map(() => null), why(series.rows[k])]));
+      return download(`${name}.csv`,
+        table(lines, [first, ...names.map((word) => `${word} [${unit}]`), "why there is no value"], rows), "text/csv");
     }
-    if (series.others.length) legend.push(`dash-dot, with a name: ${names[0]} of ${series.others.map(({ called }) => called).join(", ")}`);
+    if (series.others.length) legend.push(`dash-dot, with a name: ${names[0]} of ${series.others.map(({ called }) =>
+      called).join(", ")}`);
     saveDrawing(kind, name, drawing(plot.node, lines, legend));
   }
 
@@ -160,7 +177,8 @@ export function strip(store) {
   /** Where along the series a pointer is. */
   const under = (event) => clamp(plot.across(...ends()).value(plot.dots(event)[0]), ...ends());
   /** The place of the series that is next to a value. */
-  const closest = (x) => series.at.reduce((best, value, i) => (Math.abs(value - x) < Math.abs(series.at[best] - x) ? i : best), 0);
+  const closest = (x) => series.at.reduce((best, value, i) =>
+    (Math.abs(value - x) < Math.abs(series.at[best] - x) ? i : best), 0);
 
   /** Take the mechanism to a place of the series. */
   function go(index) {
@@ -173,7 +191,8 @@ export function strip(store) {
 
   const { toggle, stop, isPlaying } = player(play, {
     places: () => series?.at.length ?? 0, position: () => position, go,
-    duration: () => (!isSweep() && store.hello.trajectory.timed ? series.at.at(-1) - series.at[0] : series.at.length / 15),
+    duration: () => (!isSweep() && store.hello.trajectory.timed ? series.at.at(-1) - series.at[0]
+      : series.at.length / 15),
     returns: () => isSweep(),
   });
 
@@ -182,7 +201,8 @@ export function strip(store) {
     const state = { ...store.state, ...store.given() };
     const [kind, index] = what.value.split(":");
     const rows = kind === "series" ? [] : store.rows.map((row) => [row.title, row.kept?.state]);
-    const others = kind === "series" ? [] : store.hello.mechanism.sliders.filter((i) => i !== Number(index)).map((i) => state.q[i]);
+    const others = kind === "series" ? [] : store.hello.mechanism.sliders.filter((i) => i !== Number(index))
+      .map((i) => state.q[i]);
     return JSON.stringify([what.value, rows, others, curvesOf(state)]);
   }
 
@@ -269,14 +289,16 @@ export function strip(store) {
     label.textContent = atText(exact);
     const x = plot.across(first, last).place(clamp(exact, first, last));
     cursor.style.display = exact < first || exact > last ? "none" : "";
-    for (const [name, value] of Object.entries({ x1: x, x2: x, y1: MARGIN.top, y2: plot.height - MARGIN.bottom })) cursor.setAttribute(name, value);
+    for (const [name, value] of Object.entries({ x1: x, x2: x, y1: MARGIN.top,
+      y2: plot.height - MARGIN.bottom })) cursor.setAttribute(name, value);
   }
 
   /** What each line is, above the plot's right end. */
   function lineKey(names, isCompared) {
     let x = plot.width - MARGIN.right;
     const kinds = names.map((name, k) => [name, `${store.plot.of} curve-${k}`]);
-    for (const [name, kind] of [...kinds, ...(isCompared && plot.width > KEY_FITS ? [["compared", "other"]] : [])].toReversed()) {
+    for (const [name, kind] of [...kinds, ...(isCompared && plot.width > KEY_FITS ? [["compared", "other"]] : [])]
+      .toReversed()) {
       x -= plot.text(x, MARGIN.top - 8, name, "end", "unit key").getComputedTextLength() + 4;
       plot.add("path", { class: `curve key ${kind}`, d: `M${x - SAMPLE},${MARGIN.top - 12}h${SAMPLE}` });
       x -= SAMPLE + 12;
@@ -289,13 +311,15 @@ export function strip(store) {
     const { values: valuesOf, unit, why, title: heading, lines: names } = now();
     const curves = names.map((_, k) => series.rows.map((row) => valuesOf(row)?.[k] ?? null));
     // Of what is compared with the least value, dashed.
-    const overlaid = series.others.map(({ title, at, rows }) => ({ title, at, values: rows.map((row) => valuesOf(row)?.[0] ?? null) }));
+    const overlaid = series.others.map(({ title, at, rows }) =>
+      ({ title, at, values: rows.map((row) => valuesOf(row)?.[0] ?? null) }));
     const x = plot.across(...ends());
     // With the next one on either side, to which the curves go on.
     const isSeen = (at, i) => (at[i + 1] ?? at[i]) >= x.low && (at[i - 1] ?? at[i]) <= x.high;
     const isLog = store.plot.values !== "linear";
     const found = [...curves.map((values) => [series.at, values]), ...overlaid.map(({ at, values }) => [at, values])]
-      .flatMap(([at, values]) => values.filter((value, i) => Number.isFinite(value) && (value > 0 || !isLog) && isSeen(at, i)));
+      .flatMap(([at, values]) => values.filter((value, i) => Number.isFinite(value) && (value > 0 || !isLog)
+        && isSeen(at, i)));
     if (!found.length) {
       plot.say(why(series.rows.find((row) => row.q) ?? series.rows[0]));
       return showCursor();
@@ -306,7 +330,8 @@ export function strip(store) {
     plot.grid(y, isLog, `${unit === "1" ? "" : `${unit}, `}${isLog ? "log" : "linear"}`);
     const isAngle = isSweep() && inDegrees(store, coordinate());
     plot.rounds(x, isAngle ? 180 / Math.PI : 1, isAngle, atText);
-    plot.add("pattern", { id: "hatching", width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" },
+    plot.add("pattern", { id: "hatching", width: 6, height: 6, patternUnits: "userSpaceOnUse",
+      patternTransform: "rotate(45)" },
       svg("line", { class: "hatch", x1: 0, x2: 0, y1: 0, y2: 6 }));
     plot.clip("seen");
     gaps(x, valuesOf, why);
@@ -322,8 +347,11 @@ export function strip(store) {
       const end = line(values, at, "other");
       if (!end) continue;
       let right = Math.min(end[0], x.end) - 3; // beside the names that stand there
-      for (const box of [...plot.node.querySelectorAll(".name")].map((name) => name.getBBox())) if (Math.abs(box.y + box.height - end[1]) < box.height) right = Math.min(right, box.x - 6);
-      plot.text(right, end[1] < 2 * MARGIN.top ? end[1] + 12 : end[1] - 4, title, "end", "unit name"); // not over the key
+      for (const box of [...plot.node.querySelectorAll(".name")]
+        .map((name) => name.getBBox())) if (Math.abs(box.y + box.height - end[1]) < box.height) right = Math.min(right,
+          box.x - 6);
+      // not over the key
+      plot.text(right, end[1] < 2 * MARGIN.top ? end[1] + 12 : end[1] - 4, title, "end", "unit name");
     }
     plot.node.setAttribute("aria-label", `${heading} [${unit}] along ${along()}`);
     plot.node.append(...plot.node.querySelectorAll(".unit, .key"), cursor); // over the curves
@@ -346,7 +374,8 @@ export function strip(store) {
       else stretches.push({ end: i, from, to, reason });
     });
     for (const { from, to, reason } of stretches) {
-      if (to - from > LETTER * reason.length) plot.text((from + to) / 2, plot.height - MARGIN.bottom - 6, reason, "middle");
+      if (to - from > LETTER * reason.length) plot.text((from + to) / 2, plot.height - MARGIN.bottom - 6, reason,
+        "middle");
     }
   }
 
@@ -355,7 +384,8 @@ export function strip(store) {
     series = asked = keeping = null;
     slow = 0;
     const { coordinates, sliders } = hello.mechanism;
-    what.offer([...(hello.trajectory ? [["series:0", "the trajectory"]] : []), ...sliders.map((i) => [`sweep:${i}`, coordinates[i].name])]);
+    what.offer([...(hello.trajectory ? [["series:0", "the trajectory"]] : []),
+      ...sliders.map((i) => [`sweep:${i}`, coordinates[i].name])]);
     // The coordinate in the middle of the chain usually tells most.
     usual.along = hello.trajectory ? "series:0" : `sweep:${sliders[Math.floor((sliders.length - 1) / 2)]}`;
     plot.node.replaceChildren();

@@ -32,7 +32,9 @@ export function sway(store) {
     const share = Math.max(size / data.program.reach, angle / 4);
     const enlarged = growing(share, WIDEST / 4, data.assets.smallest_motion) / share;
     const drawing = new Drawing(program, data.assets, data.scene);
-    const put = (share) => store.pane.move(drawing.places(program.place(program.along(m, program.way(m).map((x) => -share * enlarged * x)))));
+    const put = (share) =>
+      store.pane.move(drawing.places(program.place(program.along(m,
+        program.way(m).map((x) => -share * enlarged * x)))));
     node.textContent = `◼ enlarged ${short(enlarged, 3)} times`;
     node.title = "From where it rests without the load to where it is under it, and back";
     node.setAttribute("aria-pressed", "true");

@@ -1,0 +1,163 @@
+// The numbers of a posture that the page shows, as `cartstiff.page.shown` has them, from its formulas.
+
+import { block, congruence, cross, dot, eigen, identity, largest, motion, place, plus, rotation, scaled,
+  scaledInverse, symmetric, times, transposed } from "./algebra.js";
+import { Formulas, rows } from "./formulas.js";
+import { ROUNDOFF, ZERO_SHARE } from "./numerics.js";
+import { asymmetry, definiteness, inFrame, principalValues, softest, turnsBy } from "./principal.js";
+
+export class Readings extends Formulas {
+  /** As `cartstiff.page.shown.shown_numbers`. */
+  numbers(state, m = this.solve(state)) {
+    const T = state.axes === "body" && !state.point.some((x) => x) ? null
+      : motion(state.axes === "body" ? identity(3) : transposed(rotation(m.pose)), state.point);
+    const here = inFrame(m, T);
+    const shown = here[state.quantity];
+    const K = here.stiffness[state.connection] && symmetric(here.stiffness[state.connection]);
+    const numbers = K && this.indices(K);
+    const asymmetries = Object.fromEntries(Object.entries(shown).map(([name, M]) => [name, M && asymmetry(M)]));
+    const notes = this.notes(m, state);
+    const answer = {
+      q: m.straight, result: this.part(m, state.quantity, notes), has_compliance: true, position: place(m.pose),
+        frame: T,
+      stiffness: null, compliance: null, wrench: here.wrench, principal: principalValues(here, state), indices: numbers,
+      symmetric: { ...asymmetries, "+": asymmetries.A }, singularity: this.distance(m), legs: this.legs(m),
+        moved: this.moved(m, state),
+      modes: state.mode === null ? null : { missing: "Modes are computed by `cartstiff view`." },
+      softest: softest(here),
+      verdict: this.verdict(numbers?.definiteness, notes, state, m), doubts: this.doubts(notes, state),
+    };
+    if (T) answer[state.quantity] = Object.fromEntries(Object.entries(shown).filter(([name]) => name !== "+"));
+    return answer;
+  }
+
+  matrices(table) {
+    const { A, B, K, F } = table;
+    return { A, B, K, F };
+  }
+
+  part(m, quantity, notes) {
+    return { q: m.q, pose: m.pose, wrench: m.W, energy: m.energy,
+      [quantity]: this.matrices(quantity === "stiffness" ? m.K : m.C),
+      load: { kind: m.kind, at: m.at, meaning: this.data.words.kinds[m.kind], stiffness: m.K.load,
+        compliance: m.C.load }, notes };
+  }
+
+  /** What `cartstiff analyse --json` prints. */
+  result(state) {
+    const m = this.solve(state);
+    const found = { ...this.data.base, ...this.part(m, "stiffness", this.notes(m, state)), jacobian: m.jacobian ?? null,
+      compliance: this.matrices(m.C) };
+    delete found.stored_energy; // gravity's part is not told apart here
+    if (found.legs) found.legs = this.drives(m, found.legs);
+    return found;
+  }
+
+  /** Legs with their lengths, forces, and distances to the nearer limit. */
+  drives(m, legs) {
+    return legs.map((leg, i) => {
+      const [position, force] = [m.lengths[i], m.tensions[i]];
+      const margin = Math.min(position - (leg.lower ?? -Infinity), (leg.upper ?? Infinity) - position);
+      return { ...leg, position, force, margin: Number.isFinite(margin) ? margin : null };
+    });
+  }
+
+  indices(K) {
+    const C = scaledInverse(K);
+    const [move, turn] = [eigen(block(K, 3)).values, C ? eigen(block(C, 0)).values : [0]];
+    // A positive definite K has determinants of these two blocks that differ by a length only.
+    const isPositive = move[0] > 0 && turn[0] > 0;
+    const [length, origin] = isPositive ? [[...move, ...turn].reduce((all, x) => all * x ** (-1 / 6), 1), "natural"]
+      : [1, "unit"];
+    const { values } = eigen(scaled(K, turnsBy(1 / length)));
+    const condition = (list) => Math.max(...list.map(Math.abs)) / Math.min(...list.map(Math.abs));
+    return {
+      length, length_origin: origin, length_reason: this.data.words.lengths[origin], definiteness: definiteness(values),
+        eigenvalues: values,
+      condition_number: condition(values), translational_condition: condition(move),
+      rotational_condition: condition(eigen(block(K, 0)).values),
+    };
+  }
+
+  distance(m) {
+    return Object.entries(m.singular).map(([kind, { values }]) =>
+      ({ kind, ratio: values.at(-1) / values[0], smallest: values.at(-1), largest: values[0], length: m.length }));
+  }
+
+  legs(m) {
+    if (!this.data.platform) return null;
+    return m.lengths.map((length, i) => {
+      const [lower, upper] = this.data.leg_limits?.[i] ?? [null, null];
+      return { length, tension: m.tensions[i], lower, upper };
+    });
+  }
+
+  isLoaded(m) {
+    if (m.given || !m.W.some((x) => x)) return m.given;
+    const J = this.data.platform ? identity(6) : m.J;
+    const torque = times(transposed(J), m.W).map((x, j) => Math.abs(x) * m.columns[j]);
+    const stiffest = transposed(scaled(m.H, m.columns)).map((column) => largest([column]));
+    const most = Math.max(...stiffest);
+    return torque.some((x, j) => x > ROUNDOFF * (stiffest[j] || most));
+  }
+
+  /** The wrench with zeros for what is rounding of springs or of its other half. */
+  shownWrench(m, W) {
+    const stiffest = m.given ? 0 : largest(scaled(m.H, m.columns));
+    const sizes = W.map((x, i) => Math.abs(x) * (i < 3 ? 1 : m.length));
+    const noise = ROUNDOFF * Math.max(stiffest, ...sizes);
+    return W.map((x, i) => (sizes[i] > noise ? x : 0));
+  }
+
+  moved(m, state) {
+    if (!this.isLoaded(m)) return null;
+    const units = turnsBy(m.length);
+    const sized = (list) => list.map((x, i) => Math.abs(x) * units[i]);
+    const whole = times(m.C.load, m.W);
+    const shift = shiftAt(state.point, whole);
+    // Where the structure carries the load all of it is rounding: beside the compliance, not beside itself.
+    const most = largest(scaled(m.C.load, units)) * Math.max(...m.W.map((x, i) => Math.abs(x) / units[i]));
+    const rounding = Math.max(ROUNDOFF * Math.max(...sized(whole), ...shift.map(Math.abs)), ZERO_SHARE * most);
+    const displacement = shift.map((x) => (Math.abs(x) > rounding ? x : 0));
+    const twist = whole.map((x, i) => (Math.abs(x) * units[i] > rounding ? x : 0));
+    const energy = 0.5 * dot(m.W, twist);
+    const { values } = eigen(m.C.load);
+    const names = [...this.data.names, ...(this.data.bending?.beams ?? []).map(({ label }) => `${label} (link)`)];
+    return {
+      displacement, in_room: times(rotation(m.pose), displacement), rotation: twist.slice(0, 3), energy, acts_at: m.at,
+      resisted: values[0] >= 0 || -values[0] <= ZERO_SHARE * Math.max(...values.map(Math.abs)),
+      shares: this.shares(m, twist, displacement, energy, state.point)
+        .flatMap((share, i) => (m.stiffness[i] === 0 ? [] : [{ name: names[i], share }])), notes: [],
+    };
+  }
+
+  /** How far the load moves the coordinates, or a platform's body. */
+  way(m) {
+    if (this.data.platform) return times(m.C.load, m.W);
+    return times(scaledInverse(plus(m.L, congruence(m.J, m.changes.load))), times(transposed(m.J), m.W));
+  }
+
+  shares(m, twist, shift, energy, point) {
+    if (this.data.platform) return m.lines.map((line, i) =>
+      (energy ? (0.5 * m.stiffness[i] * dot(line, twist) ** 2) / energy : null));
+    const way = this.way(m);
+    if (m.N) {
+      const all = times(m.N, way);
+      let from = 0;
+      const links = (m.hessians ? this.data.bending.beams : [])
+        .map(({ segments }) => segments.reduce((sum, indices) => {
+        const x = indices.map((j) => all[j]);
+        return sum + 0.5 * dot(x, times(rows(m.hessians.slice(from, from += 36), 6), x));
+      }, 0));
+      return [...m.stiffness.map((k, j) => 0.5 * k * all[j] ** 2), ...links].map((x) => (energy ? x / energy : null));
+    }
+    const size = dot(shift, shift);
+    return transposed(m.J).map((column, a) => (size ? (dot(shift, shiftAt(point, column)) * way[a]) / size : null));
+  }
+}
+
+/** How far a twist moves a point. */
+export function shiftAt(point, twist) {
+  const arm = cross(twist.slice(0, 3), point);
+  return twist.slice(3).map((x, i) => x + arm[i]);
+}
