@@ -35,9 +35,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Leave out what is marked `thorough` or listed in thorough.txt, unless a file is named."""
     is_whole = not any(Path(name.partition("::")[0]).suffix == ".py" for name in config.args)
     if is_whole and not THOROUGH:
-        later = [i for i in items if i.nodeid in SLOW or i.get_closest_marker("thorough")]
+        is_later = [i.nodeid in SLOW or bool(i.get_closest_marker("thorough")) for i in items]
+        later = [item for item, left in zip(items, is_later, strict=True) if left]
         config.hook.pytest_deselected(items=later)
-        items[:] = [item for item in items if item not in set(later)]
+        items[:] = [item for item, left in zip(items, is_later, strict=True) if not left]
 
 
 def pytest_collection_finish() -> None:

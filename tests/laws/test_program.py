@@ -200,7 +200,7 @@ def test_c_is_the_program(name, outputs, loaded, tmp_path):
     assert f"  0: {elastic.names_with_units[0]}" in source
     file, library = tmp_path / "stiffness.c", tmp_path / "stiffness.so"
     file.write_text(source)
-    words = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O2", "-shared", "-fPIC", "-lm"]
+    words = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O0", "-shared", "-fPIC", "-lm"]
     subprocess.run([compiler, str(file), "-o", str(library), *words], check=True)
     function = ctypes.CDLL(str(library)).stiffness
     doubles = ctypes.POINTER(ctypes.c_double)
@@ -317,7 +317,7 @@ def in_c(source: str, folder: Path) -> Any:
         return None
     library = folder / "stiffness.so"
     (folder / "stiffness.c").write_text(source)
-    words = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC"]
+    words = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O0", "-shared", "-fPIC"]
     file = str(folder / "stiffness.c")
     subprocess.run([compiler, *words, file, "-o", str(library), "-lm"], check=True)
     function, doubles = ctypes.CDLL(str(library)).stiffness, ctypes.POINTER(ctypes.c_double)
@@ -540,7 +540,7 @@ def test_c_bends_links_to_rest(tmp_path):
     program = cartstiff.record(elastic, ["B", "pose"], loaded=True)
     library = tmp_path / "stiffness.so"
     (tmp_path / "stiffness.c").write_text(program.source("c", "stiffness"))
-    words = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC", "-lm"]
+    words = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O0", "-shared", "-fPIC", "-lm"]
     file = tmp_path / "stiffness.c"
     subprocess.run([compiler, str(file), "-o", str(library), *words], check=True)
     function = ctypes.CDLL(str(library)).stiffness
