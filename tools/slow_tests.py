@@ -69,7 +69,7 @@ def main() -> None:
     cases = sorted({*slow(seconds), *(known - set(seconds))})
     LIST.write_text(HEAD + "\n".join(cases) + "\n", encoding="utf-8")
     rest = sum(seconds.values()) - sum(seconds.get(case, 0.0) for case in cases)
-    print(f"{len(cases)} cases are left out; of {len(seconds)} that ran the others took {rest:.0f} s")
+    print(f"{len(cases)} cases are left out; the others of {len(seconds)} took {rest:.0f} s")
 
 
 if __name__ == "__main__":
