@@ -64,14 +64,20 @@ demo: $(RUNTIME)
 
 # -- for developers ------------------------------------------------------------------------
 
-# All checks run even if one fails; the exit status says whether any did.
+# All checks run even if one fails; the exit status says whether any did. `make test ROOM=statics` runs
+# the test files nearest to that room of src/cartstiff, without their slow cases, and builds no docs.
+ROOM ?=
 test: export CARTSTIFF_REQUIRE_BROWSER := 1
 test: export CARTSTIFF_BUILT_DOCS := docs/_build/html
 test: $(DEV)
+ifneq ($(ROOM),)
+	@$(MAKE) --no-print-directory --keep-going lint format-check types pytest
+else
 	@tools/provide_browser.sh $(PY) & browser=$$!; \
 	  $(MAKE) --no-print-directory --keep-going lint format-check types & checks=$$!; ok=0; \
 	  $(MAKE) --no-print-directory docs || ok=1; wait $$checks || ok=1; wait $$browser; \
 	  $(MAKE) --no-print-directory pytest || ok=1; exit $$ok
+endif
 
 lint: $(DEV)
 	@echo "== ruff check"
@@ -94,7 +100,8 @@ docs: $(DEV)
 
 pytest: $(DEV)
 	@echo "== pytest"
-	@$(PY) -m pytest $(PYTEST_ARGS)
+	@$(if $(ROOM),CARTSTIFF_QUICK=1) $(PY) -m pytest $(PYTEST_ARGS) \
+	  $(if $(ROOM),$$($(PY) tools/room_tests.py $(ROOM)))
 
 # Every case of every test, before a release and each night; `make test` leaves out tests/thorough.txt.
 thorough: export CARTSTIFF_THOROUGH := 1

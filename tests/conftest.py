@@ -24,6 +24,8 @@ gc.set_threshold(50_000, 20, 50)
 
 # `make test` leaves the slow repetitions to `make thorough`, which sets this.
 THOROUGH = os.environ.get("CARTSTIFF_THOROUGH", "") == "1"
+# `make test ROOM=...` names files, and leaves their slow cases out as well.
+QUICK = os.environ.get("CARTSTIFF_QUICK", "") == "1"
 SLOW = frozenset(
     line
     for line in (ROOT / "tests/thorough.txt").read_text(encoding="utf-8").splitlines()
@@ -33,8 +35,8 @@ SLOW = frozenset(
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out what is marked `thorough` or listed in thorough.txt, unless a file is named."""
-    is_whole = not any(Path(name.partition("::")[0]).suffix == ".py" for name in config.args)
-    if is_whole and not THOROUGH:
+    is_file = any(Path(name.partition("::")[0]).suffix == ".py" for name in config.args)
+    if (QUICK or not is_file) and not THOROUGH:
         is_later = [i.nodeid in SLOW or bool(i.get_closest_marker("thorough")) for i in items]
         later = [item for item, left in zip(items, is_later, strict=True) if left]
         config.hook.pytest_deselected(items=later)

@@ -88,6 +88,19 @@ def test_a_pose_held_wholly(name):
     assert np.abs(free.q - state.q).max() < 1e-9
 
 
+def test_what_holds_a_body_beside_a_leg_much_stiffer_than_others():
+    """The legs' forces are those of their lengths, whatever the others can take."""
+    legs = cartstiff.load("stewart-simscape")
+    k = np.array([1e6, 1.0, 1.2, 0.9, 1.1, 1.3]) * 1e5
+    elastic = with_rest_balancing(legs.with_springs(k), legs.q)
+    state = equilibrium(elastic, held={"z": 1e-3})
+    start, end = (s.lines.lengths for s in (state.start, state.posture))
+    pulls = k * (end - start) + elastic.springs.pull_at(state.start.q, state.start.pose)
+    W = state.posture.lines.lines.T @ pulls
+    assert relative_error(state.elastic_stiffness.wrench, W) < 1e-6
+    assert relative_error(state.reactions.wrench, W) < 1e-6
+
+
 def _in_world(state):
     R = state.pose[:3, :3]
     W = state.reactions.wrench

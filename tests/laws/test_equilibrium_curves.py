@@ -119,6 +119,11 @@ def test_an_imperfect_column_bends_without_a_critical_load():
     assert all(curve.stable)
     # The tip's deflection is magnified by about 1 / (1 - p / p_critical).
     assert curve.linear_up_to(0.05) == pytest.approx(0.05 * 0.382, rel=0.1)
+    # Between the last two points, on the straight line through their deviations; or never.
+    before, last = curve.deviation[-2:, 1]
+    middle = curve.linear_up_to(0.5 * (before + last))
+    assert middle == pytest.approx(curve.factors[-2:].mean())
+    assert curve.linear_up_to(1.01 * curve.deviation[:, 1].max()) == curve.factors[-1]
 
 
 def test_the_linear_prediction_is_tangent_to_the_curve():

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from tests.inner import Scaled, jacobian, problem, right_jacobian, with_rest_balancing
-from tests.support import relative_error, robot_file
+from tests.support import links, relative_error, robot_file
 
 import cartstiff
 from cartstiff import (
@@ -319,3 +319,18 @@ def test_result_is_plain_data():
 def test_bad_input_is_refused(call, match):
     with pytest.raises(InputError, match=match):
         call()
+
+
+def test_an_equilibrium_that_gradual_loads_reach_is_not_called_another_one():
+    """Far from the first step's prediction, where the way there is looked at."""
+    looked_at = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        elastic = links(rng.uniform(1.5, 6.0, 3), length=0.7)
+        force = np.array([*rng.normal(size=2), 0.0])
+        state = equilibrium(elastic, DeadForce(5.0 * force / np.linalg.norm(force)))
+        curve = cartstiff.load_curve(elastic, elastic.q, *state.loads)
+        assert curve.q[-1] == pytest.approx(state.q, abs=1e-7)
+        assert "other-equilibrium" not in [note.code for note in state.notes]
+        looked_at += "notes" in vars(state) and state.stable
+    assert looked_at == 12

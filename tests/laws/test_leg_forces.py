@@ -187,3 +187,13 @@ def test_cables_hang_below_their_anchors(tmp_path):
     pushed = replace(cell, gravity=-cell.gravity)
     assert cartstiff.workspace(pushed, directions=60, scan=16, radius=0.5, fits=False).margin < 0.0
     assert se3.inverse(found.pose)[:3, 3] == pytest.approx(-np.array(Q[:3]) @ found.pose[:3, :3])
+
+
+def test_legs_that_are_potentials_are_as_stiff_and_have_no_tensions():
+    elastic = cartstiff.load("stewart-gough")
+    known = cartstiff.analyse(elastic)
+    legs = replace(elastic, springs=None, potentials=(known.elastic.springs,))
+    result = cartstiff.analyse(legs)
+    np.testing.assert_allclose(result.matrices["B"], known.matrices["B"], rtol=1e-9)
+    np.testing.assert_allclose(result.wrench, known.wrench, rtol=1e-9, atol=1e-9)
+    assert "force-limits" not in [note.code for note in result.notes]

@@ -28,6 +28,7 @@ from tests.support import (
 from cartstiff import (
     BI_INVARIANT,
     CARTAN_MINUS,
+    CARTAN_PLUS,
     KINEMATIC,
     StiffnessTensor,
     analyse,
@@ -317,6 +318,17 @@ def test_compliance_is_the_inverse(name, order):
         assert np.array_equal(np.asarray(C), C.matrix)
         there = C.to_order("linear-angular").to_order("angular-linear")
         assert np.array_equal(there.matrix, C.to_order("angular-linear").matrix)
+
+
+@pytest.mark.parametrize("name", ["+", CARTAN_PLUS, "load"])
+def test_tensors_without_a_letter_have_their_own_inverse(name):
+    """K^+ is K^A transposed, under a load another matrix; its inverse is transposed with it."""
+    result = analyse(loaded_arm("RRRRRR", 3).elastic)
+    K, C = result.tensor(name), result.tensor(name).compliance()
+    assert np.abs(C.matrix @ K.matrix - np.eye(6)).max() <= 1e-9
+    if name != "load":
+        assert np.array_equal(K.matrix, result.tensor("A").T)
+        assert relative_error(K.matrix, result.tensor("A").matrix) > 1e-3
 
 
 def test_compliance_units():

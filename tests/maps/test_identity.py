@@ -67,6 +67,16 @@ def test_changes_in_python_are_seen(tmp_path, change, words):
         prepared(change(elastic), tmp_path, length=0.3, connection="B")
 
 
+def test_numbers_of_another_processor_are_the_same_and_typed_ones_are_not(tmp_path):
+    """Other rounding moves the last digits; nine digits are more than people write."""
+    elastic = cartstiff.load("ur5")
+    stiffness = np.array(elastic.springs.stiffness)
+    prepared(elastic, tmp_path)
+    prepared(elastic.with_springs(stiffness=stiffness * (1.0 + 1e-12)), tmp_path)
+    with pytest.raises(InputError, match="with other springs"):
+        prepared(elastic.with_springs(stiffness=stiffness * (1.0 + 1e-9)), tmp_path)
+
+
 def test_another_version_is_refused(tmp_path, monkeypatch):
     elastic = cartstiff.load("stewart-gough")
     prepared(elastic, tmp_path)

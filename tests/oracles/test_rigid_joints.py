@@ -93,12 +93,23 @@ def test_a_closed_chain_at_rest_with_a_rigid_motor():
     elastic = cartstiff.load("3-rrr")
     load = DeadForce([0.3, -0.2, 0.0])
 
-    def moved(k):
-        state = equilibrium(elastic.with_springs({"leg2/motor": k}), load)
+    def at(k):
+        return equilibrium(elastic.with_springs({"leg2/motor": k}), load)
+
+    def moved(state):
         return state.pose[:3, 3] - state.start.pose[:3, 3]
 
-    limit = (10.0 * moved(1e8) - moved(1e7)) / 9.0
-    assert np.abs(moved(np.inf) - limit).max() < 1e-7 * np.abs(limit).max()
+    motor, state = elastic.names.index("leg2/motor"), at(np.inf)
+    stiff = [at(k) for k in (1e7, 1e8)]
+    limit = (10.0 * moved(stiff[1]) - moved(stiff[0])) / 9.0
+    assert np.abs(moved(state) - limit).max() < 1e-7 * np.abs(limit).max()
+    # The torque is that of the stiff springs; each closure has its own reactions beside it.
+    torques = [k * (s.start.q - s.q)[motor] for k, s in zip((1e7, 1e8), stiff, strict=True)]
+    torque = (10.0 * torques[1] - torques[0]) / 9.0
+    assert state.reactions.rigid == {"leg2/motor": pytest.approx(torque, rel=1e-6)}
+    assert state.reactions.closures.shape == stiff[1].posture.residual.shape
+    closures = (10.0 * stiff[1].reactions.closures - stiff[0].reactions.closures) / 9.0
+    assert state.reactions.closures == pytest.approx(closures, rel=1e-6, abs=1e-7)
 
 
 def test_many_postures_as_one_by_one():

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tests.inner import in_units
 from tests.mechanisms.machines import write_file
 from tests.support import exp_reference, links, loaded_arm, relative_error
@@ -208,6 +209,22 @@ def test_modes_are_orthonormal_and_shares_are_whole():
     one = modes(alone)
     assert one.effective_masses[0] == pytest.approx([0.0, M_1, 0.0], abs=1e-12)
     assert one.nodal_axes[0].point == pytest.approx([-LENGTH, 0.0, 0.0])
+
+
+def test_effective_masses_of_a_turned_platform(tmp_path):
+    """By the motion of the body's mass centre in each mode, along the axes of F."""
+    elastic = _hexapod(tmp_path)
+    bare = modes(replace(elastic, mechanism=_without_struts(elastic.mechanism)))
+    turn, R = Rotation.from_euler("x", 0.3).as_matrix(), bare.posture.pose[:3, :3]
+    centre = turn.T @ (np.array([0.01, 0.02, 0.03]) - [0.02, 0.0, 0.1])
+    velocity = R @ (bare.twists[3:] - np.cross(centre, bare.twists[:3], axisb=0).T)
+    assert bare.effective_masses == pytest.approx((3.0 * velocity.T) ** 2, rel=1e-9, abs=1e-9)
+    assert bare.effective_masses.sum(axis=0) == pytest.approx(np.full(3, 3.0))
+    points, weights = _masses(elastic.mechanism, bare.posture.pose)
+    mass, found = 3.0 + weights.sum(), modes(elastic).posture.momentum()
+    assert found[1] == pytest.approx(mass)
+    body = bare.posture.pose[:3, 3] + R @ centre
+    assert found[2] == pytest.approx((3.0 * body + weights @ points) / mass)
 
 
 def test_zero_repeated_and_massless_motions_are_named():

@@ -6,7 +6,7 @@ import base64
 import gzip
 import hashlib
 import re
-from functools import cache
+from functools import cache, lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -129,5 +129,7 @@ def _hash(script: str) -> str:
     )
 
 
+# The viewer, the largest part, is the same in every page: it stays beside the last data.
+@lru_cache(maxsize=2)
 def _zipped(data: bytes) -> str:
     return base64.b64encode(gzip.compress(data, 9, mtime=0)).decode()
