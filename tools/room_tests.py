@@ -44,7 +44,8 @@ def nearest(room: str, most: int) -> list[Path]:
     """Test files, the nearest first."""
     at, near = homes(), []
     for path in sorted((ROOT / "tests").rglob("test_*.py")):
-        names = [n for module, n in _imports(path) if module.partition(".")[0] in ("cartstiff", "tests")]
+        ours = ("cartstiff", "tests")
+        names = [name for module, name in _imports(path) if module.partition(".")[0] in ours]
         own = sum(at.get(name) == room for name in names)
         is_home = path.parent.name == room
         if own or is_home:
@@ -54,8 +55,9 @@ def nearest(room: str, most: int) -> list[Path]:
 
 def main() -> None:
     """Print them on one line."""
+    rooms = sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py"))
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("room", choices=sorted(p.parent.name for p in PACKAGE.glob("*/__init__.py")))
+    parser.add_argument("room", choices=rooms)
     parser.add_argument("--most", type=int, default=20)
     options = parser.parse_args()
     print(*nearest(options.room, options.most))
