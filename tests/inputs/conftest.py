@@ -17,6 +17,7 @@ KEYS = {
     "order",
     "units",
     "q",
+    "forces",
     "pose",
     "jacobian",
     "wrench",

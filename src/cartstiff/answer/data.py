@@ -397,10 +397,9 @@ class Answer:
             frame_offset=mechanism.frame_offset.tolist(),
             units=elastic.units,
             verdict=verdict,
-            statements=statements,
             doubts=doubts,
             notes=[note for note in every if note not in doubts],
-            **{"weight": gravity_loads(elastic)} | parts,
+            **{"weight": gravity_loads(elastic), "statements": statements} | parts,
         )
 
     @property

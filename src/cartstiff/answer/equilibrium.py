@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 from cartstiff.answer.data import Answer, Displacement, Motion
-from cartstiff.answer.posture import extremes_of, load_of, vector
+from cartstiff.answer.posture import (
+    extremes_of,
+    force_statements,
+    force_tables,
+    load_of,
+    vector,
+)
 from cartstiff.answer.verdict import Level, Verdict
 from cartstiff.statics.rest import Equilibrium
 
@@ -31,4 +37,6 @@ def answer_of_equilibrium(state: Equilibrium) -> Answer:
         load=load_of(state.elastic_stiffness),
         displacement=moved,
         extremes=tuple(extremes_of(there, there.at(), "load")),
+        statements=force_statements(there.forces, there.units),
+        tables=tuple(force_tables(there)),
     )

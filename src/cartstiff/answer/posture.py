@@ -28,8 +28,10 @@ from cartstiff.answer.data import (
     Quantity,
     Share,
     Shares,
+    Statement,
     Table,
     Vector,
+    said,
     table,
 )
 from cartstiff.answer.verdict import UNRESOLVED, Verdict, decide, facts_of
@@ -44,6 +46,7 @@ from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import PostureStiffness
+from cartstiff.stiffness.forces import DriveForce
 from cartstiff.stiffness.posture import StiffnessInFrame
 from cartstiff.units import Units
 
@@ -112,8 +115,40 @@ def answer_at(
         displacement=moved,
         shares=shares,
         extremes=tuple(extremes_of(result, here, name)),
+        statements=force_statements(result.forces, result.units),
         tables=() if quickly else tuple(_tables(result, shares)),
     )
+
+
+def force_statements(forces: Sequence[DriveForce], units: Units) -> list[Statement]:
+    """Which drive is loaded most; without limits the largest torque and force."""
+    acting = [one for one in forces if one.force and one.force == one.force]
+    if not acting:
+        return []
+    worst = forces[0]
+    if worst.used == worst.used:
+        force = Quantity(abs(worst.force), units.effort(worst.is_length))
+        used = Quantity(worst.used, "1")
+        return [said("most-loaded", name=worst.name, force=force, used=used)]
+    acting.sort(key=lambda one: -abs(one.force))
+    largest = {one.is_length: one for one in reversed(acting)}
+    each = [
+        said("force-of", name=x.name, force=Quantity(abs(x.force), units.effort(slides)))
+        for slides, x in largest.items()
+    ]
+    return [said("largest-forces", each=each)]
+
+
+def force_tables(result: PostureStiffness) -> Iterator[Table]:
+    """What each drive carries, and its limits, the most loaded first."""
+    if any(one.force for one in result.forces):
+        rows, cell = [], _Rows.cell
+        for one in result.forces:
+            unit = result.units.effort(one.is_length)
+            numbers = (cell(x, unit) for x in (one.force, one.least, one.most))
+            rows.append((one.name, *numbers, cell(one.used, "1")))
+        heads = "drive | force : 4e | least : ? | most : ? | used : ?"
+        yield table("forces", heads, rows)
 
 
 def definiteness_of(here: StiffnessInFrame, connection: str) -> str | None:
@@ -352,6 +387,7 @@ def _tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
     they contribute.
     """
     yield from drive_tables(result, shares)
+    yield from force_tables(result)
     row = _Rows.of(result, shares)
     share = "share" if shares is None else f"share of {shares.of}"
     mechanism, is_pose = result.mechanism, result.posture.coordinates_are_pose
@@ -384,14 +420,13 @@ def drive_tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Ta
         (
             *row.at(drive.name, drive.position, drive.is_length),
             row.cell(drive.margin, result.units.coordinate(drive.is_length)),
-            row.cell(drive.force, result.units.effort(drive.is_length)),
         )
         for drive in drives
     )
     name, heads = "drives", "drive : ? | position : 6p? | lower : ? | upper : ?"
     if result.leg_lengths is not None:
         name, heads = "legs", "leg : ? | length : 6e? | shortest : ? | longest : ?"
-    more = f"stiffness : ? | {share} : ? | to the limit : ? | force : ?"
+    more = f"stiffness : ? | {share} : ? | to the limit : ?"
     yield table(name, f"{heads} | {more}", rows)
 
 

@@ -193,6 +193,8 @@ class Assembly(_Noted):
         Springs in the joints, and everything else that stores energy.
     damping : ndarray (n,) or None
         Dampers in the joints.
+    efforts : mapping of str to (float, float)
+        Least and largest torque (force) of the joints' drives.
     """
 
     file: Any
@@ -210,6 +212,7 @@ class Assembly(_Noted):
     springs: JointSprings = _LATER
     potentials: tuple[Potential, ...] = ()
     damping: Array | None = None
+    efforts: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def kind(self) -> Kind:

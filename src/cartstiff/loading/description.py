@@ -178,6 +178,8 @@ class RobotDescription:
         Fixed tendons, which are springs that couple joints.
     actuators : dict of str to float
         Stiffness of the position actuators' control by coordinate, N m/rad or N/m.
+    efforts : dict of str to (float, float)
+        Least and largest torque (force) of the drives by coordinate.
     followers : dict of str to (str, float, float)
         Coupled joints: leader, factor, offset.
     locked : dict of str to float
@@ -217,6 +219,7 @@ class RobotDescription:
     lines: tuple[tuple[LineModel, frozenset[str]], ...] = ()
     coupled: tuple[CoupledSpringModel, ...] = ()
     actuators: dict[str, float] = field(default_factory=dict)
+    efforts: dict[str, tuple[float, float]] = field(default_factory=dict)
     followers: Followers = field(default_factory=dict)
     locked: dict[str, float] = field(default_factory=dict)
     closures: tuple[FileClosure, ...] = ()

@@ -149,7 +149,7 @@ def leaders(part: Part) -> Part:
 
 def _check_followers(part: Part, rules: Followers) -> None:
     """Refuse springs and zeros of followers."""
-    for key in ("springs", "zeros"):
+    for key in ("springs", "zeros", "effort"):
         for name in rules.keys() & getattr(part.entry, key, {}).keys():
             leader, factor, offset = rules[name]
             raise InputError(
@@ -334,7 +334,7 @@ def without_beyond(part: Part) -> Part:
     pairs = zip(robot.model.names, robot.model.nvs, strict=True)
     beyond = tuple(str(name) for name, nv in pairs if nv == 1 and name not in kept)
     acting: dict[str, Any] = {"passive": [n for n in entry.passive if n not in beyond]}
-    for key in {"q", "springs", "zeros"}.intersection(type(entry).model_fields):
+    for key in {"q", "springs", "zeros", "effort"}.intersection(type(entry).model_fields):
         values = getattr(entry, key)
         acting[key] = {name: x for name, x in values.items() if name not in beyond}
     idle = tuple(filter(beyond.__contains__, entry.springs))

@@ -12,6 +12,7 @@ from cartstiff.loading.rings import Ring
 from cartstiff.loading.schema import (
     RIGID,
     Each,
+    Effort,
     FileModel,
     FileWords,
     FlexibleModel,
@@ -134,6 +135,9 @@ class NamedLegs(FileModel):
         "of the driven joints, N/m or N m/rad; or rigid", None
     )
     limits: Each[Limits] | None = keyed("[least, most] of the slide or crank", None)
+    effort: Effort | None = keyed(
+        "largest torque (force) of each drive, or [least, largest]", None
+    )
     diameter: _PerLeg | None = keyed(
         "of the rods, or struts, which must not touch each other", None
     )

@@ -526,6 +526,7 @@ def _legs(entry: NamedLegs, T_F_P: Array, leg: str) -> list[tuple[LegModel, list
             passive=[*filterfalse(springs.__contains__, names)],
             q={main: shape.home},
             flexible=entry.flexible,
+            effort={} if entry.effort is None else dict.fromkeys(actuated, entry.effort),
         )
         robot, diameter = RobotDescription(model), each["diameter"][k]
         drawing = DrawnLeg(robot, shape, tuple(names), main, diameter, other)

@@ -47,7 +47,13 @@ from cartstiff.loading.joints import (
 from cartstiff.loading.plausible import large_strains
 from cartstiff.loading.postures import assembled, leg_at_pose, regular_posture
 from cartstiff.loading.readers import robot_of
-from cartstiff.loading.schema import BeamModel, ClosureModel, JointSpringModel, pose_of
+from cartstiff.loading.schema import (
+    BeamModel,
+    ClosureModel,
+    JointSpringModel,
+    both_ways,
+    pose_of,
+)
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.given_springs import rest_of_turns
@@ -622,7 +628,7 @@ def lines(whole: Assembly) -> Assembly:
 def names_of_keys(whole: Assembly) -> Assembly:
     """Refuse names of joints that do not exist, of each tree."""
     for part in whole.parts:
-        for key in ("q", "springs", "passive"):
+        for key in ("q", "springs", "passive", "effort"):
             check_joints(part, key, whole.tree)
     return whole
 
@@ -738,6 +744,26 @@ def free_joints(whole: Assembly) -> Assembly:
     return whole.noting([Note("springs-missing", words, {"joints": list(chain.names)})])
 
 
+def efforts(whole: Assembly) -> Assembly:
+    """Limit the torques of the drives: as the file says, else as the robots' own files.
+
+    Raises
+    ------
+    InputError
+        For an entry of a joint that has no drive.
+    """
+    given, names = whole.named(lambda part: part.entry.effort), whole.tree.names
+    free = {*np.flatnonzero(whole.springs.is_passive).tolist()} - whole.springs.rigid
+    passive = {names[j] for j in free}
+    for name in sorted(given.keys() & passive):
+        where = whole.key("effort", name)
+        raise InputError(f"joint {name!r} moves freely: it has no drive", where=where)
+    found = whole.named(lambda part: part.robot.efforts)
+    found |= {name: both_ways(effort) for name, effort in given.items()}
+    driven = [name for name in names if name not in passive]
+    return replace(whole, efforts={n: found[n] for n in driven if n in found})
+
+
 #: From a robot to the tree of the joints that act; each pass for each robot.
 OF_ROBOT: tuple[Callable[[Part], Part], ...] = (
     named_frame,
@@ -772,6 +798,7 @@ OF_MECHANISM: tuple[Callable[[Assembly], Assembly], ...] = (
     free_joints,
     lifted,
     damping,
+    efforts,
 )
 
 
@@ -794,6 +821,7 @@ def mechanism(whole: Assembly) -> ElasticMechanism:
         whole.potentials,
         notes=whole.notes,
         damping=whole.damping,
+        efforts=whole.efforts,
         beyond=() if whole.kind == "parallel" else parts[0].beyond,
     )
     elastic = elastic.with_gravity(whole.file.gravity, where="key gravity")

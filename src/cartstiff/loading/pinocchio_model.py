@@ -112,7 +112,13 @@ def of_pinocchio(
     pieces, words = ([], []) if visual is None else geometry_pieces(model, visual, name)
     notes += [Note("not-shown", word) for word in words]
     held = frozenset() if floating else _hold_root(own, model, configuration, notes)
-    description = RobotDescription(own, pieces=tuple(pieces), held=held, followers=mimics)
+    description = RobotDescription(
+        own,
+        pieces=tuple(pieces),
+        held=held,
+        efforts=_efforts(model),
+        followers=mimics,
+    )
     posture = {} if configuration is None else _positions(model, configuration, mimics)
     posture = {n: x for n, x in posture.items() if n not in overrides["locked"]}
     if not ties and actuated:
@@ -128,6 +134,20 @@ def of_pinocchio(
         empty = _empty_file(bool(ties)).model_copy(update=says)
         file = with_overrides(empty, overrides)
         return one_robot(description, file, name, notes, posture=posture)
+
+
+def _efforts(model: Any) -> dict[str, tuple[float, float]]:
+    """Least and largest torques of joints with one coordinate; zero says that they are
+    not known.
+    """
+    found = dict[str, tuple[float, float]]()
+    for i in range(1, model.njoints):
+        v = model.idx_vs[i]
+        pair = float(model.lowerEffortLimit[v]), float(model.upperEffortLimit[v])
+        # Pinocchio's largest float is no limit.
+        if model.nvs[i] == 1 and any(0.0 < abs(x) < 1e300 for x in pair):
+            found[str(model.names[i])] = pair
+    return found
 
 
 def _configuration(

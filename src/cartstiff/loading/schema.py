@@ -90,6 +90,14 @@ def _in_order(pair: list[float]) -> list[float]:
 
 IN_ORDER = AfterValidator(_in_order)
 Limits = Annotated[Pair, IN_ORDER]
+#: Largest torque (force) of a drive either way, or the least and the largest.
+Effort = Positive | Limits
+
+
+def both_ways(effort: float | list[float]) -> tuple[float, float]:
+    """Least and largest torque of an entry."""
+    low, high = effort if isinstance(effort, list) else (-effort, effort)
+    return low, high
 
 
 def with_unit(spring: Literal["slides", "turns", "joint"]) -> WrapValidator:
@@ -683,6 +691,11 @@ class Joints(_Robot):
         False,
     )
     passive: list[Text] = keyed("joints without springs", [])
+    effort: dict[str, Effort] = keyed(
+        "largest torque (force) of each joint's drive, or [least, largest] on the link "
+        "that it moves; default what the robot's file has",
+        {},
+    )
     flexible: dict[str, Section[FlexibleModel]] = keyed("by link name", {})
 
 

@@ -129,7 +129,7 @@ class _Robot:
         By name.
     carrier : dict of str to (str, str)
         Joint and parent link of each link that has them.
-    springs, mimics, planar_axes, closures, obstacles, notes
+    springs, efforts, mimics, planar_axes, closures, obstacles, notes
         As in `RobotDescription`.
     actuated : set of str
         Joints that an actuator drives.
@@ -144,6 +144,7 @@ class _Robot:
         self.planar_axes: dict[str, se3.Array] = {}
         self.closures: list[FileClosure] = []
         self.actuated: set[str] = set()
+        self.efforts: dict[str, tuple[float, float]] = {}
         self.obstacles: list[Obstacle] = []
         self.notes: list[Note] = []
 
@@ -210,6 +211,7 @@ class _Robot:
                 joint, "limit", effort="0", velocity="0", lower="-1e9", upper="1e9"
             )
             self.attempt(name, self._read_limit, made, limit)
+        self.attempt(name, self._read_effort, limit)
         self.attempt(name, self._read_mimic, mimic)
         texts = [*reader.extensions.get(name, ()), *reader.dynamics.get(name, ())]
         self.attempt(name, self._read_dynamics, dynamics, texts)
@@ -290,6 +292,12 @@ class _Robot:
                     got=f"{lower:g}, {upper:g}",
                 )
             made.attrib |= {"lower": repr(lower), "upper": repr(upper)}
+
+    def _read_effort(self, name: str, element: ET.Element | None) -> None:
+        """Read the largest torque of a drive; zero says that it is not known."""
+        for effort in _floats(element, "effort", ""):
+            if effort > 0.0:
+                self.efforts[name] = -effort, effort
 
     def _read_dynamics(
         self, name: str, element: ET.Element | None, texts: list[dict[str, str]]
@@ -741,6 +749,7 @@ def _description(
         springs=springs,
         passive=tuple(n for n in joints if n in free and types[n] != "fixed"),
         actuated=tuple(name for name in joints if name in robot.actuated),
+        efforts=robot.efforts,
         followers=robot.mimics,
         locked=held,
         closures=tuple(robot.closures),
@@ -941,9 +950,13 @@ class _Reader:
         if part.tag == "dynamics":
             self.dynamics.setdefault(name, []).append(dict(part.attrib))
         try:
-            if part.tag == "limit" and joint.get("type") not in _LIMITED_TYPES:
-                joint.remove(part)
-                return
+            if part.tag == "limit" and (kind := joint.get("type")) not in _LIMITED_TYPES:
+                effort = part.attrib.pop("effort", None)
+                part.attrib.clear()
+                if kind not in _AXIAL_TYPES or effort is None:
+                    joint.remove(part)
+                    return
+                part.set("effort", effort)
             if len(joint.findall(part.tag)) > 1:
                 raise InputError(f"{what} has several <{part.tag}>", expected="one")
             if part.tag == "dynamics":

@@ -79,6 +79,9 @@ class ElasticMechanism(ShownInLines):
         Name and SHA-256 of everything that was read; empty for what was made in Python.
     beyond : tuple of str
         Joints of an arm that do not move the frame, in the order of its file.
+    efforts : mapping of str to (float, float)
+        Least and largest torque (force) of the drives of joints on the links that they
+        move.
     """
 
     name: str
@@ -95,6 +98,7 @@ class ElasticMechanism(ShownInLines):
     parameters: Mapping[str, float] = field(default_factory=dict)
     files: tuple[tuple[str, str], ...] = ()
     beyond: tuple[str, ...] = ()
+    efforts: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         checked_kind(
@@ -217,6 +221,15 @@ class ElasticMechanism(ShownInLines):
         or of each leg of a platform.
         """
         return self.mechanism.bounds
+
+    @property
+    def force_limits(self) -> dict[str, tuple[float, float]]:
+        """Least and largest torque (force) of the drives of joints, and tension of legs,
+        where they are known.
+        """
+        legs = self.mechanism.tension_limits
+        pairs = [] if legs is None else [(low, high) for low, high in legs.tolist()]
+        return {**dict(zip(self.spring_names, pairs, strict=False)), **self.efforts}
 
     @property
     def masses(self) -> dict[str, float]:

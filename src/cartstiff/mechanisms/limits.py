@@ -218,7 +218,7 @@ def limit_notes(mechanism: Mechanism, posture: _Placed, what: str = "") -> list[
             for i in which
         ]
         degrees = bool((are_angles[which] & (np.abs(values[which]) > _TURN)).any())
-        notes.append(_note_beyond(what, beyond, _DEGREES * degrees, code="beyond-limits"))
+        notes.append(note_beyond(what, beyond, _DEGREES * degrees, code="beyond-limits"))
     if large:
         words = "; ".join(f"{name} is at {x:.6g} rad" for name, x in large.items())
         notes.append(Note("many-turns", f"{what}several turns: {words}{_DEGREES}", large))
@@ -264,26 +264,6 @@ def forces_beyond(bounds: Array, tensions: Array) -> NDArray[np.bool_]:
     roundoff = _ROUNDOFF * np.abs(tensions).max(axis=-1, initial=0.0, keepdims=True)
     below, above = tensions < bounds[:, 0] - roundoff, tensions > bounds[:, 1] + roundoff
     return np.asarray(below | above)
-
-
-def force_notes(elastic: ElasticMechanism, posture: _Placed) -> list[Note]:
-    """Return a note on legs whose forces are beyond their limits at a posture.
-
-    Parameters
-    ----------
-    elastic : ElasticMechanism
-        The mechanism with its final rest lengths.
-    posture : MechanismPosture
-        Anything with `q` and `pose`.
-    """
-    bounds, tensions = elastic.mechanism.tension_limits, tensions_of(elastic, posture)
-    if bounds is None or tensions is None:
-        return []
-    beyond = [
-        (f"force of leg{i + 1}", float(tensions[i]), elastic.units.force, *bounds[i])
-        for i in np.flatnonzero(forces_beyond(bounds, tensions))
-    ]
-    return [_note_beyond("", beyond, code="force-limits")] if beyond else []
 
 
 def deflection_notes(elastic: ElasticMechanism, q: Array) -> list[Note]:
@@ -384,7 +364,8 @@ def _stretched(elastic: ElasticMechanism, springs: Springs, q: Array) -> list[No
     return [Note("implausible-deflection", f"{words}. {question}", values)]
 
 
-def _note_beyond(what: str, beyond: list[_Beyond], more: str = "", *, code: str) -> Note:
+def note_beyond(what: str, beyond: list[_Beyond], more: str = "", *, code: str) -> Note:
+    """Return a note on quantities beyond their limits."""
     words = [
         f"{name} is at {x:.6g} {unit}, its limits are {low:.6g} and {high:.6g}"
         for name, x, unit, low, high in beyond

@@ -51,6 +51,11 @@ def in_units(elastic: ElasticMechanism, length: str) -> ElasticMechanism:
         q=elastic.q * sizes,
         springs=None if springs is None else springs.in_units(a, sizes, efforts),
         damping=damping,
+        efforts={
+            c.name: tuple(x * efforts[j] for x in elastic.efforts[c.name])
+            for j, c in enumerate(mechanism.coordinates)
+            if c.name in elastic.efforts
+        },
         potentials=tuple(p.in_units(a, sizes, efforts) for p in elastic.potentials),
         identified=None
         if known is None

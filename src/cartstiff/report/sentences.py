@@ -82,6 +82,9 @@ SENTENCES: dict[str, str] = {
     "mechanism": "{subject}: {kind}, {body_frame}",
     "load": "Load: {load.kind}, moment {moment:6}, force {force:6} along the axes of the "
     "room, at {at:6} of the body; {load.words}",
+    "most-loaded": "Most loaded: {name}, {force:4e}, {used:e} of its limit",
+    "largest-forces": "Largest {each}; no limit of a drive's force is known",
+    "force-of": "{force:4e} in {name}",
     # assemble
     "held": "Held: {held:6}",
     "modes": "Assembly modes: {count}; searched: {search}",
@@ -267,6 +270,8 @@ TITLES: dict[str, str] = {
     "rotations": "Limits that end the rotations at this position (share of directions)",
     "measures": "Objectives and constraints",
     "best design": "Best design",
+    "forces": "Forces of the drives (of joints on the links that they move; of legs "
+    "tensions)",
     "front": "Pareto front: {count} designs, of which none is better in everything",
     "infeasible": "Why designs are infeasible",
     "failed": "Why designs fail",

@@ -12,7 +12,7 @@ from cartstiff.answer.equilibrium import answer_of_equilibrium
 from cartstiff.answer.paths import sizes
 from cartstiff.errors import joined
 from cartstiff.report.analysis import describe
-from cartstiff.report.answer import answer_lines
+from cartstiff.report.answer import answer_lines, tables_lines
 from cartstiff.report.layout import wide_row
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ def describe_equilibrium(state: Equilibrium) -> str:
         f"{state.iterations} step(s)",
         _softest(state),
         *answer_lines(answer),
+        *tables_lines(answer.tables),
         "",
         *_displacements(state),
     ]

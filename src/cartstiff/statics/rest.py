@@ -33,7 +33,6 @@ from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.identified import CompliancePattern
 from cartstiff.mechanisms.limits import (
     deflection_notes,
-    force_notes,
     limit_notes,
     limits_of,
 )
@@ -59,6 +58,7 @@ from cartstiff.statics.small_motions import (
     unstable_up_to,
     vibrations,
 )
+from cartstiff.stiffness.forces import force_notes, forces_of
 from cartstiff.stiffness.posture import PostureStiffness
 from cartstiff.stiffness.posture_notes import near_constraint
 from cartstiff.stiffness.reduction import reduced_at
@@ -188,11 +188,11 @@ def state_of_rest(
                 {"stages": stages},
             )
         )
-    notes += _notes_on_posture(system, start, point.posture)
+    reactions = _reactions(system, solution)
+    notes += _notes_on_posture(system, start, point.posture, reactions)
     # An unstable equilibrium is left anyway; the sign of a determinant gives no position.
     if stable is not False or not conservative:
         notes += unresolved
-    reactions = _reactions(system, solution)
     for name, force in reactions.limits.items():
         side = "lower" if force > 0 else "upper"
         notes.append(
@@ -219,14 +219,18 @@ def state_of_rest(
 
 
 def _notes_on_posture(
-    system: System, start: MechanismPosture, posture: MechanismPosture
+    system: System,
+    start: MechanismPosture,
+    posture: MechanismPosture,
+    reactions: Reactions,
 ) -> list[Note]:
     """Notes on the start, and on limits, forces, deflections and weight at rest."""
     elastic, limits = system.elastic, system.limits
     notes = [*notes_at_start(elastic.mechanism, start, limits)]
     if not len(limits) or len(limits_of(elastic.mechanism)) > len(limits):
         notes += limit_notes(elastic.mechanism, posture, "at rest: ")
-    notes += force_notes(elastic, posture)
+    if elastic.force_limits:
+        notes += force_notes(forces_of(elastic, posture, reactions.rigid), elastic)
     notes += deflection_notes(elastic, posture.q)
     notes += elastic.diagnostics(posture)
     if elastic.gravity is not None:

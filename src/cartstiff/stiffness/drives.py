@@ -11,6 +11,7 @@ from cartstiff.arrays import plain
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.stiffness.forces import DriveForce
 
 
 class Drive(NamedTuple):
@@ -25,8 +26,8 @@ class Drive(NamedTuple):
     position, lower, upper : float
         Length of the leg, or coordinate, and its limits; infinite where there is none.
     force : float
-        Of its spring: tension, or torque, above zero where it is longer than at rest; NaN
-        if unknown.
+        As in `cartstiff.stiffness.forces`: tension of a leg, or what a joint exerts on
+        the link that it moves; NaN if unknown.
     """
 
     name: str
@@ -54,7 +55,7 @@ def drives_of(
     elastic: ElasticMechanism,
     posture: MechanismPosture,
     lengths: Array | None,
-    tensions: Array | None,
+    forces: tuple[DriveForce, ...],
 ) -> tuple[Drive, ...]:
     """The legs of a platform, or the drives of a closed chain; none for other mechanisms.
 
@@ -62,45 +63,30 @@ def drives_of(
     ----------
     elastic, posture
         The mechanism with its final rest positions, and its posture.
-    lengths, tensions : ndarray (m,) or None
-        Of the legs of a platform; None for other mechanisms, and for unknown tensions.
+    lengths : ndarray (m,) or None
+        Of the legs of a platform; None for other mechanisms.
+    forces : tuple of DriveForce
+        What they carry.
     """
-    mechanism, stiffness = elastic.mechanism, elastic.stiffnesses
-    bounds, none = mechanism.bounds, (-np.inf, np.inf)
+    mechanism, none = elastic.mechanism, (-np.inf, np.inf)
+    carried = {one.name: one.force for one in forces}
+    bounds = mechanism.bounds
     if lengths is not None:
-        forces = np.full(len(lengths), np.nan) if tensions is None else tensions
-        forces = _without_noise(forces, _products(stiffness, lengths))
         names = [f"leg{i}" for i in range(1, len(lengths) + 1)]
         return tuple(
-            Drive(name, True, x, *bounds.get(name, none), f)
-            for name, x, f in zip(names, lengths.tolist(), forces.tolist(), strict=True)
+            Drive(name, True, x, *bounds.get(name, none), carried.get(name, np.nan))
+            for name, x in zip(names, lengths.tolist(), strict=True)
         )
     if not mechanism.closures or elastic.springs is None:
         return ()
-    sizes = np.array(posture.coordinate_lengths)
-    torques = np.asarray(elastic.springs.evaluate(posture).gradient)
-    torques = _without_noise(torques, _products(stiffness, sizes))
-    q = _without_noise(posture.q, sizes)
+    q = _without_noise(posture.q, np.array(posture.coordinate_lengths))
+    driven = [(float(q[j]), mechanism.coordinates[j]) for j in elastic.commanded]
     return tuple(
-        Drive(c.name, c.is_length, float(q[j]), c.lower, c.upper, float(torques[j]))
-        for j, c in ((j, mechanism.coordinates[j]) for j in elastic.commanded)
+        Drive(c.name, c.is_length, x, c.lower, c.upper, carried.get(c.name, 0.0))
+        for x, c in driven
     )
 
 
-def _products(stiffness: list[float], sizes: Array) -> Array:
-    """Forces of springs that are elongated by their sizes.
-
-    Zero where springs are others.
-    """
-    if len(stiffness) != len(sizes):
-        return np.zeros(len(sizes))
-    return np.array(stiffness) * sizes
-
-
 def _without_noise(values: Array, sizes: Array) -> Array:
-    """Values with zeros for what closures leave of sizes.
-
-    Of infinite ones nothing is known.
-    """
-    finite = np.where(np.isfinite(sizes), sizes, 0.0)
-    return np.where(np.abs(values) <= numerics.STALLED_RESIDUAL * finite, 0.0, values)
+    """Values with zeros for what closures leave of sizes."""
+    return np.where(np.abs(values) <= numerics.STALLED_RESIDUAL * sizes, 0.0, values)

@@ -19,7 +19,7 @@ from cartstiff.matrix_names import OF_MANY
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.gravity_loads import gravity_loads
-from cartstiff.mechanisms.limits import deflection_notes, force_notes, limit_notes
+from cartstiff.mechanisms.limits import deflection_notes, limit_notes
 from cartstiff.mechanisms.preload import preload_notes
 from cartstiff.notes import Note
 from cartstiff.potentials.beams import Beam, evaluate_together
@@ -29,6 +29,7 @@ from cartstiff.potentials.springs import CoupledSprings
 from cartstiff.stiffness.applied_load import Axes, LoadKind, wrench_in_body
 from cartstiff.stiffness.balance import balanced, with_rest_balancing
 from cartstiff.stiffness.compute import analyse
+from cartstiff.stiffness.forces import force_notes
 from cartstiff.stiffness.motions import scaled_values, values_of_closed, values_on
 from cartstiff.stiffness.posture import PostureStiffness
 from cartstiff.stiffness.posture_notes import indefinite, near_serial, near_type_2
@@ -219,13 +220,12 @@ class _Known:
         is_near, is_wound = not self._bounds[0] < 1.0, not self._bounds[3] < 1.0
         if is_near and self._is_closed:
             return self.asked.core.notes_on_posture
-        limits = asked.mechanism.tension_limits
         return (
             *asked.notes,
             *(self._near() if is_near else ()),
             *self._diagnostics(),
             *limit_notes(asked.mechanism, own),
-            *(() if limits is None else force_notes(own.elastic, own)),
+            *(force_notes(own.forces, asked) if asked.force_limits else ()),
             *(deflection_notes(own.elastic, own.q) if is_wound else ()),
             *preload_notes(asked, self.asked.wrench is not None),
             *(() if asked.gravity is None else gravity_loads(asked).notes),

@@ -52,6 +52,7 @@ from cartstiff.stiffness.flat_chart import (
     flat_connection,
     pose_by_chart,
 )
+from cartstiff.stiffness.forces import DriveForce, forces_of, rigid_torques
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import exceeds_roundoff, shown_wrench, without_cancelled
 from cartstiff.stiffness.tensor import (
@@ -555,7 +556,18 @@ class PostureStiffness(LabelledResult):
         """The legs of a platform, or the drives of a closed chain,
         with limits and forces.
         """
-        return drives_of(self.elastic, self.posture, self.leg_lengths, self.tensions)
+        return drives_of(self.elastic, self.posture, self.leg_lengths, self.forces)
+
+    @cached_property
+    def forces(self) -> tuple[DriveForce, ...]:
+        """What each joint, leg and line carries, and its limits, the most loaded first;
+        see `cartstiff.stiffness.forces`.
+        """
+        torques = {}
+        if self.elastic.mechanism.rigid:
+            parts = self.elastic, self.posture, self.reduction.multipliers
+            torques = rigid_torques(*parts)
+        return forces_of(self.elastic, self.posture, torques)
 
     @cached_property
     def task_axes(self) -> TaskAxes | None:
@@ -813,6 +825,7 @@ class PostureStiffness(LabelledResult):
                 if self.drives
                 else {}
             ),
+            "forces": [one.to_dict() for one in self.forces],
             "order": se3.ANGULAR_LINEAR,
             "q": self.q.tolist(),
             "pose": self.pose.tolist(),

@@ -11,9 +11,10 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.gravity_loads import gravity_loads
-from cartstiff.mechanisms.limits import deflection_notes, force_notes, limit_notes
+from cartstiff.mechanisms.limits import deflection_notes, limit_notes
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
+from cartstiff.stiffness.forces import force_notes, forces_of, rigid_torques
 from cartstiff.stiffness.leg_length_basis import line_springs_and_rest
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import norm, without_cancelled
@@ -31,6 +32,10 @@ def notes_on_posture(
     `on_rest` are those on preload and rest positions.
     """
     rank, full = reduction.rank, reduction.usual_rank
+    forces = ()
+    if elastic.force_limits:
+        torques = rigid_torques(elastic, posture, reduction.multipliers)
+        forces = forces_of(elastic, posture, torques)
     return (
         *elastic.notes,
         *reduction.states,
@@ -40,7 +45,7 @@ def notes_on_posture(
         *nearly_still(posture, reduction),
         *elastic.diagnostics(posture),
         *limit_notes(elastic.mechanism, posture),
-        *force_notes(elastic, posture),
+        *force_notes(forces, elastic),
         *deflection_notes(elastic, posture.q),
         *on_rest,
         *(() if elastic.gravity is None else gravity_loads(elastic).notes),

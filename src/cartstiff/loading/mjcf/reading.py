@@ -406,6 +406,7 @@ class _Compiled:
             lines=tuple(lines),
             coupled=tuple(coupled),
             actuators={name: k for name, k in actuated.items() if k > 0.0},
+            efforts=self._efforts(),
             followers=followers,
             locked=self.locked,
             closures=tuple(closures),
@@ -600,6 +601,27 @@ class _Compiled:
         self._ignore(POSITION_ACTUATORS, held)
         self._ignore("actuators", others)
         return driven
+
+    def _efforts(self) -> dict[str, tuple[float, float]]:
+        """Least and largest torque of the drives, by coordinate.
+
+        The forces of all actuators of a joint, each times its gear, within the joint's
+        own limits.
+        """
+        found = dict[str, tuple[float, float]]()
+        for one in self.actuators:
+            own = self.joints[one.trnid[0]].coordinates if one.trntype in (0, 1) else []
+            if len(own) == 1:
+                ends = one.forcerange if one.forcelimited else (-np.inf, np.inf)
+                low, high = sorted(one.gear[0] * x for x in ends if one.gear[0]) or (0, 0)
+                before = found.get(own[0], (0.0, 0.0))
+                found[own[0]] = before[0] + low, before[1] + high
+        for joint in self.joints:
+            if joint.actfrclimited and len(joint.coordinates) == 1:
+                (name,), (low, high) = joint.coordinates, joint.actfrcrange
+                before = found.get(name, (-np.inf, np.inf))
+                found[name] = max(before[0], low), min(before[1], high)
+        return {name: pair for name, pair in found.items() if np.isfinite(pair).any()}
 
     def _tendons(
         self, followers: Followers

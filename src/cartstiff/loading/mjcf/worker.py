@@ -33,14 +33,15 @@ qpos0 qpos_spring key_qpos opt.gravity opt.wind opt.density opt.viscosity
 body_parentid body_pos body_quat body_mass body_ipos body_iquat body_inertia body_gravcomp
 body_mocapid body_plugin
 jnt_type jnt_bodyid jnt_qposadr jnt_pos jnt_axis jnt_limited jnt_range jnt_stiffness
-jnt_stiffnesspoly jnt_dofadr dof_armature dof_damping
+jnt_stiffnesspoly jnt_actfrclimited jnt_actfrcrange jnt_dofadr dof_armature dof_damping
 site_bodyid site_pos site_quat
 geom_bodyid geom_type geom_group geom_dataid geom_matid geom_pos geom_quat geom_size
 geom_rgba mat_rgba mesh_pos mesh_quat
 eq_type eq_objtype eq_obj1id eq_obj2id eq_active0 eq_data
 tendon_adr tendon_num tendon_limited tendon_stiffness tendon_stiffnesspoly
 tendon_lengthspring wrap_type wrap_objid wrap_prm actuator_trntype actuator_trnid
-actuator_gear actuator_biastype actuator_biasprm flex_vertadr flex_vertnum flex_vertbodyid
+actuator_gear actuator_forcelimited actuator_forcerange actuator_biastype
+actuator_biasprm flex_vertadr flex_vertnum flex_vertbodyid
 """
 #: Fields whose numbers are replaced by MuJoCo's names of them.
 _ENUMERATIONS = {
