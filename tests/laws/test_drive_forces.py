@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-
 import numpy as np
 import pytest
+from tests.support.commands import answer, run
 
 import cartstiff as cs
-from tests.support.commands import answer, run
 
 WEIGHT = 9.81
 TWO = """

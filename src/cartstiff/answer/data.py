@@ -399,7 +399,8 @@ class Answer:
             verdict=verdict,
             doubts=doubts,
             notes=[note for note in every if note not in doubts],
-            **{"weight": gravity_loads(elastic), "statements": statements} | parts,
+            statements=(*statements, *parts.pop("statements", ())),
+            **{"weight": gravity_loads(elastic)} | parts,
         )
 
     @property
