@@ -12,7 +12,7 @@ from __future__ import annotations
 from importlib import import_module
 
 HOMES = {
-    "": "errors numerics version",
+    "": "numerics version",
     "analysis": """
         asymmetry centres congruence deflection ellipsoids indices matrices metrics posture
         screws tolerances
@@ -230,6 +230,7 @@ HOMES = {
     "stiffness.applied_load": "DEAD_AT_ORIGIN LoadKind checked_load",
     "stiffness.balance": "balanced with_rest_balancing",
     "stiffness.compute": "SCHEMA",
+    "stiffness.forces": "used_shares",
     "stiffness.motions": "Problem _inverse decomposed motions_motions=motions",
     "stiffness.posture_notes": "error_of_soft_directions",
     "stiffness.reduction": "reduce_to",

@@ -9,10 +9,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from tests.inner import errors
 
 import cartstiff
-from cartstiff import DeadForce
+from cartstiff import DeadForce, errors
 
 ERRORS = [
     errors.InputError("stiffness is wrong", where="--stiffness", expected="1", got=2),

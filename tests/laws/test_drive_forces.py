@@ -112,7 +112,7 @@ def test_effort_of_a_file_takes_the_place_of_the_robots(urdf, tmp_path):
 
 
 def test_millimetres_change_a_limit_with_its_torque(urdf):
-    from cartstiff.mechanisms.other_units import in_units
+    from tests.inner import in_units
 
     here, there = loaded(arm(urdf)), None
     there = cs.analyse(in_units(arm(urdf), "mm"), Q, wrench=[0, 0, 0, 0, 0, -80], load_axes="world")
@@ -152,7 +152,7 @@ def test_mujoco_has_the_same_torques_and_limits(tmp_path):
 
 
 def test_shares_of_limits():
-    from cartstiff.stiffness.forces import used_shares
+    from tests.inner import used_shares
 
     used = used_shares(
         np.array([0.0, 15.0, -15.0, 10.0, 100.0, 55.0, 3.0]),
