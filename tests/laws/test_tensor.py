@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from tests.support import (
     relative_error,
     seeds,
 )
+from tests.support.commands import refuses
 
 from cartstiff import (
     BI_INVARIANT,
@@ -35,6 +37,7 @@ from cartstiff import (
     from_symbols,
     levi_civita,
 )
+from cartstiff.geometry import se3
 
 ROUNDING = 1e-12
 # Ad is squared and its entries reach three: rounding grows by a hundred.
@@ -409,6 +412,21 @@ def test_arrays_are_read_only_copies():
     assert np.array_equal(np.asarray(tensor), np.eye(6))
     with pytest.raises(AttributeError, match="cannot assign"):
         tensor.frame = "other"
+
+
+def test_sums_multiples_and_products_are_arrays():
+    K, x = _tensor(12, "B"), np.arange(6.0)
+    assert K.shape == (6, 6)
+    assert np.array_equal(K + K, 2 * K)
+    assert np.array_equal(K * 2 - K, K.matrix)
+    assert np.array_equal(K + np.eye(6), K.matrix + np.eye(6))
+    assert np.array_equal(K @ x, K.matrix @ x)
+    refuses("units of the other matrix; expected", lambda: K + K.to_units("mm", "N"))
+    refuses("order of the other matrix", lambda: K + K.to_order("linear-angular"))
+    refuses("connection of the other matrix; expected B, got A", lambda: K - K.to_connection("A"))
+    refuses("letter of the other matrix; expected K, got C", lambda: K + K.compliance())
+    there = replace(K, pose=K.pose @ se3.exp([0, 0, 0, 0, 0, 1e-3]))
+    refuses("pose of the other matrix", lambda: K + there)
 
 
 def test_numpy_gets_its_own_copy():

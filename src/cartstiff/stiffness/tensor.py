@@ -131,6 +131,7 @@ class LabelledMatrix:
 
     matrix: Array
     connection: Connection
+    pose: Array
     frame: str
     units: Units
     order: Order
@@ -150,6 +151,50 @@ class LabelledMatrix:
     def T(self) -> Array:  # noqa: N802
         """The transposed matrix."""
         return self.matrix.T
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the matrix."""
+        return self.matrix.shape
+
+    # Sums, multiples and products are plain arrays: their load, and what they are of, are
+    # others.
+
+    def __add__(self, other: Any) -> Array:
+        return self.matrix + self._beside(other)
+
+    def __sub__(self, other: Any) -> Array:
+        return self.matrix - self._beside(other)
+
+    def __mul__(self, factor: float) -> Array:
+        return self.matrix * factor
+
+    __rmul__ = __mul__
+
+    def __matmul__(self, other: ArrayLike) -> Array:
+        return self.matrix @ np.asarray(other)
+
+    def _beside(self, other: Any) -> Any:
+        """The numbers of another matrix of the same place and kind; an array as it is.
+
+        InputError for one in another frame, order, unit, connection or at another pose.
+        """
+        if not isinstance(other, LabelledMatrix):
+            return other
+        for what in ("_letter", "frame", "units", "order"):
+            mine, its = getattr(self, what), getattr(other, what)
+            if mine != its:
+                where = f"{what.lstrip('_')} of the other matrix"
+                raise InputError(where, expected=str(mine), got=str(its))
+        mine, its = self.connection, other.connection
+        if not np.array_equal(mine.symbols, its.symbols):
+            where = "connection of the other matrix"
+            raise InputError(where, expected=mine.name, got=its.name)
+        apart = np.abs(self.pose - other.pose).max()
+        if apart > numerics.NEGLIGIBLE_DISTANCE:
+            off = f"{apart:.2g} off"
+            raise InputError("pose of the other matrix", expected="the same", got=off)
+        return other.matrix
 
     def to_xarray(self) -> Any:
         """`xarray.DataArray` with the components' names.
