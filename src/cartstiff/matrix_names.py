@@ -18,6 +18,8 @@ class MatrixName:
 
     name: str
     meaning: str
+    #: What the matrix supposes of the load, as the end of a sentence that it begins.
+    load: str
 
     @property
     def sentence(self) -> str:
@@ -35,26 +37,33 @@ MATRICES: Final[dict[str, MatrixName]] = {
     "load": MatrixName(
         "under the load",
         "the stiffness against a small added wrench while the load acts as stated",
+        "takes the load as it is stated",
     ),
     "A": MatrixName(
         "Cartan minus",
         "change of the wrench along the axes of the moving body: the load turns with the "
         "body",
+        "lets the load turn with the body",
     ),
     "B": MatrixName(
         "bi-invariant",
         "the symmetric part of A: second derivatives of the energy along screw motions",
+        "lets the load follow half of the body's turn",
     ),
     "K": MatrixName(
         "kinematic",
         "change of the force along the room's axes: it acts at the origin, its direction "
         "stays",
+        "keeps the direction of the force in the room",
     ),
     "F": MatrixName(
         "flat",
         "Hessian in the joint coordinates, transformed by the Jacobian: J^-T H J^-1",
+        "leaves out how the Jacobian changes under the load",
     ),
     "+": MatrixName(
-        "Cartan plus", "the transpose of A: derivatives along axes fixed in the room"
+        "Cartan plus",
+        "the transpose of A: derivatives along axes fixed in the room",
+        "lets the load turn against the body",
     ),
 }

@@ -6,6 +6,7 @@ import atexit
 import os
 import tempfile
 import webbrowser
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ from numpy.typing import ArrayLike
 from cartstiff.arrays import checked_array, checked_input
 from cartstiff.checked_call import checked
 from cartstiff.errors import MissingDependencyError
+from cartstiff.geometry.connections import Connection
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.page.source import Playback, Source, cloud_of_workspace
 from cartstiff.stiffness.compute import analyse
@@ -107,6 +109,7 @@ def show(
     wrench: ArrayLike | None = None,
     trajectory: ArrayLike | None = None,
     workspace: Workspace | None = None,
+    connections: Sequence[Connection] = (),
     static: bool = False,
     port: int = 0,
     open_browser: bool | None = None,
@@ -126,6 +129,8 @@ def show(
         Postures for the time slider.
     workspace : Workspace, optional
         From `cartstiff.workspace`; its boundary and the singular surface are drawn.
+    connections : sequence of Connection
+        Your own, which the page sets beside the named ones.
     static : bool
         An exported page instead of a live one: for notebooks that are kept,
         or whose server runs on another machine.
@@ -145,8 +150,8 @@ def show(
     Raises
     ------
     InputError
-        For a posture, wrench or trajectory that does not fit; CartstiffError if there is
-        no posture.
+        For a posture, wrench, trajectory or connection that does not fit; CartstiffError
+        if there is no posture.
     MissingDependencyError
         Without tornado or meshcat.
     """
@@ -159,6 +164,7 @@ def show(
         None if wrench is None else checked_input(wrench, (6,), "wrench"),
         trajectory=None if trajectory is None else _trajectory(elastic, trajectory),
         cloud=None if workspace is None else cloud_of_workspace(workspace),
+        connections=tuple(connections),
     )
     if static:
         from cartstiff.page.export import export_page

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from cartstiff.geometry.connections import BI_INVARIANT
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.browser_program import BrowserProgram, browser_program
 from cartstiff.page.files import page_document
@@ -124,7 +125,12 @@ def client_data(
         shown = shown.model_copy(
             update=dict.fromkeys(_NOT_COMPUTED, False) | {"mode": None}
         )
-        own = {"program": program.data}
+        # K^X - K^B of a wrench at M's origin, (36, 6), as those of the kinds of load.
+        changes = {
+            own.name: (BI_INVARIANT.symbols - own.symbols).reshape(36, 6).tolist()
+            for own in session.source.connections
+        }
+        own = {"program": program.data | {"own": changes}}
     picture, commands = _picture_of(session, shown, base, is_whole="program" in own)
     facts = {"state": shown.model_dump(), "bounds": session.picture.bounds(base)}
     made = {

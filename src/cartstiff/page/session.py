@@ -43,6 +43,7 @@ from cartstiff.page.messages import (
 from cartstiff.page.picture import PageScene
 from cartstiff.page.shown import (
     describe_mechanism,
+    own_matrices,
     response_curves,
     series_row,
     shown_numbers,
@@ -169,6 +170,9 @@ class Session:
             "version": __version__,
             "mechanism": describe_mechanism(self._elastic, self._q)
             | {"fingerprint": self.source.fingerprint},
+            "own_connections": [
+                {"name": own.name, "load": own.meaning} for own in self.source.connections
+            ],
             "state": state.model_dump(),
             "now": None if now is None else now.model_dump(),
             **self._facts,
@@ -328,6 +332,8 @@ class Session:
         numbers = shown_numbers(result, state) | {
             "q": self.before_load(result, state).tolist()
         }
+        if self.source.connections:
+            numbers["own"] = own_matrices(result, state, self.source.connections)
         if state.gravity is not None or state.payload is not None:
             numbers["weighed"] = result.weighed.text
         return numbers

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from cartstiff import numerics
 from cartstiff.analysis.asymmetry import asymmetries
 from cartstiff.analysis.ellipsoids import Freedom, MatrixPair, softest
 from cartstiff.analysis.indices import spectrum
+from cartstiff.analysis.matrices import move_stiffness
 from cartstiff.analysis.metrics import length_of_pair
 from cartstiff.analysis.posture import FoundDeflection, deflection_found
 from cartstiff.analysis.principal import block_ellipsoid, matrix_pair
@@ -20,6 +22,7 @@ from cartstiff.answer.posture import verdict_at
 from cartstiff.arrays import plain
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
+from cartstiff.geometry.connections import Connection
 from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import MATRICES
 from cartstiff.mechanisms.contract import Coordinate, Mechanism
@@ -105,7 +108,12 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array) -> dict[str, Any]:
         "size": float(mechanism.at(q).length),
         "platform": mechanism.coordinates_are_pose,
         "connections": [
-            {"name": name, "title": matrix.name, "meaning": matrix.sentence}
+            {
+                "name": name,
+                "title": matrix.name,
+                "meaning": matrix.sentence,
+                "load": matrix.load,
+            }
             for name, matrix in MATRICES.items()
         ],
     }
@@ -254,6 +262,27 @@ def shown_numbers(
     if T is not None:
         answer[state.quantity] = {n: _listed(M) for n, M in shown.items() if n != "+"}
     return answer
+
+
+def own_matrices(
+    result: PostureStiffness, state: ViewState, connections: Sequence[Connection]
+) -> dict[str, Any]:
+    """The shown quantity of the user's connections, at the reference point;
+    None where it does not exist.
+    """
+    T = reference_frame(result, state)
+    matrices = dict[str, Any]()
+    for own in connections:
+        matrix: Array | None = None
+        with suppress(UndefinedError):
+            matrix = result.tensor(own).matrix
+        if matrix is not None and T is not None:
+            matrix = move_stiffness(matrix, T)
+        if matrix is not None and state.quantity == "compliance":
+            inverse = numerics.invert(matrix)
+            matrix = None if inverse is None else inverse.matrix
+        matrices[own.name] = _listed(matrix)
+    return matrices
 
 
 def verdict_words(

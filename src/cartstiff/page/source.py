@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from cartstiff.arrays import named_values
 from cartstiff.errors import InputError, one_line
+from cartstiff.geometry.connections import Connection
 from cartstiff.geometry.se3 import Array
 from cartstiff.loading.tables import named_unit, read_cells, read_rows
+from cartstiff.matrix_names import LETTERS
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.identity import fingerprint
 from cartstiff.mechanisms.limits import Limits
@@ -107,6 +109,8 @@ class Source:
         Its behaviour, point and axes, as in `cartstiff.page.messages.ViewState`.
     command : list of float or None
         Commands of the drives at first, one number a spring.
+    connections : tuple of Connection
+        The user's own, beside the named ones.
     trajectory : Playback or None
         Postures for the time slider.
     cloud : Cloud or None
@@ -122,6 +126,21 @@ class Source:
     load_at: tuple[float, float, float] | None = None
     load_axes: Literal["body", "world"] = "body"
     command: list[float] | None = None
+    connections: tuple[Connection, ...] = ()
+
+    def __post_init__(self) -> None:
+        names = [*LETTERS, *(own.name for own in self.connections)]
+        for own in self.connections:
+            if names.count(own.name) > 1:
+                raise InputError(
+                    "two connections have this name", where="connections", got=own.name
+                )
+            if not own.left_invariant:
+                raise InputError(
+                    "the connection is known at one posture only",
+                    where=f"connections, {own.name}",
+                    expected="the same symbols at every pose",
+                )
 
     @cached_property
     def fingerprint(self) -> str | None:

@@ -2,12 +2,13 @@
 
 import { button, byId, el, engineering, heading, hint, short, together, tuple, typeset } from "./dom.js";
 import { symbol } from "./matrix.js";
+import { differences } from "./principal.js";
 import { doubts } from "./plotfiles.js";
 import { NEGLIGIBLE_DIFFERENCE, ROUNDOFF } from "./numerics.js";
 import { sway } from "./sway.js";
 
 // Loads to begin with: a size in the unit of force, and directions in the room.
-const EXAMPLE = 100;
+export const EXAMPLE = 100;
 const EXAMPLES = [["downwards", [0, 0, -1]], ["sideways along x", [1, 0, 0]], ["along y", [0, 1, 0]]];
 // Milliseconds after which a state rests.
 const RESTS = 400;
@@ -92,9 +93,8 @@ export function deflectionPanel(store) {
           : " along more than one direction alike");
     }
     const [A, K] = ["A", "K"].map((name) => store.matrix(name));
-    const most = A && K && Math.max(...A.flatMap((row, i) =>
-      row.map((x, j) => Math.abs(x - K[i][j]) / Math.sqrt(Math.abs(K[i][i] * K[j][j])) || 0)));
-    apart.hidden = !Number.isFinite(most) || !soft;
+    const most = differences({ K, A })[0]?.share ?? 0;
+    apart.hidden = !A || !K || !soft;
     const both = `${symbol(store.shown, "A")} and ${symbol(store.shown, "K")}`;
     apart.textContent = most < NEGLIGIBLE_DIFFERENCE ? `${both} are the same here`
       : `${both} differ by up to ${short(100 * most, 2)} %`;

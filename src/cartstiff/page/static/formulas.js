@@ -282,7 +282,8 @@ export class Formulas {
   changes({ W, kind, at }) {
     const under = (name, wrench) => rows(times(this.data.changes[name], wrench), 6);
     const [forth, reverse] = [1, -1].map((side) => adjoint(motion(identity(3), at.map((x) => side * x))));
-    return { A: under("follower", W), K: under("conservative", W),
+    const own = Object.entries(this.data.own ?? {}).map(([name, map]) => [name, rows(times(map, W), 6)]);
+    return { A: under("follower", W), K: under("conservative", W), ...Object.fromEntries(own),
       load: congruence(reverse, under(kind, times(transposed(forth), W))) };
   }
 }

@@ -18,6 +18,7 @@ import { posePanel } from "./pose.js";
 import { linkTo, sharing } from "./share.js";
 import { Store } from "./store.js";
 import { strip } from "./strip.js";
+import { whichCard } from "./which.js";
 
 // Time (ms) without a change after which the page asks for what it may need later.
 const AT_REST = 1200;
@@ -29,6 +30,7 @@ function build(source) {
   controls(store);
   pictureControls(store);
   deflectionPanel(store);
+  whichCard(store);
   compareCard(store);
   numbersPanel(store);
   const matrix = matrixPanel(store);
@@ -51,7 +53,7 @@ function build(source) {
 
 /** A file of one posture: what would ask for another is switched off. */
 function fix() {
-  const controls = "#left input, #left select, #left button:not(.quiet), .matrix-card .choices input, .parts > label "
+  const controls = "#left input, .which-card input, #left select, #left button:not(.quiet), .matrix-card .choices input, .parts > label "
     + "input, .principal-card .choice input, #map-choice select";
   for (const node of document.querySelectorAll(controls)) node.disabled = true;
   for (const node of document.querySelectorAll("#strip, .compare-card, .setup-card, .posture-card "

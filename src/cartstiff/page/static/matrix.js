@@ -2,14 +2,15 @@
 
 import { button, byId, choice, copy, dropdown, el, inSize, short, stateChoice, sure } from "./dom.js";
 import { sureOfInverse } from "./algebra.js";
+import { differences } from "./principal.js";
 import { ROUNDOFF, UNCOUPLED } from "./numerics.js";
 import { safeCell } from "./plotfiles.js";
 
-const WRENCH = ["mx", "my", "mz", "fx", "fy", "fz"];
-const MOTION = ["rx", "ry", "rz", "x", "y", "z"];
-const MOTION_WORDS = ["rotation about x", "rotation about y", "rotation about z", "motion along x", "motion along y",
+export const WRENCH = ["mx", "my", "mz", "fx", "fy", "fz"];
+export const MOTION = ["rx", "ry", "rz", "x", "y", "z"];
+export const MOTION_WORDS = ["rotation about x", "rotation about y", "rotation about z", "motion along x", "motion along y",
   "motion along z"];
-const WRENCH_WORDS = ["moment about x", "moment about y", "moment about z", "force along x", "force along y",
+export const WRENCH_WORDS = ["moment about x", "moment about y", "moment about z", "force along x", "force along y",
   "force along z"];
 const VIEWS = [
   ["whole", "K", "The matrix itself"],
@@ -192,13 +193,10 @@ export function matrixPanel(store) {
     const { connection } = store.shown;
     if (now !== connection) [before, now] = [now, connection];
     const old = before && scaled(store.matrix(before));
-    let count = 0;
-    cells.forEach((row, i) => row.forEach((cell, j) => {
-      const differs = Boolean(matrix && old)
-        && Math.abs(matrix[i][j] - old[i][j]) > UNCOUPLED * Math.sqrt(Math.abs(matrix[i][i] * matrix[j][j]));
-      cell.classList.toggle("differs-here", differs);
-      count += differs;
-    }));
+    const found = differences({ matrix, old });
+    const count = found.length;
+    for (const cell of cells.flat()) cell.classList.remove("differs-here");
+    for (const { i, j } of found) cells[i][j].classList.add("differs-here");
     const name = symbol(store.shown, before ?? "");
     differs.textContent = !matrix || !old ? "" : count
       ? `Dotted: ${count} of 36 entries differ from ${name}, shown before`

@@ -2,7 +2,7 @@
 
 import { adjoint, back, block, congruence, cross, eigen, identity, largest, product, rotation, scaled, squares, times,
   transposed } from "./algebra.js";
-import { NEGLIGIBLE_DIFFERENCE, SYMMETRY, ZERO_SHARE } from "./numerics.js";
+import { NEGLIGIBLE_DIFFERENCE, SYMMETRY, UNCOUPLED, ZERO_SHARE } from "./numerics.js";
 
 /** What multiplies the parts of a twist, so that turns are lengths: rotations by a length. */
 export const turnsBy = (length) => [length, length, length, 1, 1, 1];
@@ -92,4 +92,26 @@ export function definiteness(values) {
   if (below && above) return "indefinite";
   if (above) return none ? "positive semidefinite" : "positive";
   return below ? (none ? "negative semidefinite" : "negative") : "zero";
+}
+
+/**
+ * Cells in which matrices by name differ, the largest difference first: their values by name, the names of the largest
+ * and the smallest, and the difference as a share of the geometric mean of two diagonal entries of the first matrix.
+ */
+export function differences(matrices) {
+  const known = Object.entries(matrices).filter(([, M]) => M);
+  if (known.length < 2) return [];
+  const [[, first]] = known;
+  const found = [];
+  first.forEach((row, i) => row.forEach((_, j) => {
+    const values = known.map(([name, M]) => [name, M[i][j]]);
+    const [least, most] = [Math.min, Math.max].map((end) => end(...values.map(([, x]) => x)));
+    const share = (most - least) / Math.sqrt(Math.abs(first[i][i] * first[j][j]));
+    if (!(share > UNCOUPLED)) return;
+    // Of several that are alike but for rounding, the one that comes first.
+    const [low, high] = [least, most].map((end) =>
+      values.find(([, x]) => Math.abs(x - end) <= NEGLIGIBLE_DIFFERENCE * Math.abs(most - least))[0]);
+    found.push({ i, j, values: Object.fromEntries(values), low, high, share });
+  }));
+  return found.sort((a, b) => b.share - a.share);
 }

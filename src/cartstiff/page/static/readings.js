@@ -15,6 +15,7 @@ export class Readings extends Formulas {
     const shown = here[state.quantity];
     const K = here.stiffness[state.connection] && symmetric(here.stiffness[state.connection]);
     const numbers = K && this.indices(K);
+    const own = Object.keys(this.data.own ?? {});
     const asymmetries = Object.fromEntries(Object.entries(shown).map(([name, M]) => [name, M && asymmetry(M)]));
     const notes = this.notes(m, state);
     const answer = {
@@ -27,6 +28,7 @@ export class Readings extends Formulas {
       softest: softest(here),
       verdict: this.verdict(numbers?.definiteness, notes, state, m), doubts: this.doubts(notes, state),
     };
+    if (own.length) answer.own = Object.fromEntries(own.map((name) => [name, shown[name]]));
     if (T) answer[state.quantity] = Object.fromEntries(Object.entries(shown).filter(([name]) => name !== "+"));
     return answer;
   }

@@ -358,7 +358,7 @@ export class Store extends EventTarget {
     const table = numbers && (numbers[quantity] ?? numbers.result[quantity]);
     if (!table) return null;
     if (name === "load" && !("load" in table)) return numbers.result.load[quantity] ?? null;
-    if (name !== "+") return table[name];
+    if (name !== "+") return table[name] ?? numbers.own?.[name] ?? null;
     return table.A && table.A.map((_, i) => table.A.map((row) => row[i]));
   }
 

@@ -1,0 +1,155 @@
+"""What people come to the page for, in counted actions of a hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tools.screenshot import settled
+
+import cartstiff
+from cartstiff import from_bilinear_map
+from cartstiff.geometry import se3
+from tests.inner import Session, Source, export_page
+from tests.support.read_units import si
+
+DOWN = [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]
+MINE = from_bilinear_map(lambda x, y: 0.25 * se3.bracket(x, y), "quarter", meaning="is mine")
+TO_REST = "(state) => window.cartstiff.change({ load: null, ...state })"
+
+
+class Hand:
+    """Acts on a page, and is counted."""
+
+    def __init__(self, page):
+        self.page, self.actions = page, 0
+
+    def click(self, what):
+        self.page.click(what)
+        self.actions += 1
+        settled(self.page)
+
+    def drag(self, what, value):
+        """Move a slider."""
+        self.page.locator(what).evaluate(
+            "(node, x) => { node.value = x; node.dispatchEvent(new Event('input')); }", value
+        )
+        self.actions += 1
+        settled(self.page)
+
+    def reads(self, what):
+        return self.page.inner_text(what).replace("\u2212", "-")
+
+
+@pytest.fixture
+def hand(serve, pages):
+    return Hand(pages.shared(serve("ur5").url))
+
+
+def shown(page, state):
+    page.evaluate(TO_REST, state)
+    settled(page)
+
+
+# -- which connection?
+# --------------------------------------------------------------------------------------
+
+WHICH = ".which-card"
+AXES = {"mx": 0, "my": 1, "mz": 2, "fx": 3, "fy": 4, "fz": 5}
+AXES |= {"rx": 0, "ry": 1, "rz": 2, "x": 3, "y": 4, "z": 5}
+
+
+def cells(page):
+    """Values in SI units by connection, and the cell, of each row of the table."""
+    names = [x.split("\n")[0][1:2] for x in page.locator(".which thead th").all_inner_texts()]
+    for row in page.locator(".which tbody tr").all():
+        name, unit = row.locator("th").inner_text().split("\n")
+        i, j = (AXES[x] for x in name.strip().split(" per "))
+        texts = [x.replace("\u2212", "-") for x in row.locator("td").all_inner_texts()]
+        last = 0.5 * 10.0 ** -len(texts[0].partition(".")[2])
+        numbers = dict(zip(names, map(float, texts), strict=True))
+        yield (i, j), si(unit), last, numbers
+
+
+def test_four_connections_together_in_one_action(hand):
+    page = hand.page
+    shown(page, {"load": DOWN, "load_axes": "world"})
+    hand.click(f"{WHICH} > summary")
+    assert hand.actions == 1
+    arm = cartstiff.load("ur5")
+    found = cartstiff.analyse(arm, wrench=DOWN, load_axes="world").matrices
+    K = np.array([found[name] for name in "ABKF"])
+    spread = (K.max(axis=0) - K.min(axis=0)) / np.sqrt(np.outer(np.diag(K[0]), np.diag(K[0])))
+    rows = list(cells(page))
+    assert [spread[at] for at, *_ in rows] == pytest.approx(np.sort(spread.ravel())[:-7:-1])
+    for at, unit, last, numbers in rows:
+        for name, x in numbers.items():
+            assert x == pytest.approx(found[name][at] / unit, abs=1.01 * last)
+    # The largest by name and number, and why.
+    most = hand.reads(".which-card p.most").replace("\n", "")
+    assert most.startswith("Largest difference: force along x per rotation about z, KK - KA = ")
+    value, unit = most.split(" = ")[1].split(",")[0].split(" ")
+    difference = found["K"][3, 2] - found["A"][3, 2]
+    assert float(value) * si(unit) == pytest.approx(difference, rel=1e-3)
+    assert "lets the load turn with the body" in hand.reads(".which-card .why")
+    assert "take KK: its force and moment keep" in hand.reads(".which-card .take")
+    assert page.locator(".which .cell.most").count() == 2
+
+
+def test_the_difference_grows_with_the_load_from_zero(hand):
+    page = hand.page
+    hand.click(f"{WHICH} > summary")
+    assert "no difference" in hand.reads(".which-card p.most")
+    assert page.locator(".which tbody tr").count() == 0
+    sizes = []
+    for times in (0.5, 1, 2):
+        hand.drag(".which-card input", times)
+        assert page.evaluate("() => window.cartstiff.state.load[5]") == pytest.approx(-100 * times)
+        said = hand.reads(".which-card summary span")
+        sizes.append(float(said.split("up to ")[1].split(" ")[0]))
+    assert np.divide(sizes, sizes[1]) == pytest.approx([0.5, 1, 2], rel=0.06)
+    hand.drag(".which-card input", 0)
+    assert "no difference" in hand.reads(".which-card p.most")
+
+
+def test_an_own_connection_is_beside_the_others_in_a_file_too(pages, tmp_path):
+    arm = cartstiff.load("ur5")
+    source = Source(arm, load=np.array(DOWN), load_axes="world", connections=(MINE,))
+    file = tmp_path / "arm.html"
+    file.write_text(export_page(source), encoding="utf-8")
+    page = pages.open(file.as_uri(), offline=True)
+    hand = Hand(page)
+    q = [*arm.q[:2], arm.q[2] + 0.2, *arm.q[3:]]
+    point, session = (0.1, -0.2, 0.3), Session(source)
+    for quantity in ("stiffness", "compliance"):
+        page.evaluate(
+            "(state) => window.cartstiff.change(state)",
+            {"q": q, "point": point, "quantity": quantity},
+        )
+        settled(page)
+        result = cartstiff.analyse(arm, q, wrench=DOWN, load_axes="world", load_at=point)
+        Ad = se3.adjoint(se3.pose(np.eye(3), point))
+        expected = Ad.T @ result.tensor(MINE).matrix @ Ad
+        if quantity == "compliance":
+            expected = np.linalg.inv(expected)
+        state = session.start.model_copy(
+            update={"q": q, "point": point, "quantity": quantity, "load_at": None}
+        )
+        live = session.numbers(session.result(state), state)["own"]["quarter"]
+        own = page.evaluate("() => window.cartstiff.matrix('quarter')")
+        size = np.abs(expected).max()
+        assert np.array(live) == pytest.approx(expected, abs=1e-9 * size)
+        assert np.array(own) == pytest.approx(expected, abs=1e-9 * size)
+    hand.click(f"{WHICH} > summary")
+    assert "quarter" in page.locator(".which thead").inner_text()
+
+
+def test_connections_that_cannot_be_shown_are_refused():
+    arm = cartstiff.load("ur5")
+    with pytest.raises(cartstiff.InputError, match="two connections have this name.*quarter"):
+        Source(arm, connections=(MINE, MINE))
+    flat = cartstiff.analyse(arm).flat_connection()
+    with pytest.raises(cartstiff.InputError, match="two connections have this name.*F"):
+        Source(arm, connections=(flat,))
+    own = cartstiff.from_symbols(flat.symbols, "chart", left_invariant=False)
+    with pytest.raises(cartstiff.InputError, match="known at one posture only"):
+        cartstiff.show(arm, connections=[own])
