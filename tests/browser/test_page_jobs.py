@@ -145,10 +145,10 @@ def test_an_own_connection_is_beside_the_others_in_a_file_too(pages, tmp_path):
 
 def test_connections_that_cannot_be_shown_are_refused():
     arm = cartstiff.load("ur5")
-    with pytest.raises(cartstiff.InputError, match="two connections have this name.*quarter"):
+    with pytest.raises(cartstiff.InputError, match=r"two connections have this name.*quarter"):
         Source(arm, connections=(MINE, MINE))
     flat = cartstiff.analyse(arm).flat_connection()
-    with pytest.raises(cartstiff.InputError, match="two connections have this name.*F"):
+    with pytest.raises(cartstiff.InputError, match=r"two connections have this name.*F"):
         Source(arm, connections=(flat,))
     own = cartstiff.from_symbols(flat.symbols, "chart", left_invariant=False)
     with pytest.raises(cartstiff.InputError, match="known at one posture only"):
