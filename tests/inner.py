@@ -66,7 +66,7 @@ HOMES = {
     "batch.chains": "deflection_for",
     "batch.execution": "CompiledKernel HELPERS PortableKernel PrintedPosture javascript",
     "batch.following": "Assembler",
-    "batch.gradient": "pullback",
+    "batch.gradient": "gradient_program",
     "batch.kernels": "Closer WORTH_RECORDING",
     "batch.plans": "plan program_for",
     "batch.postures": "OUTPUTS Reader readable tensions_of_many",

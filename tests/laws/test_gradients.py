@@ -7,7 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.inner import Tape, absolute, copysign, larger, largest, pick, pullback, square_root
+from tests.inner import (
+    Tape,
+    absolute,
+    copysign,
+    gradient_program,
+    larger,
+    largest,
+    pick,
+    square_root,
+)
 from tests.inner import gradients_matrices as matrices
 from tests.support.builders import (
     general_legs,
@@ -34,6 +43,11 @@ def central(f: Any, step: float) -> float:
 def mixed(K: Any, W: Any, T: Any) -> Any:
     """A function of everything that may enter an objective."""
     return K[3, 3] + 0.3 * K[0, 4] - 0.2 * K[5, 1] + 0.1 * (W[2] * W[5]) + T[0, 3] * K[4, 4]
+
+
+def recorded_mixed(at: Any) -> Any:
+    """The same of a program."""
+    return mixed(at["stiffness_B"], at["wrench"], at["pose"])
 
 
 def crossed_joints(stiffness: list[float]) -> Any:
@@ -274,11 +288,12 @@ def test_equal_principal_values_have_two_sides():
 
 def test_the_gradient_costs_at_most_four_times_its_objective():
     for name in ("ur5", "panda", "hexapod", "6-ups"):
-        for quantity in ("translation_free_min", mixed):
-            found = cartstiff.gradient(cartstiff.load(name), of=quantity, by=(), wrench=WRENCH)
-            assert found.operations is not None, found.why
-            objective, whole = found.operations
-            assert whole <= 4.0 * objective, (name, found.operations)
+        for quantity in ("translation_free_min", recorded_mixed):
+            program = cartstiff.record(cartstiff.load(name), (quantity,), loaded=True)
+            objective = program._tape
+            (of,) = (name for name in objective.outputs if name != "verdict")
+            whole = gradient_program(objective, of)
+            assert whole.size <= 4.0 * objective.size, (name, whole.size, objective.size)
 
 
 def test_what_is_refused():
@@ -312,9 +327,9 @@ def test_every_operation_against_differences():
         value = value + numbers[0].sin() * numbers[1].cos()
         from tests.inner import PortableKernel
 
-        slopes = np.array(pullback([(value, 1.0)], numbers), object)
-        program = tape.program({"slopes": slopes}, [])
-        return PortableKernel(program)({"x": np.array([[x, y]])})["slopes"][0].tolist()
+        known = {"value": np.array([value], object), "verdict": np.zeros(1)}
+        program = gradient_program(tape.program(known, []), "value")
+        return PortableKernel(program)({"x": np.array([[x, y]])})["by_x"][0].tolist()
 
     for x, y in ((0.3, 0.7), (-1.2, 0.4), (1.5, -0.6), (2.0, 2.5)):
         reference = [
@@ -376,8 +391,10 @@ def check_matrices(subject: Any) -> None:
         size = parameters.size(name)
         result = question.result
         scales = largest(question.here[0]), result.posture.length, 0.0
-        for got, wanted, scale in zip(
-            question._told(name, exact[name]), question._told(name, quotient), scales, strict=True
-        ):
+        seen, known = (
+            question._told([name], [row.slopes], np.array([row.error]))
+            for row in (exact[name], quotient)
+        )
+        for got, wanted, scale in zip(seen, known, scales, strict=True):
             least = 1e-7 * (scale or np.abs(got).max(initial=1.0) * size)
             np.testing.assert_allclose(got * size, wanted * size, rtol=1e-6, atol=least)

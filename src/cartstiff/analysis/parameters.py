@@ -81,16 +81,16 @@ class Parameters:
     @cached_property
     def numbers(self) -> dict[str, Number]:
         """The numbers of springs, masses and geometry that have derivatives, in order."""
-        own, geometry = self.asked.numbers(), self._geometry
+        own, geometry = self.asked.numbers(), {*self._geometry}
+        placed, misfits = self.asked.mechanism.numbers().keys(), {*self.misfits}
 
         def varies(name: str, number: Number) -> bool:
             group, _, rest = name.partition(".")
             if group == "rest":
                 return bool(self.rest_again) and f"stiffness.{rest}" in own
-            is_placed = group == "mass" or name not in self.asked.mechanism.numbers()
-            if is_placed:
+            if group == "mass" or name not in placed:
                 return not number.is_positive or number.value > 0.0
-            return name in geometry and name not in self.misfits
+            return name in geometry and name not in misfits
 
         kept = [name for name, number in own.items() if varies(name, number)]
         kept.sort(key=lambda name: _ORDER.get(name.partition(".")[0], 2))

@@ -15,8 +15,9 @@ counts zero.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +26,9 @@ from cartstiff import numerics
 from cartstiff.batch.algebra import PLAIN, given_wrench, zeros
 from cartstiff.batch.chains import ChainCase, joint_positions, recorded_tree
 from cartstiff.batch.closed_chains import gaps
-from cartstiff.batch.execution import PortableKernel
 from cartstiff.batch.plans import Case, recorded_arrays
 from cartstiff.batch.tape import (
-    Input,
+    FOLDED,
     Number,
     Program,
     Scalar,
@@ -43,8 +43,10 @@ from cartstiff.batch.tape import (
 from cartstiff.geometry.se3 import Array, skew_of
 
 
-def _parts(name: str, x: Sequence[Scalar], y: Number, w: Scalar) -> tuple[Scalar, ...]:
-    """Adjoints of the arguments x of an operation with result y and adjoint w."""
+def _parts(name: str, x: Sequence[Any], y: Any, w: Any) -> tuple[Any, ...]:
+    """Adjoints of the arguments x of an operation with result y and adjoint w,
+    on recorded numbers or on floats with a row of adjoints.
+    """
     match name:
         case "add":
             return w, w
@@ -172,33 +174,20 @@ def gradient_program(program: Program, output: str) -> Program:
         return tape.program(known, [*program.shared])
 
 
-@dataclass(frozen=True, eq=False)
-class Slopes:
-    """Objectives at one posture and their derivatives by every input of the
-    recorded arithmetic.
+#: Operations on floats: with a larger of two that is not a number where one is not.
+_ON_FLOATS: dict[str, Callable[..., float]] = {
+    **FOLDED,
+    "add": operator.add,
+    "sub": operator.sub,
+    "mul": operator.mul,
+    "div": operator.truediv,
+    "neg": operator.neg,
+    "max": lambda x, y: x if x > y or x != x else y,
+}
 
-    Attributes
-    ----------
-    values : ndarray (m,)
-        The objectives.
-    by : dict of str to ndarray
-        Derivatives (m, ...) by the components of each input array.
-    closing : dict of str to ndarray, optional
-        Of a closed chain: derivatives (r, ...) of the closures' residuals by the same
-        components.
-    forces : dict of str to ndarray, optional
-        Of what comes to rest again: derivatives (n, ...) of the generalised forces, those
-        of the closures among them, which do not change along their directions.
-    kinks : ndarray (m,) of int
-        Number of choices that depend on equal numbers: principal values that coincide,
-        lines that are about to go slack.
-    """
 
-    values: Array
-    by: Mapping[str, Array]
-    closing: Mapping[str, Array] | None
-    forces: Mapping[str, Array] | None
-    kinks: NDArray[np.intp]
+def _at(at: Mapping[int, float], x: Scalar) -> float:
+    return at[x.step] if isinstance(x, Number) else x
 
 
 #: Two numbers that differ by a smaller share are equal.
@@ -208,10 +197,145 @@ _TIE = numerics.NEGLIGIBLE_DIFFERENCE
 Objective = Callable[[Mapping[str, Array]], tuple[Sequence[Scalar], Scalar]]
 
 
-class Differentiated:
-    """Objectives with their derivatives, recorded once and run at any posture of a case.
+class Swept(NamedTuple):
+    """Numbers at one posture and their derivatives by every input.
 
-    Each objective takes a row: its weight is 1 there, and the others' are 0.
+    Attributes
+    ----------
+    values : ndarray (m,)
+    by : dict of str to ndarray
+        Derivatives (m, ...) by the components of each input array.
+    kinks : ndarray (m,) of int
+        Number of choices that depend on equal numbers: principal values that coincide,
+        lines that are about to go slack.
+    verdict : float
+    """
+
+    values: Array
+    by: dict[str, Array]
+    kinks: NDArray[np.intp]
+    verdict: float
+
+
+class Sweep:
+    """Recorded numbers with their derivatives at one posture, without a program.
+
+    The operations are walked through once forwards, for the values of all steps, and once
+    backwards, with a row of adjoints (m,) for all numbers together. That takes less time
+    than to write and to compile a program for the few postures of one question.
+
+    Parameters
+    ----------
+    numbers : sequence of Number or float
+        The numbers (m,) that are differentiated.
+    verdict : Number or float
+        A number that is only computed.
+    """
+
+    def __init__(self, numbers: Sequence[Scalar], verdict: Scalar = PLAIN) -> None:
+        self._numbers, self._verdict = [*numbers], verdict
+        recorded = [x for x in (*numbers, verdict) if isinstance(x, Number)]
+        self._tape = recorded[0].tape if recorded else Tape()
+        operations = self._tape.operations
+        needed, waiting = set[int](), [x.step for x in recorded]
+        while waiting:
+            if (step := waiting.pop()) not in needed:
+                needed.add(step)
+                name, arguments, _ = operations[step]
+                waiting += () if name == "input" else arguments
+        self._steps = sorted(needed)
+        inputs = [self._tape.input(*each) for each in self._tape.inputs]
+        self._active = active(self._tape, inputs, max(needed, default=-1))
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    def values(self, given: Mapping[str, Array]) -> Array:
+        """The numbers, from input arrays (1, ...) by name."""
+        at = self._forwards(given)
+        return np.array([_at(at, x) for x in self._numbers], float)
+
+    @np.errstate(all="ignore")
+    def at(self, given: Mapping[str, Array]) -> Swept:
+        """The numbers and their derivatives, from input arrays (1, ...) by name."""
+        at, operations, m = self._forwards(given), self._tape.operations, len(self)
+        by = {name: np.zeros((m, row.shape[1])) for name, row in given.items()}
+        kinks, adjoint = np.zeros(m, np.intp), dict[int, Any]()
+        rows = np.eye(m) if m > 1 else np.ones(m)
+        for number, row in zip(self._numbers, rows, strict=True):
+            if isinstance(number, Number):
+                adjoint[number.step] = adjoint.get(number.step, 0.0) + row
+        for step in reversed(self._steps):
+            if (w := adjoint.pop(step, None)) is None:
+                continue
+            name, arguments, _ = operations[step]
+            if name == "input":
+                array, component = self._tape.inputs[arguments[0]]
+                by[array][:, component] = w
+                continue
+            x = [at[argument] for argument in arguments]
+            if name in _CHOICES:
+                is_tie = abs(x[0] - x[1]) <= _TIE * max(abs(x[0]), abs(x[1]))
+                if is_tie and not self._active.isdisjoint(arguments[:2]):
+                    kinks += np.not_equal(w, 0.0)
+                is_less = x[0] < x[1]
+                taken = 3 - is_less if name == "pick" else is_less
+                parts = [(arguments[taken], w)]
+            else:
+                each = _parts(name, x, at[step], w)
+                parts = list(zip(arguments, each, strict=True))
+            for argument, part in parts:
+                if argument in self._active:
+                    own = adjoint.get(argument)
+                    adjoint[argument] = part if own is None else own + part
+        values = np.array([_at(at, x) for x in self._numbers], float)
+        return Swept(values, by, kinks, _at(at, self._verdict))
+
+    def _forwards(self, given: Mapping[str, Array]) -> dict[int, float]:
+        """Value of each step; what is not defined is not a number."""
+        operations, inputs = self._tape.operations, self._tape.inputs
+        at = dict[int, float]()
+        rows = {name: row[0].tolist() for name, row in given.items()}
+        for step in self._steps:
+            name, arguments, value = operations[step]
+            if name == "input":
+                array, component = inputs[arguments[0]]
+                value = rows[array][component]
+            elif name != "constant":
+                try:
+                    value = _ON_FLOATS[name](*[at[argument] for argument in arguments])
+                except (ArithmeticError, ValueError):
+                    value = np.nan
+            at[step] = value
+        return at
+
+
+class Slopes(NamedTuple):
+    """Objectives at one posture and their derivatives by every input of the
+    recorded arithmetic.
+
+    Attributes
+    ----------
+    values, by, kinks
+        As of `Swept`.
+    closing : dict of str to ndarray, optional
+        Of a closed chain: derivatives (r, ...) of the closures' residuals by the same
+        components.
+    forces : dict of str to ndarray, optional
+        Of what comes to rest again: derivatives (n, ...) of the generalised forces, those
+        of the closures among them, which do not change along their directions.
+    """
+
+    values: Array
+    by: Mapping[str, Array]
+    kinks: NDArray[np.intp]
+    closing: Mapping[str, Array] | None
+    forces: Mapping[str, Array] | None
+
+
+class Differentiated:
+    """Objectives with their derivatives, recorded once and computed at any posture of a
+    case.
 
     Parameters
     ----------
@@ -222,11 +346,6 @@ class Differentiated:
     objective : callable
     comes_to_rest : bool
         Whether the forces, on which the motion depends, are differentiated as well.
-
-    Attributes
-    ----------
-    size, whole : int
-        Number of operations of the objectives, and with all derivatives.
 
     Raises
     ------
@@ -242,71 +361,29 @@ class Differentiated:
         comes_to_rest: bool = False,
     ) -> None:
         with uncollected():
-            tape = Tape()
-            arrays = recorded_arrays(tape, case, needed)
+            arrays = recorded_arrays(Tape(), case, needed)
             values, verdict = objective(arrays)
-            known = {"values": np.array([*values], object)}
-            known["verdict"] = np.array([larger(arrays["verdict"][0], verdict)], object)
-            self.inputs, self.count = tuple(tape.inputs), len(known["values"])
-            self.size = tape.program(known, []).size
-            weights: Sequence[Scalar] = [1.0]
-            if self.count != 1:
-                weights = list(tape.vector("weights", self.count))
-            choices = list[tuple[Scalar, Scalar, Scalar]]()
-            numbers = [tape.input(*each) for each in self.inputs]
-            parts = pullback(list(zip(values, weights, strict=True)), numbers, choices)
-            known["slopes"] = np.array(parts, object)
-            known["choices"] = np.array(choices, object).reshape(-1)
-            program = tape.program(known, [])
-        self.whole = program.size
-        self._kernel = PortableKernel(program)
-        is_closed = isinstance(case, ChainCase) and case.is_closed
-        self._closing = _Closing(case) if is_closed else None
-        self.forces = Forces(case) if comes_to_rest else None
+            self._objectives = Sweep(values, larger(arrays["verdict"][0], verdict))
+            self._closing: Sweep | None = None
+            if isinstance(case, ChainCase) and case.is_closed:
+                tape = Tape()
+                _, _, position = joint_positions(tape, case.constants)
+                self._closing = Sweep([*gaps(recorded_tree(tape, case, position))])
+            self._forces = Forces(case) if comes_to_rest else None
 
     def at(self, given: Mapping[str, Array]) -> Slopes | None:
         """Objectives and derivatives from input arrays (1, ...) by name.
 
         None where the posture is not plainly regular.
         """
-        rows = {name: np.tile(row, (self.count, 1)) for name, row in given.items()}
-        found = self._kernel({**rows, "weights": np.eye(self.count)})
-        if not self.count or found["verdict"][0, 0] != PLAIN:
+        found = self._objectives.at(given)
+        every = (found.values, *found.by.values())
+        is_finite = all(np.isfinite(x).all() for x in every)
+        if not is_finite or not len(found.values) or found.verdict != PLAIN:
             return None
-        values, slopes = found["values"][0], found["slopes"]
-        if not (np.isfinite(values).all() and np.isfinite(slopes).all()):
-            return None
-        x, y, adjoint = np.moveaxis(found["choices"].reshape(self.count, -1, 3), 2, 0)
-        is_kink = np.abs(x - y) <= _TIE * np.maximum(np.abs(x), np.abs(y))
-        kinks = (is_kink & (adjoint != 0.0)).sum(axis=1)
-        closing = None if self._closing is None else self._closing.at(given)
-        forces = None if self.forces is None else self.forces.at(given, closing)
-        by = _by_array(self.inputs, slopes, given)
-        return Slopes(values, by, closing, forces, kinks)
-
-
-class _Closing:
-    """Derivatives of the residuals of a closed chain's closures by all inputs."""
-
-    def __init__(self, case: Case) -> None:
-        if not isinstance(case, ChainCase):
-            raise TypeError(case)
-        with uncollected():
-            tape = Tape()
-            _, _, position = joint_positions(tape, case.constants)
-            residuals = gaps(recorded_tree(tape, case, position))
-            self.inputs, self.count = tuple(tape.inputs), len(residuals)
-            weights = tape.vector("weights", self.count)
-            numbers = [tape.input(*each) for each in self.inputs]
-            parts = pullback(list(zip(residuals, weights, strict=True)), numbers)
-            program = tape.program({"slopes": np.array(parts, object)}, [])
-        self._kernel = PortableKernel(program)
-
-    def at(self, given: Mapping[str, Array]) -> dict[str, Array]:
-        """Derivatives (r, ...) by the components of each input array."""
-        rows = {name: np.tile(row, (self.count, 1)) for name, row in given.items()}
-        slopes = self._kernel({**rows, "weights": np.eye(self.count)})["slopes"]
-        return _by_array(self.inputs, slopes, given)
+        closing = None if self._closing is None else self._closing.at(given).by
+        forces = None if self._forces is None else self._forces.at(given, closing)
+        return Slopes(found.values, found.by, found.kinks, closing, forces)
 
 
 class Forces:
@@ -318,11 +395,6 @@ class Forces:
 
     which vanishes at rest. The multipliers lam are those numbers that make it smallest;
     they are not differentiated.
-
-    Attributes
-    ----------
-    size : int
-        Number of operations for one component's derivatives.
     """
 
     def __init__(self, case: Case) -> None:
@@ -345,38 +417,16 @@ class Forces:
                 G = T[:3, :3] @ np.column_stack([0.5 * skew_of(W[:3]), W[3:]])
                 terms += zip(T[:3].ravel(), -G.ravel(), strict=True)
             forces = pullback(terms, list(tape.vector("q", n)))
-            self._inputs = tuple(x for x in tape.inputs if x.array != "multipliers")
-            weights = tape.vector("weights", n)
-            numbers = [tape.input(*each) for each in self._inputs]
-            parts = pullback(list(zip(forces, weights, strict=True)), numbers)
-            known = {
-                "forces": np.array(forces, object),
-                "slopes": np.array(parts, object),
-            }
-            program = tape.program(known, [])
-        self.size, self._count, self._closed = program.size, n, len(residuals)
-        self._kernel = PortableKernel(program)
+            self._forces = Sweep(forces)
+        self._closed = len(residuals)
 
     def at(
         self, given: Mapping[str, Array], closing: Mapping[str, Array] | None
     ) -> dict[str, Array]:
         """Derivatives (n, ...) by the components of each input array."""
-        n = self._count
-        rows = {name: np.tile(row, (n, 1)) for name, row in given.items()}
-        rows |= {"weights": np.eye(n), "multipliers": np.zeros((n, self._closed))}
-        found = self._kernel(rows)
+        given = {**given, "multipliers": np.zeros((1, self._closed))}
         if closing is not None:
-            C, f = closing["q"][:, self._moving], found["forces"][0, self._moving]
-            lam = np.linalg.lstsq(C.T, -f, rcond=numerics.RANK)[0]
-            found = self._kernel({**rows, "multipliers": np.tile(lam, (n, 1))})
-        return _by_array(self._inputs, found["slopes"], given)
-
-
-def _by_array(
-    inputs: Sequence[Input], slopes: Array, given: Mapping[str, Array]
-) -> dict[str, Array]:
-    """Derivatives (m, ...) by input array, from those by each input (m, inputs)."""
-    by = {name: np.zeros((len(slopes), row.shape[1])) for name, row in given.items()}
-    for (name, component), column in zip(inputs, slopes.T, strict=True):
-        by[name][:, component] = column
-    return by
+            C, f = closing["q"][:, self._moving], self._forces.values(given)
+            lam = np.linalg.lstsq(C.T, -f[self._moving], rcond=numerics.RANK)[0]
+            given["multipliers"] = lam[None]
+        return self._forces.at(given).by

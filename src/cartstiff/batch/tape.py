@@ -58,7 +58,8 @@ class Input(NamedTuple):
     component: int
 
 
-_FOLDED: dict[str, Callable[..., Any]] = {
+#: Operations on plain numbers beside + - * /.
+FOLDED: dict[str, Callable[..., Any]] = {
     "sqrt": math.sqrt,
     "abs": abs,
     "copysign": math.copysign,
@@ -321,7 +322,7 @@ def _record(name: str, *arguments: Scalar) -> Scalar:
         if isinstance(argument, Number):
             return argument.tape.record(name, *arguments)
     is_stack = any(isinstance(argument, np.ndarray) for argument in arguments)
-    return (_OVER_ARRAYS if is_stack else _FOLDED)[name](*arguments)
+    return (_OVER_ARRAYS if is_stack else FOLDED)[name](*arguments)
 
 
 def square_root(x: Scalar) -> Scalar:

@@ -117,8 +117,6 @@ class Gradient(Result):
         Parameters without a derivative, each with the reason.
     why : str
         Reason why nothing is exact; empty where the recorded arithmetic serves.
-    operations : tuple of (int, int), optional
-        Operations of the objective alone, and with all exact derivatives.
     """
 
     of: str
@@ -128,7 +126,6 @@ class Gradient(Result):
     slopes: tuple[Slope, ...]
     missing: tuple[str, ...] = ()
     why: str = ""
-    operations: tuple[int, int] | None = None
 
     def __getitem__(self, name: str) -> float:
         """Derivative by a parameter; UnknownNameError."""
@@ -349,17 +346,9 @@ class _Question:
                 found.append(self._quotient(slope))
             except CartstiffError as refused:
                 missing.append(f"no derivative by {name}: {one_line(str(refused), 160)}")
-        asked, sizes = self.asked, self._operations
-        return Gradient(
-            asked.name,
-            self.value,
-            asked.unit,
-            QUESTIONS[self.state is not None],
-            tuple(found),
-            tuple(missing),
-            why,
-            sizes,
-        )
+        asked, question = self.asked, QUESTIONS[self.state is not None]
+        slopes, gaps = tuple(found), tuple(missing)
+        return Gradient(asked.name, self.value, asked.unit, question, slopes, gaps, why)
 
     def _chosen(self, by: str | Iterable[str] | None) -> list[str]:
         if by is None:
@@ -376,7 +365,6 @@ class _Question:
 
     def _exact(self) -> tuple[dict[str, float], str]:
         """Exact derivatives by name, and the reason why there is none."""
-        self._operations: tuple[int, int] | None = None
         self._is_kink = False
         lengths = tuple(c.is_length for c in self.mechanism.coordinates)
         recorded = Recorded.of(self.parameters, self.state)
@@ -391,7 +379,6 @@ class _Question:
             return {}, "the posture is not plainly regular"
         if abs(found.values[0] - self.value) > _SAME * abs(self.value):
             return {}, "the recorded arithmetic chooses other rest positions"
-        self._operations = program.size, program.whole
         if found.kinks[0]:
             self._is_kink = True
             return {}, (

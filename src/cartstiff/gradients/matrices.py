@@ -251,16 +251,9 @@ class _Question:
                 missing.append(f"{name} is not varied: {one_line(str(error), 200)}")
             if progress is not None:
                 progress(done, len(names))
-        parts = [self._told(name, row) for name, row in rows.items()]
-        p, k = len(rows), 0 if modes is None else modes.frequencies.size
-        matrices, poses, squares = (
-            np.array(each).reshape(p, *shape)
-            for each, shape in zip(
-                zip(*parts, strict=True) if parts else [(), (), ()],
-                ((4, 6, 6), (6,), (k,)),
-                strict=True,
-            )
-        )
+        errors = np.array([row.error for row in rows.values()])
+        told = self._told(list(rows), [row.slopes for row in rows.values()], errors)
+        matrices, poses, squares = told
         return Sensitivities(
             tuple(rows),
             np.array([parameters.value(name) for name in rows]),
@@ -268,33 +261,44 @@ class _Question:
             poses,
             squares,
             squares if modes is None else in_hertz(modes, squares),
-            np.array([row.error for row in rows.values()]),
+            errors,
             tuple(parameters.is_angle(name) for name in rows),
             "; ".join(missing) or None,
         )
 
-    def _told(self, name: str, row: Quotient) -> tuple[Array, Array, Array]:
-        """Derivatives of the matrices, the pose (6,) and omega^2 (k,), what is below
-        round-off 0.
+    def _told(
+        self, names: Sequence[str], slopes: Sequence[_Parts], errors: Array
+    ) -> tuple[Array, Array, Array]:
+        """Derivatives (p, ...) of the matrices, the pose (6,) and omega^2 (k,),
+        what is below round-off 0.
         """
-        (dK, dT, dH, dM), modes = row.slopes, self.modes
-        natural = self.parameters.size(name)
-        turn = dT[:3, :3] @ self.subject.pose[:3, :3].T
-        pose = np.array([turn[2, 1], turn[0, 2], turn[1, 0], *dT[:3, 3]])
-        squares = np.zeros(0) if modes is None else change_of_squares(modes, dH, dM)
+        modes, p = self.modes, len(names)
+        dK, dT, dH, dM = (
+            np.array([row[i] for row in slopes]).reshape(p, *x.shape)
+            for i, x in enumerate(self.here)
+        )
+        natural = np.array([self.parameters.size(name) for name in names])
+        turn = dT[:, :3, :3] @ self.subject.pose[:3, :3].T
+        each = [turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0], *dT[:, :3, 3].T]
+        poses = np.column_stack(each)
+        squares = np.zeros((p, 0)) if modes is None else change_of_squares(modes, dH, dM)
         # Entries below the round-off of their matrix are 0.
-        error = min(row.error, numerics.NEGLIGIBLE_DIFFERENCE)
-        noise = max(numerics.ROUNDOFF_OF_SUMS, error) / natural
+        error = np.minimum(errors, numerics.NEGLIGIBLE_DIFFERENCE)
+        noise = np.maximum(numerics.ROUNDOFF_OF_SUMS, error) / natural
         columns = np.repeat([1.0, self.result.posture.length], 3)
         energies = np.outer(columns, columns)
-        for x, K in zip(dK, self.here[0], strict=True):
-            size = max(natural * largest(x * energies), largest(K * energies))
-            x[np.abs(x) <= noise * size / energies] = 0.0
-        pose[np.abs(pose) <= noise * columns] = 0.0
+        finite = np.isfinite(dK)
+        changed = np.max(np.abs(dK) * energies, (2, 3), where=finite, initial=0.0)
+        there = np.array([largest(K * energies) for K in self.here[0]])
+        size = noise[:, None] * np.maximum(natural[:, None] * changed, there)
+        dK[np.abs(dK) * energies <= size[:, :, None, None]] = 0.0
+        poses[np.abs(poses) <= np.multiply.outer(noise, columns)] = 0.0
         if modes is not None:
-            least = max(noise, numerics.PRINTED_AS_ZERO / natural)
-            squares[np.abs(squares) <= least * np.abs(modes.squares)] = 0.0
-        return dK, pose, squares
+            least = np.maximum(noise, numerics.PRINTED_AS_ZERO / natural)
+            squares[
+                np.abs(squares) <= np.multiply.outer(least, np.abs(modes.squares))
+            ] = 0.0
+        return dK, poses, squares
 
     def seen(self, subject: PostureStiffness | Equilibrium) -> _Parts:
         """The arrays of an answer; motions keep the closures."""
@@ -350,16 +354,22 @@ class _Question:
         ends = np.cumsum([np.prod(size) for size in sizes])[:-1]
 
         def split(flat: Array) -> dict[str, Array]:
-            parts = zip(outputs, np.split(flat, ends), sizes, strict=True)
-            return {name: part.reshape(size) for name, part, size in parts}
+            parts = zip(outputs, np.split(flat, ends, axis=-1), sizes, strict=True)
+            return {name: x.reshape(*x.shape[:-1], *size) for name, x, size in parts}
 
-        here, rows = split(found.values), dict[str, Quotient]()
-        for name in (name for name in names if name in by):
-            parts = self._parts(split(by[name]), here, recorded, to_motions)
-            nothing = [np.zeros_like(x) for x in parts]
-            size = self.parameters.size(name)
-            rows[name] = Quotient.of(parts, nothing, self.here, size)
-        return rows
+        kept = [name for name in names if name in by]
+        if not kept:
+            return {}
+        stacks = self._parts(
+            split(np.array([by[name] for name in kept])),
+            split(found.values),
+            recorded,
+            to_motions,
+        )
+        return {
+            name: Quotient([x[i] for x in stacks], 0.0, np.nan)
+            for i, name in enumerate(kept)
+        }
 
     def _exists(self, name: str) -> bool:
         """Whether an output exists; at rest K^F is that of all loads."""
@@ -373,27 +383,30 @@ class _Question:
         recorded: Recorded,
         to_motions: Array | None,
     ) -> _Parts:
-        """Derivatives of the arrays of an answer."""
+        """Derivatives (p, ...) of the arrays of an answer."""
         modes, kind = self.modes, recorded.case.load
-        none = np.full((6, 6), np.nan)
-        dB, dW = slopes.get("stiffness_B", none), slopes["wrench"]
+        dW, dT = slopes["wrench"], slopes["pose"]
+        none = np.full((len(dW), 6, 6), np.nan)
+        dB = slopes.get("stiffness_B", none)
         if self.state is None:
             kind = self.result.load
-            of_A, of_K, _ = DEAD_AT_ORIGIN.changes(dW)
-            dK = np.array([dB + of_A, dB, dB + of_K, slopes.get("stiffness_F", none)])
+            of_A, of_K, _ = np.moveaxis(DEAD_AT_ORIGIN.changes(dW), 1, 0)
+            each = [dB + of_A, dB, dB + of_K, slopes.get("stiffness_F", none)]
+            dK = np.stack(each, axis=1)
         else:
             # With the loads among the energies no wrench is left: all matrices agree.
-            dK = np.where(np.isnan(self.here[0]), np.nan, dB + kind.change(dW))
+            all_alike = (dB + kind.change(dW))[:, None]
+            dK = np.where(np.isnan(self.here[0]), np.nan, all_alike)
         if modes is None or to_motions is None:
-            return [dK, slopes["pose"], np.zeros((0, 0)), np.zeros((0, 0))]
+            nothing = np.zeros((len(dW), 0, 0))
+            return [dK, dT, nothing, nothing]
         # The tangent under the load on the motions, H + J^T D J, and its derivative.
         J, dJ = here["motion"], slopes["motion"]
         D, dD = (kind.change(W) for W in (here["wrench"], dW))
-        H = slopes["lagrangian"] + J.T @ dD @ J + dJ.T @ D @ J + J.T @ D @ dJ
+        H = slopes["lagrangian"] + J.T @ dD @ J + dJ.swapaxes(1, 2) @ D @ J + J.T @ D @ dJ
         right = to_motions @ modes.basis @ modes.spectrum.vectors
         left = to_motions @ modes.basis @ modes.spectrum.left
-        kinetic = left.T @ slopes["kinetic"] @ right
-        return [dK, slopes["pose"], left.T @ H @ right, kinetic]
+        return [dK, dT, left.T @ H @ right, left.T @ slopes["kinetic"] @ right]
 
 
 def _to_motions(result: PostureStiffness, case: Case) -> Array | None:

@@ -33,13 +33,16 @@ MATRICES = ("A", "B", "K", "F")
 
 
 def change_of_squares(modes: Modes, dK: Array, dM: Array) -> Array:
-    """Return d(omega^2) (k,) in 1/s^2 for changes (k, k) of the matrices on the modes."""
+    """Return d(omega^2) (..., k) in 1/s^2 for changes (..., k, k) of the matrices on the
+    modes.
+    """
     squares = modes.spectrum.squares
-    rates = np.empty(squares.size)
+    rates = np.empty(dK.shape[:-1])
     for group in modes.groups:
-        own = np.ix_(group, group)
-        form = dK[own] - squares[group] * dM[own]
-        rates[group] = np.sort(np.linalg.eigvals(form).real)
+        own = np.array(group)
+        of_K, of_M = (x[..., own[:, None], own] for x in (dK, dM))
+        form = of_K - squares[group] * of_M
+        rates[..., group] = np.sort(np.linalg.eigvals(form).real)
     return rates / modes.elastic.units.kilogram
 
 
