@@ -756,6 +756,7 @@ def analyse_posture(
         return answer, notes
 
     answer, notes = sections(result)
+    answer["wrenches"] = [one.to_dict() for one in result.wrenches]
     answer["synthesis"] = None
     if target is not None:
         found = notes.attempt(

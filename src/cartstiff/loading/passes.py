@@ -459,7 +459,9 @@ def _beam(beam: BeamModel, indices: Array, link: str) -> Beam:
         (along_z, along_y),
     )
     mass = beam.density * beam.area * beam.length
-    return Beam(indices, beam.length / beam.segments, section, link, mass)
+    outline = None if beam.outline is None else (beam.E, beam.G, *beam.outline)
+    step = beam.length / beam.segments
+    return Beam(indices, step, section, link, mass, outline)  # type: ignore[arg-type]
 
 
 def coupled(whole: Assembly) -> Assembly:

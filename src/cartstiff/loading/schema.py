@@ -457,6 +457,10 @@ class BeamModel(FileModel):
         "area times shear factor, along y; rigid if absent", None
     )
     shear_area_z: Positive | None = keyed("the same along z", None)
+    outline: Two[Positive] | None = keyed(
+        "distances along y and z from the axis to the outermost fibres, for stresses",
+        None,
+    )
     density: NotNegative = keyed(
         "kg per volume: the beam's own mass, lumped as rigid half segments at its "
         "nodes; the link's inertia in the robot's file stays at the near end besides",

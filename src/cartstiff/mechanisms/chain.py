@@ -41,6 +41,7 @@ from cartstiff.mechanisms.contract import (
     Quantities,
     Skeleton,
 )
+from cartstiff.mechanisms.cut_joints import CutPosture
 from cartstiff.mechanisms.tree import WORLD, FixedFrame, KinematicTree, TreeState
 from cartstiff.notes import Note
 from cartstiff.numerics import (
@@ -211,6 +212,10 @@ class ChainPosture(MechanismPosture):
     def gravity(self, acceleration: Array) -> Evaluation:
         """Potential energy of the masses in a uniform field."""
         return self._state.gravity(acceleration)
+
+    def cut(self) -> CutPosture:
+        """The same with all joints cut."""
+        return CutPosture(self._chain, self)
 
     def mass_matrix(self) -> Array:
         """Mass matrix (n, n)."""

@@ -120,6 +120,18 @@ class MechanismPosture(ABC):
     def gravity(self, acceleration: Array) -> Evaluation:
         """Return the potential energy of the masses in a uniform field."""
 
+    def weights_of_lines(self, acceleration: Array) -> Array | None:  # noqa: ARG002
+        """Forces (m, 3) in M by which the masses of `lines` load the body's points; None
+        where they have no masses.
+        """
+        return None
+
+    def cut(self) -> Any:
+        """The same with all joints cut, see `cartstiff.mechanisms.cut_joints`; None for
+        a body without joints.
+        """
+        return None
+
     def mass_matrix(self) -> Array | None:
         """Mass matrix (n, n), kg and length units: kinetic energy ``1/2 dq^T M dq``;
         or None.

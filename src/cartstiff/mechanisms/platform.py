@@ -314,6 +314,19 @@ class PlatformPosture(MechanismPosture):
             held.energy + float(energy), held.gradient + gradient, held.hessian + hessian
         )
 
+    def weights_of_lines(self, acceleration: Array) -> Array | None:
+        """The part of each leg's weight that its platform joint carries."""
+        own, lines = self._platform, self.lines
+        if (struts := own.struts) is None:
+            return None
+        forces, per_kg = [], acceleration / own.units.newtons
+        for k in range(len(own.points)):
+            one = slice(k, k + 1)
+            leg = Struts(*(getattr(struts, field.name)[one] for field in fields(struts)))
+            line = LineGeometry(*(part[one] for part in lines))
+            forces.append(-leg.gravity(line, own.points[one], self.pose, per_kg)[1][3:])
+        return np.array(forces)
+
     def mass_matrix(self) -> Array:
         """Mass matrix (6, 6) of body and legs, on body twists."""
         platform = self._platform

@@ -171,6 +171,8 @@ class Beam(Potential):
     mass : float
         The beam's own [kg], which is part of the joints' inertias at its nodes; 0 if not
         given.
+    outline : tuple of float or None
+        Young's and shear modulus, and distances along y and z of the outermost fibres.
     """
 
     indices: Array
@@ -178,8 +180,9 @@ class Beam(Potential):
     section: Section
     link: str = ""
     mass: float = 0.0
+    outline: tuple[float, float, float, float] | None = None
 
-    length_powers: ClassVar = {"length": 1, "section": 0}
+    length_powers: ClassVar = {"length": 1, "section": 0, "outline": (-2, -2, 1, 1)}
     stem: ClassVar = "coupled springs "
     cost = 16
     is_scaled = True
@@ -215,6 +218,21 @@ class Beam(Potential):
     def times(self, factor: float) -> Beam:
         """The same, stiffer by a factor."""
         return replace(self, section=self.section.times(factor))
+
+    def stress(self, wrench: Array) -> float | None:
+        r"""Equivalent stress ``sqrt(sigma^2 + 3 tau^2)`` at the corner of the outline.
+
+        ``sigma = E (|N| / EA + |M_y| z / EI_y + |M_z| y / EI_z)`` and, as of a round
+        section, ``tau = G |T| r / GJ`` with the larger r of y and z.
+        """
+        if self.outline is None:
+            return None
+        E, G, y, z = self.outline
+        T, M_y, M_z, N = np.abs(wrench[:4]).tolist()
+        section = self.section
+        bent = M_y * z / section.bending[0] + M_z * y / section.bending[1]
+        sigma = E * (N / section.axial + bent)
+        return float(np.hypot(sigma, np.sqrt(3.0) * G * T * max(y, z) / section.torsion))
 
     def in_file(self, entry: Mapping[str, Any]) -> dict[str, Any]:
         """E and G of the beam, by which its torsion is its own."""

@@ -408,6 +408,10 @@ class Potential(ABC):
         """The keys of a link's `entry` in a mechanism file that its numbers change."""
         return {}
 
+    def stress(self, wrench: Array) -> float | None:  # noqa: ARG002
+        """Greatest stress of a link's section under a wrench (6,), if it is known."""
+        return None
+
     def with_open_rest(self) -> Self:
         """The same with rest positions that are to be chosen, if it has some."""
         return self
@@ -421,6 +425,12 @@ class Potential(ABC):
     def wrench_on(self, frame: str, T_F_b: Array) -> Array | None:  # noqa: ARG002
         """Wrench (6,) of a load on a frame at a pose, in its components;
         None if on another.
+        """
+        return None
+
+    def exerted(self, posture: Posture) -> Array | None:  # noqa: ARG002
+        """Wrenches (m, 6) of its lines on the last of `attachments`, in the components of
+        that frame; None without lines.
         """
         return None
 

@@ -493,6 +493,11 @@ class FlexureStruts(LineSprings):
         """
         return PosePotential.evaluate(self, posture)
 
+    def exerted(self, posture: Posture) -> Array:
+        """What the struts exert on frame b, moments of the flexures included."""
+        T, _ = posture.relative(self.frame_a, self.frame_b)
+        return -self.solve(T[None], self.rest_length[None]).wrench[0]
+
     def on_pose(self, T_a_b: Array) -> tuple[float, Array, Array]:
         """Energy, wrench and K^B in components of frame b."""
         at = self.solve(T_a_b[None], self.rest_length[None])

@@ -618,6 +618,11 @@ class LineSprings(PosePotential, Springs):
         _, to_pose = posture.relative(self.frame_a, self.frame_b)
         return pulled_back(*self._stretched(self.geometry(posture)), to_pose)
 
+    def exerted(self, posture: Posture) -> Array:
+        """The pulls of the lines on frame b."""
+        geometry = self.geometry(posture)
+        return -self.tensions(geometry.lengths)[:, None] * geometry.lines
+
     def member_forces(self, posture: Posture, gradient: Array) -> Array:  # noqa: ARG002
         """Sum (n,) of the absolute generalised forces of the lines."""
         geometry = self.geometry(posture)

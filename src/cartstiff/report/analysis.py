@@ -298,6 +298,7 @@ def summary_text(
     lines += target_lines((summary.get("synthesis") or {}).get("target"), u, full)
     if full:
         lines += deflection_lines(summary.get("deflection"), u)
+        lines += wrench_lines(summary.get("wrenches"), u)
     lines += uncertainty_lines(summary.get("uncertainty"), u, full)
     if summary["notes"]:
         lines += ["", "does not exist here, or not to all digits"]
@@ -604,6 +605,31 @@ def _wrench(w: list[float], u: Units) -> str:
     if max(map(abs, moment)) > numerics.PRINTED_AS_ZERO * max(map(abs, force)):
         parts.append(f"moment {vector(moment, 4)} {u.moment}")
     return " and ".join(parts)
+
+
+def wrench_lines(wrenches: Sequence[Mapping[str, Any]] | None, u: Units) -> list[str]:
+    """Wrenches in joints, closures, links and lines, round-off as 0."""
+    if not wrenches:
+        return []
+    sizes = np.abs([one["wrench"] for one in wrenches]).reshape(-1, 2, 3).max(axis=(0, 2))
+    heads = ["part", "frame", f"moment [{u.moment}]", f"force [{u.force}]"]
+    rows = [
+        [
+            one["name"] + " *" * (not one["is_determined"]),
+            one["frame"],
+            *(vector(one["wrench"][3 * k : 3 * k + 3], 5, sizes[k]) for k in (0, 1)),
+        ]
+        for one in wrenches
+    ]
+    if any(one["stress"] is not None for one in wrenches):
+        heads.append(f"stress [{u.force}/{u.length}^2]")
+        for row_, one in zip(rows, wrenches, strict=True):
+            row_.append("" if one["stress"] is None else f"{one['stress']:.4g}")
+    lines = ["", "wrenches in joints, closures, links and lines, along each frame's axes"]
+    lines += table(heads, rows, [0, 1])
+    if any(not one["is_determined"] for one in wrenches):
+        lines += ["  * redundant closures between rigid links leave these open"]
+    return lines
 
 
 def target_lines(t: Section, u: Units, full: bool) -> list[str]:

@@ -64,6 +64,7 @@ from cartstiff.stiffness.tensor import (
     matrix_html,
     numbers_text,
 )
+from cartstiff.stiffness.wrenches import CarriedWrench, wrenches_at
 from cartstiff.units import Units
 
 if TYPE_CHECKING:
@@ -568,6 +569,16 @@ class PostureStiffness(LabelledResult):
             parts = self.elastic, self.posture, self.reduction.multipliers
             torques = rigid_torques(*parts)
         return forces_of(self.elastic, self.posture, torques)
+
+    @cached_property
+    def wrenches(self) -> tuple[CarriedWrench, ...]:
+        """Wrenches in joints, closures, compliant links and lines; none in an unbalanced
+        posture. See `cartstiff.stiffness.wrenches`.
+        """
+        if self.wrench is None:
+            return ()
+        lam = self.reduction.multipliers
+        return wrenches_at(self.elastic, self.posture, self.wrench, lam)
 
     @cached_property
     def task_axes(self) -> TaskAxes | None:
