@@ -7,7 +7,7 @@ in the chain's own coordinates has only what the joints let through.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from cartstiff.geometry.se3 import Array
 from cartstiff.potentials.contract import Evaluation, SecondOrderMap
 
 if TYPE_CHECKING:
-    from cartstiff.mechanisms.chain import Chain, ChainPosture
     from cartstiff.mechanisms.tree import FixedFrame
 
 
@@ -25,7 +24,7 @@ class CutPosture:
 
     closure = None
 
-    def __init__(self, chain: Chain, posture: ChainPosture) -> None:
+    def __init__(self, chain: Any, posture: Any) -> None:
         self.chain, self.posture = chain, posture
         self.q, self.coordinate_lengths = posture.q, posture.coordinate_lengths
         self._count = 6 * chain.tree.model.nv
@@ -51,7 +50,7 @@ class CutPosture:
 
     def pose_of_frame(self, name: str) -> Array:
         """Return the pose ``T_F_b`` of a frame."""
-        return self.posture.pose_of_frame(name)
+        return cast(Array, self.posture.pose_of_frame(name))
 
     def legs(self, anchors: Array, points: Array) -> None:
         """None are known."""
