@@ -118,16 +118,15 @@ class NamedArrays(Mapping[str, Array | None]):
         return len(self._arrays)
 
     def __repr__(self) -> str:
-        lines = [
-            f"  {name}: "
-            + (
-                "none"
-                if a is None
-                else f"array {a.shape}, largest entry {np.abs(a).max(initial=0.0):.6g}"
-            )
-            for name, a in self._arrays.items()
-        ]
+        lines = [f"  {name}: {_in_words(a)}" for name, a in self._arrays.items()]
         return "\n".join(["Arrays by name, in brackets:", *lines])
+
+
+def _in_words(array: Array | None) -> str:
+    """Shape and size of an array that may be missing."""
+    if array is None:
+        return "none"
+    return f"array {array.shape}, largest entry {np.abs(array).max(initial=0.0):.6g}"
 
 
 def of_pinocchio(value: Any) -> Any:

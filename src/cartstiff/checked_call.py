@@ -94,11 +94,10 @@ def _wrong_kind(
                             known.index(new) + 1,
                             takes[new].kind is _BY_PLACE,
                         )
-                        place = (
-                            f"{', '.join(known[:where])}, ..."
-                            if by_place
-                            else f"..., {new}=..."
-                        )
+                        if by_place:
+                            place = f"{', '.join(known[:where])}, ..."
+                        else:
+                            place = f"..., {new}=..."
                         known = [f"{own}({place})"]
                     return UnknownArgumentError(f"argument of {own}", name, known)
         return None  # too many or too few arguments: Python's message names them

@@ -45,13 +45,12 @@ def parse_numbers(
         except ValueError:
             number = math.nan
         if not math.isfinite(number) or "_" in part:
-            expected = (
-                "numbers separated by commas"
-                if count is None
-                else "a number"
-                if count == 1
-                else f"{count} numbers separated by commas"
-            )
+            if count is None:
+                expected = "numbers separated by commas"
+            elif count == 1:
+                expected = "a number"
+            else:
+                expected = f"{count} numbers separated by commas"
             raise InputError(
                 "not a finite number", where=where, expected=expected, got=repr(part)
             )

@@ -133,11 +133,9 @@ def own_stiffness(
     """Return a stiffness in these units; numbers without a unit are in them already."""
     if isinstance(value, str) and _AMOUNT.fullmatch(value):
         value = GivenStiffness.read(value, where)
-    return (
-        value.in_units(units, is_length, where)
-        if isinstance(value, GivenStiffness)
-        else value
-    )
+    if isinstance(value, GivenStiffness):
+        return value.in_units(units, is_length, where)
+    return value
 
 
 # Units for people: the first whose factor the value reaches is taken.

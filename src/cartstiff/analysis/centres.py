@@ -341,11 +341,9 @@ def _coupling_index(K: Array) -> float:
         np.linalg.norm(K[TRANSLATION, TRANSLATION]),
     )
     size = float(np.sqrt(rr * tt))
-    return (
-        float(np.linalg.norm(K[ROTATION, TRANSLATION])) / size
-        if size > 0
-        else float("nan")
-    )
+    if size > 0:
+        return float(np.linalg.norm(K[ROTATION, TRANSLATION])) / size
+    return float("nan")
 
 
 def decoupling_frame(

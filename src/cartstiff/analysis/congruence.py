@@ -333,11 +333,10 @@ def joint_stiffness(
     except UndefinedError:
         fit = None
     root = np.sqrt(np.abs(np.diag(H)))
-    stable = (
-        definiteness(np.linalg.eigvalsh(H / np.outer(root, root)))
-        if root.all()
-        else "zero"
-    )
+    if root.all():
+        stable = definiteness(np.linalg.eigvalsh(H / np.outer(root, root)))
+    else:
+        stable = "zero"
     return JointStiffness(
         Kq,
         S,

@@ -484,11 +484,10 @@ def without_roundoff(result: PostureStiffness) -> list[float]:
     """Coordinates with round-off set to zero, which is larger for those of a
     closed chain.
     """
-    share = (
-        numerics.PRINTED_AS_ZERO
-        if result.posture.closure is None
-        else numerics.STALLED_RESIDUAL
-    )
+    if result.posture.closure is None:
+        share = numerics.PRINTED_AS_ZERO
+    else:
+        share = numerics.STALLED_RESIDUAL
     sizes = [
         result.posture.length if c.is_length else 1.0
         for c in result.mechanism.coordinates

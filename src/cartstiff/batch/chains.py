@@ -764,11 +764,9 @@ class ChainNumbers:
         """H_L on the motions; the terms of load and closures are added
         before projection.
         """
-        return (
-            self.hessian
-            if vanishes(W)
-            else congruence(self.N, self.coordinate_lagrangian(W))
-        )
+        if vanishes(W):
+            return self.hessian
+        return congruence(self.N, self.coordinate_lagrangian(W))
 
     def coordinate_lagrangian(self, W: Array) -> Array:
         """H_L in all coordinates."""
@@ -995,13 +993,12 @@ def _compliances(
             verdict = larger(verdict, doubt)
     if SYMMETRIC in wanted:
         D = chain.case.load.change(W)
-        arrays[SYMMETRIC], doubt = (
-            (C, PLAIN)
-            if unloaded
-            else changed_compliance(
+        if unloaded:
+            arrays[SYMMETRIC], doubt = (C, PLAIN)
+        else:
+            arrays[SYMMETRIC], doubt = changed_compliance(
                 C, (D + D.T) * 0.5, chain.length, numerics.LARGEST_CHANGE_CONDITION
             )
-        )
         verdict = larger(verdict, doubt)
     return verdict
 

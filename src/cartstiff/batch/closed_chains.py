@@ -242,11 +242,10 @@ class ClosedChainNumbers(ChainNumbers):
         if self.n > 6:  # (N^T N)^(-1/2) is at most 1
             if not self.case.independent:
                 return np.array([1.0, 1.0, 1.0], object)
-            spread = (
-                norm_squared(N) * square_root(float(self.n))
-                if self.case.is_driven
-                else 1.0
-            )
+            if self.case.is_driven:
+                spread = norm_squared(N) * square_root(float(self.n))
+            else:
+                spread = 1.0
             serial = self.condition(forward, back.T)
             condition = larger(serial, spread)
             return noteworthy(condition, tangent, own, outer, margin=100.0)

@@ -269,12 +269,11 @@ class PortableKernel(Kernel):
         shared = self.program.shared
         for start in range(0, count, CHUNK):
             part = slice(start, min(start + CHUNK, count))
-            columns = [
-                inputs[name][0]
-                if name in shared
-                else np.ascontiguousarray(inputs[name][part].T)
-                for name in self._arrays
-            ]
+            columns = []
+            for name in self._arrays:
+                rows = inputs[name]
+                same = name in shared
+                columns.append(rows[0] if same else np.ascontiguousarray(rows[part].T))
             with np.errstate(all="ignore"):
                 values = self._function(*columns)
             for name, place in self._places.items():

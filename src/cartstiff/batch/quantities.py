@@ -611,14 +611,13 @@ def choose_quantities(
     if not names:
         raise InputError("no quantity was named", expected="one or more names")
     is_pushed = settings.is_loaded or settings.deflect is not None
-    missing = {
-        "direction": None
-        if settings.direction
-        else "a direction (--direction, direction=)",
-        "deflect": None
-        if is_pushed
-        else "a wrench to deflect the body (--load, or --added-load, deflect=)",
-    }
+    missing = {}
+    if not settings.direction:
+        missing["direction"] = "a direction (--direction, direction=)"
+    if not is_pushed:
+        missing["deflect"] = (
+            "a wrench to deflect the body (--load, or --added-load, deflect=)"
+        )
     chosen = []
     for name in names:
         if names.count(name) > 1:

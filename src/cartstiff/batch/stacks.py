@@ -93,11 +93,9 @@ class Stacks(Source):
     def K(self) -> Array:  # noqa: N802
         """Stiffness (N, 6, 6) that is read: the symmetric part."""
         K = self.arrays[f"stiffness_{self.settings.matrix}"]
-        return (
-            K
-            if self.settings.matrix != "load"
-            else self.once("K", lambda: symmetric_part(K))
-        )
+        if self.settings.matrix != "load":
+            return K
+        return self.once("K", lambda: symmetric_part(K))
 
     @property
     def C(self) -> Array:  # noqa: N802

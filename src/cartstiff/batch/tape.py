@@ -171,17 +171,15 @@ class Tape:
                 if name != "input":
                     read.update(arguments)
                     waiting += arguments
+
         # In the order of recording, but a step that only completes an output directly
         # follows the last step that it reads.
-        order = sorted(
-            (
-                step
-                if step in read or operations[step][0] in _LEAVES
-                else max(operations[step][1]),
-                step,
-            )
-            for step in needed
-        )
+        def after(step: int) -> tuple[int, int]:
+            name, arguments, _ = operations[step]
+            stays = step in read or name in _LEAVES
+            return step if stays else max(arguments), step
+
+        order = sorted(map(after, needed))
         place: dict[int, int] = {}
         kept: list[Operation] = []
         for _, step in order:

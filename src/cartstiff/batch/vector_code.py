@@ -247,11 +247,10 @@ def _records(
             pieces.append(writer.lines)
             continue
         piece = 4 if size % 4 == 0 and width >= 4 else 2
-        how = (
-            f"align {8 * piece}, !nontemporal !0"
-            if stream and size % 2 == 0
-            else "align 8"
-        )
+        if stream and size % 2 == 0:
+            how = f"align {8 * piece}, !nontemporal !0"
+        else:
+            how = "align 8"
         for lane, first in product(range(0, width, 2), range(0, size - size % 2, piece)):
             writer = Writer(width, {}, f"r{i}.{lane}.{first}.")
             both = _exchanged(

@@ -145,9 +145,7 @@ class Analysis(Reading):
                     at=self.frame,
                     direction=self._in_body(self.direction, result, world),
                     wrench=self._in_body(self.added_load, result, world),
-                    target=None
-                    if self.wanted is None
-                    else self.wanted.in_body_frame(result),
+                    target=self.wanted and self.wanted.in_body_frame(result),
                     tolerances=tolerances,
                     progress=progress,
                 )
@@ -317,12 +315,9 @@ def _check_all_exist(result: PostureStiffness, matrices: Mapping[str, Any]) -> N
 
 def _as_controller(result: PostureStiffness, order: Any, axes: Any) -> dict[str, Any]:
     """Return the matrices in another order or along other axes, about M's origin."""
-    matrices = {
-        name: None
-        if K is None
-        else result.tensor(name).as_controller(order=order, axes=axes)
-        for name, K in result.matrices.items()
-    }
+    matrices = dict.fromkeys(result.matrices)
+    for name in [name for name, K in result.matrices.items() if K is not None]:
+        matrices[name] = result.tensor(name).as_controller(order=order, axes=axes)
     return {
         "order": order,
         "axes": axes,

@@ -85,12 +85,12 @@ def models_command(out: Printed, *, quantities: bool = False) -> None:
         f"  {name:<16} {file.get('kind', ''):<14} {file.get('description', '')}"
         for name, file in bundled.items()
     ]
-    listed = (
-        "\n"
-        + click.wrap_text(", ".join(names), 98, "  ", "  ", preserve_paragraphs=False)
-        if robots
-        else " none; pip install 'cartstiff[robots]' adds them."
-    )
+    if robots:
+        listed = "\n" + click.wrap_text(
+            ", ".join(names), 98, "  ", "  ", preserve_paragraphs=False
+        )
+    else:
+        listed = " none; pip install 'cartstiff[robots]' adds them."
     text = [
         "Bundled mechanisms:",
         *lines,
@@ -125,10 +125,9 @@ def _quantities() -> tuple[dict[str, Any], list[str]]:
     width = max(map(len, QUANTITIES))
     lines = []
     for q in known:
-        more = (
-            f"; --{q['asks']}".replace("deflect", "added-load or --load")
-            if q["asks"]
-            else ""
-        )
+        if q["asks"]:
+            more = f"; --{q['asks']}".replace("deflect", "added-load or --load")
+        else:
+            more = ""
         lines.append(f"{q['name']:<{width}}  {q['unit']:<12} {q['description']}{more}")
     return {"schema": "cartstiff-quantities/1", "quantities": known}, lines

@@ -162,11 +162,11 @@ class Response:
         )
         asked = modes, hertz, vibration.damped
         at = self.point or (0.0, 0.0, 0.0)
-        answer: Any = (
-            transmissibility(*asked, at=at)
-            if self.kind == "transmissibility"
-            else frequency_response(*asked, kind=self.kind, at=at)
-        )
+        answer: Any
+        if self.kind == "transmissibility":
+            answer = transmissibility(*asked, at=at)
+        else:
+            answer = frequency_response(*asked, kind=self.kind, at=at)
         data["response"] = answer.to_dict(self.direction)
         return [response_table(answer, self.direction)], {
             "csv": lambda: answer.to_csv(self.direction),

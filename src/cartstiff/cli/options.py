@@ -207,11 +207,9 @@ class Values:
     @property
     def all(self) -> list[float]:
         """Every number that was given."""
-        return (
-            list(self.numbers.values())
-            if isinstance(self.numbers, dict)
-            else self.numbers
-        )
+        if isinstance(self.numbers, dict):
+            return list(self.numbers.values())
+        return self.numbers
 
 
 class JointValues(OptionType):

@@ -152,11 +152,9 @@ def schema(table: str) -> Schema:
 
 def _whole(table: str) -> Keys:
     """Keys of a table, and of the one that it extends."""
-    return (
-        keys_of(_EXTENDED[table]) | keys_of(table)
-        if table in _EXTENDED
-        else keys_of(table)
-    )
+    if table in _EXTENDED:
+        return keys_of(_EXTENDED[table]) | keys_of(table)
+    return keys_of(table)
 
 
 def kinds_of(command: str) -> dict[str, tuple[str, str]]:

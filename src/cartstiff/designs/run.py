@@ -391,11 +391,10 @@ def _reason(state: Array, lacking: Array) -> str:
 
     words = {"regular": "infinite or undefined", "other": "doubtful, not told apart"}
     doubtful, looked = state == STATES.index("other"), ~lacking & (state != 0)
-    also = (
-        f"; looked at one by one: {counted(looked)}"
-        if doubtful.any() and looked.any()
-        else ""
-    )
+    if doubtful.any() and looked.any():
+        also = f"; looked at one by one: {counted(looked)}"
+    else:
+        also = ""
     return f"{counted(lacking)} of {len(state)} poses{also}"
 
 
@@ -563,10 +562,10 @@ class Designs(LabelledResult):
                 for name, m in study.constraints.items()
             ],
             "counts": self.counts(),
-            "best": {name: self.designs.index(self.best(name)) for name in self.better}
-            if self.feasible
-            else None,
+            "best": None,
         }
+        if self.feasible:
+            own["best"] = {n: self.designs.index(self.best(n)) for n in self.better}
         frames = self.home.mechanism.frames_as_dict()
         return described("design", own, frames, gravity_loads(self.home).to_dict(), self)
 
@@ -610,11 +609,10 @@ class Designs(LabelledResult):
         if all(design.state == "failed" for design in self.designs):
             raise InputError("no design has values to draw", got="all have failed")
         single = len(names) == 1
-        pairs = (
-            [(v, names[0]) for v in self.study.variables]
-            if single
-            else list(itertools.combinations(names, 2))
-        )
+        if single:
+            pairs = [(v, names[0]) for v in self.study.variables]
+        else:
+            pairs = list(itertools.combinations(names, 2))
         pairs = pairs[:_MAX_PANELS]
         columns = min(len(pairs), 3)
         rows = -(-len(pairs) // columns)

@@ -114,11 +114,10 @@ def pose(
 ) -> Array:
     """Pose from a rotation matrix (default identity) and a translation (default zero)."""
     r = np.eye(3) if rotation is None else _of_shape(rotation, (3, 3), "rotation")
-    p = (
-        np.zeros(3)
-        if translation is None
-        else _of_shape(translation, (3,), "translation")
-    )
+    if translation is None:
+        p = np.zeros(3)
+    else:
+        p = _of_shape(translation, (3,), "translation")
     m = np.zeros((*np.broadcast_shapes(r.shape[:-2], p.shape[:-1]), 4, 4))
     m[..., 3, 3] = 1.0
     m[..., :3, :3] = r

@@ -174,19 +174,24 @@ class Gradient(Result):
         value = f"{self.value:.6g} {self.unit}".strip()
         head = f"Gradient of {self.of} = {value}, {self.question}"
         width = max((len(slope.name) for slope in self.slopes), default=0)
-        lines = [
-            f"  {slope.name:<{width}}  {slope.value: .6g} {self.unit}"
-            f"{' ' * bool(self.unit)}per {slope.unit}"
-            + ("" if slope.is_exact else "  (difference quotient)")
-            + (
-                ""
-                if slope.sides is None
-                else "  sides {:.6g}, {:.6g}".format(*slope.sides)
-            )
-            for slope in self._by_effect
-        ]
+        lines = []
+        for slope in self._by_effect:
+            line = f"  {slope.name:<{width}}  {slope.value: .6g} {self.unit}"
+            line += f"{' ' * bool(self.unit)}per {slope.unit}"
+            if not slope.is_exact:
+                line += "  (difference quotient)"
+            if slope.sides is not None:
+                line += "  sides {:.6g}, {:.6g}".format(*slope.sides)
+            lines.append(line)
         notes = [f"  {words}" for words in (self.why, *self.missing) if words]
         return "\n".join([head, *lines, *notes])
+
+
+def _numbers_of(given: ArrayLike | None, count: int, name: str) -> Any:
+    """A setting's numbers, which can be a key; None stays."""
+    if given is None:
+        return None
+    return tuple(checked_input(given, (count,), name).tolist())
 
 
 @checked
@@ -268,12 +273,8 @@ def gradient(
     settings = Settings(
         connection,
         1.0 if length is None else float(length),
-        None
-        if direction is None
-        else tuple(checked_input(direction, (3,), "direction").tolist()),
-        None
-        if deflect is None
-        else tuple(checked_input(deflect, (6,), "deflect").tolist()),
+        _numbers_of(direction, 3, "direction"),
+        _numbers_of(deflect, 6, "deflect"),
         load=kind,
         is_loaded=wrench is not None,
     )

@@ -118,15 +118,14 @@ def _output(result: PostureStiffness, name: str) -> Array:
         "stiffness": here.matrices,
         "compliance": here.compliances,
     }
-    value = (
-        found[kind][letter]
-        if kind in found
-        else {
+    if kind in found:
+        value = found[kind][letter]
+    else:
+        value = {
             "pose": result.pose,
             "wrench": result.wrench,
             "energy": np.array([result.energy]),
             "jacobian": result.posture.motion.jacobian,
         }[name]
-    )
     shape = (6,) if name == "wrench" else (6, 6)
     return np.full(shape, np.nan) if value is None else np.asarray(value)

@@ -437,15 +437,14 @@ class Identification(LabelledResult):
             if not mine.any():
                 continue
             left = self.left_out[mine]
+            left = left[~np.isnan(left)]
             answer[name] = {
                 "unit": unit,
                 "count": int(mine.sum()),
                 "residual_rms": _rms(solution.residual[mine]),
                 "sigma": _rms(solution.deviation[mine]),
                 "sigma_is_estimated": not seen.is_known[int(g)],
-                "leave_one_out_rms": None
-                if np.isnan(left).all()
-                else _rms(left[~np.isnan(left)]),
+                "leave_one_out_rms": _rms(left) if left.size else None,
             }
         return answer
 
@@ -985,11 +984,11 @@ def _suspects(result: Identification) -> Iterator[Note]:
         words.append(
             f"the robust fit is outside the plain fit's intervals of {', '.join(outside)}"
         )
-    advice = "the robust fit is recommended" + (
-        ", and is the answer"
-        if result.fit == "robust"
-        else "; the answer is the plain one"
-    )
+    advice = "the robust fit is recommended"
+    if result.fit == "robust":
+        advice += ", and is the answer"
+    else:
+        advice += "; the answer is the plain one"
     numbers = {"rows": result.suspects, "reasons": reasons, "springs": outside}
     yield Note("suspects", f"{'; '.join(words)}: {advice}", numbers)
 
@@ -1098,12 +1097,11 @@ def _check(offsets: str | None, measured: Measurements, fit: str | None) -> None
     check_name("kind of offset", offsets or "none", OFFSETS, "--offsets")
     has_positions = any(name in measured.values for name in (*POSITION, *TURN))
     if offsets in ("rigid", "translation") and not (measured.session and has_positions):
+        lacking = "a column session" if has_positions else "measured positions x, y, z"
         raise InputError(
             "nothing measured has an offset",
             where="--offsets",
-            expected="a column session"
-            if has_positions
-            else "measured positions x, y, z",
+            expected=lacking,
             got=offsets,
         )
     if fit is not None:

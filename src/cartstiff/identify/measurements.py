@@ -302,15 +302,13 @@ def observe(
     values = table(measured.values.values())
     used = ~np.isnan(values)
     row, place = np.nonzero(used)
-    axis = table(
-        (
-            measured.direction @ T_F_B[:3, :3].T
-            if group is None
-            else np.tile(T_F_B[:3, group.index(name)], (len(R), 1))
-            for name, group in zip(names, kinds, strict=True)
-        ),
-        3,
-    )[used]
+
+    def measured_along(name: str, group: tuple[str, ...] | None) -> Array:
+        if group is None:
+            return np.asarray(measured.direction @ T_F_B[:3, :3].T)
+        return np.tile(T_F_B[:3, group.index(name)], (len(R), 1))
+
+    axis = table(map(measured_along, names, kinds), 3)[used]
     # How it depends on the twist of the body.
     along = np.einsum("nji,nj->ni", R[row], axis)
     is_angle = np.array([group in (ROTATION, TURN) for group in kinds], bool)[place]

@@ -118,14 +118,13 @@ class Unknowns:
         """Natural size of each parameter (P,), from the mechanism's own compliances."""
         own = np.sqrt(np.diag(self.elements.compliance))
         both = np.multiply.outer(own, own)
-        return np.array(
-            [
-                abs(u.nominal)
-                if u.law
-                else float((both[S != 0] / np.abs(S[S != 0])).max())
-                for u, S in zip(self.parameters, self.patterns, strict=True)
-            ]
-        )
+
+        def size(unknown: Unknown, S: Array) -> float:
+            if unknown.law:
+                return abs(unknown.nominal)
+            return float((both[S != 0] / np.abs(S[S != 0])).max())
+
+        return np.array([*map(size, self.parameters, self.patterns)])
 
     @property
     def least(self) -> Array:
@@ -348,11 +347,10 @@ def _of_link(elastic: ElasticMechanism, elements: Elements, word: str) -> list[U
             return [Unknown(pattern, "of the file's", 1.0, is_scale=True)]
     # A spring has one for each chosen axis, or each pair of them.
     axes = [member.rpartition(".")[2] for member in members]
-    chosen = (
-        [part.strip() for part in form.split(",")]
-        if form not in ("", "diagonal")
-        else axes
-    )
+    if form not in ("", "diagonal"):
+        chosen = [part.strip() for part in form.split(",")]
+    else:
+        chosen = axes
     for part in chosen:
         if part not in axes:
             where = f"--unknown {word}"

@@ -459,8 +459,6 @@ class _Search:
             tolerance=numerics.CONSTRAINT_TOLERANCE,
             rank=numerics.LEAST_CLOSURE_RATE,
         )
-        return (
-            posture.q
-            if size <= numerics.CONSTRAINT_TOLERANCE
-            else np.full_like(self.q, np.nan)
-        )
+        if size <= numerics.CONSTRAINT_TOLERANCE:
+            return posture.q
+        return np.full_like(self.q, np.nan)

@@ -54,12 +54,11 @@ def example_robots() -> dict[str, Path | None]:
     # In release 5.0.0 the name ur3 is bound to the UR5's loader.
     if hasattr(robots_loader, "UR3Loader"):
         loaders["ur3"] = robots_loader.UR3Loader
-    return {
-        name: data / loader.path / loader.urdf_subpath / loader.urdf_filename
-        if loader.urdf_filename
-        else None
-        for name, loader in sorted(loaders.items())
-    }
+    found: dict[str, Path | None] = {}
+    for name, loader in sorted(loaders.items()):
+        file = loader.urdf_filename
+        found[name] = data / loader.path / loader.urdf_subpath / file if file else None
+    return found
 
 
 def example_robot(name: str) -> Path:

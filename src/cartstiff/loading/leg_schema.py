@@ -208,11 +208,10 @@ class ContactStiffnessModel(FileModel):
         """Springs by the joint of the contact that they are in: contact.tx, ...,
         contact.z.
         """
-        x, y = (
-            self.tangential
-            if isinstance(self.tangential, list)
-            else [self.tangential] * 2
-        )
+        if isinstance(self.tangential, list):
+            x, y = self.tangential
+        else:
+            x, y = [self.tangential] * 2
         each = {"contact.tx": x, "contact.ty": y, "contact.tz": self.normal}
         springs = {name: k for name, k in each.items() if k != math.inf}
         return springs if self.spin is None else {**springs, "contact.z": self.spin}

@@ -144,8 +144,6 @@ def _each(value: Any, place: str, form: str) -> Iterator[tuple[str, Any]]:
 
 
 def _numbers(values: Sequence[float]) -> str:
-    return (
-        f"({', '.join(f'{x:g}' for x in values)})"
-        if len(values) > 1
-        else f"{values[0]:g}"
-    )
+    if len(values) > 1:
+        return f"({', '.join(f'{x:g}' for x in values)})"
+    return f"{values[0]:g}"

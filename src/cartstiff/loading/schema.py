@@ -533,12 +533,11 @@ class FlexibleModel(FileModel):
         """Convert texts with units, which only what turns or slides alone can have."""
         if not isinstance(rows, list):
             return rows
-        return [
-            [_entry(x, i, j, info) for j, x in enumerate(row)]
-            if isinstance(row, list)
-            else row
-            for i, row in enumerate(rows)
-        ]
+        read = list(rows)
+        for i, row in enumerate(rows):
+            if isinstance(row, list):
+                read[i] = [_entry(x, i, j, info) for j, x in enumerate(row)]
+        return read
 
 
 class LineModel(FileModel):

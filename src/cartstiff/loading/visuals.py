@@ -114,11 +114,10 @@ def _pieces(description: Description) -> tuple[Sequence[Piece], list[str]]:
     path, text = description.path, description.text
     if description.pieces is not None or (path is None and text is None):
         return _present(description.pieces or ())
-    root = (
-        parse_xml(path)
-        if path and text is None
-        else parse_text(str(text), description.name)
-    )
+    if path and text is None:
+        root = parse_xml(path)
+    else:
+        root = parse_text(str(text), description.name)
     # Colours by the names of materials, which the robot declares once.
     painted: dict[str | None, ET.Element] = {}
     for material in root.iter("material"):

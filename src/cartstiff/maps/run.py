@@ -320,13 +320,12 @@ def _check_postures(sampling: Sampling, elastic: ElasticMechanism) -> None:
     row = next((own[name] for name in ("base", "lower", "q") if name in own), elastic.q)
     names = sampling.names if isinstance(sampling, Grid) else elastic.names
     if names != elastic.names or np.shape(row)[-1] != len(names):
+        got = f"{np.shape(row)[-1]} coordinates"
         raise InputError(
             "postures are of another mechanism",
             where="sampling",
             expected=", ".join(elastic.names),
-            got=", ".join(names)
-            if names != elastic.names
-            else f"{np.shape(row)[-1]} coordinates",
+            got=got if names == elastic.names else ", ".join(names),
         )
 
 

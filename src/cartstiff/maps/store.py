@@ -521,13 +521,12 @@ class MapFile:
             part: row[1 : 1 + len(names)].astype(np.int64) for part, row in marks.items()
         }
         about = self.attributes[CHECKSUM], self._fixed, names, self.parts.cuts, seals
-        pieces = {
-            name: (prod(a.chunks) * a.dtype.itemsize, prod(a.shards) // prod(a.chunks))
-            if a.shards
-            else (prod(a.chunks) * a.dtype.itemsize, 0)
-            for name, a in self.described.items()
-            if name != _MARKS
-        }
+        pieces = {}
+        for name, a in self.described.items():
+            if name != _MARKS:
+                size = prod(a.chunks)
+                in_shard = prod(a.shards) // size if a.shards else 0
+                pieces[name] = (size * a.dtype.itemsize, in_shard)
         return SealedStore(self.inner, *about, pieces)
 
     @cached_property

@@ -169,11 +169,9 @@ class ChainPosture(MechanismPosture):
     def coordinate_lengths(self) -> Array:  # type: ignore[override]
         """1 for angles, the characteristic length for distances."""
         chain = self._chain
-        return (
-            np.where(chain.is_length, self.length, 1.0)
-            if chain.has_lengths
-            else chain.angles
-        )
+        if chain.has_lengths:
+            return np.where(chain.is_length, self.length, 1.0)
+        return chain.angles
 
     def pose_at(self, placement: FixedFrame) -> Array:
         """Return the pose ``T_F_f`` of a frame fixed to a joint, without its map."""

@@ -195,11 +195,10 @@ class ElasticMechanism(ShownInLines):
             count = int(np.count_nonzero(self.springs.rest_is_free(every=True)))
         for names, kind in ((assumed, "assumed"), (others, words)):
             if names:
-                some = (
-                    f"{len(names)} of {count} springs"
-                    if len(names) < count
-                    else "Springs"
-                )
+                if len(names) < count:
+                    some = f"{len(names)} of {count} springs"
+                else:
+                    some = "Springs"
                 found.append(f"{some} {kind}")
         if self.is_illustrative and not self.illustrative:
             found.append(f"Springs {words}")
@@ -475,11 +474,10 @@ class ElasticMechanism(ShownInLines):
 
         Infinite for rigid joints, not used with a law.
         """
-        own = (
-            []
-            if self.springs is None
-            else np.asarray(self.springs.stiffness, float).tolist()
-        )
+        if self.springs is None:
+            own = []
+        else:
+            own = np.asarray(self.springs.stiffness, float).tolist()
         return [np.inf if j in self.mechanism.rigid else k for j, k in enumerate(own)]
 
     def with_potential(self, *potentials: Potential) -> ElasticMechanism:

@@ -57,9 +57,7 @@ def in_units(elastic: ElasticMechanism, length: str) -> ElasticMechanism:
             if c.name in elastic.efforts
         },
         potentials=tuple(p.in_units(a, sizes, efforts) for p in elastic.potentials),
-        identified=None
-        if known is None
-        else known.scaled(Elements(elastic).deflect_by_length, a),
+        identified=known and known.scaled(Elements(elastic).deflect_by_length, a),
     )
 
 

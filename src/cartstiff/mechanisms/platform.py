@@ -461,11 +461,10 @@ class Platform(Mechanism):
             )
         self.points_P = points_P
         self.points = points_P @ T_M_P[:3, :3].T + T_M_P[:3, 3]
-        self.limits = (
-            None
-            if limits is None
-            else checked_array(limits, None, "limits", finite=False)
-        )
+        if limits is None:
+            self.limits = None
+        else:
+            self.limits = checked_array(limits, None, "limits", finite=False)
         self.mass = float(mass)
         centre = checked_vector(mass_centre, 3, "mass centre")
         self.mass_centre = T_M_P[:3, :3] @ centre + T_M_P[:3, 3]

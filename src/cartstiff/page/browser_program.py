@@ -97,11 +97,10 @@ def browser_program(
     if (reason := _left_out(free)) is not None:
         return reason
     programs = {"free": program_for(free.case, _NAMES)}
-    bending, no_load = (
-        _link_deflection(loaded, elastic.names)
-        if free.is_closed
-        else (None, _left_out(loaded))
-    )
+    if free.is_closed:
+        bending, no_load = _link_deflection(loaded, elastic.names)
+    else:
+        bending, no_load = None, _left_out(loaded)
     if bending is not None:
         programs |= bending.pop("programs")
         no_load = None

@@ -107,11 +107,10 @@ def _appearance(
 ) -> Appearance:
     """Return the appearance of the picture of a state."""
     measures = state.measures
-    kept = (
-        None
-        if measures is None
-        else {str(f): one.model_dump() for f, one in measures.items()}
-    )
+    if measures is None:
+        kept = None
+    else:
+        kept = {str(f): one.model_dump() for f, one in measures.items()}
     return Appearance(
         **{name: getattr(state, name) for name in _ALIKE},
         axes=state.labels,

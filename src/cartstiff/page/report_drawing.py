@@ -160,9 +160,9 @@ def exaggerated(
     factor = round_number(min(_SHOWN * size / moved, _TURN / turned))
     there = start + factor * step
     try:
-        return factor, mechanism.closed(there) if mechanism.closures else mechanism.at(
-            there
-        )
+        if mechanism.closures:
+            return factor, mechanism.closed(there)
+        return factor, mechanism.at(there)
     except CartstiffError:  # closures do not go so far
         return None
 

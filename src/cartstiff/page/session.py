@@ -136,11 +136,10 @@ class Session:
             command=source.command,
         )
         result = self.result(state)
-        quantity = (
-            "compliance"
-            if result.reduction.stiffness is None and result.compliances["B"] is not None
-            else "stiffness"
-        )
+        if result.reduction.stiffness is None and result.compliances["B"] is not None:
+            quantity = "compliance"
+        else:
+            quantity = "stiffness"
         cloud = self.source.cloud
         return state.model_copy(
             update={
@@ -162,7 +161,6 @@ class Session:
         With the numbers of that picture a page that wants nothing else need not ask for
         them.
         """
-        trajectory, cloud = self.source.trajectory, self.source.cloud
         state = self.start
         data = {
             "id": number,
@@ -176,17 +174,8 @@ class Session:
             "state": state.model_dump(),
             "now": None if now is None else now.model_dump(),
             **self._facts,
-            "trajectory": None
-            if trajectory is None
-            else {"time": trajectory.time.tolist(), "timed": trajectory.timed},
-            "cloud": None
-            if cloud is None
-            else {
-                "quantities": [{"name": n, "unit": cloud.units[n]} for n in cloud.values],
-                "count": len(cloud.positions),
-                "thinned": cloud.thinned,
-                "has_postures": cloud.q is not None,
-            },
+            "trajectory": _trajectory_in_short(self.source),
+            "cloud": _cloud_in_short(self.source),
         }
         result = self.result(state)
         legend = self._draw(result, state)
@@ -567,3 +556,24 @@ def _six(values: Array | None) -> tuple[float, float, float, float, float, float
         return None
     mx, my, mz, fx, fy, fz = (float(x) for x in values)
     return mx, my, mz, fx, fy, fz
+
+
+def _trajectory_in_short(source: Source) -> dict[str, Any] | None:
+    """What the page's player knows of the joint angles of a file."""
+    trajectory = source.trajectory
+    if trajectory is None:
+        return None
+    return {"time": trajectory.time.tolist(), "timed": trajectory.timed}
+
+
+def _cloud_in_short(source: Source) -> dict[str, Any] | None:
+    """What the page's choices know of a cloud of points; the points come later."""
+    cloud = source.cloud
+    if cloud is None:
+        return None
+    return {
+        "quantities": [{"name": n, "unit": cloud.units[n]} for n in cloud.values],
+        "count": len(cloud.positions),
+        "thinned": cloud.thinned,
+        "has_postures": cloud.q is not None,
+    }

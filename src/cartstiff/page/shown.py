@@ -554,11 +554,10 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
     if unstable:
         moved = None
     forces = [leg["tension"] for leg in legs(result) or () if leg["tension"] is not None]
-    ways = (
-        (None, None)
-        if moved is None
-        else (moved.whole.displacement, moved.whole.twist[:3])
-    )
+    if moved is None:
+        ways = (None, None)
+    else:
+        ways = (moved.whole.displacement, moved.whole.twist[:3])
     deflection, turn = (
         None if way is None else [float(np.linalg.norm(way))] for way in ways
     )

@@ -522,11 +522,14 @@ class LineSprings(PosePotential, Springs):
         missed[missed <= limit + _SUM_ROUNDOFF * numerics.EPSILON * summed] = 0.0
         if missed.any():
             size = _length(lines[3:, 0])  # of directions in that scale
+            what = "no tensions of the lines balance this load at this pose"
+            if not free.all():
+                what = (
+                    "no tensions of the lines without a rest length balance the other "
+                    "ones here"
+                )
             raise InputError(
-                "no tensions of the lines balance this load at this pose"
-                if free.all()
-                else "no tensions of the lines without a rest length balance the other "
-                "ones here",
+                what,
                 expected="forces that the lines can carry (not a type-2 singularity)",
                 got=f"an unbalanced moment of {_length(missed[:3]):.3g} and force of "
                 f"{_length(missed[3:] / size):.3g}, in the file's units",

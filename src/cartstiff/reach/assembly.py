@@ -497,11 +497,10 @@ def _of_platform(
             got=str(len(platform.points)),
         )
     start = platform.at(q)
-    wanted = (
-        start.lines.lengths
-        if lengths is None
-        else checked_vector(lengths, 6, "leg lengths")
-    )
+    if lengths is None:
+        wanted = start.lines.lengths
+    else:
+        wanted = checked_vector(lengths, 6, "leg lengths")
     lengths_by_leg = dict(zip(elastic.spring_names, map(float, wanted), strict=True))
     notes = list(elastic.notes)
     singular = architecture_of(platform).note()

@@ -1267,11 +1267,9 @@ class Workspace(LabelledResult):
     @property
     def volume(self) -> float | None:
         """Volume of the positions at this orientation, in the units of the axes."""
-        return (
-            None
-            if self.columns is None
-            else self.columns.volume * float(self.scales.prod())
-        )
+        if self.columns is None:
+            return None
+        return self.columns.volume * float(self.scales.prod())
 
     @property
     def volume_error(self) -> float | None:

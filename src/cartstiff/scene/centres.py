@@ -135,18 +135,19 @@ class CentresPicture:
                 self._labels[name].show(text, M[:3, 3] + [0.0, 0.0, side * self._size])
             else:
                 self._labels[name].hide()
-        return {
-            name: {
+        told = {}
+        for name, p in points.items():
+            reason = None
+            if p is None:
+                reason = str(places.reasons[name])
+            elif name not in near:
+                reason = "outside of the picture"
+            told[name] = {
                 "point": None if p is None else p.tolist(),
                 "shown": name in near,
-                "reason": str(places.reasons[name])
-                if p is None
-                else None
-                if name in near
-                else "outside of the picture",
+                "reason": reason,
             }
-            for name, p in points.items()
-        }
+        return told
 
     def hide(self) -> None:
         """Show nothing."""

@@ -122,11 +122,10 @@ class Environment:
         background = self._root["Background"]
         background.set_property("top_color", theme.fractions(look.top))
         background.set_property("bottom_color", theme.fractions(look.bottom))
-        level = (
-            min(0.0, float(self._low[2]))
-            if self._low[2] > -0.05 * self.size
-            else self._low[2]
-        )
+        if self._low[2] > -0.05 * self.size:
+            level = min(0.0, float(self._low[2]))
+        else:
+            level = self._low[2]
         self.node["ground"].set_object(self._ground(look, level - 1e-3 * self.size))
         near = self._points[self._points[:, 2] < level + 0.1 * self.size, :2]
         # It stands on its base: it neither hangs nor lies in a plane.

@@ -162,11 +162,10 @@ class PlatformPicture:
             anchors = platform.anchors
             spread = np.linalg.svd(anchors - anchors.mean(axis=0), compute_uv=False)
             is_flat = spread[-1] < 0.2 * spread[0]
-            made = (
-                objects.plate(anchors, thick, look.plate, 0.9)
-                if is_flat
-                else _edges(anchors, look.link)
-            )
+            if is_flat:
+                made = objects.plate(anchors, thick, look.plate, 0.9)
+            else:
+                made = _edges(anchors, look.link)
             if made is not None:
                 node["base"]["plate"].set_object(made)
             self._balls(node["base"], anchors, 0.017 * size, look.joint)
@@ -335,11 +334,10 @@ class ChainPicture:
 
     def _piece(self, i: int, visual: Visual) -> bool:
         node = self._on(visual.at.joint)[f"{i} {visual.link.replace('/', ' ')}"]
-        mesh = (
-            self._meshes[visual.shape.path]
-            if isinstance(visual.shape, MeshFile)
-            else None
-        )
+        if isinstance(visual.shape, MeshFile):
+            mesh = self._meshes[visual.shape.path]
+        else:
+            mesh = None
         if isinstance(mesh, InputError):
             self._missing.append(f"link {visual.link}: {mesh}")
             return False

@@ -22,13 +22,12 @@ def round_number(x: float) -> float:
     """The largest of 1, 2, 5 times a power of ten that does not exceed x > 0."""
     power = floor(log10(x))
     lead = x / 10.0**power
-    step = (
-        5.0
-        if lead >= 5 * (1 - numerics.ROUNDOFF)
-        else 2.0
-        if lead >= 2 * (1 - numerics.ROUNDOFF)
-        else 1.0
-    )
+    if lead >= 5 * (1 - numerics.ROUNDOFF):
+        step = 5.0
+    elif lead >= 2 * (1 - numerics.ROUNDOFF):
+        step = 2.0
+    else:
+        step = 1.0
     return float(f"{step}e{power}")
 
 
@@ -155,11 +154,9 @@ class Logarithmic:
 
     def length(self, value: float) -> float:
         """Length of an absolute value."""
-        return (
-            log10(max(abs(value) / self.zero, 1.0)) * self.per_decade
-            if self.zero
-            else 0.0
-        )
+        if self.zero:
+            return log10(max(abs(value) / self.zero, 1.0)) * self.per_decade
+        return 0.0
 
     def legend(self) -> dict[str, Any]:
         """Return the meaning of a length."""

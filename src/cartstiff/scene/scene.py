@@ -428,11 +428,10 @@ class Scene:
             self._deflections.hide()
             return {"shown": False, "reason": "no load: nothing moves"}
         unit = self._elastic.units.length
-        force = (
-            None
-            if wrench is None
-            else (T[:3, :3] @ wrench["wrench"][3:], wrench["force"])
-        )
+        if wrench is None:
+            force = None
+        else:
+            force = (T[:3, :3] @ wrench["wrench"][3:], wrench["force"])
         answer = self._deflections.draw(
             twist, T, unit, look.exaggeration, look.labels, force
         )

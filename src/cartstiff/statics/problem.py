@@ -445,11 +445,10 @@ class System:
         posture = self.elastic.mechanism.at(q)
         columns = posture.coordinate_lengths
         n = columns.size
-        limited = (
-            self.limits.values(posture.q, posture.pose)
-            if len(self.limits)
-            else np.empty(0)
-        )
+        if len(self.limits):
+            limited = self.limits.values(posture.q, posture.pose)
+        else:
+            limited = np.empty(0)
         nothing = Evaluation(0.0, np.zeros(n), np.zeros((n, n)))
         point = Point(
             posture.q,

@@ -566,13 +566,13 @@ class Equilibrium(Result, LabelledResult):
         differ = abs(found.energy - self.energy)
         scale = abs(self.energy) + float(np.abs(self.eigenvalues).max(initial=0.0))
         is_mirror = away.max(initial=0.0) > numerics.NEGLIGIBLE_DISTANCE
-        return (
-            found
-            if is_mirror
+        if (
+            is_mirror
             and found.stable
             and differ <= numerics.NEGLIGIBLE_DIFFERENCE * scale
-            else None
-        )
+        ):
+            return found
+        return None
 
     def _lines(self) -> list[str]:
         stable = {True: "stable", False: "unstable", None: "stability not decided"}[
@@ -659,11 +659,9 @@ class Equilibrium(Result, LabelledResult):
         """Rotation vector and translation (6,) by the load, from the rest `before`;
         axes of F.
         """
-        return (
-            None
-            if self.before is None
-            else displacement_between(self.before.pose, self.pose)
-        )
+        if self.before is None:
+            return None
+        return displacement_between(self.before.pose, self.pose)
 
     @property
     def has_free_motion(self) -> bool:

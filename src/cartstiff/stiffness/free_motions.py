@@ -94,11 +94,10 @@ class FreeMotions:
             H = np.concatenate([H, in_basis[None]])
         inverses, errors = numerics.invert_each(H)
         if loss > errors[-1]:
-            errors[-1] = (
-                loss
-                if loss < numerics.EPSILON * numerics.LARGEST_INVERTIBLE_CONDITION
-                else np.inf
-            )
+            if loss < numerics.EPSILON * numerics.LARGEST_INVERTIBLE_CONDITION:
+                errors[-1] = loss
+            else:
+                errors[-1] = np.inf
         terms = self.terms + np.abs(J.T) @ np.abs(changes) @ np.abs(J)
         is_idle = np.abs(H[:count]) <= numerics.FREE_MOTION_STIFFNESS * terms
         errors[:count][(is_idle.all(axis=1) | is_idle.all(axis=2)).any(axis=1)] = np.inf

@@ -270,16 +270,14 @@ class PostureStiffness(LabelledResult):
     def _lines(self) -> list[str]:
         elastic, W = self.elastic, self.wrench
         exists = [name for name, K in self.matrices.items() if K is not None]
+        load = "none that balances"
+        if W is not None:
+            load = f"{numbers_text(W)} (moment, force; body axes)"
         return [
             f"Stiffness of {elastic.name} ({elastic.mechanism.kind}) at "
             f"{elastic.mechanism.frame}",
             f"  q        {numbers_text(self.q)}",
-            "  load     "
-            + (
-                "none that balances"
-                if W is None
-                else f"{numbers_text(W)} (moment, force; body axes)"
-            ),
+            f"  load     {load}",
             "  matrices "
             + (", ".join(f"K^{name}" for name in exists) or "none exists here")
             + f" in {elastic.units.force} and {elastic.units.length}: .A .B .K .F, "
@@ -822,6 +820,10 @@ class PostureStiffness(LabelledResult):
         ]
         return {"coupled_springs": springs} if springs else {}
 
+    def _legs_as_dict(self) -> dict[str, Any]:
+        drives = [drive.to_dict() for drive in self.drives]
+        return {"legs": drives} if drives else {}
+
     def to_dict(self) -> dict[str, Any]:
         """The object printed by ``cartstiff analyse --json``."""
 
@@ -831,11 +833,7 @@ class PostureStiffness(LabelledResult):
         return {
             "schema": SCHEMA,
             **self.elastic.about(),
-            **(
-                {"legs": [drive.to_dict() for drive in self.drives]}
-                if self.drives
-                else {}
-            ),
+            **self._legs_as_dict(),
             "forces": [one.to_dict() for one in self.forces],
             "order": se3.ANGULAR_LINEAR,
             "q": self.q.tolist(),

@@ -155,11 +155,10 @@ class Reduction(ShownInLines):
         )
 
     def _lines(self) -> list[str]:
-        force = (
-            "none: unbalanced"
-            if self.force is None
-            else ", ".join(f"{x:.6g}" for x in self.force.tolist())
-        )
+        if self.force is None:
+            force = "none: unbalanced"
+        else:
+            force = ", ".join(f"{x:.6g}" for x in self.force.tolist())
         return [
             f"Reduction of {self.freedoms} free motions to rank {self.rank}",
             f"  force     {force}",

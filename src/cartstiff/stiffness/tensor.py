@@ -349,11 +349,9 @@ class StiffnessTensor(LabelledMatrix):
         here = self.to_order("angular-linear")
         term = here.connection.wrench_term(here.wrench)
         predicted = -se3.bracket_form(here.wrench) - (term - term.T)
-        return (
-            predicted
-            if self.order == se3.ANGULAR_LINEAR
-            else predicted[se3.SWAP][:, se3.SWAP]
-        )
+        if self.order == se3.ANGULAR_LINEAR:
+            return predicted
+        return predicted[se3.SWAP][:, se3.SWAP]
 
     @property
     def symmetric_part(self) -> Array:

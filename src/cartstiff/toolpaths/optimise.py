@@ -301,11 +301,9 @@ class Choices:
         """Return the choices of a cell: "angle" and "position", as far as they exist."""
         a, b = divmod(cell, len(self.positions))
         values = {"angle": float(self.angles[a])} if self.turns else {}
-        return (
-            values
-            if self.joint is None
-            else {**values, "position": float(self.positions[b])}
-        )
+        if self.joint is None:
+            return values
+        return {**values, "position": float(self.positions[b])}
 
     @property
     def task(self) -> Free:
@@ -1392,11 +1390,10 @@ def _bounds(
     max_step: float | Mapping[str, float] | ArrayLike | None,
 ) -> Array:
     default = MAX_STEP * solver.sizes
-    bounds = (
-        default
-        if max_step is None
-        else named_values(max_step, elastic.names, default, "largest step")
-    )
+    if max_step is None:
+        bounds = default
+    else:
+        bounds = named_values(max_step, elastic.names, default, "largest step")
     if not np.all(bounds > 0):
         raise InputError("largest step must be above zero", got=bounds.tolist())
     return np.array(bounds)

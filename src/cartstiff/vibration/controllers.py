@@ -348,11 +348,12 @@ def impedance(
     # J has rank 6 here; otherwise there is no operational-space mass.
     is_open = modes.posture.closure is None
     null = np.linalg.svd(J)[2][6:] if is_open else np.zeros((0, J.shape[1]))
-    null_masses = (
-        units.kilogram * np.einsum("ki,ij,kj->k", null, modes.full_mass, null)
-        if len(null)
-        else np.zeros(0)
-    )
+    if len(null):
+        null_masses = units.kilogram * np.einsum(
+            "ki,ij,kj->k", null, modes.full_mass, null
+        )
+    else:
+        null_masses = np.zeros(0)
     return Impedance(
         K,
         D,

@@ -322,11 +322,9 @@ class Modes(Result, LabelledResult):
     @cached_property
     def _load_with_notes(self) -> tuple[Mapping[str, Any], tuple[Note, ...]]:
         """Load and notes of the rest state, computed when first used."""
-        return (
-            _load_at_rest(self.state)
-            if self.result is None
-            else _load_of_posture(self.result)
-        )
+        if self.result is None:
+            return _load_at_rest(self.state)
+        return _load_of_posture(self.result)
 
     @property
     def load(self) -> Mapping[str, Any]:
@@ -536,11 +534,10 @@ def _load_of_posture(
         n for n in notes if n.code not in ("fewer-than-six-freedoms", "near-singular")
     ]
     if loaded and not result._load_is_given:
-        what = (
-            "the springs exert"
-            if result.elastic.gravity is None
-            else "springs and weight exert"
-        )
+        if result.elastic.gravity is None:
+            what = "the springs exert"
+        else:
+            what = "springs and weight exert"
         notes.append(
             Note(
                 "load-from-springs",
