@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import ast
+import io
 import json
 import re
 import subprocess
 import sys
+import tokenize
+from bisect import bisect, bisect_left
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -260,3 +263,53 @@ def test_texts_and_pages_hardly_decide():
         for path in (PACKAGE / part).rglob("*.py")
     )
     assert sum(isinstance(node, ast.IfExp) for tree in trees for node in ast.walk(tree)) <= 200
+
+
+def test_conditional_expressions_fit_a_line():
+    """Both sides are short; what is longer is a statement, a table or a small function."""
+    long = [
+        f"{path.relative_to(PACKAGE)}:{node.lineno}"
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.IfExp) and node.end_lineno != node.lineno
+    ]
+    assert not long
+
+
+#: No word to be read, or a word to a tool.
+_NOT_READ = {
+    *(tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT),
+    *(tokenize.ENCODING, tokenize.ENDMARKER),
+}
+_TO_TOOLS = re.compile(r"#\s*(noqa|type:|fmt:)")
+
+
+def _lines_of_tokens(text: str) -> tuple[list[int], list[int]]:
+    """Lines of the tokens that are read, and those of comments, both rising."""
+    read, comments = list[int](), list[int]()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            if not _TO_TOOLS.match(token.string):
+                comments.append(token.start[0])
+        elif token.type not in _NOT_READ:
+            read.append(token.start[0])
+    return read, comments
+
+
+def test_long_functions_say_what_their_parts_do():
+    """One comment at least in every function above 300 tokens, two above 600, and so on."""
+    silent = []
+    for path in PACKAGE.rglob("*.py"):
+        text = path.read_text("utf-8")
+        read, comments = _lines_of_tokens(text)
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                size = bisect(read, node.end_lineno) - bisect_left(read, node.lineno)
+                if ast.get_docstring(node) is not None:
+                    size -= 1  # its docstring is one token
+                said = bisect(comments, node.end_lineno) - bisect_left(
+                    comments, node.body[0].lineno
+                )
+                if said < (size - 1) // 300:
+                    silent.append(f"{path.relative_to(PACKAGE)}:{node.name} {size}")
+    assert not silent

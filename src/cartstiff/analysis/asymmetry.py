@@ -222,6 +222,7 @@ def compare_connections(
     InputError
         If the threshold is not positive.
     """
+    # The matrix that all others are compared with.
     if reference not in stiffness:
         raise UnknownNameError("connection", reference, stiffness)
     if not checked_number(threshold, "threshold") > 0:
@@ -237,6 +238,8 @@ def compare_connections(
         )
     K = checked_matrix(base, f"stiffness {reference}")
     scale = checked_length(length)
+    # Changes are shares of the energy in the reference; where it has no inverse, of a
+    # size by the length.
     if compliance is None:
         inverse = numerics.invert(symmetric_part(K))
         C = np.full((6, 6), np.nan) if inverse is None else inverse.matrix
@@ -244,6 +247,7 @@ def compare_connections(
         C = checked_matrix(compliance, "compliance")
     scaled = scale_lengths(K, scale)[None]
     root, rows = roots_of_compliances(scaled, with_angles_times(C, scale)[None]), []
+    # One row for each other connection; an undefined matrix has a row without numbers.
     for name, matrix in stiffness.items():
         if name == reference:
             continue

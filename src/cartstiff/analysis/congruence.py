@@ -311,6 +311,8 @@ def joint_stiffness(
     """
     K, J, W, S = _checked(desired, jacobian, wrench, load_term)
     core, n = J.T @ K @ J, J.shape[1]
+    # What the springs must resist: the desired stiffness, and beyond six joints a
+    # stiffness of the self-motion, which the desired matrix does not see.
     H = core.copy()
     if n > 6:
         Z = np.linalg.svd(scale_jacobian(J, reach(J)))[2][6:].T
@@ -321,17 +323,21 @@ def joint_stiffness(
         )
         Kz = Kz * np.eye(n - 6) if Kz.ndim == 0 else Kz
         H = core + Z @ (0.5 * (Kz + Kz.T)) @ Z.T
+    # The joints' own matrix carries the load's part on top. It is judged in a scale in
+    # which its diagonal is one.
     Kq = 0.5 * (H + H.T) + S
     diagonal = np.diag(Kq)
     scale = np.sqrt(np.abs(diagonal))
     unit = Kq / np.outer(scale, scale) if np.all(scale > 0) else Kq
     values = np.linalg.eigvalsh(unit)
     off = float(np.abs(unit - np.diag(np.diag(unit))).max())
+    # Springs of single joints that come nearest, since few controllers couple joints.
     fit: DiagonalFit | None
     try:
         fit = fit_diagonal(K, J, load_term=S, length=length)
     except UndefinedError:
         fit = None
+    # Stable is what resists every motion, whatever the signs in Kq are.
     root = np.sqrt(np.abs(np.diag(H)))
     if root.all():
         stable = definiteness(np.linalg.eigvalsh(H / np.outer(root, root)))

@@ -612,6 +612,7 @@ def _of_stiffness(
     notes: Notes,
 ) -> dict[str, Any]:
     """Sections that need the stiffness matrix."""
+    # A reading that does not exist leaves a note and None; the others are there.
     K = as_symmetric(K)
     points = centres_of(K, C)
     for what, reason in points.reasons.items():

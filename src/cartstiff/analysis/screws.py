@@ -164,11 +164,15 @@ def eigenscrews(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Ei
     sign = -1.0 if signs.startswith("negative") else 1.0
     others: tuple[complex, ...] = ()
     if signs == "indefinite":
+        # Neither K nor -K has a root: the general problem, of which complex pairs are
+        # kept aside.
         roots, solutions = _roots_of_indefinite(K, C, length)
         real = np.abs(roots.imag) <= numerics.NEGLIGIBLE_DIFFERENCE * np.abs(roots)
         mu, x = roots[real].real, solutions[:, real].real
         others = tuple(complex(r) * length for r in roots[~real])
     else:
+        # K = L L^T, so that the problem becomes a symmetric one of the stiff directions
+        # only.
         kept = values != 0.0
         sizes = np.sqrt(np.abs(values[kept]))
         L, back = vectors[:, kept] * sizes, vectors[:, kept] / sizes
@@ -176,6 +180,7 @@ def eigenscrews(stiffness: ArrayLike, compliance: ArrayLike | None = None) -> Ei
         mu, y = numerics.eigenpairs(L.T @ SWAP_FORM @ L, inverse)
         if np.isnan(mu).any():
             raise lost_digits(mu, "the stiffness matrix")
+        # Free motions have the eigenvalue zero and keep their own vectors.
         loaded = mu != 0.0
         x = SWAP_FORM @ L @ y if inverse is None else _solutions(L, back, mu, y)
         x = np.hstack([x[:, loaded], vectors[:, ~kept]])

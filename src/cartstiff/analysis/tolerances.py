@@ -96,6 +96,7 @@ class Uncertain(NamedTuple):
         UndefinedError
             If no number has a deviation.
         """
+        # Stiffnesses: a share of each, or the deviations of those that were measured.
         given, t = dict[str, float](), tolerances
         known = parameters.result.elastic.identified if t.stiffness == 0.0 else None
         for name, k in parameters.nominal.items():
@@ -104,6 +105,7 @@ class Uncertain(NamedTuple):
         C = np.zeros((0, 0)) if known is None else known.covariance
         labels = () if known is None else known.labels
         given |= dict(zip(labels, np.sqrt(C.diagonal()).tolist(), strict=True))
+        # Places and angles; masses have no tolerance of their own.
         for name, number in parameters.numbers.items():
             deviation = t.angle if parameters.is_angle(name) else t.length
             if deviation > 0.0 and not number.is_positive:
@@ -112,6 +114,7 @@ class Uncertain(NamedTuple):
             raise UndefinedError(
                 "no parameter of this mechanism has a tolerance", code="no-parameters"
             )
+        # Measured stiffnesses are correlated, the rest is independent.
         R, m = np.eye(len(given)), len(C)
         spread = np.sqrt(C.diagonal())
         spread[spread == 0.0] = 1.0

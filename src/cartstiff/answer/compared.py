@@ -116,6 +116,7 @@ def _pair(n: ComparedNumber) -> dict[str, Any]:
 
 def _tables(comparison: Comparison, labels: dict[str, str]) -> Iterator[Table]:
     """The numbers of both, what has no ratio, and the shares."""
+    # Quantities that both have, with their ratio.
     numbers = [n for n in comparison.numbers if n.ratio is not None]
     rows = []
     for n in numbers:
@@ -127,6 +128,7 @@ def _tables(comparison: Comparison, labels: dict[str, str]) -> Iterator[Table]:
     heads = [Column(""), *(Column(label, form="5") for label in names)]
     if rows:
         yield table("", [*heads, Column("ratio", form="4")], rows)
+    # What only one has, or what is zero, by reason.
     missing = {
         reason: [n.quantity for n in comparison.numbers if n.because == reason]
         for reason in _REASONS
@@ -138,6 +140,7 @@ def _tables(comparison: Comparison, labels: dict[str, str]) -> Iterator[Table]:
     ]
     if without:
         yield table("not compared", ": <", without)
+    # Shares of joints and links, side by side.
     of, parts = comparison.shares or ("", {})
     if any(None not in values for values in parts.values()):
         shares = [Column(f"shares of the {of}"), *(Column(x, form="%") for x in names)]

@@ -14,8 +14,10 @@ from cartstiff.identify.unknowns import LEVEL
 def answer_of_identification(result: Identification) -> Answer:
     """Stiffnesses with their intervals, zeros and offsets, scatter, what no row sees."""
     estimates, data = result.estimates, result.to_dict()
+    # The first sentence is whether everything was found.
     known = sum(e.verdict == "determined" for e in estimates)
     state = ("springs-undetermined", "springs-found")[known == len(estimates)]
+    # Rows of the tables, with the words that their codes stand for.
     geometry = [
         g | {"words": "not-identifiable" * (not g["identifiable"])}
         for g in data["geometry"]
@@ -26,6 +28,7 @@ def answer_of_identification(result: Identification) -> Answer:
     values, level = data["singular_values"], 100.0 * result.level
     offsets = "= name | value | from = interval.0 | to = interval.1 | unit | sd : 3"
     origins = "= name | numbers = count | residual rms = residual_rms | sd of one = sigma"
+    # The springs first, then offsets, and how well all of it explains the measurements.
     return Answer.about_mechanism(
         "identify",
         result.elastic,

@@ -20,6 +20,7 @@ def answer_of_map(
     With `is_loaded` a load was given, so that rest positions were chosen.
     """
     length = Quantity(data["characteristic_length"], elastic.units.length)
+    # What was computed, and where: the whole map or a slice, its branches, the load.
     about = [
         said("map", count=data["postures"], connection=data["connection"], length=length),
         said("parts", file=data["file"], **data["parts"]),
@@ -33,6 +34,7 @@ def answer_of_map(
     if data["connection"] == "load":
         load = LoadKind(data["load"]["kind"], tuple(data["load"]["at"]))
         about.append(said("map-load", load=load))
+    # The tables: states, ranges, and the best postures of what has a better end.
     quantities = [{"name": name, **q} for name, q in data["quantities"].items()]
     ranges = "quantity = name | unit | smallest | mean | largest | undefined"
     unbalanced = [said("balancing")] * ("unbalanced" in data["states"] and not is_loaded)

@@ -95,6 +95,8 @@ def answer_of_compensation(path: CompensatedPath) -> Answer:
     """Errors before and after compensation, and the largest changes of commands."""
     elastic, units, summary = path.elastic, path.elastic.units, path.summary()
     turn, length = sizes(elastic.mechanism.at(path.q[0]))
+    # Largest and mean error, before and after; round-off of the robot's size counts as
+    # zero.
     errors = list[tuple[Any, ...]]()
     for what, unit, size in (
         ("translation", units.length, length),
@@ -105,6 +107,7 @@ def answer_of_compensation(path: CompensatedPath) -> Answer:
             own = (Quantity(x, unit) for x in rounded(pair, size))
             errors.append((f"{what}, {label}", *own))
     before, after = errors[0][1:]
+    # Which loads were compensated, and in which axes they are.
     about = [said("compensation", count=len(path.q))]
     if path.weighed.acceleration is not None:
         about.append(said(f"weight-against-{path.against}"))

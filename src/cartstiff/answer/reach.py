@@ -158,6 +158,7 @@ def _found(reached: Workspace) -> Iterator[Statement]:
     """Size of the workspace, what fits into it, and what is singular near it."""
     mechanism, units = reached.elastic.mechanism, reached.elastic.units
     unit, length = _product(_units_of_axes(reached)), units.length
+    # How much can be reached, and how far the body turns there.
     yield said(
         ("volume", "volume-at-orientation")[reached.axes == _POSE[:3]],
         volume=Quantity(reached.volume, unit),
@@ -167,14 +168,17 @@ def _found(reached: Workspace) -> Iterator[Statement]:
     if (least := reached.least_turn) is not None:
         share = Quantity(reached.share_of_rotations, "1")
         yield said("turns", least=Quantity(least, units.angle), share=share)
+    # What fits into it.
     for code, fits in (("sphere", reached.sphere), ("cube", reached.cube)):
         if fits is not None:
             size = Quantity(float(fits[1]), length)
             yield said(code, size=size, centre=Quantity(tuple(plain(fits[0])), length))
+    # Tensions of cables, which decide what counts as reached.
     if reached.distribution:
         yield said(f"tensions-{reached.distribution['distribution']}")
         if (tensions := reached.distribution["at_centre"]) is not None:
             yield said("tensions", tensions=Quantity(tuple(tensions), units.force))
+    # The least ratio that was found, and the nearest singular place.
     if reached.singularity is not None:
         ratio, place = reached.singularity
         yield said(

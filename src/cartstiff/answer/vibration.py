@@ -253,15 +253,18 @@ def impedance_tables(
     answer: Impedance, shown: Mapping[str, Any], units: Units
 ) -> list[Table]:
     """Stiffness and damping for a controller, and the result of the square-root rule."""
+    # Units of a row: moments above forces, or the other way round in the other order.
     stiff = units.stiffness["translation"]
     rows = [f"[{units.moment}/rad | {units.force}]"] * 3
     rows += [f"[{units.force}/rad | {stiff}]"] * 3
     if shown["order"] == ORDERS[1]:
         rows = [f"[{stiff} | {units.force}/rad]"] * 3
         rows += [f"[{units.force} | {units.moment}/rad]"] * 3
+    # Gains of single joints leave out what couples joints: how much that is.
     K = answer.joint_stiffness
     aside = float(np.linalg.norm(K - np.diag(np.diag(K))))
     left_out = aside / max(float(np.linalg.norm(K)), numerics.TINY)
+    # What the controller will do: frequencies, damping ratios, motions of the arm itself.
     below = [
         said("closed-loop", frequencies=[*_hertz(answer.frequencies)]),
         said("square-roots", ratios=answer.ratios.tolist(), coupling=answer.coupling),

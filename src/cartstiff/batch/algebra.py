@@ -215,12 +215,15 @@ def solution(matrix: Array, right: Array) -> Array:
     rows, columns = list(range(n)), list(range(n))
     steps: list[tuple[list[int], list[int], Array]] = []
 
+    # The column with the fewest recorded entries first: it costs the fewest operations.
     def size(column: int) -> tuple[int, int, int]:
         taken = filled[column]
         varying = sum(isinstance(x, Number) for x in work[taken, column])
         return varying, len(taken), -list(filled.values()).count(taken)
 
     while columns:
+        # Two columns that only the same two rows fill are taken together: a pivot may
+        # vanish.
         filled = {c: [i for i in rows if not is_zero(work[i, c])] for c in columns}
         column = min(columns, key=size)
         taken = filled[column]
@@ -237,6 +240,7 @@ def solution(matrix: Array, right: Array) -> Array:
         steps.append((taken, inner, block))
         rows = [i for i in rows if i not in taken]
         columns = [c for c in columns if c not in inner]
+    # Backwards, from the last pivot to the first.
     solved = zeros(n, right.shape[1])
     known: list[int] = []
     for taken, inner, block in reversed(steps):

@@ -109,6 +109,8 @@ class ClosedChainNumbers(ChainNumbers):
     def _motions(self) -> Array:
         case = self.case
         constants, tree = case.constants, self.kinematics
+        # Rates of the closures, in rows that shut them and rows that then shut by
+        # themselves.
         kept, left = list[Array](), list[Array]()
         self._ties: list[tuple[Array, list[int]]] = []
         for tie, rows in zip(constants.ties, case.rows, strict=True):
@@ -118,11 +120,13 @@ class ClosedChainNumbers(ChainNumbers):
             others = set(range(0 if tie.is_weld else 3, 6)) - set(rows)
             left.append(twists[sorted(others)])
         self.C, n = np.concatenate(kept), len(self.q)
+        # In sizes of the joints, so that angles and lengths can be compared.
         sizes = np.array([case.length if d else 1.0 for d in constants.is_length])
         scale = np.concatenate(
             [[1.0 if i < 3 else 1.0 / case.length for i in rows] for rows in case.rows]
         )
         scaled = self.C * scale[:, None] * sizes
+        # Motors lead: the others follow by one solution.
         if case.independent:
             D, free = case.dependent, list(case.independent)
             # A right-hand side in a generic direction estimates the norm of the inverse.
@@ -134,6 +138,7 @@ class ClosedChainNumbers(ChainNumbers):
             size = norm_squared(solved) / len(D) * norm_squared(scaled[:, D])
             limit = _MAX_CLOSURE_CONDITION**2
         else:
+            # No motors: free motions are what the closures leave, by reflections.
             moving = case.moving
             Q = reflections(scaled[:, moving].T)
             inverse_R = upper_inverse(Q.R)
@@ -147,6 +152,8 @@ class ClosedChainNumbers(ChainNumbers):
                 JACOBIAN_CONDITION**2,
             )
         verdict = limited(size, limit)
+        # Rows that were left out must stay shut too, and joints that are still must stand
+        # at zero.
         missed = (np.concatenate(left) * sizes) @ (N / sizes[:, None])
         if not vanishes(missed):
             least = largest(N / sizes[:, None]) * (
@@ -326,11 +333,13 @@ def weld_residual(tree: Kinematics, tie: Tie) -> tuple[Array, Array, Scalar]:
         tree.end(tie, 0),
         tree.end(tie, 1),
     )
+    # Rotation vector and translation of one end in the other: the logarithm.
     w, verdict = rotation_vector(R_b @ R_a.T)
     x, d = w @ w, p_b - p_a
     c = cotangent_series(x)
     across = cross(w, d)
     xi = np.concatenate([w, d + across * 0.5 + cross(w, across) * c])
+    # Its derivative is the inverse of the left Jacobian, by series in the angle's square.
     A = _series(x, [(k - 1.0) * c_k for k, c_k in enumerate(_COTANGENT)])
     B = _series(x, [(k + 1.0) * c_k for k, c_k in enumerate(_COTANGENT[1:])])
     ad = zeros(6, 6)
@@ -338,6 +347,7 @@ def weld_residual(tree: Kinematics, tie: Tie) -> tuple[Array, Array, Scalar]:
     ad[3:, :3] = skew_of(xi[3:])
     twice = ad @ ad
     turned = np.eye(6) + ad * 0.5 + twice * A + (twice @ twice) * B
+    # Only the joints between the two ends move them apart.
     J = tree.tied(tie, p_b)
     rates = zeros(*J.shape)
     for j, _ in tree.constants.way(tie):
@@ -354,6 +364,7 @@ def closing_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
     length = characteristic_length(tree)
     columns = np.array([length if d else 1.0 for d in constants.is_length], object)
     verdict: Scalar = PLAIN
+    # Gaps of all closures, and the rows that are to be shut with their rates.
     residuals, every, rates = list[Array](), list[Array](), list[Array]()
     for tie, rows in zip(constants.ties, case.shut, strict=True):
         if tie.is_weld:
@@ -369,6 +380,8 @@ def closing_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
         residuals.append(xi[list(rows)])
         rates.append(J[list(rows)])
     residual, C = np.concatenate(residuals), np.concatenate(rates)
+    # One Newton step of the joints that are not held: the shortest that shuts the rows,
+    # in sizes of the joints.
     step = zeros(n)
     D = [j for j in case.moving if j not in case.held]
     sizes = columns[D]
@@ -382,6 +395,7 @@ def closing_arrays(tape: Tape, case: ChainCase) -> dict[str, Array]:
         y[: len(Q.R)] = inverse_R.T @ -residual
         condition = norm_squared(Q.R) * norm_squared(inverse_R)
         step[D] = Q.apply(y)
+    # A step that is too long may leave the branch: it is shortened.
     verdict = larger(verdict, limited(condition, JACOBIAN_CONDITION**2))
     size = largest(step)
     step = step * columns * pick(size, LONGEST_STEP, 1.0, LONGEST_STEP / size)

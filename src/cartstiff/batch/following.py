@@ -156,12 +156,14 @@ class Assembler:
 
         Those at the seed are unchanged.
         """
+        # Every value of the row is led at once, as the mechanism's own closing finds it.
         first, last = min(cells.start, seed), max(cells.stop, seed + 1)
         every = np.repeat(q[:, None], last - first, axis=1)
         every[:, :, column] = value[first:last]
         at, shut = self.led(every.reshape(-1, q.shape[1]))
         every, shut = at.reshape(every.shape), shut.reshape(every.shape[:2])
         every[:, seed - first], shut[:, seed - first] = q, is_closed
+        # What did not close begins at its neighbour that did, away from the seed.
         up, down = range(seed - first + 1, last - first), range(seed - first - 1, -1, -1)
         for k, before in [*((k, k - 1) for k in up), *((k, k + 1) for k in down)]:
             if (left := np.flatnonzero(~shut[:, k] & shut[:, before])).size:

@@ -333,11 +333,13 @@ def run(
     if not len(q):
         return
     count = len(q)
+    # What the program does not have is not a number.
     exists = {n: len(s) for n, s in kernel.program.outputs.items() if n != "verdict"}
     for name, array in arrays.items():
         if name not in exists:
             array[...] = np.nan
     is_compiled = not isinstance(kernel, PortableKernel)
+    # How many postures at once: as many as the caches hold.
     length, is_streamed = size or (COMPILED_CHUNK if is_compiled else CHUNK), False
     if is_compiled:
         is_streamed = sum(arrays[name].nbytes for name in exists) > STREAMED
@@ -349,6 +351,7 @@ def run(
     length = min(length, count)
     workers = _workers(threads, length)
     solver = _PostureSolver(taken, is_compiled, workers, made)
+    # What is the same at all postures is given once.
     shared = {name: np.ascontiguousarray(array) for name, array in taken.shared.items()}
     if loads is not None and loads.ndim == 1:
         if "wrench" in kernel.program.shared:
@@ -358,6 +361,7 @@ def run(
     verdict = aligned_empty(
         length, 1
     )  # aligned, or no output could be written past the cache
+    # Chunk by chunk: find the postures, the terms of steps, then everything else.
     for start in range(0, count, length):
         stop = min(start + length, count)
         rows = stop - start
@@ -376,6 +380,7 @@ def run(
                 inputs["q"], is_compiled, inputs.get("wrench")
             )
             inputs.update(more)
+        # Outputs are written where they belong, or copied there if those rows have gaps.
         chunk, copies = {"verdict": verdict[:rows]}, []
         for name, width in exists.items():
             part = arrays[name][start:stop]
@@ -388,6 +393,7 @@ def run(
         for part, values in copies:
             part[...] = values.reshape(part.shape)
         verdicts[start:stop] = verdict[:rows, 0]
+        # What was not found, or found with doubts, is no plain posture.
         if doubts is not None:
             doubted = doubts != PLAIN
             verdicts[start:stop][doubted] = doubts[doubted]

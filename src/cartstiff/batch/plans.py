@@ -399,6 +399,7 @@ def _platform_plan(
     if springs.gives_aside:
         return _strut_plan(elastic, platform, cast(FlexureStruts, springs), wrench)
     springs = cast(LineSprings, springs)
+    # The lines must be the legs themselves, at their anchors and points.
     m = len(springs.stiffness)
     same = (springs.frame_a, springs.frame_b) == ("world", "body")
     if not (
@@ -407,6 +408,7 @@ def _platform_plan(
         and np.array_equal(springs.points, platform.points)
     ):
         return "the springs are not the platform's own lines"
+    # Rest lengths: all given, all found by the load, or all held with a preload.
     is_open, preload = springs.rest_is_free(), springs.preload
     has_preload = np.zeros(m, bool) if preload is None else is_open & ~np.isnan(preload)
     if len({*zip(is_open.tolist(), has_preload.tolist(), strict=True)}) > 1:
@@ -414,6 +416,7 @@ def _platform_plan(
     if wrench != "none" and not is_open.all() and isinstance(springs.driven, tuple):
         return "which springs keep their rest lengths is found posture by posture"
     is_cable_driven = has_preload.any() and springs.cables.all()
+    # What else acts on the body, and whether the lines may not carry it.
     forces, points, loose = _forces(elastic, platform)
     legs = None if elastic.gravity is None else platform.struts
     carries = forces or loose or legs is not None
@@ -423,6 +426,7 @@ def _platform_plan(
         or (is_open.any() and carries and preload is None)
     ):
         return "whether fewer than six lines carry a load is seen posture by posture"
+    # What the program depends on, and apart from it the numbers that may change.
     case = PlatformCase(
         numbers(platform.anchors),
         numbers(platform.points),
@@ -444,11 +448,13 @@ def _platform_plan(
         "least": np.clip(bounds.least, -1.0 / numerics.TINY, None),
         "most": np.clip(bounds.most, None, 1.0 / numerics.TINY),
     }
+    # Weight, of the body and of the legs.
     if forces:
         shared["forces"] = np.concatenate(forces)[None]
     if legs is not None and elastic.gravity is not None:
         case = replace(case, legs=legs, has_weight=True)
         shared["weight"] = (elastic.gravity / platform.units.newtons)[None]
+    # Designs vary the geometry, so that it is an input.
     if platform.is_one_of_many:
         case = replace(case, anchors=(), points=(), length=1.0, lines=m)
         shared |= {

@@ -162,6 +162,7 @@ class PlatformNumbers:
     def _measure(self, tape: Tape) -> None:
         """Set the pose and the lines; begin the verdict."""
         case, q = self.case, tape.vector("q", 6)
+        # Anchors and points are constants, or inputs where designs vary them.
         anchors = np.reshape(case.anchors, (-1, 3))
         points = np.reshape(case.points, (-1, 3))
         self.length: Scalar = case.length
@@ -169,6 +170,7 @@ class PlatformNumbers:
             anchors = tape.vector("anchors", 3 * case.lines).reshape(-1, 3)
             points = tape.vector("points", 3 * case.lines).reshape(-1, 3)
             self.length = tape.input("length", 0)
+        # Pose of the body, and the legs between both.
         self.points, m = points, len(points)
         self.k = tape.vector("stiffness", m)
         self.cables = np.broadcast_to(case.unilateral, m)
@@ -177,6 +179,7 @@ class PlatformNumbers:
         T[:3, :3], T[3, 3] = R_P @ T_P_M[:3, :3], 1.0
         T[:3, 3] = R_P @ T_P_M[:3, 3] + q[:3]
         self.T, self.geometry = T, lines_of_many(T, anchors, points)
+        # A leg without length has no direction, and large angles lose digits.
         size = _SHORTEST_LINE * larger(largest(anchors), largest(points))
         self.verdict: Scalar = limited(largest(q[3:]), LARGEST_ANGLE)
         for length in self.geometry.lengths:
@@ -185,12 +188,14 @@ class PlatformNumbers:
     def _others(self, tape: Tape) -> None:
         """Set energy, gradient and Hessian of all but the lines."""
         case, T = self.case, self.T
+        # Potentials that are found in steps come with their derivatives.
         energy: Any = 0.0
         gradient, hessian = zeros(6), zeros(6, 6)
         if case.derivatives:
             energy = tape.input("energies", 0)
             gradient = tape.vector("gradients", 6)
             hessian = from_lower(tape.vector("hessians", 36).reshape(6, 6))
+        # Forces that keep their direction in the room, at points of the body.
         points = [(1.0, np.array(point)) for point in case.points_of_forces]
         if "payload" in case.inputs:
             mass, *centre = tape.vector("payload", 4)
@@ -202,6 +207,7 @@ class PlatformNumbers:
             g, H = held_force(in_body, at)
             energy = energy - in_body @ at - force @ T[:3, 3]
             gradient, hessian = gradient + g, hessian + H
+        # Legs carry their own weight along.
         if case.legs is not None and case.has_weight:
             per_kg = tape.vector("weight", 3)
             E, g, H = case.legs.gravity(self.geometry, self.points, T, per_kg)

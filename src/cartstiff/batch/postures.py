@@ -292,17 +292,20 @@ def by_chosen_tensions(stack: Stack, which: Indices) -> tuple[Indices, Indices]:
     case, springs = stack.taken.case, cast(LineSprings, stack.elastic.springs)
     if not isinstance(case, PlatformCase) or not case.balances_among:
         return which[:0], which[:0]
+    # Geometry of the lines first: what decides which tensions balance.
     chosen, m = replace(case, is_chosen=True), len(springs.stiffness)
     shapes = {"leg_lengths": (m,), "nearest": (m,), "null": (m, m - 6)}
     seen = {name: aligned_empty(len(which), *shape) for name, shape in shapes.items()}
     unknown = {"tensions": np.zeros((len(which), m))}
     some = np.flatnonzero(stack.fill(chosen, which, seen, unknown))
     parts = np.array_split(some, 1 + len(some) // _TENSIONS_CHUNK)
+    # In chunks, since every posture has a search of its own.
     found = [
         springs.balancing_tensions(*(seen[name][part] for name in shapes))
         for part in parts
     ]
     t, exist = (np.concatenate(each) for each in zip(*found, strict=True))
+    # Then everything else, at the tensions that were found.
     unbalanced, some, t = which[some[~exist]], which[some[exist]], t[exist]
     for name, array in stack.arrays.items():
         if name != "pose":
@@ -575,6 +578,7 @@ def analyse_many(
     MissingDependencyError
         If `path` is "compiled" and llvmlite is not installed.
     """
+    # Everything is checked, and room is made, before anything is computed.
     coordinates = checked_q(checked_elastic(elastic), q)
     coordinates = elastic.mechanism.closed_as_given(coordinates)
     loads = checked_wrench(elastic, wrench, len(coordinates))
@@ -618,12 +622,14 @@ def analyse_many(
         described(elastic, None if loads is None else kind, load_axes),
         units_of(elastic.units),
     )
+    # Nothing is recorded: the core decides every posture.
     if taken is None:
         everything = np.arange(len(state))
         _by_reference(
             elastic, coordinates, loads, arrays, everything, state, codes, kind, load_axes
         )
         return replace(found, codes=tuple(codes))
+    # One pass over all postures; mostly that is all.
     run(taken, kernel, coordinates, loads, arrays, state, count, size)
     if taken.regular != REGULAR:
         _clear_still_halves(elastic, arrays, slice(None))
@@ -631,6 +637,7 @@ def analyse_many(
     if not state.any():
         state[:] = _index(codes, taken.regular)
         return replace(found, codes=tuple(codes), path=ran, fallback=0)
+    # Postures in doubt: lost ranks and chosen tensions have programs of their own.
     doubtful = np.flatnonzero(state == FALLBACK)
     lost_state, lost_rank = "", doubtful[:0]
     compiled = ran == "compiled"
@@ -644,6 +651,7 @@ def analyse_many(
         filled, torn = by_chosen_tensions(stack, doubtful)
         state[torn] = UNBALANCED
         doubtful = np.setdiff1d(doubtful, np.concatenate([filled, torn]))
+    # States by their codes; without balance what depends on the load does not exist.
     unbalanced = np.flatnonzero(state == UNBALANCED)
     state[:] = _index(codes, taken.regular)
     if len(lost_rank):
@@ -658,6 +666,7 @@ def analyse_many(
         for name in names:
             if name.startswith(unknown):
                 arrays[name][unbalanced] = np.nan
+    # The core decides the rest, or a sample of it.
     if one_by_one is not None and len(doubtful) > one_by_one:
         left = np.ones(len(doubtful), bool)
         left[np.linspace(0, len(doubtful) - 1, one_by_one).astype(int)] = False

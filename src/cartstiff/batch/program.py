@@ -521,6 +521,7 @@ class Program:
             If some of the arithmetic is not recorded, or takes steps.
         """
         check_name("language", language, LANGUAGES)
+        # What no source can do is refused with its reason.
         taken, tape = self._taken, self._tape
         if taken is None or tape is None:
             raise InputError(f"no source: {self.reason}")
@@ -532,10 +533,12 @@ class Program:
             names = ", ".join(self.from_matrices)
             raise InputError(f"no source: {names} cannot be recorded")
         name = name or re.sub(r"\W", "_", f"stiffness_of_{self.elastic.name}")
+        # All outputs as one row, and what is no input as constants.
         exist = [n for n in self.names if n in tape.outputs]
         steps = tuple(step for n in exist for step in tape.outputs[n])
         tape = tape.with_outputs({"record": steps, "verdict": tape.outputs["verdict"]})
         shared = {n: row for n, row in taken.shared.items() if n not in self.inputs}
+        # C may also find the posture in steps; JAX wants shapes.
         if language == "c":
             case = taken.case
             before = Before(
@@ -593,6 +596,7 @@ class Program:
         As of `cartstiff.analyse_many`: with the state of every posture, and labels by
         ``.to_xarray()``. `numbers` as in a call, the same for all postures.
         """
+        # Everything is checked before anything is computed.
         given = dict[str, Array]()
         for name, values in numbers.items():
             check_name("input", name, self.inputs)
@@ -602,6 +606,7 @@ class Program:
             self._refuse(wrench)
         coordinates = elastic.mechanism.closed_as_given(checked_q(elastic, q))
         count, loads = len(coordinates), checked_wrench(elastic, wrench, len(coordinates))
+        # By the program, as far as postures are plainly regular.
         known = np.zeros(count, bool)
         arrays = {n: np.full((count, *self._shapes[n]), np.nan) for n in self.names}
         at = coordinates.copy()
@@ -611,6 +616,7 @@ class Program:
         at[rest] = coordinates[rest]
         codes, state = [self._state], np.zeros(count, np.uint8)
         fallback, path = 0, "portable" if self.path == "python" else self.path
+        # The core decides all others.
         if rest.size or self._taken is None:
             own = loads if loads is None or loads.ndim == 1 else loads[rest]
             others = self._analysed(elastic, kind, coordinates[rest], own)
@@ -673,6 +679,8 @@ class Program:
         InputError
             As a call.
         """
+        # Only a single number of a posture that does not follow from steps has slopes
+        # here.
         taken, tape = self._taken, self._tape
         numbers = (
             [] if tape is None else [n for n, s in tape.outputs.items() if len(s) == 1]
@@ -688,12 +696,15 @@ class Program:
         if (wrench is None) is self.is_loaded:
             self._refuse(wrench)
         Q = checked_q(self.elastic, np.atleast_2d(np.asarray(q, float)))
+        # Recorded once for each output.
         kernel, derived = self._slopes.get(of, (None, None))
         if derived is None:
             derived = gradient_program(tape, of)
             shared = {n: np.ascontiguousarray(row) for n, row in taken.shared.items()}
             kernel = one_posture(derived, shared)
             self._slopes[of] = kernel, derived
+        # Values and slopes in one pass; where the posture is not plainly regular there
+        # are none.
         usable = self._kernel(kernel, derived, len(Q))
         count, verdicts = len(Q), np.zeros(len(Q), np.uint8)
         outputs = {n: len(s) for n, s in derived.outputs.items() if n != "verdict"}
@@ -837,6 +848,7 @@ def record(
     InputError
         For a load, or inputs, that this mechanism cannot be given.
     """
+    # The load.
     kind = checked_load(
         load_kind, load_at, load_axes, loaded, checked_elastic(elastic).may_be_loaded
     )
@@ -845,6 +857,7 @@ def record(
             "the load of this mechanism follows from its potentials and cannot be given",
             expected="loaded=False",
         )
+    # Outputs: matrices and arrays, quantities of tables, the caller's functions.
     if isinstance(outputs, (str, Connection)):
         outputs = [outputs]
     if not isinstance(outputs, Mapping):
@@ -865,6 +878,7 @@ def record(
         direction=direction,
         deflect=deflect,
     )
+    # Inputs besides the coordinates.
     for name in inputs:
         check_name("input", name, INPUTS)
     _check_inputs(elastic, inputs, loaded)

@@ -112,8 +112,10 @@ def _step_program(sizes: Array, is_limited: bool) -> Program:
     q, e = tape.vector("q", n), tape.vector("e", 6)
     J = tape.vector("jacobian", 6 * n).reshape(6, n)
     lower, upper = tape.vector("lower", n), tape.vector("upper", n)
+    # Damped by the error itself: careful far away, plain Newton near the pose.
     damping = tape.input("mu", 0) * norm_squared(e)
     step = _damped(J, e, damping) * sizes
+    # Joints that would leave their range are stopped, and the others solve it again.
     for _ in range(2 if is_limited else 0):
         J = J.copy()
         for j in range(n):
@@ -121,6 +123,7 @@ def _step_program(sizes: Array, is_limited: bool) -> Program:
             above_it = pick(q[j], upper[j], 0.0, pick(0.0, step[j], 1.0, 0.0))
             J[:, j] = J[:, j] * (1.0 - larger(below_it, above_it))
         step = _damped(J, e, damping) * sizes
+    # A long step is shortened as a whole, so that its direction stays.
     largest: Scalar = 0.0
     for x, size in zip(step, sizes, strict=True):
         largest = larger(largest, absolute(x * (1.0 / size)))

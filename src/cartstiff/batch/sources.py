@@ -130,6 +130,7 @@ def c_source(
         Steps towards the posture.
     """
     n, size = len(facts.coordinates), len(program.outputs["record"])
+    # The arithmetic of a posture at rest.
     body, read, called = _c_body(program, shared, name)
     verdict = body.pop()
     arguments = [f"const double {name}[{m}]" for name, m in facts.arguments.items()]
@@ -137,6 +138,8 @@ def c_source(
         arguments[0] = f"double q[{n}]"
     parts = [_comment(facts, name, before.moves), "#include <math.h>", "", _LARGER]
     calls = [f"  (void){array};" for array in facts.arguments if array not in read]
+    # What comes before it, in this order: shut the closures, come to rest, take up the
+    # beams.
     if before.closing is not None:
         parts += ["", *_c_closing(before.closing, name, n)]
         calls.append(f"  if ({name}_close(q)) return 1;")
@@ -149,6 +152,7 @@ def c_source(
             parts += ["", *_c_settling(before.settling, shared, facts, name, terms)]
             calls.append(f"  if ({name}_settle({', '.join(facts.arguments)})) return 1;")
         calls.append(f"  if ({name}_terms(q, {', '.join(terms)})) return 1;")
+    # The function itself returns whether the numbers do not count.
     head = f"int {name}({', '.join([*arguments, f'double out[{size}]'])})"
     returned = f"  return !({verdict} == {PLAIN!r});"
     return "\n".join([*parts, "", *called, head, "{", *calls, *body, returned, "}", ""])
@@ -251,6 +255,7 @@ def _c_body(
     of a compiler grows faster than the length of a function.
     """
     lines, outputs, _, arrays = written(program, _C)
+    # Arrays of the mechanism are constants of the file, the rest arguments.
     heads, constants = list[str](), list[str]()
     for array, short in arrays.items():
         if array in shared:
@@ -261,9 +266,12 @@ def _c_body(
             heads.append(f"  const double *const {short} = {array};")
     count = sum(len(n) for o, n in program.outputs.items() if o != "verdict")
     lines += [f"out[{i}]={text};" for i, text in enumerate(outputs[:count])]
+    # A short program is one function.
     if len(lines) <= 2 * _LONGEST:
         body = [*heads, *(f"  {line}" for line in lines), *outputs[count:]]
         return body, {*arrays}, constants
+    # A long one is cut, since compilers take long for long functions; what later pieces
+    # read is kept in m.
     pieces = [lines[i : i + _LONGEST] for i in range(0, len(lines), _LONGEST)]
     read = [{*_VALUE.findall("\n".join(piece))} for piece in pieces]
     last = _VALUE.findall("\n".join(outputs[count:]))
@@ -283,6 +291,7 @@ def _c_body(
         rows = [*before, *(f"  {line}" for line in piece), *after]
         functions += [head, "{", f" {unread} (void)out; (void)m;", *rows, "}", ""]
         calls.append(f"  {name}_{i}({given});")
+    # The caller of the pieces.
     room = f"  double m[{max(1, len(kept))}];"
     found = [f"  const double {v}={kept[v]};" for v in dict.fromkeys(last)]
     body = [room, *heads, *calls, *found, *outputs[count:]]
@@ -470,6 +479,7 @@ def jax_source(
     whatever their number. Derivatives are those of each operation, along the same loop.
     """
     steps, place, first = _in_steps(program)
+    # The operations as tables, which one loop in JAX follows: it compiles in a second.
     inputs, constants = list[tuple[str, int]](), list[float]()
     for operation in program.operations:
         if operation.name == "input":
@@ -477,6 +487,7 @@ def jax_source(
         elif operation.name == "constant":
             constants.append(operation.value)
     kinds, reads = list[int](), list[int]()
+    # A step does several operations at once; one that is not full is padded.
     for own in steps:
         for step in own + [None] * (_AT_ONCE - len(own)):
             arguments: Sequence[int] = ()
@@ -486,10 +497,12 @@ def jax_source(
                 arguments = program.operations[step].arguments
             kinds.append(kind)
             reads += [place[a] for a in arguments] + [0] * (4 - len(arguments))
+    # Where each output lies in the flat row.
     starts, places = 0, list[tuple[str, int, tuple[int, ...]]]()
     for output, shape in shapes.items():
         places.append((output, starts, shape))
         starts += math.prod(shape)
+    # Arguments and constants by name, and the function's own words.
     given = [f"{n!r}: jnp.asarray({n}, float)" for n in facts.arguments]
     given += [
         f"{n!r}: np.array({np.ravel(rows).tolist()})"
@@ -526,9 +539,11 @@ def _in_steps(program: Tape) -> tuple[list[list[int]], dict[int, int], int]:
     Those on which the longest chain of operations waits come first.
     """
     operations = program.operations
+    # Inputs and constants are there from the beginning.
     leaves = [i for i, o in enumerate(operations) if o.name == "input"]
     leaves += [i for i, o in enumerate(operations) if o.name == "constant"]
     place, first = {step: i for i, step in enumerate(leaves)}, len(leaves)
+    # Who waits for whom, and how long a chain hangs on each operation.
     readers = dict[int, list[int]]()
     missing, waits = dict[int, int](), [0] * len(operations)
     for step, operation in enumerate(operations):
@@ -539,6 +554,7 @@ def _in_steps(program: Tape) -> tuple[list[list[int]], dict[int, int], int]:
                 readers.setdefault(argument, []).append(step)
     for step in reversed(range(len(operations))):
         waits[step] = 1 + max((waits[r] for r in readers.get(step, ())), default=0)
+    # Longest chains first, as many at once as a step holds.
     ready = [(-waits[step], step) for step, count in missing.items() if not count]
     heapify(ready)
     steps = list[list[int]]()

@@ -100,6 +100,7 @@ def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
     shapes = beam.shapes(x[None])
     _, stretch, turns = shapes
     squares, softness = turns.value * turns.value, beam.length / beam.section.axial
+    # The axial force by a fixed number of Newton steps, from none.
     verdict: Scalar = pick(largest(x[[0, 1, 4, 5]]), _LARGEST_TURN, PLAIN, FALLBACK)
     N = np.zeros(1, object)
     step: Scalar = 0.0
@@ -108,6 +109,8 @@ def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
         missing = stretch.value - N * softness + (s1 * squares).sum(axis=-1)
         step = (missing / (softness - (s2 * squares).sum(axis=-1)))[0]
         N = N + step
+    # They count where the last one changed nothing, and far from buckling and from where
+    # the series ends.
     known = absolute(N[0]) + absolute(stretch.value[0]) * (1.0 / softness)
     verdict = larger(
         verdict, pick(known * _MAX_LAST_CHANGE, absolute(step), FALLBACK, PLAIN)
@@ -119,6 +122,7 @@ def _segment(tape: Tape, beam: Beam) -> dict[str, Array]:
     for EI in beam.section.bending:
         bent = absolute(N[0]) * (beam.length**2 / EI)
         verdict = larger(verdict, pick(bent, 0.5 * SERIES, PLAIN, FALLBACK))
+    # Everything else follows from the force.
     energy, gradient, hessian = beam.terms(shapes, N, beam.rotational(N), np.ones(1))
     return {
         "energy": energy,
@@ -380,6 +384,7 @@ class _Search:
     def __init__(self, struts: FlexureStruts, poses: Array, rest: Array) -> None:
         self.struts, self.alike = struts, _Alike.of(struts)
         self._program = partial(_strut_program, alike=self.alike)
+        # What does not change: where both ends are, and which strut it is.
         (N, m), n = rest.shape, len(self.alike.free)
         self.m, self.which, self.is_known = m, np.arange(N), np.zeros(N, bool)
         wanted, numbers = struts.wanted(poses), np.empty((N, m, _NUMBERS))
@@ -387,6 +392,8 @@ class _Search:
         numbers[..., 9:12] = wanted[..., :3, 3]
         numbers[..., 12], numbers[..., 13] = struts.bars, struts.slides
         numbers[..., 14] = struts.made
+        # What is searched: the struts begin straight, at the lengths that the drives
+        # give.
         rows = {name: np.zeros((N * m, size)) for name, size in _state(n).items()}
         rows["rest"][:, 0] = (rest - struts.made).reshape(-1)
         rows["q"][:, self.alike.free.index(SLIDE)] = rows["rest"][:, 0]
@@ -404,9 +411,11 @@ class _Search:
         With gradients (N, 6) rest lengths change.
         """
         count, m = len(self.which), self.m
+        # Each strut by itself.
         outputs = self._program(_step)(self.rows)
         now, verdict, near, whole = (x.reshape(count, m) for x in outputs["seen"].T)
         doubt, shift = verdict.max(axis=1), np.zeros((count * m, 1))
+        # Chosen rest lengths couple them: all struts together balance the load.
         if gradients is not None:
             together = {
                 name: outputs[name].reshape(count, -1) for name in ("W", "dW", "more_W")
@@ -416,10 +425,12 @@ class _Search:
             short, unsure = coupled["seen"].T
             now, doubt = np.maximum(now, short[:, None]), np.maximum(doubt, unsure)
             shift = coupled["shift"].reshape(count * m, 1)
+        # At rest where round-off is left and no step makes it less.
         settled = (now >= 0.5 * self._missed) & (now <= numerics.ROUNDOFF * whole)
         settled |= now <= ROUNDINGS * numerics.EPSILON * whole
         is_plain = (doubt == PLAIN) & np.isfinite(now).all(axis=1)
         done = is_plain & settled.all(axis=1)
+        # Those at rest are kept, those in doubt left out, the others go on.
         rows = {"numbers": self.rows["numbers"], **outputs, "shift": shift}
         if done.any():
             own, kept = (
@@ -564,6 +575,7 @@ class UntracedTerms:
         The wrench (1 or N, 6) is that which struts carry.
         """
         count, n = q.shape
+        # Sums over all potentials; without dense ones they are not made.
         sums = _Sums(
             np.zeros((count, 1)),
             np.zeros((0, n)),
@@ -575,6 +587,7 @@ class UntracedTerms:
             sums = sums._replace(
                 gradients=np.zeros((count, n)), hessians=np.zeros((count, n, n))
             )
+            # Springs with laws of their own, then potentials of any kind, then struts.
             for j, law in self.laws.items():
                 x = q[:, j] - (0.0 if self.rest is None else self.rest[j])
                 energy, torque, stiffness = law.evaluate(x)
@@ -588,6 +601,7 @@ class UntracedTerms:
                 "gradients": sums.gradients,
                 "hessians": sums.hessians.reshape(count, n * n),
             }
+        # Beams keep theirs in the links' own coordinates.
         if self.beams:
             energy, gradient, hessian = segments_of_many(self.beams, q, compiled)
             sums.energies[:, 0] += energy

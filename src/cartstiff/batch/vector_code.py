@@ -135,13 +135,17 @@ class Writer:
         """Write sine and cosine, within two units of the last digit for
         angles up to 1e6.
         """
+        # The nearest quarter turn, by adding a number that leaves no digits behind the
+        # point.
         shifted = self.do(
             "fadd", self.do("fmul", x, self.constant(_TWO_OVER_PI)), self.constant(_WHOLE)
         )
         quarter = self.do("fsub", shifted, self.constant(_WHOLE))
+        # The rest in three parts, so that large angles keep their digits.
         r = x
         for part in _HALF_PI:
             r = self.do("fsub", r, self.do("fmul", quarter, self.constant(part)))
+        # Both series near zero; the cosine with what rounding has lost.
         z = self.do("fmul", r, r)
         s = self.do("fmul", self._polynomial(z, _SINE), self.do("fmul", z, r))
         s = self.do("fadd", s, r)
@@ -150,6 +154,7 @@ class Writer:
         lost = self.do("fsub", self.do("fsub", self.constant(1.0), near), half)
         c = self.do("fmul", self._polynomial(z, _COSINE), self.do("fmul", z, z))
         c = self.do("fadd", near, self.do("fadd", lost, c))
+        # Odd quarters swap both, and the bits of the quarter are the signs.
         k = self.new(f"bitcast {self.vector} {shifted} to {self.integers}")
         odd = self.new(f"trunc {self.integers} {k} to <{self.width} x i1>")
         pair = []

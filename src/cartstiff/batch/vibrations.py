@@ -114,6 +114,8 @@ class ManyModes:
         """
         nothing = np.full((len(self.q), count), np.nan), np.zeros(len(self.q), bool)
         loads, axes = self._loads, self.load.get("load_axes", "body")
+        # Recorded only where it pays, and where the mechanism and its load can be
+        # recorded.
         kind = LoadKind(
             self.load.get("load_kind", "dead"), self.load.get("load_at", LoadKind().at)
         )
@@ -124,6 +126,7 @@ class ManyModes:
         case = None if isinstance(taken, str) else with_masses(self.elastic, taken.case)
         if isinstance(taken, str) or case is None:
             return nothing
+        # One pass gives both matrices of every posture; the frequencies follow from them.
         kernel = kernel_for(case, _OUTPUTS, len(self.q), has_package("llvmlite"))
         q, verdicts = self.q.copy(), np.zeros(len(self.q), np.uint8)
         widths = {name: len(own) for name, own in kernel.program.outputs.items()}

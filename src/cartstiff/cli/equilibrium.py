@@ -115,8 +115,10 @@ def command(
     cartstiff equilibrium five-bar --load 0,0,0,0,-2000,0 --curve 3 -o curve.png
     cartstiff equilibrium ur5 --load 0,0,0,0,0,-80 --path postures.csv -o commands.csv
     """  # noqa: E501
+    # One state of rest.
     if curve is None and path is None:
         only_endings(output, ".json", others="--curve or --path")
+    # The mechanism at its posture, before and after the drives move.
     elastic, q = setup.read()
 
     from cartstiff.statics.command import commanded
@@ -131,6 +133,7 @@ def command(
         return commanded(elastic, setup.command(elastic), q)
 
     elastic, start = moved(elastic)
+    # A path is compensated point by point: another answer.
     if path is not None:
         _compensate(elastic, path, setup, against, out, output)
         return
@@ -166,6 +169,7 @@ def command(
             output,
         )
         return
+    # A curve: the states from no load to a multiple of this one.
     _check_load(elastic, setup)
 
     from cartstiff.answer.paths import answer_of_curve

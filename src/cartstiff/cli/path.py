@@ -129,6 +129,7 @@ def command(
     cartstiff path ur5 seam.csv --free-axis x --load 0,0,0,-120,0,0 --range elbow_joint=0:2.6 \
         --near 0,-1.2,1.5,0,1,0
     """  # noqa: E501
+    # The axes may be given by either option.
     if setup.world:
         if axes not in (None, "world"):
             raise InputError("give --world or --axes, not both")
@@ -139,6 +140,7 @@ def command(
     from cartstiff.cli.tables import read_path_file
     from cartstiff.toolpaths.optimise import optimise_path
 
+    # The path with what may be chosen on it.
     free = "rotation" if free_rotation else free_axis or "none"
     path = read_path_file(
         path_file,
@@ -149,6 +151,7 @@ def command(
         base=elastic.mechanism.base_pose,
         units=elastic.units,
     )
+    # Ranges of joints, then the search.
     for name, (low, high) in (ranges or {}).items():
         check_name("joint", name, elastic.names, "--range")
         if not low <= high:

@@ -353,6 +353,7 @@ def read_path_file(
     from cartstiff.toolpaths.tool_path import ToolPath
     from cartstiff.units import SI
 
+    # Columns by their names, or in the order of poses and wrenches.
     where = one_line(str(file))
     units = units or SI
     rows = read_rows(file, "points", units=units)
@@ -370,15 +371,18 @@ def read_path_file(
     def columns(group: tuple[str, ...]) -> Any:
         return np.column_stack([table[n] for n in group]) if group[0] in table else None
 
+    # What is the same at all points may be an option instead of columns.
     wrenches = once("--load", wrench, wrench_columns(table), where)
     directions = once("--direction", direction, columns(DIRECTION), where)
     of: Any = axes or "path"
+    # The robot's base is fixed in the room: from here on the room's axes serve.
     if axes == "base":
         of = "world"
         T = np.eye(4) if base is None else base
         wrenches, directions = along_world(wrenches, T), along_world(directions, T)
     tool_axes = columns(_AXIS)
     try:
+        # Poses, or places with the tool's axis alone, whose turn is then free.
         if tool_axes is None:
             poses = se3.from_roll_pitch_yaw(columns(_POSITION), columns(_ANGLES))
             return ToolPath(poses, wrenches, directions, of)

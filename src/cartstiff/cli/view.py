@@ -64,18 +64,22 @@ class Shown:
         from cartstiff.statics.command import checked_command
         from cartstiff.stiffness.compute import analyse
 
+        # The first picture; a load that cannot be carried is refused before the page
+        # opens.
         with np.errstate(all="ignore"):
             first = analyse(elastic, q, **setup.keywords)
         cloud = None if self.map_path is None else read_cloud(self.map_path, elastic)
         if self.workspace:
             cloud = _workspace_cloud(elastic, first.q, setup)
         command = None
+        # Steps of drives in the order of the springs, as the page has them.
         if setup.actuate is not None:
             steps = setup.command(elastic)
             checked_command(elastic, steps)
             command = [steps.get(name, 0.0) for name in elastic.spring_names]
 
         trajectory = None
+        # Commands of joints are those before flexible links bend.
         if self.trajectory is not None:
             mechanism = elastic.mechanism
             trajectory = read_trajectory(

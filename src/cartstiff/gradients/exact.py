@@ -337,9 +337,12 @@ def _varied_chain(
 ) -> tuple[ChainCase, Names]:
     """A chain's arithmetic with placements and masses as inputs, and their names."""
     tree, names = chain.tree, Names()
+    # Joints whose placements move the body; with closures every joint does.
     path = list(range(tree.model.njoints - 1))
     if not chain.closures:
         path = [int(j) for j in tree.path(0, chain.body.joint).order]
+    # Each link and each end of a closure that a parameter moves is one input of six
+    # numbers.
     places = [f"placement.{tree.model.names[j + 1]}" for j in path] + ["frame"]
     links = tuple(i for i, name in enumerate(places) if f"{name}.x" in own)
     found = [places[i] for i in links]
@@ -355,6 +358,7 @@ def _varied_chain(
         for k, axis in enumerate((*_XYZ, *_RXYZ))
         if f"{name}.{axis}" in own
     }
+    # A mass matters where there is weight, or where the masses swing.
     has_weight = bool(case.fields) and case.fields[0].has_mass
     has_masses = has_weight or case.bodies is not None
     if has_masses:

@@ -256,6 +256,7 @@ def gradient(
     InputError
         For arguments that cannot be used.
     """
+    # The posture, held or at rest under the load.
     load: dict[str, Any] = {
         "wrench": wrench,
         "load_kind": load_kind,
@@ -267,6 +268,7 @@ def gradient(
         subject = equilibrium(elastic, q, **load)
     else:
         subject = analyse(elastic, q, **load)
+    # What is differentiated: a quantity as in tables, or the caller's function.
     if connection is None:
         connection = "B" if wrench is None else "load"
     kind = DEAD_AT_ORIGIN if wrench is None else LoadKind(load_kind, load_at)  # type: ignore[arg-type]

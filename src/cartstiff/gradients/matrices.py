@@ -240,6 +240,7 @@ class _Question:
             raise UndefinedError(
                 "modes that flutter have no sensitivities", code="flutter"
             )
+        # Exact where recorded, else a difference quotient; what has neither is said.
         found, rows = self._exact(names), dict[str, Quotient]()
         missing = [] if (left_out := parameters.left_out) is None else [left_out]
         for done, name in enumerate(names, 1):
@@ -303,12 +304,15 @@ class _Question:
     def seen(self, subject: PostureStiffness | Equilibrium) -> _Parts:
         """The arrays of an answer; motions keep the closures."""
         modes, none = self.modes, np.full((6, 6), np.nan)
+        # The matrices and the pose; without masses that is all.
         result = subject.stiffness if isinstance(subject, Equilibrium) else subject
         each = [result.matrices[name] for name in MATRICES]
         dK = np.array([none if K is None else K for K in each])
         if modes is None:
             return [dK, subject.pose, np.zeros((0, 0)), np.zeros((0, 0))]
         posture = subject.posture
+        # Stiffness and mass of all coordinates, seen from the unvaried modes: their first
+        # change is that of the frequencies.
         if isinstance(subject, Equilibrium):
             K, C = subject.full_stiffness
         else:
@@ -318,6 +322,7 @@ class _Question:
         M = np.zeros_like(K) if M is None else M
         right = modes.basis @ modes.spectrum.vectors
         left = modes.basis @ modes.spectrum.left
+        # Closures move with the parameter: the modes are brought back onto them.
         if C is not None and len(C):
             columns = posture.coordinate_lengths
             back = columns[:, None] * np.linalg.pinv(
@@ -337,6 +342,7 @@ class _Question:
         recorded = Recorded.of(self.parameters, self.state, modes is not None)
         if isinstance(recorded, str):
             return {}
+        # What exists here, and for modes the matrices on the free motions.
         outputs = tuple(n for n in _OUTPUTS if self._exists(n.removeprefix("stiffness_")))
         to_motions = _to_motions(result, recorded.case)
         if modes is not None:
@@ -348,6 +354,7 @@ class _Question:
         by = None if found is None else recorded.named(found)
         if found is None or by is None:
             return {}
+        # The program gives flat rows; they are cut as the outputs lie in them.
         m = 6 if to_motions is None else len(to_motions)
         shapes = [_SHAPES.get(name, (6, 6)) for name in outputs]
         sizes = [tuple(m if n < 0 else n for n in shape) for shape in shapes]

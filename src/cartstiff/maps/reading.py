@@ -161,6 +161,7 @@ def best(dataset: xarray.Dataset, quantity: str, count: int = 1) -> xarray.Datas
         raise InputError(
             "number of postures cannot be used", expected="1 or more", got=count
         )
+    # Only a quantity with a better end has best postures.
     better = array.attrs.get("better")
     if better is None:
         raise InputError(
@@ -177,6 +178,7 @@ def best(dataset: xarray.Dataset, quantity: str, count: int = 1) -> xarray.Datas
         places = np.transpose(np.unravel_index(valid, values.shape)).tolist()
         return list(zip(flat[valid].tolist(), map(tuple, places), strict=True))
 
+    # Block by block: each offers its own best, and only those are compared.
     from dask.array.core import slices_from_chunks
 
     found: list[tuple[float, tuple[int, ...]]] = []
@@ -187,6 +189,7 @@ def best(dataset: xarray.Dataset, quantity: str, count: int = 1) -> xarray.Datas
         found = heapq.nsmallest(count, found)
     import xarray
 
+    # The coordinates and all other quantities there.
     picks = {
         str(dim): xarray.DataArray([cell[i] for _, cell in found], dims="rank")
         for i, dim in enumerate(array.dims)

@@ -56,6 +56,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array) -> dict[str, Any]:
         The posture around which coordinates without limits are ranged.
     """
     mechanism, units = elastic.mechanism, elastic.units
+    # Sliders: their ranges, and how far a sweep goes.
     ranges = slider_ranges(elastic, q)
     springs = elastic.springs
     coordinates = [
@@ -70,12 +71,14 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array) -> dict[str, Any]:
         }
         for c, (lower, upper) in zip(mechanism.coordinates, ranges, strict=True)
     ]
+    # Springs, with what is known of the origin of their numbers.
     stiffness = elastic.stiffnesses
     spring_units = [units.spring(slides) for slides in elastic.slides]
     driven = () if springs is None else drives(elastic)
     assumed = elastic.assumed_springs
     doubts = dict.fromkeys(assumed, "assumed")
     doubts |= dict.fromkeys(elastic.illustrative - assumed, "illustrative")
+    # All that does not change with the posture.
     return {
         "name": elastic.name,
         "kind": mechanism.kind,
@@ -167,10 +170,12 @@ def _within_strokes(
     range without limits, used where none is reached within twice `size` or a quarter of a
     turn.
     """
+    # Limits that the posture itself breaks do not count.
     limits, pose = limits_of(platform), platform.at(q).pose
     limits = limits.leaving_out(limits.side(limits.values(q, pose), size))
     reach = 2.0 * size if platform.coordinates[i].is_length else 0.5 * np.pi
     ends = list(own)
+    # To each side: the first limit on a coarse row, then finer between its neighbours.
     for side, sign in enumerate((-1.0, 1.0)):
         near, far, is_reached = 0.0, sign * reach, False
         for _ in range(_DIVISIONS):
@@ -232,12 +237,14 @@ def shown_numbers(
         "wrench", "principal", "softest", "indices", "symmetric", "singularity", "legs",
         "moved", "modes", "verdict", "doubts"; None for numbers that do not exist.
     """
+    # All matrices in the frame that the reader has chosen.
     T = reference_frame(result, state)
     here = result.at(T)
     pair = matrix_pair(here, state.connection)
     shown = here.matrices if state.quantity == "stiffness" else here.compliances
     principal = _principal(here, state)
     numbers = _indices(pair)
+    # The chosen quantity takes the place of its None below; the other one is not sent.
     answer: dict[str, Any] = {
         "result": result.to_dict() if whole else _part(result, state.quantity),
         "has_compliance": pair.K is not None or result.reduction.compliance is not None,
@@ -540,6 +547,7 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
     the load; "energy"; "leg_force", the largest. "unstable" says that the load is not
     resisted.
     """
+    # Principal values and conditions of the chosen matrix.
     here = result.at(reference_frame(result, state))
     try:
         principal = _principal(here, state)
@@ -548,6 +556,8 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
     indices = _indices(matrix_pair(here, state.connection))
     names = "condition_number", "translational_condition", "rotational_condition"
     conditions = [] if indices is None else [indices[name] for name in names]
+    # How near a singularity is, and how far the load moves the body; an unstable posture
+    # moves without bound.
     ratios = [entry["ratio"] for entry in distance_to_singularity(result)]
     moved = _deflection(result, state, Notes())
     unstable = moved is not None and not result._resists
@@ -558,6 +568,7 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         ways = (None, None)
     else:
         ways = (moved.whole.displacement, moved.whole.twist[:3])
+    # A curve that does not exist here has None, which leaves a gap.
     deflection, turn = (
         None if way is None else [float(np.linalg.norm(way))] for way in ways
     )

@@ -174,12 +174,14 @@ def internal_twist(
     soft, sign = 1 - axis, 1.0 - 2.0 * axis
     root = np.sqrt(12.0)
     bends = 1.0 - float(ratios[soft])
+    # Names as above, with sqrt(12) taken into k_1 and d_1.
     alpha, beta, chi = -2.0 * turns[:, soft], bends * turns[:, 2 + soft], sign * twist
     k = [-2.0 * turns[:, axis], root * turns[:, 2 + axis]]
     w = [stiffer, stiffer * (1.0 - float(ratios[axis]))]
     delta = [chi * beta, chi * alpha / root]
     d = [k[0] + delta[0], k[1] + delta[1]]
     c, mixed = 1.0 / torsion, root / 15.0
+    # Flexibility of the turns that vanish at the ends.
     F00 = c * (alpha * alpha / 12.0 + beta * beta / 5.0)
     F01 = c * mixed * (alpha * beta)
     F11 = c * (alpha * alpha / 60.0 + 3.0 / 7.0 * (beta * beta))
@@ -189,6 +191,7 @@ def internal_twist(
     R00 = w[0] * w[0] * scale * (F00 + w[1] * product)
     R11 = w[1] * w[1] * scale * (F11 + w[0] * product)
     R01 = w[0] * w[1] * scale * F01
+    # Forces t along d; the energy as a difference, whose digits a small twist keeps.
     lost = [R00 * d[0] + R01 * d[1], R01 * d[0] + R11 * d[1]]
     t = [w[0] * d[0] - lost[0], w[1] * d[1] - lost[1]]
     stored = [w[i] * delta[i] * (2.0 * k[i] + delta[i]) - d[i] * lost[i] for i in (0, 1)]
@@ -202,6 +205,7 @@ def internal_twist(
         (zero, one),
         (beta, alpha / root),
     ]
+    # How F changes, along the forces.
     bent = [
         (
             c * (alpha / 6.0 * t[0] + mixed * beta * t[1]),
@@ -213,11 +217,14 @@ def internal_twist(
         ),
         *[(zero, zero)] * 3,
     ]
+    # First derivatives; those by k are exact differences, which keep their digits near
+    # zero.
     slopes = [
         r[0] * t[0] + r[1] * t[1] - 0.5 * (b[0] * t[0] + b[1] * t[1])
         for r, b in zip(rates, bent, strict=True)
     ]
     slopes[2], slopes[3] = w[0] * delta[0] - lost[0], w[1] * delta[1] - lost[1]
+    # Second derivatives: of the forces, then of F and of the products in d.
     e = [(r[0] - b[0], r[1] - b[1]) for r, b in zip(rates, bent, strict=True)]
     Re = [(R00 * x + R01 * y, R01 * x + R11 * y) for x, y in e]
     curvatures = [[zero] * 5 for _ in range(5)]

@@ -1369,10 +1369,12 @@ class Workspace(LabelledResult):
         figure = new_figure(11.0, 8.0, self.elastic.springs_in_doubt)
         from matplotlib import colormaps
 
+        # One colour for each limit that cuts the boundary.
         labels, places, singular = self.axes_with_units, self.boundary, self.singular
         names = np.array([]) if self.positions is None else self.positions.limit
         colours = colormaps["tab20"].colors  # type: ignore[attr-defined]
         is_place = self.axes == ("x", "y", "z")
+        # From one corner, and from three sides.
         panels: tuple[tuple[tuple[int, ...], str | None, str], ...] = (
             ((0, 1, 2), "3d", "box"),
             ((0, 1), None, "datalim"),
@@ -1388,6 +1390,7 @@ class Workspace(LabelledResult):
                     color=colours[k % 20],
                     label=kind,
                 )
+            # Singular places in space only: flat, they would hide the boundary.
             if projection and singular is not None and len(singular.surface):
                 axis.scatter(
                     *singular.surface.T, s=1, color="0.6", label="singular surface"

@@ -61,6 +61,8 @@ def describe(
         f"{elastic.name}: {mechanism.kind}, {body_frame(mechanism)}, "
         f"matrices in {units.length} and {units.force}",
     ]
+    # The answer comes first, where there is one: with its tables, and its doubts not said
+    # again.
     if answer is None:
         lines += [
             line for shown in drive_tables(result, None) for line in table_lines(shown)
@@ -70,6 +72,7 @@ def describe(
         told = answer.doubts
         lines += answer_lines(answer)
         lines += [line for shown in answer.tables for line in table_lines(shown)]
+    # Where the body is, and what acts on it.
     position, angles = result.pose[:3, 3], se3.roll_pitch_yaw(result.pose)
     lines += [
         "",
@@ -80,6 +83,7 @@ def describe(
     ]
     lines += load_lines(result, at_rest)
     lines.append(result.weighed.text)
+    # Energies, and springs that couple joints.
     if np.isfinite(result.stored_energy):
         lines.append(
             f"  energy stored in the springs {result.stored_energy:.6g} {units.moment}"
@@ -93,6 +97,7 @@ def describe(
     if np.isfinite(outside) and outside != 0.0:
         lines.append(f"  potential of gravity and loads {outside:.6g} {units.moment}")
     lines.append("")
+    # The matrices; connections with the same one share it.
     if any(K is not None for K in result.matrices.values()):
         lines += [
             "Stiffness: rows wrench (moment, force), columns motion (rotation, "
@@ -114,6 +119,7 @@ def describe(
             *format_matrix(K, [""] * 6).split("\n"),
             "",
         ]
+    # Fewer than six freedoms: what the body can do.
     if result.reduction.stiffness is None and result.reduction.reachable is not None:
         lines += _reachable(result, at_rest)
     if analysis:

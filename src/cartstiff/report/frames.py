@@ -177,6 +177,7 @@ def describe_frames(answer: Mapping[str, Any], length: float = 0.0) -> str:
         f"F: {', '.join(answer['frames'])}",
     ]
 
+    # Joints as a tree, the frames of each link below its joint.
     def below(parent: str | None, indent: str) -> None:
         children = [j for j in joints if j["parent"] == parent]
         for i, joint in enumerate(children):
@@ -191,6 +192,7 @@ def describe_frames(answer: Mapping[str, Any], length: float = 0.0) -> str:
             below(joint["name"], deeper)
 
     below(None, "")
+    # What is no tree: legs and closures.
     if answer["legs"]:
         lines += ["", "Legs, from feet in F to heads in M"]
         lines += [_leg_words(leg, units) for leg in answer["legs"]]
@@ -200,6 +202,7 @@ def describe_frames(answer: Mapping[str, Any], length: float = 0.0) -> str:
             f"  {c['type']}: {c['frames'][0]} = {c['frames'][1]}"
             for c in answer["closures"]
         ]
+    # Where the body and the base are, and what they weigh.
     pose = np.array(answer["pose"])
     turned = np.degrees(se3.roll_pitch_yaw(pose))
     base, gravity = placed(np.array(answer["base_pose"]), units), "none"

@@ -79,6 +79,7 @@ def settled(
     lam = np.zeros(0)
     acting = [t for t in elastic.terms(springs=False) if t not in elastic.coupled_springs]
     for _ in range(STEPS):
+        # Forces and their derivatives, in sizes of the coordinates.
         parts = evaluate_together((*acting, *loads), posture)
         sizes = posture.coordinate_lengths
         gradient = sum((p.gradient for p in parts), np.zeros(sizes.size)) * sizes
@@ -91,6 +92,7 @@ def settled(
             C, r = closure.jacobian * sizes, missed
             if lam.size:
                 H = H + closure.curvature(lam) * np.outer(sizes, sizes)
+        # One Newton step of balance and closures together.
         stiff = max(float(np.abs(H).max()), numerics.TINY)
         moving = free if away is None else np.arange(sizes.size)
         system = np.block(
@@ -101,6 +103,7 @@ def settled(
         )
         right = -np.concatenate([gradient[free] / stiff, r])
         solution = np.linalg.lstsq(system, right, rcond=numerics.ROUNDOFF_OF_SUMS)[0]
+        # Steps that keep the balance bring the body nearer to where it shall be.
         if away is not None:
             scale = np.repeat([1.0, 1.0 / posture.length], 3)
             rates = np.zeros((6, system.shape[1]))
@@ -111,6 +114,7 @@ def settled(
                 solution
                 + keeping @ np.linalg.lstsq(rates @ keeping, left, numerics.RANK)[0]
             )
+        # A long step is shortened.
         step, lam = solution[: moving.size], solution[moving.size :] * stiff
         largest = float(np.abs(step).max(initial=0.0))
         if not np.isfinite(largest):

@@ -91,17 +91,22 @@ class ToolPath:
         """
         check_name("axis", axis, ("x", "y", "z"))
         p = checked_array(positions, ("N", 3), "array of positions")
+        # Directions of length one.
         u = _rows(tool_axes, len(p), 3, "tool axes")
         size = np.linalg.norm(u, axis=1)
         if not np.all(size > 0):
             raise InputError("a tool axis is zero", got=u[np.argmin(size)].tolist())
         u = u / size[:, None]
+        # Each rotation is the last one with the least turn: the tool does not spin along
+        # the path.
         own = np.eye(3)["xyz".index(axis)]
         rotations, R = [], np.eye(3)
         for direction in u:
             R = _least_turn(R @ own, direction) @ R
             rotations.append(R)
         path = cls(se3.pose(np.array(rotations), p), wrenches, directions, axes or "path")  # type: ignore[arg-type]
+        # Which way the other two axes look is nobody's choice: vectors along them mean
+        # nothing.
         if path.axes == "path":
             across = ~own.astype(bool)
             for name, rows in (

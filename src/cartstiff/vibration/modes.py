@@ -130,6 +130,7 @@ def _implausible_masses(
     `metres` is its unit of length.
     """
     model = chain.tree.model
+    # Mass of the whole robot against its size.
     steps = [
         float(np.linalg.norm(T.translation)) for T in list(model.jointPlacements)[1:]
     ]
@@ -146,6 +147,7 @@ def _implausible_masses(
         heavy = max(bodies, key=lambda name: bodies[name].mass)
         values = {"mass": total, "length": size, "heaviest": heavy}
         yield Note("implausible-mass", words, values)
+    # Inertias that no body of that mass and size has.
     for name, body in bodies.items():
         mass = float(body.mass)
         if not mass > 0.0:
@@ -194,6 +196,7 @@ def notes_on_states(
     spectrum : Spectrum
         The solutions.
     """
+    # Motions by the sign of their squared frequencies: free, fluttering, leaving.
     zero = np.flatnonzero(squares == 0.0)
     if zero.size:
         words = f"{zero.size} motion(s) cost no energy: free motions, of frequency 0"
@@ -216,6 +219,7 @@ def notes_on_states(
             "shapes": shapes[:, negative].real.T.tolist(),
         }
         yield Note("unstable", words, values)
+    # Equal frequencies: single shapes of the group mean nothing.
     for group in groups:
         if len(group) > 1 and squares[group[0]] != 0.0:
             numbers = ", ".join(str(i + 1) for i in group)
@@ -225,6 +229,7 @@ def notes_on_states(
                 "it is a mode"
             )
             yield Note("repeated-modes", words, {"modes": [i + 1 for i in group]})
+    # Motions that have no frequency, since they have no mass.
     if spectrum.following.shape[1]:
         words = (
             f"{spectrum.following.shape[1]} motion(s) have stiffness and no mass: they "

@@ -273,15 +273,18 @@ class FrequencyResponse(Result, LabelledResult):
         """
         figure = new_figure(7.0, 5.0)
         size, phase = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
+        # Size and phase of each curve; no size has no logarithm.
         for name, values in self.curves(direction).items():
             shown = np.where(np.abs(values) > 0.0, np.abs(values), np.nan)
             if np.isfinite(shown).any():
                 size.semilogy(self.frequencies, shown, label=name)
                 phase.plot(self.frequencies, np.degrees(np.angle(values)))
+        # Natural frequencies as thin lines behind the curves.
         for f in [] if modes is None else modes.frequencies:
             if self.frequencies[0] <= f <= self.frequencies[-1]:
                 for axis in (size, phase):
                     axis.axvline(f, color="0.8", linewidth=0.8, zorder=0)
+        # A narrow range needs numbers between the powers of ten.
         if self.frequencies[0] > 0.0:
             size.set_xscale("log")
             phase.xaxis.set_major_formatter("{x:g}")
