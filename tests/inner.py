@@ -131,7 +131,7 @@ HOMES = {
     "loading.joints": "cut",
     "loading.mechanism_file": "mechanism_file_json_schema=json_schema",
     "loading.mesh_worker": "corner_normals",
-    "loading.meshes": "read_mesh read_meshes",
+    "loading.meshes": "read_meshes",
     "loading.mjcf": "reading worker",
     "loading.passes": "ASSUMED_STIFFNESS",
     "loading.published": "published_springs",

@@ -6,7 +6,8 @@ import zipfile
 import zlib
 
 import pytest
-from tests.inner import ChainPicture, read_mesh, read_meshes, theme
+from tests.inner import ChainPicture, read_meshes, theme
+from tests.support import read_mesh
 from tests.support.memory import megabytes_of_children
 
 import cartstiff

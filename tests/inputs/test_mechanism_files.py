@@ -280,7 +280,7 @@ def test_a_folded_text_holds_no_marks_of_its_lines(tmp_path):
         ("grip: {xyz: [", "grip: {xyz: [1, ", "legs.1.grip.xyz: wrong count"),
         ("{stiffness: 2.0e4}", "{stifness: 2.0e4}", "legs.1.springs.motor.stifness: unknown key"),
         ("passive: [elbow, wrist]", "passive: elbow", "legs.1.passive: cannot be used"),
-        ("model: rrr-leg.urdf", "chain: RRR", "legs.1.base.xyz: unknown key"),
+        ("model: rrr-leg.urdf", "chain: RRR", "legs.1.frame: unknown key"),
     ],
 )
 def test_errors_of_a_leg_are_those_of_the_kind_that_is_meant(there, instead, told, tmp_path):
@@ -291,4 +291,15 @@ def test_errors_of_a_leg_are_those_of_the_kind_that_is_meant(there, instead, tol
     path.write_text(text.replace(there, instead, 1), encoding="utf-8")
     (tmp_path / "rrr-leg.urdf").write_bytes((ROOT / "robots" / "rrr-leg.urdf").read_bytes())
     with pytest.raises(InputError, match=re.escape(told)):
+        cartstiff.load(path)
+
+
+def test_a_leg_by_name_among_several_is_named_by_its_place(tmp_path):
+    # Its keys are those of the list's entry: there is no key legs.2.legs.
+    ends = "base: {radius: 0.35, half_angle: 0.2}, platform: {radius: 0.15, half_angle: 0.2}"
+    leg = f"{{chain: PUS, stiffness: 2.0e7, {ends}, rod: "
+    legs = f"legs:\n  - {leg}0.5}}\n  - {leg}[0.5, 0.5]}}\n"
+    path = tmp_path / "two.yaml"
+    path.write_text(f"kind: parallel\npose: {{xyz: [0, 0, 0.55]}}\n{legs}", encoding="utf-8")
+    with pytest.raises(InputError, match=r"two\.yaml, line 5, key legs\.2\.rod: wrong count"):
         cartstiff.load(path)

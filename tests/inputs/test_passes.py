@@ -76,7 +76,7 @@ def test_frame(robot):
     part = joints.named_frame(part_of(robot, frame=None))
     assert (part.frame, codes(part)) == ("tool", ["default-frame"])
     assert joints.named_frame(part_of(robot)).notes == ()
-    with pytest.raises(UnknownNameError, match="leg 3: unknown frame"):
+    with pytest.raises(UnknownNameError, match=r"key legs\.3: unknown frame"):
         joints.named_frame(replace(part_of(robot, frame="nowhere"), number=3))
 
 
@@ -107,7 +107,7 @@ def test_followers_that_are_named_are_their_leaders(robot):
     part = joints.leaders(part_of(robot, q={"c": 0.8}, passive=["c"]))
     assert part.entry.q == {"a": 0.4}
     assert part.entry.passive == ["a"]
-    with pytest.raises(InputError, match=r"leg 2, key q: joint 'c' follows 'a'"):
+    with pytest.raises(InputError, match=r"key legs.2.q: joint 'c' follows 'a'"):
         joints.leaders(replace(part_of(robot, q={"a": 0.1, "c": 0.8}), number=2))
 
 

@@ -10,7 +10,8 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from tests.inner import read_mesh, read_meshes
+from tests.inner import read_meshes
+from tests.support import read_mesh
 
 import cartstiff
 from cartstiff import InputError

@@ -19,9 +19,9 @@ from tests.inner import (
     export_page,
     numbered,
     page_script,
-    read_mesh,
     visuals_of,
 )
+from tests.support import read_mesh
 from tests.view.conftest import unpacked
 
 import cartstiff

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.inner import corner_normals, objects, read_mesh
-from tests.support import robot_file
+from tests.inner import corner_normals, objects
+from tests.support import read_mesh, robot_file
 
 from cartstiff import InputError
 from cartstiff.errors import MissingDependencyError

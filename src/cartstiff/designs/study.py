@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Field,
     ValidationError,
     field_validator,
@@ -19,6 +17,7 @@ from pydantic import (
 from cartstiff.errors import InputError, UnknownNameError, check_name, one_line
 from cartstiff.expressions import Expression, is_name
 from cartstiff.loading.schema import (
+    FileModel,
     Number,
     Pair,
     Positive,
@@ -26,7 +25,6 @@ from cartstiff.loading.schema import (
     Vector,
     first_error,
     keyed,
-    known_keys,
     only_one,
     place_of,
 )
@@ -40,13 +38,7 @@ _Flag = Annotated[bool, Field(strict=True)]
 _Wrench = Annotated[list[Number], Field(min_length=6, max_length=6)]
 
 
-class StudyModel(BaseModel):
-    """A part of a study: no other keys, and immutable."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Variable(StudyModel):
+class Variable(FileModel):
     """A parameter that is varied: between two ends, or among values."""
 
     low: Number | None = None
@@ -102,7 +94,7 @@ class Variable(StudyModel):
         return [self.at(i / (n - 1) if n > 1 else 0.5) for i in range(n)]
 
 
-class RandomPoses(StudyModel):
+class RandomPoses(FileModel):
     """Poses drawn at random."""
 
     count: _Count
@@ -112,7 +104,7 @@ class RandomPoses(StudyModel):
     seed: _Seed = 0
 
 
-class Poses(StudyModel):
+class Poses(FileModel):
     """Poses at which every design is evaluated; default its default posture."""
 
     grid: dict[str, Annotated[list[Number], Field(min_length=3, max_length=3)]] | None = (
@@ -161,7 +153,7 @@ class Poses(StudyModel):
         return math.prod(int(count) for _, _, count in (self.grid or {}).values())
 
 
-class Case(StudyModel):
+class Case(FileModel):
     """A load and the settings of the quantities; keys as in `cartstiff.compute_map`."""
 
     wrench: _Wrench | None = keyed("moment and force, carried everywhere", None)
@@ -174,7 +166,7 @@ class Case(StudyModel):
     )
     direction: Vector | None = None
     deflect: _Wrench | None = keyed("wrench whose deflection is computed", None)
-    deflect_at: Vector = [0, 0, 0]
+    deflect_at: Vector = keyed("point of the body at which that wrench acts", [0, 0, 0])
     world: _Flag = keyed("direction and deflect in the axes of F", False)
     damping: Number = keyed("modal damping ratio", 0.0, ge=0.0)
 
@@ -190,7 +182,7 @@ class Case(StudyModel):
         return self.model_dump()
 
 
-class Measure(StudyModel):
+class Measure(FileModel):
     """A number of a design: of a quantity over the poses,
     or arithmetic over the parameters.
     """
@@ -283,7 +275,7 @@ class Constraint(Measure):
         return low <= value <= high
 
 
-class Method(StudyModel):
+class Method(FileModel):
     """Method by which designs are chosen."""
 
     kind: Literal["grid", "sobol", "latin-hypercube"] = "grid"
@@ -312,14 +304,14 @@ class Method(StudyModel):
         return self
 
 
-class StudyUnits(StudyModel):
+class StudyUnits(FileModel):
     """Units of a study's numbers and answers; default the mechanism file's."""
 
     length: Literal["m", "dm", "cm", "mm", "um", "in", "ft"] | None = None
     angle: Literal["rad", "deg"] = "rad"
 
 
-class Study(StudyModel):
+class Study(FileModel):
     """A study: variables, poses, cases, objectives and constraints."""
 
     mechanism: Text = keyed("a mechanism file, or the name of a bundled one")
@@ -426,9 +418,7 @@ def read_study(
     try:
         study = Study.model_validate(data)
     except ValidationError as error:
-        raise first_error(
-            error, data, lines, path, ("study",), known_keys(StudyModel)
-        ) from None
+        raise first_error(error, data, lines, path) from None
     for name, measure in study.measures.items():
         if measure.value is not None:
             kind = "objectives" if name in study.objectives else "constraints"

@@ -124,6 +124,11 @@ class Part(_Noted):
         return f"leg {self.number}" if self.number else ""
 
     @property
+    def place(self) -> str:
+        """Place of its entry, for messages; empty for the only one."""
+        return f"key legs.{self.number}" if self.number else ""
+
+    @property
     def base(self) -> Array:
         """Pose of the robot's root in F."""
         return pose_of(getattr(self.entry, "base", PoseModel.model_construct()))
@@ -134,7 +139,7 @@ class Part(_Noted):
 
     def key(self, name: str) -> str:
         """Place of a key, for messages."""
-        return f"{self.leg}, key {name}" if self.leg else f"key {name}"
+        return f"{self.place}.{name}" if self.place else f"key {name}"
 
     def called(self, name: str) -> str:
         """Name in the mechanism of a joint or frame of the robot."""

@@ -77,7 +77,7 @@ def read_dh_table(path: Path) -> list[DHJoint]:
         try:
             rows.append(DHJoint.model_validate(row))
         except ValidationError as error:
-            raise first_error(error, row, {}, place, ("row",)) from None
+            raise first_error(error, row, {}, place) from None
     return rows
 
 

@@ -51,11 +51,11 @@ def named_frame(part: Part) -> Part:
         try:
             frame, words = default_frame(part.robot)
         except InputError as error:
-            raise error.moved_to(part.leg) from None
+            raise error.moved_to(part.place) from None
         note = Note("default-frame", part.says(words), {"frame": frame})
         return part.noting([note], frame=frame)
     notes = []
-    if named_elsewhere(part.robot.model, frame, part.leg):
+    if named_elsewhere(part.robot.model, frame, part.place):
         words = f"a link and a joint elsewhere are named {frame!r}: the link is taken"
         notes.append(Note("ambiguous-frame", part.says(words), {"frame": frame}))
     return part.noting(notes, frame=frame)

@@ -8,7 +8,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, PrivateAttr, Tag, model_validator
 
-from cartstiff.loading.rings import Ring
 from cartstiff.loading.schema import (
     RIGID,
     Each,
@@ -24,6 +23,7 @@ from cartstiff.loading.schema import (
     Number,
     PoseModel,
     Positive,
+    Ring,
     Sliding,
     Text,
     Turning,

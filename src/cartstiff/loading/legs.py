@@ -37,16 +37,16 @@ class _Layout:
     Attributes
     ----------
     entry : NamedLegs
-    leg : str
-        Place of the entry with a comma, for messages, where the file has several.
+    place : str
+        Place of the entry, for messages.
     base, platform : list of ndarray (3,)
         First joints in F, last joints in P.
     mirrored : list of bool
         Whether each leg is the mirror image of the next one.
     """
 
-    def __init__(self, entry: NamedLegs, leg: str) -> None:
-        self.entry, self.leg = entry, leg
+    def __init__(self, entry: NamedLegs, place: str) -> None:
+        self.entry, self.place = entry, place
         rings = (entry.base, entry.platform)
         is_drawn = any(r.points is not None or r.angles is not None for r in rings)
         count = entry.symmetry or (1 if is_drawn else 3)
@@ -65,7 +65,7 @@ class _Layout:
 
     def key(self, name: str) -> str:
         """Place of a key, for messages."""
-        return f"{self.leg}key legs.{name}"
+        return f"{self.place}.{name}"
 
     def each(self, key: str, row: bool = False) -> list[Any]:
         """Value of a key for each leg."""
@@ -148,7 +148,7 @@ class _Layout:
 
 
 def drawn(
-    entry: NamedLegs, T_F_P: Array, leg: str = ""
+    entry: NamedLegs, T_F_P: Array, place: str
 ) -> list[tuple[LegShape, float | None]]:
     """The shape of each leg, with the body at a pose, and the other root of `_root`.
 
@@ -158,8 +158,8 @@ def drawn(
         The file's entry.
     T_F_P : ndarray (4, 4)
         The file's pose, at which all passive joints are zero.
-    leg : str
-        Place of the entry with a comma, for messages, where the file has several.
+    place : str
+        Place of the entry, for messages.
 
     Raises
     ------
@@ -167,7 +167,7 @@ def drawn(
         For counts that do not fit, legs that do not reach, and poses at which the joints
         of such legs could not be put together.
     """
-    layout, letters = _Layout(entry, leg), _without_free_spin(entry.chain)
+    layout, letters = _Layout(entry, place), _without_free_spin(entry.chain)
     family: Family = "strut"
     if letters[1] not in "PC":
         family = "rail" if letters[0] == "P" else "crank"
@@ -197,7 +197,7 @@ def drawn(
         )
         sign, other = _root(shape, modes[k])
         is_straight = not (shape.spins or is_skew)
-        shape = _at_home(shape, sign, f"leg {k + 1}", leg, is_straight)
+        shape = _at_home(shape, sign, f"leg {k + 1}", place, is_straight)
         shapes.append((shape, other))
     return shapes
 
@@ -245,7 +245,7 @@ def _root(shape: LegShape, mode: str | None) -> tuple[int, float | None]:
 
 
 def _at_home(
-    shape: LegShape, sign: int, name: str, leg: str, is_straight: bool
+    shape: LegShape, sign: int, name: str, place: str, is_straight: bool
 ) -> LegShape:
     """Set the driven coordinate at home; refuse joints that cannot be assembled there.
 
@@ -271,7 +271,7 @@ def _at_home(
         end_inner = shape.end_inner if shape.end == "U" else shape.end_axis
     except InputError as error:
         raise InputError(
-            f"{error.what} ({name})", where=f"{leg}key legs.axis", expected=error.expected
+            f"{error.what} ({name})", where=f"{place}.axis", expected=error.expected
         ) from None
     # Joints that do not fit are not drawn with other axes: that would be another machine.
     hinges = ((shape.middle, shape.axis), (shape.end, shape.end_axis))
@@ -442,7 +442,7 @@ def with_drawn_legs(file: ParallelFile) -> ParallelFile:
     driven: list[str] = []
     T_F_P = pose_of(file.pose)
     for i, entry in enumerate(file.entries, start=1):
-        place = "" if entry is file.legs else f"leg {i}, "
+        place = "key legs" if entry is file.legs else f"key legs.{i}"
         if isinstance(entry, LegModel):
             legs.append(entry)
             continue
@@ -498,11 +498,11 @@ def mode_notes(legs: Iterable[LegModel]) -> list[Note]:
     return [Note("working-mode", words, {"taken": taken, "other": other})]
 
 
-def _legs(entry: NamedLegs, T_F_P: Array, leg: str) -> list[tuple[LegModel, list[str]]]:
+def _legs(entry: NamedLegs, T_F_P: Array, place: str) -> list[tuple[LegModel, list[str]]]:
     """Drawn legs of an entry by name, with their driven joints."""
-    shapes, legs = drawn(entry, T_F_P, leg), []
+    shapes, legs = drawn(entry, T_F_P, place), []
     each = {
-        key: one_each(getattr(entry, key), len(shapes), f"{leg}key legs.{key}", row=row)
+        key: one_each(getattr(entry, key), len(shapes), f"{place}.{key}", row=row)
         for key, row in (("stiffness", False), ("limits", True), ("diameter", False))
     }
     for k, (shape, other) in enumerate(shapes):
@@ -510,13 +510,13 @@ def _legs(entry: NamedLegs, T_F_P: Array, leg: str) -> list[tuple[LegModel, list
         model, names = leg_model(shape)
         main = "crank" if shape.family == "crank" else "slide"
         actuated = [main] if entry.actuated is None else entry.actuated
-        _check_names(leg, names, actuated=actuated, springs=entry.springs)
-        _check_names(leg, [*filter(main.__ne__, names)], turns=entry.turns)
+        _check_names(place, names, actuated=actuated, springs=entry.springs)
+        _check_names(place, [*filter(main.__ne__, names)], turns=entry.turns)
         limits = {**entry.turns, main: each["limits"][k]}
         for i, name in enumerate(names):
             if (pair := limits.get(name)) is not None:
                 model.lowerPositionLimit[i], model.upperPositionLimit[i] = pair
-        springs = _driven(entry, actuated, each["stiffness"][k], leg)
+        springs = _driven(entry, actuated, each["stiffness"][k], place)
         grip = se3.inverse(T_F_P) @ shape.end_home
         model_of_leg = LegModel(
             model="by name",
@@ -534,15 +534,15 @@ def _legs(entry: NamedLegs, T_F_P: Array, leg: str) -> list[tuple[LegModel, list
     return legs
 
 
-def _check_names(leg: str, known: list[str], **named: Iterable[str]) -> None:
+def _check_names(place: str, known: list[str], **named: Iterable[str]) -> None:
     """Refuse names under keys that are no joints of a leg."""
     for key, names in named.items():
         for name in names:
-            check_name("joint", name, known, f"{leg}key legs.{key}")
+            check_name("joint", name, known, f"{place}.{key}")
 
 
 def _driven(
-    entry: NamedLegs, actuated: list[str], stiffness: float | None, leg: str
+    entry: NamedLegs, actuated: list[str], stiffness: float | None, place: str
 ) -> dict[str, JointSpringModel]:
     """Springs of an entry, with those of its driven joints."""
     springs = dict(entry.springs)
@@ -552,7 +552,7 @@ def _driven(
         elif name not in springs:
             raise InputError(
                 f"driven joint {name!r} has no spring",
-                where=f"{leg}key legs",
+                where=place,
                 expected="stiffness, or an entry under springs",
             )
     return springs

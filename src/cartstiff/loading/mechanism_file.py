@@ -5,11 +5,10 @@ A refusal names file, line and key.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cache, reduce
+from functools import reduce
 from graphlib import CycleError, TopologicalSorter
 from itertools import filterfalse
 from operator import or_
@@ -34,14 +33,13 @@ from cartstiff.loading.schema import (
     pose_of,
     way_of,
 )
-from cartstiff.loading.yaml_file import Lines
+from cartstiff.loading.yaml_file import Lines, Way
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
 from cartstiff.units import SI, GivenStiffness, Units, convert_length
 
 #: Keys of a file whose texts are for readers.
 _TEXT_KEYS = ("name", "description", "source")
-Place = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ class Parameters:
 
 def with_parameters(
     data: dict[str, Any],
-    place: Callable[[Place], str],
+    place: Callable[[Way], str],
     chosen: Mapping[str, Any] | None = None,
 ) -> tuple[dict[str, Any], Parameters]:
     """Return a file's data with numbers in place of arithmetic, and its parameters.
@@ -111,7 +109,7 @@ def with_parameters(
     # A stiffness with its unit is converted where it is used, as it may slide or turn.
     texts = {n: x for n, x in entries.items() if isinstance(x, str) and x[:1] != "="}
 
-    def with_numbers(data: Any, at: Place) -> Any:
+    def with_numbers(data: Any, at: Way) -> Any:
         if isinstance(data, dict):
             return {key: with_numbers(value, (*at, key)) for key, value in data.items()}
         if isinstance(data, list):
@@ -142,7 +140,7 @@ def with_parameters(
 
 
 def _entries(
-    data: Mapping[str, Any], given: Mapping[str, float], place: Callable[[Place], str]
+    data: Mapping[str, Any], given: Mapping[str, float], place: Callable[[Way], str]
 ) -> dict[str, Any]:
     """Parameters of a file, among which are all that are given."""
     entries = data.get("parameters", {})
@@ -168,7 +166,7 @@ def _entries(
 def _evaluated(
     entries: Mapping[str, Any],
     given: Mapping[str, float],
-    place: Callable[[Place], str],
+    place: Callable[[Way], str],
     units: tuple[Units, Units],
 ) -> tuple[dict[str, float], set[str]]:
     """Value of every parameter, and the names that occur in the arithmetic of others.
@@ -197,9 +195,7 @@ def _evaluated(
     return {name: values[name] for name in entries}, set().union(*needed.values())
 
 
-def _order(
-    needed: Mapping[str, Iterable[str]], place: Callable[[Place], str]
-) -> list[str]:
+def _order(needed: Mapping[str, Iterable[str]], place: Callable[[Way], str]) -> list[str]:
     """Parameters after those that they need."""
     try:
         return [*TopologicalSorter(needed).static_order()]
@@ -262,8 +258,17 @@ def checked_file(
     if "closed_loop" in data and "kind" not in data:
         data = _from_closure_list(data, path)
     data, parameters = with_parameters(data, lambda at: place_of(path, lines, at), values)
+    kind = data.get("kind")
+    if not isinstance(kind, str) or kind not in FILE_KINDS:
+        raise InputError(
+            "unknown kind",
+            where=place_of(path, lines, ("kind",)),
+            expected=", ".join(FILE_KINDS),
+            got=repr(kind) if "kind" in data else "no key 'kind'",
+        )
+    units = {"units": _own_units(data)}
     try:
-        file = _validated(data)
+        file = file_model(kind).model_validate(data, context=units)
     except ValidationError as error:
         raise first_error(error, data, lines, path) from None
     except RecursionError:
@@ -323,34 +328,9 @@ def _from_closure_list(data: dict[str, Any], path: Path) -> dict[str, Any]:
     }
 
 
-def _validated(data: dict[str, Any]) -> Any:
-    """Model of a file; the models of other kinds are built for messages only.
-
-    Raises
-    ------
-    ValidationError
-        If anything is wrong.
-    """
-    kind, context = data.get("kind"), {"units": _own_units(data)}
-    if isinstance(kind, str) and kind in FILE_KINDS:
-        try:
-            return file_model(kind).model_validate(data, context=context)
-        except ValidationError:
-            pass
-    return _any_kind().validate_python(data, context=context)
-
-
-@cache
-def _any_kind() -> Any:
-    from pydantic import Field, TypeAdapter
-
-    kinds = reduce(or_, map(file_model, FILE_KINDS))
-    chosen: Any = Annotated[kinds, Field(discriminator="kind")]
-    return TypeAdapter(chosen)
-
-
 def json_schema() -> dict[str, Any]:
     """Return the JSON schema of mechanism files of every kind."""
+    from pydantic import Field, TypeAdapter
     from pydantic.json_schema import GenerateJsonSchema
 
     class WithSections(GenerateJsonSchema):
@@ -364,30 +344,25 @@ def json_schema() -> dict[str, Any]:
             ref = f"{model.__module__}.{model.__qualname__}:{id(model)}"
             return self.generate_inner({**model.__pydantic_core_schema__, "ref": ref})
 
-    return _any_kind().json_schema(schema_generator=WithSections)
-
-
-_LEG_AND_KEY = re.compile(r"(?:leg (\d+)(?:, |$))?(?:key (.+))?")
+    kinds = reduce(or_, map(file_model, FILE_KINDS))
+    chosen: Any = Annotated[kinds, Field(discriminator="kind")]
+    return TypeAdapter(chosen).json_schema(schema_generator=WithSections)
 
 
 @contextmanager
-def places_in(where: str, place: Callable[[Place], str] | None = None) -> Iterator[None]:
-    """Add the file, and the key's line, to errors within that name a leg and a key,
-    or nothing.
-    """
+def places_in(where: str, place: Callable[[Way], str] | None = None) -> Iterator[None]:
+    """Add the file, and the key's line, to errors within that name a key, or nothing."""
     try:
         yield
     except InputError as error:
         own = error.where or ""
-        match = _LEG_AND_KEY.fullmatch(own)
-        if match is None:
-            if where in own:
-                raise
+        is_key = own.startswith("key ")
+        if where in own and own:
+            raise
+        if own and not is_key:
             raise error.at(where) from None
-        leg, key = match.groups()
-        at = (*way_of(leg and f"legs.{leg}"), *way_of(key))
-        if place and at:
-            raise error.moved_to(place(at)) from None
+        if is_key and place:
+            raise error.moved_to(place(way_of(own.removeprefix("key ")))) from None
         raise error.moved_to(f"{where}, {own}" if own else where) from None
 
 

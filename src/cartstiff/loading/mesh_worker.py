@@ -46,39 +46,41 @@ class RefusedError(Exception):
 
 
 def meshes(paths: list[str]) -> dict[str, Any]:
-    """Return for each file the sizes of its arrays or an error,
-    and all arrays in sequence.
+    """Return for each file its colour or an error, and the arrays of all as those of
+    an NPZ file, each with the file's number before its name.
     """
     _refuse_images()
     entries: list[dict[str, Any]] = []
-    arrays: list[bytes] = []
+    arrays: dict[str, NDArray[Any]] = {}
 
     def late(*_: Any) -> None:
         raise RefusedError(f"more than {_SECONDS_FOR_ONE} s are needed")
 
     signal.signal(signal.SIGPROF, late)
-    for path in map(Path, paths):
+    for number, path in enumerate(map(Path, paths)):
         signal.setitimer(signal.ITIMER_PROF, _SECONDS_FOR_ONE)
         try:
-            entry, own = _mesh(path)
+            colour, own = _mesh(path)
+            entries.append({"colour": colour})
+            arrays |= {f"{number}.{name}": array for name, array in own.items()}
         except RefusedError as error:
-            entry, own = {"error": str(error)}, []
+            entries.append({"error": str(error)})
         except MemoryError:
-            entry, own = {"error": "too much memory is needed"}, []
+            entries.append({"error": "too much memory is needed"})
         except ModuleNotFoundError:
             raise
         except OSError as error:
-            entry, own = {"error": error.strerror or "it cannot be read"}, []
+            entries.append({"error": error.strerror or "it cannot be read"})
         except Exception as error:  # its message may quote the file
-            entry, own = {"error": type(error).__name__}, []
-        entries.append(entry)
-        arrays += [array.tobytes() for array in own]
+            entries.append({"error": type(error).__name__})
     signal.setitimer(signal.ITIMER_PROF, 0)
-    return {"meshes": entries, "payload": b"".join(arrays)}
+    packed = io.BytesIO()
+    np.savez(packed, **arrays)  # type: ignore[arg-type]
+    return {"meshes": entries, "payload": packed.getvalue()}
 
 
-def _mesh(path: Path) -> tuple[dict[str, Any], list[NDArray[Any]]]:
-    """Sizes and colour of a mesh, and its positions, faces, normals and colours."""
+def _mesh(path: Path) -> tuple[Any, dict[str, NDArray[Any]]]:
+    """Colour of a mesh, and its positions, faces, normals and colours."""
     import trimesh
 
     kind, data = path.suffix.lower(), read_regular(str(path), LARGEST)
@@ -96,7 +98,8 @@ def _mesh(path: Path) -> tuple[dict[str, Any], list[NDArray[Any]]]:
     if not parts:  # a scene may be empty
         if kind != ".dae":
             raise RefusedError("no triangles")
-        return {"vertices": 0, "faces": 0, "coloured": False, "colour": None}, []
+        nothing = np.zeros((0, 3), np.float32)
+        return None, dict.fromkeys(("positions", "faces", "normals"), nothing)
     count = sum(3 * len(part.faces) for part in parts)
     if count > MOST_CORNERS:
         raise RefusedError(
@@ -109,18 +112,18 @@ def _mesh(path: Path) -> tuple[dict[str, Any], list[NDArray[Any]]]:
     # One colour is that of the whole mesh; of several each corner has its own.
     colours = [_colour(part) for part in parts]
     if len({*colours}) == 1:
-        return _packed(positions, colours[0], None)
+        return colours[0], _packed(positions, None)
     shades = [
         np.broadcast_to(np.array(colour or _GREY, np.uint8)[:3], own.shape)
         for colour, own in zip(colours, triangles, strict=True)
     ]
-    return _packed(positions, None, np.concatenate(shades))
+    return None, _packed(positions, np.concatenate(shades))
 
 
 def _packed(
-    corners: NDArray[Any], colour: Any, shades: NDArray[Any] | None
-) -> tuple[dict[str, Any], list[NDArray[Any]]]:
-    """Sizes and arrays of a mesh by the corners of its triangles, alike ones once."""
+    corners: NDArray[Any], shades: NDArray[Any] | None
+) -> dict[str, NDArray[Any]]:
+    """Arrays of a mesh by the corners of its triangles, alike ones once."""
     positions = corners.astype(np.float32)
     normals = corner_normals(positions.astype(float))
     alike: list[NDArray[Any]] = [positions.view(np.int32), normals]
@@ -129,17 +132,9 @@ def _packed(
     order = np.argsort(first)  # the order of the file compresses better
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
-    first, faces = first[order], rank[faces].reshape(-1, 3)
-    entry = {
-        "vertices": len(first),
-        "faces": len(faces),
-        "coloured": shades is not None,
-        "colour": colour,
-    }
-    arrays: list[NDArray[Any]] = [positions[first], faces.astype(np.int32)]
-    arrays.append(normals[first])
-    arrays += [] if shades is None else [shades[first]]
-    return entry, arrays
+    first, faces = first[order], rank[faces].reshape(-1, 3).astype(np.int32)
+    arrays = {"positions": positions[first], "faces": faces, "normals": normals[first]}
+    return arrays if shades is None else arrays | {"colours": shades[first]}
 
 
 def _refuse_images() -> None:

@@ -5,10 +5,10 @@ colours.
 from __future__ import annotations
 
 import importlib.util
+import io
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ _PLAIN = (".dae", ".stl", ".obj", ".ply", ".off")
 _LARGEST = 64 * 1024 * 1024
 # Largest number of cached meshes.
 _MAX_CACHED = 256
+#: Arrays of a mesh.
+_ARRAYS = ("positions", "faces", "normals", "colours")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,24 +55,8 @@ class Mesh:
 _CACHE: dict[tuple[Path, int, int], Mesh] = {}
 
 
-def read_mesh(path: Path) -> Mesh:
-    """Read a DAE, STL, OBJ, PLY or OFF file.
-
-    Raises
-    ------
-    MissingDependencyError
-        Without trimesh, or pycollada for a DAE.
-    InputError
-        For a file that is no mesh.
-    """
-    mesh = read_meshes([path])[path]
-    if isinstance(mesh, InputError):
-        raise mesh
-    return mesh
-
-
 def read_meshes(paths: Iterable[Path]) -> dict[Path, Mesh | InputError]:
-    """Read several files at once: each as a mesh or an error.
+    """Read DAE, STL, OBJ, PLY or OFF files at once: each as a mesh or an error.
 
     Raises
     ------
@@ -108,20 +94,15 @@ def read_meshes(paths: Iterable[Path]) -> dict[Path, Mesh | InputError]:
             raise InputError("meshes cannot be read", where=where, got=got)
     except InputError as error:
         return read | {path: error for path, *_ in wanted}
-    # The arrays of all meshes follow each other in the payload.
-    start = 0
-    for key, entry in zip(wanted, answer["meshes"], strict=True):
+    arrays = np.load(io.BytesIO(answer["payload"]))
+    for number, (key, entry) in enumerate(zip(wanted, answer["meshes"], strict=True)):
         if "error" in entry:
-            place = one_line(key[0].name)
-            read[key[0]] = InputError(
-                "not a usable mesh", where=place, got=entry["error"]
-            )
+            place, got = one_line(key[0].name), entry["error"]
+            read[key[0]] = InputError("not a usable mesh", where=place, got=got)
             continue
-        read[key[0]] = mesh = _mesh(entry, answer.get("payload", b""), start)
-        start += sum(
-            array.nbytes for array in vars(mesh).values() if hasattr(array, "nbytes")
-        )
-        _CACHE[key] = mesh
+        own = {name: arrays.get(f"{number}.{name}") for name in _ARRAYS}
+        colour = None if entry["colour"] is None else tuple(entry["colour"])
+        read[key[0]] = _CACHE[key] = Mesh(**own, colour=colour)
     while len(_CACHE) > _MAX_CACHED:
         _CACHE.pop(next(iter(_CACHE)), None)
     return read
@@ -146,20 +127,3 @@ def _checked(path: Path) -> tuple[Path, int, int]:
         )
     status = checked_status(path, _LARGEST, place)
     return path, status.st_mtime_ns, status.st_size
-
-
-def _mesh(entry: dict[str, Any], payload: bytes, start: int) -> Mesh:
-    """Mesh from its sizes, and its arrays in the bytes from `start` on."""
-
-    def array(count: int, kind: Any) -> NDArray[Any]:
-        nonlocal start
-        taken = np.frombuffer(payload, kind, 3 * count, start).reshape(-1, 3)
-        start += taken.nbytes
-        return taken
-
-    n, m = entry["vertices"], entry["faces"]
-    positions, faces = array(n, np.float32), array(m, np.int32)
-    normals = array(n, np.int8)
-    colours = array(n, np.uint8) if entry["coloured"] else None
-    colour = None if entry["colour"] is None else tuple(entry["colour"])
-    return Mesh(positions, faces, normals, colours, colour)

@@ -14,7 +14,6 @@ from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError
 from cartstiff.loading.plausible import is_inertia
-from cartstiff.loading.rings import Ring
 from cartstiff.loading.schema import (
     IN_ORDER,
     RIGID,
@@ -29,6 +28,7 @@ from cartstiff.loading.schema import (
     PerLeg,
     PoseModel,
     Positive,
+    Ring,
     Sliding,
     Turning,
     Two,

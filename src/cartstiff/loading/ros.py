@@ -18,7 +18,7 @@ from cartstiff.errors import (
     one_line,
 )
 from cartstiff.notes import Note
-from cartstiff.ros_packages import own_folder, search_path, where_packages_are
+from cartstiff.ros_packages import own_folder, search_path
 
 _SPACE = re.compile(r"""xmlns:\w+\s*=\s*["'][^"']*xacro/?["']""")
 _ELEMENT = re.compile(r"<xacro:|\$[({]")
@@ -90,25 +90,8 @@ def expanded_xacro(path: Path, ros: Ros, where: str) -> tuple[str, list[Note]]:
             )  # the end of a path is what matters
         file = Path(answer.get("file", path)).name
         inside = "" if file == path.name else f", in {file}"
-        expected = None
-        lost = re.search(r"package '([^']*)' is not found", words)
-        if lost and answer.get("package"):
-            expected = where_packages_are(lost[1])
-        elif answer.get("package") or answer.get("outside"):
-            expected = (
-                "--package-path FOLDER, ROS_PACKAGE_PATH or AMENT_PREFIX_PATH "
-                "with the folder"
-            )
-        elif lacking := answer.get("missing_arguments"):
-            expected = f"--xacro-arg {lacking[0]}:=VALUE"
-        elif answer.get("lost_file") and (empty := answer["empty"]):
-            expected = (
-                "--xacro-arg NAME:=VALUE for what is empty in the file: "
-                f"{', '.join(empty)}"
-            )
-        raise InputError(
-            f"xacro: {one_line(words, 300)}{inside}", where=where, expected=expected
-        )
+        what, expected = f"xacro: {one_line(words, 300)}{inside}", answer.get("expected")
+        raise InputError(what, where=where, expected=expected)
     twice = [
         Note(
             "package-twice",

@@ -14,7 +14,6 @@ from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
-from types import UnionType
 from typing import (
     TYPE_CHECKING,
     Annotated,
@@ -23,9 +22,6 @@ from typing import (
     Self,
     TypeAlias,
     TypeVar,
-    Union,
-    get_args,
-    get_origin,
 )
 
 import numpy as np
@@ -50,7 +46,7 @@ from cartstiff.arrays import Array
 from cartstiff.choices import LARGEST_INPUT
 from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
-from cartstiff.loading.yaml_file import Lines
+from cartstiff.loading.yaml_file import Lines, Way
 from cartstiff.units import SI, GivenStiffness, Units
 
 #: Module and model of each kind of file: a file imports the classes of its own kind only.
@@ -147,10 +143,21 @@ def keyed(words: str, default: Any = ..., **rules: Any) -> Any:
 
 
 class FileModel(BaseModel):
-    """A mapping in a mechanism file: no other keys, and immutable."""
+    """A mapping in a file: no other keys, and immutable."""
 
     # Validators are built when first used: a file uses few of the classes.
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _knows_its_keys(cls, value: Any) -> Any:
+        """Refuse another key with those that there are, which pydantic does not name."""
+        known = cls.model_fields
+        for key in value if isinstance(value, dict) else ():
+            if key not in known:
+                says: Any = {"key": key, "known": [*known]}
+                raise PydanticCustomError("extra_forbidden", "unknown key", says)
+        return value
 
 
 if TYPE_CHECKING:
@@ -258,6 +265,47 @@ def one_each(value: Any, m: int, where: str, row: bool = False) -> list[Any]:
         expected = f"one, or {m}, one per leg"
         raise InputError("wrong count", where=where, expected=expected, got=len(value))
     return value
+
+
+class Ring(FileModel):
+    """Joints on a circle around z: of hexapods by their layout, and of legs by name."""
+
+    radius: Positive | None = keyed("of the circle; not for a cube", None)
+    half_angle: NotNegative | None = keyed(
+        "rad, between a joint and the middle of its pair; default 0, one point", None
+    )
+    angles: list[Number] | None = keyed(
+        "rad, of each leg's joint, in place of that", None, min_length=1, max_length=100
+    )
+    height: Number | None = keyed(
+        "of the circle, along z of F for the base, of P for the platform; default "
+        "0, for a cube that of its vertices",
+        None,
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        only_one(self, "half_angle", "angles", needed=False)
+        return self
+
+    def pair(self, turn: float | None, is_base: bool) -> list[float]:
+        """Angles of the joints of the first two legs.
+
+        They are a pair of the base, and of neighbouring pairs of the platform, which is
+        turned against the base by `turn`, pi/3 if None.
+        """
+        half = self.half_angle or 0.0
+        if is_base:
+            return [-half, half]
+        turn = np.pi / 3.0 if turn is None else turn
+        return [turn - 2.0 * np.pi / 3.0 + half, turn - half]
+
+    def joints(self, angles: list[float], parts: int) -> Array:
+        """Joints (n, 3) at some angles, repeated about z."""
+        turns = 2.0 * np.pi * np.arange(parts) / parts
+        a, radius = np.add.outer(turns, angles).ravel(), self.radius or 0.0
+        height = np.full(a.size, self.height or 0.0)
+        return np.stack([radius * np.cos(a), radius * np.sin(a), height], axis=1)
 
 
 class FoundModel(FileModel):
@@ -790,7 +838,7 @@ def file_model(kind: str) -> Any:
     return getattr(import_module(f"cartstiff.loading.{module}"), name)
 
 
-def place_of(path: Path | str, lines: Lines, at: tuple[str | int, ...]) -> str:
+def place_of(path: Path | str, lines: Lines, at: Way) -> str:
     """File, line and key of a value, for messages."""
     known = at
     while known and known not in lines:
@@ -807,8 +855,6 @@ def first_error(
     data: dict[str, Any],
     lines: Lines,
     path: Path | str,
-    within: tuple[str, ...] = (),
-    known: set[str] | None = None,
 ) -> InputError:
     """Return the most helpful of pydantic's errors in the words of this program."""
     # The deepest error belongs to the alternative of a union that the user meant. More
@@ -823,16 +869,16 @@ def first_error(
         ),
     )
     kind = chosen["type"]
-    at = _keys((*within, *chosen["loc"]), data, kind)
-    if kind.startswith("union_tag"):
-        at = ("kind",)
+    at = _keys(chosen["loc"], data, kind)
+    if kind == "extra_forbidden":
+        at = (*at, str(chosen["ctx"]["key"]))
     if (own := _refusal(chosen)) is not None:
         return own.moved_to(place_of(path, lines, (*at, *way_of(own.where))))
-    what, expected, got = _words(chosen, at, data, known)
+    what, expected, got = _words(chosen, at)
     return InputError(what, where=place_of(path, lines, at), expected=expected, got=got)
 
 
-def way_of(key: str | None) -> tuple[str | int, ...]:
+def way_of(key: str | None) -> Way:
     """Keys and indices of a dotted key, which counts from 1."""
     parts = (key or "").split(".")
     return tuple(int(part) - 1 if part.isdigit() else part for part in parts if part)
@@ -844,19 +890,13 @@ def _refusal(problem: Any) -> InputError | None:
     return cause if isinstance(cause, InputError) else None
 
 
-def _words(
-    problem: Any, at: tuple[str | int, ...], data: dict[str, Any], known: set[str] | None
-) -> tuple[str, str | None, Any]:
+def _words(problem: Any, at: Way) -> tuple[str, str | None, Any]:
     """What is wrong, what was expected, and what was found."""
     kind, got, key = problem["type"], problem["input"], str((at or ("",))[-1])
     if kind == "extra_forbidden":
-        expected = _expected_key(key, _section_keys(at[:-1], data), known)
-        return "unknown key", expected, repr(key)
+        return "unknown key", _expected_key(key, problem["ctx"]["known"]), repr(key)
     if kind == "missing":
         return f"key {key!r} is missing", _meaning(key), None
-    if kind.startswith("union_tag"):
-        got = repr(data["kind"]) if "kind" in data else "no key 'kind'"
-        return "unknown kind", ", ".join(FILE_KINDS), got
     if kind == "value_error":
         return problem["msg"].removeprefix("Value error, "), None, None
     if kind in ("too_short", "too_long"):
@@ -868,67 +908,18 @@ def _words(
     return "cannot be used", _expectation(problem), got
 
 
-def _expected_key(got: str, own: Sequence[str], known: set[str] | None) -> str | None:
-    """Words on the keys of a section, or on those of the whole format where it
-    is not known.
-    """
-    every = known or known_keys(FileModel)
-    close = get_close_matches(got, {*own} or every - {got}, n=3)
-    closest = f" (closest: {', '.join(close)})" if close else ""
-    if own:
-        return f"one of {', '.join(own)}{closest}"
-    return f"keys of the file format{closest}" if close else None
+def _expected_key(got: str, own: Sequence[str]) -> str:
+    """Words on the keys of a section."""
+    close = ", ".join(get_close_matches(got, own, n=3))
+    return f"one of {', '.join(own)}" + f" (closest: {close})" * bool(close)
 
 
-def _section_keys(at: tuple[str | int, ...], data: dict[str, Any]) -> list[str]:
-    """Keys of the section of a file at a way of keys.
-
-    None where the section is not known.
-    """
-    if (kind := str(data.get("kind"))) not in FILE_KINDS:
-        return []
-    hints: list[Any] = [file_model(kind)]
-    section: Any = data
-    part: Any
-    for part in at:
-        section = section[part] if isinstance(section, (dict, list)) else None
-        hints = [inner for hint in hints for inner in _inner(hint, part)]
-    models = [*filter(_is_model, hints)]
-    if not models or not isinstance(section, dict):
-        return []
-    # Of several kinds of entries the one is meant with which most keys agree.
-    return [*max((m.model_fields for m in models), key=lambda f: len(f.keys() & section))]
-
-
-def _is_model(hint: Any) -> bool:
-    return isinstance(hint, type) and issubclass(hint, BaseModel)
-
-
-def _inner(hint: Any, part: str | int) -> list[Any]:
-    """Types of what is at a key, or an index, of a type."""
-    if _is_model(hint):
-        field = hint.model_fields.get(str(part))
-        return [] if field is None else _alternatives(field.annotation)
-    inner = get_args(hint)
-    item = inner[-1:] if get_origin(hint) in (list, dict) else ()
-    return [one for each in item for one in _alternatives(each)]
-
-
-def _alternatives(hint: Any) -> list[Any]:
-    """Types of a union, without their metadata."""
-    if get_origin(hint) is Annotated:
-        return _alternatives(get_args(hint)[0])
-    if get_origin(hint) in (Union, UnionType):
-        return [one for each in get_args(hint) for one in _alternatives(each)]
-    return [hint]
-
-
-def _keys(location: tuple[str | int, ...], data: Any, kind: str) -> tuple[str | int, ...]:
+def _keys(location: Way, data: Any, kind: str) -> Way:
     """Keys of the file in pydantic's location, which also contains the
     branches of unions.
     """
     at: list[str | int] = []
-    for i, part in enumerate(location[1:], start=2):
+    for i, part in enumerate(location, start=1):
         here = isinstance(data, dict) and isinstance(part, str) and part in data
         if here or (isinstance(data, list) and isinstance(part, int)):
             at.append(part)
@@ -936,11 +927,6 @@ def _keys(location: tuple[str | int, ...], data: Any, kind: str) -> tuple[str | 
         elif kind == "missing" and i == len(location):
             at.append(part)
     return tuple(at)
-
-
-def known_keys(base: type[BaseModel]) -> set[str]:
-    """Return every key of the models of a file."""
-    return {key for model in _models(base) for key in model.model_fields}
 
 
 def _models(base: type[BaseModel]) -> list[type[BaseModel]]:

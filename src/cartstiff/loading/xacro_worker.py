@@ -27,7 +27,7 @@ import xacro
 from xacro.substitution_args import convert_value
 
 from cartstiff.child_process import read_regular, serve
-from cartstiff.ros_packages import package_folders
+from cartstiff.ros_packages import package_folders, where_packages_are
 
 # Largest sizes in bytes of the expanded text and of each file; characters or entries of
 # one value.
@@ -375,7 +375,7 @@ def expanded(
     """Expand a xacro file to XML, or return its fault."""
     reader = _Reader(path, folders, searched)
     reader.take_over()
-    arguments = _Read(values)
+    arguments, asked = _Read(values), _arguments(path)
     try:
         document = xacro.process_file(path, mappings=arguments, verbosity=0)
         text = document.toxml()
@@ -385,32 +385,33 @@ def expanded(
     except (MemoryError, RecursionError):
         answer = {"error": "it needs too much memory"}
     except Exception as error:
-        answer = {"missing_arguments": reader.missing, **_fault(error, path)}
+        empty = [name for name in asked if arguments.get(name) == ""]
+        files = [path, *filter(None, getattr(xacro, "filestack", None) or [])]
+        words, expected = _fault(error, reader.missing, empty)
+        answer = {"error": words, "expected": expected, "file": str(files[-1])}
     unread = [name for name in values if name not in arguments.read]
-    asked = _arguments(path)
-    empty = [name for name in asked if arguments.get(name) == ""]
-    return {
-        **answer,
-        "asked": asked,
-        "empty": empty,
-        "unread": unread,
-        "twice": reader.twice,
-    }
+    return {**answer, "asked": asked, "unread": unread, "twice": reader.twice}
 
 
-def _fault(error: Exception, path: str) -> dict[str, Any]:
-    """Describe a fault: its words, its file, and what it is about."""
-    inner, words = _cause(error), _innermost(error)
+def _fault(
+    error: Exception, missing: list[str], empty: list[str]
+) -> tuple[str, str | None]:
+    """Words of a fault, and what is expected instead."""
+    inner, words, expected = _cause(error), _innermost(error), None
     if isinstance(inner, (MemoryError, RecursionError)):
         words = "it needs too much memory"
-    files = [path, *filter(None, getattr(xacro, "filestack", None) or [])]
-    return {
-        "error": words,
-        "package": isinstance(inner, LookupError) and "is not found" in str(inner),
-        "outside": "is outside of the file's package" in words,
-        "lost_file": isinstance(inner, FileNotFoundError),
-        "file": str(files[-1]),
-    }
+    if lost := re.search(r"package '([^']*)' is not found", words):
+        expected = where_packages_are(lost[1])
+    elif "is outside of the file's package" in words:
+        expected = (
+            "--package-path FOLDER, ROS_PACKAGE_PATH or AMENT_PREFIX_PATH with the folder"
+        )
+    elif missing:
+        expected = f"--xacro-arg {missing[0]}:=VALUE"
+    elif empty and isinstance(inner, FileNotFoundError):
+        expected = "--xacro-arg NAME:=VALUE for what is empty in the file: "
+        expected += ", ".join(empty)
+    return words, expected
 
 
 def _cause(error: Any) -> Any:

@@ -16,8 +16,9 @@ from typing import Any
 from cartstiff.errors import InputError, one_line
 from cartstiff.mechanisms.identity import was_read
 
-#: Line of each value, by its path of keys and indices.
-Lines = dict[tuple[str | int, ...], int]
+#: Keys and indices on the way to a value, and the line of each value.
+Way = tuple[str | int, ...]
+Lines = dict[Way, int]
 
 #: Largest size of a mechanism file in bytes: such a file is a page of text.
 LARGEST = 1024 * 1024
@@ -251,7 +252,7 @@ class _Reader:
         self._lines, self._where = lines, where
         self._seen = 0
 
-    def plain(self, node: Any, at: tuple[str | int, ...]) -> Any:
+    def plain(self, node: Any, at: Way) -> Any:
         """Return the data of the node at some keys."""
         line = node.start_mark.line + 1
         place = f"{self._where}, line {line}"
@@ -271,9 +272,7 @@ class _Reader:
             return [self.plain(value, (*at, i)) for i, value in enumerate(node.value)]
         return _scalar(node, tag, place)
 
-    def _mapping(
-        self, node: Any, at: tuple[str | int, ...], place: str, tag: str
-    ) -> dict[str, Any]:
+    def _mapping(self, node: Any, at: Way, place: str, tag: str) -> dict[str, Any]:
         if tag != "tag:yaml.org,2002:map":
             raise InputError("YAML tags are not supported", where=place, got=tag)
         pairs, merged = [], list[Any]()
