@@ -144,8 +144,7 @@ def _dimensions(name: str, kind: str, count: int) -> tuple[str, ...]:
     """Names of the dimensions of an array of a described kind,
     such as ``matrix? 6 6``.
     """
+    named: tuple[str, ...] = _DIMENSIONS.get(kind.partition(" ")[2], ())
     if name in ("q", "joint"):
         named = ("joint",)
-    else:
-        named = _DIMENSIONS.get(kind.partition(" ")[2], ())
     return named if len(named) == count else tuple(f"{name}_{i}" for i in range(count))

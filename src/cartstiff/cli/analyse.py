@@ -138,6 +138,8 @@ class Analysis(Reading):
                 )
         with np.errstate(all="ignore"), Progress("tolerances") as progress:
             try:
+                wanted = self.wanted
+                target = None if wanted is None else wanted.in_body_frame(result)
                 answer = analyse_posture(
                     result,
                     connection=self.matrix,
@@ -145,7 +147,7 @@ class Analysis(Reading):
                     at=self.frame,
                     direction=self._in_body(self.direction, result, world),
                     wrench=self._in_body(self.added_load, result, world),
-                    target=self.wanted and self.wanted.in_body_frame(result),
+                    target=target,
                     tolerances=tolerances,
                     progress=progress,
                 )

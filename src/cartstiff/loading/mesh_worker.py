@@ -133,7 +133,8 @@ def _packed(
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     first, faces = first[order], rank[faces].reshape(-1, 3).astype(np.int32)
-    arrays = {"positions": positions[first], "faces": faces, "normals": normals[first]}
+    arrays: dict[str, NDArray[Any]] = {"positions": positions[first], "faces": faces}
+    arrays["normals"] = normals[first]
     return arrays if shades is None else arrays | {"colours": shades[first]}
 
 

@@ -564,14 +564,12 @@ def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:
     if unstable:
         moved = None
     forces = [leg["tension"] for leg in legs(result) or () if leg["tension"] is not None]
-    if moved is None:
-        ways = (None, None)
-    else:
-        ways = (moved.whole.displacement, moved.whole.twist[:3])
     # A curve that does not exist here has None, which leaves a gap.
-    deflection, turn = (
-        None if way is None else [float(np.linalg.norm(way))] for way in ways
-    )
+    deflection: list[float] | None = None
+    turn: list[float] | None = None
+    if moved is not None:
+        deflection = [float(np.linalg.norm(moved.whole.displacement))]
+        turn = [float(np.linalg.norm(moved.whole.twist[:3]))]
     energy = plain(result.energy)
     return {
         "q": result.q.tolist(),

@@ -250,10 +250,9 @@ def in_stages(system: System, q: Array, iterations: int, settle: bool) -> Soluti
     try:
         for stage in range(1, _STAGES + 1):
             share = stage / _STAGES
-            if stage == _STAGES:
-                loads = system.loads
-            else:
-                loads = [Scaled(f, share) for f in system.loads]
+            loads: Sequence[Potential] = system.loads
+            if stage < _STAGES:
+                loads = [Scaled(f, share) for f in loads]
             held = None if system.held is None else system.held.scaled(share)
             part = System(system.elastic, loads, held, system.limits)
             solution = solve(
