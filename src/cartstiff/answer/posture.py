@@ -98,6 +98,8 @@ def answer_at(
     point = here.T_M_N[:3, 3]
     acts_at = point if load_at is None else load_at
     found = deflection_found(result, name, wrench, acts_at, point, Notes())
+    # Where the posture resists, how far the load moves the point, beside the equilibrium
+    # if there is time for it.
     moved, shares, notes = None, None, list(result.notes)
     if found is not None and is_resisted(here, name, found):
         moved, shares = _displacement(result, found), shares_of(found.shares, elastic)
