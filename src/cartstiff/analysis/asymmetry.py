@@ -312,8 +312,11 @@ def relative_changes(reference: Array, roots: Array, difference: Array) -> Array
 
 def _relative(difference: Array, K: Array) -> dict[str, float]:
     scales = block_scales(K)
-    sizes = {b: float(np.linalg.norm(_block(difference, i, j))) for b, i, j in _BLOCKS}
-    return {b: sizes[b] / scales[i, j] if scales[i, j] else 0.0 for b, i, j in _BLOCKS}
+    shares = dict.fromkeys((b for b, _, _ in _BLOCKS), 0.0)
+    for b, i, j in _BLOCKS:
+        if scales[i, j]:
+            shares[b] = float(np.linalg.norm(_block(difference, i, j)) / scales[i, j])
+    return shares
 
 
 def _verdict(rows: list[ConnectionDifference], reference: str, threshold: float) -> str:
