@@ -719,6 +719,7 @@ def analyse_posture(
     InputError
         For a wrong shape or numbers that are not finite.
     """
+    # The reader's wishes, before anything is computed.
     checked_kind(result, PostureStiffness, "posture", "what cartstiff.analyse answers")
     if connection is not None and connection not in LETTERS:
         raise UnknownNameError("connection", connection, LETTERS)
@@ -733,6 +734,7 @@ def analyse_posture(
 
     reading = Reading(length, mass, inertia, mass_centre, direction, threshold=threshold)
 
+    # Everything that is read from the matrices of one posture; tolerances read it again.
     def sections(r: PostureStiffness) -> tuple[dict[str, Any], Notes]:
         here = r.at(at)
         name, stiffness = _matrices(r, here, connection)
@@ -756,6 +758,7 @@ def analyse_posture(
         answer["deflection"] = None if moved is None else moved.to_dict()
         return answer, notes
 
+    # At this posture, and what goes beyond it.
     answer, notes = sections(result)
     answer["wrenches"] = [one.to_dict() for one in result.wrenches]
     answer["synthesis"] = None

@@ -260,11 +260,13 @@ class Sweep:
         """The numbers and their derivatives, from input arrays (1, ...) by name."""
         at, operations, m = self._forwards(given), self._tape.operations, len(self)
         by = {name: np.zeros((m, row.shape[1])) for name, row in given.items()}
+        # Each number has the weight one in its own row.
         kinks, adjoint = np.zeros(m, np.intp), dict[int, Any]()
         rows = np.eye(m) if m > 1 else np.ones(m)
         for number, row in zip(self._numbers, rows, strict=True):
             if isinstance(number, Number):
                 adjoint[number.step] = adjoint.get(number.step, 0.0) + row
+        # Backwards: a step hands its weight on to its arguments, by its derivatives.
         for step in reversed(self._steps):
             if (w := adjoint.pop(step, None)) is None:
                 continue
@@ -274,6 +276,7 @@ class Sweep:
                 by[array][:, component] = w
                 continue
             x = [at[argument] for argument in arguments]
+            # A choice hands it to what was taken; where both are equal there is a kink.
             if name in _CHOICES:
                 is_tie = abs(x[0] - x[1]) <= _TIE * max(abs(x[0]), abs(x[1]))
                 if is_tie and not self._active.isdisjoint(arguments[:2]):
