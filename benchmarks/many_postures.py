@@ -31,7 +31,7 @@ from machine_limits import Machine, cache_size
 
 import cartstiff
 from cartstiff.batch.plans import plan, program_for
-from cartstiff.batch.postures import analyse_many
+from cartstiff.batch.recording import analyse_many
 from cartstiff.loading.catalogue import example_robot
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism

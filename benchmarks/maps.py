@@ -20,9 +20,10 @@ import numpy as np
 from machine_limits import cache_size
 
 import cartstiff
-from cartstiff.batch.postures import Reader, analyse_many
+from cartstiff.batch.own_outputs import OwnOutputs
 from cartstiff.batch.quantities import Settings, choose_quantities
-from cartstiff.batch.readings import READINGS, Readings
+from cartstiff.batch.readings import READINGS
+from cartstiff.batch.recording import Recording, analyse_many
 from cartstiff.batch.stacks import evaluate
 
 QUANTITIES = ("translation_free_min", "condition", "deflection")
@@ -103,11 +104,11 @@ def single_quantities(quick: bool) -> None:
         rows = q[:200] if any("." in name for name in names) else q
         found = analyse_many(elastic, rows, outputs=outputs, threads=1)
         making, reading, at_once = [], [], []
-        reader = None
+        recording = None
         if set(names) <= set(READINGS):
-            asked = Readings(names, settings)
-            reader = Reader(elastic, asked, outputs)
-            reader.read(rows)
+            own = OwnOutputs(quantities=names, settings=settings)
+            recording = Recording(elastic, ("pose",), own, backend="compiled")
+            recording.postures(rows, None)
         for _ in range(ROUNDS):
             start = time.perf_counter()
             found = analyse_many(elastic, rows, outputs=outputs, threads=1, out=found.arrays)
@@ -116,8 +117,8 @@ def single_quantities(quick: bool) -> None:
             making.append((middle - start) / len(rows) * 1e6)
             reading.append((time.perf_counter() - middle) / len(rows) * 1e6)
             start = time.perf_counter()
-            if reader is not None:
-                reader.read(rows)
+            if recording is not None:
+                recording.postures(rows, None)
                 at_once.append((time.perf_counter() - start) / len(rows) * 1e6)
         shown = ", ".join(f"`{name}`" for name in names)
         both = f"{statistics.median(at_once):.2f}" if at_once else ""

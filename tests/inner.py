@@ -62,20 +62,23 @@ HOMES = {
         PLAIN algebra_congruence=congruence eliminated holds_soft_directions inverse
         positive_factor product reflections rotation_vector solution
     """,
-    "batch.arguments": "aligned_empty",
+    "batch.arguments": "OUTPUTS aligned_empty",
     "batch.chains": "deflection_for",
     "batch.execution": "CompiledKernel HELPERS PortableKernel PrintedPosture javascript",
     "batch.following": "Assembler",
     "batch.gradient": "gradient_program",
     "batch.kernels": "Closer WORTH_RECORDING",
+    "batch.own_outputs": "OwnOutputs",
     "batch.plans": "plan program_for",
-    "batch.postures": "OUTPUTS Reader readable tensions_of_many",
     "batch.quantities": """
         BUILT_IN FREQUENCIES QUANTITIES Quantity Settings choose_quantities frequency_name
     """,
     "batch.quick_poses": "QuickPoses",
-    "batch.readings": "READINGS Readings ascending eigenvalues largest_eigenvalue principal_values",
+    "batch.readings": """
+        READINGS Readings ascending eigenvalues largest_eigenvalue principal_values recordable
+    """,
     "batch.recorded_postures": "RecordedPostures",
+    "batch.recording": "Recording tensions_of_many",
     "batch.stacks": "evaluate needed_outputs",
     "batch.tape": "Number Tape absolute copysign cosine larger pick sine square_root",
     "batch.twists": "ForceField Kinematics",

@@ -5,9 +5,9 @@ from .analysis.tolerances import Tolerances as Tolerances
 from .answer.comparison import Comparison as Comparison
 from .answer.comparison import compare as compare
 from .batch.postures import Postures as Postures
-from .batch.postures import analyse_many as analyse_many
 from .batch.program import Program as Program
 from .batch.program import record as record
+from .batch.recording import analyse_many as analyse_many
 from .designs.run import design as design
 from .errors import CartstiffError as CartstiffError
 from .errors import InputError as InputError

@@ -15,14 +15,13 @@ from tests.inner import (
     Beam,
     LoadKind,
     MapJob,
-    Reader,
-    Readings,
     Section,
     Settings,
     segments_of_many,
 )
 from tests.laws.test_many_closed_chains import RECORDED, starts, weighed
 from tests.laws.test_many_engine import assert_same
+from tests.support.read import read as recorded
 
 import cartstiff
 from cartstiff import ElasticMechanism, RandomPostures, analyse_many
@@ -150,8 +149,7 @@ def test_what_is_read_is_read_of_bent_links(arms, axes):
     """Limits of a map look at these coordinates."""
     elastic = arms["matrix"]
     q = postures(elastic)
-    reader = Reader(elastic, Readings(("energy",)), ("stiffness_B",), WRENCH, axes, "portable")
-    read = reader.read(q)
+    read = recorded(elastic, ("energy", "determinant"), q, None, WRENCH, axes)
     assert read.is_known.all()
     bent = analyse_many(elastic, q, wrench=WRENCH, load_axes=axes, path="engine").q
     np.testing.assert_allclose(read.q, bent, rtol=0, atol=1e-13)

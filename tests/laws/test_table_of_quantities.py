@@ -19,8 +19,6 @@ from tests.inner import (
     LoadKind,
     ManyModes,
     Platform,
-    Reader,
-    Readings,
     Settings,
     choose_quantities,
     compliance_ellipsoid,
@@ -28,6 +26,8 @@ from tests.inner import (
     needed_outputs,
     unit_of,
 )
+from tests.support.read import read as read_recorded
+from tests.support.read import readable
 
 import cartstiff
 from cartstiff import InputError, analyse_many, analyse_posture, modes
@@ -229,8 +229,8 @@ def _compared(name, q):
     found = evaluate(chosen, arrays, settings, lengths)
     given = None if wrench is None else np.array(wrench)
     recorded = tuple(n for n in names if n in READINGS)
-    reader = Reader(elastic, Readings(recorded, settings), outputs, given, path="portable")
-    read = reader.read(q) if reader.serves else None
+    recorded = readable(elastic, recorded, given)
+    read = read_recorded(elastic, recorded, q, settings, given) if recorded else None
     with np.errstate(all="ignore"):
         for i, posture in enumerate(q):
             try:
@@ -283,7 +283,7 @@ def test_modes_of_one_posture_of_stacks_and_of_recorded_numbers_agree(name):
     swing = ManyModes(elastic, q, given, acting)
     found = evaluate(chosen, {}, settings, None, swing)
     wanted = tuple(n for n in names if n in FREQUENCIES)
-    read = Reader(elastic, Readings(wanted, settings), (), given, path="portable").read(q)
+    read = read_recorded(elastic, wanted, q, settings, given)
     assert read.is_known.any()
     for i, posture in enumerate(q):
         result = cartstiff.analyse(elastic, posture, wrench=wrench, **acting)

@@ -18,8 +18,6 @@ from tests.inner import (
     LoadKind,
     MapJob,
     PortableKernel,
-    Reader,
-    Readings,
     Settings,
     Struts,
     Tape,
@@ -34,9 +32,10 @@ from tests.inner import (
     numerics,
     plain_tree,
     principal_values,
-    readable,
 )
 from tests.support import serial_model
+from tests.support.read import read as recorded
+from tests.support.read import readable
 
 import cartstiff
 from cartstiff import ElasticMechanism, JointSprings, RandomPostures, analyse_many, payload
@@ -59,10 +58,6 @@ def _asked(connection: str, load: LoadKind, is_loaded: bool) -> Settings:
     )
 
 
-def _readings(names: tuple[str, ...], s: Settings) -> Readings:
-    return Readings(names, s)
-
-
 @pytest.mark.parametrize(
     ("robot", "connection", "wrench", "load"),
     [
@@ -80,8 +75,7 @@ def test_every_reading_is_the_quantity(robot, connection, wrench, load):
     outputs = tuple(dict.fromkeys(o for one in quantities for o in one.outputs(settings)))
     given = None if wrench is None else np.array(wrench)
     q = np.random.default_rng(1).uniform(-2.5, 2.5, (300, len(elastic.q)))
-    reader = Reader(elastic, _readings(names, settings), outputs, given, path="portable")
-    read = reader.read(q)
+    read = recorded(elastic, names, q, settings, given)
     assert read.is_known.mean() > 0.9
     found = analyse_many(
         elastic, q, outputs=outputs, wrench=given, load_kind=load.kind, load_at=load.at
@@ -142,8 +136,8 @@ def test_frequencies_on_a_tape_are_those_of_the_modes(name, wrench, load, gravit
     names = tuple(frequency_name(i) for i in range(6))
     given = None if wrench is None else np.array(wrench)
     assert readable(elastic, names, given) == names
-    asked = Readings(names, Settings(length=LENGTH, load=load))
-    read = Reader(elastic, asked, (), given, path="portable").read(_near(elastic, 6))
+    settings = Settings(length=LENGTH, load=load)
+    read = recorded(elastic, names, _near(elastic, 6), settings, given)
     assert read.is_known.all()
     acting = {} if wrench is None else {"load_kind": load.kind, "load_at": load.at}
     expected = [
@@ -152,8 +146,8 @@ def test_frequencies_on_a_tape_are_those_of_the_modes(name, wrench, load, gravit
     found = np.array([read.values[name] for name in names]).T
     np.testing.assert_allclose(found, expected, rtol=ROUNDING)
     # The lowest alone comes another way.
-    first = Reader(elastic, replace(asked, names=names[:1]), (), given, path="portable")
-    lowest = first.read(read.q).values["frequency_1"]
+    first = recorded(elastic, names[:1], read.q, settings, given)
+    lowest = first.values["frequency_1"]
     np.testing.assert_allclose(lowest, found[:, 0], rtol=ROUNDING)
 
 
@@ -178,8 +172,8 @@ def test_frequencies_of_any_arm_are_those_of_the_modes(seed):
     )
     wrench = np.array([0.0, 0.0, 0.0, *rng.uniform(-50.0, 50.0, 3)])
     names = tuple(frequency_name(i) for i in range(6))
-    reader = Reader(elastic, Readings(names, Settings(length=0.3)), (), wrench, path="portable")
-    read = reader.read(rng.uniform(-1.5, 1.5, (4, n)))
+    q = rng.uniform(-1.5, 1.5, (4, n))
+    read = recorded(elastic, names, q, Settings(length=0.3), wrench)
     assert read.is_known.all()
     found = np.array([read.values[name] for name in names]).T
     expected = [cartstiff.modes(elastic, q, wrench=wrench).frequencies[:6] for q in read.q]
@@ -189,9 +183,8 @@ def test_frequencies_of_any_arm_are_those_of_the_modes(seed):
 @pytest.mark.parametrize("load", [LoadKind("dead"), LoadKind("follower")])
 def test_loads_without_an_energy_are_left_to_the_engine(load):
     """There motions may flutter: K is no longer symmetric."""
-    asked = Readings(("frequency_1",), Settings(length=LENGTH, load=load))
-    elastic = cartstiff.load("ur5")
-    read = Reader(elastic, asked, (), np.array(WRENCH), path="portable").read(_near(elastic, 8))
+    elastic, settings = cartstiff.load("ur5"), Settings(length=LENGTH, load=load)
+    read = recorded(elastic, ("frequency_1",), _near(elastic, 8), settings, WRENCH)
     assert not read.is_known.any()
 
 
@@ -240,13 +233,11 @@ def test_a_map_read_by_machine_code_is_the_map_read_from_matrices():
         assert (np.abs(found[name] - values) <= ROUNDING * scale * np.abs(values) + 1e-15).all()
 
 
-def test_singular_postures_and_closed_chains_are_read_from_matrices():
+def test_singular_postures_are_read_from_matrices():
     elastic = cartstiff.load("ur5")
-    reader = Reader(elastic, Readings(("condition",), Settings(length=LENGTH)), (), path="portable")
     q = np.array([np.zeros(6), elastic.q + 0.3])
-    assert reader.read(q).is_known.tolist() == [False, True]
-    closed = Reader(cartstiff.load("five-bar"), Readings(("condition",)), (), path="portable")
-    assert not closed.serves
+    read = recorded(elastic, ("condition",), q, Settings(length=LENGTH))
+    assert read.is_known.tolist() == [False, True]
 
 
 def _on_tape(function, matrices):
@@ -319,11 +310,7 @@ def test_hardly_a_posture_is_left_to_be_read_one_by_one():
     elastic = cartstiff.load("ur5")
     names = ("translation_held_min", "compliance_rotation_held_max", "natural_length")
     q = np.random.default_rng(1).uniform(-2.5, 2.5, (4000, len(elastic.q)))
-    known = (
-        Reader(elastic, Readings(names, Settings(length=LENGTH)), (), path="portable")
-        .read(q)
-        .is_known
-    )
+    known = recorded(elastic, names, q, Settings(length=LENGTH)).is_known
     assert known.mean() > 0.998
 
 

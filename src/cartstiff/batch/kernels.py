@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cartstiff.batch.algebra import FALLBACK, PLAIN
-from cartstiff.batch.arguments import EVERY_OUTPUT, aligned_empty
+from cartstiff.batch.arguments import aligned_empty
 from cartstiff.batch.chains import ChainCase
 from cartstiff.batch.closed_chains import close, settle
 from cartstiff.batch.execution import (
@@ -27,17 +27,13 @@ from cartstiff.batch.plans import (
     Case,
     TracedModel,
     given_as,
-    known_plan,
     plan,
     program_for,
 )
-from cartstiff.batch.readings import Readings
 from cartstiff.batch.tape import Program
-from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.numerics.threads import process_lock
-from cartstiff.stiffness.applied_load import Axes, LoadKind
 
 Backend = Literal["auto", "compiled", "portable", "engine"]
 BACKENDS = ("auto", "compiled", "portable", "engine")
@@ -64,58 +60,29 @@ EVALUATED_CHUNK = 1024
 
 
 @lru_cache(maxsize=32)
-def _portable_kernel(case: Case, names: tuple[str, ...]) -> PortableKernel:
-    return PortableKernel(program_for(case, names))
+def _portable_kernel(program: Program) -> PortableKernel:
+    return PortableKernel(program)
 
 
-_compiled: dict[tuple[Any, ...], Any] = {}
+_compiled: dict[Program, CompiledKernel] = {}
 _lock = process_lock()
 
 
-def _compiled_kernel(
-    case: Case, names: tuple[str, ...], readings: Readings | None = None
-) -> Any:
-    """Machine code for a case; the last 64 are cached."""
-    key = (case, names, readings)
+def is_compiled(program: Program) -> bool:
+    """Whether the machine code of a program is cached."""
+    return program in _compiled
+
+
+def kernel_of(program: Program, compiled: bool) -> Kernel:
+    """Machine code of a program, the last 64 of which are cached; or NumPy."""
+    if not compiled:
+        return _portable_kernel(program)
     with _lock:
-        program = _reading_program if readings else program_for
-        kernel = _compiled.pop(key, None) or CompiledKernel(program(*key))
-        _compiled[key] = kernel
+        kernel = _compiled.pop(program, None) or CompiledKernel(program)
+        _compiled[program] = kernel
         if len(_compiled) > 64:
             del _compiled[next(iter(_compiled))]
     return kernel
-
-
-def kernel_for(case: Case, names: tuple[str, ...], count: int, compiled: bool) -> Any:
-    """Kernel for `count` postures of a case.
-
-    Machine code if wanted and worth compiling.
-    """
-    make = _compiled_kernel if compiled and count >= WORTH_COMPILING else _portable_kernel
-    return make(case, names)
-
-
-def _reading_program(
-    case: Case, names: tuple[str, ...], readings: Readings | None
-) -> Program:
-    return program_for(case, names, readings, stored=("pose",))
-
-
-def reading_kernel(
-    case: Case, names: tuple[str, ...], readings: Readings, path: Backend = "auto"
-) -> Any:
-    """Kernel that reads quantities.
-
-    None if one does not exist, or no machine code can be made.
-    """
-    program = _reading_program(case, names, readings)
-    if "readings" not in program.outputs:
-        return None
-    if path == "portable":
-        return PortableKernel(program)
-    if not has_package("llvmlite") or program.size > LARGEST_PROGRAM:
-        return None
-    return _compiled_kernel(case, names, readings)
 
 
 @lru_cache(maxsize=8)
@@ -128,56 +95,12 @@ def has_package(package: str) -> bool:
 ASKED = "asked for"
 
 
-def chosen(
-    elastic: ElasticMechanism,
-    loads: Array | None,
-    names: tuple[str, ...],
-    path: Backend,
-    count: int,
-    load: LoadKind,
-    axes: Axes,
-) -> tuple[TracedModel | None, Any, str]:
-    """Model and kernel, or None for `cartstiff.analyse`.
-
-    And the reason why not a faster one.
-    """
-    kind = given_as(loads)
-    if path == "engine":
-        known = known_plan(elastic, kind)  # a map has planned before
-        return None, None, known if isinstance(known, str) else ASKED
-    if path == "auto" and (reason := _few_of_closed(elastic, count)):
-        return None, None, reason
-    answer = plan(elastic, kind)
-    if isinstance(answer, str):
-        if path != "auto":
-            raise InputError(
-                f"path {path!r} does not serve this mechanism: {answer}",
-                expected="path 'engine'",
-            )
-        return None, None, answer
-    answer = answer.under(load, axes)
-    # In a fixed order, so that equal sets share a kernel.
-    ordered = tuple(name for name in EVERY_OUTPUT if name in names)
-    if path == "portable":
-        return answer, _portable_kernel(answer.case, ordered), ASKED
-    if not has_package("llvmlite"):
-        error = MissingDependencyError("llvmlite", "the compiled path", "maps")
-        if path == "compiled":
-            raise error
-        return answer, _portable_kernel(answer.case, ordered), str(error)
-    is_made = path == "compiled" or (answer.case, ordered, None) in _compiled
-    if not is_made and count < WORTH_COMPILING:
-        reason = f"compiling pays from {WORTH_COMPILING} postures on"
-        return answer, _portable_kernel(answer.case, ordered), reason
-    return answer, _compiled_kernel(answer.case, ordered), ""
-
-
 def _workers(threads: int, rows: int) -> int:
     """Number of threads for a number of postures."""
     return max(1, min(threads, rows // LEAST_PER_THREAD))
 
 
-def _few_of_closed(elastic: ElasticMechanism, count: int) -> str:
+def few_of_closed(elastic: ElasticMechanism, count: int) -> str:
     """Reason why `cartstiff.analyse` is faster than recording a closed chain;
     empty if not.
     """
@@ -185,15 +108,11 @@ def _few_of_closed(elastic: ElasticMechanism, count: int) -> str:
     return f"a closed chain is recorded from {WORTH_RECORDING} postures on" if few else ""
 
 
-def lasting_path(
-    elastic: ElasticMechanism,
-    wrench: Literal["none", "shared", "each"],
-    count: int,
-) -> Backend:
+def lasting_path(elastic: ElasticMechanism, is_loaded: bool, count: int) -> Backend:
     """The path for `count` postures, independent of kernels that this
     process has cached.
     """
-    answer = _few_of_closed(elastic, count) or plan(elastic, wrench)
+    answer = few_of_closed(elastic, count) or plan(elastic, given_as(is_loaded))
     if isinstance(answer, str):
         return "engine"
     is_compiled = count >= WORTH_COMPILING and has_package("llvmlite")
@@ -217,8 +136,7 @@ class _PostureSolver:
         def make(way: Case, outputs: tuple[str, ...]) -> Kernel:
             if made and way is case:
                 return made[outputs]
-            is_compiled = compiled and not made
-            return (_compiled_kernel if is_compiled else _portable_kernel)(way, outputs)
+            return kernel_of(program_for(way, outputs), compiled and not made)
 
         ways = case.ways if isinstance(case, ChainCase) and case.is_closed else ()
         self._closing = [

@@ -17,7 +17,7 @@ import numpy as np
 from cartstiff import numerics
 from cartstiff.batch.algebra import PLAIN, changed_compliance, limited
 from cartstiff.batch.arguments import EVERY_OUTPUT
-from cartstiff.batch.quantities import Settings
+from cartstiff.batch.quantities import Quantity, Settings
 from cartstiff.batch.tape import Scalar, absolute, larger
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.connections import Connection
@@ -63,12 +63,16 @@ class OwnOutputs:
         Names in `cartstiff.batch.quantities.QUANTITIES`.
     settings : Settings, optional
         Those of the quantities.
+    defined : tuple of Quantity
+        Those of the quantities that a user has defined, if other processes do not know
+        them.
     """
 
     connections: tuple[tuple[str, Connection], ...] = ()
     functions: tuple[tuple[str, _Function], ...] = ()
     quantities: tuple[str, ...] = ()
     settings: Settings | None = None
+    defined: tuple[Quantity, ...] = ()
 
     @classmethod
     def of(

@@ -154,7 +154,7 @@ def program_for(
     outputs : tuple of str
         Those that the verdict is on.
     readings : Readings, optional
-        For the output "readings", if all that they need exists.
+        Quantities that are outputs as well, if all that they need exists.
     own : OwnOutputs, optional
         A user's outputs.
     stored : tuple of str, optional
@@ -176,8 +176,8 @@ def program_for(
         known = {**arrays, "lengths": np.array(lengths)}
         values, doubt = read(known, readings, acting(tape, case))
         arrays["verdict"][0] = larger(arrays["verdict"][0], doubt)
-        arrays["readings"] = values
-        kept.append("readings")
+        arrays |= {name: values[i : i + 1] for i, name in enumerate(readings.names)}
+        kept += readings.names
     if own is not None and all(name in arrays for name in own.needs):
         length = arrays["length"][0] if "length" in arrays else case.length
         found, doubt = own.record(arrays, length)
@@ -193,11 +193,9 @@ def program_for(
 _plans: deque[tuple[ElasticMechanism, str, TracedModel | str]] = deque(maxlen=8)
 
 
-def given_as(wrench: Array | None) -> Literal["none", "shared", "each"]:
-    """Kind of wrench for a plan: none, one (6,) for all postures,
-    or one for each (N, 6).
-    """
-    return "none" if wrench is None else "shared" if wrench.ndim == 1 else "each"
+def given_as(is_loaded: bool) -> Literal["none", "each"]:
+    """Kind of wrench for a plan: none, or one for each posture."""
+    return "each" if is_loaded else "none"
 
 
 def plan(elastic: ElasticMechanism, wrench: str) -> TracedModel | str:

@@ -1,10 +1,7 @@
-r"""Many postures at once: coordinates in, arrays out.
+r"""Stacks of postures: their arrays, and the states that a program leaves open.
 
-Recorded formulas compute chains, open and closed, with lines between their bodies
-(`cartstiff.batch.chains`, `closed_chains`), and platforms on line springs (`platforms`),
-as machine code for the mechanism (path "compiled") or over NumPy arrays (path
-"portable"). `cartstiff.analyse` itself (path "engine") computes every other mechanism,
-and every posture that is not well inside the regular ones, and names its state.
+`cartstiff.analyse` computes every posture that is not well inside the regular ones, and
+names its state.
 
 Postures of arms that have lost rank are computed in stacks as well, as ``C = J H^-1 J^T``
 needs no inverse of J, where their state is certain: the singular values are far from the
@@ -15,47 +12,25 @@ springs carry a known load, or far from zero.
 
 from __future__ import annotations
 
-import os
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.batch.algebra import FALLBACK, PLAIN, UNBALANCED
 from cartstiff.batch.arguments import (
-    EVERY_OUTPUT,
     TENSIONS,
     aligned_empty,
-    arrays_for,
-    checked_count,
-    checked_names,
-    checked_q,
-    checked_wrench,
     full_name,
 )
-from cartstiff.batch.arguments import (
-    OUTPUTS as OUTPUTS,
-)
 from cartstiff.batch.chains import ChainCase
-from cartstiff.batch.execution import PortableKernel
-from cartstiff.batch.kernels import (
-    BACKENDS,
-    WORTH_RECORDING,
-    Backend,
-    chosen,
-    kernel_for,
-    reading_kernel,
-    run,
-)
-from cartstiff.batch.plans import Case, TracedModel, given_as, plan
+from cartstiff.batch.kernels import WORTH_COMPILING, WORTH_RECORDING, kernel_of, run
+from cartstiff.batch.plans import Case, TracedModel, program_for
 from cartstiff.batch.platforms import PlatformCase
-from cartstiff.batch.quantities import FREQUENCIES
-from cartstiff.batch.readings import Readings, recordable, with_masses
-from cartstiff.checked_call import checked
 from cartstiff.errors import (
     ConvergenceError,
     InputError,
@@ -64,10 +39,10 @@ from cartstiff.errors import (
 )
 from cartstiff.geometry.se3 import Array
 from cartstiff.matrix_names import OF_MANY
-from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.numerics import BALANCE_TOLERANCE, RANK, ROUNDOFF
 from cartstiff.potentials.line_springs import LineSprings
-from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, checked_load
+from cartstiff.stiffness.applied_load import Axes, LoadKind
 from cartstiff.stiffness.compute import PostureStiffness, analyse
 from cartstiff.stiffness.settled_links import settled_coordinates
 from cartstiff.stiffness.tensor import COMPONENTS, with_labels
@@ -181,20 +156,27 @@ class Stack:
 
     Attributes
     ----------
-    elastic, taken : the mechanism, and its recorded arithmetic.
+    elastic, taken : the mechanism, and its recorded arithmetic, if there is some.
     q, loads : coordinates (N, n), and the wrench (6,), or (N, 6), if any.
+    load, axes : behaviour of that load, and axes of its components.
     arrays : outputs of all postures by name.
+    state : verdicts (N,), which become states.
     compiled, threads, size : as of `run`.
+    codes : the states' codes.
     """
 
     elastic: ElasticMechanism
-    taken: TracedModel
+    taken: TracedModel | None
     q: Array
     loads: Array | None
+    load: LoadKind
+    axes: Axes
     arrays: Mapping[str, Array]
+    state: NDArray[np.uint8]
     compiled: bool
     threads: int
     size: int | None
+    codes: list[str] = field(default_factory=lambda: [REGULAR])
 
     def rows(self, names: Collection[str], which: Indices) -> dict[str, Array]:
         """Room for some outputs of the postures `which`."""
@@ -214,17 +196,116 @@ class Stack:
 
         Which are plainly regular.
         """
+        assert self.taken is not None
         other, loads = replace(self.taken, case=case), self.loads
         verdicts = np.zeros(len(which), np.uint8)
         if len(which):
-            kernel = kernel_for(case, tuple(rows), len(which), self.compiled)
+            is_compiled = self.compiled and len(which) >= WORTH_COMPILING
+            kernel = kernel_of(program_for(case, tuple(rows)), is_compiled)
             own = loads[which] if loads is not None and loads.ndim == 2 else loads
             q = self.q[which]
             run(other, kernel, q, own, rows, verdicts, self.threads, self.size, more)
         return verdicts == PLAIN
 
+    def index(self, code: str) -> int:
+        """Number of a state."""
+        if code not in self.codes:
+            self.codes.append(code)
+        return self.codes.index(code)
 
-def lost_ranks(stack: Stack, which: Indices) -> tuple[str, Indices, Indices]:
+    def decide(self, one_by_one: int | None) -> int:
+        """Turn verdicts into states, and fill what a program has not.
+
+        Returns
+        -------
+        int
+            Number of postures that `cartstiff.analyse` has computed, at most
+            `one_by_one`.
+        """
+        if self.taken is None:
+            self.analyse(np.arange(len(self.state)))
+            return len(self.state)
+        if self.taken.regular != REGULAR:
+            self._clear_still_halves(slice(None))
+        # Postures in doubt: lost ranks and chosen tensions have programs of their own.
+        doubtful = np.flatnonzero(self.state == FALLBACK)
+        lost_state, lost_rank = "", doubtful[:0]
+        if len(doubtful) >= WORTH_RECORDING:
+            lost_state, lost_rank, torn = lost_ranks(self, self.taken, doubtful)
+            self.state[torn] = UNBALANCED
+            self._clear_still_halves(lost_rank)
+            doubtful = np.setdiff1d(doubtful, np.concatenate([lost_rank, torn]))
+        if len(doubtful):
+            filled, torn = by_chosen_tensions(self, self.taken, doubtful)
+            self.state[torn] = UNBALANCED
+            doubtful = np.setdiff1d(doubtful, np.concatenate([filled, torn]))
+        # States by their codes; without balance what depends on the load does not exist.
+        unbalanced = np.flatnonzero(self.state == UNBALANCED)
+        self.state[:] = self.index(self.taken.regular)
+        if len(lost_rank):
+            self.state[lost_rank] = self.index(lost_state)
+        if len(unbalanced):
+            self._clear_unbalanced(self.taken, unbalanced)
+        # The core decides the rest, or a sample of it.
+        if one_by_one is not None and len(doubtful) > one_by_one:
+            left = np.ones(len(doubtful), bool)
+            left[np.linspace(0, len(doubtful) - 1, one_by_one).astype(int)] = False
+            self.state[doubtful[left]] = self.index(UNDECIDED)
+            for array in self.arrays.values():
+                array[doubtful[left]] = np.nan
+            doubtful = doubtful[~left]
+        self.analyse(doubtful)
+        return len(doubtful)
+
+    def _clear_unbalanced(self, taken: TracedModel, which: Indices) -> None:
+        """Remove what does not exist where springs cannot balance the load."""
+        self.state[which] = self.index("unbalanced")
+        unknown: tuple[str, ...] = ("wrench", "stiffness", "compliance", TENSIONS)
+        if taken.untraced.struts is not None:  # no equilibrium, and so no energy either
+            unknown += ("energy", "jacobian")
+        for name, array in self.arrays.items():
+            if name.startswith(unknown):
+                array[which] = np.nan
+
+    def _clear_still_halves(self, which: Indices | slice) -> None:
+        """Set round-off to zero in the compliances of postures with a rank below six."""
+        length = self.elastic.mechanism.at(self.elastic.q).length
+        for name, array in self.arrays.items():
+            if name.startswith("compliance"):
+                some = array[which]
+                numerics.clear_still_halves(some, length)
+                array[which] = some
+
+    def analyse(self, which: Indices) -> None:
+        """Fill some postures one by one.
+
+        Also writes the coordinates of assembled chains.
+        """
+        moved = is_moved(self.elastic, self.loads is not None)
+        with numerics.one_thread():
+            for i in which.tolist():
+                loads = self.loads
+                own = loads if loads is None or loads.ndim == 1 else loads[i]
+                rows = {name: array[i : i + 1] for name, array in self.arrays.items()}
+                code, closed = fill(
+                    self.elastic, self.q[i], own, rows, self.load, self.axes
+                )
+                if moved:
+                    self.q[i] = closed
+                self.state[i] = self.index(code)
+
+
+def is_moved(elastic: ElasticMechanism, is_loaded: bool) -> bool:
+    """Whether coordinates are changed: by closing the chain,
+    or by deflection of links.
+    """
+    bends = is_loaded and bool(settled_coordinates(elastic).size)
+    return bends or bool(elastic.mechanism.closures)
+
+
+def lost_ranks(
+    stack: Stack, taken: TracedModel, which: Indices
+) -> tuple[str, Indices, Indices]:
     """Fill those of the postures `which` that have certainly lost rank.
 
     Returns
@@ -234,7 +315,7 @@ def lost_ranks(stack: Stack, which: Indices) -> tuple[str, Indices, Indices]:
     filled, unbalanced : ndarray of int
         Some of `which`; the latter have pose, Jacobian and energy only.
     """
-    case, elastic, arrays = stack.taken.case, stack.elastic, stack.arrays
+    case, elastic, arrays = taken.case, stack.elastic, stack.arrays
     if not isinstance(case, ChainCase) or case.is_closed or case.settled:
         return "", which[:0], which[:0]
     n = case.freedoms
@@ -277,7 +358,9 @@ def lost_ranks(stack: Stack, which: Indices) -> tuple[str, Indices, Indices]:
     return state, which[is_lost], which[unbalanced]
 
 
-def by_chosen_tensions(stack: Stack, which: Indices) -> tuple[Indices, Indices]:
+def by_chosen_tensions(
+    stack: Stack, taken: TracedModel, which: Indices
+) -> tuple[Indices, Indices]:
     """Fill those of the postures `which` at which bounds choose the tensions
     of many lines.
 
@@ -289,7 +372,7 @@ def by_chosen_tensions(stack: Stack, which: Indices) -> tuple[Indices, Indices]:
     filled, unbalanced : ndarray of int
         Some of `which`; of the latter only the pose is known.
     """
-    case, springs = stack.taken.case, cast(LineSprings, stack.elastic.springs)
+    case, springs = taken.case, cast(LineSprings, stack.elastic.springs)
     if not isinstance(case, PlatformCase) or not case.balances_among:
         return which[:0], which[:0]
     # Geometry of the lines first: what decides which tensions balance.
@@ -511,352 +594,3 @@ class Postures:
         """Number of postures in each state that occurs."""
         counts = Counter(self.state.tolist())
         return {code: counts[i] for i, code in enumerate(self.codes) if counts[i]}
-
-
-@checked
-def analyse_many(
-    elastic: ElasticMechanism,
-    q: ArrayLike,
-    *,
-    wrench: ArrayLike | None = None,
-    load_kind: Literal["dead", "follower", "conservative"] = "dead",
-    load_at: ArrayLike = DEAD_AT_ORIGIN.at,
-    load_axes: Literal["body", "world"] = "body",
-    outputs: Sequence[str] = ("stiffness_B",),
-    out: Mapping[str, Array] | None = None,
-    threads: int | None = None,
-    path: Backend = "auto",
-    chunk: int | None = None,
-    one_by_one: int | None = None,
-) -> Postures:
-    r"""Stiffness of a mechanism at many postures: `cartstiff.analyse` for stacks.
-
-    Parameters
-    ----------
-    elastic : ElasticMechanism
-        Mechanism and potentials, from `cartstiff.load`.
-    q : array_like (N, n)
-        Coordinates in rad and length units, one posture a row.
-    wrench : array_like (6,) or (N, 6), optional
-        (moment, force) on the body at `load_at`, for all postures or for each; as in
-        `analyse`, the rest positions are then chosen at every posture.
-    load_kind, load_at, load_axes
-        Behaviour of the load while the body moves, its point of application and its axes,
-        as in `analyse`.
-    outputs : sequence of str
-        Any of "pose" (N, 4, 4), "jacobian" (N, 6, n), "wrench" (N, 6), "energy" (N,),
-        "stiffness_X" and "compliance_X" (N, 6, 6) for X one of A, B, K, F and load, the
-        tangent under the load; "X" alone is short for "stiffness_X"; "tensions" (N, m) of
-        a platform's legs. Only what they need is computed.
-    out : mapping of str to ndarray, optional
-        Arrays of doubles to write outputs into. Reusing memory saves its allocation,
-        which takes longer than the computation.
-    threads : int, optional
-        Threads of the compiled path; default: as many as there are processors. The others
-        use one. The result does not depend on it.
-    path : {"auto", "compiled", "portable", "engine"}
-        Machine code made by llvmlite; NumPy; one `analyse` after the other. "auto" takes
-        the first that is possible.
-    chunk : int, optional
-        Postures computed at a time. The result does not depend on it.
-    one_by_one : int, optional
-        Largest number of postures, spread evenly over those that the fast paths cannot
-        decide, that `analyse` computes; the others have NaN and the state "undecided".
-        Default: all.
-
-    Returns
-    -------
-    Postures
-        Arrays, the state of every posture, and the path that computed them.
-
-    Raises
-    ------
-    InputError
-        For wrong shapes, numbers that are not finite, unknown outputs, or a path that
-        does not serve this mechanism. A posture in which something does not exist is no
-        error: it has its state, and NaN.
-    MissingDependencyError
-        If `path` is "compiled" and llvmlite is not installed.
-    """
-    # Everything is checked, and room is made, before anything is computed.
-    coordinates = checked_q(checked_elastic(elastic), q)
-    coordinates = elastic.mechanism.closed_as_given(coordinates)
-    loads = checked_wrench(elastic, wrench, len(coordinates))
-    names = checked_names(outputs)
-    count = checked_count("threads", threads) or os.cpu_count() or 1
-    if path not in BACKENDS:
-        raise UnknownNameError("path", str(path), BACKENDS)
-    size = checked_count("chunk", chunk)
-    if one_by_one is not None and one_by_one < 0:
-        raise InputError(
-            "count cannot be used",
-            where="one_by_one",
-            expected="0 or more",
-            got=one_by_one,
-        )
-    given = q if isinstance(q, np.ndarray) else coordinates
-    legs = len(getattr(elastic.mechanism, "anchors", ()))
-    arrays = arrays_for(
-        names, out, (*coordinates.shape, legs), {"q": given, "wrench": loads}
-    )
-    state = np.zeros(len(coordinates), np.uint8)
-
-    kind = checked_load(
-        load_kind, load_at, load_axes, loads is not None, elastic.may_be_loaded
-    )
-    codes = [REGULAR]
-    taken, kernel, reason = chosen(
-        elastic, loads, names, path, len(coordinates), kind, load_axes
-    )
-    if _is_moved(elastic, loads):
-        coordinates = coordinates.copy()
-    found = Postures(
-        coordinates,
-        arrays,
-        state,
-        tuple(codes),
-        "engine",
-        reason,
-        elastic.names,
-        len(state),
-        described(elastic, None if loads is None else kind, load_axes),
-        units_of(elastic.units),
-    )
-    # Nothing is recorded: the core decides every posture.
-    if taken is None:
-        everything = np.arange(len(state))
-        _by_reference(
-            elastic, coordinates, loads, arrays, everything, state, codes, kind, load_axes
-        )
-        return replace(found, codes=tuple(codes))
-    # One pass over all postures; mostly that is all.
-    run(taken, kernel, coordinates, loads, arrays, state, count, size)
-    if taken.regular != REGULAR:
-        _clear_still_halves(elastic, arrays, slice(None))
-    ran: str = "portable" if isinstance(kernel, PortableKernel) else "compiled"
-    if not state.any():
-        state[:] = _index(codes, taken.regular)
-        return replace(found, codes=tuple(codes), path=ran, fallback=0)
-    # Postures in doubt: lost ranks and chosen tensions have programs of their own.
-    doubtful = np.flatnonzero(state == FALLBACK)
-    lost_state, lost_rank = "", doubtful[:0]
-    compiled = ran == "compiled"
-    stack = Stack(elastic, taken, coordinates, loads, arrays, compiled, count, size)
-    if len(doubtful) >= WORTH_RECORDING:
-        lost_state, lost_rank, torn = lost_ranks(stack, doubtful)
-        state[torn] = UNBALANCED
-        _clear_still_halves(elastic, arrays, lost_rank)
-        doubtful = np.setdiff1d(doubtful, np.concatenate([lost_rank, torn]))
-    if len(doubtful):
-        filled, torn = by_chosen_tensions(stack, doubtful)
-        state[torn] = UNBALANCED
-        doubtful = np.setdiff1d(doubtful, np.concatenate([filled, torn]))
-    # States by their codes; without balance what depends on the load does not exist.
-    unbalanced = np.flatnonzero(state == UNBALANCED)
-    state[:] = _index(codes, taken.regular)
-    if len(lost_rank):
-        state[lost_rank] = _index(codes, lost_state)
-    if len(unbalanced):
-        state[unbalanced] = _index(codes, "unbalanced")
-        unknown: tuple[str, ...] = ("wrench", "stiffness", "compliance", TENSIONS)
-        if (
-            taken.untraced.struts is not None
-        ):  # without equilibrium there is no energy either
-            unknown += ("energy", "jacobian")
-        for name in names:
-            if name.startswith(unknown):
-                arrays[name][unbalanced] = np.nan
-    # The core decides the rest, or a sample of it.
-    if one_by_one is not None and len(doubtful) > one_by_one:
-        left = np.ones(len(doubtful), bool)
-        left[np.linspace(0, len(doubtful) - 1, one_by_one).astype(int)] = False
-        state[doubtful[left]] = _index(codes, UNDECIDED)
-        for array in arrays.values():
-            array[doubtful[left]] = np.nan
-        doubtful = doubtful[~left]
-    _by_reference(
-        elastic, coordinates, loads, arrays, doubtful, state, codes, kind, load_axes
-    )
-    return replace(found, codes=tuple(codes), path=ran, fallback=len(doubtful))
-
-
-def _clear_still_halves(
-    elastic: ElasticMechanism,
-    arrays: Mapping[str, Array],
-    which: NDArray[np.intp] | slice,
-) -> None:
-    """Set round-off to zero in the compliances of postures with a rank below six."""
-    length = elastic.mechanism.at(elastic.q).length
-    for name, array in arrays.items():
-        if name.startswith("compliance"):
-            some = array[which]
-            numerics.clear_still_halves(some, length)
-            array[which] = some
-
-
-def _is_moved(elastic: ElasticMechanism, loads: Array | None) -> bool:
-    """Whether coordinates are changed: by closing the chain,
-    or by deflection of links.
-    """
-    bends = loads is not None and bool(settled_coordinates(elastic).size)
-    return bends or bool(elastic.mechanism.closures)
-
-
-def _by_reference(
-    elastic: ElasticMechanism,
-    q: Array,
-    loads: Array | None,
-    arrays: Mapping[str, Array],
-    which: NDArray[np.intp],
-    state: NDArray[np.uint8],
-    codes: list[str],
-    kind: LoadKind,
-    axes: Axes,
-) -> None:
-    """Fill some postures one by one.
-
-    Also writes the coordinates of assembled chains into `q`.
-    """
-    is_moved = _is_moved(elastic, loads)
-    with numerics.one_thread():
-        for i in which.tolist():
-            load = loads if loads is None or loads.ndim == 1 else loads[i]
-            rows = {name: array[i : i + 1] for name, array in arrays.items()}
-            code, closed = fill(elastic, q[i], load, rows, kind, axes)
-            if is_moved:
-                q[i] = closed
-            state[i] = _index(codes, code)
-
-
-def _index(codes: list[str], code: str) -> int:
-    if code not in codes:
-        codes.append(code)
-    return codes.index(code)
-
-
-def tensions_of_many(
-    elastic: ElasticMechanism,
-    q: Array,
-    wrench: Array | None,
-    kind: LoadKind,
-    axes: Axes,
-) -> Array:
-    """Tensions (N, m) of a platform's legs at postures q (N, 6) under a wrench (6,),
-    if any.
-
-    NaN where no tensions balance the load, and for mechanisms without legs.
-    """
-    load: dict[str, Any] = {}
-    if wrench is not None:
-        load = {"load_kind": kind.kind, "load_at": kind.at, "load_axes": axes}
-    springs = elastic.springs
-    is_recorded = (
-        springs is not None and springs.attachments() and not springs.gives_aside
-    )
-    path: Backend = "auto" if is_recorded else "engine"
-    found = analyse_many(
-        elastic, q, wrench=wrench, outputs=(TENSIONS,), path=path, threads=1, **load
-    )
-    return found.arrays[TENSIONS]
-
-
-class Values(NamedTuple):
-    """Quantities of many postures, from `Reader.read`.
-
-    Attributes
-    ----------
-    values : dict of str to ndarray (N,)
-        Numbers by name.
-    poses : ndarray (N, 4, 4)
-        ``T_F_M``.
-    q : ndarray (N, n)
-        Coordinates, those of compliant links as deflected by the load.
-    is_known : ndarray of bool (N,)
-        Postures with valid numbers; all others need `analyse_many`.
-    """
-
-    values: dict[str, Array]
-    poses: Array
-    q: Array
-    is_known: NDArray[np.bool_]
-
-
-def readable(
-    elastic: ElasticMechanism, names: Sequence[str], wrench: Array | None
-) -> tuple[str, ...]:
-    """Names of the quantities that can be recorded for a mechanism under a load."""
-    taken = plan(elastic, given_as(wrench))
-    return () if isinstance(taken, str) else recordable(elastic, taken.case, names)
-
-
-class Reader:
-    """Computes quantities of many postures of a mechanism under one load,
-    without their matrices.
-
-    Parameters
-    ----------
-    elastic : ElasticMechanism
-        The mechanism.
-    readings : Readings
-        The quantities, with the kind of the load and its point.
-    outputs : tuple of str
-        Outputs of `analyse_many` whose verdicts count.
-    wrench : ndarray (6,), optional
-        Load on the body.
-    axes : {"body", "world"}
-        Axes of its components.
-    path : {"auto", "portable"}
-        Machine code, if it can be made; or NumPy, which is slower than reading from
-        arrays and serves for comparison.
-
-    Attributes
-    ----------
-    state : str
-        State of the postures with valid numbers.
-    """
-
-    def __init__(
-        self,
-        elastic: ElasticMechanism,
-        readings: Readings,
-        outputs: tuple[str, ...],
-        wrench: Array | None = None,
-        axes: Axes = "body",
-        path: Backend = "auto",
-    ) -> None:
-        self.elastic, self.readings = elastic, readings
-        self._wrench = wrench
-        self._plan = plan(elastic, given_as(wrench))
-        self._outputs = tuple(
-            name for name in EVERY_OUTPUT if name in outputs or name == "pose"
-        )
-        self._kernel: Any = None
-        self.state = ""
-        if isinstance(self._plan, TracedModel):
-            self._plan = self._plan.under(readings.settings.load, axes)
-            self.state, case = self._plan.regular, self._plan.case
-            if not FREQUENCIES.isdisjoint(readings.names):
-                case = with_masses(elastic, case) or case
-            self._kernel = reading_kernel(case, self._outputs, readings, path)
-
-    @property
-    def serves(self) -> bool:
-        """Whether these quantities of this mechanism can be read."""
-        return self._kernel is not None
-
-    def read(self, q: Array) -> Values:
-        """Quantities at postures q (N, n)."""
-        if not isinstance(self._plan, TracedModel):
-            raise TypeError(self._plan)
-        count = len(q)
-        q = q.copy() if self._plan.is_closed or self._plan.settles else q
-        arrays = {
-            "readings": aligned_empty(
-                count, len(self._kernel.program.outputs["readings"])
-            ),
-            "pose": aligned_empty(count, 4, 4),
-        }
-        verdicts = np.zeros(count, np.uint8)
-        run(self._plan, self._kernel, q, self._wrench, arrays, verdicts, 1, None)
-        values = dict(zip(self.readings.names, arrays["readings"].T, strict=True))
-        return Values(values, arrays["pose"], q, verdicts == 0)

@@ -19,57 +19,43 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from cartstiff import numerics
-from cartstiff.arrays import checked_array, checked_input, fixed
+from cartstiff.arrays import checked_input, fixed
 from cartstiff.batch.algebra import CASE_INPUTS, PLAIN
 from cartstiff.batch.arguments import (
-    DETAILS,
     EVERY_OUTPUT,
-    MOTIONS,
-    TENSIONS,
     checked_names,
     checked_q,
     checked_wrench,
     full_name,
-    shape_of,
 )
 from cartstiff.batch.assembly import Assembly, one_posture
 from cartstiff.batch.closed_chains import settle
 from cartstiff.batch.execution import (
     Kernel,
     OnePosture,
-    compiled_or_portable,
 )
 from cartstiff.batch.gradient import gradient_program
-from cartstiff.batch.kernels import has_package, run
+from cartstiff.batch.kernels import has_package, kernel_of, run
 from cartstiff.batch.own_outputs import Function, OwnOutputs
 from cartstiff.batch.plans import (
     CLOSING,
     SETTLING,
-    Case,
     TracedModel,
-    plan_with,
     program_for,
 )
 from cartstiff.batch.postures import (
     REGULAR,
     Postures,
-    analyse_many,
-    described,
-    fill,
-    units_of,
 )
 from cartstiff.batch.quantities import (
-    FREQUENCIES,
     QUANTITIES,
-    Quantity,
     Settings,
     check_used,
     choose_quantities,
 )
-from cartstiff.batch.readings import Readings, recordable, with_masses
+from cartstiff.batch.recording import NOTHING, Recording, shapes_of, springs_of
 from cartstiff.batch.sources import (
     LANGUAGES,
     Before,
@@ -79,7 +65,6 @@ from cartstiff.batch.sources import (
     jax_source,
     python_source,
 )
-from cartstiff.batch.stacks import needed_outputs, quantities_of
 from cartstiff.batch.tape import Program as Tape
 from cartstiff.batch.untraced import UntracedTerms
 from cartstiff.checked_call import checked
@@ -87,7 +72,6 @@ from cartstiff.errors import InputError, UndefinedError, UnknownNameError, check
 from cartstiff.geometry.connections import Connection
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.potentials.springs import Springs
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, checked_load
 
 #: Number of operations beyond which compiling takes more than a quarter of a minute.
@@ -165,7 +149,7 @@ class RecordedPosture(Mapping[str, Array]):
         return f"RecordedPosture({self.state}{by}: {', '.join(self._places)})"
 
 
-class Program:
+class Program(Recording):
     """The recorded arithmetic of a mechanism for given outputs, from `record`.
 
     ``program(q)``, with a wrench if it is recorded under a load, has the arrays of one
@@ -197,97 +181,42 @@ class Program:
         matrices.
     """
 
+    largest = _LARGEST
+
     def __init__(
         self,
         elastic: ElasticMechanism,
         names: tuple[str, ...],
-        own: OwnOutputs,
-        is_loaded: bool,
+        own: OwnOutputs = NOTHING,
+        is_loaded: bool = False,
         load: LoadKind = DEAD_AT_ORIGIN,
         load_axes: Axes = "body",
         inputs: tuple[str, ...] = (),
     ) -> None:
-        self.elastic, self.is_loaded, self.inputs = elastic, is_loaded, inputs
-        self.load, self.load_axes = load, load_axes
-        self._given, self._own = names, own
+        super().__init__(elastic, names, own, is_loaded, load, load_axes, inputs)
         self._count = len(elastic.mechanism.coordinates)
-        self._quantities: tuple[Quantity, ...] = ()
-        if own.settings is not None:
-            self._quantities = choose_quantities(own.quantities, own.settings, elastic)
-        # What `analyse` computes, and what follows from that.
-        self._base = (*names, *own.needs, *self._needed(own.quantities))
-        self._base = tuple(dict.fromkeys(self._base))
-        self.names = (*names, *own.names, *own.quantities)
-        self._shapes = _shapes(elastic) | own.shapes | dict.fromkeys(own.quantities, ())
-        self._shapes[MOTIONS] = len(elastic.mechanism.coordinates), -1
-        self.path, self.reason = "engine", ""
-        self.from_matrices: tuple[str, ...] = own.quantities
-        self._taken: TracedModel | None = None
+        self.path = "engine"
         self._untraced: UntracedTerms | None = None
-        self._tape: Tape | None = None
         self._answer: OnePosture | None = None
-        self._made: dict[Tape, Kernel] = {}
         self._closing: Assembly | None = None
         self._settling: OnePosture | None = None
         self._slopes = dict[str, tuple[OnePosture, Tape]]()
         self._places: dict[str, _Place] = {}
-        self._usual: dict[str, Array] = {}
         self._verdict, self._state = 0, REGULAR
-        taken = plan_with(elastic, "each" if is_loaded else "none", inputs)
-        if isinstance(taken, str):
-            self.reason = taken
-        else:
-            self._compile(taken.under(load, load_axes))
+        if self._taken is not None and self._tape is not None:
+            self._compile(self._taken, self._tape)
 
-    def _needed(self, quantities: Collection[str]) -> tuple[str, ...]:
-        """Outputs that quantities are read from."""
-        settings = self._own.settings
-        if settings is None or not quantities:
-            return ()
-        some = [quantity for quantity in self._quantities if quantity.name in quantities]
-        return needed_outputs(some, settings)
-
-    def _recorded(self, case: Case) -> Tape:
-        """The program of all outputs that can be recorded, and of what the others
-        are read from.
-        """
-        own, settings, elastic = self._own, self._own.settings, self.elastic
-        plain = replace(own, quantities=(), settings=None)
-        names = recordable(elastic, case, own.quantities)
-        if "payload" in self.inputs:  # the masses of vibrations are constants
-            names = tuple(name for name in names if name not in FREQUENCIES)
-        few = tuple(name for name in names if name not in FREQUENCIES)
-        tape: Tape | None = None
-        for some in dict.fromkeys((names, few, ())):
-            self.from_matrices = tuple(n for n in own.quantities if n not in some)
-            stored = (*self._given, *self._needed(self.from_matrices))
-            more: dict[str, Any] = {"own": plain}
-            if some and settings is not None:
-                more["readings"] = Readings.of(elastic, some, settings)
-            if {*stored} != {*self._base}:
-                more["stored"] = tuple(dict.fromkeys(stored))
-            has_masses = not FREQUENCIES.isdisjoint(some)
-            own_case = (has_masses and with_masses(elastic, case)) or case
-            tape = program_for(own_case, self._base, **more)
-            if not some or ("readings" in tape.outputs and tape.size <= _LARGEST):
-                break
-        assert tape is not None
-        outputs = dict(tape.outputs)
-        steps = outputs.pop("readings", ())
-        outputs |= {name: (step,) for name, step in zip(some, steps, strict=False)}
-        return tape.with_outputs(outputs)
-
-    def _compile(self, taken: TracedModel) -> None:
-        """Record, and make code of, the outputs and the steps towards the posture."""
-        compiled = has_package("llvmlite")
-        case = taken.case
-        program = self._recorded(case)
+    def _compile(self, taken: TracedModel, program: Tape) -> None:
+        """Make code of the outputs and of the steps towards the posture."""
         if program.size > _LARGEST:
             self.reason = f"{program.size} operations would take too long to compile"
+            self._tape = None
             return
-        rows = {name: np.ascontiguousarray(row) for name, row in taken.shared.items()}
-        shared = {name: row for name, row in rows.items() if name not in self.inputs}
-        self._usual = {name: rows[name][0] for name in self.inputs}
+        shared = {
+            name: np.ascontiguousarray(row)
+            for name, row in taken.shared.items()
+            if name not in self.inputs
+        }
         self._answer = one_posture(program, shared)
         # What exists at no posture of the mechanism is missing.
         at = self._answer.at
@@ -299,11 +228,10 @@ class Program:
         if taken.is_closed:
             self._closing = Assembly(taken)
         if taken.settles:
-            self._settling = one_posture(program_for(case, SETTLING), shared)
-        self._taken, self._tape = taken, program
+            self._settling = one_posture(program_for(taken.case, SETTLING), shared)
         self._untraced = taken.untraced if taken.untraced else None
-        self.path = "compiled" if compiled else "python"
-        if not compiled:
+        self.path = "compiled" if has_package("llvmlite") else "python"
+        if self.path == "python":
             self.reason = "llvmlite is not installed"
 
     def __reduce__(self) -> Any:
@@ -370,37 +298,12 @@ class Program:
                 for name, place in self._answer.at.items()
                 if name in self._shapes
             }
-            elastic, load = self._with(given)
+            elastic, load = self.with_numbers(given)
             found = self._read(
                 self.from_matrices, arrays, at[None], given.get("wrench"), elastic, load
             )
             record = np.concatenate([record, *(found[n] for n in self.from_matrices)])
         return RecordedPosture(self._places, record, at, self._state, True)
-
-    def _read(
-        self,
-        names: Collection[str],
-        arrays: Mapping[str, Array],
-        q: Array,
-        wrench: Array | None,
-        elastic: ElasticMechanism,
-        load: LoadKind,
-    ) -> dict[str, Array]:
-        """Quantities (N,) from matrices, as of maps."""
-        settings = self._own.settings
-        if settings is None or not names:
-            return {}
-        some = [quantity for quantity in self._quantities if quantity.name in names]
-        known = {n: np.full((len(q), *self._shapes[n]), np.nan) for n in self._base}
-        return quantities_of(
-            elastic,
-            some,
-            replace(settings, load=load),
-            {**known, **arrays},
-            q,
-            wrench,
-            self.load_axes,
-        )
 
     def _refuse(self, wrench: ArrayLike | None) -> None:
         if wrench is None:
@@ -413,49 +316,25 @@ class Program:
 
     def _by_analyse(self, q: Array, given: Mapping[str, Array]) -> RecordedPosture:
         """One posture by `cartstiff.analyse`."""
-        at = checked_input(q, (self._count,), "q")
-        wrench, (elastic, load) = given.get("wrench"), self._with(given)
+        at = checked_input(q, (self._count,), "q")[None]
+        wrench, (elastic, load) = given.get("wrench"), self.with_numbers(given)
         wrench = None if wrench is None else checked_input(wrench, (6,), "wrench")
-        rows = {name: np.full((1, *self._shapes[name]), np.nan) for name in self._base}
-        with numerics.one_thread():
-            state, at = fill(elastic, at, wrench, rows, load, self.load_axes)
-        rows |= self._own.values(rows)
-        names = self._own.quantities
-        rows |= self._read(names, rows, at[None], wrench, elastic, load)
+        acting = self._own, self.is_loaded, load, self.load_axes
+        core = Recording(elastic, self._given, *acting, backend="engine")
+        found = core.postures(at, wrench)
         places, parts, stop = dict[str, _Place](), list[Array](), 0
         for name in self.names:
-            part = np.ravel(rows[name])
+            part = np.ravel(found.arrays[name])
             places[name] = slice(stop, stop + part.size), self._shapes[name]
             parts.append(part)
             stop += part.size
-        return RecordedPosture(places, np.concatenate(parts), at, state, False)
-
-    def _with(
-        self, numbers: Mapping[str, ArrayLike]
-    ) -> tuple[ElasticMechanism, LoadKind]:
-        """The mechanism, and the kind of load, with other numbers."""
-        elastic, load = self.elastic, self.load
-        own = {name: numbers[name] for name in self.inputs if name in numbers}
-        if "load_at" in own:
-            load = LoadKind(load.kind, own["load_at"])  # type: ignore[arg-type]
-        if "payload" in own:
-            mass, *centre = np.ravel(own["payload"]).tolist()
-            elastic = elastic.with_payload(mass, centre) if mass else elastic
-        if own.keys() & {"stiffness", "rest"}:
-            springs = _springs(elastic)
-            each = {"stiffness": springs.stiffness, "rest": springs.rest, **own}
-            count = len(springs.stiffness)
-            new = (
-                checked_array(each[n], (count,), n, finite=False)
-                for n in ("stiffness", "rest")
-            )
-            elastic = replace(elastic, springs=springs.replaced(*new))
-        return elastic, load
+        state = found.codes[found.state[0]]
+        return RecordedPosture(places, np.concatenate(parts), found.q[0], state, False)
 
     def _checked(self, name: str, values: ArrayLike) -> Array:
         """Numbers of an input."""
         sizes = {"load_at": 3, "payload": 4}
-        size = sizes.get(name) or len(_springs(self.elastic).stiffness)
+        size = sizes.get(name) or len(springs_of(self.elastic).stiffness)
         found = _as_vector(values, size, name)
         if name == "payload" and found[0] < 0.0:
             raise InputError(
@@ -596,55 +475,17 @@ class Program:
         As of `cartstiff.analyse_many`: with the state of every posture, and labels by
         ``.to_xarray()``. `numbers` as in a call, the same for all postures.
         """
-        # Everything is checked before anything is computed.
         given = dict[str, Array]()
         for name, values in numbers.items():
             check_name("input", name, self.inputs)
             given[name] = self._checked(name, values)
-        elastic, kind = self._with(given)
         if (wrench is None) is self.is_loaded:
             self._refuse(wrench)
+        elastic = self.elastic
         coordinates = elastic.mechanism.closed_as_given(checked_q(elastic, q))
-        count, loads = len(coordinates), checked_wrench(elastic, wrench, len(coordinates))
-        # By the program, as far as postures are plainly regular.
-        known = np.zeros(count, bool)
-        arrays = {n: np.full((count, *self._shapes[n]), np.nan) for n in self.names}
-        at = coordinates.copy()
-        if self._taken is not None:
-            known = self._rows(at, loads, given, arrays)
-        rest = np.flatnonzero(~known)
-        at[rest] = coordinates[rest]
-        codes, state = [self._state], np.zeros(count, np.uint8)
-        fallback, path = 0, "portable" if self.path == "python" else self.path
-        # The core decides all others.
-        if rest.size or self._taken is None:
-            own = loads if loads is None or loads.ndim == 1 else loads[rest]
-            others = self._analysed(elastic, kind, coordinates[rest], own)
-            at[rest], fallback = others.q, others.fallback
-            for name, array in arrays.items():
-                array[rest] = others.arrays[name]
-            codes = list(dict.fromkeys([REGULAR, self._state, *others.codes]))
-            index = np.array([codes.index(code) for code in others.codes], np.uint8)
-            state[:] = codes.index(self._state)
-            state[rest] = index[others.state]
-        return Postures(
-            at,
-            arrays,
-            state,
-            tuple(codes),
-            path,
-            self.reason,
-            elastic.names,
-            fallback,
-            described(elastic, kind if self.is_loaded else None, self.load_axes),
-            {
-                **units_of(elastic.units),
-                **{
-                    quantity.name: quantity.words(elastic.units)
-                    for quantity in self._quantities
-                },
-            },
-        )
+        loads = checked_wrench(elastic, wrench, len(coordinates))
+        threads = os.cpu_count() or 1
+        return self.postures(coordinates, loads, numbers=given, threads=threads)
 
     def gradient(
         self, of: str, q: ArrayLike, wrench: ArrayLike | None = None
@@ -717,76 +558,28 @@ class Program:
         answer[of] = answer[of][:, 0]
         return answer if np.ndim(q) > 1 else {n: rows[0] for n, rows in answer.items()}
 
-    def _kernel(self, one: OnePosture | None, tape: Tape, count: int) -> Kernel | None:
-        """The code for many postures."""
-        if self.path == "compiled" and count < WORTH_WIDENING:
-            return one
-        if tape not in self._made:
-            is_compiled = self.path == "compiled"
-            self._made[tape] = compiled_or_portable(tape, is_compiled)
-        return self._made[tape]
+    def _code(self, count: int) -> tuple[Kernel | None, str, str]:
+        """As of `Recording`; that of single postures for all but very many."""
+        if self._tape is None:
+            return None, "engine", self.reason
+        path = "portable" if self.path == "python" else self.path
+        return self._kernel(self._answer, self._tape, count), path, self.reason
 
-    def _rows(
-        self,
-        q: Array,
-        loads: Array | None,
-        numbers: Mapping[str, Array],
-        arrays: Mapping[str, Array],
-    ) -> NDArray[np.bool_]:
-        """Fill arrays of plainly regular postures by the recorded arithmetic;
-        which these are.
-        """
-        taken, tape = self._taken, self._tape
-        assert taken is not None
-        assert tape is not None
-        kernel = self._kernel(self._answer, tape, len(q))
-        own = {**self._usual, **numbers}
-        given = {name: np.atleast_2d(values) for name, values in own.items()}
-        taken = replace(taken, shared={**taken.shared, **given})
-        verdicts, threads = np.zeros(len(q), np.uint8), os.cpu_count() or 1
-        more = {
-            name: np.empty((len(q), *self._shapes[name]))
-            for name in tape.outputs
-            if name not in arrays and name != "verdict"
-        }
-        made = dict[tuple[str, ...], Kernel]()  # the steps that a call takes
+    def _kernel(self, one: OnePosture | None, tape: Tape, count: int) -> Kernel | None:
+        """The code of a program for many postures."""
+        is_compiled = self.path == "compiled"
+        if is_compiled and count < WORTH_WIDENING:
+            return one
+        return kernel_of(tape, is_compiled)
+
+    def _steps(self) -> Mapping[tuple[str, ...], Kernel]:
+        """The code of the steps that a call takes."""
+        made = dict[tuple[str, ...], Kernel]()
         if self.path == "compiled" and self._closing is not None:
             made[CLOSING] = self._closing.step
         if self.path == "compiled" and self._settling is not None:
             made[SETTLING] = self._settling
-        run(
-            taken,
-            kernel,
-            q,
-            loads,
-            {**arrays, **more},
-            verdicts,
-            threads,
-            None,
-            made=made,
-        )
-        known = verdicts == PLAIN
-        some = loads if loads is None or loads.ndim == 1 else loads[known]
-        rows = {name: array[known] for name, array in {**arrays, **more}.items()}
-        found = self._read(self.from_matrices, rows, q[known], some, *self._with(numbers))
-        for name, values in found.items():
-            arrays[name][known] = values
-        return np.asarray(known)
-
-    def _analysed(
-        self, elastic: ElasticMechanism, kind: LoadKind, q: Array, loads: Array | None
-    ) -> Postures:
-        """Postures by `analyse_many`, with own outputs and quantities."""
-        load: dict[str, Any] = {}
-        if loads is not None:
-            load = {"load_kind": kind.kind, "load_at": kind.at}
-            load["load_axes"] = self.load_axes
-        found = analyse_many(elastic, q, wrench=loads, outputs=self._base, **load)
-        arrays = found.arrays
-        arrays |= self._own.values(arrays)
-        names = self._own.quantities
-        arrays |= self._read(names, arrays, found.q, loads, elastic, kind)
-        return found
+        return made
 
 
 @checked
@@ -868,7 +661,7 @@ def record(
     quantities = [o for o in named if o not in EVERY_OUTPUT]
     names = checked_names([o for o in named if o not in quantities])
     own = _with_quantities(
-        OwnOutputs.of(outputs, _shapes(elastic)),
+        OwnOutputs.of(outputs, shapes_of(elastic)),
         quantities,
         elastic,
         kind,
@@ -882,7 +675,7 @@ def record(
     for name in inputs:
         check_name("input", name, INPUTS)
     _check_inputs(elastic, inputs, loaded)
-    if inputs and "rest" in inputs and (loaded or not _springs(elastic).is_complete):
+    if inputs and "rest" in inputs and (loaded or not springs_of(elastic).is_complete):
         raise InputError(
             "rest positions that are found at each posture are no inputs",
             where="inputs",
@@ -934,23 +727,6 @@ def _with_quantities(
     chosen = choose_quantities(names, settings, elastic)
     check_used(settings, chosen)
     return replace(own, quantities=tuple(names), settings=settings)
-
-
-def _springs(elastic: ElasticMechanism) -> Springs:
-    if elastic.springs is None:
-        raise InputError(
-            f"{elastic.name} has no springs of joints or lines", where="inputs"
-        )
-    return elastic.springs
-
-
-def _shapes(elastic: ElasticMechanism) -> dict[str, tuple[int, ...]]:
-    """Shape of each output at one posture."""
-    count = len(elastic.mechanism.coordinates)
-    legs = len(getattr(elastic.mechanism, "anchors", ()))
-    names = (name for name in EVERY_OUTPUT if legs or name != TENSIONS)
-    own = {name: shape_of(name, 1, count, legs)[1:] for name in names}
-    return {**own, **{name: shape_of(name, 1, count, legs)[1:] for name in DETAILS}}
 
 
 def _as_vector(values: ArrayLike, size: int, what: str) -> Array:

@@ -154,7 +154,7 @@ class Source:
     Parameters
     ----------
     arrays : mapping of str to ndarray
-        Outputs of `cartstiff.batch.postures.analyse_many` by name, (N, ...) or recorded.
+        Outputs of `cartstiff.batch.recording.analyse_many` by name, (N, ...) or recorded.
     settings : Settings
         Settings of the quantities.
     """
@@ -299,7 +299,7 @@ class Quantity:
     function : callable
         From a `Source` to a number, or to those (N,) of a stack.
     needs : tuple of str
-        Outputs of `cartstiff.batch.postures.analyse_many`; {connection} is replaced by
+        Outputs of `cartstiff.batch.recording.analyse_many`; {connection} is replaced by
         the connection, {matrix} by `Settings.matrix`, "inverse" by `Settings.inverted`,
         "free" by `Settings.free`.
     asks : {"direction", "deflect", "length", "damping"}, optional

@@ -14,10 +14,10 @@ from threading import Thread
 from cartstiff.batch.arguments import DETAILS, MOTIONS, NOTEWORTHY, OUTPUTS, TENSIONS
 from cartstiff.batch.assembly import Assembly
 from cartstiff.batch.kernels import LARGEST_PROGRAM
-from cartstiff.batch.own_outputs import OwnOutputs
 from cartstiff.batch.plans import plan, program_for
 from cartstiff.batch.postures import REGULAR
 from cartstiff.batch.program import Program
+from cartstiff.batch.recording import NOTHING
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.applied_load import Axes, LoadKind
@@ -114,12 +114,12 @@ class _Recording:
         if not is_plain or (outside and not taken.is_closed):
             return
         legs = (TENSIONS,) if len(self.elastic.mechanism.points) else ()
-        outputs, nothing = (*OUTPUTS, *legs, *DETAILS, MOTIONS), OwnOutputs.of({}, {})
-        tape = program_for(taken.under(self.load, self.axes).case, outputs, own=nothing)
+        outputs = (*OUTPUTS, *legs, *DETAILS, MOTIONS)
+        tape = program_for(taken.under(self.load, self.axes).case, outputs)
         if NOTEWORTHY not in tape.outputs:
             return
         self.is_large = tape.size > LARGEST_PROGRAM and not self.is_large
         if not self.is_large:
             self.program = Program(
-                self.elastic, outputs, nothing, self.is_loaded, self.load, self.axes
+                self.elastic, outputs, NOTHING, self.is_loaded, self.load, self.axes
             )

@@ -19,8 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.batch.algebra import PLAIN
-from cartstiff.batch.kernels import WORTH_RECORDING, has_package, kernel_for, run
-from cartstiff.batch.plans import given_as, plan
+from cartstiff.batch.kernels import (
+    WORTH_COMPILING,
+    WORTH_RECORDING,
+    has_package,
+    kernel_of,
+    run,
+)
+from cartstiff.batch.plans import TracedModel, given_as, plan, program_for
 from cartstiff.batch.readings import with_masses
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -119,15 +125,16 @@ class ManyModes:
         kind = LoadKind(
             self.load.get("load_kind", "dead"), self.load.get("load_at", LoadKind().at)
         )
-        taken = (
-            "" if len(self.q) < WORTH_RECORDING else plan(self.elastic, given_as(loads))
-        )
+        taken: TracedModel | str = ""
+        if len(self.q) >= WORTH_RECORDING:
+            taken = plan(self.elastic, given_as(loads is not None))
         taken = taken if isinstance(taken, str) else taken.under(kind, axes)
         case = None if isinstance(taken, str) else with_masses(self.elastic, taken.case)
         if isinstance(taken, str) or case is None:
             return nothing
         # One pass gives both matrices of every posture; the frequencies follow from them.
-        kernel = kernel_for(case, _OUTPUTS, len(self.q), has_package("llvmlite"))
+        is_compiled = len(self.q) >= WORTH_COMPILING and has_package("llvmlite")
+        kernel = kernel_of(program_for(case, _OUTPUTS), is_compiled)
         q, verdicts = self.q.copy(), np.zeros(len(self.q), np.uint8)
         widths = {name: len(own) for name, own in kernel.program.outputs.items()}
         arrays = {name: np.empty((len(q), widths[name])) for name in _OUTPUTS}

@@ -299,10 +299,8 @@ class StudyEvaluator:
         if all(quantity_named(name).asks != "length" for name in quantities):
             keywords["length"] = keywords["length"] or 1.0  # no quantity depends on it
         job = map_job(elastic, sampling, quantities, **keywords)
-        kind: Literal["none", "shared", "each"]
-        kind = "none" if case.wrench is None else "shared"
         total = self.study.size * max(sampling.size, PREPARATION_POSES)
-        path = lasting_path(elastic, kind, total)
+        path = lasting_path(elastic, case.wrench is not None, total)
         # Only the code of platforms serves all designs; else it must pay for itself in
         # one design.
         if path == "compiled" and not shared.is_one_of_many:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import Array
-from cartstiff.batch.postures import analyse_many
+from cartstiff.batch.recording import analyse_many
 from cartstiff.errors import CartstiffError, ConvergenceError, InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.identify.measurements import (

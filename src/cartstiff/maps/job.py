@@ -4,11 +4,11 @@ process needs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import cached_property
 from math import prod
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,23 +16,10 @@ from numpy.typing import NDArray
 from cartstiff.arrays import Array
 from cartstiff.batch.following import Assembler, Closed
 from cartstiff.batch.kernels import CLOSED_CHUNK, Backend
-from cartstiff.batch.postures import (
-    NOT_ASSEMBLED,
-    REGULAR,
-    Postures,
-    Reader,
-    analyse_many,
-    readable,
-    tensions_of_many,
-)
-from cartstiff.batch.quantities import (
-    FREQUENCIES,
-    Quantity,
-    Settings,
-    choose_quantities,
-)
-from cartstiff.batch.readings import Readings
-from cartstiff.batch.stacks import needed_outputs, quantities_of
+from cartstiff.batch.own_outputs import OwnOutputs
+from cartstiff.batch.postures import NOT_ASSEMBLED, REGULAR, Postures
+from cartstiff.batch.quantities import Quantity, Settings, choose_quantities
+from cartstiff.batch.recording import Recording, tensions_of_many
 from cartstiff.maps.cartesian import PLACES_AT_ONCE, CartesianGrid
 from cartstiff.maps.sampling import Grid, Sampling, usual_chunk
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -67,28 +54,12 @@ STATES = (
     "strut-not-found",
 )
 
-# Number of postures computed at once: stacks so small that their matrices stay in the
-# cache, and that every thread may hold some; fewer where each posture is computed by
-# itself.
-_STACK_ROWS = 2048
-_SINGLE_ROWS = 128
 # Least usual number of postures of a part whose postures are computed in stacks.
 _LEAST_CHUNK = 8192
 # Number of postures of a part that one thread computes.
 _PIECE_ROWS = 2**15
 #: Applies a function to each of several arguments, as the built-in `map`.
 Mapped = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
-
-
-class MapRows(NamedTuple):
-    """Assembled postures (N, n), their states (N,),
-    poses (N, 4, 4) and quantities (N,).
-    """
-
-    q: Array
-    state: NDArray[np.uint8]
-    poses: Array
-    values: dict[str, Array]
 
 
 @dataclass(frozen=True)
@@ -156,11 +127,6 @@ class MapJob:
         elif self.in_stacks and self.path != "engine":
             least = _LEAST_CHUNK
         return usual_chunk(self.sampling.size, least)
-
-    @cached_property
-    def outputs(self) -> tuple[str, ...]:
-        """Outputs of `analyse_many` that the quantities need."""
-        return needed_outputs(self.quantities, self.settings)
 
     @property
     def stores_q(self) -> bool:
@@ -230,111 +196,38 @@ class MapJob:
     def _fill_piece(self, box: tuple[slice, ...], arrays: dict[str, Array]) -> None:
         """Compute the rows of a box that is small enough to be computed at once."""
         q = self._sampled(box, arrays)
-        count, rows = len(q), _STACK_ROWS if self.in_stacks else _SINGLE_ROWS
-        blocks = [slice(i, min(i + rows, count)) for i in range(0, count, rows)]
-        # Machine code leaves few rows open: those of all blocks together take a tenth of
-        # the time.
-        rest = np.concatenate([self._compute_rows(q, some, arrays) for some in blocks])
-        for some in (rest[i : i + rows] for i in range(0, len(rest), rows)):
-            self._fill(arrays, some, self._by_matrices(q[some], self.quantities))
+        at = np.flatnonzero(np.isfinite(q).all(axis=1))
+        if at.size:
+            found = self._computed(self._recording, q[at])
+            beyond = self._beyond(found.q, found.arrays["pose"])
+            for name in self.names:
+                arrays[name][at] = np.where(beyond, np.nan, found.arrays[name])
+            own = np.array([_code(code) for code in found.codes], np.uint8)
+            arrays["state"][at] = np.where(beyond, _code(BEYOND), own[found.state])
+            arrays["position"][at] = found.arrays["pose"][:, :3, 3]
         if "q" in arrays:
             arrays["q"][:] = q
 
-    def _compute_rows(self, q: Array, rows: slice, arrays: dict[str, Array]) -> Array:
-        """Fill rows; return the numbers (k,) of those whose quantities are
-        still to be read.
-        """
-        at: Array = rows.start + np.flatnonzero(np.isfinite(q[rows]).all(axis=1))
-        if not at.size:
-            return at
-        answer, unknown = self._answer(q[at])
-        self._fill(arrays, at, answer)
-        return at[unknown]
-
-    def _fill(self, arrays: dict[str, Array], at: Array, answer: MapRows) -> None:
-        """Store states, positions and quantities at some rows.
-
-        Quantities beyond limits are NaN.
-        """
-        beyond = self._beyond(answer.q, answer.poses)
-        some = bool(beyond.any())
-        for name, value in answer.values.items():
-            arrays[name][at] = np.where(beyond, np.nan, value) if some else value
-        arrays["state"][at] = np.where(beyond, _code(BEYOND), answer.state)
-        arrays["position"][at] = answer.poses[:, :3, 3]
-
-    def _answer(self, q: Array) -> tuple[MapRows, Array]:
-        """The results at postures (N, n), and the rows (k,) left open by machine code."""
-        if (reader := self._reader) is None:
-            return self._by_matrices(q, self.quantities), np.zeros(0, int)
-        read = reader.read(q)
-        unknown = np.flatnonzero(~read.is_known)
-        state = np.full(len(q), _code(reader.state), np.uint8)
-        values = {name: read.values[name] for name in reader.readings.names}
-        others = [quantity for quantity in self.quantities if quantity.name not in values]
-        if others:
-            values |= self._by_matrices(q, others).values
-        return MapRows(read.q, state, read.poses, values), unknown
-
-    def _by_matrices(self, q: Array, quantities: Sequence[Quantity]) -> MapRows:
-        """Return the results at postures (N, n), read from stored matrices."""
-        result = self._analysed(q, quantities)
-        values = self._values(result, quantities)
-        to_own = np.array([_code(c) for c in result.codes], np.uint8)
-        return MapRows(result.q, to_own[result.state], result.arrays["pose"], values)
-
     @cached_property
-    def _reader(self) -> Reader | None:
-        """Machine code that evaluates some of the quantities."""
-        if not self.by_kernel:
-            return None
-        wrench = None if self.wrench is None else np.array(self.wrench)
-        own = [quantity.name for quantity in self.own]
-        names = readable(self.elastic, [n for n in self.names if n not in own], wrench)
-        readings = Readings.of(self.elastic, names, self.settings)
-        # If frequencies take too many operations, the other quantities may still be
-        # compiled.
-        few = tuple(name for name in names if name not in FREQUENCIES)
-        for some in filter(None, dict.fromkeys((names, few))):
-            asked = replace(readings, names=some)
-            reader = Reader(self.elastic, asked, self.outputs, wrench, self.load_axes)
-            if reader.serves:
-                return reader
-        return None
+    def _recording(self) -> Recording:
+        return self._recorded(self.names)
 
-    def _values(
-        self, result: Postures, quantities: Sequence[Quantity]
-    ) -> dict[str, Array]:
-        """Quantities (N,) by name."""
-        wrench = None if self.wrench is None else np.asarray(self.wrench, float)
-        return quantities_of(
+    def _recorded(self, names: tuple[str, ...]) -> Recording:
+        """Poses and some of the quantities."""
+        return Recording(
             self.elastic,
-            quantities,
-            self.settings,
-            result.arrays,
-            result.q,
-            wrench,
+            ("pose",),
+            OwnOutputs(quantities=names, settings=self.settings, defined=self.own),
+            self.wrench is not None,
+            self.settings.load,
             self.load_axes,
-            self.one_by_one,
+            backend=self.path,
+            reads=self.by_kernel,
         )
 
-    def _analysed(self, q: Array, quantities: Sequence[Quantity]) -> Postures:
-        return analyse_many(
-            self.elastic,
-            q,
-            wrench=self.wrench,
-            outputs=needed_outputs(quantities, self.settings),
-            threads=1,
-            path=self.path,
-            one_by_one=self.one_by_one,
-            **self._acting,
-        )
-
-    @property
-    def _acting(self) -> dict[str, Any]:
-        """Kind, point and axes of the load, as keyword arguments."""
-        load = self.settings.load
-        return {"load_kind": load.kind, "load_at": load.at, "load_axes": self.load_axes}
+    def _computed(self, recording: Recording, q: Array) -> Postures:
+        wrench = None if self.wrench is None else np.array(self.wrench, float)
+        return recording.postures(q, wrench, one_by_one=self.one_by_one)
 
     def _beyond(self, q: Array, poses: Array) -> Array:
         """Which postures (N,) are beyond limits."""
@@ -355,7 +248,8 @@ class MapJob:
     def _cost(self, q: Array) -> Array:
         """The first quantity, with its sign chosen so that smaller is better."""
         quantity = self.quantities[0]
-        value = self._values(self._analysed(q, [quantity]), [quantity])[quantity.name]
+        one = self._recorded((quantity.name,))
+        value = self._computed(one, q).arrays[quantity.name]
         return value if quantity.better == "smaller" else -value
 
     @cached_property

@@ -232,8 +232,7 @@ def planned(
     job = map_job(elastic, sampling, quantities, **asked)
     settings, kind, chosen = job.settings, job.settings.load, job.quantities
     row = job.wrench
-    acts: Literal["none", "shared", "each"] = "none" if row is None else "shared"
-    path = lasting_path(elastic, acts, sampling.size)
+    path = lasting_path(elastic, row is not None, sampling.size)
     reads = path == "compiled" and sampling.size >= WORTH_READING
     job = replace(job, path=path, by_kernel=reads)
     # The identity of the map: what its numbers depend on.

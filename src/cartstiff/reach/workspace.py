@@ -57,8 +57,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cartstiff import numerics
 from cartstiff.arrays import Array, checked_flag, checked_input, checked_length, plain
-from cartstiff.batch.postures import tensions_of_many
 from cartstiff.batch.quick_poses import QuickPoses
+from cartstiff.batch.recording import tensions_of_many
 from cartstiff.checked_call import checked
 from cartstiff.choices import TENSIONS, Distribution
 from cartstiff.described import described

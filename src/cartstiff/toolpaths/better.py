@@ -24,7 +24,7 @@ from cartstiff import numerics
 from cartstiff.analysis.ellipsoids import softest
 from cartstiff.analysis.posture import analyse_posture
 from cartstiff.arrays import Array, checked_vector
-from cartstiff.batch.postures import analyse_many
+from cartstiff.batch.recording import analyse_many
 from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, InputError, UndefinedError
 from cartstiff.geometry import se3

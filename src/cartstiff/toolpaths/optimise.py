@@ -34,13 +34,13 @@ from scipy.spatial import cKDTree
 
 from cartstiff import numerics
 from cartstiff.arrays import Array, checked_seed, csv_text, named_values, plain_dict
-from cartstiff.batch.postures import analyse_many
 from cartstiff.batch.quantities import (
     QUANTITIES,
     Quantity,
     Settings,
     choose_quantities,
 )
+from cartstiff.batch.recording import analyse_many
 from cartstiff.batch.stacks import evaluate
 from cartstiff.batch.vibrations import ManyModes
 from cartstiff.checked_call import checked

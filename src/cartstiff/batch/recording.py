@@ -1,0 +1,592 @@
+"""The recorded arithmetic of a mechanism over many postures: coordinates in, arrays out.
+
+Recorded formulas compute chains, open and closed, with lines between their bodies
+(`cartstiff.batch.chains`, `closed_chains`), and platforms on line springs (`platforms`),
+as machine code for the mechanism (path "compiled") or over NumPy arrays (path
+"portable"). `cartstiff.analyse` itself (path "engine") computes every other mechanism.
+
+A `Recording` holds it for given outputs: matrices, quantities of the table, and functions
+of a user's own. `analyse_many` makes one for matrices, a map for quantities, and
+`cartstiff.record` (`cartstiff.batch.program`) one that also answers single postures.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cartstiff.arrays import checked_array
+from cartstiff.batch.algebra import FALLBACK, PLAIN
+from cartstiff.batch.arguments import (
+    DETAILS,
+    EVERY_OUTPUT,
+    MOTIONS,
+    TENSIONS,
+    aligned_empty,
+    arrays_for,
+    checked_count,
+    checked_names,
+    checked_q,
+    checked_wrench,
+    shape_of,
+)
+from cartstiff.batch.execution import Kernel
+from cartstiff.batch.kernels import (
+    ASKED,
+    BACKENDS,
+    LARGEST_PROGRAM,
+    WORTH_COMPILING,
+    Backend,
+    few_of_closed,
+    has_package,
+    is_compiled,
+    kernel_of,
+    run,
+)
+from cartstiff.batch.own_outputs import OwnOutputs
+from cartstiff.batch.plans import Case, TracedModel, given_as, plan_with, program_for
+from cartstiff.batch.postures import (
+    REGULAR,
+    Postures,
+    Stack,
+    described,
+    is_moved,
+    units_of,
+)
+from cartstiff.batch.quantities import FREQUENCIES, Quantity, choose_quantities
+from cartstiff.batch.readings import Readings, recordable, with_masses
+from cartstiff.batch.stacks import needed_outputs, quantities_of
+from cartstiff.batch.tape import Program as Tape
+from cartstiff.checked_call import checked
+from cartstiff.errors import (
+    InputError,
+    MissingDependencyError,
+    UnknownNameError,
+)
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
+from cartstiff.potentials.springs import Springs
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, checked_load
+
+#: No outputs but those with a name.
+NOTHING = OwnOutputs()
+#: Postures at a time whose matrices are read, so that these stay in the cache.
+_BLOCK = 2048
+
+
+class Recording:
+    """The recorded arithmetic of a mechanism for given outputs, over many postures.
+
+    Parameters
+    ----------
+    elastic, is_loaded, load, load_axes, inputs
+        As the attributes of `cartstiff.Program`.
+    names : tuple of str
+        Outputs of `analyse_many`.
+    own : OwnOutputs
+        Quantities, and outputs of a user's own.
+    backend : {"auto", "compiled", "portable", "engine"}
+        As `path` of `analyse_many`.
+    reads : bool
+        Whether quantities are recorded, as far as they can be, so that no matrices are
+        stored.
+    """
+
+    #: Number of operations beyond which quantities are read from matrices.
+    largest = LARGEST_PROGRAM
+
+    def __init__(
+        self,
+        elastic: ElasticMechanism,
+        names: tuple[str, ...],
+        own: OwnOutputs = NOTHING,
+        is_loaded: bool = False,
+        load: LoadKind = DEAD_AT_ORIGIN,
+        load_axes: Axes = "body",
+        inputs: tuple[str, ...] = (),
+        backend: Backend = "auto",
+        reads: bool = True,
+    ) -> None:
+        self.elastic, self.is_loaded, self.inputs = elastic, is_loaded, inputs
+        self.load, self.load_axes = load, load_axes
+        self._given, self._own, self._backend = names, own, backend
+        self._quantities: tuple[Quantity, ...] = ()
+        if own.settings is not None:
+            more = own.settings, elastic, own.defined
+            self._quantities = choose_quantities(own.quantities, *more)
+        # What `analyse` computes, and what follows from that.
+        base = (*names, *own.needs, *self._needed(own.quantities))
+        self._base = tuple(dict.fromkeys(base))
+        self.names = (*names, *own.names, *own.quantities)
+        self._shapes = shapes_of(elastic) | own.shapes | dict.fromkeys(own.quantities, ())
+        self._shapes[MOTIONS] = len(elastic.mechanism.coordinates), -1
+        self.reason = ASKED
+        self.from_matrices: tuple[str, ...] = own.quantities
+        self._taken: TracedModel | None = None
+        self._tape: Tape | None = None
+        self._usual: dict[str, Array] = {}
+        if backend == "engine":
+            return
+        taken = plan_with(elastic, given_as(is_loaded), inputs)
+        if isinstance(taken, str):
+            self.reason = taken
+            if backend != "auto":
+                raise InputError(
+                    f"path {backend!r} does not serve this mechanism: {taken}",
+                    expected="path 'engine'",
+                )
+            return
+        self.reason, self._taken = "", taken.under(load, load_axes)
+        self._tape = self._recorded(self._taken.case, reads)
+        for name in inputs:
+            self._usual[name] = np.ascontiguousarray(self._taken.shared[name])[0]
+
+    def _needed(self, quantities: Collection[str]) -> tuple[str, ...]:
+        """Outputs that quantities are read from."""
+        settings = self._own.settings
+        if settings is None or not quantities:
+            return ()
+        some = [quantity for quantity in self._quantities if quantity.name in quantities]
+        return needed_outputs(some, settings)
+
+    def _recorded(self, case: Case, reads: bool) -> Tape:
+        """The program of all outputs that can be recorded, and of what the others
+        are read from.
+        """
+        own, settings, elastic = self._own, self._own.settings, self.elastic
+        names = recordable(elastic, case, own.quantities) if reads else ()
+        if "payload" in self.inputs:  # the masses of vibrations are constants
+            names = tuple(name for name in names if name not in FREQUENCIES)
+        few = tuple(name for name in names if name not in FREQUENCIES)
+        tape: Tape | None = None
+        for some in dict.fromkeys((names, few, ())):
+            self.from_matrices = tuple(n for n in own.quantities if n not in some)
+            stored = (*self._given, *self._needed(self.from_matrices))
+            more: dict[str, Any] = {}
+            if own:
+                more["own"] = replace(own, quantities=(), settings=None, defined=())
+            if some and settings is not None:
+                more["readings"] = Readings.of(elastic, some, settings)
+            if {*stored} != {*self._base}:
+                more["stored"] = tuple(dict.fromkeys(stored))
+            has_masses = not FREQUENCIES.isdisjoint(some)
+            own_case = (has_masses and with_masses(elastic, case)) or case
+            tape = program_for(own_case, self._base, **more)
+            if not some or (some[0] in tape.outputs and tape.size <= self.largest):
+                break
+        assert tape is not None
+        return tape
+
+    def postures(
+        self,
+        q: Array,
+        loads: Array | None,
+        arrays: Mapping[str, Array] | None = None,
+        numbers: Mapping[str, Array] | None = None,
+        threads: int = 1,
+        size: int | None = None,
+        one_by_one: int | None = None,
+    ) -> Postures:
+        """Arrays of postures q (N, n), whose closed chains are near their closure.
+
+        Parameters
+        ----------
+        q, loads
+            Coordinates, and the wrench (6,) or (N, 6), if there is one.
+        arrays : mapping of str to ndarray, optional
+            Those to fill.
+        numbers : mapping of str to ndarray, optional
+            Those of the inputs.
+        threads, size, one_by_one
+            As `threads`, `chunk` and `one_by_one` of `analyse_many`.
+        """
+        count, (elastic, load) = len(q), self.with_numbers(numbers or {})
+        arrays = {
+            name: aligned_empty(count, *self._shapes[name])
+            if arrays is None
+            else arrays[name]
+            for name in self.names
+        }
+        at = q.copy() if is_moved(elastic, self.is_loaded) else q
+        # One pass over all postures; mostly that is all.
+        kernel, path, reason = self._code(count)
+        state, taken = np.full(count, FALLBACK, np.uint8), self._with(numbers)
+        if kernel is not None:
+            more = threads, size, one_by_one
+            self._fill(kernel, taken, at, loads, numbers or {}, arrays, state, *more)
+        # What is left is read from matrices, or decided where these are computed.
+        if self._own or self._own.quantities or (taken is not None and kernel is None):
+            codes, fallback, other = self._fill_others(
+                elastic, load, q, at, loads, arrays, state, threads, one_by_one
+            )
+            path = other if kernel is None else path
+        else:
+            stack = Stack(
+                elastic,
+                taken,
+                at,
+                loads,
+                load,
+                self.load_axes,
+                arrays,
+                state,
+                path == "compiled",
+                threads,
+                size,
+            )
+            fallback, codes = stack.decide(one_by_one), stack.codes
+        units = units_of(elastic.units)
+        units |= {one.name: one.words(elastic.units) for one in self._quantities}
+        return Postures(
+            at,
+            arrays,
+            state,
+            tuple(codes),
+            path,
+            reason,
+            elastic.names,
+            fallback,
+            described(elastic, load if self.is_loaded else None, self.load_axes),
+            units,
+        )
+
+    def _code(self, count: int) -> tuple[Kernel | None, str, str]:
+        """The code for many postures, its path, and the reason why there is no faster
+        one.
+        """
+        tape = self._tape
+        if tape is None:
+            return None, "engine", self.reason
+        reason = ""
+        if self._backend == "portable":
+            reason = ASKED
+        elif not has_package("llvmlite"):
+            error = MissingDependencyError("llvmlite", "the compiled path", "maps")
+            if self._backend == "compiled":
+                raise error
+            reason = str(error)
+        elif (
+            self._backend == "auto" and count < WORTH_COMPILING and not is_compiled(tape)
+        ):
+            reason = f"compiling pays from {WORTH_COMPILING} postures on"
+        path = "portable" if reason else "compiled"
+        return kernel_of(tape, not reason), path, reason
+
+    def _fill(
+        self,
+        kernel: Kernel,
+        taken: TracedModel | None,
+        q: Array,
+        loads: Array | None,
+        numbers: Mapping[str, Array],
+        arrays: Mapping[str, Array],
+        verdicts: NDArray[np.uint8],
+        threads: int,
+        size: int | None,
+        one_by_one: int | None,
+    ) -> None:
+        """Fill arrays of plainly regular postures, and verdicts."""
+        assert taken is not None
+        made = [name for name in kernel.program.outputs if name != "verdict"]
+        more = [name for name in made if name not in arrays]
+        direct = {
+            name: rows
+            for name, rows in arrays.items()
+            if name in made or name not in self.from_matrices
+        }
+        # Of matrices that are only read, those of some postures at a time.
+        for part in _blocks(len(q), _BLOCK * threads if more else len(q)):
+            own = loads if loads is None or loads.ndim == 1 else loads[part]
+            rows = {name: array[part] for name, array in direct.items()}
+            count = len(q[part])
+            rows |= {name: np.empty((count, *self._shapes[name])) for name in more}
+            run(
+                taken,
+                kernel,
+                q[part],
+                own,
+                rows,
+                verdicts[part],
+                threads,
+                size,
+                made=self._steps(),
+            )
+            if self.from_matrices:
+                known = np.flatnonzero(verdicts[part] == PLAIN)
+                found = self._read(
+                    self.from_matrices,
+                    {name: array[known] for name, array in rows.items()},
+                    q[part][known],
+                    own if own is None or own.ndim == 1 else own[known],
+                    *self.with_numbers(numbers),
+                    one_by_one,
+                )
+                for name, values in found.items():
+                    arrays[name][part][known] = values
+
+    def _steps(self) -> Mapping[tuple[str, ...], Kernel]:
+        """The code of the steps to a posture, if there is some."""
+        return {}
+
+    def _fill_others(
+        self,
+        elastic: ElasticMechanism,
+        load: LoadKind,
+        q: Array,
+        at: Array,
+        loads: Array | None,
+        arrays: Mapping[str, Array],
+        state: NDArray[np.uint8],
+        threads: int,
+        one_by_one: int | None,
+    ) -> tuple[list[str], int, str]:
+        """Fill the postures that are not plain from their matrices.
+
+        Returns
+        -------
+        codes : list of str
+            Codes of the states.
+        fallback : int
+            Number of postures that `cartstiff.analyse` has computed.
+        path : str
+            Path of the matrices.
+        """
+        usual = REGULAR if self._taken is None else self._taken.regular
+        codes, fallback, path = list(dict.fromkeys((REGULAR, usual))), 0, "engine"
+        which = np.flatnonzero(state != PLAIN)
+        state[:] = codes.index(usual)
+        acting = self.is_loaded, load, self.load_axes
+        base = Recording(elastic, self._base, NOTHING, *acting, backend=self._backend)
+        # Matrices of some postures at a time, and what follows from them.
+        for part in _blocks(len(which), _BLOCK):
+            rows = which[part]
+            own = loads if loads is None or loads.ndim == 1 else loads[rows]
+            found = base.postures(q[rows], own, threads=threads, one_by_one=one_by_one)
+            at[rows], path = found.q, found.path
+            made = found.arrays
+            made |= self._own.values(made)
+            names = self._own.quantities
+            made |= self._read(names, made, found.q, own, elastic, load, one_by_one)
+            for name, array in arrays.items():
+                array[rows] = made[name]
+            codes = list(dict.fromkeys((*codes, *found.codes)))
+            index = np.array([codes.index(code) for code in found.codes], np.uint8)
+            state[rows] = index[found.state]
+            fallback += found.fallback
+        return codes, fallback, path
+
+    def _read(
+        self,
+        names: Collection[str],
+        arrays: Mapping[str, Array],
+        q: Array,
+        wrench: Array | None,
+        elastic: ElasticMechanism,
+        load: LoadKind,
+        one_by_one: int | None = None,
+    ) -> dict[str, Array]:
+        """Quantities (N,) from matrices."""
+        settings = self._own.settings
+        if settings is None or not names:
+            return {}
+        some = [quantity for quantity in self._quantities if quantity.name in names]
+        known = {n: np.full((len(q), *self._shapes[n]), np.nan) for n in self._base}
+        return quantities_of(
+            elastic,
+            some,
+            replace(settings, load=load),
+            {**known, **arrays},
+            q,
+            wrench,
+            self.load_axes,
+            one_by_one,
+        )
+
+    def _with(self, numbers: Mapping[str, Array] | None) -> TracedModel | None:
+        """The recorded arithmetic with other numbers."""
+        if self._taken is None or not self.inputs:
+            return self._taken
+        own = {**self._usual, **(numbers or {})}
+        given = {name: np.atleast_2d(values) for name, values in own.items()}
+        return replace(self._taken, shared={**self._taken.shared, **given})
+
+    def with_numbers(
+        self, numbers: Mapping[str, ArrayLike]
+    ) -> tuple[ElasticMechanism, LoadKind]:
+        """The mechanism, and the kind of load, with other numbers of the inputs."""
+        elastic, load = self.elastic, self.load
+        own = {name: numbers[name] for name in self.inputs if name in numbers}
+        # Each replaces what the mechanism has.
+        if "load_at" in own:
+            load = LoadKind(load.kind, own["load_at"])  # type: ignore[arg-type]
+        if "payload" in own:
+            mass, *centre = np.ravel(own["payload"]).tolist()
+            elastic = elastic.with_payload(mass, centre) if mass else elastic
+        if own.keys() & {"stiffness", "rest"}:
+            springs = springs_of(elastic)
+            each = {"stiffness": springs.stiffness, "rest": springs.rest, **own}
+            count = len(springs.stiffness)
+            new = (
+                checked_array(each[n], (count,), n, finite=False)
+                for n in ("stiffness", "rest")
+            )
+            elastic = replace(elastic, springs=springs.replaced(*new))
+        return elastic, load
+
+
+def _blocks(count: int, length: int) -> Iterator[slice]:
+    """Parts of `count` rows."""
+    return (slice(i, i + length) for i in range(0, count, max(length, 1)))
+
+
+def springs_of(elastic: ElasticMechanism) -> Springs:
+    """The springs of joints or lines; InputError if there are none."""
+    if elastic.springs is None:
+        raise InputError(
+            f"{elastic.name} has no springs of joints or lines", where="inputs"
+        )
+    return elastic.springs
+
+
+def shapes_of(elastic: ElasticMechanism) -> dict[str, tuple[int, ...]]:
+    """Shape of each output at one posture."""
+    count = len(elastic.mechanism.coordinates)
+    legs = len(getattr(elastic.mechanism, "anchors", ()))
+    names = [name for name in (*EVERY_OUTPUT, *DETAILS) if legs or name != TENSIONS]
+    return {name: shape_of(name, 1, count, legs)[1:] for name in names}
+
+
+@checked
+def analyse_many(
+    elastic: ElasticMechanism,
+    q: ArrayLike,
+    *,
+    wrench: ArrayLike | None = None,
+    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_at: ArrayLike = DEAD_AT_ORIGIN.at,
+    load_axes: Literal["body", "world"] = "body",
+    outputs: Sequence[str] = ("stiffness_B",),
+    out: Mapping[str, Array] | None = None,
+    threads: int | None = None,
+    path: Backend = "auto",
+    chunk: int | None = None,
+    one_by_one: int | None = None,
+) -> Postures:
+    r"""Stiffness of a mechanism at many postures: `cartstiff.analyse` for stacks.
+
+    Parameters
+    ----------
+    elastic : ElasticMechanism
+        Mechanism and potentials, from `cartstiff.load`.
+    q : array_like (N, n)
+        Coordinates in rad and length units, one posture a row.
+    wrench : array_like (6,) or (N, 6), optional
+        (moment, force) on the body at `load_at`, for all postures or for each; as in
+        `analyse`, the rest positions are then chosen at every posture.
+    load_kind, load_at, load_axes
+        Behaviour of the load while the body moves, its point of application and its axes,
+        as in `analyse`.
+    outputs : sequence of str
+        Any of "pose" (N, 4, 4), "jacobian" (N, 6, n), "wrench" (N, 6), "energy" (N,),
+        "stiffness_X" and "compliance_X" (N, 6, 6) for X one of A, B, K, F and load, the
+        tangent under the load; "X" alone is short for "stiffness_X"; "tensions" (N, m) of
+        a platform's legs. Only what they need is computed.
+    out : mapping of str to ndarray, optional
+        Arrays of doubles to write outputs into. Reusing memory saves its allocation,
+        which takes longer than the computation.
+    threads : int, optional
+        Threads of the compiled path; default: as many as there are processors. The others
+        use one. The result does not depend on it.
+    path : {"auto", "compiled", "portable", "engine"}
+        Machine code made by llvmlite; NumPy; one `analyse` after the other. "auto" takes
+        the first that is possible.
+    chunk : int, optional
+        Postures computed at a time. The result does not depend on it.
+    one_by_one : int, optional
+        Largest number of postures, spread evenly over those that the fast paths cannot
+        decide, that `analyse` computes; the others have NaN and the state "undecided".
+        Default: all.
+
+    Returns
+    -------
+    Postures
+        Arrays, the state of every posture, and the path that computed them.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, numbers that are not finite, unknown outputs, or a path that
+        does not serve this mechanism. A posture in which something does not exist is no
+        error: it has its state, and NaN.
+    MissingDependencyError
+        If `path` is "compiled" and llvmlite is not installed.
+    """
+    # Everything is checked, and room is made, before anything is computed.
+    coordinates = checked_q(checked_elastic(elastic), q)
+    coordinates = elastic.mechanism.closed_as_given(coordinates)
+    loads = checked_wrench(elastic, wrench, len(coordinates))
+    names = checked_names(outputs)
+    count = checked_count("threads", threads) or os.cpu_count() or 1
+    if path not in BACKENDS:
+        raise UnknownNameError("path", str(path), BACKENDS)
+    size = checked_count("chunk", chunk)
+    if one_by_one is not None and one_by_one < 0:
+        raise InputError(
+            "count cannot be used",
+            where="one_by_one",
+            expected="0 or more",
+            got=one_by_one,
+        )
+    given = q if isinstance(q, np.ndarray) else coordinates
+    legs = len(getattr(elastic.mechanism, "anchors", ()))
+    arrays = arrays_for(
+        names, out, (*coordinates.shape, legs), {"q": given, "wrench": loads}
+    )
+    kind = checked_load(
+        load_kind, load_at, load_axes, loads is not None, elastic.may_be_loaded
+    )
+    reason = few_of_closed(elastic, len(coordinates)) if path == "auto" else ""
+    recording = Recording(
+        elastic,
+        # In a fixed order, so that equal sets share a kernel.
+        tuple(name for name in EVERY_OUTPUT if name in names),
+        NOTHING,
+        loads is not None,
+        kind,
+        load_axes,
+        backend="engine" if reason else path,
+    )
+    recording.reason = reason or recording.reason
+    found = recording.postures(coordinates, loads, arrays, None, count, size, one_by_one)
+    return replace(found, arrays=arrays)
+
+
+def tensions_of_many(
+    elastic: ElasticMechanism,
+    q: Array,
+    wrench: Array | None,
+    kind: LoadKind,
+    axes: Axes,
+) -> Array:
+    """Tensions (N, m) of a platform's legs at postures q (N, 6) under a wrench (6,),
+    if any.
+
+    NaN where no tensions balance the load, and for mechanisms without legs.
+    """
+    load: dict[str, Any] = {}
+    if wrench is not None:
+        load = {"load_kind": kind.kind, "load_at": kind.at, "load_axes": axes}
+    springs = elastic.springs
+    is_recorded = (
+        springs is not None and springs.attachments() and not springs.gives_aside
+    )
+    path: Backend = "auto" if is_recorded else "engine"
+    found = analyse_many(
+        elastic, q, wrench=wrench, outputs=(TENSIONS,), path=path, threads=1, **load
+    )
+    return found.arrays[TENSIONS]
