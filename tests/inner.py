@@ -75,7 +75,7 @@ HOMES = {
     """,
     "batch.quick_poses": "QuickPoses",
     "batch.readings": """
-        READINGS Readings ascending eigenvalues largest_eigenvalue principal_values recordable
+        READINGS ascending eigenvalues largest_eigenvalue principal_values
     """,
     "batch.recorded_postures": "RecordedPostures",
     "batch.recording": "Recording tensions_of_many",

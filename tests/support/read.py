@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cartstiff import ElasticMechanism
-from tests.inner import PLAIN, OwnOutputs, Recording, Settings, plan, recordable
+from tests.inner import PLAIN, OwnOutputs, Recording, Settings
 
 
 class Read(NamedTuple):
@@ -20,8 +20,21 @@ class Read(NamedTuple):
 
 def readable(elastic: ElasticMechanism, names: Any, wrench: Any = None) -> tuple[str, ...]:
     """Names of the quantities that can be recorded."""
-    taken = plan(elastic, "none" if wrench is None else "each")
-    return () if isinstance(taken, str) else recordable(elastic, taken.case, names)
+    left = recording(elastic, names, Settings(), wrench).from_matrices
+    return tuple(name for name in names if name not in left)
+
+
+def recording(
+    elastic: ElasticMechanism,
+    names: tuple[str, ...],
+    settings: Settings,
+    wrench: Any,
+    axes: Any = "body",
+) -> Recording:
+    """Poses and quantities over NumPy arrays."""
+    own = OwnOutputs(quantities=names, settings=settings)
+    acting = wrench is not None, settings.load, axes
+    return Recording(elastic, ("pose",), own, *acting, backend="auto")
 
 
 def read(
@@ -32,19 +45,10 @@ def read(
     wrench: Any = None,
     axes: Any = "body",
 ) -> Read:
-    """Quantities over NumPy arrays; all of them have to be recorded."""
-    settings = settings or Settings()
-    recording = Recording(
-        elastic,
-        ("pose",),
-        OwnOutputs(quantities=names, settings=settings),
-        wrench is not None,
-        settings.load,
-        axes,
-        backend="portable",
-    )
-    assert not recording.from_matrices
+    """Quantities; all of them have to be recorded."""
+    asked = recording(elastic, names, settings or Settings(), wrench, axes)
+    assert not asked.from_matrices
     known: list[np.ndarray] = []
-    recording._fill_others = lambda *given: (known.append(given[6] == PLAIN), ([""], 0, ""))[1]
-    found = recording.postures(q, None if wrench is None else np.array(wrench))
+    asked._fill_others = lambda *given: (known.append(given[6] == PLAIN), ([""], 0, ""))[1]
+    found = asked.postures(q, None if wrench is None else np.array(wrench))
     return Read(found.arrays, found.q, known[0])
