@@ -20,7 +20,8 @@ class Read(NamedTuple):
 
 def readable(elastic: ElasticMechanism, names: Any, wrench: Any = None) -> tuple[str, ...]:
     """Names of the quantities that can be recorded."""
-    left = recording(elastic, names, Settings(), wrench).from_matrices
+    settings = Settings(direction=(0.0, 0.0, 1.0), deflect=(0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+    left = recording(elastic, names, settings, wrench).from_matrices
     return tuple(name for name in names if name not in left)
 
 
