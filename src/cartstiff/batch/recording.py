@@ -206,12 +206,9 @@ class Recording:
             As `threads`, `chunk` and `one_by_one` of `analyse_many`.
         """
         count, (elastic, load) = len(q), self.with_numbers(numbers or {})
-        arrays = {
-            name: aligned_empty(count, *self._shapes[name])
-            if arrays is None
-            else arrays[name]
-            for name in self.names
-        }
+        if arrays is None:
+            shapes = {name: (count, *self._shapes[name]) for name in self.names}
+            arrays = {name: aligned_empty(*shape) for name, shape in shapes.items()}
         at = q.copy() if is_moved(elastic, self.is_loaded) else q
         # One pass over all postures; mostly that is all.
         kernel, path, reason = self._code(count)
