@@ -36,7 +36,7 @@ class MatrixName:
 MATRICES: Final[dict[str, MatrixName]] = {
     "load": MatrixName(
         "under the load",
-        "the stiffness against a small added wrench while the load acts as stated",
+        "the stiffness against a small added wrench",
         "takes the load as it is stated",
     ),
     "A": MatrixName(

@@ -98,14 +98,18 @@ def states_what_is_said(text, result, answer):
         first = answer["shares"]["parts"][0]
         assert f"{round(100 * first['share'])} % of" in said
     # Tables: every cell that has a number.
-    told = set()
+    told = {}
     for table in answer["tables"]:
-        heads = [column["head"] for column in table["columns"]]
-        # A row that has a position alone is counted; drives are no joints again.
-        full = [row for row in table["rows"] if any(cell is not None for cell in row[2:])]
-        if {row[0] for row in full} <= told:
+        heads, full = [column["head"] for column in table["columns"]], []
+        for row in table["rows"]:
+            # A row that has a position alone is counted; drives are no joints again.
+            own = [x for x in zip(heads[1:], row[1:], strict=True) if x[1] is not None]
+            before = told.setdefault(row[0], [])
+            is_new = any(x not in before for x in own)
+            full += [row] * (is_new and any(cell is not None for cell in row[2:]))
+            before += own
+        if not full:
             continue
-        told |= {row[0] for row in full}
         rows = table_after(text, TITLES.get(table["name"], table["name"].capitalize()))
         assert len(rows) == 1 + len(full)
         for cells, row in zip(rows[1:], full, strict=True):

@@ -2,14 +2,46 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from cartstiff.answer.data import Answer, Column, Quantity, Statement, Table, said, table
 from cartstiff.arrays import plain
 from cartstiff.maps.reading import best, state_names
+from cartstiff.maps.store import MapFile
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.applied_load import LoadKind
+
+
+def map_data(
+    file: MapFile, place: str, summed: dict[str, Any], computed: int | None = None
+) -> dict[str, Any]:
+    """The object for JSON on the file of a map, with what was summed of it; `computed` is
+    the number of parts that were computed just now, None where none was asked for.
+    """
+    about, total = file.attributes, math.prod(file.parts.shape)
+    return {
+        "schema": about["schema"],
+        "file": place,
+        "mechanism": about["mechanism"],
+        "frame": about["frame"],
+        **{
+            key: [about[key][i : i + 4] for i in range(0, 16, 4)]
+            for key in ("frame_offset", "base_pose")
+        },
+        "connection": about["connection"],
+        "load": {key: about[f"load_{key}"] for key in ("kind", "at", "meaning")},
+        "characteristic_length": about["characteristic_length"],
+        "units": {k: about[f"{k}_unit"] for k in ("length", "force", "angle")},
+        "postures": total,
+        "parts": {
+            "total": len(file.parts),
+            "computed": computed,
+            "found": len(file.parts) - (computed or 0),
+        },
+        **summed,
+    }
 
 
 def answer_of_map(
@@ -23,8 +55,9 @@ def answer_of_map(
     # What was computed, and where: the whole map or a slice, its branches, the load.
     about = [
         said("map", count=data["postures"], connection=data["connection"], length=length),
-        said("parts", file=data["file"], **data["parts"]),
     ]
+    if data["parts"]["computed"] is not None:
+        about.append(said("parts", file=data["file"], **data["parts"]))
     if places := data.get("slice"):
         own = (f"{name} {p['value']:g} {p['unit']}" for name, p in places.items())
         about.append(said("slice", places=list(own)))

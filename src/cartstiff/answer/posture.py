@@ -31,6 +31,7 @@ from cartstiff.answer.data import (
     Statement,
     Table,
     Vector,
+    rounded,
     said,
     table,
 )
@@ -113,12 +114,13 @@ def answer_at(
         elastic,
         notes,
         verdict=verdict,
+        about=() if quickly else [said("mechanism"), *circumstances(result)],
         load=load_of(result),
         displacement=moved,
         shares=shares,
         extremes=tuple(extremes_of(result, here, name)),
         statements=force_statements(result.forces, result.units),
-        tables=() if quickly else tuple(_tables(result, shares)),
+        tables=() if quickly else tuple(tables_of(result, shares)),
     )
 
 
@@ -141,16 +143,31 @@ def force_statements(forces: Sequence[DriveForce], units: Units) -> list[Stateme
     return [said("largest-forces", each=each)]
 
 
-def force_tables(result: PostureStiffness) -> Iterator[Table]:
-    """What each drive carries, and its limits, the most loaded first."""
-    if any(one.force for one in result.forces):
-        rows, cell = [], _Rows.cell
-        for one in result.forces:
-            unit = result.units.effort(one.is_length)
-            numbers = (cell(x, unit) for x in (one.force, one.least, one.most))
-            rows.append((one.name, *numbers, cell(one.used, "1")))
-        heads = "drive | force : 4e | least : ? | most : ? | used : ?"
-        yield table("forces", heads, rows)
+def circumstances(result: PostureStiffness, at_rest: bool = False) -> Iterator[Statement]:
+    """The pose of the body, and the wrench that holds it there, if none was given.
+
+    With `at_rest` the stiffness includes the loads, and W is a wrench besides them.
+    """
+    units, size = result.units, result.posture.length
+    turned = rounded(se3.roll_pitch_yaw(result.pose), 1.0)
+    yield said(
+        "pose",
+        place=Quantity(rounded(result.pose[:3, 3], size), units.length),
+        turned=Quantity(turned, units.angle),
+    )
+    if result.wrench is None:
+        return
+    W = result.shown_wrench(result.wrench)
+    if at_rest and not W.any():
+        loads = result.elastic.parted_terms()[1]
+        yield said(("no-load", "loads-included")[bool(loads)])
+    elif W.any():
+        if at_rest or not result._load_is_given:
+            yield said(("holding", "holding-besides")[at_rest])
+    elif not result.is_loaded and result.wrench_is_known:
+        yield said("nothing-to-hold")
+    if not result.wrench_is_known:
+        yield said("partly-known")
 
 
 def definiteness_of(here: StiffnessInFrame, connection: str) -> str | None:
@@ -384,14 +401,15 @@ def _freedoms_of(
     return [freedom for freedom in _FREEDOMS if sizes[freedom] > least]
 
 
-def _tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
+def tables_of(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
     """Legs of a platform, or joints and links: what limits them and what
-    they contribute.
+    they contribute; springs that couple joints.
     """
     yield from drive_tables(result, shares)
-    yield from force_tables(result)
+    if coupled := result.coupled_springs_as_dict().get("coupled_springs"):
+        heads = "= name | sum : 6 | at rest = rest : 6 | force : 6"
+        yield table("coupled springs", heads, coupled)
     row = _Rows.of(result, shares)
-    share = "share" if shares is None else f"share of {shares.of}"
     mechanism, is_pose = result.mechanism, result.posture.coordinates_are_pose
     place = [*result.pose[:3, 3], *se3.roll_pitch_yaw(result.pose)]
     if is_pose and np.allclose(result.q, place, rtol=0.0, atol=numerics.REPORTED_ERROR):
@@ -405,11 +423,16 @@ def _tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
     known = {own for own, *_ in rows}
     if not is_pose:  # shares of legs are in their own table
         rows += tuple(
-            row.at(name, None, None) for name in row.shares if name not in known
+            row.at(name, None, None)
+            for name in {**row.shares, **row.forces}
+            if name not in known
         )
     one = ("joint", "coordinate")[is_pose]
-    heads = f"{one} : ? | position : 6p? | lower : ? | upper : ? | stiffness : ?"
-    yield table(f"{one}s", f"{heads} | {share} : ?", rows)
+    heads = f"{one} : ? | position : 4? | lower : ? | upper : ?"
+    yield table(f"{one}s", f"{heads} | {_MORE}", rows)
+
+
+_MORE = "stiffness : ? | share : ? | force : ? | force limit : ? | used : ?"
 
 
 def drive_tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
@@ -417,7 +440,6 @@ def drive_tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Ta
     row, drives = _Rows.of(result, shares), result.drives
     if not drives:
         return
-    share = "share" if shares is None else f"share of {shares.of}"
     rows = tuple(
         (
             *row.at(drive.name, drive.position, drive.is_length),
@@ -425,11 +447,10 @@ def drive_tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Ta
         )
         for drive in drives
     )
-    name, heads = "drives", "drive : ? | position : 6p? | lower : ? | upper : ?"
+    name, heads = "drives", "drive : ? | position : 4? | lower : ? | upper : ?"
     if result.leg_lengths is not None:
         name, heads = "legs", "leg : ? | length : 6e? | shortest : ? | longest : ?"
-    more = f"stiffness : ? | {share} : ? | to the limit : ?"
-    yield table(name, f"{heads} | {more}", rows)
+    yield table(name, f"{heads} | {_MORE} | to the limit : ?", rows)
 
 
 @dataclass(frozen=True)
@@ -440,6 +461,7 @@ class _Rows:
     stiffness: Mapping[str, float]
     shares: Mapping[str, float]
     bounds: Mapping[str, tuple[float, float]]
+    forces: Mapping[str, DriveForce]
 
     @classmethod
     def of(cls, result: PostureStiffness, shares: Shares | None) -> _Rows:
@@ -454,12 +476,15 @@ class _Rows:
             stiffness,
             {} if shares is None else {part.name: part.share for part in shares.parts},
             dict(zip(limits.names, ends, strict=True)),
+            {f.name: f for f in result.forces if any(one.force for one in result.forces)},
         )
 
     def at(
         self, name: str, value: float | None, is_length: bool | None
     ) -> tuple[str | Quantity | None, ...]:
-        """Name, position or length, its limits, stiffness and share."""
+        """Name, position or length, its limits, stiffness and share; force with its limit
+        and the part of that it uses.
+        """
         unit = self.units.coordinate(bool(is_length))
         low, high = self.bounds.get(name, (None, None))
         k = self.stiffness.get(name)
@@ -473,6 +498,20 @@ class _Rows:
             self.cell(high, unit),
             spring,
             self.cell(self.shares.get(name), "1"),
+            *self._force(name),
+        )
+
+    def _force(self, name: str) -> tuple[Quantity | None, ...]:
+        if (one := self.forces.get(name)) is None:
+            return None, None, None
+        unit, limit = (
+            self.units.effort(one.is_length),
+            (one.most, one.least)[one.force < 0.0],
+        )
+        return (
+            self.cell(one.force, unit),
+            self.cell(limit, unit),
+            self.cell(one.used, "1"),
         )
 
     @staticmethod

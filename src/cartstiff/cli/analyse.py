@@ -249,32 +249,18 @@ def command(
         write_json(data, output)
 
     def text() -> str:
-        from cartstiff.report.analysis import (
-            describe,
-            summary_text,
-        )
+        from cartstiff.report.analysis import describe
         from cartstiff.report.answer import tables_lines
         from cartstiff.report.sentences import BALANCING
 
-        shown, only = "", None
-        if reading.level != "none":
-            units = result.elastic.units
-            shown = summary_text(data["analysis"], units, reading.level)
-        if reading.level == "short":
-            only = data["analysis"]["connection"]
-        if "as_controller" in data:
-            shown = "\n".join([*_matrices_text(data["as_controller"]), shown])
-        lines = [
-            describe(result, shown, answer=answer, only=only),
-            *tables_lines(by_parameters),
-        ]
+        whole = [*_matrices_text(data.get("as_controller")), *tables_lines(by_parameters)]
         if is_unbalanced and not relax:
-            lines.append(
-                "  --relax lets the self-motion settle, with the body held where it is"
-            )
-            if setup.load is None:
-                lines.append(f"  {BALANCING}")
-        return "\n".join(lines)
+            whole += [
+                "",
+                "  --relax lets the self-motion settle, with the body held where it is",
+                *[f"  {BALANCING}"] * (setup.load is None),
+            ]
+        return describe(result, answer, data.get("analysis"), reading.level, whole=whole)
 
     out.show(data, setup.mechanism, text)
     if strict:
@@ -329,18 +315,20 @@ def _as_controller(result: PostureStiffness, order: Any, axes: Any) -> dict[str,
     }
 
 
-def _matrices_text(shown: dict[str, Any]) -> list[str]:
-    """Format the matrices of `_as_controller`."""
+def _matrices_text(shown: dict[str, Any] | None) -> list[str]:
+    """Format the matrices of `_as_controller`, if they were asked for."""
+    if shown is None:
+        return []
     import numpy as np
 
     from cartstiff.stiffness.tensor import format_matrix
 
     axes = AXES_WORDS[shown["axes"]]
     lines = [
-        f"As a controller has them: order {shown['order']}, {axes}, about M's origin",
         "",
+        f"As a controller has them: order {shown['order']}, {axes}, about M's origin",
     ]
     for name, K in shown["stiffness"].items():
         if K is not None:
-            lines += [*format_matrix(np.array(K), [""] * 6, f"K^{name}").split("\n"), ""]
+            lines += ["", *format_matrix(np.array(K), [""] * 6, f"K^{name}").split("\n")]
     return lines

@@ -143,8 +143,8 @@ def command(
 
         acting["held"] = Held(hold, axes=setup.axes)
     if curve is None:
+        from cartstiff.report.analysis import describe_equilibrium
         from cartstiff.report.answer import tables_lines
-        from cartstiff.report.statics import describe_equilibrium
         from cartstiff.statics.equilibrium import equilibrium
 
         if against_gravity is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 import time
 from collections.abc import Iterator, Mapping
@@ -37,7 +36,6 @@ from cartstiff.errors import InputError, check_name, one_line
 
 if TYPE_CHECKING:
     from cartstiff.maps.sampling import Sampling
-    from cartstiff.maps.store import MapFile
 
 
 _LARGEST_FILE = 2**30
@@ -357,13 +355,14 @@ def command(
         )
         raise click.exceptions.Exit(130) from None
     seconds = time.perf_counter() - start
-    from cartstiff.answer.maps import answer_of_map, ranked
+    from cartstiff.answer.maps import answer_of_map, map_data, ranked
 
     dataset: Any = None  # opened only if the statistics of the parts do not suffice
     if cuts or shown.best is not None or drawn:
         dataset = slice_map(open_map(place), **cuts)
-    answer = _answer(file, place, computed, seconds, summary(dataset if cuts else file))
+    answer = map_data(file, place, summary(dataset if cuts else file), computed)
     answer |= {
+        "seconds": round(seconds, 3),
         "slice": places_of(dataset, cuts),
         "notes": [n.to_dict() for n in elastic.notes],
     }
@@ -391,31 +390,3 @@ def _check_ranked(quantities: tuple[str, ...]) -> None:
                 where="--best",
                 expected="other quantities",
             )
-
-
-def _answer(
-    file: MapFile, output: str, computed: int, seconds: float, summed: dict[str, Any]
-) -> dict[str, Any]:
-    about, total = file.attributes, math.prod(file.parts.shape)
-    return {
-        "schema": about["schema"],
-        "file": output,
-        "mechanism": about["mechanism"],
-        "frame": about["frame"],
-        **{
-            key: [about[key][i : i + 4] for i in range(0, 16, 4)]
-            for key in ("frame_offset", "base_pose")
-        },
-        "connection": about["connection"],
-        "load": {key: about[f"load_{key}"] for key in ("kind", "at", "meaning")},
-        "characteristic_length": about["characteristic_length"],
-        "units": {k: about[f"{k}_unit"] for k in ("length", "force", "angle")},
-        "postures": total,
-        "parts": {
-            "total": len(file.parts),
-            "computed": computed,
-            "found": len(file.parts) - computed,
-        },
-        "seconds": round(seconds, 3),
-        **summed,
-    }

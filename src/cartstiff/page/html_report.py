@@ -345,7 +345,7 @@ class _Page:
             answer_tables(self.answer),
             section("Distance to a singularity", self._near()),
             section("Load and weight", f"<ul>{items(self._acting())}</ul>"),
-            section("Stiffness", matrix(self.result, self._matrix_name())),
+            section("Stiffness", matrix(self.result)),
             section("One joint at a time", self._curves()),
         ]
         return "\n".join(part for part in parts if part)
@@ -446,12 +446,6 @@ class _Page:
                 "Stiffness and shares are those at this posture, before the load",
             ]
         return [*lines, self.result.weighed.text]
-
-    def _matrix_name(self) -> str:
-        """What the stiffness is called."""
-        if self.load.is_held:
-            return "K, the tangent stiffness under the wrench that holds this posture"
-        return "K" + ", the tangent stiffness under the load" * self.result.is_loaded
 
 
 def _wrench_words(moment: Array, force: Array, kind: LoadKind, units: Units) -> str:

@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.analysis.asymmetry import is_roundoff
 from cartstiff.analysis.matrices import PURE
 from cartstiff.analysis.sections import unit_of
-from cartstiff.answer.data import Answer
-from cartstiff.answer.posture import drive_tables, without_roundoff
-from cartstiff.choices import LEVELS
-from cartstiff.errors import check_name, joined
-from cartstiff.geometry import se3
-from cartstiff.matrix_names import MATRICES
-from cartstiff.notes import Note
-from cartstiff.report.answer import answer_lines, table_lines
+from cartstiff.answer.data import Answer, Quantity, said
+from cartstiff.answer.equilibrium import answer_of_equilibrium
+from cartstiff.answer.posture import answer_at
+from cartstiff.choices import Level
+from cartstiff.errors import joined
+from cartstiff.report.answer import Block, answer_text
 from cartstiff.report.layout import (
     COSINES,
-    body_frame,
     length_of,
     lengths,
     number,
@@ -32,129 +28,88 @@ from cartstiff.report.layout import (
     share,
     table,
     vector,
-    wide_row,
 )
+from cartstiff.report.matrices import matrices_of
+from cartstiff.report.sentences import statement_sentences
 from cartstiff.stiffness.compute import PostureStiffness
-from cartstiff.stiffness.tensor import format_matrix
 from cartstiff.units import SI, Units, shown_unit
 
-_SAME = "they are the same here"
+if TYPE_CHECKING:
+    from cartstiff.statics.rest import Equilibrium
+
+#: Where everything is that a screen does not hold.
+ELSEWHERE = "--analysis full prints all, --json has all"
 
 
 def describe(
     result: PostureStiffness,
-    analysis: str = "",
-    at_rest: bool = False,
     answer: Answer | None = None,
-    only: str | None = None,
-    told: Collection[Note] = (),
+    analysis: Mapping[str, Any] | None = None,
+    level: Level = "full",
+    *,
+    at_rest: bool = False,
+    whole: Iterable[str] = (),
 ) -> str:
-    """Describe a result, with the text of its analysis before the notes.
+    """The text of a posture: its answer, tables, matrices and analysis.
 
-    The answer and its tables come first. With `at_rest` the stiffness includes the loads,
-    and W is the additional wrench. `only` names the one matrix that is printed. `told`
-    are notes that were said before.
+    Parameters
+    ----------
+    result : PostureStiffness
+        The posture.
+    answer : Answer, optional
+        Its answer; default that of `answer_at`.
+    analysis : mapping, optional
+        From `cartstiff.analysis.posture.summarise`.
+    level : {"full", "short", "none"}
+        full: everything. Else what fits on a screen: one matrix, principal stiffnesses,
+        the choice of connection; and what was asked for beside the posture.
+    at_rest : bool
+        Whether the stiffness includes the loads.
+    whole : iterable of str
+        Further lines that were asked for.
     """
-    elastic = result.elastic
-    mechanism, units = elastic.mechanism, elastic.units
-    lines = [
-        f"{elastic.name}: {mechanism.kind}, {body_frame(mechanism)}, "
-        f"matrices in {units.length} and {units.force}",
-    ]
-    # The answer comes first, where there is one: with its tables, and its doubts not said
-    # again.
-    if answer is None:
-        lines += [
-            line for shown in drive_tables(result, None) for line in table_lines(shown)
-        ]
-        lines += _posture(result)
-    else:
-        told = answer.doubts
-        lines += answer_lines(answer)
-        lines += [line for shown in answer.tables for line in table_lines(shown)]
-    # Where the body is, and what acts on it.
-    position, angles = result.pose[:3, 3], se3.roll_pitch_yaw(result.pose)
-    lines += [
-        "",
-        "Pose of the body frame",
-        f"  position          {_place(position, result.posture.length, units)}",
-        f"  roll, pitch, yaw  {wide_row(np.degrees(angles), np.degrees(1.0))} deg",
-        "",
-    ]
-    lines += load_lines(result, at_rest)
-    lines.append(result.weighed.text)
-    # Energies, and springs that couple joints.
-    if np.isfinite(result.stored_energy):
-        lines.append(
-            f"  energy stored in the springs {result.stored_energy:.6g} {units.moment}"
-        )
-    for spring in result.coupled_springs_as_dict().get("coupled_springs", []):
-        lines.append(
-            f"  coupled spring {spring['name']}: sum {spring['sum']:.6g}, at rest "
-            f"{spring['rest']:.6g}, force {spring['force']:.6g}"
-        )
+    units = result.units
+    answer = answer_at(result) if answer is None else answer
+    energy: Block = ("energy", ["", *_energy(result, answer)])
+    if level == "full":
+        more = [] if analysis is None else summary_text(analysis, units).split("\n")[:-1]
+        blocks = [_matrices(result, None, at_rest), energy, ("analysis", ["", *more])]
+        return answer_text(answer, blocks[: 2 + bool(more)], whole=whole)
+    blocks = [_matrices(result, answer.verdict.connection, at_rest), energy]
+    if analysis is not None:
+        only = analysis["connection"]
+        blocks[0] = _matrices(result, only, at_rest)
+        whole = [*whole, *_asked(analysis, units)]
+        blocks[1:1] = _short_blocks(analysis, units)
+    return answer_text(answer, blocks, whole=whole, elsewhere=ELSEWHERE)
+
+
+def describe_equilibrium(state: Equilibrium) -> str:
+    """The text of an equilibrium, with the stiffness there, loads included."""
+    return describe(state.stiffness, answer_of_equilibrium(state), at_rest=True)
+
+
+def _matrices(result: PostureStiffness, only: str | None, at_rest: bool) -> Block:
+    """The matrices, or one of them."""
+    lines = list[str]()
+    for shown in matrices_of(result, _DIGITS, only=only, at_rest=at_rest):
+        lines += ["", shown.caption, *table(shown.heads, shown.rows)]
+    return "stiffness", lines
+
+
+# Digits of matrices.
+_DIGITS = 6
+
+
+def _energy(result: PostureStiffness, answer: Answer) -> list[str]:
+    """The stored energy, and the potential of gravity and loads, if there is one."""
     outside = _potential_of_loads(result)
-    if np.isfinite(outside) and outside != 0.0:
-        lines.append(f"  potential of gravity and loads {outside:.6g} {units.moment}")
-    lines.append("")
-    # The matrices; connections with the same one share it.
-    if any(K is not None for K in result.matrices.values()):
-        lines += [
-            "Stiffness: rows wrench (moment, force), columns motion (rotation, "
-            "translation)",
-            "  units [[{rr}, {rt}], [{tr}, {tt}]]".format(**units.blocks),
-            "",
-        ]
-    for names, K in _distinct_matrices(result, at_rest):
-        if only is not None and only not in names:
-            continue
-        verdict, skew = "symmetric", K - K.T
-        if not is_roundoff(skew, K):
-            verdict = f"asymmetric, |K - K^T| up to {skew.max():.4g}"
-        meaning = MATRICES[names[-1]].words
-        if names[-1] != "load" and len(names) > 1:
-            meaning = _SAME
-        lines += [
-            f"{' = '.join(f'K^{name}' for name in names)}  {meaning}; {verdict}",
-            *format_matrix(K, [""] * 6).split("\n"),
-            "",
-        ]
-    # Fewer than six freedoms: what the body can do.
-    if result.reduction.stiffness is None and result.reduction.reachable is not None:
-        lines += _reachable(result, at_rest)
-    if analysis:
-        lines += analysis.split("\n")
-    if notes := [note for note in result.notes if note not in told]:
-        lines.append("Notes")
-        lines += [f"  {note}" for note in notes]
-    return joined(lines).rstrip()
-
-
-def _posture(result: PostureStiffness) -> list[str]:
-    """The coordinates, one a line."""
-    mechanism, units = result.mechanism, result.units
-    lines = ["", "Posture"]
-    q = without_roundoff(result)
-    for coordinate, value in zip(mechanism.coordinates, q, strict=True):
-        if coordinate.is_length:
-            own, unit = float(lengths(value, units)), units.shown_length
-            lines.append(f"  {coordinate.name:<28} {own:>12.6g} {unit}")
-        else:
-            lines.append(
-                f"  {coordinate.name:<28} {value:>12.6g} rad {np.degrees(value):>10.4g} "
-                "deg"
-            )
-    return lines
-
-
-def _place(position: Any, size: float, u: Units) -> str:
-    """A point in wide columns, with the unit of texts; 0 for round-off of a size."""
-    return f"{wide_row(lengths(position, u), size * u.shown_per_length)} {u.shown_length}"
-
-
-def _point(position: Sequence[float], u: Units) -> str:
-    """A point in brackets, with the unit of texts."""
-    return f"{vector(lengths(position, u))} {u.shown_length}"
+    energies = {"stored-energy": result.stored_energy, "potential": outside or math.nan}
+    of = result.units.moment
+    statements = (said(code, energy=Quantity(x, of)) for code, x in energies.items())
+    return statement_sentences(
+        answer, [s for s in statements if math.isfinite(s.values["energy"].value)]
+    )
 
 
 def _potential_of_loads(result: PostureStiffness) -> float:
@@ -173,81 +128,9 @@ def _potential_of_loads(result: PostureStiffness) -> float:
     return total * (abs(total) > numerics.PRINTED_AS_ZERO * works)
 
 
-def load_lines(result: PostureStiffness, at_rest: bool = False) -> list[str]:
-    """Describe the wrench and its behaviour while the body moves."""
-    if result.wrench is None:
-        return []
-    units, W = result.elastic.units, result.shown_wrench(result.wrench)
-    if at_rest and not W.any():
-        if not result.elastic.parted_terms()[1]:
-            return ["Load: none was given; no wrench holds the body"]
-        return ["Load: included in the stiffness below; no other wrench holds the body"]
-    what = "the wrench that holds the body here" + " besides the loads" * at_rest
-    if not (W.any() or result.is_loaded) and result.wrench_is_known:
-        return ["Load: none; no wrench is needed to hold the body here"]
-    lines = [
-        f"Load: {what}, in its own frame",
-        f"  moment  {wide_row(W[:3])} {units.moment}",
-        f"  force   {wide_row(W[3:])} {units.force}",
-    ]
-    if not result.wrench_is_known:
-        lines.append("  what the structure carries is not known, and taken as zero")
-    if result.is_loaded and not at_rest:
-        x, y, z = lengths(result.load.at, units)
-        at = "the origin"
-        if any(result.load.at):
-            at = f"({x:g}, {y:g}, {z:g}) {units.shown_length}"
-        lines.append(f"  taken as a {result.load.kind} load at {at}: {result.load.words}")
-    return lines
-
-
-def _distinct_matrices(
-    result: PostureStiffness, at_rest: bool
-) -> list[tuple[list[str], np.ndarray]]:
-    """Return the distinct matrices that exist, each with all its names."""
-    matrices = dict(result.matrices)
-    if result.is_loaded and not at_rest:
-        matrices["load"] = result.tangent
-    kinds: list[tuple[list[str], np.ndarray]] = []
-    for name, K in matrices.items():
-        if K is None:
-            continue
-        for names, other in kinds:
-            if is_roundoff(K - other, K):
-                names.append(name)
-                break
-        else:
-            kinds.append(([name], K))
-    return kinds
-
-
-def _reachable(result: PostureStiffness, at_rest: bool) -> list[str]:
-    """The stiffness along the motions of a body of fewer than six freedoms."""
-    found, units = result.task_axes, result.elastic.units
-    if found is None:
-        return ["No motion exists: no compliant part moves the body", ""]
-    is_turn = [name not in ("x", "y", "z") for name in found.names]
-    shown = ", ".join(found.names)
-    lines = [f"Stiffness along {shown} of {found.axes}, all motions that exist"]
-    if not found.is_pure:
-        lines[0] = (
-            f"Stiffness along {shown} of {found.axes}; the body's other motions follow "
-            "from these"
-        )
-    row_units = [
-        ", ".join(units.blocks["tr"[i] + "tr"[j]] for j in sorted(set(is_turn)))
-        for i in is_turn
-    ]
-    lines += format_matrix(found.stiffness, row_units).split("\n")
-    change = found.tangent - found.stiffness
-    most = numerics.SYMMETRY * np.abs(found.stiffness).max()
-    if result.is_loaded and not at_rest and np.abs(change).max() > most:
-        lines.append("K^load: against a small added wrench under the load")
-        lines += format_matrix(found.tangent, row_units).split("\n")
-    if not found.is_pure:
-        lines.append(f"  motion (rotation, translation) at a unit rate of {shown}")
-        lines += [f"  {wide_row(twist)}" for twist in found.motions.T]
-    return [*lines, ""]
+def _point(position: Sequence[float], u: Units) -> str:
+    """A point in brackets, with the unit of texts."""
+    return f"{vector(lengths(position, u))} {u.shown_length}"
 
 
 _FREEDOMS = {"translation": "rotation", "rotation": "translation"}
@@ -261,9 +144,7 @@ _DEFINITE = {"positive": "positive definite", "negative": "negative definite"}
 
 
 def summary_text(
-    summary: Mapping[str, Any],
-    units: Units | Mapping[str, str] | None = None,
-    level: str = "full",
+    summary: Mapping[str, Any], units: Units | Mapping[str, str] | None = None
 ) -> str:
     """Text of an analysis.
 
@@ -274,42 +155,61 @@ def summary_text(
         `cartstiff.analysis.posture`.
     units : Units, or mapping of str to str
         Keys "length", "force", "angle"; default SI.
-    level : {"full", "short", "none"}
-        short: principal stiffnesses, verdict on connections, and optional results. full:
-        everything.
 
     Raises
     ------
-    UnknownNameError
-        If the level is another word.
     InputError
         If a unit is missing.
     """
-    check_name("level", level, LEVELS)
     if not isinstance(units, Units):
         units = Units.from_dict(units or SI.to_dict())
     u = units
-    if level == "none":
-        return ""
-    full = level == "full"
     lines = _heading(summary, u)
-    lines += _principal(summary["ellipsoids"], u, full, summary["length"]["value"])
-    lines += _directions(summary["directions"], u, full)
-    if full:
-        lines += _centres(summary, u)
-        lines += _indices(summary, u)
-        lines += screw_lines(summary, u)
-        lines += mode_lines(summary["modes"], u, summary["length"]["value"])
-    lines += _connections(summary, u, full)
-    lines += target_lines((summary.get("synthesis") or {}).get("target"), u, full)
-    if full:
-        lines += deflection_lines(summary.get("deflection"), u)
-        lines += wrench_lines(summary.get("wrenches"), u)
-    lines += uncertainty_lines(summary.get("uncertainty"), u, full)
-    if summary["notes"]:
-        lines += ["", "does not exist here, or not to all digits"]
-        lines += [f"  {note['message']} [{note['code']}]" for note in summary["notes"]]
-    return joined(line[:1].upper() + line[1:] for line in lines) + "\n"
+    lines += _principal(summary["ellipsoids"], u, summary["length"]["value"])
+    lines += _directions(summary["directions"], u, True)
+    lines += _centres(summary, u)
+    lines += _indices(summary, u)
+    lines += screw_lines(summary, u)
+    lines += mode_lines(summary["modes"], u, summary["length"]["value"])
+    lines += _connections(summary, u, True)
+    lines += target_lines((summary.get("synthesis") or {}).get("target"), u, True)
+    lines += deflection_lines(summary.get("deflection"), u)
+    lines += wrench_lines(summary.get("wrenches"), u)
+    lines += uncertainty_lines(summary.get("uncertainty"), u, True)
+    lines += _missing(summary)
+    return joined(_capitals(lines)) + "\n"
+
+
+def _missing(summary: Mapping[str, Any]) -> list[str]:
+    """What does not exist."""
+    lines = [f"  {note['message']} [{note['code']}]" for note in summary["notes"]]
+    return ["", "does not exist here, or not to all digits", *lines] if lines else []
+
+
+def _capitals(lines: Iterable[str]) -> list[str]:
+    return [line[:1].upper() + line[1:] for line in lines]
+
+
+def _asked(summary: Mapping[str, Any], u: Units) -> list[str]:
+    """What of an analysis was asked for: a direction, a target, tolerances."""
+    return _capitals(
+        [
+            *_directions(summary["directions"], u, False),
+            *target_lines((summary.get("synthesis") or {}).get("target"), u, False),
+            *uncertainty_lines(summary.get("uncertainty"), u, False),
+        ]
+    )
+
+
+def _short_blocks(summary: Mapping[str, Any], u: Units) -> list[Block]:
+    """Principal values, the choice of connection, and what does not exist."""
+    length = summary["length"]["value"]
+    blocks = {
+        "principal values": _short_principal(summary["ellipsoids"], u, length),
+        "choice of connection": _connections(summary, u, False),
+        "what does not exist": _missing(summary),
+    }
+    return [(name, _capitals(lines)) for name, lines in blocks.items() if lines]
 
 
 def _heading(s: Mapping[str, Any], u: Units) -> list[str]:
@@ -348,45 +248,73 @@ def _load(s: Mapping[str, Any], u: Units) -> list[str]:
     return [f"  {what} under a {load['kind']} load at {at}: {load['meaning']}"]
 
 
-def _principal(
-    ellipsoids: Mapping[str, Any], u: Units, full: bool, length: float
-) -> list[str]:
-    exists = ellipsoids["stiffness"]["translation"]["held"] is not None
-    if not exists and ellipsoids["compliance"]["translation"]["free"] is None:
-        return []
-    quantities = ["stiffness"] * exists + ["compliance"] * (full or not exists)
+def _principal(ellipsoids: Mapping[str, Any], u: Units, length: float) -> list[str]:
+    """Principal values with their axes."""
     lines = []
-    for quantity in quantities:
+    for quantity in ("stiffness", "compliance")[not _has_stiffness(ellipsoids) :]:
+        if ellipsoids[quantity]["translation"]["free"] is None:
+            continue
         title = (
             f"principal {quantity} (held: the other three freedoms locked; free: "
             "unloaded)"
         )
         lines += ["", title]
         for freedom, other in _FREEDOMS.items():
-            unit, per = shown_unit(getattr(u, quantity)[freedom])
+            unit, _ = shown_unit(getattr(u, quantity)[freedom])
             for others in ("held", "free"):
-                e = ellipsoids[quantity][freedom][others]
                 label = f"  {freedom}, {other} {others} [{unit}]"
-                if e is None:
-                    lines.append(f"{label:<42} does not exist")
-                    continue
-                sign = f"   {e['definiteness']}" * (e["definiteness"] != "positive")
-                beside = ellipsoids[quantity][other][others] or {"eigenvalues": [0.0]}
-                power = 2
-                if (freedom == "rotation") != (quantity == "stiffness"):
-                    power = -2
-                size = _SQUARED_ROUNDOFF * max(map(abs, beside["eigenvalues"]))
-                values = per * np.array(e["eigenvalues"])
-                size *= per * length**power
-                lines.append(f"{label:<42} {row(values, size=size)}{sign}")
-                if full:
-                    for column in range(3):
-                        axis = [r[column] for r in e["axes"]]
-                        lines.append(
-                            f"{'    axis ' + str(column + 1):<42} "
-                            f"{row(axis, size=COSINES)}"
-                        )
+                values = _principal_values(
+                    ellipsoids, quantity, freedom, others, u, length
+                )
+                lines.append(f"{label:<42} {values}")
+                e = ellipsoids[quantity][freedom][others]
+                for column in range(3 * (e is not None)):
+                    axis = [r[column] for r in e["axes"]]
+                    name = f"    axis {column + 1}"
+                    lines.append(f"{name:<42} {row(axis, size=COSINES)}")
     return lines
+
+
+def _short_principal(ellipsoids: Mapping[str, Any], u: Units, length: float) -> list[str]:
+    """Principal stiffnesses, or compliances without them, one line for each freedom."""
+    quantity = ("compliance", "stiffness")[_has_stiffness(ellipsoids)]
+    if ellipsoids[quantity]["translation"]["free"] is None:
+        return []
+    lines = ["", f"principal {quantity}: the other three freedoms held; unloaded"]
+    for freedom in _FREEDOMS:
+        unit, _ = shown_unit(getattr(u, quantity)[freedom])
+        held, free = (
+            _principal_values(ellipsoids, quantity, freedom, others, u, length)
+            for others in ("held", "free")
+        )
+        lines.append(f"  {f'{freedom} [{unit}]':<23} {held}; {free.lstrip()}")
+    return lines
+
+
+def _has_stiffness(ellipsoids: Mapping[str, Any]) -> bool:
+    return ellipsoids["stiffness"]["translation"]["held"] is not None
+
+
+def _principal_values(
+    ellipsoids: Mapping[str, Any],
+    quantity: str,
+    freedom: str,
+    others: str,
+    u: Units,
+    length: float,
+) -> str:
+    """Three principal values, and their signs, unless all are positive;
+    round-off beside those of the other freedom is 0.
+    """
+    e = ellipsoids[quantity][freedom][others]
+    if e is None:
+        return "does not exist"
+    _, per = shown_unit(getattr(u, quantity)[freedom])
+    beside = ellipsoids[quantity][_FREEDOMS[freedom]][others] or {"eigenvalues": [0.0]}
+    power = (2, -2)[(freedom == "rotation") != (quantity == "stiffness")]
+    size = _SQUARED_ROUNDOFF * max(map(abs, beside["eigenvalues"])) * length**power
+    sign = f"   {e['definiteness']}" * (e["definiteness"] != "positive")
+    return f"{row(per * np.array(e['eigenvalues']), size=per * size)}{sign}"
 
 
 def _is_turned(s: Mapping[str, Any]) -> bool:
@@ -505,9 +433,9 @@ def _connections(s: Mapping[str, Any], u: Units, full: bool) -> list[str]:
     compared = s["connections"]
     if compared is None:
         return []
-    lines = ["", "does the choice of connection matter here?", f"  {compared['verdict']}"]
     if not full:
-        return lines
+        return ["", compared["verdict"]]
+    lines = ["", "does the choice of connection matter here?", f"  {compared['verdict']}"]
     rows = []
     for r in compared["rows"]:
         if r["change"] is None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from cartstiff.answer.data import Answer, Column, Quantity, Table, said
@@ -19,20 +20,92 @@ from cartstiff.report.sentences import (
 )
 from cartstiff.units import shown_unit
 
+#: Lines of a screen, and its columns.
+SCREEN, COLUMNS = 40, 100
+#: A part of a text: its name, and its lines.
+Block = tuple[str, Sequence[str]]
 
-def answer_text(answer: Answer) -> str:
-    """An answer as its command prints it."""
+
+def answer_text(
+    answer: Answer,
+    blocks: Iterable[Block] = (),
+    *,
+    whole: Iterable[str] = (),
+    elsewhere: str = "",
+) -> str:
+    """An answer as its command prints it: what was asked, its sentences, its doubts;
+    its tables, further blocks and notes.
+
+    Parameters
+    ----------
+    answer : Answer
+        The answer.
+    blocks : iterable of Block
+        What is printed after its tables.
+    whole : iterable of str
+        Lines before the tables.
+    elsewhere : str
+        Where the rest is: only those tables and blocks are printed that fit on a screen,
+        and the last line names the others. Empty: everything is printed.
+    """
     is_loaded = answer.load is not None and answer.load.given
-    return joined(
-        [
-            *statement_sentences(answer, answer.about),
-            *statement_sentences(answer, [said("load")] * is_loaded),
-            *(weight.text for weight in (answer.weight,) if weight),
-            *answer_lines(answer),
-            *tables_lines(answer.tables),
-            *note_lines(answer.notes),
-        ]
-    )
+    lines = [
+        *statement_sentences(answer, answer.about),
+        *statement_sentences(answer, [said("load")] * is_loaded),
+        *(weight.text for weight in (answer.weight,) if weight),
+        *answer_lines(answer),
+        *whole,
+    ]
+    tables = in_short(answer.tables) if elsewhere else answer.tables
+    every: list[Block] = [
+        *((table_title(shown), table_lines(shown)) for shown in tables),
+        *blocks,
+        ("notes", note_lines(answer.notes)),
+    ]
+    if elsewhere:
+        return joined([*lines, *_fitting(every, SCREEN - height(lines), elsewhere)])
+    return joined([*lines, *(line for _, body in every for line in body)])
+
+
+def height(lines: Iterable[str]) -> int:
+    """Number of a screen's lines that lines take."""
+    return sum(max(1, -(-len(line) // COLUMNS)) for line in lines)
+
+
+def _fitting(blocks: Sequence[Block], room: int, elsewhere: str) -> list[str]:
+    """The blocks that fit into a number of lines; the names of the others."""
+    kept, left = list[str](), list[str]()
+    if sum(height(body) for _, body in blocks) > room:
+        room -= 1  # for the last line
+    for name, body in blocks:
+        if height(body) > room:
+            left.append(name[:1].lower() + name[1:])
+        else:
+            kept += body
+            room -= height(body)
+    return [*kept, *[f"Not shown: {', '.join(left)}; {elsewhere}"] * bool(left)]
+
+
+def in_short(tables: Iterable[Table]) -> list[Table]:
+    """Tables without the rows that say nothing more than those of the same name in one
+    before, as of drives; and without those of which nothing but the position is known, as
+    of passive joints in loops, which are counted below.
+    """
+    found, told = list[Table](), dict[Any, list[Any]]()
+    for shown in tables:
+        heads, rows, left = [column.head for column in shown.columns], [], 0
+        for row in shown.rows:
+            own = [x for x in zip(heads, row, strict=True) if x[1] is not None][1:]
+            before = told.setdefault(str(row[0]), [])
+            is_new = any(x not in before for x in own)
+            is_known = any(cell is not None for cell in row[2:])
+            rows += [row] * (is_new and is_known)
+            left += is_new and not is_known
+            before += own
+        below = [*shown.below, *[said("rows-left-out", count=left)] * bool(left)]
+        if rows:
+            found.append(replace(shown, rows=rows, below=below))
+    return found
 
 
 def tables_lines(tables: Iterable[Table]) -> list[str]:
@@ -64,8 +137,13 @@ def table_lines(shown: Table) -> list[str]:
         "",
         *([title] * bool(title)),
         *body,
-        *(sentence(SENTENCES[x.code], x.values) for x in shown.below),
+        *lines_below(shown),
     ]
+
+
+def lines_below(shown: Table) -> list[str]:
+    """What a table needs to be read."""
+    return [sentence(SENTENCES[one.code], one.values) for one in shown.below]
 
 
 def table_title(shown: Table) -> str:

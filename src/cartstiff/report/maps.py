@@ -5,13 +5,15 @@ from __future__ import annotations
 from html import escape
 from pathlib import Path
 
+from cartstiff.answer.data import said
+from cartstiff.answer.maps import answer_of_map, map_data
 from cartstiff.errors import one_line
 from cartstiff.figures import figure_content
 from cartstiff.maps.pictures import draw_map
-from cartstiff.maps.reading import map_of_mechanism, quantities_of, quantity_of, summary
+from cartstiff.maps.reading import map_of_mechanism, quantities_of, summary
 from cartstiff.maps.store import MapFile
 from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.units import engineering
+from cartstiff.report.sentences import answer_sentences, statement_sentences
 
 
 def map_section(
@@ -36,19 +38,17 @@ def map_section(
         If it has no such quantity.
     """
     dataset, differs = map_of_mechanism(path, elastic, "--map")
-    about = dataset.attrs
-    name = quantity or quantities_of(dataset)[0]
-    words = quantity_of(dataset, name).attrs
+    file, name = MapFile.at(path), quantity or quantities_of(dataset)[0]
     figure = draw_map(dataset, name, angle=elastic.units.shown_angle)
-    drawn, facts = figure_content(figure, ".svg").decode(), summary(MapFile.at(path))
-    ends = ", ".join(
-        f"{end} {engineering(facts['quantities'][name][end], words['units'])}"
-        for end in ("smallest", "largest")
-    )
-    states = ", ".join(f"{count} {state}" for state, count in facts["states"].items())
-    text = f"{words['long_name']}: {ends}; postures: {states}."
+    drawn, facts = figure_content(figure, ".svg").decode(), summary(file)
+    shown = {name: facts["quantities"][name]}
+    data = map_data(file, str(path), facts | {"quantities": shown})
+    answer = answer_of_map(data, elastic, is_loaded=True)
+    about = list(answer.about)
     if differs:
-        text += f" The map is of {', '.join(differs)} than this report."
-    if about.get("command"):
-        text += f" Made by {one_line(about['command'], 400)}"
-    return "Map", f"<figure>{drawn[drawn.index('<svg') :]}</figure><p>{escape(text)}</p>"
+        about.append(said("map-differs", what=list(differs)))
+    if command := dataset.attrs.get("command"):
+        about.append(said("made-by", command=one_line(command, 400)))
+    lines = [*answer_sentences(answer), *statement_sentences(answer, about)]
+    body = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    return "Map", f"<figure>{drawn[drawn.index('<svg') :]}</figure><ul>{body}</ul>"

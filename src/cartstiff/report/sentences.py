@@ -15,6 +15,7 @@ from cartstiff.answer.data import (
     Displacement,
     Extreme,
     Frame,
+    Load,
     Quantity,
     Shares,
     Statement,
@@ -80,11 +81,35 @@ BALANCING = (
 #: `value_words`. Those that begin with a line's place belong below a table.
 SENTENCES: dict[str, str] = {
     "mechanism": "{subject}: {kind}, {body_frame}",
-    "load": "Load: {load.kind}, moment {moment:6}, force {force:6} along the axes of the "
-    "room, at {at:6} of the body; {load.words}",
+    "load": "Load: {load.kind}, {wrench:6} along the axes of the room, at {at:6} of the "
+    "body; {load.words}",
     "most-loaded": "Most loaded: {name}, {force:4e}, {used:e} of its limit",
     "largest-forces": "Largest {each}; no limit of a drive's force is known",
     "force-of": "{force:4e} in {name}",
+    # a posture
+    "pose": "M at {place:6} in F, roll, pitch, yaw {turned:6}",
+    "holding": "No load is given: {wrench:6} along the axes of the room must hold the "
+    "body here",
+    "holding-besides": "Besides the loads {wrench:6} along the axes of the room must "
+    "hold the body here",
+    "nothing-to-hold": "No load is given; no wrench is needed to hold the body here",
+    "partly-known": "What the structure carries is not known, and is taken as zero",
+    "stored-energy": "  energy stored in the springs {energy:6}",
+    "potential": "  potential of gravity and loads {energy:6}",
+    "rows-left-out": "  {count} more without spring, limits and share",
+    # an equilibrium
+    "no-load": "No load is given, and no wrench holds the body",
+    "loads-included": "The loads are included in the stiffness; no other wrench holds "
+    "the body",
+    "rest": "It was found after {steps} step(s) with a relative residual of {residual:2}",
+    "smallest-eigenvalue": "The smallest eigenvalue of the energy's Hessian is {value:6}",
+    "nothing-moves": "Nothing can move",
+    "lowest-undamped": "The lowest undamped frequency is {frequency:6}",
+    "undamped-growth": "Undamped vibrations grow (see the notes)",
+    "negative-determinant": "The determinant of the tangent is negative (see the notes)",
+    "not-examined": "Flutter and divergence are not examined: motions without mass are "
+    "left",
+    "no-rest-before": "  without the load no rest was found: its own part is not known",
     # assemble
     "held": "Held: {held:6}",
     "modes": "Assembly modes: {count}; searched: {search}",
@@ -163,6 +188,8 @@ SENTENCES: dict[str, str] = {
     "postures": "States of the {count} postures: {states}",
     "range": "{name} from {smallest:4e} to {largest:4e}",
     "balancing": f"unbalanced: {BALANCING}",
+    "map-differs": "The map is of {what} than this report",
+    "made-by": "Made by {command}",
     # compare
     "compared": "{second} compared with {first}",
     "one": "  {label}: {kind}, {of}, at {place:4} of the room",
@@ -246,6 +273,8 @@ TITLES: dict[str, str] = {
     "predicted": "Predicted {level} % intervals of the file's stiffnesses",
     "deviations": "Predicted standard deviations of zeros and offsets",
     "by rows": "Widest interval with the number of rows",
+    "displacement": "Displacement of the body frame, axes of F",
+    "wrench": "{what}",
     "points": "",
     "errors": "",
     "commands": "Largest change of a command",
@@ -354,8 +383,6 @@ def displacement_words(answer: Answer) -> Iterator[str]:
         yield "The load moves nothing: the structure carries it"
         return
     what = "This point" if any(moved.point) else "The body frame"
-    if moved.by == "preload":
-        yield "No load is given: the springs need the wrench below to hold the body here"
     yield f"{what} {_moves(moved, answer)}{_beside(moved, units)}"
     if answer.shares is not None:
         yield share_words(answer.shares)
@@ -481,10 +508,22 @@ def statement_sentences(answer: Answer, statements: Iterable[Statement]) -> list
     }
     if (load := answer.load) is not None:
         about["load"] = LoadKind(load.kind, load.at)  # type: ignore[arg-type]
-        about["moment"] = Quantity(load.moment, answer.units.moment)
-        about["force"] = Quantity(load.force, answer.units.force)
+        about["wrench"] = wrench_parts(load, answer.units)
         about["at"] = Quantity(load.at, answer.units.length)
     return [sentence(SENTENCES[s.code], about | dict(s.values)) for s in statements]
+
+
+def wrench_parts(load: Load, units: Units) -> dict[str, Quantity]:
+    """Force and moment of a load by their names; what is zero, or round-off, is not
+    named, unless both are.
+    """
+    force, moment = (max(map(abs, part)) for part in (load.force, load.moment))
+    named = dict[str, Quantity]()
+    if force or not moment:
+        named["force"] = Quantity(load.force, units.force)
+    if moment > numerics.PRINTED_AS_ZERO * force:
+        named["moment"] = Quantity(load.moment, units.moment)
+    return named
 
 
 def sentence(template: str, values: Mapping[str, Any]) -> str:
