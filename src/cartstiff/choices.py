@@ -29,6 +29,5 @@ Distribution = Literal["any", "closed-form"]
 TENSIONS: Final[tuple[Distribution, ...]] = get_args(Distribution)
 #: Level of detail of the printed analysis.
 Level = Literal["full", "short", "none"]
-LEVELS: Final[tuple[Level, ...]] = get_args(Level)
 #: Frequency responses, and the order of the derivative of the displacement in each.
 RESPONSES: Final = {"receptance": 0, "mobility": 1, "accelerance": 2}

@@ -287,7 +287,7 @@ def test_an_exported_page_keeps_point_axes_and_the_kept_state(serve, pages, tmp_
     connection = heading.split("K^")[1].split(" ")[0]
     at = se3.pose(translation=[0, 0, 0.2])
     analysis = analyse_posture(result, connection=connection, at=at)
-    assert page.text_content("#report pre") == summary_text(analysis, arm.units, "full")
+    assert page.text_content("#report pre") == summary_text(analysis, arm.units)
 
 
 def test_the_first_card_says_how_far_the_load_moves_the_point(ur5):

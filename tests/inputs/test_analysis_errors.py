@@ -96,7 +96,6 @@ def test_input_errors(call, message):
         (lambda: ellipsoids.stiffness_block(K, "turning", "free"), "unknown freedom"),  # type: ignore[arg-type]
         (lambda: ellipsoids.stiffness_block(K, "rotation", "loose"), "unknown condition"),  # type: ignore[arg-type]
         (lambda: asymmetry.compare_connections({"A": K}), "unknown connection.*'B'"),
-        (lambda: report.summary_text({}, level="long"), "unknown level"),
         (lambda: _summarised(connection="Z"), "unknown connection"),
     ],
 )

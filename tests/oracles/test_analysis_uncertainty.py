@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.inner import Parameters, Uncertain, shares_of, summary_text
+from tests.inner import Parameters, Uncertain, describe, shares_of, summary_text
 from tests.support import loaded_arm
 
 import cartstiff
@@ -105,7 +105,7 @@ def test_progress_is_told() -> None:
 def test_text_of_the_uncertainty() -> None:
     result = cartstiff.analyse(cartstiff.load("cubic"))
     found = analyse_posture(result, tolerances=Tolerances(0.05, 1e-3))
-    short, full = summary_text(found, level="short"), summary_text(found, level="full")
+    short, full = describe(result, analysis=found, level="short"), summary_text(found)
     assert "Uncertainty from stiffness 5 %, lengths 1 mm" in short
     assert "principal values meet here" in short
     assert "modes.eigenvalues[0]" in full

@@ -197,8 +197,8 @@ def test_a_map_stands_in_the_report(arm, tmp_path):
     title, text = map_section(tmp_path / "m.zarr", None, arm)
     least = float(open_map(tmp_path / "m.zarr")["condition"].min())
     assert title == "Map"
-    assert f"smallest {least:.4g}," in text
-    assert "postures: 12 regular" in text
+    assert f"<li>condition from {least:.4g} to " in text
+    assert "<li>States of the 12 postures: regular 12</li>" in text
     assert "j2 [deg]" in text
     assert text.count("<svg") == 1
     assert "than this report" not in text
@@ -218,7 +218,7 @@ def test_the_map_of_the_help_can_be_shown(tmp_path, monkeypatch):
         done = CliRunner().invoke(cartstiff_command, line.replace(":41", ":3").split())
         assert done.exit_code == 0, done.output
     page = (tmp_path / "ur5.html").read_text("utf-8")
-    assert re.search(r"under the given wrench: smallest \S+ µm, largest \S+ mm; postures", page)
+    assert re.search(r"<li>\w+ from \S+ µm to \S+ mm</li>", page)
 
 
 def test_what_the_file_says_of_its_springs_is_told():

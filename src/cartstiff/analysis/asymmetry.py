@@ -332,9 +332,7 @@ def _verdict(rows: list[ConnectionDifference], reference: str, threshold: float)
     size = (
         0.0 if worst < numerics.PRINTED_AS_ZERO else 100.0 * worst
     )  # what is only rounding is 0
-    largest = (
-        f"the largest relative change is {size:.2g} % (K^{name} against K^{reference})"
-    )
+    largest = f"changes up to {size:.2g} % (K^{name} against K^{reference})"
     if worst > threshold:
         return (
             f"yes, the choice of connection matters: {largest}, above "

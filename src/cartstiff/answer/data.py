@@ -385,7 +385,8 @@ class Answer:
 
         Without a verdict the first statement is it.
         """
-        mechanism, every = elastic.mechanism, tuple(notes)
+        mechanism = elastic.mechanism
+        every = list({(note.code, note.message): note for note in notes}.values())
         if verdict is None:
             verdict = Verdict(LEVELS.get(statements[0].code, "good"), statements[0].code)
         doubts = doubts_of(elastic, every, verdict)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,18 +18,20 @@ from cartstiff.answer.data import (
     said,
     table,
 )
-from cartstiff.answer.paths import sizes
 from cartstiff.answer.posture import (
     circumstances,
     extremes_of,
     force_statements,
     load_of,
+    sizes,
     tables_of,
     vector,
 )
 from cartstiff.answer.verdict import Level, Verdict
 from cartstiff.geometry.se3 import Array
-from cartstiff.statics.rest import Equilibrium
+
+if TYPE_CHECKING:
+    from cartstiff.statics.rest import Equilibrium
 
 #: Verdicts on an equilibrium by `Equilibrium.stable`.
 STABILITY: dict[bool | None, tuple[Level, str]] = {

@@ -19,9 +19,9 @@ from cartstiff.answer.data import (
     said,
     table,
 )
+from cartstiff.answer.posture import sizes
 from cartstiff.arrays import plain
 from cartstiff.choices import AXES_WORDS
-from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.notes import Note
 from cartstiff.statics.continuation import LoadCurve
 from cartstiff.statics.toolpath import CompensatedPath
@@ -29,15 +29,6 @@ from cartstiff.toolpaths.optimise import OptimisedPath
 
 # Largest number of points of a curve, and of a path, that are listed.
 _MAX_EQUILIBRIA, _MAX_POINTS = 16, 24
-
-
-def sizes(posture: MechanismPosture) -> tuple[float, float]:
-    """Sizes of turns (rad) and lengths, of which `numerics.PRINTED_AS_ZERO` is round-off.
-
-    Closures are satisfied to more digits than single coordinates.
-    """
-    share = (1.0, 1e-2)[posture.closure is None]
-    return share, share * posture.length
 
 
 def answer_of_curve(curve: LoadCurve) -> Answer:

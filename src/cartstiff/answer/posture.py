@@ -537,3 +537,12 @@ def without_roundoff(result: PostureStiffness) -> list[float]:
         np.abs(result.q) <= share * np.array(sizes), 0.0, result.q
     ).tolist()
     return q
+
+
+def sizes(posture: MechanismPosture) -> tuple[float, float]:
+    """Sizes of turns (rad) and lengths, of which `numerics.PRINTED_AS_ZERO` is round-off.
+
+    Closures are satisfied to more digits than single coordinates.
+    """
+    share = (1.0, 1e-2)[posture.closure is None]
+    return share, share * posture.length

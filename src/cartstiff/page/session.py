@@ -420,7 +420,7 @@ class Session:
         """
         at = se3.pose(np.eye(3), state.point)
         analysis = analyse_posture(result, connection=state.connection, at=at)
-        text = summary_text(analysis, self._elastic.units, "full")
+        text = summary_text(analysis, self._elastic.units)
         lines = said(result, state)["sentences"]
         title = f"Analysis of K^{state.connection}"
         return {"title": title, "text": "\n".join([*lines, "", text])}

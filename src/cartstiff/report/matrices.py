@@ -69,8 +69,8 @@ def matrices_of(
     if found:
         return
     if result.reduction.reachable is not None:
-        for caption, names, K in _along_motions(result, only, at_rest):
-            yield _shown(caption, K, names, blocks, digits)
+        for caption, axes, K in _along_motions(result, only, at_rest):
+            yield _shown(caption, K, axes, blocks, digits)
     elif (C := result.at().compliances["B"]) is not None:
         of = result.units.blocks_of_compliance
         yield _shown("No stiffness exists here; the compliance", C, _SIX, of, digits)
@@ -125,7 +125,7 @@ def _along_motions(
         yield caption, found.names, found.stiffness
     if only in (None, "load") and is_other:
         yield (
-            f"{caption}; {_caption(['load'], found.tangent)}",
+            f"{caption}; K^load {MATRICES['load'].words}",
             found.names,
             found.tangent,
         )
