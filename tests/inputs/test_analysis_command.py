@@ -64,6 +64,32 @@ def test_levels():
         assert words not in short
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        "ur5 --load 0,0,0,0,0,-100",
+        "stewart-gough",
+        "cable-robot --load 0,0,0,0,0,-100",
+        "delta --load 0,0,0,0,0,-100",
+        "6-ups --gravity 0,0,-9.81",
+        "grasp --load 0,0,0,0,0,-100",
+        "five-bar --added-load 0,0,0,1,0,0",
+    ],
+)
+def test_it_fits_on_a_screen_and_says_what_does_not(command):
+    """42 lines of 100 columns: answer, doubts, then tables; nothing is left out in silence."""
+    lines, full = run(f"analyse {command}").splitlines(), run(f"analyse {command} --analysis full")
+    assert sum(max(1, -(-len(line) // 100)) for line in lines) <= 42
+    assert lines.index("Answer") < lines.index("Doubts")
+    doubts = full.partition("\nDoubts\n")[2].partition("\n\n")[0].splitlines()
+    assert set(doubts) <= set(lines)
+    left = lines[-1].removeprefix("Not shown: ").partition(";")[0].split(", ")
+    titles = {"notes": "Notes", "energy": "energy stored", "choice of connection": "he choice of c"}
+    for title in (titles[name] for name in left if name in titles):
+        assert title in full
+        assert title not in "\n".join(lines)
+
+
 def test_json_without_analysis():
     assert "analysis" not in json.loads(run("analyse cubic --json --analysis none"))
 

@@ -432,7 +432,7 @@ def tables_of(result: PostureStiffness, shares: Shares | None) -> Iterator[Table
     yield table(f"{one}s", f"{heads} | {_MORE}", rows)
 
 
-_MORE = "stiffness : ? | share : ? | force : ? | force limit : ? | used : ?"
+_MORE = "stiffness : ? | share : ? | force : ? | limit : ? | used : ?"
 
 
 def drive_tables(result: PostureStiffness, shares: Shares | None) -> Iterator[Table]:
@@ -504,15 +504,11 @@ class _Rows:
     def _force(self, name: str) -> tuple[Quantity | None, ...]:
         if (one := self.forces.get(name)) is None:
             return None, None, None
-        unit, limit = (
-            self.units.effort(one.is_length),
-            (one.most, one.least)[one.force < 0.0],
-        )
-        return (
-            self.cell(one.force, unit),
-            self.cell(limit, unit),
-            self.cell(one.used, "1"),
-        )
+        unit, limit = self.units.effort(one.is_length), one.most
+        if one.force < 0.0:
+            limit = one.least
+        used = self.cell(one.used, "1")
+        return self.cell(one.force, unit), self.cell(limit, unit), used
 
     @staticmethod
     def cell(value: float | None, unit: str) -> Quantity | None:

@@ -21,7 +21,7 @@ from cartstiff.report.sentences import (
 from cartstiff.units import shown_unit
 
 #: Lines of a screen, and its columns.
-SCREEN, COLUMNS = 40, 100
+SCREEN, COLUMNS = 42, 100
 #: A part of a text: its name, and its lines.
 Block = tuple[str, Sequence[str]]
 
