@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -269,6 +270,49 @@ def test_masses_under_weight():
     quotients = [slope for slope in found if not slope.is_exact]
     assert not quotients, found.why
     assert len(found.slopes) >= 1
+
+
+def with_mass(arm: Any, mass: float) -> Any:
+    """More at the frame's origin, or less."""
+    return replace(arm, mechanism=arm.mechanism.with_mass(mass, np.zeros(3)))
+
+
+@pytest.mark.parametrize("comes_to_rest", [False, True])
+def test_a_payload_hung_at_the_frame(comes_to_rest):
+    """Of an arm whose rest positions follow, and of one that sinks under it."""
+    ur5 = cartstiff.load("ur5").with_gravity([0.0, 0.0, -9.81])
+    if comes_to_rest:
+        ur5 = cartstiff.analyse(ur5).elastic
+    asked = {"of": "translation_free_min", "by": "payload", "length": 0.3, "connection": "B"}
+
+    def seen(mass: float) -> float:
+        elastic, q = with_mass(ur5, mass), ur5.q
+        if comes_to_rest:
+            q = cartstiff.equilibrium(elastic, q).q
+        C = cartstiff.analyse(elastic, q).compliances["B"]
+        return float(1.0 / np.linalg.eigvalsh(C[3:, 3:])[-1])
+
+    found = cartstiff.gradient(ur5, comes_to_rest=comes_to_rest, **asked)
+    (slope,) = found.slopes
+    assert (slope.is_exact, slope.unit, slope.nominal) == (True, "kg", 0.0)
+    shown(slope.value, central(seen, 0.03), abs(found.value))
+
+
+def test_preloads_of_cables():
+    cables = cartstiff.load("cable-robot")
+    own = cables.springs.preload
+
+    def seen(change: float) -> float:
+        tightened = cables.with_numbers({"preload.leg3": float(own[2]) + change})
+        C = cartstiff.analyse(tightened).compliances["B"]
+        return float(1.0 / np.linalg.eigvalsh(C[3:, 3:])[-1])
+
+    found = cartstiff.gradient(
+        cables, of="translation_free_min", by="preload.leg3", length=0.3, connection="B"
+    )
+    (slope,) = found.slopes
+    assert (slope.is_exact, slope.unit, slope.nominal) == (True, "N", own[2])
+    shown(slope.value * own[2], central(seen, 1e-3 * own[2]) * own[2], abs(found.value))
 
 
 def test_equal_principal_values_have_two_sides():

@@ -4,9 +4,11 @@ The numbers are the stiffness of every spring and line, a factor on that of ever
 link (nominally 1); the masses; for chains the placement of each joint on its predecessor
 (not of the virtual joints within a link), of the body frame on the last joint, and of the
 frames that close loops (translations, and rotations about the placement's own axes); for
-platforms the points of base and platform; the tensions that drives hold; rest positions;
+platforms the points of base and platform; preloads; the tensions that drives hold; rest
+positions;
 the parameters of the mechanism's file; compliances of measured springs; the coordinates
-that can be chosen; and the load.
+that can be chosen; the load; and the mass of a payload at M's origin, beside what the
+mechanism carries.
 
 Two questions can be asked about another value of one of them:
 
@@ -41,10 +43,12 @@ from cartstiff.stiffness.compute import PostureStiffness, analyse
 
 #: Prefix of the names of the file's parameters.
 FILE = "parameter."
+#: Name of a mass [kg] hung at M's origin beside what the mechanism carries.
+PAYLOAD = "payload"
 #: Components of a load.
 LOAD = ("mx", "my", "mz", "fx", "fy", "fz")
 #: Order of the groups of numbers: all others, those of the geometry, are third.
-_ORDER = {"stiffness": 0, "mass": 1, "offset": 3, "rest": 4}
+_ORDER = {"stiffness": 0, "mass": 1, "preload": 1, "offset": 3, "rest": 4}
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,13 +111,17 @@ class Parameters:
 
     @cached_property
     def of_question(self) -> dict[str, float]:
-        """Values of what is chosen, by name: "q.<coordinate>", "load.mx" to "load.fz"."""
+        """Values of what is chosen, by name: "q.<coordinate>", "load.mx" to "load.fz",
+        and "payload" where gravity acts.
+        """
         names, q = self.asked.names, self.result.q
         chosen = [] if self.rest_again else self.chosen
         given = {f"q.{names[j]}": float(q[j]) for j in chosen}
         if self.load is not None and self.load["wrench"] is not None:
             each = zip(LOAD, np.ravel(self.load["wrench"]), strict=True)
             given |= {f"load.{name}": float(x) for name, x in each}
+        if self.asked.gravity is not None:
+            given[PAYLOAD] = 0.0
         return given
 
     @cached_property
@@ -160,11 +168,13 @@ class Parameters:
         units, (group, _, rest) = self.asked.units, name.partition(".")
         if group == "load":
             return units.force if rest[0] == "f" else f"{units.force} {units.length}"
-        if group == "mass":
+        if group in ("mass", PAYLOAD):
             return "kg"
         if name in self.numbers and self.numbers[name].force:
             along = self.numbers[name].length < 0.0
             per_rad = f"{units.force} {units.length}/rad"
+            if not self.numbers[name].length:
+                return units.force
             return f"{units.force}/{units.length}" if along else per_rad
         if name in self.numbers and self.numbers[name].is_positive:
             return "1"
@@ -262,6 +272,10 @@ class Parameters:
             and tensions is not None
         ):
             elastic = replace(elastic, springs=springs.as_preloaded(tensions))
+        if (mass := values.get(PAYLOAD, 0.0)) != 0.0:
+            # A derivative at no payload needs less than none.
+            hung = elastic.mechanism.with_mass(mass, np.zeros(3))
+            elastic = replace(elastic, mechanism=hung)
         return elastic.with_numbers(values)
 
     @property

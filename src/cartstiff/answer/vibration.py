@@ -168,7 +168,7 @@ def sensitivity_table(known: Sensitivities, units: Units) -> Table:
         known.names, known.values, slopes, known.angles, strict=True
     ):
         unit, factor = (("per mm", millimetre), ("per mrad", 1e-3))[is_angle]
-        if own.partition(".")[0] in ("stiffness", "mass", "parameter"):
+        if own.partition(".")[0] in ("stiffness", "mass", "preload", "parameter"):
             unit, factor = ("per 1 %", 0.01 * x) if x else ("per unit", 1.0)
         rows.append((own, unit, factor * slope))
     changes = np.array([change for *_, change in rows])

@@ -20,16 +20,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.analysis.parameters import LOAD, Parameters
+from cartstiff.analysis.parameters import LOAD, PAYLOAD, Parameters
 from cartstiff.arrays import Array
 from cartstiff.batch.chains import ChainCase
 from cartstiff.batch.gradient import Slopes
-from cartstiff.batch.plans import TracedModel, plan
+from cartstiff.batch.plans import TracedModel, plan_with
 from cartstiff.batch.platforms import PlatformCase
 from cartstiff.batch.readings import with_masses
 from cartstiff.batch.twists import Varied
@@ -152,6 +152,8 @@ class Recorded:
             "wrench": {f"load.{x}": i for i, x in enumerate(LOAD)},
             "stiffness": self._known({f"stiffness.{x}": i for x, i in by_spring}),
             "rest": self._known({f"rest.{x}": i for x, i in by_spring}),
+            "preload": self._known({f"preload.{x}": i for x, i in by_spring}),
+            PAYLOAD: {PAYLOAD: 0},
         }
         taken = self._varied(taken)
         self.case = taken.case
@@ -167,6 +169,7 @@ class Recorded:
         parameters: Parameters,
         state: Equilibrium | None = None,
         with_inertia: bool = False,
+        with_payload: bool = False,
     ) -> Recorded | str:
         """The arithmetic, or the reason why there is none.
 
@@ -178,6 +181,8 @@ class Recorded:
             What comes to rest again.
         with_inertia : bool
             Whether the mass matrix is among the outputs.
+        with_payload : bool
+            Whether a payload is a parameter.
         """
         if state is None:
             load: _Load | str = _Load.on_held(parameters)
@@ -189,7 +194,9 @@ class Recorded:
             return load
         elastic = parameters.asked
         is_loaded = load.wrench is not None and state is None
-        taken = plan(elastic, "each" if is_loaded else "none")
+        wrench: Literal["each", "none"] = "each" if is_loaded else "none"
+        hung = {PAYLOAD} if with_payload and elastic.gravity is not None else set()
+        taken = plan_with(elastic, wrench, hung)
         if isinstance(taken, str):
             return taken
         if taken.untraced or taken.settles:

@@ -60,10 +60,11 @@ class Slope:
     Attributes
     ----------
     name : str
-        "q.<coordinate>", "load.mx" to "load.fz", and the numbers of
-        `cartstiff.analysis.parameters`: "stiffness.<spring>", "rest.<spring>",
-        "mass.<link>", "placement.<joint>.x" to ".rz", "frame.", "closure.",
-        "base.<leg>.x", "platform.<leg>.x".
+        "q.<coordinate>", "load.mx" to "load.fz", under gravity "payload" (a mass that is
+        hung at M's origin), and the numbers of `cartstiff.analysis.parameters`:
+        "stiffness.<spring>", "preload.<leg>", "rest.<spring>", "mass.<link>",
+        "placement.<joint>.x" to ".rz", "frame.", "closure.", "base.<leg>.x",
+        "platform.<leg>.x".
     nominal : float
         The parameter's value.
     unit : str
@@ -370,7 +371,7 @@ class _Question:
         """Exact derivatives by name, and the reason why there is none."""
         self._is_kink = False
         lengths = tuple(c.is_length for c in self.mechanism.coordinates)
-        recorded = Recorded.of(self.parameters, self.state)
+        recorded = Recorded.of(self.parameters, self.state, with_payload=True)
         if isinstance(recorded, str):
             return {}, f"nothing is recorded: {recorded}"
         try:
@@ -391,7 +392,11 @@ class _Question:
             )
         if (named := recorded.named(found)) is None:
             return {}, "the state of rest is not regular"
-        return {name: float(x[0]) for name, x in named.items()}, ""
+        by = {name: float(x[0]) for name, x in named.items()}
+        if self.parameters.asked.gravity is None:
+            # Nothing that an objective reads depends on what weighs nothing.
+            by |= {name: 0.0 for name in self.nominal if name.startswith("mass.")}
+        return by, ""
 
     # -- by analysing again
 

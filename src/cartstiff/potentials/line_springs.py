@@ -10,7 +10,7 @@ With anchor a (frame A), body point b (frame B), length l, unit vector u, tensio
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar, Self
@@ -28,6 +28,7 @@ from cartstiff.potentials.contract import (
     Drawn,
     Evaluation,
     Named,
+    Number,
     PosePotential,
     Posture,
     pulled_back,
@@ -264,6 +265,27 @@ class LineSprings(PosePotential, Springs):
     def unloaded(self, positions: Array) -> Self:
         """The same with these rest lengths; cables are bars."""
         return replace(self.replaced(self.stiffness, positions), unilateral=False)
+
+    def numbers(
+        self, names: Sequence[str], slides: Sequence[bool] | None = None
+    ) -> dict[str, Number]:
+        """As `Springs.numbers`, with preloads of open lines, "preload.NAME"."""
+        found, preload = super().numbers(names, slides), self.preload
+        if preload is not None and names:
+            held = np.flatnonzero(np.isnan(self.rest) & ~np.isnan(preload)).tolist()
+            for i in held:
+                value = float(preload[i])
+                found[f"preload.{names[i]}"] = Number(value, force=1.0, is_positive=True)
+        return found
+
+    def with_numbers(self, values: Mapping[str, float], names: Sequence[str]) -> Self:
+        """As `Springs.with_numbers`, with preloads."""
+        changed, preload = super().with_numbers(values, names), self.preload
+        if preload is None or not names:
+            return changed
+        each = zip(names, preload.tolist(), strict=True)
+        own = np.array([values.get(f"preload.{name}", x) for name, x in each])
+        return replace(changed, preload=own)
 
     def as_preloaded(self, tensions: Array) -> Self:
         """The same with open rest lengths and a preload."""
