@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from tools.screenshot import settled
@@ -9,7 +11,7 @@ from tools.screenshot import settled
 import cartstiff
 from cartstiff import from_bilinear_map
 from cartstiff.geometry import se3
-from tests.inner import Session, Source, export_page
+from tests.inner import Session, Source, export_page, read_message
 from tests.support.read_units import si
 
 DOWN = [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]
@@ -139,6 +141,15 @@ def test_an_own_connection_is_beside_the_others_in_a_file_too(pages, tmp_path):
         size = np.abs(expected).max()
         assert np.array(live) == pytest.approx(expected, abs=1e-9 * size)
         assert np.array(own) == pytest.approx(expected, abs=1e-9 * size)
+    # What if is answered as the library answers it.
+    to = [None, *(2.0 * arm.springs.stiffness[1:]).tolist()]
+    own = page.evaluate("(to) => window.cartstiff.ask({ do: 'stiffer', to })", to)
+    asked = {"id": 1, "do": "stiffer", "state": state.model_dump(), "to": to}
+    live = session.answer(read_message(json.dumps(asked))).data
+    assert own["here"] == pytest.approx(live["here"], rel=1e-9)
+    assert own["sizes"][0] is None
+    assert own["sizes"][1:] == pytest.approx(live["sizes"][1:], rel=1e-9)
+    assert own["order"][0] == live["order"][0]
     hand.click(f"{WHICH} > summary")
     assert "quarter" in page.locator(".which thead").inner_text()
 
@@ -153,3 +164,65 @@ def test_connections_that_cannot_be_shown_are_refused():
     own = cartstiff.from_symbols(flat.symbols, "chart", left_invariant=False)
     with pytest.raises(cartstiff.InputError, match="known at one posture only"):
         cartstiff.show(arm, connections=[own])
+
+
+# -- what if a spring were stiffer?
+# --------------------------------------------------------------------------------------
+
+WHAT_IF = ".what-if-card"
+MILLI = {"mm": 1.0, "µm": 1e-3}
+
+
+def ways(arm, factors, load=DOWN):
+    """Displacements (mm), by the Jacobian and the springs' own deflections."""
+    result = cartstiff.analyse(arm, wrench=load, load_axes="world")
+    J, k = result.jacobian, arm.springs.stiffness
+    curved = result.tangent - np.linalg.inv(J @ np.diag(1 / k) @ J.T)
+    for by in factors:
+        K = np.linalg.inv(J @ np.diag(1 / (k * by)) @ J.T) + curved
+        yield 1e3 * np.linalg.norm(np.linalg.solve(K, result.wrench)[3:])
+
+
+def answers(page):
+    """By spring: millimetres and per cent."""
+    page.wait_for_selector(f"{WHAT_IF} output")
+    for row in page.locator(".what-if > div").all():
+        name, text = row.inner_text().replace("\u2212", "-").split("\n")
+        value, unit = text.split(": ")[1].split(",")[0].split(" ")
+        rest = text.split(", ")[1]
+        yield name, float(value) * MILLI[unit], 0 if "no" in rest else float(rest.split(" ")[0])
+
+
+def test_the_largest_gain_by_one_spring_in_one_action(hand):
+    page, arm = hand.page, cartstiff.load("ur5")
+    shown(page, {"load": DOWN, "load_axes": "world"})
+    hand.click(f"{WHAT_IF} > summary")
+    assert hand.actions == 1
+    (here,) = ways(arm, [np.ones(6)])
+    stiffer = dict(zip(arm.names, ways(arm, np.eye(6) + 1.0), strict=True))
+    found = list(answers(page))
+    assert [size for _, size, _ in found] == pytest.approx(sorted(stiffer.values()), rel=6e-3)
+    for name, size, percent in found:
+        assert size == pytest.approx(stiffer[name], rel=6e-3)
+        assert percent == pytest.approx(100 * (stiffer[name] / here - 1), rel=0.06, abs=0.06)
+    assert found[0][0] in hand.reads(f"{WHAT_IF} summary span")
+
+
+def test_a_slider_changes_its_spring_alone(hand):
+    page, arm = hand.page, cartstiff.load("ur5")
+    shown(page, {"load": DOWN, "load_axes": "world"})
+    hand.click(f"{WHAT_IF} > summary")
+    page.wait_for_selector(f"{WHAT_IF} output")
+    hand.drag("#what-if-2", -1)
+    factors = np.where(np.arange(6) == 2, 0.5, 1.0)
+    page.wait_for_selector(f"{WHAT_IF} output:has-text('0.5 × as stiff')")
+    (here, softer) = ways(arm, [np.ones(6), factors])
+    (found,) = [one for one in answers(page) if one[0] == arm.names[2]]
+    assert found[1:] == pytest.approx((softer, 100 * (softer / here - 1)), rel=0.02)
+    assert page.evaluate("() => window.cartstiff.state.stiffness") == pytest.approx(
+        factors * arm.springs.stiffness
+    )
+    hand.click(f"{WHAT_IF} button")
+    assert page.evaluate("() => window.cartstiff.state.stiffness") is None
+    shown(page, {"load": None})
+    page.wait_for_selector(f"{WHAT_IF} summary:has-text('needs a load')")

@@ -485,3 +485,23 @@ def test_another_frame_keeps_the_springs_of_the_command_line(no_picture):
     expected = cartstiff.load("ur5", frame="ee_link").with_springs(given.numbers)
     C = cartstiff.analyse(expected).compliances["B"]
     assert np.allclose(result.compliances["B"], C, rtol=1e-9, atol=1e-12 * np.abs(C).max())
+
+
+def test_of_many_springs_those_are_tried_that_matter_most(session, monkeypatch):
+    """By the derivative; what is tried is computed as with another stiffness in the file."""
+    tab, load = session("ur5"), [0.0, 0.0, 0.0, 0.0, 0.0, -100.0]
+    k = tab.elastic.springs.stiffness.tolist()
+    state = {"load": load, "load_axes": "world"}
+    to = [2.0 * x for x in k]
+    every = asked(tab, do="stiffer", state=state, to=to)
+    monkeypatch.setattr("cartstiff.page.what_if.MOST_TRIED", 2)
+    few = asked(tab, do="stiffer", state=state, to=to)
+    assert few["order"] == every["order"][:2]
+    for i, size in enumerate(few["sizes"]):
+        if i not in few["order"]:
+            assert size is None
+            continue
+        arm = tab.elastic.with_springs([*k[:i], to[i], *k[i + 1 :]])
+        result = cartstiff.analyse(arm, wrench=load, load_axes="world")
+        way = np.linalg.solve(result.tangent, result.wrench)[3:]
+        assert size == pytest.approx(np.linalg.norm(way), rel=1e-9)

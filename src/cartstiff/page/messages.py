@@ -185,6 +185,15 @@ class Better(_Request):
     do: Literal["better"]
 
 
+class WhatIf(_Request):
+    """How far the load moves the point with another stiffness of one spring,
+    for each spring.
+    """
+
+    do: Literal["stiffer"]
+    to: Annotated[list[_NotNegative | None], Field(min_length=1, max_length=500)]
+
+
 class Series(_Request):
     """Principal values along the trajectory that the page was started with."""
 
@@ -255,6 +264,7 @@ Message = (
     | Result
     | Sweep
     | Better
+    | WhatIf
     | Series
     | Swing
     | Response

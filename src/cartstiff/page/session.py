@@ -39,6 +39,7 @@ from cartstiff.page.messages import (
     Sweep,
     Swing,
     ViewState,
+    WhatIf,
 )
 from cartstiff.page.picture import PageScene
 from cartstiff.page.shown import (
@@ -51,6 +52,7 @@ from cartstiff.page.shown import (
     swept_range,
 )
 from cartstiff.page.source import Source, changed
+from cartstiff.page.what_if import what_if
 from cartstiff.report.analysis import summary_text
 from cartstiff.report.better import NONE_FOUND, better_sentences
 from cartstiff.report.sentences import answer_sentences, displacement_words
@@ -204,6 +206,11 @@ class Session:
                 return Answer(
                     {"id": message.id, "do": "better", **self._better(message.state)}
                 )
+            if isinstance(message, WhatIf):
+                kept = self._variant, self.postures
+                answer = what_if(self.result, message.state, message.to)
+                self._variant, self.postures = kept
+                return Answer({"id": message.id, "do": "stiffer", **answer})
             result = self.result(message.state)
             facts: dict[str, Any]
             if isinstance(message, Numbers):

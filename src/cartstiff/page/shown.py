@@ -519,6 +519,14 @@ def _deflection(
     return deflection_found(result, "load", None, np.zeros(3), point, notes)
 
 
+def displacement_under_load(result: PostureStiffness, state: ViewState) -> float | None:
+    """How far the load moves the reference point; None if it is not resisted."""
+    found = _deflection(result, state, Notes())
+    if found is None or not result._resists:
+        return None
+    return float(np.linalg.norm(found.whole.displacement))
+
+
 def _moved(result: PostureStiffness, state: ViewState) -> dict[str, Any] | None:
     """Return the displacement of the reference point under the load, to first order."""
     notes = Notes()

@@ -18,6 +18,7 @@ import { posePanel } from "./pose.js";
 import { linkTo, sharing } from "./share.js";
 import { Store } from "./store.js";
 import { strip } from "./strip.js";
+import { whatIfCard } from "./whatif.js";
 import { whichCard } from "./which.js";
 
 // Time (ms) without a change after which the page asks for what it may need later.
@@ -31,6 +32,7 @@ function build(source) {
   pictureControls(store);
   deflectionPanel(store);
   whichCard(store);
+  whatIfCard(store);
   compareCard(store);
   numbersPanel(store);
   const matrix = matrixPanel(store);
@@ -56,7 +58,7 @@ function fix() {
   const controls = "#left input, .which-card input, #left select, #left button:not(.quiet), .matrix-card .choices input, .parts > label "
     + "input, .principal-card .choice input, #map-choice select";
   for (const node of document.querySelectorAll(controls)) node.disabled = true;
-  for (const node of document.querySelectorAll("#strip, .compare-card, .setup-card, .posture-card "
+  for (const node of document.querySelectorAll("#strip, .compare-card, .what-if-card, .setup-card, .posture-card "
     + ".buttons")) node.hidden = true;
 }
 

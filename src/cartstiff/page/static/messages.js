@@ -80,6 +80,13 @@
  * @property {"better"} do
  */
 /**
+ * @typedef {object} WhatIf How far the load moves the point with another stiffness of one spring,
+ * @property {number} id
+ * @property {ViewState} [state]
+ * @property {"stiffer"} do
+ * @property {(number | null)[]} to
+ */
+/**
  * @typedef {object} Series Principal values along the trajectory that the page was started with.
  * @property {number} id
  * @property {ViewState} [state]
@@ -145,6 +152,7 @@ export const MESSAGES = {
   result: "Result",
   sweep: "Sweep",
   better: "Better",
+  stiffer: "WhatIf",
   series: "Series",
   swing: "Swing",
   response: "Response",
@@ -172,6 +180,7 @@ export const FIELDS = {
   Result: { id: null, state: "ViewState", do: ["result"] },
   Sweep: { id: null, state: "ViewState", do: ["sweep"], coordinate: null, steps: null },
   Better: { id: null, state: "ViewState", do: ["better"] },
+  WhatIf: { id: null, state: "ViewState", do: ["stiffer"], to: null },
   Series: { id: null, state: "ViewState", do: ["series"] },
   Swing: { id: null, state: "ViewState", do: ["swing"], share: null },
   Response: { id: null, state: "ViewState", do: ["response"], ratio: null },
@@ -193,6 +202,7 @@ export const NEEDED = {
   Result: ["id", "do"],
   Sweep: ["id", "do", "coordinate"],
   Better: ["id", "do"],
+  WhatIf: ["id", "do", "to"],
   Series: ["id", "do"],
   Swing: ["id", "do"],
   Response: ["id", "do"],

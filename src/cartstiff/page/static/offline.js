@@ -99,13 +99,14 @@ export class ComputingSource extends FileSource {
   }
 
   /** Answers to all questions but "draw", by their names. */
-  answers({ state, coordinate }) {
+  answers({ state, coordinate, to }) {
     const { program, drawing, data } = this;
     return {
       numbers: () => ({ numbers: program.numbers(state) }),
       result: () => ({ result: program.result(state) }),
       bounds: () => ({ bounds: drawing.bounds(program.place(state.q)) }),
       sweep: () => this.sweep(coordinate, state),
+      stiffer: () => program.whatIf(state, to),
       series: () => ({ seconds: 0, at: data.hello.trajectory.time,
         rows: data.trajectory.map((q) => this.row(q, state)) }),
       analysis: () => data.analysis,

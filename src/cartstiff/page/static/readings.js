@@ -133,6 +133,25 @@ export class Readings extends Formulas {
     };
   }
 
+  /** As `cartstiff.page.what_if.what_if`. */
+  whatIf(state, to) {
+    const size = (one) => {
+      const moved = this.moved(this.solve(one), one);
+      return moved?.resisted ? Math.hypot(...moved.displacement) : null;
+    };
+    const now = Array.from(state.stiffness ?? this.data.shared.stiffness);
+    const sizes = to.map((k, i) => {
+      if (k === null) return null;
+      try {
+        return size({ ...state, stiffness: now.with(i, k) });
+      } catch {
+        return null; // the formulas do not hold there
+      }
+    });
+    const order = [...sizes.keys()].filter((i) => sizes[i] !== null).sort((i, j) => sizes[i] - sizes[j]);
+    return { here: size(state), sizes, order };
+  }
+
   /** How far the load moves the coordinates, or a platform's body. */
   way(m) {
     if (this.data.platform) return times(m.C.load, m.W);
