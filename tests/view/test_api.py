@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import queue
 import re
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -95,3 +96,56 @@ def test_a_browser_is_given_the_address_in_a_file_that_nobody_else_can_read(monk
         assert path.stat().st_mode & 0o777 == 0o600
         assert f"url={page.url}" in path.read_text()
         path.unlink()
+
+
+def test_code_follows_a_tab_and_draws_on_it(shown):
+    """Sliders, arrows and functions: what one tab does reaches the code and the other tabs."""
+    seen: queue.Queue = queue.Queue()
+    slider = shown.slider("height", 0, 2, value=1)
+    slider.on_change(seen.put)
+    shown.on_move(seen.put)
+    tab, other = Tab(shown.url), Tab(shown.url)
+    assert tab.read()["do"] == "hello"
+    assert other.read()["do"] == "hello"
+    assert seen.get(timeout=60).q.tolist() == cartstiff.load("cubic").q.tolist()
+    expected = [{"name": "height", "lower": 0.0, "upper": 2.0, "value": 1.0}]
+    assert tab.read()["sliders"] == other.read()["sliders"] == expected
+
+    tab.ask({"id": 1, "do": "draw", "state": {"q": [0.01, 0, 0, 0, 0, 0]}})
+    posture = seen.get(timeout=60)
+    there = cartstiff.analyse(cartstiff.load("cubic"), [0.01, 0, 0, 0, 0, 0])
+    assert np.array_equal(posture.matrices["B"], there.matrices["B"])
+    tab.ask({"id": 2, "do": "draw", "state": {"q": [0.01, 0, 0, 0, 0, 0], "theme": "dark"}})
+
+    tab.ask({"id": 3, "do": "slide", "name": "height", "value": 1.5})
+    assert seen.get(timeout=60) == slider.value == 1.5  # nothing had moved before
+    assert other.read()["sliders"][0]["value"] == 1.5
+    tab.ask({"id": 4, "do": "slide", "name": "height", "value": 7})
+    assert seen.get(timeout=60) == slider.value == 2.0
+    slider.value = 0.5
+    while tab.read()["sliders"][0]["value"] != 0.5:
+        pass
+    tab.close()
+    other.close()
+
+
+def test_a_function_that_fails_stops_nothing(shown, capfd):
+    seen: queue.Queue = queue.Queue()
+    slider = shown.slider("force", 0, 1)
+    slider.on_change(lambda _: 1 / 0)
+    slider.on_change(seen.put)
+    slider.value = 1
+    assert seen.get(timeout=60) == 1
+    assert "ZeroDivisionError" in capfd.readouterr().err
+
+
+def test_additions_that_do_not_fit_are_refused(shown):
+    for call, words in (
+        (lambda: shown.slider("x", 1, 1), "ends of a slider do not fit"),
+        (lambda: shown.slider("", 0, 1), "a slider needs a name"),
+        (lambda: shown.slider("x", 0, float("nan")), "upper"),
+        (lambda: shown.arrow("x", [0, 0], [0, 0, 1]), "start"),
+        (lambda: shown.arrow("x", [0, 0, 0], [0, 0, 1], colour="red"), "not a colour"),
+    ):
+        with pytest.raises(InputError, match=words):
+            call()

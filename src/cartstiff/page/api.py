@@ -4,26 +4,31 @@ from __future__ import annotations
 
 import atexit
 import os
+import re
 import tempfile
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff.arrays import checked_array, checked_input
 from cartstiff.checked_call import checked
-from cartstiff.errors import MissingDependencyError
+from cartstiff.errors import InputError, MissingDependencyError
 from cartstiff.geometry.connections import Connection
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.page.source import Playback, Source, cloud_of_workspace
 from cartstiff.stiffness.compute import analyse
 
 if TYPE_CHECKING:
+    from cartstiff.page.additions import Slider
     from cartstiff.reach.workspace import Workspace
+
+_F = TypeVar("_F", bound=Callable[..., object])
+_COLOUR = re.compile("#[0-9a-fA-F]{6}")
 
 
 class Page:
@@ -44,6 +49,7 @@ class Page:
             raise MissingDependencyError("tornado", "a page in the browser") from None
         self._source, self._height = source, height
         self._background = Background(source, port=port)
+        self._additions = self._background.server.additions
         self.url = self._background.url
 
     def move(self, q: ArrayLike) -> None:
@@ -57,6 +63,67 @@ class Page:
         values = self._source.elastic.mechanism.checked(q).tolist()
         server = self._background.server
         self._background.call(lambda: server.go_to(values))
+
+    def slider(
+        self, name: str, lower: float, upper: float, value: float | None = None
+    ) -> Slider:
+        """Add a slider to every tab, or replace that of the same name.
+
+        Parameters
+        ----------
+        name : str
+            What stands beside it.
+        lower, upper : float
+            Its ends.
+        value : float, optional
+            Where it is at first; default `lower`.
+
+        Returns
+        -------
+        Slider
+            Has a `value`; ``slider.on_change(f)`` has f called with it, in a thread of
+            the page, whenever somebody moves it.
+
+        Raises
+        ------
+        InputError
+            For a name or ends that do not fit.
+        """
+        return self._additions.slider(name, lower, upper, value)
+
+    def arrow(
+        self, name: str, start: ArrayLike, vector: ArrayLike, *, colour: str = "#0072b2"
+    ) -> None:
+        """Draw an arrow in every tab, or move that of the same name.
+
+        Parameters
+        ----------
+        name : str
+            By which it is known again.
+        start, vector : array_like (3,)
+            Its beginning and the way to its head, along the axes of F in the mechanism's
+            unit of length; a vector of zeros hides it.
+        colour : str
+            As ``"#rrggbb"``, at first.
+
+        Raises
+        ------
+        InputError
+            For what does not fit.
+        """
+        if not _COLOUR.fullmatch(colour):
+            raise InputError(
+                "not a colour", where="colour", expected="#rrggbb", got=colour
+            )
+        self._additions.arrow(name, start, vector, int(colour[1:], 16))
+
+    def on_move(self, function: _F) -> _F:
+        """Have a function called with each posture that a tab shows, or its load.
+
+        It gets what `cartstiff.analyse` returns, in a thread of the page; of several
+        postures that wait only the newest. Also a decorator.
+        """
+        return self._additions.on_move(function)
 
     def close(self) -> None:
         """End the page."""

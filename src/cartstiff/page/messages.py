@@ -258,6 +258,14 @@ class Bounds(_Request):
     do: Literal["bounds"]
 
 
+class Slide(_Request):
+    """A slider that the user's code has added is somewhere else."""
+
+    do: Literal["slide"]
+    name: _Short
+    value: _Number
+
+
 Message = (
     Draw
     | Numbers
@@ -274,6 +282,7 @@ Message = (
     | Frame
     | Bounds
     | Program
+    | Slide
 )
 _MESSAGES: TypeAdapter[Message] = TypeAdapter(
     Annotated[Message, Field(discriminator="do")]

@@ -24,7 +24,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from hashlib import sha256
 from math import inf
 from typing import Any
@@ -37,6 +37,7 @@ from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from cartstiff.errors import CartstiffError, InputError, one_line
+from cartstiff.page.additions import Additions
 from cartstiff.page.export import client_program, export_page
 from cartstiff.page.files import page_files
 from cartstiff.page.messages import (
@@ -46,6 +47,7 @@ from cartstiff.page.messages import (
     Message,
     Program,
     Series,
+    Slide,
     Sweep,
     read_message,
 )
@@ -265,6 +267,8 @@ class TabSocket(Guarded, WebSocketHandler):
         self._tokens, self._filled = float(MOST_MESSAGES), time.monotonic()
         self._warned = 0.0
         self._pushed: deque[Answer] = deque(maxlen=4 * _MOST_WAITING)
+        # Whether what the user's code has added waits, and the commands that the tab has.
+        self._additions_wait, self._known = False, dict[Any, bytes]()
         self._task = asyncio.ensure_future(self._serve())
         self._awake = asyncio.Event()
         self._awake.set()
@@ -283,6 +287,11 @@ class TabSocket(Guarded, WebSocketHandler):
     def push(self, answer: Answer) -> None:
         """Tell the tab something that it did not ask."""
         self._pushed.append(answer)
+        self._awake.set()
+
+    def show_additions(self) -> None:
+        """Send what the user's code has added or changed."""
+        self._additions_wait = True
         self._awake.set()
 
     def on_message(self, text: str | bytes) -> None:
@@ -333,6 +342,8 @@ class TabSocket(Guarded, WebSocketHandler):
             facts = {"mechanisms": names, "number": self.number}
             self._session = Session(source, self._page.picture, facts)
             await self._send(self._session.hello(with_numbers=True))
+            if self._session.drawn is not None:
+                self._page.additions.moved(self._session.drawn)
             while True:
                 await self._awake.wait()
                 answer = self._next(self._session)
@@ -361,6 +372,9 @@ class TabSocket(Guarded, WebSocketHandler):
             await self.write_message(str(len(packed)))
         for start in range(0, len(packed), _PIECE):
             await self.write_message(packed[start : start + _PIECE], binary=True)
+        if answer.data.get("do") == "hello" and not self._page.additions.is_empty:
+            self._known = {}  # the picture is a new one
+            self.show_additions()
 
     def _next(self, session: Session) -> Answer | None:
         """The next answer, or None after a slice of a long one,
@@ -368,6 +382,11 @@ class TabSocket(Guarded, WebSocketHandler):
         """
         if self._pushed:
             return self._pushed.popleft()
+        if self._additions_wait:
+            self._additions_wait = False
+            added = self._page.additions
+            data = {"id": 0, "do": "additions", **added.to_dict()}
+            return Answer(data, added.commands(self._known))
         message: Message
         if self._drawing is not None:
             message, self._drawing = self._drawing, None
@@ -382,7 +401,21 @@ class TabSocket(Guarded, WebSocketHandler):
             return _answered(message, lambda: self._program(session, message))
         if isinstance(message, Export):
             return _answered(message, lambda: self._export(session, message))
-        return _answered(message, lambda: session.answer(message))
+        if isinstance(message, Slide):
+            return self._slide(message)
+        answer = _answered(message, lambda: session.answer(message))
+        if session.drawn is not None and isinstance(message, Draw):
+            self._page.additions.moved(session.drawn)
+        return answer
+
+    def _slide(self, message: Slide) -> Answer:
+        """Take a slider of the user's code along, in the other tabs too."""
+        slider = self._page.additions.sliders.get(message.name)
+        if slider is not None:
+            slider.take(message.value)
+        for tab in self._page.tabs - {self}:
+            tab.show_additions()
+        return Answer({"id": message.id, "do": "slide"})
 
     def _program(self, session: Session, message: Program) -> Answer:
         """The arithmetic; its script is one of the page's files from then on."""
@@ -407,7 +440,9 @@ class TabSocket(Guarded, WebSocketHandler):
 
     def _waits(self) -> bool:
         """Whether curves have to wait because the user is dragging."""
-        if self._pushed or self._drawing or self._quick or not self._curves:
+        if self._pushed or self._additions_wait or self._drawing or self._quick:
+            return False
+        if not self._curves:
             return False
         return time.monotonic() - self._page.drawn < _DRAG_PAUSE
 
@@ -576,6 +611,9 @@ class PageServer:
         self.source, self.beside = source, tuple(beside)
         self.picture = picture or PageScene
         self.tabs: set[TabSocket] = set()
+        loop = asyncio.get_running_loop()
+        #: What the user's code adds; used from any thread.
+        self.additions = Additions(partial(self._soon, loop))
         self.drawn = -inf  # time of the last request for a picture
         self.files = page_files()
         token = secrets.token_urlsafe(24) if token is None else token
@@ -623,8 +661,17 @@ class PageServer:
         for tab in [tab for tab in self.tabs if not tab.number]:
             tab.push(Answer({"id": 0, "do": "go-to", "q": q}))
 
+    def _soon(self, loop: asyncio.AbstractEventLoop) -> None:
+        with suppress(RuntimeError):  # the page has ended
+            loop.call_soon_threadsafe(self._show_additions)
+
+    def _show_additions(self) -> None:
+        for tab in self.tabs:
+            tab.show_additions()
+
     async def stop(self) -> None:
         """Close every socket and the port."""
+        self.additions.worker.end()
         self._server.stop()
         await self.prepared
         tabs = list(self.tabs)

@@ -116,6 +116,8 @@ class Session:
         self.postures = RecordedPostures(elastic)
         self._follower = Follower(elastic)
         self._cloud_shown: str | None = None
+        #: The posture of the picture.
+        self.drawn: PostureStiffness | None = None
         self._colour_bar: dict[str, Any] | None = None
         self.picture = self.make_picture(elastic)
 
@@ -348,6 +350,7 @@ class Session:
                 raise UnknownNameError("quantity", wanted, cloud.values)
             self._colour_bar = self.picture.cloud(cloud, wanted)
             self._cloud_shown = wanted
+        self.drawn = result
         return self.with_colour_bar(self.picture.draw(result, state))
 
     def with_colour_bar(self, legend: dict[str, Any]) -> dict[str, Any]:

@@ -16,6 +16,7 @@ import { Pane } from "./pane.js";
 import { picking } from "./pick.js";
 import { posePanel } from "./pose.js";
 import { linkTo, sharing } from "./share.js";
+import { additionsCard } from "./additions.js";
 import { Store } from "./store.js";
 import { strip } from "./strip.js";
 import { whatIfCard } from "./whatif.js";
@@ -27,6 +28,7 @@ const AT_REST = 1200;
 function build(source) {
   const store = new Store(source, new Pane());
   verdictLine(store);
+  additionsCard(store);
   const pose = posePanel(store);
   controls(store);
   pictureControls(store);

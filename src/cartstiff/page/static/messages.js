@@ -145,6 +145,14 @@
  * @property {ViewState} [state]
  * @property {"program"} do
  */
+/**
+ * @typedef {object} Slide A slider that the user's code has added is somewhere else.
+ * @property {number} id
+ * @property {ViewState} [state]
+ * @property {"slide"} do
+ * @property {string} name
+ * @property {number} value
+ */
 /** Model of each message, by its `do`. */
 export const MESSAGES = {
   draw: "Draw",
@@ -162,6 +170,7 @@ export const MESSAGES = {
   frame: "Frame",
   bounds: "Bounds",
   program: "Program",
+  slide: "Slide",
 };
 
 /** Fields of each model: their model, the words that they may be, or null. */
@@ -190,6 +199,7 @@ export const FIELDS = {
   Frame: { id: null, state: "ViewState", do: ["frame"], name: null, kept: "ViewState" },
   Bounds: { id: null, state: "ViewState", do: ["bounds"] },
   Program: { id: null, state: "ViewState", do: ["program"] },
+  Slide: { id: null, state: "ViewState", do: ["slide"], name: null, value: null },
 };
 
 /** Fields that may not be left out. */
@@ -212,4 +222,5 @@ export const NEEDED = {
   Frame: ["id", "do", "name"],
   Bounds: ["id", "do"],
   Program: ["id", "do"],
+  Slide: ["id", "do", "name", "value"],
 };

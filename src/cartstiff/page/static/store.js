@@ -196,6 +196,11 @@ export class Store extends EventTarget {
 
   receive(data, commands) {
     if (data.do === "hello") return this.greet(data, commands);
+    if (data.do === "additions") {
+      this.pane.apply(commands);
+      this.pane.viewer?.set_dirty();
+      return this.tell("additions", data);
+    }
     if (data.do === "go-to") return this.state && this.goTo(data.q);
     const waiting = this.waiting.get(data.id);
     if (waiting) {
