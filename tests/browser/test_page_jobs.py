@@ -226,3 +226,42 @@ def test_a_slider_changes_its_spring_alone(hand):
     assert page.evaluate("() => window.cartstiff.state.stiffness") is None
     shown(page, {"load": None})
     page.wait_for_selector(f"{WHAT_IF} summary:has-text('needs a load')")
+
+
+# -- from Python
+# --------------------------------------------------------------------------------------
+
+
+def test_sliders_arrows_and_functions_of_a_script(pages):
+    with cartstiff.show(cartstiff.load("hexapod"), open_browser=False) as shown:
+        height = shown.slider("height", 0.7, 0.8, value=0.75)
+
+        @height.on_change
+        def lift(z):
+            shown.move([0, 0, z, 0, 0, 0])
+
+        @shown.on_move
+        def upwards(posture):
+            shown.arrow("up", posture.pose[:3, 3], [0, 0, 0.2])
+
+        page = pages.open(shown.url)
+        page.wait_for_selector(".additions-card .slider")
+        page.locator("#slider-own-0").evaluate(
+            "(node) => { node.value = 0.77; node.dispatchEvent(new Event('input')); }"
+        )
+        page.wait_for_function("() => window.cartstiff.numbers.result.q[2] === 0.77")
+        assert height.value == 0.77
+        # The arrow stands where the tool is, and is as long as its vector.
+        page.wait_for_function("""() => {
+            const arrow = window.cartstiff.pane.part("meshcat", "cartstiff", "own", "0");
+            const tool = window.cartstiff.numbers.result.pose;
+            const [x, y, z] = [12, 13, 14].map((i) => arrow?.matrix.elements[i]);
+            return arrow && Math.hypot(x - tool[0][3], y - tool[1][3], z - tool[2][3]) < 1e-6
+                && Math.abs(arrow.scale.x - 0.2) < 1e-6;
+        }""")
+        # It outlives a picture in another theme.
+        page.keyboard.press("t")
+        settled(page)
+        assert page.evaluate(
+            "() => window.cartstiff.pane.part('meshcat', 'cartstiff', 'own', '0').visible"
+        )
