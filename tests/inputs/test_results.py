@@ -1,17 +1,19 @@
 """Results are plain data, labelled arrays, a few lines, and a picture where they have one."""
 
 import importlib
+import inspect
 import json
 import pkgutil
 
 import numpy as np
 import pytest
 from tests.inner import LabelledResult, impedance
+from tests.support.commands import refuses
 
 import cartstiff
 
 xarray = pytest.importorskip("xarray")
-pytest.importorskip("matplotlib")
+Figure = pytest.importorskip("matplotlib.figure").Figure
 W = [0.0, 0.0, 0.0, 10.0, 0.0, -50.0]
 
 
@@ -103,8 +105,24 @@ def test_the_outline_reaches_as_far_as_any_unit_force_moves_the_body(results):
 
 
 def test_every_result_draws_itself(results):
+    """In a figure of its own, or in the place of one's own axes beside others."""
     for name, result in results.items():
-        assert result.plot().axes, name
+        own = result.plot()
+        assert own.axes, name
+        whole = Figure(layout="constrained")
+        left, right = whole.subplots(1, 2)
+        part = result.plot(ax=left)
+        assert [a.get_xlabel() for a in whole.axes if a is not right] == [
+            a.get_xlabel() for a in own.axes
+        ], name
+        assert right in whole.axes
+        assert not right.has_data()
+        assert part is whole or part in whole.subfigs
+        whole.canvas.draw()
+    modes = results["5 Modes"]
+    assert modes.plot(ax=right) is whole
+    assert right.has_data()
+    refuses("axes of no grid", results["0 PostureStiffness"].plot, Figure().add_axes((0, 0, 1, 1)))
 
 
 def test_bars_have_the_names_and_numbers_of_the_result(results):
@@ -139,7 +157,8 @@ def test_every_class_of_results_has_a_picture():
     for module in pkgutil.walk_packages(cartstiff.__path__, "cartstiff."):
         if ".cli" not in module.name and not module.name.endswith("__main__"):
             importlib.import_module(module.name)
-    assert [c.__name__ for c in LabelledResult.__subclasses__() if not hasattr(c, "plot")] == []
+    for one in LabelledResult.__subclasses__():
+        assert "ax" in inspect.signature(one.plot).parameters, one
     modes = cartstiff.modes(cartstiff.load("ur5"))
     spread = cartstiff.accuracy(modes, cartstiff.Tolerances(stiffness=0.05)).interval
     (lines,) = spread.plot().axes[0].collections

@@ -344,8 +344,13 @@ class Comparison(LabelledResult):
             ratio = f"  x {n.ratio:.4g}" if n.ratio is not None else ""
             yield f"  {n.quantity} [{n.unit}]  {'  '.join(shown)}{ratio}"
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Draw the numbers of both as bars, each pair with its ratio.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
 
         Returns
         -------
@@ -374,7 +379,7 @@ class Comparison(LabelledResult):
             if (doubt := x.result.elastic.springs_in_doubt)
         )
         heights = [0.9 + 0.45 * len(rows) for *_, rows in panels]
-        figure = new_figure(7.6, 0.9 + sum(heights), "; ".join(doubts))
+        figure = new_figure(7.6, 0.9 + sum(heights), "; ".join(doubts), ax=ax)
         axes = figure.subplots(len(panels), 1, height_ratios=heights, squeeze=False)[:, 0]
         for axis, (title, unit, per, rows) in zip(axes, panels, strict=True):
             _draw_pairs(axis, rows, per, (self.first.label, self.second.label))

@@ -589,9 +589,14 @@ class Designs(LabelledResult):
             )
         return notes
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Draw objectives against each other with the Pareto front,
         or one against the variables.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
 
         Returns
         -------
@@ -615,7 +620,7 @@ class Designs(LabelledResult):
         columns = min(len(pairs), 3)
         rows = -(-len(pairs) // columns)
         figure = new_figure(
-            1.0 + 3.8 * columns, 0.6 + 3.2 * rows, self.home.springs_in_doubt
+            1.0 + 3.8 * columns, 0.6 + 3.2 * rows, self.home.springs_in_doubt, ax=ax
         )
         front = list(self.front)
         feasible = np.zeros(len(self), bool)

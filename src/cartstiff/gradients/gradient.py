@@ -27,7 +27,7 @@ from cartstiff.errors import (
     UnknownNameError,
     one_line,
 )
-from cartstiff.figures import draw_bars, new_figure
+from cartstiff.figures import draw_bars, new_axes
 from cartstiff.gradients.exact import Recorded, parameters_of
 from cartstiff.gradients.objectives import Asked, OfFunction, OfQuantity, OwnObjective
 from cartstiff.mechanisms.elastic import ElasticMechanism
@@ -138,7 +138,7 @@ class Gradient(Result):
     def __iter__(self) -> Iterator[Slope]:
         return iter(self.slopes)
 
-    def plot(self, most: int = 20) -> Any:
+    def plot(self, most: int = 20, ax: Any = None) -> Any:
         """Draw the parameters that matter most: the change for 1 per cent of each.
 
         Of coordinates, rotations and what is nominally zero, for 0.01 rad or 1 per cent
@@ -148,6 +148,8 @@ class Gradient(Result):
         ----------
         most : int
             Largest number of bars.
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
 
         Returns
         -------
@@ -159,8 +161,7 @@ class Gradient(Result):
             Without matplotlib.
         """
         ordered = [slope for slope in self._by_effect if np.isfinite(slope.effect)][:most]
-        figure = new_figure(7.0, 1.2 + 0.28 * len(ordered))
-        axis = figure.subplots()
+        figure, axis = new_axes("", 7.0, 1.2 + 0.28 * len(ordered), ax=ax)
         values = [0.01 * slope.effect for slope in ordered]
         label = f"change of {self.of} [{self.unit}] for 1 per cent of each parameter"
         draw_bars(axis, [slope.name for slope in ordered], values, label)

@@ -523,9 +523,14 @@ class Identification(LabelledResult):
         }
         return described("identify", own, first, self.elastic.about(), self)
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Draw residuals over their standard deviation against load, posture,
         and time or row.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
 
         Returns
         -------
@@ -550,7 +555,7 @@ class Identification(LabelledResult):
         has_time = not np.isnan(time).any() and np.ptp(time) > 0.0
         standard = chosen.residual / chosen.deviation
         suspect = np.isin(seen.row, self.robust.suspects)
-        figure = new_figure(9.0, 7.2)
+        figure = new_figure(9.0, 7.2, ax=ax)
         axes = figure.subplots(2, 2)
         over = (
             (load[seen.row], f"{name} [{unit}]"),

@@ -298,8 +298,13 @@ class Plan(LabelledResult):
         }
         return plain_dict(data)
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Draw the largest standard deviation of a stiffness over the number of rows.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
 
         Returns
         -------
@@ -310,7 +315,7 @@ class Plan(LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure, axis = new_axes()
+        figure, axis = new_axes(ax=ax)
         axis.plot(self.counts, 100.0 * self._worst, "o-")
         axis.set(xlabel="rows", ylabel="largest standard deviation [%]", yscale="log")
         return figure

@@ -46,7 +46,9 @@ _HATCHES = ("////", "....", "xxxx", "\\\\\\\\", "oooo", "----")
 
 
 @checked
-def draw_map(dataset: xarray.Dataset, quantity: str, *, angle: str = "rad") -> Any:
+def draw_map(
+    dataset: xarray.Dataset, quantity: str, *, angle: str = "rad", ax: Any = None
+) -> Any:
     """Draw a map: a line, heat map or slices for one, two or three dimensions,
     else a histogram.
 
@@ -58,6 +60,8 @@ def draw_map(dataset: xarray.Dataset, quantity: str, *, angle: str = "rad") -> A
         Quantity to draw.
     angle : str
         Unit of joint angles along the axes: "rad" or "deg".
+    ax : matplotlib.axes.Axes, optional
+        Whose place the picture takes; default a figure of its own.
 
     Returns
     -------
@@ -85,10 +89,10 @@ def draw_map(dataset: xarray.Dataset, quantity: str, *, angle: str = "rad") -> A
         dataset = dataset.isel(
             {d: 0 for d, n in dataset[quantity].sizes.items() if n == 1}
         )
-    return draw(dataset, quantity)
+    return draw(dataset, quantity, ax)
 
 
-def _suited(sizes: Mapping[Any, int]) -> Callable[[xarray.Dataset, str], Any]:
+def _suited(sizes: Mapping[Any, int]) -> Callable[[xarray.Dataset, str, Any], Any]:
     """Return what draws a map of dimensions with these lengths."""
     if sizes.get("posture", 0) > _MOST_OF_LINE:
         return histogram
@@ -229,15 +233,15 @@ def _cells(
     return mesh, names
 
 
-def heat_map(dataset: xarray.Dataset, quantity: str) -> Any:
+def heat_map(dataset: xarray.Dataset, quantity: str, ax: Any = None) -> Any:
     """Draw a map over its two dimensions in colours."""
-    figure, axis = new_axes(dataset.attrs.get("springs_in_doubt", ""))
+    figure, axis = new_axes(dataset.attrs.get("springs_in_doubt", ""), ax=ax)
     _draw_parts(figure, [axis], [dataset], quantity)
     axis.set_title(title_of(dataset))
     return figure
 
 
-def slices(dataset: xarray.Dataset, quantity: str) -> Any:
+def slices(dataset: xarray.Dataset, quantity: str, ax: Any = None) -> Any:
     """Draw heat maps at up to six values of the shortest dimension,
     with one colour scale.
     """
@@ -250,7 +254,10 @@ def slices(dataset: xarray.Dataset, quantity: str) -> Any:
     columns = min(3, len(chosen))
     rows = -(-len(chosen) // columns)
     figure = new_figure(
-        3.0 * columns + 1.4, 2.8 * rows + 0.8, dataset.attrs.get("springs_in_doubt", "")
+        3.0 * columns + 1.4,
+        2.8 * rows + 0.8,
+        dataset.attrs.get("springs_in_doubt", ""),
+        ax,
     )
     axes = list(
         figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).flat
@@ -280,7 +287,7 @@ def _draw_parts(
     add_legend(figure, set[str]().union(*(reasons for _, reasons in drawn)))
 
 
-def line(dataset: xarray.Dataset, quantity: str) -> Any:
+def line(dataset: xarray.Dataset, quantity: str, ax: Any = None) -> Any:
     """Draw a curve along the only dimension of a map; grey where there is no number."""
     array = dataset[quantity]
     dim = str(array.dims[0])
@@ -289,7 +296,7 @@ def line(dataset: xarray.Dataset, quantity: str) -> Any:
         dataset[name].values if name in dataset.coords else np.arange(array.size), float
     )
     values = np.asarray(array.values, float)
-    figure, axis = new_axes(dataset.attrs.get("springs_in_doubt", ""))
+    figure, axis = new_axes(dataset.attrs.get("springs_in_doubt", ""), ax=ax)
     marker = "." if np.isfinite(values).sum() < 200 else ""
     axis.plot(x, np.where(np.isfinite(values), values, np.nan), marker=marker)
     reasons = reasons_of(dataset, values)
@@ -315,7 +322,7 @@ def line(dataset: xarray.Dataset, quantity: str) -> Any:
     return figure
 
 
-def histogram(dataset: xarray.Dataset, quantity: str) -> Any:
+def histogram(dataset: xarray.Dataset, quantity: str, ax: Any = None) -> Any:
     """Draw the distribution of the values, on a logarithmic axis if they span decades."""
     array = quantity_of(dataset, quantity)
     if array.size > _MOST_COUNTED:
@@ -326,7 +333,7 @@ def histogram(dataset: xarray.Dataset, quantity: str) -> Any:
         )
     facts = np.array(each_block(dataset, {quantity: partial(fact, quantity)})[quantity])
     low, high, known = facts[:, 0].min(), facts[:, 1].max(), facts[:, 3].sum()
-    figure, axis = new_axes(dataset.attrs.get("springs_in_doubt", ""))
+    figure, axis = new_axes(dataset.attrs.get("springs_in_doubt", ""), ax=ax)
     if known:
         logarithmic = low > 0 and high > DECADES * low
         wide = high if high > low else low + (abs(low) or 1.0)

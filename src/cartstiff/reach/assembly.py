@@ -22,7 +22,7 @@ from cartstiff.batch.kernels import Closer
 from cartstiff.checked_call import checked
 from cartstiff.described import described
 from cartstiff.errors import ConvergenceError, InputError, UndefinedError
-from cartstiff.figures import draw_bars, new_figure
+from cartstiff.figures import draw_bars, new_axes
 from cartstiff.geometry import se3
 from cartstiff.kinematics.architecture import architecture_of
 from cartstiff.kinematics.joint_poses import JointPoses
@@ -352,8 +352,13 @@ class AssemblyModes(LabelledResult):
             "assemble", own, elastic.about(), gravity_loads(elastic).to_dict(), self
         )
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Draw the smallest eigenvalue of each mode; those that are not stable in red.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
 
         Returns
         -------
@@ -364,12 +369,12 @@ class AssemblyModes(LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure = new_figure(doubt=self.elastic.springs_in_doubt)
+        figure, axis = new_axes(self.elastic.springs_in_doubt, ax=ax)
         names = [f"mode {i + 1}" for i in range(len(self.modes))]
         values = [np.nan if m.eigenvalue is None else m.eigenvalue for m in self.modes]
         units = self.elastic.units
         label = f"smallest eigenvalue [{units.force}/{units.length}]"
-        bars = draw_bars(figure.subplots(), names, values, label)
+        bars = draw_bars(axis, names, values, label)
         for bar, mode in zip(bars, self.modes, strict=True):
             bar.set_color("tab:blue" if mode.stable else "tab:red")
         return figure

@@ -1362,11 +1362,16 @@ class Workspace(LabelledResult):
             "cut_by": self.turns.shares(),
         }
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Draw the boundary in space and along three axes,
         by the limit that is reached there.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
         """
-        figure = new_figure(11.0, 8.0, self.elastic.springs_in_doubt)
+        figure = new_figure(11.0, 8.0, self.elastic.springs_in_doubt, ax=ax)
         from matplotlib import colormaps
 
         # One colour for each limit that cuts the boundary.

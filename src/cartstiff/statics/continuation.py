@@ -606,7 +606,7 @@ class LoadCurve(Result, LabelledResult):
         columns = [self.factors, self.q, self.displacement, self.linear, self.eigenvalue]
         return csv_text(np.column_stack(columns), names)
 
-    def plot(self, *, rotation: bool = False) -> Any:
+    def plot(self, ax: Any = None, *, rotation: bool = False) -> Any:
         """Draw load factor over displacement with stability,
         critical loads and linear prediction.
 
@@ -614,6 +614,8 @@ class LoadCurve(Result, LabelledResult):
         ----------
         rotation : bool
             Show the rotation angle instead of the distance.
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
 
         Returns
         -------
@@ -625,7 +627,7 @@ class LoadCurve(Result, LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure, axes = new_axes(self.elastic.springs_in_doubt)
+        figure, axes = new_axes(self.elastic.springs_in_doubt, ax=ax)
         part = slice(0, 3) if rotation else slice(3, 6)
         units = self.elastic.units
         unit, per = units.shown_length, units.shown_per_length

@@ -588,11 +588,16 @@ class Equilibrium(Result, LabelledResult):
             f"  notes  {codes_of(self.notes)}",
         ]
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Draw how far M moves under a small added unit force:
         see `PostureStiffness.plot`.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
         """
-        return self.stiffness.plot()
+        return self.stiffness.plot(ax)
 
     @property
     def pose(self) -> Array:

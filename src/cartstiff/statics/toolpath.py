@@ -179,16 +179,21 @@ class CompensatedPath(LabelledResult):
             columns.append(self.deviation)
         return csv_text(np.column_stack(columns), names)
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Draw the loaded end-effector's errors before and after compensation,
         point by point.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
 
         Raises
         ------
         MissingDependencyError
             Without matplotlib.
         """
-        figure = new_figure(6.4, 7.2, self.elastic.springs_in_doubt)
+        figure = new_figure(6.4, 7.2, self.elastic.springs_in_doubt, ax=ax)
         axes = figure.subplots(2, 1, sharex=True)
         points = np.arange(1, len(self.q) + 1)
         units, size = self.elastic.units, self.elastic.mechanism.at(self.q[0]).length

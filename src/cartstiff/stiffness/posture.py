@@ -302,12 +302,17 @@ class PostureStiffness(LabelledResult):
         names = self.units.blocks
         return (names["rr"], names["rt"]), (names["tr"], names["tt"])
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Draw how far M moves under a unit force of any direction,
         in the planes of its axes.
 
         The curves are the outlines of the ellipsoid ``{C f : |f| = 1}`` of the
         translational block C of `compliance`; all other freedoms are free.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
 
         Returns
         -------
@@ -323,7 +328,7 @@ class PostureStiffness(LabelledResult):
         block = self.compliance.matrix[3:, 3:]
         squares = block @ block.T
         angle = np.linspace(0.0, 2.0 * np.pi, 181)
-        figure = new_figure(10.0, 3.8, self.elastic.springs_in_doubt)
+        figure = new_figure(10.0, 3.8, self.elastic.springs_in_doubt, ax=ax)
         for axis, plane in zip(
             figure.subplots(1, 3), ([0, 1], [0, 2], [1, 2]), strict=True
         ):

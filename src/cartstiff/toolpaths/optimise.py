@@ -1054,9 +1054,14 @@ class OptimisedPath(LabelledResult):
             names.append(f"{self.criterion.name}_constant{unit}")
         return csv_text(np.hstack(columns), names)
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Draw the criterion along the path, optimised and with a constant choice,
         and the choice.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
 
         Returns
         -------
@@ -1070,7 +1075,7 @@ class OptimisedPath(LabelledResult):
         """
         chosen = self._choice()
         figure = new_figure(
-            6.4, 4.2 if chosen is None else 6.0, self.elastic.springs_in_doubt
+            6.4, 4.2 if chosen is None else 6.0, self.elastic.springs_in_doubt, ax=ax
         )
         axes = np.atleast_1d(figure.subplots(1 if chosen is None else 2, 1, sharex=True))
         points = np.arange(1, len(self.q) + 1)

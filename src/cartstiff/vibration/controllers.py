@@ -225,8 +225,13 @@ class Impedance(Result, LabelledResult):
             "antisymmetric_part_dropped": self.dropped,
         }
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Draw the stiffness and the damping that each joint gets on its own.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
 
         Returns
         -------
@@ -238,7 +243,10 @@ class Impedance(Result, LabelledResult):
             Without matplotlib.
         """
         elastic = self.modes.elastic
-        figure, names = new_figure(8.0, doubt=elastic.springs_in_doubt), elastic.names
+        figure, names = (
+            new_figure(8.0, doubt=elastic.springs_in_doubt, ax=ax),
+            elastic.names,
+        )
         what = {"stiffness": self.joint_stiffness, "damping": self.joint_damping}
         for axis, (word, matrix) in zip(figure.subplots(1, 2), what.items(), strict=True):
             draw_bars(axis, names, matrix.diagonal(), f"{word} of the joint")

@@ -291,8 +291,13 @@ class Modes(Result, LabelledResult):
             f"  notes        {codes_of(self.notes)}",
         ]
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Draw the natural frequencies of the modes.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
 
         Returns
         -------
@@ -303,7 +308,7 @@ class Modes(Result, LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure, axes = new_axes(self.elastic.springs_in_doubt)
+        figure, axes = new_axes(self.elastic.springs_in_doubt, ax=ax)
         axes.barh(range(1, len(self.frequencies) + 1), self.frequencies)
         axes.set(xlabel="natural frequency [Hz]", ylabel="mode", title=self.elastic.name)
         axes.locator_params(axis="y", integer=True)

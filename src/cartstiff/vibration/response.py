@@ -251,7 +251,12 @@ class FrequencyResponse(Result, LabelledResult):
         }
         return plain_dict(data)
 
-    def plot(self, direction: ArrayLike | None = None, modes: Modes | None = None) -> Any:
+    def plot(
+        self,
+        direction: ArrayLike | None = None,
+        modes: Modes | None = None,
+        ax: Any = None,
+    ) -> Any:
         """Draw a Bode diagram: size and phase of each curve,
         with thin lines at the modes.
 
@@ -261,6 +266,8 @@ class FrequencyResponse(Result, LabelledResult):
             Direction of a single curve; default x, y and z.
         modes : Modes, optional
             Modes whose frequencies are marked.
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
 
         Returns
         -------
@@ -271,7 +278,7 @@ class FrequencyResponse(Result, LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure = new_figure(7.0, 5.0)
+        figure = new_figure(7.0, 5.0, ax=ax)
         size, phase = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
         # Size and phase of each curve; no size has no logarithm.
         for name, values in self.curves(direction).items():

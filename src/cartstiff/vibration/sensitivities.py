@@ -132,8 +132,13 @@ class Sensitivities(Result, LabelledResult):
         }
         return plain_dict(data)
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Draw the parameters whose change by one per cent changes a frequency most.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
 
         Returns
         -------
@@ -154,9 +159,9 @@ class Sensitivities(Result, LabelledResult):
         most = [
             i for i in np.argsort(-change, kind="stable")[:_MAX_BARS] if change[i] > 0.0
         ]
-        figure = new_figure()
+        figure, axis = new_axes(ax=ax)
         label = "largest change of a frequency for 1 per cent [Hz]"
-        draw_bars(figure.subplots(), [self.names[i] for i in most], change[most], label)
+        draw_bars(axis, [self.names[i] for i in most], change[most], label)
         return figure
 
 
@@ -261,9 +266,14 @@ class Accuracy(LabelledResult):
         }
         return plain_dict(data)
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Draw the standard deviation of each number; of the matrices that of
         the diagonal.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
 
         Returns
         -------
@@ -274,7 +284,7 @@ class Accuracy(LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure = new_figure(4.0 * len(self.deviations), 4.2)
+        figure = new_figure(4.0 * len(self.deviations), 4.2, ax=ax)
         panels = figure.subplots(1, len(self.deviations), squeeze=False)[0]
         for axis, (quantity, sd) in zip(panels, self.deviations.items(), strict=True):
             shown = sd.diagonal() if sd.ndim == 2 else sd
@@ -304,8 +314,13 @@ class FrequencyInterval(Result, LabelledResult):
     high: Array
     level: float
 
-    def plot(self) -> Any:
+    def plot(self, ax: Any = None) -> Any:
         """Draw the interval of each frequency.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
 
         Returns
         -------
@@ -316,7 +331,7 @@ class FrequencyInterval(Result, LabelledResult):
         MissingDependencyError
             Without matplotlib.
         """
-        figure, axes = new_axes()
+        figure, axes = new_axes(ax=ax)
         axes.hlines(range(1, len(self.low) + 1), self.low, self.high, linewidth=4.0)
         axes.set(
             xlabel=f"natural frequency [Hz], {100.0 * self.level:g} % interval",
