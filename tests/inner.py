@@ -74,9 +74,7 @@ HOMES = {
         BUILT_IN FREQUENCIES QUANTITIES Quantity Settings choose_quantities frequency_name
     """,
     "batch.quick_poses": "QuickPoses",
-    "batch.readings": """
-        READINGS ascending eigenvalues largest_eigenvalue principal_values
-    """,
+    "batch.readings": "READINGS ascending eigenvalues largest_eigenvalue principal_values",
     "batch.recorded_postures": "RecordedPostures",
     "batch.recording": "Recording tensions_of_many",
     "batch.stacks": "evaluate needed_outputs",

@@ -114,10 +114,10 @@ def test_the_page_writes_the_same():
     if node is None:
         pytest.skip("needs node")
     source = (Path(cartstiff.__file__).parent / "page/static/plotfiles.js").read_text()
-    (line,) = [one for one in source.splitlines() if one.startswith("export const safeCell")]
+    (made,) = re.findall(r"^export (const safeCell = .*?;)$", source, re.MULTILINE | re.DOTALL)
     words = [name for name in FORMULAS if not set(name) & set("\t\r\n")]
     words += ["-1.5", "(0, -0.1, 2)", "-"]
     shown = f"console.log(JSON.stringify({json.dumps(words)}.map(safeCell)))"
-    script = f"{line.removeprefix('export ')}; {shown}"
+    script = f"{made} {shown}"
     done = subprocess.run([node, "-e", script], capture_output=True, text=True, check=True)
     assert json.loads(done.stdout) == [safe_cell(" ".join(word.split(" "))) for word in words]
