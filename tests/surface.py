@@ -43,9 +43,9 @@ def options() -> dict[str, list[str]]:
 def _models() -> Iterator[type]:
     """Pydantic models of mechanism files and studies."""
     from cartstiff.designs import study
-    from cartstiff.loading import leg_schema, platform_schema, rings, schema
+    from cartstiff.loading import leg_schema, platform_schema, schema
 
-    for module in (schema, rings, platform_schema, leg_schema, study):
+    for module in (schema, platform_schema, leg_schema, study):
         for thing in vars(module).values():
             own = isinstance(thing, type) and thing.__module__ == module.__name__
             if own and hasattr(thing, "model_fields"):
