@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import datetime
 import platform
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from importlib.metadata import version
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cartstiff.answer.data import Answer
-from cartstiff.answer.posture import answer_at
+from cartstiff.answer.data import Answer, Quantity, Statement, said
+from cartstiff.answer.posture import answer_at, room_load
 from cartstiff.arrays import checked_vector
 from cartstiff.errors import CartstiffError, UndefinedError
 from cartstiff.geometry.se3 import Array
@@ -36,16 +36,18 @@ from cartstiff.page.report_parts import (
     section,
     table,
     text,
-    vector,
 )
 from cartstiff.page.shown import distance_to_singularity
 from cartstiff.page.source import Source
 from cartstiff.report.better import NONE_FOUND, better_sentences
 from cartstiff.report.layout import placed
 from cartstiff.report.sentences import (
+    SENTENCES,
     answer_sentences,
     direction_words,
     is_upright,
+    sentence,
+    statement_sentences,
     title,
 )
 from cartstiff.stiffness.applied_load import LoadKind
@@ -261,6 +263,8 @@ class _Load:
 
     def result(self, elastic: ElasticMechanism, q: Array) -> PostureStiffness:
         """The posture as `analyse` answers it."""
+        if self.taken is None:
+            return analyse(elastic, q)
         return analyse(
             elastic,
             q,
@@ -380,25 +384,28 @@ class _Page:
 
     def _carries(self) -> str:
         """The sentence that names the load, and what holds the mechanism there."""
-        units = self.elastic.units
-        kinds = (("moment", units.moment), ("force", units.force))
-        acting = [
-            f"a {kind} of {engineering(float(np.linalg.norm(part)), unit)}, "
-            f"{direction_words(tuple(part), False, is_upright(self.answer))}"
-            for (kind, unit), part in zip(
-                kinds, np.split(self.load.in_room, 2), strict=True
-            )
-            if part.any()
-        ]
-        springs = ("joints", "legs")[len(self.elastic.mechanism.points) > 0]
-        held = f"held by the springs of its {springs}"
+        how = ("held-by-joints", "held-by-legs")[len(self.elastic.mechanism.points) > 0]
         if self.load.is_held:
-            held = "held by the wrench named below"
+            how = "held-by-wrench"
         if self.answer.load is None:
-            held = "not held at this posture"
-        weight = "; its weight acts" * (self.elastic.gravity is not None)
-        load = " and ".join(reversed(acting)) or "no load"
-        return f"The mechanism carries {load}. It is {held}{weight}."
+            how = "not-held"
+        return self._said("carries", what=list(self._parts()), how=said(how))
+
+    def _parts(self) -> Iterator[Statement]:
+        """Force, moment and weight that act."""
+        units, kinds = self.elastic.units, ("moment", "force")
+        for kind, part in zip(kinds, np.split(self.load.in_room, 2), strict=True):
+            if part.any():
+                size = Quantity(float(np.linalg.norm(part)), getattr(units, kind))
+                where = direction_words(tuple(part), False, is_upright(self.answer))
+                yield said(f"a-{kind}", size=size, where=where)
+        if self.elastic.gravity is not None:
+            yield said("its-weight")
+        elif not self.load.in_room.any():
+            yield said("nothing")
+
+    def _said(self, code: str, **values: Any) -> str:
+        return sentence(SENTENCES[code], values)
 
     def _better(self) -> list[str]:
         """A better posture with the tip where it is, or that there is none."""
@@ -422,38 +429,22 @@ class _Page:
 
     def _near(self) -> str:
         """How far the posture is from each kind of singularity."""
-        return "".join(
-            f"<p>{entry['kind']}: {entry['ratio']:.3g}, the smallest over the largest "
-            "singular value, lengths in "
-            f"{engineering(entry['length'], self.result.units.length)}.</p>"
-            for entry in distance_to_singularity(self.result)
+        lines = (
+            self._said("near-singular", kind=x["kind"], ratio=x["ratio"], length=length)
+            for x in distance_to_singularity(self.result)
+            for length in [Quantity(x["length"], self.result.units.length)]
         )
+        return "".join(f"<p>{text(line)}</p>" for line in lines)
 
     def _acting(self) -> list[str]:
         """The lines about the load and the weight."""
-        load, held, units = self.load, self.answer.load, self.elastic.units
-        lines = ["Load: none"]
+        load, statements = self.load, [said("nothing-acts")]
+        answer = self.answer
         if load.added is not None:
-            moment, force = np.split(load.in_room, 2)
-            lines = [f"Load: {_wrench_words(moment, force, load.kind, units)}"]
-        if load.is_held and held is not None:
-            kind = LoadKind("dead", held.at)
-            words = _wrench_words(
-                np.array(held.moment), np.array(held.force), kind, units
-            )
-            lines += [
-                f"At this posture, before any load, the springs are held by {words}",
-                "Stiffness and shares are those at this posture, before the load",
-            ]
+            kind, axes = load.kind, np.eye(3)
+            own = room_load(self.elastic, kind.kind, kind.at, load.in_room, axes)
+            answer, statements = replace(answer, load=own), [said("load")]
+        lines = statement_sentences(answer, statements)
+        if load.is_held and self.answer.load is not None:
+            lines += statement_sentences(self.answer, [said("held-before")])
         return [*lines, self.result.weighed.text]
-
-
-def _wrench_words(moment: Array, force: Array, kind: LoadKind, units: Units) -> str:
-    """Moment and force along the axes of the room, where they act, and how."""
-    point = "the origin of M"
-    if any(kind.at):
-        point = f"{vector(np.array(kind.at), units.length)} in M"
-    return (
-        f"moment {vector(moment, units.moment)}, force {vector(force, units.force)} "
-        f"along the axes of F, at {point}; {kind.words}"
-    )

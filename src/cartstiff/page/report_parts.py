@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-import numpy as np
-
-from cartstiff import numerics
 from cartstiff.answer.data import Answer
 from cartstiff.errors import printable
-from cartstiff.geometry.se3 import Array
 from cartstiff.report.answer import (
     in_short,
     lines_below,
@@ -20,7 +16,6 @@ from cartstiff.report.answer import (
 )
 from cartstiff.report.matrices import matrices_of
 from cartstiff.stiffness.posture import PostureStiffness
-from cartstiff.units import sized
 
 # Digits of matrices.
 _DIGITS = 4
@@ -57,17 +52,6 @@ def answer_tables(answer: Answer) -> str:
         body = table(cells, [table_head(column) for column in columns])
         found.append(section(table_title(shown), body + below))
     return "".join(found)
-
-
-def vector(values: Array, unit: str) -> str:
-    """Components with four digits, in the unit in which people read the largest."""
-    size, unit = sized(float(np.abs(values).max()), unit)
-    least = numerics.PRINTED_AS_ZERO * np.abs(values).max()
-    return f"({_row(np.where(np.abs(values) < least, 0.0, values) / size)}) {unit}"
-
-
-def _row(values: Array) -> str:
-    return ", ".join(f"{x + 0.0:.{_DIGITS}g}" for x in values)
 
 
 def matrix(result: PostureStiffness) -> str:

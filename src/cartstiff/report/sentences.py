@@ -97,6 +97,22 @@ SENTENCES: dict[str, str] = {
     "stored-energy": "  energy stored in the springs {energy:6}",
     "potential": "  potential of gravity and loads {energy:6}",
     "rows-left-out": "  {count} more without spring, limits and share",
+    # a report
+    "carries": "The mechanism carries {what}. It is {how}",
+    "a-force": "a force of {size:4e}, {where}",
+    "a-moment": "a moment of {size:4e}, {where}",
+    "its-weight": "its weight",
+    "nothing": "no load",
+    "held-by-joints": "held by the springs of its joints",
+    "held-by-legs": "held by the springs of its legs",
+    "held-by-wrench": "held by the wrench named below",
+    "not-held": "not held at this posture",
+    "nothing-acts": "Load: none",
+    "held-before": "At this posture, before any load, the springs are held by {wrench:6} "
+    "along the axes of the room; stiffness and shares are those at this posture, before "
+    "the load",
+    "near-singular": "{kind}: {ratio:3}, the smallest over the largest singular value, "
+    "lengths in {length:4e}",
     # an equilibrium
     "no-load": "No load is given, and no wrench holds the body",
     "loads-included": "The loads are included in the stiffness; no other wrench holds "
