@@ -265,3 +265,86 @@ def test_sliders_arrows_and_functions_of_a_script(pages):
         assert page.evaluate(
             "() => window.cartstiff.pane.part('meshcat', 'cartstiff', 'own', '0').visible"
         )
+
+
+# -- where is it worst, is it good enough, and what else has a number of actions
+# --------------------------------------------------------------------------------------
+
+
+def test_the_worst_over_a_trajectory_in_no_action_and_what_is_allowed(pages):
+    from tests.inner import Background, Playback
+
+    arm, t = cartstiff.load("ur5"), np.linspace(0, 1, 13)
+    way = np.outer(np.sin(2.2 * t), [0.5, 0.4, -0.6, 0, 0.3, 0])
+    playback = Playback(arm.q + way, 4 * t, timed=True)
+    server = Background(Source(arm, load=np.array(DOWN), load_axes="world", trajectory=playback))
+    try:
+        page = pages.open(server.url)
+        page.wait_for_selector("#strip .worst:not([hidden])")
+        sizes = []
+        for q in playback.q:
+            result = cartstiff.analyse(arm, q, wrench=DOWN, load_axes="world")
+            sizes.append(1e3 * np.linalg.norm(np.linalg.solve(result.tangent, result.wrench)[3:]))
+        worst = int(np.argmax(sizes))
+        assert 0 < worst < 12
+        said = page.inner_text("#strip .worst")
+        assert said == f"\u25bc worst {sizes[worst]:.3g} mm at {4 * t[worst]:.4g} s"
+        assert page.locator("#strip .flag").count() == 1
+        hand = Hand(page)
+        hand.click("#strip .worst")
+        assert page.evaluate("() => window.cartstiff.numbers.result.q") == pytest.approx(
+            playback.q[worst]
+        )
+        # An allowed displacement between the least and the largest.
+        allowed = round(float(np.mean([min(sizes), max(sizes)])), 3)
+        hand.click(".enough-card > summary")
+        page.fill("#allowed", str(allowed))
+        page.keyboard.press("Enter")
+        settled(page)
+        assert page.locator("#strip .gap.outside").count() == np.sum(np.array(sizes) > allowed)
+        assert page.locator("#strip .allowed").count() == 1
+        said = hand.reads(".enough-card output")
+        assert said.startswith("\u2715 Outside")
+        newtons = float(said.split("along this one is ")[1].split(" ")[0])
+        assert newtons == pytest.approx(100 * allowed / sizes[worst], rel=6e-3)
+        page.evaluate("(q) => window.cartstiff.goTo(q)", playback.q[0].tolist())
+        settled(page)
+        assert hand.reads(".enough-card summary span") == "\u2713 inside"
+    finally:
+        page.goto("about:blank")
+        server.close()
+
+
+def test_200_n_along_x_and_read_then_undo(hand):
+    """Two actions, the number and its key; one takes it back."""
+    page = hand.page
+    before = page.evaluate("() => window.cartstiff.state.load")
+    page.fill("input[aria-label='fx N']", "200")
+    page.keyboard.press("Enter")
+    settled(page)
+    arm = cartstiff.load("ur5")
+    result = cartstiff.analyse(arm, wrench=[0, 0, 0, 200, 0, 0], load_axes="world")
+    way = 1e3 * np.linalg.norm(np.linalg.solve(result.tangent, result.wrench)[3:])
+    value, unit = hand.reads(".moved-head b").split("\n")[0].split(" ")
+    assert float(value) * MILLI[unit] == pytest.approx(way, rel=1e-3)
+    page.evaluate("() => document.activeElement.blur()")
+    page.keyboard.press("u")
+    settled(page)
+    assert page.evaluate("() => window.cartstiff.state.load") == before
+
+
+def test_two_postures_at_one_scale_in_two_actions(hand):
+    page = hand.page
+    hand.click("button:has-text('Keep as 1')")
+    hand.click(".compare-card label:has-text('side by side')")
+    assert hand.actions == 2
+    q = page.evaluate("() => window.cartstiff.state.q")
+    page.evaluate("(q) => window.cartstiff.goTo(q)", [*q[:2], q[2] + 0.5, *q[3:]])
+    page.wait_for_function("() => window.cartstiff.rows[0].store?.legend")
+    settled(page)
+    legends = page.evaluate(
+        "() => [window.cartstiff, window.cartstiff.rows[0].store].map((one) => "
+        "[one.legend.measures, one.legend.per_length])"
+    )
+    assert legends[0] == legends[1]
+    page.click(".compare-card label:has-text('side by side')")

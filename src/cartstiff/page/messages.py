@@ -90,6 +90,9 @@ class ViewState(_Strict):
     mode : int or None
         The mode, from 1, whose nodal axis is drawn; None for no modes at all.
 
+    allowed : float or None
+        The displacement of the reference point under the load that is enough.
+
     measures : dict or None
         How large the ellipsoids are drawn, by freedom; None for sizes that fit their
         values.
@@ -117,6 +120,7 @@ class ViewState(_Strict):
     ghost: _Vector | None = None
     quantity_of_map: _Short | None = None
     mode: Annotated[int, Field(ge=1, le=500)] | None = None
+    allowed: Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None = None
     measures: dict[Literal["translation", "rotation"], Measure] | None = None
     theme: Literal["light", "dark"] = "light"
     translation: bool = True

@@ -15,13 +15,14 @@ const only = (...values) => (values.every((x) => x === null || x === undefined) 
 
 /**
  * `of` reads numbers, in the units of the mechanism; `scale` says what one of these is in `unit`, if not 1; `nothing`
- * why a row has no value.
+ * why a row has no value. The `worst` posture is that of the largest value, or of the least; of a stiffness of the
+ * least, of a compliance of the largest.
  */
 export const CURVES = [
-  { key: "deflection", words: "deflection", title: () => "How far the load moves the point",
+  { key: "deflection", worst: "largest", words: "deflection", title: () => "How far the load moves the point",
     nothing: ({ unstable }) => (unstable ? UNSTABLE : "no load: nothing moves"),
     of: resisted(({ displacement }) => size(displacement)), unit: (store) => store.unit("length") },
-  { key: "turn", words: "turn under the load", title: () => "How far the load turns the body",
+  { key: "turn", worst: "largest", words: "turn under the load", title: () => "How far the load turns the body",
     nothing: ({ unstable }) => (unstable ? UNSTABLE : "no load: nothing turns"),
     of: resisted(({ rotation }) => size(rotation)), unit: () => "rad" },
   { key: "translation", words: "translation", title: (_, state) =>
@@ -31,19 +32,19 @@ export const CURVES = [
   { key: "rotation", words: "rotation", title: (_, state) =>
     `Principal ${state.quantity} of rotation, ${freeness(state)[1]}`, lines: THREE,
     of: principal("rotation"), unit: (store, { quantity }) => store.blockUnits(quantity)[0][0] },
-  { key: "condition", words: "condition",
+  { key: "condition", worst: "largest", words: "condition",
     title: () => "Condition number of the stiffness, of its translations (rotation held), of its rotations "
       + "(translation held)",
     lines: ["whole", "translation", "rotation"], nothing: () => "the stiffness does not exist here", unit: () => "1",
     of: ({ indices }) => indices && only(indices.condition_number, indices.translational_condition,
       indices.rotational_condition) },
-  { key: "singularity", words: "singular values", title: () =>
+  { key: "singularity", worst: "least", words: "singular values", title: () =>
     "Smallest over largest singular value: 0 at a singularity", unit: () => "1",
     of: ({ singularity }) => (singularity.length ? [Math.min(...singularity.map(({ ratio }) => ratio))] : null) },
-  { key: "energy", words: "energy", title: () => "Energy that potentials store at the posture",
+  { key: "energy", worst: "largest", words: "energy", title: () => "Energy that potentials store at the posture",
     nothing: () => "no energy is stored",
     of: ({ result }) => only(result.energy), unit: (store) => store.unit("moment") },
-  { key: "leg_force", words: "leg force", title: () => "Largest force of a leg",
+  { key: "leg_force", worst: "largest", words: "leg force", title: () => "Largest force of a leg",
     nothing: () => "no legs, or none with a force",
     of: ({ legs }) => (legs?.some(({ tension }) => tension !== null)
       ? [Math.max(...legs.map(({ tension }) => Math.abs(tension ?? 0)))] : null),
@@ -74,6 +75,8 @@ export function plotted(store, key, state, rows) {
   const [factor, unit] = store.fine ? [1, curve.unit(store, state)] : inSize(middle, curve.unit(store, state));
   return {
     lines: curve.lines ?? [curve.words],
+    worst: curve.worst ?? (state.quantity === "stiffness" ? "least" : "largest"),
+    read: (x) => (x * own) / factor,
     unit,
     title: curve.title(store, state),
     values: (row) => row?.[key]?.map((x) => (x === null ? null : (x * own) / factor)) ?? null,

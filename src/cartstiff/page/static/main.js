@@ -3,6 +3,7 @@
 import { controls, pictureControls } from "./controls.js";
 import { button, byId, el, loaded } from "./dom.js";
 import { deflectionPanel } from "./deflection.js";
+import { enoughCard } from "./enough.js";
 import { hands } from "./hands.js";
 import { shortcuts } from "./help.js";
 import { LiveSource, unpack } from "./live.js";
@@ -33,6 +34,7 @@ function build(source) {
   controls(store);
   pictureControls(store);
   deflectionPanel(store);
+  enoughCard(store);
   whichCard(store);
   whatIfCard(store);
   compareCard(store);
@@ -57,8 +59,8 @@ function build(source) {
 
 /** A file of one posture: what would ask for another is switched off. */
 function fix() {
-  const controls = "#left input, .which-card input, #left select, #left button:not(.quiet), .matrix-card .choices input, .parts > label "
-    + "input, .principal-card .choice input, #map-choice select";
+  const controls = "#left input, .which-card input, #left select, #left button:not(.quiet), "
+    + ".matrix-card .choices input, .parts > label input, .principal-card .choice input, #map-choice select";
   for (const node of document.querySelectorAll(controls)) node.disabled = true;
   for (const node of document.querySelectorAll("#strip, .compare-card, .what-if-card, .setup-card, .posture-card "
     + ".buttons")) node.hidden = true;

@@ -8,8 +8,8 @@ import { safeCell } from "./plotfiles.js";
 
 export const WRENCH = ["mx", "my", "mz", "fx", "fy", "fz"];
 export const MOTION = ["rx", "ry", "rz", "x", "y", "z"];
-export const MOTION_WORDS = ["rotation about x", "rotation about y", "rotation about z", "motion along x", "motion along y",
-  "motion along z"];
+export const MOTION_WORDS = ["rotation about x", "rotation about y", "rotation about z", "motion along x",
+  "motion along y", "motion along z"];
 export const WRENCH_WORDS = ["moment about x", "moment about y", "moment about z", "force along x", "force along y",
   "force along z"];
 const VIEWS = [

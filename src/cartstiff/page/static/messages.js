@@ -29,6 +29,7 @@
  * @property {number[] | null} [ghost]
  * @property {string | null} [quantity_of_map]
  * @property {number | null} [mode]
+ * @property {number | null} [allowed]
  * @property {Record<"translation" | "rotation", Measure> | null} [measures]
  * @property {"light" | "dark"} [theme]
  * @property {boolean} [translation]
@@ -181,7 +182,7 @@ export const FIELDS = {
     quantity: ["stiffness", "compliance"], others: ["free", "held"], axes: ["body", "world"], point: null,
     stiffness: null, load: null, load_axes: ["body", "world"], load_kind: ["dead", "follower", "conservative"],
     load_at: null, gravity: null, payload: null, command: null, ghost: null, quantity_of_map: null, mode: null,
-    measures: "Measure", theme: ["light", "dark"], translation: null, rotation: null,
+    allowed: null, measures: "Measure", theme: ["light", "dark"], translation: null, rotation: null,
     scale: ["root", "linear", "log"], labels: null, wrench: null, deflection: null, centres: null },
   Towards: { pose: null, turning: null },
   Draw: { id: null, state: "ViewState", do: ["draw"], towards: "Towards", lengths: null },

@@ -186,7 +186,7 @@ export class PostureSource extends FileSource {
 
   draw(id, state) {
     if (this.differs(state, Object.keys(this.data.hello.state)
-      .filter((key) => !["theme", "mode", "moved"].includes(key)))) throw new Error(this.cannot);
+      .filter((key) => !["theme", "mode", "moved", "allowed"].includes(key)))) throw new Error(this.cannot);
     return [{ id, do: "draw", numbers: this.data.posture.numbers, legend: this.data.legend, followed: null },
       this.themed(state.theme)];
   }

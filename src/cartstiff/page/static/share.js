@@ -23,6 +23,7 @@ const FORMS = {
   q: numbers(({ q }) => q.length), connection: oneOf("connection"), quantity: oneOf("quantity"),
   others: oneOf("others"), axes: oneOf("axes"), point: three,
   stiffness: orNone(numbers(null, true)), load: orNone(numbers(() => 6)),
+  allowed: orNone((text) => (Number(text) > 0 ? Number(text) : undefined)),
   load_axes: oneOf("load_axes"), load_kind: oneOf("load_kind"), load_at: orNone(three),
   gravity: orNone(three), payload: orNone(numbers(() => 4)), command: orNone(numbers(null)), scale: oneOf("scale"),
   translation: flag, rotation: flag, labels: flag, wrench: flag, deflection: flag, centres: flag,

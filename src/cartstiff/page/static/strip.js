@@ -73,10 +73,12 @@ export function strip(store) {
     { class: "quiet", hidden: true, title: "The posture or the load has changed since this was computed" });
   const save = dropdown("Save the plot", SAVED_AS, () => keep(),
     { class: "save", title: "The plot as a file, with what it shows" });
+  const worst = button("", () => go(worstAt), { class: "quiet worst", hidden: true });
+  let worstAt = null; // place of the series
   const cursor = svg("line", { class: "cursor" });
   byId("strip").append(
     el("div", { class: "row" }, el("span", { class: "dim along" }, "Along"), what, map.select, quantity, scale, again,
-      whole, label, save),
+      whole, worst, label, save),
     el("div", { class: "plots" }, plot.node, map.plot),
     el("div", { class: "time-row" }, play, time));
   const reading = tipIn(byId("strip"), "reading", [12, -30]);
@@ -342,6 +344,8 @@ export function strip(store) {
       return points.findLast(Boolean);
     };
     curves.forEach((values, k) => line(values, series.at, `${store.plot.of} curve-${k}`));
+    flag(x, y, to, now());
+    allowedLine(x, y, to);
     lineKey(names, overlaid.length > 0);
     for (const { title, at, values } of overlaid) {
       const end = line(values, at, "other");
@@ -356,6 +360,38 @@ export function strip(store) {
     plot.node.setAttribute("aria-label", `${heading} [${unit}] along ${along()}`);
     plot.node.append(...plot.node.querySelectorAll(".unit, .key"), cursor); // over the curves
     showCursor();
+  }
+
+  /** Flag the worst place of all, and say it. */
+  function flag(x, y, to, { worst: kind, values: valuesOf, unit }) {
+    const isLeast = kind === "least";
+    const at = isLeast || store.plot.of === "condition" ? 0 : -1;
+    const values = series.rows.map((row) => valuesOf(row)?.at(at) ?? NaN);
+    const found = [...values.keys()].filter((k) => Number.isFinite(values[k]));
+    worstAt = found.reduce((best, k) => (best === null || (values[k] < values[best]) === isLeast && values[k]
+      !== values[best] ? k : best), null);
+    worst.hidden = worstAt === null;
+    if (worstAt === null) return;
+    const place = atText(series.at[worstAt]);
+    worst.textContent = `▼ worst ${short(values[worstAt], 3)} ${unit === "1" ? "" : `${unit} `}at ${place}`;
+    worst.title = `The ${kind} value of all: go there`;
+    const [across, up] = [x.place(series.at[worstAt]), clamp(y.place(to(values[worstAt])), y.end, y.start)];
+    if (across >= x.start && across <= x.end) plot.add("path", { class: "flag", d: `M${across},${up}l-5,-9h10z` });
+  }
+
+  /** The displacement that is allowed, and where the load moves the point further. */
+  function allowedLine(x, y, to) {
+    const { allowed } = store.state;
+    if (!allowed) return;
+    series.rows.forEach(({ deflection }, i) => {
+      if (!(deflection?.[0] > allowed)) return;
+      const [from, end] = [i - 1, i + 1].map((j) => x.place(clamp((series.at[i] + series.at[clamp(j, 0,
+        series.at.length - 1)]) / 2, x.low, x.high)));
+      plot.band(from, end - from, { class: "gap outside" });
+    });
+    if (store.plot.of !== "deflection") return;
+    const up = y.place(to(now().read(allowed)));
+    if (up >= y.end && up <= y.start) plot.add("line", { class: "allowed", x1: x.start, x2: x.end, y1: up, y2: up });
   }
 
   /** Mark the ground where nothing exists, with the reason, or a value is negative. */
@@ -389,7 +425,9 @@ export function strip(store) {
     // The coordinate in the middle of the chain usually tells most.
     usual.along = hello.trajectory ? "series:0" : `sweep:${sliders[Math.floor((sliders.length - 1) / 2)]}`;
     plot.node.replaceChildren();
-    again.hidden = true;
+    again.hidden = worst.hidden = true;
+    // Along a trajectory under a load the first question is how far that moves the point.
+    usual.of = hello.trajectory && hello.state.load?.some((x) => x) ? "deflection" : "translation";
     replot();
   });
   /** What an address asks for, as far as there is such a thing. */
@@ -401,6 +439,7 @@ export function strip(store) {
     showPlot(wishes);
   }
   store.on("replot", replot);
+  store.on("state", (patch) => { if ("allowed" in patch) draw(); });
   store.on("units", () => {
     draw();
     map.draw();

@@ -88,9 +88,9 @@ export function whatIfCard(store) {
     const mine = JSON.stringify([q, store.hello.mechanism.name, mechanicsOf({ ...state, stiffness: null })]);
     const found = await store.ask({ do: "stiffer", state, to: tried() });
     if (mine !== ranked) {
-      const own = state.stiffness
-        ? (await store.ask({ do: "numbers", state: { ...state, stiffness: null } })).numbers.moved : store.numbers.moved;
-      first = Math.hypot(...own.displacement);
+      const asFile = { do: "numbers", state: { ...state, stiffness: null } };
+      const { moved } = state.stiffness ? (await store.ask(asFile)).numbers : store.numbers;
+      first = Math.hypot(...moved.displacement);
       ranked = mine;
       rows = found.order.slice(0, MOST_SPRINGS).map(row);
       list.replaceChildren(...rows.map(({ node }) => node));
@@ -100,8 +100,8 @@ export function whatIfCard(store) {
     }
     for (const one of rows) one.set(found);
     reset.disabled = !state.stiffness;
-    all.replaceChildren(...(state.stiffness && found.here !== null ? ["With these springs ", el("b", {}, way(found.here)),
-      ` instead of ${way(first)}, `, el("b", {}, percent(found.here / first - 1))] : []));
+    if (state.stiffness && found.here !== null) all.replaceChildren("With these springs ",
+      el("b", {}, way(found.here)), ` instead of ${way(first)}, `, el("b", {}, percent(found.here / first - 1)));
   }
 
   store.on("numbers", refresh);

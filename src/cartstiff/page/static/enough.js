@@ -1,0 +1,51 @@
+// Is it good enough? A displacement that is allowed: whether the load stays within it, and how large it may be.
+
+import { byId, el, engineering, inSize, short } from "./dom.js";
+
+// Unit in which a displacement is typed, where the file's is a metre.
+const TYPED = "mm";
+
+export function enoughCard(store) {
+  const said = el("span", { class: "dim small", role: "status" });
+  const input = el("input", { type: "number", min: 0, step: "any", id: "allowed", onchange: () => {
+    const typed = input.valueAsNumber;
+    store.change({ allowed: typed > 0 ? typed * factor() : null });
+  } });
+  const unit = el("span", { class: "dim" });
+  const result = el("output", { for: "allowed" });
+  byId("right").append(el("details", { class: "card enough-card" },
+    el("summary", {}, el("h2", {}, "Is it good enough?"), said),
+    el("label", { class: "line" }, el("span", {}, "allowed displacement"), input, unit), result));
+
+  const own = () => store.unit("length");
+  const factor = () => (own() === "m" ? inSize(1e-3, own())[0] : 1);
+
+  /** How large the load is, as people say it. */
+  function size(times) {
+    const load = store.shown.load ?? store.numbers.result.wrench;
+    return [[3, "force"], [0, "moment"]].map(([i, kind]) => [Math.hypot(...load.slice(i, i + 3)), store.unit(kind)])
+      .filter(([x]) => x).map(([x, name]) => engineering(times * x, name, 3)).join(", ");
+  }
+
+  function update() {
+    const { state: { allowed }, numbers } = store;
+    if (!numbers) return;
+    unit.textContent = own() === "m" ? TYPED : own();
+    if (document.activeElement !== input) input.value = allowed ? Number((allowed / factor()).toPrecision(12)) : "";
+    const { moved } = numbers;
+    const way = moved?.resisted ? Math.hypot(...moved.displacement) : null;
+    const isInside = way !== null && way <= allowed;
+    result.dataset.level = !allowed || !moved ? "none" : isInside ? "good" : "bad";
+    said.textContent = !allowed ? "" : !moved ? "needs a load" : isInside ? "✓ inside" : "✕ outside";
+    const most = engineering(allowed, own(), 3);
+    if (!allowed) result.textContent = "";
+    else if (!moved) result.textContent = "Without a load nothing moves";
+    else if (way === null) result.textContent = "✕ The load is not held";
+    else if (!way) result.textContent = "✓ Inside: the load does not move the point";
+    else result.textContent = `${isInside ? "✓ Inside" : "✕ Outside"}: ${engineering(way, own(), 3)} of ${most}. The `
+      + `largest load along this one is ${size(allowed / way)}, ${short(allowed / way, 3)} times it (to first order)`;
+  }
+
+  store.on("numbers", update);
+  store.on("state", (patch) => { if ("allowed" in patch) update(); });
+}
