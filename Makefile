@@ -82,6 +82,8 @@ endif
 lint: $(DEV)
 	@echo "== ruff check"
 	@$(PY) -m ruff check .
+	@echo "== the page's JavaScript"
+	@tools/page/check.sh
 
 format-check: $(DEV)
 	@echo "== ruff format --check"

@@ -39,7 +39,7 @@ MECHANISMS = {
 TABLE, RENDER = 15.0, 30.0
 
 _TIMES = """(count) => new Promise((resolve) => {
-    const slider = document.querySelector("#left .slider input[type=range]");
+    const slider = document.querySelector(".posture-card .slider input[type=range]");
     const [low, high] = [Number(slider.min), Number(slider.max)];
     const table = [], rendered = [];
     let start = 0, number = 0;

@@ -46,7 +46,7 @@ _ALONG = """() => {
     what.dispatchEvent(new Event("change"));
 }"""
 _SLIDE = """([count, until]) => new Promise((resolve) => {
-    const slider = document.querySelector("#left .slider input[type=range]");
+    const slider = document.querySelector(".posture-card .slider input[type=range]");
     const [low, high] = [Number(slider.min), Number(slider.max)];
     const times = [];
     window.phase ??= 0;

@@ -181,7 +181,8 @@ HOMES = {
     "page.server": "Background",
     "page.session": "Session",
     "page.shown": """
-        describe_mechanism reference_frame series_row shown_numbers slider_ranges swept_range
+        describe_mechanism moved_part reference_frame series_row shown_numbers slider_ranges
+        swept_range
     """,
     "page.source": "Cloud Playback Source cloud_of_workspace read_cloud read_trajectory",
     "potentials.beams": "Beam Section evaluate_together stability_functions",

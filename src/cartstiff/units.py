@@ -184,18 +184,24 @@ def _steps(unit: str) -> tuple[float, tuple[tuple[float, str], ...]]:
 
 
 def engineering(
-    value: float | None, unit: str = "", digits: int = 4, least: float = 0.0
+    value: float | None,
+    unit: str = "",
+    digits: int = 4,
+    least: float = 0.0,
+    size: float | None = None,
 ) -> str:
     """Write a value for people: "75.7 N/mm", "7.54 kN m/rad", "3.9 mm";
     "-" where it is None.
 
-    Values smaller than `least` are round-off and written as 0.
+    Values smaller than `least` are round-off and written as 0. The unit is of the value's
+    own size, or of another `size`, so that several values have one.
     """
     if value is None or value != value:
         return "-"
     if abs(value) < least:
         value = 0.0
-    factor, name = (1.0, unit) if abs(value) == inf else sized(value, unit)
+    of = value if size is None else size
+    factor, name = (1.0, unit) if abs(of) == inf else sized(of, unit)
     x = value / factor * _ROUND_UP
     text = f"{x + 0.0:.{digits}g}"
     if 0.0 < abs(x) < _MIN_PLAIN or _MAX_PLAIN <= abs(x) < inf:

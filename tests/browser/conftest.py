@@ -51,6 +51,7 @@ for (const { prototype } of [WebGLRenderingContext, WebGL2RenderingContext]) {
 def setup(page: Any, tab: str) -> None:
     """Show load, drives, springs or point."""
     page.click(f".setup-card > .choice [data-value={tab}]")
+    page.evaluate("() => { document.querySelector('.acts').open = true; }")
 
 
 def unfold(page: Any, part: str = ".matrix-card") -> None:

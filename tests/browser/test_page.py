@@ -328,7 +328,8 @@ def test_a_singular_posture_is_said(ur5):
     assert "Singular posture" in verdict.inner_text()
     assert "does not exist here" in ur5.text_content(".absent-words")
     assert "singular" in ur5.inner_text(".singular")
-    assert "serial-singularity" in ur5.inner_text(".notes")
+    assert "serial singularity" in ur5.inner_text(".notes")
+    assert "choose Home" in ur5.inner_text(".advice")
     assert "not drawn" in ur5.inner_text("#legend")
     ur5.keyboard.press("h")
     settled(ur5)
@@ -684,7 +685,7 @@ def test_every_kind_of_mechanism(serve, pages, name, words):
     page = pages.shared(serve(name).url)
     assert words in page.inner_text("#verdict")
     before = page.evaluate("() => window.cartstiff.numbers.result.q")
-    slider = page.locator("#left .slider input[type=range]").first
+    slider = page.locator(".posture-card .slider input[type=range]").first
     slider.focus()
     page.keyboard.press("ArrowRight")
     settled(page)

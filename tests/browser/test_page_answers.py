@@ -210,7 +210,7 @@ def test_the_softest_is_that_of_the_report_and_every_held_number_says_so(opened)
     assert cells(page, "rotation") == pytest.approx(1 / np.linalg.eigvalsh(C[:3, :3])[::-1])
     assert page.inner_text('[data-row-of="translation"] .unit') == "N/mm, rotation free"
     legend = "() => window.cartstiff.legend.lines.map(({ text }) => text)"
-    assert page.evaluate(legend)[0].startswith("translation (rotation free): ")
+    assert page.evaluate(legend)[0].startswith("stiffness of translation (rotation free): ")
     assert "translation, rotation held" in page.inner_text(".facts")
     page.click("text=Full analysis")
     page.wait_for_selector("#report pre:has-text('softest')")
@@ -219,20 +219,18 @@ def test_the_softest_is_that_of_the_report_and_every_held_number_says_so(opened)
     settled(page)
     assert cells(page) == pytest.approx(np.linalg.eigvalsh(K[3:, 3:]), rel=1e-8)
     assert page.inner_text('[data-row-of="translation"] .unit') == "N/mm, rotation held"
-    assert page.evaluate(legend)[0].startswith("translation (rotation held): ")
+    assert page.evaluate(legend)[0].startswith("stiffness of translation (rotation held): ")
 
 
 def test_pushes_are_resisted_unless_a_turn_is_not(opened):
     """Cables whose platform is turned half round push it away, and no load was given."""
     page = opened("cable-robot")
-    said = "!document.querySelector('.fact.resisted').hidden"
-    assert page.evaluate(said)
+    assert "every small motion is resisted" in page.inner_text("#verdict")
     if not page.evaluate("window.cartstiff.source.moves"):
         return
     page.evaluate("window.cartstiff.goTo([0, 0, 0.6, 0, 0, Math.PI])")
     settled(page)
     assert "Not stable" in page.inner_text("#verdict")
-    assert not page.evaluate(said)
 
 
 @pytest.mark.parametrize("given", [False, True])

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tools.screenshot import settled
+from tools.screenshot import ready, settled
 
 import cartstiff
 from tests.browser.test_page_state import TOOL, changed
-from tests.inner import COLOURS, ViewState, shown_numbers
+from tests.inner import COLOURS, ViewState, moved_part
 
 
 @pytest.mark.parametrize("name", ["hexapod", "panda", "delta"])
@@ -63,31 +63,86 @@ def test_a_leg_is_as_long_as_its_slider_says(serve, pages):
     assert after == pytest.approx(before, rel=1e-5)  # of the slider's digits
 
 
-@pytest.mark.parametrize("name", ["ur5", "hexapod"])
+PLACES = """() => {
+    const at = (...names) =>
+        window.cartstiff.pane.viewer.scene_tree.find(["meshcat", "cartstiff", ...names]).object;
+    return {
+        M: at("M").position.toArray(), rest: at("rest", "M").position.toArray(),
+        wrench: at("wrench").position.toArray(), shown: at("rest").visible,
+        callout: at("callout").children[0].userData.label.text,
+    };
+}"""
+
+
+@pytest.mark.parametrize("name", ["ur5", "hexapod", "five-bar", "cable-robot"])
 def test_the_way_under_the_load_is_shown_enlarged_by_a_stated_factor(serve, chromium, name):
-    # With reduced motion the enlarged posture stands still.
+    """The rest in grey is so many times as far away as the load moves the body; the label at the
+    way says the true one. With reduced motion both stand still.
+    """
     context = chromium.new_context(viewport={"width": 1100, "height": 560}, reduced_motion="reduce")
     page = context.new_page()
     page.goto(serve(name).url)
-    page.wait_for_function("() => window.cartstiff?.source.local")
-    load = (0.0, 0.0, 0.0, 30.0, 0.0, -100.0)
-    changed(page, load_axes="body", load=load)
-    page.click("text=Show it move")
-    words = page.inner_text(".moved-card button[aria-pressed=true]")
-    times = float(words.split("enlarged ")[1].split(" ")[0])
-    place = """() => {
-        const M = window.cartstiff.pane.viewer.scene_tree.find(["meshcat", "cartstiff", "M"]);
-        return M.object.position.toArray();
-    }"""
-    elastic = cartstiff.load(name)
-    result = cartstiff.analyse(elastic, wrench=load)
-    way = np.array(shown_numbers(result, ViewState(load=load))["moved"]["in_room"])
-    shown = result.pose[:3, 3] - page.evaluate(place)
-    assert np.linalg.norm(shown) > 20 * np.linalg.norm(way)
+    ready(page)
+    load = (0.0, 0.0, 0.0, 3.0, 0.0, 0.0 if name == "five-bar" else -10.0)
+    changed(page, load_axes="world", load=load)
+    times = float(page.inner_text(".enlarged .num").split("drawn ")[1].split(" ")[0])
+    found = page.evaluate(PLACES)
+    result = cartstiff.analyse(cartstiff.load(name), wrench=load, load_axes="world")
+    way = np.array(moved_part(result, ViewState())["in_room"])
+    assert found["shown"]
+    shown = np.subtract(found["M"], found["rest"])
     assert np.linalg.norm(shown - times * way) < 0.1 * np.linalg.norm(times * way)
-    page.click(".moved-card button[aria-pressed=true]")
-    assert np.allclose(page.evaluate(place), result.pose[:3, 3], atol=1e-6)
+    value, unit = found["callout"].split(" ")
+    said = float(value) * {"mm": 1e-3, "µm": 1e-6}[unit]
+    assert said == pytest.approx(np.linalg.norm(way), rel=1e-3)
+    assert not page.locator("text=Show it move").is_visible()
+    # Another factor changes the picture and nothing else.
+    before = page.inner_text(".moved-head")
+    changed(page, enlarged=times / 2)
+    found = page.evaluate(PLACES)
+    half = np.subtract(found["M"], found["rest"])
+    assert np.linalg.norm(half - shown / 2) < 0.1 * np.linalg.norm(half)
+    assert page.inner_text(".moved-head") == before
     context.close()
+
+
+def test_what_hangs_on_the_body_moves_with_it_and_comes_back(serve, pages):
+    page = pages.shared(serve("ur5").url)
+    changed(page, load_axes="world", load=[0, 0, 0, 0, 0, -100])
+    start = page.evaluate(PLACES)
+    height = page.locator(".moved-card").bounding_box()["height"]
+    page.click("text=Show it move")
+    page.wait_for_function(f"() => {{ const at = ({PLACES})(); return at.wrench.some((x) => x); }}")
+    found = page.evaluate(PLACES)
+    assert found["M"] != start["M"]
+    # Between rest and load, and the arrow as far from its place as the body.
+    reach = np.linalg.norm(np.subtract(start["rest"], start["M"]))
+    assert 0 < np.linalg.norm(np.subtract(found["M"], start["M"])) <= reach * 1.001
+    assert page.locator(".moved-card").bounding_box()["height"] == height
+    page.click("text=Stop")
+    settled(page)
+    found = page.evaluate(PLACES)
+    assert np.allclose(found["M"], start["M"])
+    assert np.allclose(found["wrench"], 0.0)
+
+
+def test_bars_light_their_parts_and_parts_their_bars(serve, pages):
+    page = pages.shared(serve("ur5").url)
+    changed(page, load_axes="world", load=[0, 0, 0, 0, 0, -100])
+    names = page.locator(".moved-bar .moved-name").all_inner_texts()
+    result = cartstiff.analyse(
+        cartstiff.load("ur5"), wrench=[0, 0, 0, 0, 0, -100], load_axes="world"
+    )
+    shares = moved_part(result, ViewState())["shares"]["parts"]
+    assert names == [part["name"] for part in shares if part["share"] >= 0.005]
+    widths = page.eval_on_selector_all(
+        ".moved-bar i", "(all) => all.map((i) => parseFloat(i.style.width))"
+    )
+    assert widths == pytest.approx([100 * part["share"] for part in shares[: len(names)]], abs=0.01)
+    page.focus(".moved-bar >> nth=1")
+    assert page.locator(".slider.lit label").inner_text() == names[1]
+    page.evaluate("(name) => window.cartstiff.tell('part', name)", names[0])
+    assert page.locator(".moved-bar.lit .moved-name").inner_text() == names[0]
 
 
 def test_two_coordinates_are_a_map_of_colours(serve, pages):
@@ -145,6 +200,7 @@ def test_the_moment_is_turned_by_its_ring(serve, pages):
     changed(page, load=[0, 0, 0, 0, 0, -100], load_axes="world")
     page.keyboard.press("g")
     settled(page)
+    page.locator("#pane canvas").scroll_into_view_if_needed()
     box = page.locator("#pane canvas").bounding_box()
 
     def turned():

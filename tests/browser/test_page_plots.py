@@ -219,11 +219,7 @@ def test_cursor_slider_ticks_and_key(serve, pages):
     assert degrees[0] == -180
     assert degrees[-1] == 180
     assert set(np.diff(degrees)) <= {30.0, 45.0, 60.0, 90.0}
-    assert ticks[-3:] == ["largest", "middle", "least"] or set(ticks) > {
-        "largest",
-        "middle",
-        "least",
-    }
+    assert set(ticks) > {"softest", "middle", "stiffest"}
     assert any(t.endswith(", log") for t in ticks)
     for q in (0.3, -2.5, 3.0):
         page.evaluate(

@@ -24,7 +24,7 @@ class NoPicture:
         self.elastic = elastic
         self.drawn: list[Any] = []
 
-    def draw(self, result: Any, state: Any) -> dict[str, Any]:
+    def draw(self, result: Any, state: Any, moved: Any = None) -> dict[str, Any]:
         self.drawn.append((result.q.tolist(), state))
         return {"lines": []}
 

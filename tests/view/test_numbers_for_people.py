@@ -9,7 +9,7 @@ import shutil
 import subprocess
 
 import pytest
-from tests.inner import Session, Source, ViewState, engineering, page_script
+from tests.inner import Session, Source, ViewState, engineering, moved_part, page_script
 
 import cartstiff
 
@@ -98,26 +98,32 @@ def test_the_legend_names_a_length_and_its_value(kind, power):
 
 def test_the_legend_says_what_else_is_drawn_and_what_is_not():
     session = Session(Source(cartstiff.load("ur5")))
-    state = ViewState(load=(0, 2, 0, 0, 0, -100.0), scale="log", rotation=False, deflection=True)
-    drawn = session.picture.draw(session.result(state), state)
+    state = ViewState(load=(0, 2, 0, 0, 0, -100.0), scale="log", rotation=False)
+    result = session.result(state)
+    drawn = session.picture.draw(result, state, moved_part(result, state))
     lines = _in_node("legend.js", f"legendOf({json.dumps(drawn)}).lines")
     assert [line["mark"] for line in lines] == ["translation", "force", "moment", "deflection"]
     assert re.search(r"\(rings\)$", lines[0]["text"])
     assert re.match(r"force: 100 N is \d+(\.\d+)? cm long; ten times the force", lines[1]["text"])
     assert lines[2]["title"].startswith("length = ")
-    factor = drawn["deflection"]["exaggeration"]
-    assert f"enlarged {factor:.3g} times, under the load at the origin of M" in lines[3]["text"]
-    singular = state.model_copy(update={"q": [0.0] * 6, "rotation": True})
+    assert lines[0]["text"].startswith("compliance of translation (rotation free): ")
+    factor = drawn["rest"]["enlarged"]
+    assert (
+        f"without the load; the way between is drawn {factor:.3g} times as far" in lines[3]["text"]
+    )
+    singular = ViewState(q=[0.0] * 6, scale="log")
     drawn = session.picture.draw(session.result(singular), singular)
     lines = _in_node("legend.js", f"legendOf({json.dumps(drawn)}).lines")
-    assert [line["mark"] for line in lines] == ["force", "moment", "deflection", "note"]
-    both = "translation (rotation free), rotation (translation free) not drawn: "
-    assert lines[-1]["text"].startswith(both)
+    assert [line["mark"] for line in lines] == ["note"]
+    both = "stiffness of translation (rotation free), stiffness of rotation (translation free)"
+    assert lines[-1]["text"].startswith(f"{both} not drawn: ")
 
 
 def test_curves_have_the_unit_of_their_values_that_are_not_zero():
     """A body that moves along one line only: two of three principal compliances are zero."""
-    store = '{ fine: null, read: (x) => x, blockUnits: () => [["rad", ""], ["", "m/N"]] }'
+    store = (
+        '{ fine: null, sizes: {}, read: (x) => x, blockUnits: () => [["rad", ""], ["", "m/N"]] }'
+    )
     rows = "[{ translation: [0, 0, 6.83e-5] }, { translation: [0, 0, 6.5e-5] }]"
     made = f'plotted({store}, "translation", {{ quantity: "compliance" }}, {rows}).unit'
     assert _in_node("curves.js", made) == "µm/N"

@@ -166,6 +166,22 @@ def deflection_found(
     return FoundDeflection(by, name, whole, added, acts_at, shares)
 
 
+def motion_of(r: PostureStiffness, found: FoundDeflection) -> Array | None:
+    """How far a deflection moves the coordinates of the derivatives: joints, or the body
+    by its twist.
+
+    None where the joints' parts do not exist.
+    """
+    if r.posture.coordinates_are_pose:
+        return found.whole.twist
+    if r.posture.closure is not None:
+        change = change_from_symmetric(r, found.connection)
+        return r.motion_under(found.whole.wrench, change)
+    if found.shares is None:
+        return None
+    return np.array([row["motion"] for row in found.shares["shares"]])
+
+
 def _without_rounding(C: Array, deflection: Deflection, length: float) -> Deflection:
     """A motion without the parts that are rounding of the others,
     angles times the length.

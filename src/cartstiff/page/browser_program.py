@@ -35,8 +35,9 @@ from cartstiff.mechanisms.limits import (
 )
 from cartstiff.mechanisms.preload import preload_notes
 from cartstiff.notes import assumed_stiffness
+from cartstiff.page.shown import is_upright
 from cartstiff.potentials.beams import alike
-from cartstiff.report.sentences import VERDICTS
+from cartstiff.report.sentences import ADVICE, VERDICTS
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.settled_links import LAST, ROUNDED
@@ -238,6 +239,7 @@ def _shared_words() -> dict[str, Any]:
             }
             for rule in RULES
         ],
+        "advice": ADVICE,
         "weights": list(WEIGHTS),
         "kinds": dict(LOAD_KINDS),
         "lengths": {
@@ -264,6 +266,7 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
         "actuated": list(mechanism.actuated or ()),
         "virtual": sorted(mechanism.virtual),
         "length_unit": elastic.units.length,
+        "upright": is_upright(elastic),
         "limits": {
             "names": list(limits.names),
             "columns": limits.columns.tolist(),

@@ -19,9 +19,11 @@ from cartstiff.geometry.connections import BI_INVARIANT
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.browser_program import BrowserProgram, browser_program
 from cartstiff.page.files import page_document
+from cartstiff.page.filters import filtered
 from cartstiff.page.messages import Answer, ViewState
 from cartstiff.page.picture import PageScene
 from cartstiff.page.session import PictureMaker, Session, said
+from cartstiff.page.shown import moved_part
 from cartstiff.page.source import Source
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.version import __version__
@@ -49,7 +51,7 @@ def numbered(*states: Mapping[Key, bytes]) -> tuple[list[bytes], list[list[int]]
 
 
 # Parts of the picture that JavaScript cannot draw.
-_NOT_COMPUTED = ("deflection", "centres")
+_NOT_COMPUTED = ("centres",)
 # Parts of a state that are in the mechanism of a file.
 _APPLIED = {"gravity": None, "payload": None, "command": None}
 
@@ -101,6 +103,7 @@ def export_page(
         data["analysis"] = analysis
         data["said"] = said(base, shown)
     script = "" if isinstance(program, str) else program.script
+    commands, data["filters"] = filtered(commands)
     return page_document(
         Answer(data, commands).pack(), f"{elastic.name} · cartstiff", script
     )
@@ -177,13 +180,14 @@ def _picture_of(
     """One picture in both themes; a whole one has every part that another state needs."""
     picture, assets = session.picture, None
     states = dict[str, dict[Key, bytes]]()
+    moved = moved_part(base, shown)
     other = {"dark": "light"}.get(shown.theme, "dark")
     for theme in (shown.theme, other):
         look = shown.model_copy(update={"theme": theme})
         if is_whole:  # the file copies the links of a ghost
             assets = picture.assets(base, look.model_copy(update={"ghost": None}))
         else:
-            picture.draw(base, look)
+            picture.draw(base, look, moved)
         states[theme] = picture.by_path()
     here, there = states.values()
     differing = {
@@ -196,7 +200,7 @@ def _picture_of(
         {k: x for k, x in state.items() if k in differing} for state in states.values()
     ]
     commands, (start, *lists) = numbered(here, *changes)
-    legend = session.with_colour_bar(picture.draw(base, shown))
+    legend = session.with_colour_bar(picture.draw(base, shown, moved))
     units, playback = session.elastic.units, session.source.trajectory
     trajectory = None
     if playback is not None:

@@ -98,29 +98,48 @@ def page_document(packed: bytes, title: str, more: str = "") -> str:
 
     The policy of the file allows these scripts and no others.
     """
-    script, viewer = page_script(), f"{viewer_script().decode()}\n{more}"
-    if "</script" in script:
-        raise ValueError("the page's script must not hold its own end")
+    script, viewer = minified(page_script()), f"{viewer_script().decode()}\n{more}"
     policy = (
-        f"default-src 'none'; script-src {_hash(script)} {_hash(viewer)}; "
+        f"default-src 'none'; script-src {_hash(_LOADER)} {_hash(script)} "
+        f"{_hash(viewer)}; "
         "style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action "
         "'none'"
     )
     head = (
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
         f'<meta name="generator" content="cartstiff {__version__}">\n'
-        f"<style>\n{page_style()}</style>"
+        f"<style>\n{minified(page_style())}</style>"
     )
-    data = (
-        f'<script type="text/plain" id="viewer">{_zipped(viewer.encode())}</script>\n'
-        f'<script type="text/plain" id="data">{_zipped(packed)}</script>\n'
-        f'<script type="module">{script}</script>'
+    parts = {"viewer": viewer.encode(), "data": packed, "script": script.encode()}
+    data = "\n".join(
+        f'<script type="text/plain" id="{name}">{_zipped(part)}</script>'
+        for name, part in parts.items()
     )
+    data += f'\n<script type="module">{_LOADER}</script>'
     before, rest = page_html().split("<!-- assets -->")
     _, after = rest.split("<!-- /assets -->")
     whole = before + head + after.replace("<!-- data -->", data)
     safe = printable(title).replace("&", "&amp;").replace("<", "&lt;")
     return whole.replace("<title>cartstiff</title>", f"<title>{safe}</title>", 1)
+
+
+# The first script of a file: it unpacks the page's own.
+_LOADER = """const text = document.getElementById("script").textContent;
+const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+const own = document.createElement("script");
+own.type = "module";
+own.textContent = await new Response(stream).text();
+document.head.append(own);"""
+_COMMENT = re.compile(r"^\s*(?:/\*.*?\*/|//[^\n]*)\n", re.MULTILINE | re.DOTALL)
+_INDENT = re.compile(r"^\s+", re.MULTILINE)
+
+
+def minified(text: str) -> str:
+    """A script or style sheet without comments on lines of their own, blank lines and
+    indentation.
+    """
+    return _INDENT.sub("", _COMMENT.sub("", text))
 
 
 def _hash(script: str) -> str:

@@ -96,6 +96,11 @@ class ViewState(_Strict):
     measures : dict or None
         How large the ellipsoids are drawn, by freedom; None for sizes that fit their
         values.
+    drawn : {"stiffness", "compliance"} or None
+        Quantity of the ellipsoids; None for `quantity`, under a load for the compliance.
+    enlarged : float or None
+        How many times the deflection is enlarged; None for about a tenth of the
+        mechanism's size.
 
     The others say what the picture shows.
     """
@@ -128,7 +133,9 @@ class ViewState(_Strict):
     scale: Literal["root", "linear", "log"] = "root"
     labels: bool = True
     wrench: bool = True
-    deflection: bool = False
+    deflection: bool = True
+    enlarged: Annotated[float, Field(gt=0.0, le=LARGEST_INPUT)] | None = None
+    drawn: Literal["stiffness", "compliance"] | None = None
     centres: bool = False
 
     @property

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.messages import ViewState
 from cartstiff.page.source import Cloud
 from cartstiff.scene.appearance import Appearance
+from cartstiff.scene.enlarged import factor_for, posture_after, turned_by
 from cartstiff.scene.scene import Scene
 from cartstiff.scene.viewer import RecordingWindow, ViewerNode
 from cartstiff.stiffness.compute import PostureStiffness
@@ -23,7 +24,7 @@ from cartstiff.vibration.modes import modes
 
 # Fields that a state and an appearance share.
 _ALIKE = {f.name for f in fields(Appearance)} & set(ViewState.model_fields)
-_ALIKE -= {"axes", "ghost", "measures"}
+_ALIKE -= {"axes", "ghost", "measures", "deflection"}
 
 
 class PageScene:
@@ -33,8 +34,17 @@ class PageScene:
         self._window = RecordingWindow(writes=True)
         self._scene = Scene(ViewerNode(self._window, "/meshcat"), elastic)
 
-    def draw(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
-        """Move everything to a posture; return the legend, see `Scene.draw`."""
+    def draw(
+        self,
+        result: PostureStiffness,
+        state: ViewState,
+        moved: Mapping[str, Any] | None = None,
+    ) -> dict[str, Any]:
+        """Move everything to a posture; return the legend, see `Scene.draw`.
+
+        Where a load has `moved` the body (see `cartstiff.page.shown.shown_numbers`), the
+        legend says under "rest" how much that is enlarged.
+        """
         nodal = None
         if state.mode is not None:
             with suppress(UndefinedError):
@@ -45,7 +55,35 @@ class PageScene:
                         float(swings.frequencies[state.mode - 1]),
                         swings.nodal_axes[state.mode - 1],
                     )
-        return self._scene.draw(result, _appearance(state, nodal))
+        factor, rest = None, None
+        if state.deflection and moved is not None and moved["resisted"]:
+            factor, rest = self._rest(result, state, moved)
+        quantity = state.drawn or (
+            "compliance" if moved is not None and moved["resisted"] else state.quantity
+        )
+        look = replace(
+            _appearance(state, nodal), rest=rest, quantity=quantity, said=state.quantity
+        )
+        return {**self._scene.draw(result, look), "rest": factor and {"enlarged": factor}}
+
+    def _rest(
+        self, result: PostureStiffness, state: ViewState, moved: Mapping[str, Any]
+    ) -> tuple[float | None, tuple[float, ...] | None]:
+        """How much a deflection is enlarged, and the coordinates without the load."""
+        mechanism, motion = result.mechanism, moved["motion"]
+        if motion is None:
+            return None, None
+        step, lengths = np.array(motion), result.posture.coordinate_lengths
+        factor = factor_for(
+            max(np.hypot.reduce(moved[key]) for key in ("displacement", "of_frame")),
+            turned_by(mechanism, step, lengths),
+            self._scene.size,
+            state.enlarged,
+        )
+        if factor is None:
+            return None, None
+        posture = posture_after(mechanism, result.q, -factor * step)
+        return (None, None) if posture is None else (factor, tuple(posture.q.tolist()))
 
     def assets(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
         """Every part that another state needs is sent.

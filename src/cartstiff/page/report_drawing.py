@@ -27,6 +27,7 @@ from cartstiff.mechanisms.contract import Mechanism, MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.shapes import Box, Capsule, Cylinder, MeshFile, Shape
 from cartstiff.mechanisms.tree import FixedFrame
+from cartstiff.scene.enlarged import factor_for
 from cartstiff.scene.scales import round_number
 from cartstiff.stiffness.applied_load import LoadKind
 from cartstiff.stiffness.posture import PostureStiffness
@@ -34,9 +35,6 @@ from cartstiff.units import Units, engineering
 
 # Pixels of a panel, and around it.
 _WIDTH, _HEIGHT, _ROOM = 320.0, 300.0, 26.0
-# Share of the picture's size by which the tip moves in it, and the largest turn of a
-# joint (rad).
-_SHOWN, _TURN = 0.1, 0.5
 # Share of the size that arrows have, and of which a part along the view is not drawn.
 _ARROW, _HIDDEN = 0.2, 0.02
 _LINK, _EDGE, _GHOST, _LOAD, _TIP = "#d5dae1", "#5d6673", "#1f9d55", "#c22f1e", "#c04020"
@@ -154,10 +152,11 @@ def exaggerated(
     before, after = mechanism.at(start), mechanism.at(end)
     step = end - start
     moved = float(np.linalg.norm((after.pose - before.pose)[:3, 3]))
-    turned = float(np.abs(step / before.coordinate_lengths).max(initial=0.0))
     if not moved > numerics.ROUNDOFF * size:
         return None
-    factor = round_number(min(_SHOWN * size / moved, _TURN / turned))
+    turned = float(np.abs(step / before.coordinate_lengths).max(initial=0.0))
+    if (factor := factor_for(moved, turned, size)) is None:
+        return None
     there = start + factor * step
     try:
         if mechanism.closures:

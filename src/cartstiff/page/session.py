@@ -6,7 +6,7 @@ about many postures; it is a generator, which a server can interrupt between two
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from functools import lru_cache
 from time import thread_time
 from typing import Any
@@ -44,6 +44,7 @@ from cartstiff.page.messages import (
 from cartstiff.page.picture import PageScene
 from cartstiff.page.shown import (
     describe_mechanism,
+    moved_part,
     own_matrices,
     response_curves,
     series_row,
@@ -343,7 +344,13 @@ class Session:
             self._variant = (key, changed(self._elastic, *key))
         return self._variant[1]
 
-    def _draw(self, result: PostureStiffness, state: ViewState) -> dict[str, Any]:
+    def _draw(
+        self,
+        result: PostureStiffness,
+        state: ViewState,
+        numbers: Mapping[str, Any] | None = None,
+    ) -> dict[str, Any]:
+        """Move the picture to a posture whose `numbers` are known, if they are."""
         cloud, wanted = self.source.cloud, state.quantity_of_map
         if cloud is not None and wanted is not None and wanted != self._cloud_shown:
             if wanted not in cloud.values:
@@ -351,7 +358,8 @@ class Session:
             self._colour_bar = self.picture.cloud(cloud, wanted)
             self._cloud_shown = wanted
         self.drawn = result
-        return self.with_colour_bar(self.picture.draw(result, state))
+        moved = moved_part(result, state) if numbers is None else numbers["moved"]
+        return self.with_colour_bar(self.picture.draw(result, state, moved))
 
     def with_colour_bar(self, legend: dict[str, Any]) -> dict[str, Any]:
         """A picture's legend with that of the map, if there is one."""
@@ -385,7 +393,8 @@ class Session:
                 "stopped": list(now.stopped),
             }
         result = self.result(state)
-        numbers, legend = self.numbers(result, state), self._draw(result, state)
+        numbers = self.numbers(result, state)
+        legend = self._draw(result, state, numbers)
         data = {"numbers": numbers, "followed": followed, "legend": legend}
         return Answer({"id": message.id, "do": "draw", **data}, self.picture.changes())
 

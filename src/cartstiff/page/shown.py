@@ -14,11 +14,12 @@ from cartstiff.analysis.ellipsoids import Freedom, MatrixPair, softest
 from cartstiff.analysis.indices import spectrum
 from cartstiff.analysis.matrices import move_stiffness
 from cartstiff.analysis.metrics import length_of_pair
-from cartstiff.analysis.posture import FoundDeflection, deflection_found
+from cartstiff.analysis.posture import FoundDeflection, deflection_found, motion_of
 from cartstiff.analysis.principal import block_ellipsoid, matrix_pair
 from cartstiff.analysis.sections import Notes
+from cartstiff.answer.data import Shares
 from cartstiff.answer.doubts import doubts_of
-from cartstiff.answer.posture import verdict_at
+from cartstiff.answer.posture import shares_of, verdict_at
 from cartstiff.arrays import plain
 from cartstiff.errors import UndefinedError
 from cartstiff.geometry import se3
@@ -30,7 +31,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import limits_of
 from cartstiff.page.messages import ViewState
-from cartstiff.report.sentences import VERDICTS
+from cartstiff.report.sentences import ADVICE, VERDICTS, direction_words
 from cartstiff.statics.command import drives
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.motions import scaled_values
@@ -82,6 +83,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array) -> dict[str, Any]:
     return {
         "name": elastic.name,
         "kind": mechanism.kind,
+        "called": _kind_words(elastic),
         "frame": mechanism.frame,
         "frames": elastic.frames_of_body,
         "units": units.to_dict(),
@@ -107,6 +109,7 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array) -> dict[str, Any]:
         "source": elastic.source,
         "is_illustrative": elastic.is_illustrative,
         "weighed": gravity_loads(elastic).text,
+        "upright": is_upright(elastic),
         "gravity": None if elastic.gravity is None else elastic.gravity.tolist(),
         "size": float(mechanism.at(q).length),
         "platform": mechanism.coordinates_are_pose,
@@ -120,6 +123,23 @@ def describe_mechanism(elastic: ElasticMechanism, q: Array) -> dict[str, Any]:
             for name, matrix in MATRICES.items()
         ],
     }
+
+
+_KINDS = {
+    "serial": "serial arm",
+    "stewart-gough": "platform on six legs",
+    "springs": "body on springs",
+    "parallel": "parallel mechanism",
+    "closed-chain": "closed chain",
+}
+
+
+def _kind_words(elastic: ElasticMechanism) -> str:
+    """What kind of mechanism it is, in words."""
+    springs, kind = elastic.springs, elastic.mechanism.kind
+    if springs is not None and springs.unilateral:
+        return "cable robot"
+    return _KINDS.get(kind, kind)
 
 
 def _joints(elastic: ElasticMechanism) -> list[int]:
@@ -234,8 +254,8 @@ def shown_numbers(
     -------
     dict
         Keys "result", "has_compliance", "position", "frame", "stiffness", "compliance",
-        "wrench", "principal", "softest", "indices", "symmetric", "singularity", "legs",
-        "moved", "modes", "verdict", "doubts"; None for numbers that do not exist.
+        "wrench", "principal", "softest", "indices", "apart", "symmetric", "singularity",
+        "legs", "moved", "modes", "verdict", "doubts"; None for numbers that do not exist.
     """
     # All matrices in the frame that the reader has chosen.
     T = reference_frame(result, state)
@@ -254,12 +274,13 @@ def shown_numbers(
         "compliance": None,
         "wrench": _listed(here.wrench),
         "principal": principal,
-        "softest": softest_in_room(here),
+        "softest": softest_in_room(here, result.elastic),
         "indices": numbers,
+        "apart": apart(shown),
         "symmetric": asymmetries(here, state.quantity),
         "singularity": distance_to_singularity(result),
         "legs": legs(result),
-        "moved": _moved(result, state),
+        "moved": moved_part(result, state),
         "modes": modes_part(result) if state.mode is not None else None,
         "verdict": verdict_words(result, state.connection, numbers),
         "doubts": [
@@ -295,13 +316,19 @@ def own_matrices(
 def verdict_words(
     result: PostureStiffness, connection: str, indices: Mapping[str, Any] | None
 ) -> dict[str, Any]:
-    """The verdict on the matrix shown: level, sentence,
-    and its code unless it is good.
+    """The verdict on the matrix shown: level, sentence, and unless it is good its code,
+    and what to try.
     """
     definiteness = None if indices is None else indices["definiteness"]
     found = verdict_at(result, connection, definiteness)
     code = None if found.level == "good" else found.code
-    return {"level": found.level, "title": VERDICTS[found.code], "code": code}
+    advice = None
+    if code is not None:
+        is_preload = result.is_loaded and not result._load_is_given
+        own = f"preload {code}" if is_preload else code
+        advice = ADVICE.get(own, ADVICE.get(code))
+    title = VERDICTS[found.code]
+    return {"level": found.level, "title": title, "code": code, "advice": advice}
 
 
 def reference_frame(result: PostureStiffness, state: ViewState) -> Array | None:
@@ -414,9 +441,11 @@ def _principal(here: StiffnessInFrame, state: ViewState) -> dict[str, Any] | Non
     return shown
 
 
-def softest_in_room(here: StiffnessInFrame) -> dict[str, Any] | None:
+def softest_in_room(
+    here: StiffnessInFrame, elastic: ElasticMechanism
+) -> dict[str, Any] | None:
     """Least stiffness against a force, the body free to turn, and its direction in F,
-    if it is one.
+    if it is one, also in words.
 
     None where a force is not resisted along every direction.
     """
@@ -427,7 +456,10 @@ def softest_in_room(here: StiffnessInFrame) -> dict[str, Any] | None:
     found = (
         None if free is None else softest(free.eigenvalues, here.pose[:3, :3] @ free.axes)
     )
-    return None if found is None else {"stiffness": found[0], "direction": found[1]}
+    if found is None:
+        return None
+    words = None if found[1] is None else _which(elastic, found[1], is_line=True)
+    return {"stiffness": found[0], "direction": found[1], "which": words}
 
 
 def _indices(pair: MatrixPair) -> dict[str, Any] | None:
@@ -527,23 +559,66 @@ def displacement_under_load(result: PostureStiffness, state: ViewState) -> float
     return float(np.linalg.norm(found.whole.displacement))
 
 
-def _moved(result: PostureStiffness, state: ViewState) -> dict[str, Any] | None:
-    """Return the displacement of the reference point under the load, to first order."""
+def moved_part(result: PostureStiffness, state: ViewState) -> dict[str, Any] | None:
+    """How far the load moves the reference point, to first order, and what contributes.
+
+    "motion" is that of the coordinates of the derivatives.
+    """
     notes = Notes()
     found = _deflection(result, state, notes)
     if found is None:
         return None
-    whole, rows = found.whole, found.shares["shares"] if found.shares else []
+    whole, shares = found.whole, shares_of(found.shares, result.elastic)
+    in_room = (result.pose[:3, :3] @ whole.displacement).tolist()
+    motion = motion_of(result, found)
     return {
         "displacement": whole.displacement.tolist(),
-        "in_room": (result.pose[:3, :3] @ whole.displacement).tolist(),
+        "in_room": in_room,
+        "of_frame": whole.twist[3:].tolist(),
         "rotation": whole.twist[:3].tolist(),
+        "which": _which(result.elastic, in_room),
         "energy": plain(whole.energy),
         "acts_at": found.acts_at.tolist(),
         "resisted": result._resists,
-        "shares": [{"name": row["name"], "share": plain(row["share"])} for row in rows],
+        "shares": None if shares is None else plain_shares(shares),
+        "motion": None if motion is None else motion.tolist(),
         "notes": [note["message"] for note in notes.entries],
     }
+
+
+def apart(matrices: Mapping[str, Array | None]) -> float | None:
+    """Largest difference of two entries of A and K, over the square root of the product
+    of the diagonal entries beside it in K.
+    """
+    A, K = matrices["A"], matrices["K"]
+    if A is None or K is None:
+        return None
+    sizes = np.sqrt(np.abs(np.diag(K)))
+    per = np.outer(sizes, sizes)
+    difference = np.abs(A - K)
+    most = float(np.divide(difference, per, out=0.0 * per, where=per > 0.0).max())
+    return 0.0 if most < numerics.NEGLIGIBLE_DIFFERENCE else most
+
+
+def plain_shares(shares: Shares) -> dict[str, Any]:
+    """Shares in the order in which they are said, and the rest."""
+    parts = [{"name": part.name, "share": part.share} for part in shares.parts]
+    return {"of": shares.of, "parts": parts, "rest": shares.rest}
+
+
+def is_upright(elastic: ElasticMechanism) -> bool:
+    """Whether z is vertical: gravity, if any is known, is along it."""
+    return elastic.gravity is None or not any(elastic.gravity[:2])
+
+
+def _which(
+    elastic: ElasticMechanism, direction: Sequence[float], is_line: bool = False
+) -> str | None:
+    """A direction of the room in words; None for none."""
+    if not any(direction):
+        return None
+    x, y, z = direction
+    return direction_words((x, y, z), is_line, is_upright(elastic))
 
 
 def series_row(result: PostureStiffness, state: ViewState) -> dict[str, Any]:

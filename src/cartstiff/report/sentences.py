@@ -71,6 +71,44 @@ VERDICTS |= {
     for kind in ("indefinite", "negative semidefinite", "negative", "zero")
 }
 
+_AWAY = "Turn a joint, choose Home, or look at the compliance, which exists here."
+_ALONE = "Choose the load none to see what the springs do alone."
+#: What to try where a verdict is not good, by its code; with "preload " before it, where
+#: springs of the file need a wrench that nobody has given.
+ADVICE: dict[str, str] = {
+    "serial-singularity": "In this posture the joints cannot move the body along one "
+    f"direction. {_AWAY}",
+    "near-serial-singularity": "Turn a joint away from here: near a singularity one "
+    "direction is very stiff, and its joints must move far.",
+    "type-2-singularity": "The drives cannot hold the body here, whatever they do. "
+    "Choose Home, or drag the body away.",
+    "near-type-2-singularity": "The drives hardly hold one direction here. Drag the body "
+    "away, or choose Home.",
+    "constraint-singularity": "Several motions cross here. Choose Home, or move a drive.",
+    "non-regular-redundancy": "Move a drive, so that the closures become regular.",
+    "unbalanced": "Give a load, or choose Home: rest positions are then chosen so that "
+    "the springs balance.",
+    "buckled": "Reduce the load, or stiffen a spring.",
+    "strut-buckled": "Reduce the load.",
+    "strut-not-found": "Reduce the load, or move the body back.",
+    "idle-self-motion": "Give every joint a spring.",
+    "fewer-than-six-freedoms": "Look at the compliance: it says how the body moves along "
+    "the directions that it has.",
+    "slack": "Some cables are slack: a load that pulls on them tightens them.",
+    "singular-stiffness": "Give every joint a spring, or read the compliance.",
+    "indefinite": "Reduce the load: it pushes the body away along some motion.",
+    "zero": "Give the joints springs.",
+}
+_UNSTABLE_LOAD = (
+    "The springs of the file are stretched: only a wrench holds the body here, and along "
+    f"some motion it pushes the body further away. {_ALONE}"
+)
+ADVICE |= {
+    f"preload {fact}{kind}": _UNSTABLE_LOAD
+    for fact in ("", *(f"{fact} " for fact in _NO_STABILITY))
+    for kind in ("indefinite", "negative semidefinite", "negative", "zero")
+}
+
 #: Advice for springs that push along a self-motion without a given load.
 BALANCING = (
     "--load 0,0,0,0,0,0 (or what acts) chooses rest positions at which the "

@@ -36,6 +36,8 @@ class Appearance:
         symmetric part is drawn.
     quantity : {"stiffness", "compliance"}
         Quantity of the ellipsoids.
+    said : {"stiffness", "compliance"}, optional
+        Quantity of the values at their axes; default the same.
     translation, rotation : bool
         Which ellipsoids.
     others : {"block", "held", "free"}
@@ -60,6 +62,9 @@ class Appearance:
         Centres of stiffness, compliance, elasticity, and of least coupling.
     ghost : tuple of floats, optional
         Coordinates of a second posture, drawn pale.
+    rest : tuple of floats, optional
+        Coordinates at which the mechanism is drawn a second time, in grey, by a viewer
+        that copies it (a page): those without the load.
     nodal : tuple of int, float and Screw, optional
         Number of a mode, its frequency [Hz], and the axis in M about which the body turns
         in it.
@@ -76,6 +81,7 @@ class Appearance:
 
     connection: str = "load"
     quantity: Literal["stiffness", "compliance"] = "stiffness"
+    said: Literal["stiffness", "compliance"] | None = None
     translation: bool = True
     rotation: bool = True
     others: Literal["block", "held", "free"] = "block"
@@ -89,6 +95,7 @@ class Appearance:
     exaggeration: float | None = None
     centres: bool = False
     ghost: tuple[float, ...] | None = None
+    rest: tuple[float, ...] | None = None
     nodal: tuple[int, float, Screw] | None = None
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
     measures: Mapping[str, Mapping[str, Any]] | None = None

@@ -10,6 +10,8 @@ ends in two discs; the softest axis is never too short to be seen.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf
 from typing import Any, Literal
 
 import numpy as np
@@ -39,6 +41,33 @@ FLAT_WORDS = {
 # Words behind the value of an axis that is cut.
 CUT = " (cut)"
 _BLOCKS = {"rotation": slice(0, 3), "translation": slice(3, 6)}
+
+
+@dataclass(frozen=True)
+class Said:
+    """The words at the axes of an ellipsoid: a value in `unit`, all three in one size.
+
+    Attributes
+    ----------
+    unit : str
+        Unit of the values that are said.
+    inverted : bool
+        Whether they are the reciprocals of the drawn ones.
+    ends : tuple of str
+        Words before the smallest and the largest drawn value, if all are above zero.
+    """
+
+    unit: str
+    inverted: bool = False
+    ends: tuple[str, str] = ("", "")
+
+    def of(self, values: Sequence[float]) -> list[str]:
+        """The words of three values, smallest first."""
+        numbers = [1.0 / v if v else inf for v in values] if self.inverted else values
+        size = min((abs(v) for v in numbers if v and abs(v) < inf), default=0.0)
+        first, last = self.ends if values[0] > 0.0 else ("", "")
+        each = zip((first, "", last), numbers, strict=True)
+        return [f"{word} {number(v, self.unit, size)}".lstrip() for word, v in each]
 
 
 class EllipsoidPicture:
@@ -88,10 +117,12 @@ class EllipsoidPicture:
         unit: str,
         axes: bool = True,
         labels: bool = True,
+        said: Said | None = None,
     ) -> dict[str, Any]:
         """Show an ellipsoid whose matrix is in the frame with pose T; returns its legend.
 
-        The scale leads from values to lengths.
+        The scale leads from values to lengths. What is `said` at the axes is by default
+        their values.
         """
         flat = shape.definiteness == "positive semidefinite"
         solid = flat or shape.definiteness == "positive"
@@ -100,6 +131,7 @@ class EllipsoidPicture:
         columns = T[:3, :3].dot(shape.axes).T.tolist()
         centre, principal = T[:3, 3].tolist(), shape.eigenvalues.tolist()
         radii = [*map(scale.length, principal)]
+        words = (said or Said(unit)).of(principal) if labels else []
         self.node.show(True)
         self._body.show(solid)
         if solid:
@@ -128,7 +160,7 @@ class EllipsoidPicture:
             self._axes[i].set_columns(*ends, start)
             if labels:
                 end = _along(columns[i], self._side * 1.08 * half, centre)
-                self._labels[i].show(number(value, unit) + CUT * is_cut, end)
+                self._labels[i].show(words[i] + CUT * is_cut, end)
         step = scale.per_decade if isinstance(scale, Logarithmic) else 0.0
         self._draw_rings(columns, centre, step, max(radii) if solid else 0.0)
         return {
@@ -205,7 +237,8 @@ def _along(
 
 def _reason(shape: Ellipsoid, unit: str) -> str:
     kind = shape.definiteness
-    low = number(float(shape.eigenvalues[0]), unit)
+    size = min((abs(v) for v in shape.eigenvalues.tolist() if v), default=0.0)
+    low = number(float(shape.eigenvalues[0]), unit, size)
     if kind == "positive semidefinite":
         return FLAT_WORDS[int(np.sum(shape.eigenvalues == 0.0))]
     if kind == "zero":

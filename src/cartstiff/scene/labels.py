@@ -24,9 +24,9 @@ _MARGIN = 6
 _PAPER_OPACITY = 184
 
 
-def number(value: float, unit: str = "") -> str:
-    """Three digits and a unit: "77.5 N/mm"."""
-    return engineering(value, unit, 3)
+def number(value: float, unit: str = "", size: float | None = None) -> str:
+    """Three digits and a unit: "77.5 N/mm"; in the unit of another `size`, if given."""
+    return engineering(value, unit, 3, size=size)
 
 
 @cache

@@ -80,17 +80,28 @@ class LinesPicture:
             line.set_object(objects.rod(1.9 * radius, *theme.shade(tube, ghost)))
         self._dashed = [False] * count
 
-    def move(self, starts: Array, ends: Array) -> None:
-        """Draw each line from `starts` to `ends` (m, 3)."""
+    def move(self, starts: Array, ends: Array, root: ViewerNode | None = None) -> None:
+        """Draw each line from `starts` to `ends` (m, 3).
+
+        With another `root` only places below it are set, as a viewer needs that copies
+        the lines there.
+        """
+        rods, tubes = self._rods, self._tubes
+        if root is not None:
+            lines = [root[f"line {i + 1}"] for i in range(len(rods))]
+            rods, tubes = (
+                [line["rod"] for line in lines],
+                [line["tube"] for line in lines],
+            )
         for i, (start, end) in enumerate(
             zip(starts.tolist(), ends.tolist(), strict=True)
         ):
             x, y, z = objects.segment_columns(start, end)
-            self._rods[i].set_columns(x, y, z, start)
+            rods[i].set_columns(x, y, z, start)
             if self.telescope is not None:
                 a, b, c = x
                 share = min(1.0, self.telescope / sqrt(a * a + b * b + c * c))
-                self._tubes[i].set_columns([share * a, share * b, share * c], y, z, start)
+                tubes[i].set_columns([share * a, share * b, share * c], y, z, start)
 
     def carry(self, tensions: Array, taut: Array | None = None) -> dict[str, Any]:
         """Colour each line by its tension (m,), slack cables grey and dashed;
@@ -105,7 +116,8 @@ class LinesPicture:
             are_slack = (~taut).tolist()
         self._paint(scale.share(tensions).tolist(), are_slack)
         slack = [i + 1 for i, is_slack in enumerate(are_slack) if is_slack]
-        return {**scale.legend(), "values": tensions.tolist(), "slack": slack}
+        told = {"values": tensions.tolist(), "slack": slack, "cables": self._cables}
+        return {**scale.legend(), **told}
 
     def _paint(self, shares: list[float], are_slack: list[bool]) -> None:
         for i, (line, share, slack) in enumerate(
@@ -194,11 +206,15 @@ class PlatformPicture:
             node[f"joint {i + 1}"].set_object(made)
             node[f"joint {i + 1}"].move_to(point)
 
-    def move(self, posture: PlatformPosture) -> None:
-        """Put body and legs where they are at a pose."""
+    def move(self, posture: PlatformPosture, root: ViewerNode | None = None) -> None:
+        """Put body and legs where they are at a pose; below another `root` places
+        alone.
+        """
         T, platform = posture.pose, self._platform
-        self._body.set_transform(T)
-        self._lines.move(platform.anchors, platform.points @ T[:3, :3].T + T[:3, 3])
+        body, legs = (self._body, None) if root is None else (root["body"], root["legs"])
+        body.set_transform(T)
+        points = platform.points @ T[:3, :3].T + T[:3, 3]
+        self._lines.move(platform.anchors, points, legs)
 
     def corners(self, _: PlatformPosture) -> Array:
         """No boxes: plates and legs are within `extent`."""
@@ -293,16 +309,19 @@ class ChainPicture:
                 self.notes.append("sticks between the joints are drawn instead")
         self._moving = sorted(j for j in self._joints if j > 0)
 
-    def move(self, posture: ChainPosture) -> None:
-        """Put every link where it is at a posture."""
-        at = posture.pose_at
+    def move(self, posture: ChainPosture, root: ViewerNode | None = None) -> None:
+        """Put every link where it is at a posture; below another `root` places alone."""
+        at, joints = posture.pose_at, self._joints
+        if root is not None:
+            joints = {j: root[f"joint {j}"] for j in self._moving}
         for moving, T_F_j in zip(
             self._moving, posture.joint_poses(self._moving), strict=True
         ):
-            self._joints[moving].set_transform(T_F_j)
+            joints[moving].set_transform(T_F_j)
         for node, parent, start, joint in self._sliders:
             T = at(parent)
-            node.set_transform(
+            rod = node if root is None else root[_name_of(node)]
+            rod.set_transform(
                 objects.segment(T[:3, :3] @ start + T[:3, 3], at(joint)[:3, 3])
             )
 
@@ -313,7 +332,7 @@ class ChainPicture:
         return {
             "joints": self._moving,
             "sliders": [
-                [node.path.rpartition("/")[2], parent.joint, start.tolist(), joint.joint]
+                [_name_of(node), parent.joint, start.tolist(), joint.joint]
                 for node, parent, start, joint in self._sliders
             ],
             "boxes": [[at.joint, box.tolist()] for at, box in self._boxes],
@@ -416,6 +435,10 @@ class ChainPicture:
                 self._sliders.append((rod, parent, start, own))
 
 
+def _name_of(node: ViewerNode) -> str:
+    return node.path.rpartition("/")[2]
+
+
 def _geometries(
     shape: Shape, mesh: Mesh | None, coloured: bool
 ) -> list[tuple[objects.Object, Array | None]]:
@@ -479,9 +502,9 @@ class PathsPicture:
         paths = posture.drawn().paths
         return np.vstack([p[:-1] for p in paths]), np.vstack([p[1:] for p in paths])
 
-    def move(self, posture: MechanismPosture) -> None:
-        """Draw the paths at a posture."""
-        self._lines.move(*self._ends(posture))
+    def move(self, posture: MechanismPosture, root: ViewerNode | None = None) -> None:
+        """Draw the paths at a posture; below another `root` places alone."""
+        self._lines.move(*self._ends(posture), root and root["paths"])
 
     def corners(self, _: MechanismPosture) -> Array:
         """No boxes."""
@@ -533,12 +556,16 @@ class MechanismPicture:
             for i, own in enumerate(_lines(elastic, elastic.mechanism.at(elastic.q)))
         ]
 
-    def move(self, posture: MechanismPosture) -> None:
-        """Put everything where it is at a posture."""
-        self._own.move(posture)
+    def move(self, posture: MechanismPosture, root: ViewerNode | None = None) -> None:
+        """Put everything where it is at a posture.
+
+        With another `root` only places below it are set: a viewer that copies what is
+        drawn there shows the mechanism twice.
+        """
+        self._own.move(posture, root)
         lines = _lines(self._elastic, posture)
-        for picture, own in zip(self._lines, lines, strict=True):
-            picture.move(own.starts, own.ends)
+        for i, (picture, own) in enumerate(zip(self._lines, lines, strict=True)):
+            picture.move(own.starts, own.ends, root and root[f"springs {i + 1}"])
 
     def corners(self, posture: MechanismPosture) -> Array:
         """Corners (n, 3) in F of boxes around the links' meshes.
@@ -560,8 +587,9 @@ class MechanismPicture:
         Returns
         -------
         dict or None
-            "unit", "limits", "values" and "slack" (numbers from 1), and under "lines" the
-            same for every group of springs between links. None where there are no lines.
+            "unit", "limits", "values", "cables" and "slack" (numbers from 1), and under
+            "lines" the same for every group of springs between links. None where there
+            are no lines.
         """
         posture = result.posture
         self.move(posture)

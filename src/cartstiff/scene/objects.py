@@ -432,7 +432,7 @@ def shadow(centre: Array, radii: Array) -> Object:
         "uuid": "material",
         "type": "MeshBasicMaterial",
         "color": 0,
-        "opacity": 0.023,
+        "opacity": 0.009,
         "transparent": True,
         "depthWrite": False,
         "side": _BOTH_SIDES,

@@ -44,7 +44,9 @@ from cartstiff.scene.ellipsoids import (
     SHORTEST,
     THIN,
     EllipsoidPicture,
+    Said,
 )
+from cartstiff.scene.enlarged import MOST_SHOWN, MOST_TURN, SHOWN, TURN
 from cartstiff.scene.environment import Environment
 from cartstiff.scene.mechanism import MechanismPicture, extent
 from cartstiff.scene.points import add_points
@@ -131,6 +133,7 @@ class Scene:
         reason, here = why_missing(result, look), reference(result, look)
         tension = self._mechanism.draw(result)
         self._move_ghost(ghost, look, notes)
+        self._move_rest(look)
         self._frame.set_transform(result.pose)
         for name in ("F", "M"):
             self._node[name].show(look.frames)
@@ -183,6 +186,11 @@ class Scene:
     def camera(self, preset: str = "iso") -> None:
         """View from "iso" (also "fit", "home"), "front", "side" or "top"."""
         self._environment.camera(preset)
+
+    @property
+    def size(self) -> float:
+        """Size of the mechanism."""
+        return self._environment.size
 
     def bounds(self, result: PostureStiffness) -> Array:
         """Lowest and highest corner (2, 3), in the viewer's units,
@@ -237,7 +245,8 @@ class Scene:
                     strict=True,
                 )
             ),
-            "smallest_motion": SMALLEST_MOTION,
+            "size": size,
+            "enlarged": [SHOWN, TURN, MOST_SHOWN, MOST_TURN],
             "thin": THIN * size,
             "flat": FLAT * size,
             "flat_words": FLAT_WORDS,
@@ -254,7 +263,6 @@ class Scene:
                 }
                 for name, shades in theme.THEMES.items()
             },
-            "ghost": {"colour": theme.GHOST, "opacity": theme.GHOST_OPACITY},
             **self._mechanism.facts(),
         }
 
@@ -269,6 +277,7 @@ class Scene:
             for part in (
                 "mechanism",
                 "ghost",
+                "rest",
                 "nodal",
                 "centres",
                 "wrench",
@@ -334,7 +343,15 @@ class Scene:
             self._unit(freedom, look.quantity),
             look.axes,
             look.labels,
+            self._said(freedom, look),
         )
+
+    def _said(self, freedom: Freedom, look: Appearance) -> Said:
+        """The words at the axes of an ellipsoid."""
+        quantity = look.said or look.quantity
+        ends = ("softest", "stiffest")[:: 1 if look.quantity == "stiffness" else -1]
+        is_other = quantity != look.quantity
+        return Said(self._unit(freedom, quantity), is_other, (ends[0], ends[1]))
 
     def _ellipsoid_of(self, freedom: Freedom, quantity: Quantity) -> EllipsoidPicture:
         if (freedom, quantity) not in self._ellipsoids:
@@ -468,12 +485,14 @@ class Scene:
         self, posture: MechanismPosture | None, look: Appearance, notes: list[str]
     ) -> None:
         if look.ghost is None:
-            if self._ghost is not None:
-                self._ghost.node.show(False)
+            self._node["ghost"].show(False)
             return
-        if posture is not None:
+        place = self._node["ghost"]
+        if posture is not None and self._copies:
+            self._mechanism.move(posture, place)
+            self._ghost_at = look.ghost
+        elif posture is not None:
             if self._ghost is None:
-                place = self._node["ghost"]
                 self._ghost = MechanismPicture(
                     place,
                     self._elastic,
@@ -483,7 +502,20 @@ class Scene:
                 )
             self._ghost.move(posture)
             self._ghost_at = look.ghost
-        if self._ghost is not None:
-            self._ghost.node.show(self._ghost_at == look.ghost)
+        place.show(self._ghost_at == look.ghost)
         if self._ghost_at != look.ghost:
             notes.append("the reference posture cannot be assembled")
+
+    @property
+    def _copies(self) -> bool:
+        """Whether the viewer copies the mechanism to places of a second one."""
+        return bool(getattr(self._node.window, "writes", False))
+
+    def _move_rest(self, look: Appearance) -> None:
+        """Bring the mechanism, in grey, to where it would be without the load."""
+        place = self._node["rest"]
+        place.show(look.rest is not None)
+        if look.rest is not None and self._copies:
+            posture = self._elastic.mechanism.at(np.array(look.rest))
+            self._mechanism.move(posture, place)
+            place["M"].set_transform(posture.pose)

@@ -30,7 +30,7 @@ COLOURS = {
     "deflection": 0x007A82,
     "screw": 0x8A7A10,
 }
-GHOST = 0x56B4E9
+GHOST, REST = 0x56B4E9, 0x8C8C8C
 #: x, y, z of a frame. Red and green differ in lightness, for those who confuse the hues.
 AXES = (0xCC3311, 0x44AA66, 0x2255CC)
 #: Colours of points by kind: eight hues, then the same ones lighter.
@@ -155,6 +155,9 @@ def _ends(low: str, high: str) -> Array:
 
 #: Colours at equal steps of values of both signs, and of forces of legs.
 SIGNS, FORCES = _ends("negative", "positive"), _ends("compression", "tension")
+#: Colours at equal steps of shares of a deflection, from -1 to 1.
+SHARES = [255 * np.array(fractions(COLOURS["negative"])), np.array(_PALE)]
+SHARES += [255 * np.array(fractions(COLOURS["deflection"]))]
 _FORCES: list[list[float]] = FORCES.tolist()
 
 
@@ -192,7 +195,16 @@ def style_properties() -> str:
     """The table for a style sheet: ``--translation: #e69f00`` and so on;
     lists by commas.
     """
-    lists = {"axes": AXES, "sequential": [hex_of(colour) for colour in SEQUENTIAL]}
+    lists = {
+        "axes": AXES,
+        "sequential": [hex_of(colour) for colour in SEQUENTIAL],
+        "shares": [hex_of(colour) for colour in SHARES],
+        "forces": [hex_of(colour) for colour in FORCES],
+        "ghost": [GHOST],
+        "rest": [REST],
+        "deflection-letters": [t.tinted(COLOURS["deflection"]) for t in THEMES.values()],
+        "label-paper": [t.paper for t in THEMES.values()],
+    }
     tables = {**{name: [colour] for name, colour in COLOURS.items()}, **lists}
     rows = (f"--{n}: {','.join(f'#{c:06x}' for c in row)};" for n, row in tables.items())
     return ":root { " + " ".join(rows) + " }\n"

@@ -5,11 +5,13 @@ import { EPSILON } from "./numerics.js";
 export const transposed = (A) => A[0].map((_, j) => A.map((row) => row[j]));
 export const times = (A, v) => A.map((row) => row.reduce((sum, x, k) => sum + x * v[k], 0));
 export const dot = (a, b) => a.reduce((sum, x, k) => sum + x * b[k], 0);
+/** @type {(a: number[], b: number[]) => number[]} */
 export const cross = ([a, b, c], [x, y, z]) => [b * z - c * y, c * x - a * z, a * y - b * x];
 export const plus = (A, B) => A.map((row, i) => row.map((x, j) => x + B[i][j]));
 export const identity = (n) => Array.from({ length: n },
   (_, i) => Array.from({ length: n }, (__, j) => Number(i === j)));
 export const zeros = (n, m) => Array.from({ length: n }, () => new Array(m).fill(0));
+/** @type {(v: number[]) => number[][]} */
 export const skew = ([a, b, c]) => [[0, -c, b], [c, 0, -a], [-b, a, 0]];
 export const symmetric = (A) => A.map((row, i) => row.map((x, j) => 0.5 * (x + A[j][i])));
 export const block = (A, first) => [0, 1, 2].map((i) => A[first + i].slice(first, first + 3));
@@ -163,6 +165,18 @@ export function moving(twist) {
   const across = skew(axis);
   const R = identity(3).map((row, i) => row.map((x, k) => x + s * across[i][k] + c * (axis[i] * axis[k] - x)));
   return motion(R, twist.slice(3));
+}
+
+/** The motion of a twist along its screw. */
+export function screwing(twist) {
+  const T = moving(twist);
+  const angle = Math.hypot(...twist.slice(0, 3));
+  if (!angle) return T;
+  const across = skew(twist.slice(0, 3).map((x) => x / angle));
+  const v = twist.slice(3);
+  const [once, twice] = [times(across, v), times(across, times(across, v))];
+  const [c, s] = [(1 - Math.cos(angle)) / angle, 1 - Math.sin(angle) / angle];
+  return motion(rotation(T), v.map((x, i) => x + c * once[i] + s * twice[i]));
 }
 
 /** Roll, pitch, yaw about the room's axes. */

@@ -1,12 +1,13 @@
 // Beside what is in hand: states that were kept (posture, load, springs) and other mechanisms, a row
 // each, with ratios; their pictures under the same camera, at the same scale.
 
+import { displacementWords } from "./deflection.js";
 import { button, byId, el, heading, hint, inSize, short } from "./dom.js";
-import { Pane } from "./pane.js";
+import { actsAt } from "./formulas.js";
 import { symbol } from "./matrix.js";
 import { freeness } from "./numbers.js";
-import { actsAt } from "./formulas.js";
-import { LOOKS, METRES, Store, givenLoad, partOf } from "./store.js";
+import { Pane } from "./pane.js";
+import { givenLoad, partOf, Store, LOOKS, METRES } from "./store.js";
 
 // A picture that nobody sees.
 const NONE = { reset() {}, apply() {}, wait() {}, holding: false };
@@ -21,7 +22,14 @@ const READ = [...COMPARED, "point", "axes"];
 /** One row: a kept state of the mechanism in hand, or another mechanism. */
 class Row {
   constructor(main, number, kept = null) {
-    Object.assign(this, { main, number, kept, numbers: null, error: null, pending: false, cells: null });
+    this.main = main;
+    this.number = number;
+    this.kept = kept;
+    /** @type {any} */
+    this.numbers = null;
+    this.shown = this.error = this.cells = this.asked = this.store = this.pane = this.figure = null;
+    this.caption = this.bar = null;
+    this.pending = false;
     this.own = kept !== null;
     this.name = main.hello.mechanisms?.[number] ?? main.hello.mechanism.name;
     this.onchange = () => {};
@@ -137,9 +145,10 @@ function difference(store, row) {
   if (!row.own) return row.alike ? "" : "its own posture";
   const here = { ...store.state, load_at: actsAt(store.state) };
   const there = { ...row.kept.state, load_at: actsAt(row.kept.state) };
-  return [[["q", "command"], "posture"], [["load", "load_axes", "load_kind", "load_at", "gravity", "payload"], "load"],
-    [["stiffness"], "springs"]]
-    .filter(([keys]) => keys.some((key) => JSON.stringify(here[key]) !== JSON.stringify(there[key])))
+  /** @type {[string[], string][]} */
+  const parts = [[["q", "command"], "posture"], [["stiffness"], "springs"],
+    [["load", "load_axes", "load_kind", "load_at", "gravity", "payload"], "load"]];
+  return parts.filter(([keys]) => keys.some((key) => JSON.stringify(here[key]) !== JSON.stringify(there[key])))
       .map(([, word]) => word).join(", ") || "the same";
 }
 
@@ -179,6 +188,7 @@ export function compareCard(store) {
   function show() {
     const seen = pictures.checked && store.rows.length > 0;
     beside.hidden = !seen;
+    byId("middle").style.setProperty("--others", `${store.rows.length}fr`);
     byId("middle").classList.toggle("compared-pictures", seen);
     for (const row of store.rows) {
       if (seen === Boolean(row.figure?.isConnected) && (row.store || !seen && row.own)) continue;
@@ -187,7 +197,9 @@ export function compareCard(store) {
       row.asked = null;
       if (seen) {
         const node = el("div", { class: "pane" });
-        row.figure = el("figure", {}, node, el("figcaption", {}, row.title));
+        row.bar = el("i", { class: "scale" });
+        row.caption = el("figcaption", {});
+        row.figure = el("figure", {}, node, row.caption);
         beside.append(row.figure);
         row.open(node);
       } else row.open(null);
@@ -203,25 +215,35 @@ export function compareCard(store) {
       const [here, there] = [store.legend?.per_length, row.store?.legend?.per_length];
       if (!row.figure || !here || !there) continue;
       const metres = (units) => 10 ** (METRES[units.length] ?? 0);
+      row.bar.style.width = `${row.store.legend.bar.length * row.pane.dotsPerUnit}px`;
       row.pane.seeAs(store.pane, (there / metres(row.units)) / (here / metres(store.hello.mechanism.units)));
     }
   });
 
+  /** Under the picture of a row: what it is, how far the load moves it, and its scale. */
+  function caption(row) {
+    const { numbers } = row;
+    const way = numbers?.moved?.resisted ? `, ${displacementWords(store, numbers)}` : "";
+    row.caption?.replaceChildren(row.own ? `State ${row.title}${way}` : `${row.title}${way}`, el("br"), row.bar,
+      ` ${row.store?.legend?.bar.text ?? ""}`);
+  }
+
   function update() {
     const { rows, numbers } = store;
+    for (const row of rows) if (row.figure) caption(row);
     keep.disabled = !store.freeNumber;
     keep.textContent = store.freeNumber ? `Keep as ${store.freeNumber}` : "Three are kept";
     table.hidden = aside.hidden = words.hidden = !rows.length;
     if (!rows.length || !numbers) return;
-    const stiff = store.shown.quantity === "stiffness";
     const here = values(numbers, store.shown);
     const [[turnUnit], [, moveUnit]] = store.blockUnits();
     const sizes = [[store.unit("length"), 1], [moveUnit, store.read(1)], [turnUnit, 1]].map(([of, times], k) => {
-      const [factor, unit] = k === 1 && store.fine ? [1, of] : inSize((here[k] ?? 0) * times, of);
+      const size = k ? (here[k] ?? 0) * times : store.sizes.displacement ?? 0;
+      const [factor, unit] = k === 1 && store.fine ? [1, of] : inSize(size, of);
       return [times / factor, unit];
     });
     const [moving, turning] = freeness(store.shown);
-    const heads = ["moves", `${stiff ? "softest" : "most compliant"} of ${symbol(store.shown)}, ${moving}`,
+    const heads = ["moves", `softest of ${symbol(store.shown)}, ${moving}`,
       `in rotation, ${turning}`];
     const line = (name, title, found, note, ...buttons) =>
       el("tr", { title: title ?? null }, el("th", { scope: "row" }, name, " ", el("span", { class: "dim" }, note),

@@ -1,5 +1,6 @@
 // Setup (load, drives, springs, reference point), and what the picture shows.
 
+import { stiffnessBall } from "./ball.js";
 import { button, byId, choice, dropdown, el, engineering, heading, hint, stateChoice, tabs, toast } from "./dom.js";
 import { fields, sliderRow } from "./inputs.js";
 import { NEGLIGIBLE_DIFFERENCE, ZERO_SHARE } from "./numerics.js";
@@ -43,6 +44,7 @@ export function controls(store) {
     else store.change({ load: value === "none" && mechanism.may_be_loaded ? NO_LOAD : null });
   });
   const along = hint();
+  const acts = el("details", { class: "acts" });
   let isMine = false; // chosen, while its numbers may all be zero
   let load, springs, point, loadPoint, weight;
 
@@ -67,10 +69,11 @@ export function controls(store) {
     loadPoint = fields(COORDINATES.map((name) => [name, units.length, "load at"]),
       (values) => store.change({ load_at: values }));
     loadPoint.node.title = `Where the load acts: from the origin of M along its axes, in ${units.length}`;
-    loadPanel.replaceChildren(
-      loadOf, along, load.node, loadAxes, loadPlace, loadPoint.node, loadKind);
+    acts.replaceChildren(el("summary", {}, "Axes, place, behaviour, weight"), loadAxes, loadPlace, loadPoint.node,
+      loadKind);
+    loadPanel.replaceChildren(loadOf, load.node, along, acts);
     // A file weighs what it weighed when it was made.
-    if (store.source.live) loadPanel.append(hint("Gravity along the room's axes in m/s²; a mass on the body in kg, "
+    if (store.source.live) acts.append(hint("Gravity along the room's axes in m/s²; a mass on the body in kg, "
       + "and its centre in M"), weight.gravity.node, weight.payload.node);
 
     // -- springs
@@ -148,7 +151,7 @@ export function controls(store) {
   function loadNote() {
     if (!store.numbers.result.wrench) return "none can hold it";
     const sizes = [[3, "force"], [0, "moment"]].map(([i, kind]) =>
-      [Math.hypot(...exerted().slice(i, i + 3)), store.unit(kind)]);
+      [Math.hypot(...exerted().slice(Number(i), Number(i) + 3)), store.unit(kind)]);
     return sizes.filter(([x]) => x).map(([x, unit]) => engineering(x, unit)).join(", ") || "no load";
   }
 
@@ -200,6 +203,7 @@ const TOGGLES = [
   ["rotation", "Rotation ellipsoid"],
   ["labels", "Principal axes and values"],
   ["wrench", "Wrench arrows"],
+  ["deflection", "Way from the rest, in grey"],
   ["centres", "Centres of stiffness"],
 ];
 
@@ -217,13 +221,14 @@ export function pictureControls(store) {
   list.append(el("label",
     { class: "check", title: "Otherwise the softest value of each, and the others when it is pointed at" }, every,
       "All principal values"));
+  list.append(stiffnessBall(store));
   const scale = stateChoice(store, "scale", "Scale of the ellipsoids",
     [["root", "√", "Radii grow with the square root of the value: soft and stiff stay visible"],
       ["linear", "linear", "Radii grow with the value"],
       ["log", "log", "Radii grow with the logarithm; a ring for each factor of ten"]]);
   list.append(el("div", { class: "line" }, el("span", {}, "radii"), scale));
   const details = byId("show");
-  document.addEventListener("pointerdown", (event) => {
+  document.addEventListener("pointerdown", (/** @type {any} */ event) => {
     if (!details.contains(event.target)) details.open = false;
   });
 

@@ -5,7 +5,9 @@ import { inSize } from "./dom.js";
 import { freeness } from "./numbers.js";
 import { inWords } from "./store.js";
 
-const THREE = ["least", "middle", "largest"];
+/** The words of three principal values, smallest first. */
+const extremes = ({ quantity }) => (quantity === "stiffness" ? ["softest", "middle", "stiffest"]
+  : ["stiffest", "middle", "softest"]);
 
 const size = (v) => Math.hypot(...v);
 const principal = (kind) => ({ principal: found }) => found?.[kind].values ?? null;
@@ -26,11 +28,11 @@ export const CURVES = [
     nothing: ({ unstable }) => (unstable ? UNSTABLE : "no load: nothing turns"),
     of: resisted(({ rotation }) => size(rotation)), unit: () => "rad" },
   { key: "translation", words: "translation", title: (_, state) =>
-    `Principal ${state.quantity} of translation, ${freeness(state)[0]}`, lines: THREE,
+    `Principal ${state.quantity} of translation, ${freeness(state)[0]}`, lines: extremes,
     of: principal("translation"), scale: (store, { quantity }) => store.read(1, quantity),
       unit: (store, { quantity }) => store.blockUnits(quantity)[1][1] },
   { key: "rotation", words: "rotation", title: (_, state) =>
-    `Principal ${state.quantity} of rotation, ${freeness(state)[1]}`, lines: THREE,
+    `Principal ${state.quantity} of rotation, ${freeness(state)[1]}`, lines: extremes,
     of: principal("rotation"), unit: (store, { quantity }) => store.blockUnits(quantity)[0][0] },
   { key: "condition", worst: "largest", words: "condition",
     title: () => "Condition number of the stiffness, of its translations (rotation held), of its rotations "
@@ -71,10 +73,11 @@ export function plotted(store, key, state, rows) {
   const own = curve.scale?.(store, state) ?? 1;
   const sizes = rows.flatMap((row) => row?.[key] ?? []).map(Math.abs).filter((x) => x > 0 && x < Infinity)
     .sort((a, b) => a - b);
-  const middle = own * (sizes[sizes.length >> 1] ?? 0);
+  // In the page's unit of the quantity, if it has one.
+  const middle = store.sizes[key] ?? own * (sizes[sizes.length >> 1] ?? 0);
   const [factor, unit] = store.fine ? [1, curve.unit(store, state)] : inSize(middle, curve.unit(store, state));
   return {
-    lines: curve.lines ?? [curve.words],
+    lines: typeof curve.lines === "function" ? curve.lines(state) : curve.lines ?? [curve.words],
     worst: curve.worst ?? (state.quantity === "stiffness" ? "least" : "largest"),
     read: (x) => (x * own) / factor,
     unit,

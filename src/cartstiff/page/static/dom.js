@@ -19,11 +19,18 @@ export function el(tag, attributes = {}, ...children) {
   return node;
 }
 
+/** @type {(id: string) => any} */
 export const byId = (id) => document.getElementById(id);
+
+/** Every node that a selector finds. */
+export const all = (selector) => /** @type {any[]} */ ([...document.querySelectorAll(selector)]);
 
 /** Colours of the table that pictures share, as #rrggbb. */
 export const hues = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim()
   .split(",");
+
+/** The same as [red, green, blue]. */
+export const rgbs = (name) => hues(name).map((text) => [1, 3, 5].map((i) => Number(`0x${text.slice(i, i + 2)}`)));
 
 /** How much of the page has come, from 0 to 1; then the bar goes. */
 export function loaded(share) {
@@ -37,13 +44,22 @@ const MINUS = "\u2212";
 /** Words with numbers as people write them: a negative one has a minus, not a hyphen. */
 export const typeset = (text) => text.replaceAll(/(?<![\w)])-(?=[\d.])/g, MINUS);
 
+/** Words of the library in the signs of the page: degrees, minus. */
+export const plainly = (words) => typeset(words.replaceAll(/ deg\b/g, "°").replaceAll(/-(?=[xyz]\b)/g, "−"));
+
 // As in `cartstiff.mechanisms.contract`, which a test compares.
+/** @type {[number, string][]} */
 const PREFIXES = [[1e9, "G"], [1e6, "M"], [1e3, "k"], [1, ""], [1e-3, "m"], [1e-6, "µ"]];
+/** @type {[number, string][]} */
 const STIFF = [[1e9, "MN/mm"], [1e6, "kN/mm"], [1e3, "N/mm"], [1, "N/m"]];
 const MILLIMETRES = /\bmm\b/g;
 const UP = 1 + ROUNDOFF;
 
-/** The unit in which people read a size, and its value in the given one: [1000, "N/mm"]. */
+/**
+ * The unit in which people read a size, and its value in the given one: [1000, "N/mm"].
+ *
+ * @returns {[number, string]}
+ */
 export function inSize(size, unit) {
   const [above, below = 0] = unit.split("/").map((part) => (part.match(MILLIMETRES) ?? []).length);
   const metres = unit === "cm" ? 1e-2 : 1e-3 ** (above - below);
@@ -58,10 +74,10 @@ export function inSize(size, unit) {
   return [factor / metres, shown];
 }
 
-/** A value for people: "75.7 N/mm", "7.54 kN m/rad", "3.9 mm". */
-export function engineering(value, unit = "", digits = 4) {
+/** A value for people: "75.7 N/mm", "7.54 kN m/rad", "3.9 mm"; in the unit of another size, if given. */
+export function engineering(value, unit = "", digits = 4, size = value) {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
-  const [factor, name] = Number.isFinite(value) ? inSize(value, unit) : [1, unit];
+  const [factor, name] = Number.isFinite(size) ? inSize(size, unit) : [1, unit];
   const x = Math.abs(value / factor) * UP;
   const [mantissa, power] = x.toExponential(digits - 1).split("e");
   const text = x === Infinity ? "∞" : x === 0 || (x >= 1e-3 && x < 1e5) ? String(Number(`${mantissa}e${power}`))
@@ -75,10 +91,10 @@ export const short = (x, digits = 4) => engineering(x, "", digits);
 /** Components for reading: "(1, 0, 0)". */
 export const tuple = (list, digits = 3) => `(${list.map((x) => short(x, digits)).join(", ")})`;
 
-/** Components in one unit and to one decimal, four digits of the largest: "(0, −0.011, −110.5) µm". */
-export function together(values, unit) {
+/** Components in one unit (of a size) and to one decimal, four digits of the largest: "(0, −0.011, −110.5) µm". */
+export function together(values, unit, size = Math.max(...values.map(Math.abs))) {
   const most = Math.max(...values.map(Math.abs));
-  const [factor, name] = most ? inSize(most, unit) : [1, unit];
+  const [factor, name] = most ? inSize(size, unit) : [1, unit];
   const decimals = most ? clamp(3 - Math.floor(Math.log10(most / factor)), 0, 20) : 0;
   return `${tuple(values.map((x) => Number((x / factor).toFixed(decimals))), 8)} ${name}`;
 }

@@ -1,9 +1,9 @@
 // The picture without a server: what `cartstiff.scene` would send for a posture, from its `assets`.
 
-import { motion, moved, place, rotation, times } from "./algebra.js";
+import { motion, moved, place, product, rotation, screwing, times } from "./algebra.js";
 import { engineering } from "./dom.js";
-import { inFrame, principalValues } from "./principal.js";
 import { NEGLIGIBLE_DIFFERENCE, ROUNDOFF, ZERO_SHARE } from "./numerics.js";
+import { inFrame, principalValues } from "./principal.js";
 
 const ROOT = "/meshcat/cartstiff";
 
@@ -70,7 +70,15 @@ export const growing = (value, perDecade, zero) => perDecade * Math.log1p(Math.a
 const largestOf = (list) => Math.max(0, ...list.map(Math.abs));
 
 /** Three digits and a unit, as `cartstiff.scene.labels.number`. */
-const number = (value, unit) => engineering(value, unit, 3).replace("\u2212", "-");
+const number = (value, unit, size) => engineering(value, unit, 3, size).replace("\u2212", "-");
+
+/** The words at the axes of an ellipsoid, as `cartstiff.scene.ellipsoids.Said`. */
+function saidOf(values, unit, isInverse, ends) {
+  const numbers = isInverse ? values.map((x) => (x ? 1 / x : Infinity)) : values;
+  const sizes = numbers.filter((x) => x && Math.abs(x) < Infinity).map(Math.abs);
+  const words = values[0] > 0 ? [ends[0], "", ends[1]] : ["", "", ""];
+  return numbers.map((x, i) => `${words[i]} ${number(x, unit, sizes.length ? Math.min(...sizes) : 0)}`.trimStart());
+}
 
 export class Drawing {
   constructor(program, assets, scene) {
@@ -113,7 +121,7 @@ export class Drawing {
   // -- parts ------------------------------------------------------------------------------------
 
   /** Everything at a solved posture; {commands, legend}, the legend as `cartstiff.scene.Scene.draw` returns it. */
-  draw(m, state) {
+  draw(m, state, { moved }) {
     this.commands = [];
     const { assets, scene: { units, notes } } = this;
     this.mechanism("mechanism", m);
@@ -121,23 +129,18 @@ export class Drawing {
     this.pose("M", m.pose);
     this.ghost(state);
     const here = inFrame(m, state.point.some((x) => x) ? motion([[1, 0, 0], [0, 1, 0], [0, 0, 1]], state.point) : null);
-    here.principal = principalValues(here, state);
+    const resisted = moved?.resisted;
+    const drawn = { ...state, quantity: state.drawn ?? (resisted ? "compliance" : state.quantity) };
+    here.principal = principalValues(here, drawn);
     const missing = this.program.notes(m, state).findLast(({ code }) => MISSING.includes(code))?.message
       ?? `K^${state.connection} does not exist here`;
     const [translation, rotation] = ["translation", "rotation"]
-      .map((freedom) => this.ellipsoid(freedom, here, state, missing));
-    const legend = { length: { unit: units.length, bar: assets.bar, scene_units_per_unit: assets.scale },
-      others: state.others,
+      .map((freedom) => this.ellipsoid(freedom, here, drawn, missing, state.quantity));
+    const legend = { length: { unit: units.length, bar: assets.bar, size: assets.size,
+      scene_units_per_unit: assets.scale },
+      others: state.others, quantity: drawn.quantity, rest: this.rest(m, state, moved),
       ellipsoids: { translation, rotation }, wrench: this.arrows(m, here, state), tension, notes };
     return { commands: this.commands, legend };
-  }
-
-  /** Commands that put the mechanism alone at a place. */
-  places(m) {
-    this.commands = [];
-    this.mechanism("mechanism", m);
-    this.pose("M", m.pose);
-    return this.commands;
   }
 
   mechanism(root, { pose, frames }) {
@@ -155,15 +158,6 @@ export class Drawing {
     for (const [name, parent, start, joint] of assets.sliders) {
       this.segment(`${root}/${name}`, parent ? moved(frames[parent - 1], start) : start, place(frames[joint - 1]));
     }
-  }
-
-  /** Places below the mechanism that hold what it is made of. */
-  parts() {
-    const { assets, program } = this;
-    if (!program.data.platform) return [...assets.joints.map((joint) => `joint ${joint}`),
-      ...assets.sliders.map(([name]) => name)];
-    return ["body", ...program.data.points.flatMap((_, i) =>
-      [`legs/line ${i + 1}/rod`, ...(assets.telescope ? [`legs/line ${i + 1}/tube`] : [])])];
   }
 
   segment(path, start, end, most = Infinity) {
@@ -190,15 +184,37 @@ export class Drawing {
   ghost(state) {
     this.show("ghost", state.ghost !== null);
     if (!state.ghost) return;
-    if (!this.copied) {
-      this.copied = true;
-      this.commands.push({ type: "copy", from: `${ROOT}/mechanism`, to: `${ROOT}/ghost`, parts: this.parts(),
-        ...this.assets.ghost });
-    }
     this.mechanism("ghost", this.program.place(state.ghost));
   }
 
-  ellipsoid(freedom, here, state, missing) {
+  /** The mechanism without the load, enlarged, see `cartstiff.scene.enlarged`; how much. */
+  rest(m, state, moved) {
+    const factor = state.deflection && moved?.resisted ? this.factor(m, state, moved) : null;
+    this.show("rest", factor !== null);
+    if (factor === null) return null;
+    const { program } = this;
+    const step = program.way(m).map((x) => -factor * x);
+    const q = program.data.platform ? program.coordinates(product(m.pose, screwing(step)), m.q)
+      : program.along(m, step);
+    const there = program.place(q);
+    this.mechanism("rest", there);
+    this.pose("rest/M", there.pose);
+    return { enlarged: factor };
+  }
+
+  factor(m, { enlarged }, { displacement, of_frame: shift, motion }) {
+    const { platform, are_lengths: areLengths } = this.program.data;
+    const [far, round_, mostFar, mostRound] = this.assets.enlarged;
+    const way = Math.max(Math.hypot(...displacement), Math.hypot(...shift));
+    const turned = platform ? Math.hypot(...motion.slice(0, 3))
+      : Math.max(...motion.map((x, i) => Math.abs(x) / (areLengths[i] ? m.length : 1)));
+    const { size } = this.assets;
+    if (!(way > ROUNDOFF * size || turned > ROUNDOFF)) return null;
+    const upTo = (most, turn) => Math.min(way ? (most * size) / way : Infinity, turned ? turn / turned : Infinity);
+    return enlarged === null ? round(upTo(far, round_)) : Math.min(enlarged, upTo(mostFar, mostRound));
+  }
+
+  ellipsoid(freedom, here, state, missing, said) {
     const { assets } = this;
     const [quantity, root] = [state.quantity, `${freedom} ellipsoid`];
     const other = quantity === "stiffness" ? "compliance" : "stiffness";
@@ -218,6 +234,8 @@ export class Drawing {
     const scale = kept?.kind === state.scale ? scaleOf(kept)
       : fitting(state.scale, values, assets.usual[`${quantity}/${freedom}`], assets.radius);
     const [lengths, centre] = [values.map(scale.length), place(here.pose)];
+    const ends = quantity === "stiffness" ? ["softest", "stiffest"] : ["stiffest", "softest"];
+    const words = saidOf(values, assets.units[`${said}/${freedom}`], said !== quantity, ends);
     const along = (v, x, from = [0, 0, 0]) => v.map((c, i) => from[i] + x * c);
     this.show(`${at}/body`, solid);
     if (solid) this.put(`${at}/body`,
@@ -233,7 +251,7 @@ export class Drawing {
         const isCut = lengths[i] >= scale.most;
         this.show(`${path}/cut`, isCut);
         this.put(path, [along(v, 2 * half), axes[(i + 1) % 3], axes[(i + 2) % 3], along(v, -half, centre)]);
-        this.write(`${at}/value ${i + 1}`, number(values[i], unit) + (isCut ? assets.cut : ""),
+        this.write(`${at}/value ${i + 1}`, words[i] + (isCut ? assets.cut : ""),
           along(v, (freedom === "translation" ? 1.08 : -1.08) * half, centre), freedom);
       } else this.show(`${at}/value ${i + 1}`, false);
     });
@@ -244,7 +262,8 @@ export class Drawing {
       if (shown) this.put(`${at}/ring ${k}`, [...[1, 2, 0].map((i) => along(axes[i], radius)), centre]);
     }
     const reason = isFlat ? assets.flat_words[values.filter((x) => x === 0).length]
-      : kind === "zero" ? "it is zero" : `${kind}, smallest principal value ${number(values[0], unit)}`;
+      : kind === "zero" ? "it is zero" : `${kind}, smallest principal value ${number(values[0], unit,
+        Math.min(...values.filter(Boolean).map(Math.abs)))}`;
     return { shown: solid, reason: kind === "positive" ? null : reason, unit, scale: scale.facts,
       cut: Math.max(...lengths) >= scale.most };
   }

@@ -23,8 +23,9 @@ export function enoughCard(store) {
   /** How large the load is, as people say it. */
   function size(times) {
     const load = store.shown.load ?? store.numbers.result.wrench;
-    return [[3, "force"], [0, "moment"]].map(([i, kind]) => [Math.hypot(...load.slice(i, i + 3)), store.unit(kind)])
-      .filter(([x]) => x).map(([x, name]) => engineering(times * x, name, 3)).join(", ");
+    return [[3, "force"], [0, "moment"]].map(([i, kind]) =>
+      [Math.hypot(...load.slice(Number(i), Number(i) + 3)), store.unit(kind)])
+      .filter(([x]) => x).map(([x, name]) => engineering(times * Number(x), name, 3)).join(", ");
   }
 
   function update() {

@@ -137,6 +137,7 @@ export class Formulas {
     if (q.some((x, i) => !this.data.are_lengths[i] && Math.abs(x) > most)) throw new Error(NOT_PLAIN);
     // A next state begins with straight links: bent ones may not close at other positions of the drives.
     const straight = q;
+    /** @type {any} */
     const inputs = { q, ...this.springs(state) };
     let name = "free";
     if (state.load) {
@@ -148,6 +149,7 @@ export class Formulas {
     const found = this.run(name, inputs);
     if (found("verdict")[0] !== 0) throw new Error(NOT_PLAIN);
     const { platform, are_lengths: areLengths, may_be_loaded: mayBeLoaded } = this.data;
+    /** @type {any} */
     const m = {
       q, asked, straight, hessians: inputs.segment_hessians, pose: found("pose", 4), J: found("jacobian", this.n),
         W: found("wrench"), energy: found("energy")[0],

@@ -1,6 +1,5 @@
 // Hands in the picture: handles at the tool and at the load's arrows.
 
-/* global MeshCat */
 import { motion, moving, place, product, rotation, times, transposed } from "./algebra.js";
 import { byId, chop, engineering, hues, short, tipIn, tuple } from "./dom.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";

@@ -1,9 +1,9 @@
 // A quantity over two coordinates, as colours: sweeps of the first, one for each value of the second.
 
-import { clamp, download, dropdown, hues, short } from "./dom.js";
+import { clamp, download, dropdown, rgbs, short } from "./dom.js";
 import { between } from "./drawing.js";
-import { Plot, isWhole, nearer } from "./plot.js";
-import { drawing, provenance, saveDrawing, table, svg } from "./plotfiles.js";
+import { isWhole, nearer, Plot } from "./plot.js";
+import { drawing, provenance, saveDrawing, svg, table } from "./plotfiles.js";
 import { curvesOf, inWords } from "./store.js";
 
 // Values of the second coordinate, and steps of each sweep: of a whole turn 7.5 degrees each; an even
@@ -24,7 +24,7 @@ const NOTHING = { reason: "the server did not answer" };
 
 /** A colour from dark to light. */
 const hue = (share) => {
-  stops ??= hues("sequential").map((text) => [1, 3, 5].map((i) => Number(`0x${text.slice(i, i + 2)}`)));
+  stops ??= rgbs("sequential");
   return `fill: rgb(${between(stops, clamp(share, 0, 1)).map(Math.round).join(" ")})`;
 };
 let stops = null;

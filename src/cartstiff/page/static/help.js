@@ -1,10 +1,17 @@
 // Light and dark, keyboard shortcuts, and their list.
 
-import { button, byId, el, heading, hint } from "./dom.js";
+import { all, button, byId, el, heading, hint } from "./dom.js";
 import { showReport } from "./numbers.js";
 import { toHome, toRandom, toZero } from "./pose.js";
 
 export function shortcuts(store, parts) {
+  const steps = [["↶", "Undo (u)", () => store.undo(), () => store.past],
+    ["↷", "Redo (U)", () => store.redo(), () => store.future]]
+    .map(([sign, words, act, list]) => [button(sign, act, { title: words, "aria-label": words, disabled: true }),
+      list]);
+  const able = () => { for (const [node, list] of steps) node.disabled = !list().length; };
+  for (const event of ["numbers", "kept", "units", "plot", "angles"]) store.on(event, able);
+  byId("actions").prepend(...steps.map(([node]) => node));
   byId("actions").append(button("◐", () => flip(), { title: "Light or dark (t)", "aria-label": "Light or dark" }),
     button("?", () => showHelp(), { title: "Keyboard shortcuts (?)", "aria-label": "Keyboard shortcuts" }));
 
@@ -14,6 +21,7 @@ export function shortcuts(store, parts) {
     store.change({ theme });
   }
 
+  /** @type {[string, string, (key?: string) => any][]} */
   const keys = [
     ["?", "this list; Esc closes what is open", () => showHelp()],
     ["h", "home posture", () => toHome(store)],
@@ -22,7 +30,7 @@ export function shortcuts(store, parts) {
     ["a", "keep this state", () => store.keep()],
     ["b", "back to state 1", () => store.goToKept()],
     ["123456", "connection A, B, K, F, +, under the load",
-      (key) => store.change({ connection: ["A", "B", "K", "F", "+", "load"][key - 1] })],
+      (key) => store.change({ connection: ["A", "B", "K", "F", "+", "load"][Number(key) - 1] })],
     ["g", "handles at the tool stay", () => parts.hands.toggle()],
     ["u", "undo", () => store.undo()],
     ["U", "redo", () => store.redo()],
@@ -56,7 +64,7 @@ export function shortcuts(store, parts) {
     dialog.showModal();
   }
 
-  document.addEventListener("keydown", (event) => {
+  document.addEventListener("keydown", (/** @type {any} */ event) => {
     if (event.altKey || !store.numbers) return;
     const typing = event.target.closest("input:not([type=range], [type=checkbox], [type=radio]), select, textarea");
     if ((event.ctrlKey || event.metaKey) && !typing && /^[zy]$/i.test(event.key)) {
@@ -65,8 +73,8 @@ export function shortcuts(store, parts) {
       else store.undo();
     }
     if (event.key === "Escape") {
-      for (const open of document.querySelectorAll("#show[open], .parts-fold[open]")) open.open = false;
-      for (const tip of document.querySelectorAll(".tip")) tip.hidden = true;
+      for (const open of all("#show[open], .parts-fold[open]")) open.open = false;
+      for (const tip of all(".tip")) tip.hidden = true;
       if (typing) event.target.blur();
     }
     if (event.ctrlKey || event.metaKey || typing) return;

@@ -28,7 +28,8 @@ export function fields(names, onchange, blank = []) {
 }
 
 /** A slider and a number of a length, or of an angle in degrees or radians; `limited`: its ends are limits. */
-export function sliderRow(store, { index, id = `slider-${index}`, name, label = name, lower, upper, unit,
+export function sliderRow(store, /** @type {any} */ { index, id = `slider-${index}`, name, label = name, lower, upper,
+  unit,
   is_length: isLength, limited, digits = 4, value, move }) {
   const range = el("input", { type: "range", id, min: lower, max: upper, step: "any", "aria-label": name });
   const number = el("input", { type: "number", step: "any", "aria-label": `${name}, value`,

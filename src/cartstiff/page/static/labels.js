@@ -2,11 +2,10 @@
 // covering another; of an ellipsoid's values the softest, until it is pointed at; ellipsoids and
 // arrows shine through the links.
 
-/* global MeshCat */
 
 // Parts that are seen through others, by the share of their opacity.
 const SHINING = /^(translation ellipsoid|rotation ellipsoid|wrench|deflection)$/;
-const SHINE = 0.45;
+const SHINE = { wrench: 0.9, other: 0.45 };
 
 // Places around the point, in sizes of the label, nearest first.
 const PLACES = [0, 1, 2, 3, 4, 5]
@@ -61,7 +60,7 @@ function shine(mesh) {
   const { Mesh, GreaterDepth } = MeshCat.THREE;
   const material = mesh.material.clone();
   Object.assign(material, { transparent: true, depthWrite: false, depthFunc: GreaterDepth,
-    opacity: SHINE * mesh.material.opacity });
+    opacity: (SHINE[pathOf(mesh)[0]] ?? SHINE.other) * mesh.material.opacity });
   const twin = new Mesh(mesh.geometry, material);
   twin.userData.twin = false;
   twin.userData.isTwin = true;
@@ -111,8 +110,8 @@ export function arrange(scene, camera, lit, boxes) {
     height: labels[0].height });
   for (const label of labels) {
     const { sprite, width, height } = label;
-    const kept = /ellipsoid|wrench/.test(pathOf(sprite)[0]) ? [...placed, ...cores] : placed;
-    const free = ([dx, dy], others = kept) => {
+    const kept = /ellipsoid|wrench|callout/.test(pathOf(sprite)[0]) ? [...placed, ...cores] : placed;
+    const free = (/** @type {number[]} */ [dx, dy], others = kept) => {
       const x = label.x + 2 * dx * width * GAP, y = label.y + 2 * dy * height * GAP;
       const inside = (at, half, to) => Math.abs(at) >= 1 || Math.abs(to) + half <= 1.001;
       return inside(label.x, width, x) && inside(label.y, height, y)

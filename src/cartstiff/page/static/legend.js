@@ -1,7 +1,7 @@
 // What the picture's sizes mean: a bar of the machine's size, words, colours; and the picture as a
 // file that carries all of it.
 
-import { byId, dropdown, el, engineering, short, tuple, typeset } from "./dom.js";
+import { byId, dropdown, el, engineering, short, typeset } from "./dom.js";
 import { provenance, saveDrawing, sheet, svg } from "./plotfiles.js";
 
 const MARKS = { translation: "●", rotation: "◆", force: "➞", moment: "↻", deflection: "⇢", tension: "│", nodal: "╱",
@@ -27,34 +27,34 @@ function radius({ scale, unit, cut }, length) {
  * ellipsoids.
  */
 export function legendOf(facts) {
-  const { length, wrench, deflection, tension, nodal } = facts;
+  const { length, wrench, tension, nodal } = facts;
   const ellipsoids = Object.entries(facts.ellipsoids).filter(([, own]) => own);
   const lines = [];
   const say = (mark, text, title = text) => lines.push({ mark, text, title });
   const missing = new Map(); // what is not drawn, by the reason
   const miss = (name, { reason }) => missing.set(reason, [...(missing.get(reason) ?? []), name]);
   for (const [freedom, own] of ellipsoids) {
-    const called = `${freedom} (${freedom === "translation" ? "rotation" : "translation"} ${facts.others})`;
+    const called = `${facts.quantity} of ${freedom} (${freedom === "translation" ? "rotation"
+      : "translation"} ${facts.others})`;
     if (own.shown) say(freedom, [`${called}: ${radius(own, length)}`, own.reason].filter(Boolean).join("; "));
     else miss(called, own);
   }
   for (const [kind, first] of [["force", 3], ["moment", 0]]) {
     if (!wrench?.[kind]) continue;
     const [unit, { zero_at: zero, length_per_decade: step }] = [wrench.units[kind], wrench.scale[kind]];
-    const size = engineering(Math.hypot(...wrench.wrench.slice(first, first + 3)), unit, 3);
+    const size = engineering(Math.hypot(...wrench.wrench.slice(Number(first), Number(first) + 3)), unit, 3);
     const longer = inLength(step, length.unit);
     say(kind, `${kind}: ${size} is ${inLength(wrench[kind],
       length.unit)} long; ten times the ${kind} is ${longer} longer`,
       `length = ${longer} log10(1 + ${kind} / ${engineering(zero, unit, 3)})`);
   }
-  if (deflection?.shown) {
-    const at = deflection.acts_at.some((x) => x) ? `at ${tuple(deflection.acts_at)} ${length.unit} of M`
-      : "at the origin of M";
-    say("deflection", `deflection enlarged ${short(deflection.exaggeration, 3)} times, under the load ${at}`);
-  } else if (deflection) miss("deflection", deflection);
+  if (facts.rest) {
+    say("deflection", `grey: without the load; the way between is drawn ${short(facts.rest.enlarged, 3)} times as far`);
+  }
   if (tension?.limits?.[1]) {
     const [low, high] = tension.limits.map((x) => short(x, 3));
-    say("tension", `legs: pink ${low} (compression) to green ${high} ${tension.unit} (tension)`);
+    say("tension", tension.cables ? `lines: green up to ${high} ${tension.unit} of tension`
+      : `legs: pink ${low} (compression) to green ${high} ${tension.unit} (tension)`);
   }
   if (facts.centres?.shown === false) miss("centres", facts.centres);
   if (nodal) say("nodal", `${nodal.name}, ${short(nodal.value, 3)} Hz${nodal.shown
@@ -62,7 +62,7 @@ export function legendOf(facts) {
   for (const [reason, names] of missing) say("note", `${names.join(", ")} not drawn: ${reason}`);
   for (const note of facts.notes) say("note", note);
   return {
-    ...facts, lines, per_length: length.scene_units_per_unit,
+    ...facts, lines, per_length: length.scene_units_per_unit, size: length.size,
     bar: { text: inLength(length.bar, length.unit), length: length.bar * length.scene_units_per_unit },
     measures: Object.fromEntries(ellipsoids.filter(([, { shown }]) => shown)
       .map(([freedom, { scale }]) => [freedom, scale])),

@@ -28,7 +28,10 @@ export class LiveSource {
     this.moves = true;
     this.shows = null; // everything
     this.delay = 500;
-    this.onstatus = () => {};
+    this.onstatus = (_status) => {};
+    this.onanswer = (_data, _commands) => {};
+    this.onlost = () => {};
+    this.onalone = () => {};
     this.local = null; // the page's own arithmetic, once it is there
     this.alone = false; // whether it answers for the server
     this.early = []; // what happened before there was a page to show it
@@ -61,7 +64,8 @@ export class LiveSource {
       let found;
       try {
         const m = this.local.program.solve(state);
-        found = [this.local.program.numbers(state, m), this.passing.draw(m, state).commands];
+        const numbers = this.local.program.numbers(state, m);
+        found = [numbers, this.passing.draw(m, state, numbers).commands];
       } catch {
         return; // the server says what there is to say
       }

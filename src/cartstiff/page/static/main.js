@@ -1,17 +1,18 @@
 // The page: from a server, or from the data that an exported file holds.
 
+import { compareCard } from "./compare.js";
 import { controls, pictureControls } from "./controls.js";
-import { button, byId, el, loaded } from "./dom.js";
 import { deflectionPanel } from "./deflection.js";
 import { enoughCard } from "./enough.js";
+import { all, button, byId, el, loaded } from "./dom.js";
+import { restore } from "./filters.js";
 import { hands } from "./hands.js";
 import { shortcuts } from "./help.js";
-import { LiveSource, unpack } from "./live.js";
-import { compareCard } from "./compare.js";
-import { matrixPanel } from "./matrix.js";
 import { legendBox } from "./legend.js";
-import { notesCard, numbersPanel, verdictLine } from "./numbers.js";
+import { LiveSource, unpack } from "./live.js";
+import { matrixPanel } from "./matrix.js";
 import { modesPanel } from "./modes.js";
+import { notesCard, numbersPanel, verdictLine } from "./numbers.js";
 import { ComputingSource, PostureSource } from "./offline.js";
 import { Pane } from "./pane.js";
 import { picking } from "./pick.js";
@@ -30,8 +31,8 @@ function build(source) {
   const store = new Store(source, new Pane());
   verdictLine(store);
   additionsCard(store);
-  const pose = posePanel(store);
   controls(store);
+  const pose = posePanel(store);
   pictureControls(store);
   deflectionPanel(store);
   enoughCard(store);
@@ -50,19 +51,31 @@ function build(source) {
   shortcuts(store, parts);
   parts.strip = strip(store);
   banners(store, source);
+  for (const card of document.querySelectorAll(".card:not(details, .moved-card)")) foldable(card);
   store.on("hello", () => source.moves || fix());
   for (const event of ["numbers", "error"]) store.on(event, () => loaded(1));
   if (source.live) ownArithmetic(store, source);
-  window.cartstiff = store; // for tests, and for the curious
+  Object.assign(window, { cartstiff: store }); // for tests, and for the curious
   source.start();
+}
+
+/** A card of which a phone shows the head alone, until it is unfolded. */
+function foldable(card) {
+  const fold = button("▸", () => {
+    const isFolded = card.classList.toggle("folded");
+    fold.textContent = isFolded ? "▸" : "▾";
+    fold.setAttribute("aria-expanded", String(!isFolded));
+  }, { class: "quiet fold", "aria-expanded": "false", "aria-label": "Unfold" });
+  card.classList.add("folded");
+  (card.querySelector(".row") ?? card).prepend(fold);
 }
 
 /** A file of one posture: what would ask for another is switched off. */
 function fix() {
   const controls = "#left input, .which-card input, #left select, #left button:not(.quiet), "
     + ".matrix-card .choices input, .parts > label input, .principal-card .choice input, #map-choice select";
-  for (const node of document.querySelectorAll(controls)) node.disabled = true;
-  for (const node of document.querySelectorAll("#strip, .compare-card, .what-if-card, .setup-card, .posture-card "
+  for (const node of all(controls)) node.disabled = true;
+  for (const node of all("#strip, .compare-card, .what-if-card, .setup-card, .posture-card "
     + ".buttons")) node.hidden = true;
 }
 
@@ -138,6 +151,7 @@ async function fromFile() {
   document.head.append(script);
   loaded(0.5);
   const [data, commands] = unpack(await inflate("data"));
+  restore(commands, data.filters);
   build(new (data.program ? ComputingSource : PostureSource)(data, commands));
 }
 
@@ -152,7 +166,7 @@ async function fromServer() {
   const number = new URLSearchParams(location.search).get("mechanism");
   if (number) address.searchParams.set("mechanism", number);
   const source = new LiveSource(address.href);
-  const viewer = import(new URL("viewer.js", location.href));
+  const viewer = import(new URL("viewer.js", location.href).href);
   source.connect();
   await viewer;
   // for links, which hold no secret

@@ -1,8 +1,8 @@
 // The 6x6 matrix as a heat map with units, and the choice of connection.
 
-import { button, byId, choice, copy, dropdown, el, inSize, short, stateChoice, sure } from "./dom.js";
 import { sureOfInverse } from "./algebra.js";
 import { differences } from "./principal.js";
+import { all, button, byId, choice, copy, dropdown, el, inSize, short, stateChoice, sure } from "./dom.js";
 import { ROUNDOFF, UNCOUPLED } from "./numerics.js";
 import { safeCell } from "./plotfiles.js";
 
@@ -219,7 +219,7 @@ export function matrixPanel(store) {
 
   store.on("hello", ({ mechanism }) => {
     for (const { name, title: words, meaning: more } of mechanism.connections) {
-      document.querySelector(`.matrix-card [data-value="${CSS.escape(name)}"]`).title = `K${sup(name)}, ${words}: `
+      all(`.matrix-card [data-value="${CSS.escape(name)}"]`)[0].title = `K${sup(name)}, ${words}: `
         + `${more}`;
     }
     lengths.offer(store.lengths.map((unit) => [unit, unit === store.unit("length") ? "by size" : unit]));

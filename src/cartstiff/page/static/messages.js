@@ -38,6 +38,8 @@
  * @property {boolean} [labels]
  * @property {boolean} [wrench]
  * @property {boolean} [deflection]
+ * @property {number | null} [enlarged]
+ * @property {"stiffness" | "compliance" | null} [drawn]
  * @property {boolean} [centres]
  */
 /**
@@ -183,7 +185,8 @@ export const FIELDS = {
     stiffness: null, load: null, load_axes: ["body", "world"], load_kind: ["dead", "follower", "conservative"],
     load_at: null, gravity: null, payload: null, command: null, ghost: null, quantity_of_map: null, mode: null,
     allowed: null, measures: "Measure", theme: ["light", "dark"], translation: null, rotation: null,
-    scale: ["root", "linear", "log"], labels: null, wrench: null, deflection: null, centres: null },
+    scale: ["root", "linear", "log"], labels: null, wrench: null, deflection: null, enlarged: null,
+    drawn: null, centres: null },
   Towards: { pose: null, turning: null },
   Draw: { id: null, state: "ViewState", do: ["draw"], towards: "Towards", lengths: null },
   Numbers: { id: null, state: "ViewState", do: ["numbers"] },

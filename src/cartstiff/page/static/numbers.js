@@ -1,11 +1,12 @@
 // Verdict, principal values, condition, distance to singularities, notes.
 
 import { angles } from "./algebra.js";
-import { button, byId, chop, clamp, el, engineering, heading, inSize, short, stateChoice, sure, together,
+import { button, byId, chop, clamp, el, engineering, heading, inSize, plainly, short, stateChoice, sure, together,
   tuple } from "./dom.js";
 import { symbol } from "./matrix.js";
-import { PRINTED_AS_ZERO, NEAR_SINGULARITY, RANK } from "./numerics.js";
+import { NEAR_SINGULARITY, PRINTED_AS_ZERO, RANK } from "./numerics.js";
 
+const KINDS = { serial: "singularity", "type-2": "singularity of the drives" };
 const ICONS = { good: "✓", warning: "!", bad: "✕", none: "…" };
 
 export function verdictLine(store) {
@@ -19,7 +20,7 @@ export function verdictLine(store) {
   };
   store.on("hello", ({ mechanism }) => {
     byId("name").textContent = mechanism.name;
-    byId("kind").textContent = `${mechanism.kind}, frame ${mechanism.frame}`;
+    byId("kind").textContent = `${mechanism.called}, frame ${mechanism.frame}`;
     document.title = `${mechanism.name} · cartstiff`;
   });
   store.on("numbers", () => {
@@ -58,7 +59,7 @@ export function numbersPanel(store) {
     const found = store.numbers.principal?.[kind];
     const values = found ? found.values.map((x) => (kind === "translation" ? store.read(x) : x)) : [null, null, null];
     const size = Math.max(...values.map(Math.abs));
-    const [factor, read] = !store.fine || kind === "rotation" ? inSize(size, unit) : [1, unit];
+    const [factor, read] = !store.fine || kind === "rotation" ? inSize(store.sizes[kind] ?? 0, unit) : [1, unit];
     const cell = (x, i) => {
       const title = `${sure(x, size)} ${unit}\nalong ${tuple(found.axes[i])}${x < 0 ? "\nNEGATIVE: pushes away" : ""}`;
       return el("td", { class: `num${x < -PRINTED_AS_ZERO * size ? " negative" : ""}`, title },
@@ -99,7 +100,7 @@ export function numbersPanel(store) {
   }
 
   function meter({ kind, ratio, smallest, largest, length }) {
-    const words = `Distance to ${kind} singularity`;
+    const words = `Distance to a ${KINDS[kind]}`;
     const share = ratio > 0 ? clamp(1 + Math.log10(ratio) / 4, 0, 1) : 0; // logarithmic from 0.0001 to 1
     return el("div", { class: "singular", "data-level": ratio < RANK ? "bad" : ratio < NEAR_SINGULARITY ? "warning"
       : "good",
@@ -108,7 +109,8 @@ export function numbersPanel(store) {
     el("span", { class: "label" }, words),
     el("span", { class: "meter wide", role: "meter", "aria-label": words, "aria-valuemin": 0, "aria-valuemax": 1,
       "aria-valuenow": ratio }, el("i", { style: `width: ${100 * share}%` })),
-    el("span", { class: "num" }, ratio < RANK ? "singular" : short(ratio, 3)));
+    el("span", { class: "num" }, ratio < RANK ? "singular" : short(ratio, 3)),
+    el("span", { class: "small dim" }, ...["0.0001", "0.01", "1"].map((mark) => el("span", {}, mark))));
   }
 
   store.on("numbers", update);
@@ -122,8 +124,10 @@ export function notesCard(store) {
   store.on("numbers", () => {
     const { doubts, result } = store.numbers;
     const rank = ({ code }) => (doubts.includes(code) ? doubts.indexOf(code) : doubts.length);
-    const found = result.notes.toSorted((a, b) => rank(a) - rank(b));
-    notes.replaceChildren(...found.map(({ code, message }) => el("li", {}, el("code", {}, code), ` ${message}`)));
+    const found = result.notes.filter(({ code }) => code !== "kf-undefined" || store.shown.connection === "F")
+      .toSorted((a, b) => rank(a) - rank(b));
+    notes.replaceChildren(...found.map(({ message }) => el("li", {},
+      plainly(`${message[0].toUpperCase()}${message.slice(1)}`))));
     card.hidden = !found.length;
   });
 }

@@ -9,7 +9,8 @@ import { NOT_CLOSED } from "./formulas.js";
 import { Program } from "./program.js";
 import { NEGLIGIBLE_DIFFERENCE, NEAR_SINGULARITY, ROUNDOFF } from "./numerics.js";
 
-const STEPS = 121;
+// Postures of a sweep: an even number, so that none is in the middle of the range, where many a singularity lies.
+const STEPS = 120;
 // Shares of the way from a posture to the file's at which one is tried that the formulas cover.
 const ON_THE_WAY = [0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1];
 // Steps of the way to a pose, and halvings of a way that legs do not go to its end.
@@ -28,7 +29,8 @@ class FileSource {
     this.live = false;
     this.words = words;
     this.cannot = "an exported page cannot do that; `cartstiff view` can";
-    this.onstatus = () => {};
+    this.onstatus = (_status) => {};
+    this.onanswer = (_data, _commands) => {};
   }
 
   start() {
@@ -38,10 +40,17 @@ class FileSource {
   onlost() {}
 
   beside() {
-    return new this.constructor(this.data, null, this);
+    const Own = /** @type {any} */ (this.constructor);
+    return new Own(this.data, null, this);
   }
 
   close() {}
+
+  /** @returns {any[]} */
+  draw(_id, _state, _message) { return []; }
+
+  /** @returns {Record<string, () => any>} */
+  answers(_message) { return {}; }
 
   listed(numbers) {
     return numbers.map((i) => this.commands[i]);
@@ -92,7 +101,7 @@ export class ComputingSource extends FileSource {
       "A file that computes: postures, loads, springs and points are answered here, without a server, wherever the "
         + "formulas hold.", other);
     this.moves = true;
-    this.shows = ["translation", "rotation", "labels", "wrench"];
+    this.shows = ["translation", "rotation", "labels", "wrench", "deflection"];
     this.theme = data.hello.state.theme;
     this.program = new Program(data.program, globalThis.cartstiffProgram);
     this.drawing = new Drawing(this.program, data.assets, data.scene);
@@ -121,7 +130,7 @@ export class ComputingSource extends FileSource {
     const m = this.program.solve(state);
     const numbers = this.program.numbers(state, m);
     const commands = this.themed(state.theme);
-    const drawn = this.drawing.draw(m, state);
+    const drawn = this.drawing.draw(m, state, numbers);
     return [{ id, do: "draw", numbers, followed, legend: { ...drawn.legend, cloud: this.data.legend.cloud } },
       [...commands, ...drawn.commands]];
   }
@@ -154,10 +163,11 @@ export class ComputingSource extends FileSource {
   /** Rows at all values of a coordinate, outwards from where it is: a closed chain goes on from the neighbour. */
   rows(coordinate, values, state) {
     const from = state.q[coordinate];
+    /** @type {any[]} */
     const found = [];
     const last = { true: state.q, false: state.q };
     for (const k of [...values.keys()].sort((a, b) => Math.abs(values[a] - from) - Math.abs(values[b] - from))) {
-      const side = values[k] >= from;
+      const side = String(values[k] >= from);
       found[k] = this.row(last[side].with(coordinate, values[k]), state);
       last[side] = found[k].q ?? last[side];
     }

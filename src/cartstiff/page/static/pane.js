@@ -1,7 +1,7 @@
 // The picture: meshcat's viewer in a pane of ours.
 
-/* global MeshCat */
 import { byId, typeset } from "./dom.js";
+import { haunt, sharpen } from "./ghosts.js";
 import { arrange } from "./labels.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 
@@ -17,6 +17,10 @@ const ZOOM = 1.1;
 const POLE = 0.02;
 const WAYS = { ArrowLeft: [TURN, 0], ArrowRight: [-TURN, 0], ArrowUp: [0, -TURN], ArrowDown: [0, TURN], "+": ZOOM,
   "=": ZOOM, "-": 1 / ZOOM };
+// Change of the distance, and of the place looked at over it, up to which a view stays.
+const STAYS = 0.2;
+// Distance of frames below which they have one label, over the mechanism's size.
+const COINCIDE = 0.02;
 // First byte of a command in JSON.
 const BRACE = 0x7b;
 // Distance of the camera over that at which the sphere around everything just fits.
@@ -45,6 +49,7 @@ export class Pane {
     window.onload = null;
     this.viewer.gui.domElement.style.display = "none";
     this.covered = this.above = 0; // by the legend, and by buttons
+    this.extent = 1; // size of the mechanism
     this.boxes = []; // what stands over the picture, as labels are kept
     this.framed = null; // the last view that was framed
     this.lit = null;
@@ -68,6 +73,9 @@ export class Pane {
     this.before = []; // called before each picture
     this.viewer.render = () => {
       if (performance.now() < this.waiting) return; // the viewer asks again
+      haunt(this);
+      sharpen(this);
+      this.frames();
       for (const callback of this.before) callback();
       arrange(this.viewer.scene, this.viewer.camera, (freedom) => this.every || this.lit === freedom, this.boxes);
       render();
@@ -126,8 +134,7 @@ export class Pane {
       if (command instanceof Uint8Array && command[0] !== BRACE) this.viewer.handle_command_bytearray(command);
       else {
         const plain = command instanceof Uint8Array ? JSON.parse(new TextDecoder().decode(command)) : command;
-        if (plain.type === "copy") this.copy(plain);
-        else if (plain.type === "label") this.write(plain);
+        if (plain.type === "label") this.write(plain);
         else this.viewer.handle_command(plain);
       }
     }
@@ -186,6 +193,19 @@ export class Pane {
     this.viewer.set_dirty();
   }
 
+  /** Label frames that coincide once. */
+  frames() {
+    const [F, M] = ["F", "M"].map((name) => this.part("meshcat", "cartstiff", name));
+    const [one, other] = ["F", "M"].map((name) => this.part("meshcat", "cartstiff", name, "name"));
+    const label = one?.children[0]?.userData.label;
+    if (!label || !other) return;
+    const isOne = F.position.distanceTo(M.position) < this.extent * COINCIDE;
+    const text = isOne ? "F, M" : "F";
+    if (label.text !== text) this.write({ ...label, text });
+    if (isOne) other.visible = false;
+    else if (one.visible) other.visible = true;
+  }
+
   /** How much larger labels are than in a picture of the usual height: in a low one they stay legible. */
   get lettering() {
     return Math.sqrt(USUAL_HEIGHT / Math.max(1, this.size[1]));
@@ -194,18 +214,6 @@ export class Pane {
   /** Write every label in the colours of the theme. */
   rewrite() {
     this.viewer.scene.traverse((node) => { if (node.userData.label) this.write(node.userData.label); });
-  }
-
-  /** Pale copies of what stands at some places below a path, at the same places below another. */
-  copy({ from, to, parts, colour, opacity }) {
-    const at = (path) => this.viewer.scene_tree.find(namesOf(path)).object;
-    const material = new MeshCat.THREE.MeshPhongMaterial({ color: colour, opacity, transparent: true, depthWrite: false,
-      side: MeshCat.THREE.DoubleSide });
-    for (const part of parts) {
-      const target = at(`${to}/${part}`);
-      for (const child of at(`${from}/${part}`).children) target.add(child.clone(true));
-      target.traverse((node) => { if (node.isMesh) node.material = material; });
-    }
   }
 
   /** A new picture; seen from where the last one was, or from the preset of a first one. */
@@ -246,6 +254,20 @@ export class Pane {
     controls.update();
     this.framed = { preset, bounds, view: String(this.view) };
     this.viewer.set_dirty();
+  }
+
+  /** Look at other bounds from the present side where some of them would not be seen, or where they look small. */
+  keepInView(bounds) {
+    const { camera, controls } = this.viewer;
+    const before = [camera.position.clone(), controls.target.clone(), this.framed];
+    this.look("fit", bounds);
+    const [there, middle] = [camera.position.distanceTo(controls.target), controls.target.distanceTo(before[1])];
+    const here = before[0].distanceTo(before[1]);
+    if (Math.abs(Math.log(there / here)) > STAYS || middle > STAYS * there) return;
+    camera.position.copy(before[0]);
+    controls.target.copy(before[1]);
+    controls.update();
+    [, , this.framed] = before;
   }
 
   /** Where the camera is and what it looks at: six numbers. */
@@ -311,7 +333,7 @@ export class Pane {
 /**
  * From how far, in a direction, every corner of a box is seen within tangents of the picture's half width and height.
  */
-function farEnough(direction, [low, high], [across, upright], up) {
+function farEnough(direction, [low, high], /** @type {number[]} */ [across, upright], up) {
   const right = direction.clone().cross({ x: 0, y: -1, z: 0 }).normalize();
   const over = direction.clone().cross(right);
   const half = low.map((x, i) => (high[i] - x) / 2);

@@ -1,6 +1,5 @@
 // Point at a part of the picture: what it is and its number; click: its row is lit.
 
-/* global MeshCat */
 import { byId, engineering, reveal, short, tipIn, toast, tuple } from "./dom.js";
 import { pathOf } from "./labels.js";
 import { inWords } from "./store.js";
@@ -39,6 +38,7 @@ export function under(pane, [x, y], mechanism) {
   const ray = new Raycaster();
   ray.setFromCamera({ x, y }, viewer.camera);
   const meshes = [];
+  /** @type {any} */
   let point = null;
   pane.at().traverseVisible((node) => {
     if (node.isPoints && pathOf(node)[0] === "map") point = pointAt(node, pane, x, y);
@@ -124,7 +124,14 @@ export function picking(store) {
     else if (what) lightRow(store, what);
   });
 
+  let pointed = null; // the part whose bar is lit
+  function point(name) {
+    if (pointed !== name) store.tell("part", name);
+    pointed = name;
+  }
+
   function hide() {
+    point(null);
     tip.say(null);
     pane.light(null);
   }
@@ -133,21 +140,29 @@ export function picking(store) {
     if (!event || !store.numbers || pane.holding) return;
     const what = under(pane, pane.place(event), store.hello.mechanism);
     pane.light(what?.freedom ?? null);
+    point(nameOfPart(store.hello.mechanism, what));
     tip.say(what && words(store, what), event);
   }
 
   // A row that is pointed at has its values written in the picture.
   const table = document.querySelector(".principal");
-  table.addEventListener("pointerover", ({ target }) => pane.light(target.closest("[data-row-of]")?.dataset.rowOf
+  table.addEventListener("pointerover", (/** @type {any} */ { target }) =>
+    pane.light(target.closest("[data-row-of]")?.dataset.rowOf
     ?? null));
   table.addEventListener("pointerleave", () => pane.light(null));
+}
+
+/** The name that a joint or a leg has among the shares; null for anything else. */
+function nameOfPart({ coordinates, springs }, what) {
+  if (what?.kind === "joint") return coordinates[what.index].name;
+  return what?.kind === "leg" ? springs[what.index]?.name ?? null : null;
 }
 
 /** What a part of the picture says, in a line. */
 export function words(store, what) {
   const { numbers, hello: { mechanism } } = store;
   const share = (name) => {
-    const found = numbers.moved?.shares.find((row) => row.name === name)?.share;
+    const found = numbers.moved?.shares?.parts.find((row) => row.name === name)?.share;
     return found == null ? "" : `, ${Math.round(100 * found) || 0} % of the motion under the load`;
   };
   if (what.kind === "ellipsoid" || what.kind === "axis") {

@@ -17,14 +17,15 @@ function axis(low, high, start, end) {
 }
 
 /** What is seen of [first, last] so many times nearer, about a value that stays where it is. */
-export function nearer([low, high], [first, last], times, at, least) {
+export function nearer(/** @type {number[]} */ [low, high], /** @type {number[]} */ [first, last], times, at, least) {
   const size = Math.min(last - first, Math.max(least, (high - low) / times));
   const start = clamp(at - ((at - low) * size) / (high - low), first, last - size);
   return [start, start + size];
 }
 
 /** Whether all of [first, last] is seen. */
-export const isWhole = ([low, high], [first, last]) => high - low >= (last - first) * (1 - NEGLIGIBLE_DIFFERENCE);
+export const isWhole = (/** @type {number[]} */ [low, high], /** @type {number[]} */ [first, last]) =>
+  high - low >= (last - first) * (1 - NEGLIGIBLE_DIFFERENCE);
 
 /** Round values between two ends, so many at most; of an angle in degrees parts of a turn. */
 function ticks(first, last, most, isAngle = false) {
@@ -49,7 +50,8 @@ function decades(bottom, top) {
 export class Plot {
   /** `draw` is called when the size has changed: asking for it each time lays the page out. */
   constructor(margin, draw, { kind = "plot", label = "no curves yet" } = {}) {
-    Object.assign(this, { margin, width: 0, height: 0 });
+    this.margin = margin;
+    this.width = this.height = 0;
     this.node = svg("svg", { role: "img", class: kind, "aria-label": label });
     new ResizeObserver(() => {
       [this.width, this.height] = [this.node.clientWidth, this.node.clientHeight];

@@ -144,6 +144,7 @@ export function posePanel(store) {
 
 export function toHome(store) {
   store.goTo(store.hello.state.q);
+  store.follow();
 }
 
 /** Zero, or the nearest to it within the limits and, in a file, within what its formulas cover. */
@@ -157,6 +158,7 @@ export function toZero(store) {
   const words = why.filter(Boolean).join("; ");
   if (words) toast(`The nearest posture: ${words}`);
   store.goTo(q);
+  store.follow();
 }
 
 export function toRandom(store) {
@@ -171,6 +173,7 @@ export function toRandom(store) {
     q[i] = home[i] + share * (random - home[i]);
   }
   store.goTo(q);
+  store.follow();
 }
 
 /** The pose of M as numbers: joints follow, as they do a hand. */

@@ -143,7 +143,10 @@ export class Program extends Readings {
     if (kind && asymmetry(stiffness[connection])) facts.add("asymmetric");
     if (kind && !this.isTangent(m, stiffness, connection)) facts.add("not tangent");
     const { level, title, code } = this.data.words.rules.find(({ needs }) => needs.every((fact) => facts.has(fact)));
-    return { level, title, code: level === "good" ? null : code };
+    if (level === "good") return { level, title, code: null, advice: null };
+    const { advice } = this.data.words;
+    const own = this.isLoaded(m) && !m.given ? advice[`preload ${code}`] : null;
+    return { level, title, code, advice: own ?? advice[code] ?? null };
   }
 
   /** As `cartstiff.analysis.posture.is_tangent`. */

@@ -3,10 +3,33 @@
 import { block, congruence, cross, dot, eigen, identity, largest, motion, place, plus, rotation, scaled,
   scaledInverse, symmetric, times, transposed } from "./algebra.js";
 import { Formulas, rows } from "./formulas.js";
-import { ROUNDOFF, ZERO_SHARE } from "./numerics.js";
+import { NEGLIGIBLE_DIFFERENCE, ROUNDOFF, ZERO_SHARE } from "./numerics.js";
 import { asymmetry, definiteness, inFrame, principalValues, softest, turnsBy } from "./principal.js";
+import { directionWords } from "./words.js";
+
+// Decimal places up to which shares are compared.
+const SAME_SHARE = 9;
+
+/** As `cartstiff.page.shown.apart`. */
+function apart({ A, K }) {
+  if (!A || !K) return null;
+  const most = Math.max(...A.flatMap((row, i) => row.map((x, j) =>
+    Math.abs(x - K[i][j]) / Math.sqrt(Math.abs(K[i][i] * K[j][j])) || 0)));
+  return most < NEGLIGIBLE_DIFFERENCE ? 0 : most;
+}
 
 export class Readings extends Formulas {
+  // -- of `Program`, which says what is noteworthy
+
+  /** @returns {any[]} */
+  notes(_m, _state) { return []; }
+
+  /** @returns {any} */
+  verdict(_kind, _notes, _state, _m) { return null; }
+
+  /** @returns {string[]} */
+  doubts(_notes, _state) { return []; }
+
   /** As `cartstiff.page.shown.shown_numbers`. */
   numbers(state, m = this.solve(state)) {
     const T = state.axes === "body" && !state.point.some((x) => x) ? null
@@ -18,6 +41,8 @@ export class Readings extends Formulas {
     const own = Object.keys(this.data.own ?? {});
     const asymmetries = Object.fromEntries(Object.entries(shown).map(([name, M]) => [name, M && asymmetry(M)]));
     const notes = this.notes(m, state);
+    const found = softest(here);
+    /** @type {any} */
     const answer = {
       q: m.straight, result: this.part(m, state.quantity, notes), has_compliance: true, position: place(m.pose),
         frame: T,
@@ -25,7 +50,7 @@ export class Readings extends Formulas {
       symmetric: { ...asymmetries, "+": asymmetries.A }, singularity: this.distance(m), legs: this.legs(m),
         moved: this.moved(m, state),
       modes: state.mode === null ? null : { missing: "Modes are computed by `cartstiff view`." },
-      softest: softest(here),
+      softest: found && { ...found, which: this.which(found.direction, true) }, apart: apart(shown),
       verdict: this.verdict(numbers?.definiteness, notes, state, m), doubts: this.doubts(notes, state),
     };
     if (own.length) answer.own = Object.fromEntries(own.map((name) => [name, shown[name]]));
@@ -48,6 +73,7 @@ export class Readings extends Formulas {
   /** What `cartstiff analyse --json` prints. */
   result(state) {
     const m = this.solve(state);
+    /** @type {any} */
     const found = { ...this.data.base, ...this.part(m, "stiffness", this.notes(m, state)), jacobian: m.jacobian ?? null,
       compliance: this.matrices(m.C) };
     delete found.stored_energy; // gravity's part is not told apart here
@@ -124,12 +150,13 @@ export class Readings extends Formulas {
     const twist = whole.map((x, i) => (Math.abs(x) * units[i] > rounding ? x : 0));
     const energy = 0.5 * dot(m.W, twist);
     const { values } = eigen(m.C.load);
-    const names = [...this.data.names, ...(this.data.bending?.beams ?? []).map(({ label }) => `${label} (link)`)];
+    const inRoom = times(rotation(m.pose), displacement);
     return {
-      displacement, in_room: times(rotation(m.pose), displacement), rotation: twist.slice(0, 3), energy, acts_at: m.at,
+      displacement, in_room: inRoom, of_frame: twist.slice(3), rotation: twist.slice(0, 3),
+      which: this.which(inRoom, false), energy, acts_at: m.at,
       resisted: values[0] >= 0 || -values[0] <= ZERO_SHARE * Math.max(...values.map(Math.abs)),
-      shares: this.shares(m, twist, displacement, energy, state.point)
-        .flatMap((share, i) => (m.stiffness[i] === 0 ? [] : [{ name: names[i], share }])), notes: [],
+      shares: this.contributions(m, this.shares(m, twist, displacement, energy, state.point)),
+      motion: this.motion(m, twist), notes: [],
     };
   }
 
@@ -150,6 +177,28 @@ export class Readings extends Formulas {
     });
     const order = [...sizes.keys()].filter((i) => sizes[i] !== null).sort((i, j) => sizes[i] - sizes[j]);
     return { here: size(state), sizes, order };
+  }
+
+  /** A direction of the room in words; null for none. */
+  which(direction, isLine) {
+    return direction?.some((x) => x) ? directionWords(direction, isLine, this.data.upright) : null;
+  }
+
+  /** Shares with their names, the largest first, and the rest; null where one does not exist. */
+  contributions(m, shares) {
+    const names = [...this.data.names, ...(this.data.bending?.beams ?? []).map(({ label }) => `${label} (link)`)];
+    const parts = shares.flatMap((share, i) => (m.stiffness[i] === 0 ? [] : [{ name: names[i], share }]));
+    if (!parts.length || parts.some(({ share }) => share === null)) return null;
+    const size = ({ share }) => Number(Math.abs(share).toFixed(SAME_SHARE));
+    const isOfJoints = !this.data.platform && !m.N;
+    return { of: isOfJoints ? "displacement" : "energy", parts: parts.toSorted((x, y) => size(y) - size(x)),
+      rest: isOfJoints ? 0 : parts.reduce((sum, { share }) => sum - share, 1) };
+  }
+
+  /** How far the load moves all coordinates, or a platform's body, as `cartstiff.analysis.posture.motion_of`. */
+  motion(m, twist) {
+    if (this.data.platform) return twist;
+    return m.N ? times(m.N, this.way(m)) : this.way(m);
   }
 
   /** How far the load moves the coordinates, or a platform's body. */

@@ -1,7 +1,6 @@
 // While the tool is held: a pale ring about each joint, or around each leg, that is near an end of its
 // range; an arc from one end to the other, and a ball where it stands.
 
-/* global MeshCat */
 import { hues } from "./dom.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 

@@ -49,7 +49,7 @@ function differing(state, first) {
 /** Everything that is shown, as the part of an address after #. */
 export function toHash(store) {
   const parts = differing(store.state, store.hello.state);
-  for (const { number, state } of store.kept) parts.set(`kept${number}`, differing(state, store.hello.state));
+  for (const { number, state } of store.kept) parts.set(`kept${number}`, String(differing(state, store.hello.state)));
   const { frame } = store.hello.mechanism;
   if (frame !== store.firstFrame) parts.set("frame", frame);
   if (store.fine) parts.set("lengths", store.fine);
@@ -100,6 +100,7 @@ function stepTo(store, hash) {
   const { q: ghost } = fromHash(`q=${asked.get("ghost") ?? first.ghost ?? ""}`, first);
   if (!kept.length && ghost) kept.push({ number: 1, state: { ...structuredClone(state), q: ghost } });
   state.ghost = kept[0]?.state.q ?? null;
+  /** @type {Record<string, any>} */
   const plot = Object.fromEntries(PLOT.filter(([key]) => asked.has(key)).map(([key, name]) => [name, asked.get(key)]));
   const seen = (plot.seen ?? "").split(",").map(Number);
   plot.seen = [2, 4].includes(seen.length) && seen.every(Number.isFinite) ? seen : null;

@@ -38,13 +38,16 @@ export class Store extends EventTarget {
     this.towards = null; // {pose, turning} of a hand, or {lengths} of legs
     this.past = [];
     this.future = [];
+    this.lastTime = 0; // of a step
+    this.plot = null; // what the plot shows
+    this.beforePicture = null; // called before a picture changes
     source.onanswer = (data, commands) => this.receive(data, commands);
     source.onlost = () => this.lost();
     source.onalone = () => this.alone();
   }
 
   on(event, listener) {
-    this.addEventListener(event, ({ detail }) => listener(detail));
+    this.addEventListener(event, (/** @type {any} */ { detail }) => listener(detail));
   }
 
   /** A listener that fails is reported, and keeps nothing from the others. */
@@ -83,6 +86,12 @@ export class Store extends EventTarget {
     to.push(this.step());
     this.lastKind = null;
     await this.restore(from.pop());
+  }
+
+  /** Frame what a button has done, from the present side, once it is shown; a view that somebody turned stays. */
+  follow() {
+    const frame = () => this.ask({ do: "bounds" }).then(({ bounds }) => this.pane.keepInView(bounds), () => {});
+    this.addEventListener("numbers", frame, { once: true });
   }
 
   /** Show everything as a step, or an address, has it. */
@@ -255,6 +264,7 @@ export class Store extends EventTarget {
     this.numbers = numbers;
     this.shown = this.sent;
     this.legend = legendOf(data.legend);
+    if (this.pane) this.pane.extent = this.legend.size;
     this.refuse(null);
     this.inTime();
     // A closed chain has been assembled: its other coordinates, and without newer wishes all.
@@ -354,8 +364,10 @@ export class Store extends EventTarget {
   /** Go to a state that was kept. */
   goToKept(number = 1) {
     const found = this.kept.find((one) => one.number === number);
-    if (found) this.change({ ...structuredClone(found.state), ...LOOKS(this.state), quantity: this.state.quantity,
+    if (!found) return;
+    this.change({ ...structuredClone(found.state), ...LOOKS(this.state), quantity: this.state.quantity,
       ghost: this.state.ghost, moved: null });
+    this.follow();
   }
 
   /** The shown matrix of a connection, at the reference point: 6 rows, or null. */
@@ -370,6 +382,18 @@ export class Store extends EventTarget {
   unit(kind) {
     const { length, force } = this.hello.mechanism.units;
     return { length, force, moment: `${force} ${length}` }[kind];
+  }
+
+  /** Sizes of which the page's one unit of each quantity is: displacements, stiffnesses, as they are shown. */
+  get sizes() {
+    const { moved, principal } = this.numbers ?? {};
+    const least = (kind) => {
+      const found = principal?.[kind].values.map(Math.abs).filter((x) => x > 0) ?? [];
+      return found.length ? Math.min(...found) : undefined;
+    };
+    const way = moved ? Math.hypot(...moved.displacement) : 0;
+    return { displacement: way || undefined, deflection: way || undefined, translation: least("translation"),
+      rotation: least("rotation") };
   }
 
   /** Units of the four blocks [[rr, rt], [tr, tt]] as they are read; `read` gives the last one's numbers. */
@@ -441,8 +465,8 @@ export function givenLoad(state, numbers, { may_be_loaded: mayBe }) {
 // What of a state decides its numbers, besides the posture; what else decides curves; how it is shown.
 const MECHANICS = ["point", "stiffness", "load", "load_axes", "load_kind", "load_at", "gravity", "payload", "command"];
 const CURVED = [...MECHANICS, "connection", "quantity", "others", "axes"];
-const SEEN = ["theme", "translation", "rotation", "scale", "labels", "wrench", "deflection", "centres", "connection",
-  "others", "mode"];
+const SEEN = ["theme", "translation", "rotation", "scale", "labels", "wrench", "deflection", "drawn", "enlarged",
+  "centres", "connection", "others", "mode"];
 export const mechanicsOf = (state) => MECHANICS.map((key) => state[key]);
 export const curvesOf = (state) => CURVED.map((key) => state[key]);
 

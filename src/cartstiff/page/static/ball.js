@@ -1,0 +1,89 @@
+// A ball about the point whose colours are the stiffness along each direction: point at it, or turn the view with the
+// keys, and read it.
+
+import { times } from "./algebra.js";
+import { byId, clamp, el, engineering, plainly, rgbs, tipIn } from "./dom.js";
+import { between } from "./drawing.js";
+import { directionWords } from "./words.js";
+
+// Radius over the mechanism's size.
+const BALL = 0.13;
+
+/** Stiffness along a direction of M, a unit vector: that against a force along it, see `principal`. */
+export const alongDirection = ({ values, axes }, direction) =>
+  1 / axes.reduce((sum, axis, k) => sum + axis.reduce((x, c, i) => x + c * direction[i], 0) ** 2 / values[k], 0);
+
+/** A box that shows the ball, and what reads it. */
+export function stiffnessBall(store) {
+  const { THREE } = MeshCat;
+  const { pane } = store;
+  const geometry = new THREE.SphereGeometry(1, 48, 32);
+  const mesh = new THREE.Mesh(geometry,
+    new THREE.MeshBasicMaterial({ vertexColors: true, transparent: true, opacity: 0.92 }));
+  mesh.userData.twin = false;
+  const words = el("div", { class: "ball-words num", role: "status", hidden: true });
+  byId("stage").append(words);
+  const tip = tipIn(byId("stage"), "overlay", [14, 16]);
+  const box = el("input", { type: "checkbox", onchange: () => { update(); pane.viewer.set_dirty(); } });
+  let found = null; // values in the units of stiffness, and axes in M
+
+  /** Principal stiffnesses, of a compliance their reciprocals. */
+  function stiffnesses() {
+    const { principal } = store.numbers ?? {};
+    if (!principal || !(principal.translation.values[0] > 0)) return null;
+    const { values, axes } = principal.translation;
+    return { values: store.shown.quantity === "stiffness" ? values : values.map((x) => 1 / x), axes };
+  }
+
+  const text = (k) => engineering(k, `${store.unit("force")}/${store.unit("length")}`, 3, store.sizes.translation);
+
+  function update() {
+    found = box.checked ? stiffnesses() : null;
+    mesh.visible = found !== null;
+    words.hidden = found === null;
+    if (!found) return;
+    const [low, high] = [Math.min(...found.values), Math.max(...found.values)].map(Math.log);
+    const { position } = geometry.attributes;
+    const table = rgbs("sequential");
+    const colours = new Float32Array(3 * position.count);
+    for (let i = 0; i < position.count; i++) {
+      const k = alongDirection(found, [position.getX(i), position.getY(i), position.getZ(i)]);
+      const share = high > low ? (Math.log(k) - low) / (high - low) : 0.5;
+      between(table, clamp(share, 0, 1)).forEach((c, j) => { colours[3 * i + j] = c / 255; });
+    }
+    geometry.setAttribute("color", new THREE.BufferAttribute(colours, 3));
+  }
+
+  pane.before.push(() => {
+    if (!found || !store.legend) return;
+    const ball = pane.at("ball");
+    if (mesh.parent !== ball) ball.add(mesh);
+    const M = pane.at("M");
+    mesh.position.set(...store.shown.point).applyMatrix4(M.matrix);
+    mesh.quaternion.copy(M.quaternion);
+    mesh.scale.setScalar(BALL * store.legend.size);
+    const eye = new THREE.Vector3().setFromMatrixPosition(pane.viewer.camera.matrixWorld);
+    mesh.updateWorldMatrix(true, false);
+    const away = mesh.worldToLocal(eye).normalize().toArray();
+    const { low, high } = { low: Math.min(...found.values), high: Math.max(...found.values) };
+    words.textContent = `towards you: ${text(alongDirection(found, away))} (dark ${text(low)}, bright ${text(high)})`;
+  });
+  pane.node.addEventListener("pointermove", (event) => {
+    if (!found || event.buttons) return tip.say(null);
+    const ray = new THREE.Raycaster();
+    const [x, y] = pane.place(event);
+    ray.setFromCamera({ x, y }, pane.viewer.camera);
+    const [hit] = ray.intersectObject(mesh, false);
+    if (!hit) return tip.say(null);
+    const direction = mesh.worldToLocal(hit.point.clone()).normalize().toArray();
+    tip.say(`${text(alongDirection(found, direction))}, ${roomWords(direction)}`, event);
+  });
+  pane.node.addEventListener("pointerleave", () => tip.say(null));
+  const roomWords = (direction) => {
+    const R = store.numbers.result.pose.slice(0, 3).map((row) => row.slice(0, 3));
+    return plainly(directionWords(times(R, direction), true, store.hello.mechanism.upright));
+  };
+  store.on("numbers", update);
+  return el("label", { class: "check", title: "The stiffness along every direction; point at it to read it" }, box,
+    "Coloured ball");
+}

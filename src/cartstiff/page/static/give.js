@@ -1,0 +1,155 @@
+// How the mechanism gives under its load: an arrow from where it would rest to where it is, with the true way
+// written at it, a slider for how much it is enlarged, and everything moving between the two.
+
+import { button, el, hues, short, typeset } from "./dom.js";
+import { pairsOf } from "./ghosts.js";
+import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
+import { ticking } from "./player.js";
+
+// Time (s) of one way there and back.
+const SWAY_TIME = 2.6;
+// What hangs on the body, besides its frame M.
+const HANGING = ["translation ellipsoid", "rotation ellipsoid", "wrench", "nodal", "centres", "ball"];
+const CALLOUT = ["meshcat", "cartstiff", "callout"];
+// Height of the callout's letters where the picture is one unit away.
+const LETTERS = 0.032;
+// Ends of the slider: the true size, and so many times what is drawn by default.
+const MOST = 10;
+// Thickness of the arrow, and length of its head, over the mechanism's size.
+const [SHAFT, HEAD] = [0.006, 0.045];
+
+/** The arrow with its label; returns what puts it between two points, which are null for none. */
+function callout(store) {
+  const { THREE } = MeshCat;
+  const vector = (...xyz) => new THREE.Vector3(...xyz);
+  const paint = (opacity, depthTest) =>
+    new THREE.MeshBasicMaterial({ color: hues("deflection")[0], transparent: true, opacity, depthTest });
+  const arrow = new THREE.Group();
+  const shaft = new THREE.CylinderGeometry(1, 1, 1, 14).translate(0, 0.5, 0);
+  const head = new THREE.ConeGeometry(2.6, 1, 18).translate(0, 0.5, 0);
+  const parts = [shaft, head].map((geometry) => {
+    const both = [new THREE.Mesh(geometry, paint(1, true)), new THREE.Mesh(geometry, paint(0.85, false))];
+    const part = new THREE.Group();
+    for (const mesh of both) Object.assign(mesh.userData, { twin: false });
+    both[1].renderOrder = 18;
+    part.add(...both);
+    arrow.add(part);
+    return part;
+  });
+  return (from, to, text) => {
+    const { pane } = store;
+    const place = pane.at();
+    if (arrow.parent !== place) place.add(arrow);
+    const label = pane.part(...CALLOUT);
+    arrow.visible = from !== null;
+    if (label) label.visible = from !== null;
+    if (from === null) return;
+    const { size, per_length: per } = store.legend;
+    const way = to.clone().sub(from);
+    const length = way.length();
+    const heads = Math.min(HEAD * size, 0.5 * length);
+    parts[0].scale.set(SHAFT * size, Math.max(length - heads, NEGLIGIBLE_DIFFERENCE * size), SHAFT * size);
+    parts[1].scale.set(SHAFT * size, heads, SHAFT * size);
+    parts[1].position.set(0, length - heads, 0);
+    arrow.position.copy(from);
+    arrow.quaternion.setFromUnitVectors(vector(0, 1, 0), way.normalize());
+    const said = { path: `/${CALLOUT.join("/")}`, text, letters: hues("deflection-letters").map(numberOf),
+      paper: hues("label-paper").map(numberOf), height: LETTERS / per };
+    if (text !== label?.children[0]?.userData.label?.text || !label.children.length) pane.write(said);
+    pane.part(...CALLOUT).position.copy(from.clone().lerp(to, 0.5));
+  };
+}
+
+const numberOf = (colour) => Number(`0x${colour.slice(1)}`);
+
+/** A button that plays it, and the line with the factor. */
+export function give(store, answer) {
+  const { THREE } = MeshCat;
+  const still = matchMedia("(prefers-reduced-motion: reduce)");
+  const node = button("▶ Show it move", () => (playing ? stop() : start()), { class: "quiet", hidden: true,
+    "aria-pressed": "false", title: "From where it rests without the load to where it is under it, and back" });
+  const slider = el("input", { type: "range", min: 0, max: 1, step: 0.01,
+    "aria-label": "How much the motion is enlarged",
+    oninput: () => store.change({ enlarged: Number((most() ** slider.valueAsNumber).toPrecision(2)) }) });
+  const auto = button("auto", () => store.change({ enlarged: null }), { class: "quiet",
+    title: "Drawn as about a tenth of the mechanism's size" });
+  const words = el("span", { class: "num" });
+  const line = el("div", { class: "row enlarged", hidden: true }, words, slider, auto);
+  const draw = callout(store);
+  /** @type {any} */
+  let playing = null;
+  let usual = 1; // the factor that is taken by default
+
+  const most = () => Math.max(MOST * usual, MOST);
+  const tree = () => store.pane.viewer.scene_tree.children.meshcat?.children.cartstiff?.children ?? {};
+
+  /** Places of M without the load and under it; null where nothing is drawn of it. */
+  function ends() {
+    const { M, rest } = tree();
+    const there = rest?.children.M?.object;
+    return store.legend?.rest && M && rest.object.visible && there ? [there, M.object] : null;
+  }
+
+  const matrix = (object) => new THREE.Matrix4().compose(object.position, object.quaternion, object.scale);
+
+  function update() {
+    const found = ends();
+    if (!found || !store.numbers?.moved) return draw(null);
+    const [from, to] = found.map((object) => new THREE.Vector3(...store.shown.point).applyMatrix4(matrix(object)));
+    if (from.distanceTo(to) < NEGLIGIBLE_DIFFERENCE) return draw(null);
+    draw(from, to, answer());
+  }
+  store.pane.before.push(update);
+
+  function start() {
+    const found = ends();
+    if (!found) return;
+    const [from, to] = found;
+    const parts = [...pairsOf(store.pane, "rest"), [from, to]].map(([rest, object]) => ({ rest, object,
+      position: object.position.clone(), quaternion: object.quaternion.clone(), scale: object.scale.clone() }));
+    const back = matrix(to).invert();
+    playing = {};
+    node.textContent = "◼ Stop";
+    node.setAttribute("aria-pressed", "true");
+    /** All between the rest (1) and where it is (0). */
+    playing.put = (share) => {
+      for (const { rest, object, position, quaternion, scale } of parts) {
+        object.position.lerpVectors(position, rest.position, share);
+        object.quaternion.slerpQuaternions(quaternion, rest.quaternion, share);
+        object.scale.lerpVectors(scale, rest.scale, share);
+      }
+      const carried = matrix(to).multiply(back);
+      for (const name of HANGING) {
+        const object = tree()[name]?.object;
+        if (object) carried.decompose(object.position, object.quaternion, object.scale);
+      }
+      store.pane.viewer.set_dirty();
+    };
+    playing.halt = ticking((now) => playing?.put(0.5 + 0.5 * Math.cos((2 * Math.PI * now) / SWAY_TIME)));
+  }
+
+  function stop() {
+    if (!playing) return;
+    playing.halt();
+    playing.put(0);
+    playing = null;
+    node.textContent = "▶ Show it move";
+    node.setAttribute("aria-pressed", "false");
+  }
+
+  store.on("state", stop);
+  store.on("numbers", () => {
+    stop();
+    const enlarged = store.legend?.rest?.enlarged ?? null;
+    line.hidden = enlarged === null;
+    node.hidden = enlarged === null || still.matches;
+    if (enlarged === null) return;
+    const { enlarged: wanted } = store.shown;
+    if (wanted === null) usual = enlarged;
+    words.textContent = typeset(`drawn ${short(enlarged, 3)} times as far`);
+    slider.value = Math.log(enlarged) / Math.log(most());
+    slider.setAttribute("aria-valuetext", `${short(enlarged, 3)} times`);
+    auto.disabled = wanted === null;
+  });
+  return { node, line };
+}

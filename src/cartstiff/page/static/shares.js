@@ -1,0 +1,172 @@
+// Which joint, link or leg contributes how much of the motion under the load: bars in the answer, and the same
+// colours in the picture, on a band about each joint and on the legs. Pointing at one lights the other.
+
+import { all, byId, clamp, el, rgbs, typeset } from "./dom.js";
+import { between } from "./drawing.js";
+
+// A band about a joint: its radius and its thickness over the mechanism's size, without a share and with all of it.
+const [RADIUS, THIN, THICK, LARGER] = [0.066, 0.006, 0.02, 1.25];
+// Shares that are not named: rounded to 0 %.
+const UNSAID = 0.005;
+const HEADS = { displacement: "Share of the displacement", energy: "Share of the energy" };
+
+let tables = null;
+/** Red, green, blue of a share, or of a force over its limit, from -1 to 1. */
+function colourOf(name, x) {
+  tables ??= { shares: rgbs("shares"), forces: rgbs("forces") };
+  return between(tables[name], clamp(0.5 + 0.5 * x, 0, 1));
+}
+
+const shareColour = (share) => colourOf("shares", share);
+const css = (colour) => `rgb(${colour.map(Math.round).join(", ")})`;
+const percent = (share) => typeset(`${Math.round(100 * share) || 0} %`);
+
+/** The part that a row is of: joints of the tree that it moves, and the number of a leg. */
+function placesOf({ coordinates, joints, springs, platform }, name) {
+  if (platform) return { joints: [], leg: springs.findIndex((one) => one.name === name) };
+  const index = coordinates.findIndex((one) => one.name === name);
+  return { joints: [...joints.keys()].filter((j) => joints[j] === index && index >= 0), leg: -1 };
+}
+
+/** Bars up to 100 %; returns their node. */
+export function shareBars(store) {
+  const head = el("div", { class: "shares-head small dim" });
+  const list = el("div", { class: "moved-bars", role: "group", "aria-label": "Shares of the joints or legs" });
+  const none = el("p", { class: "dim small" });
+
+  /** A bar that lights its part, where it has one. */
+  function bar(name, share, isPart) {
+    const fill = el("i");
+    fill.style.width = `${clamp(100 * Math.abs(share), 0, 100)}%`;
+    if (isPart) fill.style.background = css(shareColour(share));
+    const row = el("div", { class: "moved-bar", tabindex: isPart ? 0 : false, "data-part": isPart ? name : false },
+      el("span", { class: "moved-name" }, name),
+      el("span", { class: `meter wide${share < 0 ? " against" : ""}` }, fill),
+      el("span", { class: "num" }, percent(share)));
+    const light = (name) => () => store.tell("part", name);
+    if (isPart) for (const event of ["pointerenter", "focus"]) row.addEventListener(event, light(name));
+    if (isPart) for (const event of ["pointerleave", "blur"]) row.addEventListener(event, light(null));
+    return row;
+  }
+
+  store.on("numbers", () => {
+    const { moved } = store.numbers;
+    const found = moved?.resisted ? moved.shares : null;
+    const parts = found?.parts.filter(({ share }) => Math.abs(share) >= UNSAID) ?? [];
+    head.hidden = list.hidden = !found;
+    none.textContent = moved?.resisted && !found ? reasonFor(moved) : "";
+    none.hidden = !none.textContent;
+    if (!found) return list.replaceChildren();
+    const signed = parts.some(({ share }) => share < 0);
+    const scale = el("span", { class: "gradient" });
+    const colours = (signed ? [-1, 0, 1] : [0, 1]).map((x) => css(shareColour(x)));
+    scale.style.background = `linear-gradient(to right, ${colours})`;
+    head.replaceChildren(el("span", {}, HEADS[found.of]),
+      el("span", { class: "num" }, signed ? "−100" : "0"), scale, el("span", { class: "num" }, "100 %"));
+    const focused = all(".moved-bar:focus")[0]?.dataset.part;
+    list.replaceChildren(...parts.map(({ name, share }) => bar(name, share, true)),
+      ...(Math.abs(found.rest) >= UNSAID ? [bar("no joint: load, other potentials", found.rest, false)] : []));
+    if (focused) all(".moved-bar").find(({ dataset }) => dataset.part === focused)?.focus();
+  });
+  store.on("part", (name) => {
+    for (const row of list.children) row.classList.toggle("lit", name !== null && row.dataset.part === name);
+  });
+  return el("div", {}, head, list, none);
+}
+
+/** Why there are no shares. */
+function reasonFor({ displacement, rotation }) {
+  if (displacement.some((x) => x)) return "No share is known: the springs store no energy";
+  return rotation.some((x) => x) ? "The point does not move: nothing has a share of its way"
+    : "The structure carries this load: no spring has a share";
+}
+
+/** Bands about joints and colours of legs, in the picture. */
+export function sharePicture(store) {
+  const { THREE } = MeshCat;
+  const { pane } = store;
+  const world = new THREE.Group();
+  world.quaternion.copy(pane.viewer.scene.quaternion).invert();
+  pane.viewer.scene.add(world);
+  const bands = new Map(); // by joint of the tree
+  let lit = null;
+
+  function made() {
+    const band = new THREE.Group();
+    for (const opacity of [1, 0.35]) {
+      const paint = new THREE.MeshBasicMaterial({ transparent: true, opacity, depthTest: opacity === 1 });
+      const mesh = new THREE.Mesh(new THREE.TorusGeometry(1, 1, 12, 48), paint);
+      mesh.userData.twin = false;
+      mesh.renderOrder = opacity === 1 ? 5 : 4;
+      band.add(mesh);
+    }
+    world.add(band);
+    return band;
+  }
+
+  /** A band about a joint's axis, as thick as its share is large. */
+  function band(j, share, isLit) {
+    const { size, per_length: per } = store.legend;
+    const at = pane.part("meshcat", "cartstiff", "mechanism", `joint ${j + 1}`);
+    if (!at) return;
+    if (!bands.has(j)) bands.set(j, made());
+    const one = bands.get(j);
+    one.visible = true;
+    at.updateWorldMatrix(true, false);
+    const turned = new THREE.Quaternion().setFromRotationMatrix(new THREE.Matrix4().extractRotation(at.matrixWorld));
+    const axis = new THREE.Vector3(...store.hello.mechanism.axes[j]).normalize();
+    one.position.setFromMatrixPosition(at.matrixWorld);
+    one.quaternion.copy(turned).multiply(new THREE.Quaternion().setFromUnitVectors(new THREE.Vector3(0, 0, 1), axis));
+    const thickness = (THIN + (THICK - THIN) * Math.min(1, Math.abs(share))) / RADIUS;
+    const radius = RADIUS * size * per * (isLit ? LARGER : 1);
+    for (const mesh of one.children) {
+      if (mesh.userData.thickness !== thickness) {
+        mesh.userData.thickness = thickness;
+        mesh.geometry.dispose();
+        mesh.geometry = new THREE.TorusGeometry(1, thickness, 12, 48).scale(1, 1, 2);
+      }
+      mesh.scale.setScalar(radius);
+      mesh.material.color.set(css(shareColour(share)));
+    }
+  }
+
+  function paint(leg, colour) {
+    const rod = pane.part("meshcat", "cartstiff", "mechanism", "legs", `line ${leg + 1}`, "rod");
+    rod?.traverse((node) => {
+      if (node.isMesh && !node.userData.isTwin) node.material.color.set(css(colour));
+    });
+  }
+
+  /** Of a leg's force, where no share colours it. */
+  function forceColour(tension) {
+    const [, most] = store.legend.tension?.limits ?? [0, 0];
+    return colourOf("forces", most ? tension / most : 0);
+  }
+
+  pane.before.push(() => {
+    for (const one of bands.values()) one.visible = false;
+    const { numbers, hello, shown } = store;
+    if (!numbers || !hello || !shown.deflection && lit === null) return;
+    const parts = numbers.moved?.resisted ? numbers.moved.shares?.parts ?? [] : [];
+    for (const { name, share } of parts) {
+      const { joints, leg } = placesOf(hello.mechanism, name);
+      const isLit = lit === name;
+      if (Math.abs(share) >= UNSAID || isLit) for (const j of joints) band(j, share, isLit);
+      if (leg >= 0) paint(leg, shareColour(isLit ? Math.sign(share) : share));
+    }
+    if (!parts.length && numbers.legs && store.legend?.tension) {
+      const { slack = [] } = store.legend.tension;
+      numbers.legs.forEach(({ tension }, i) => { if (!slack.includes(i + 1)) paint(i, forceColour(tension ?? 0)); });
+    }
+  });
+  store.on("part", (name) => {
+    lit = name;
+    for (const row of document.querySelectorAll(".slider, .leg")) row.classList.remove("lit");
+    if (name !== null) {
+      const { mechanism } = store.hello;
+      const index = mechanism.coordinates.findIndex((one) => one.name === name);
+      byId(`slider-${index}`)?.closest(".slider").classList.add("lit");
+    }
+    pane.viewer.set_dirty();
+  });
+}
