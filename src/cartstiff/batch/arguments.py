@@ -102,7 +102,7 @@ def shape_of(name: str, count: int, n: int, legs: int = 0) -> tuple[int, ...]:
         "wrench": (6,),
         "energy": (),
         TENSIONS: (legs,),
-        NOTEWORTHY: (4,),
+        NOTEWORTHY: (5,),
         LENGTH: (1,),
         LEGS: (legs,),
         LINES: (legs, 6),

@@ -41,7 +41,7 @@ b carries and S_b = omega_b x m c + m v_b,
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -234,7 +234,7 @@ class JointSpringNumbers:
     Attributes
     ----------
     verdict : on the deflections.
-    deflections : those of the coordinates asked for.
+    deflections, torques : those of the coordinates asked for.
     """
 
     def __init__(self, tape: Tape, n: int, laws: Sequence[tuple[int, SpringLaw]]) -> None:
@@ -242,6 +242,7 @@ class JointSpringNumbers:
         self._laws = dict(laws)
         self.verdict: Scalar = PLAIN
         self.deflections: dict[int, Scalar] = {}
+        self.torques: dict[int, Scalar] = {}
 
     def at(self, a: int, q: Scalar) -> tuple[Scalar, Scalar, Scalar]:
         """Energy, torque and stiffness of a spring with a given rest position."""
@@ -250,14 +251,18 @@ class JointSpringNumbers:
             self.verdict = larger(
                 self.verdict, _away_from_corners(self._laws[a], stretch)
             )
-            return stretched(self._laws[a], stretch)
-        k = self._stiffness[a]
-        return k * stretch * stretch * 0.5, k * stretch, k
+            energy, torque, k = stretched(self._laws[a], stretch)
+        else:
+            k = self._stiffness[a]
+            energy, torque = k * stretch * stretch * 0.5, k * stretch
+        self.torques[a] = torque
+        return energy, torque, k
 
     def under(self, a: int, torque: Scalar) -> tuple[Scalar, Scalar]:
         """Energy and stiffness of a spring whose rest position makes it
         exert a torque.
         """
+        self.torques[a] = torque
         if a not in self._laws:
             k = self._stiffness[a]
             self.deflections[a] = x = torque / k
@@ -272,6 +277,19 @@ class JointSpringNumbers:
         """Sum of the deflections of turning coordinates, as a share of `MAX_WIND_UP`."""
         turned = [absolute(x) for a, x in self.deflections.items() if not is_length[a]]
         return sum(turned[1:], turned[0]) * (1.0 / MAX_WIND_UP) if turned else 0.0
+
+    def strained(self, efforts: Iterable[tuple[int, float, float]]) -> Scalar:
+        """At least 1 where the torque of a drive on its link is beyond its limits."""
+        worst: Scalar = 0.0
+        for a, least, most in efforts:
+            sizes = [abs(x) for x in (least, most) if math.isfinite(x)]
+            if least > most:  # not known here
+                return 1.0
+            for limit, side in ((least, 1.0), (most, -1.0)):
+                if math.isfinite(limit):
+                    beyond = (self.torques[a] * side + limit * side) / (max(sizes) or 1.0)
+                    worst = larger(worst, beyond + 1.0)
+        return worst
 
 
 @dataclass(frozen=True)
@@ -442,6 +460,9 @@ class ChainCase:
         Jacobian.
     laws : tuple of (int, SpringLaw)
         Nonlinear springs of coordinates.
+    efforts : tuple of (int, float, float)
+        Least and largest torque of drives of coordinates on the links that they move; the
+        first is the larger one where the torque is not recorded.
     bodies : Bodies, optional
         All masses, for vibrations.
     rigid : tuple of int
@@ -480,6 +501,7 @@ class ChainCase:
     settled: tuple[int, ...] = ()
     singular: bool = False
     laws: tuple[tuple[int, SpringLaw], ...] = ()
+    efforts: tuple[tuple[int, float, float], ...] = ()
     bodies: Bodies | None = None
     rigid: tuple[int, ...] = ()
     load: LoadKind = DEAD_AT_ORIGIN
@@ -601,8 +623,8 @@ class ChainNumbers:
     N : rates of the coordinates in the motions x, ``dq = N dx``.
     rates : those of the joints; None where the motions are the joints'.
     gradient, hessian : on the motions.
-    deflection : at least 1 where `cartstiff.mechanisms.limits.deflection_notes` may have
-        a note.
+    deflection, strain : at least 1 where `mechanisms.limits.deflection_notes`, or
+        `stiffness.forces.force_notes`, may have a note.
     """
 
     def __init__(self, tape: Tape, case: ChainCase, start: int = 0) -> None:
@@ -700,6 +722,7 @@ class ChainNumbers:
         is_length = case.constants.is_length
         on_slides = bool(case.springs) and any(is_length) and not case.is_closed
         self.deflection: Scalar = 1.0 if on_slides else springs.wind_up(is_length)
+        self.strain = springs.strained(case.efforts)
         self.energy, self._of_coordinates = energy, (gradient, hessian)
         self.gradient = self.N.T @ gradient
         self.hessian = congruence(self.N, hessian + self._turning(-gradient))
@@ -1140,7 +1163,6 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
     if "noteworthy" in wanted and stiffness and "compliance_B" in arrays:
         H = chain.lagrangian(W)
         pairs = (H, positive_inverse(H)), (stiffness["B"], arrays["compliance_B"])
-        arrays["noteworthy"] = np.array(
-            [*chain.noteworthy(stiffness["load"], *pairs), chain.deflection], object
-        )
+        bounds = *chain.noteworthy(stiffness["load"], *pairs), chain.deflection
+        arrays["noteworthy"] = np.array([*bounds, chain.strain], object)
     return arrays

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from math import inf
 from typing import Any, Literal, cast
 from weakref import WeakKeyDictionary
 
@@ -301,6 +302,19 @@ def _open_case(
     return case, elastic.potentials
 
 
+def _efforts(
+    elastic: ElasticMechanism, case: ChainCase, unrecorded: Container[int]
+) -> tuple[tuple[int, float, float], ...]:
+    """`ChainCase.efforts` of the coordinates that have a spring."""
+    found = list[tuple[int, float, float]]()
+    for j in case.springs:
+        limits = elastic.efforts.get(elastic.names[j])
+        if limits is not None:
+            least, most = (inf, -inf) if j in unrecorded else limits
+            found.append((j, least, most))
+    return tuple(found)
+
+
 def _with_fields(
     elastic: ElasticMechanism,
     chain: Chain,
@@ -347,10 +361,9 @@ def _with_fields(
         shared["lines"] = np.concatenate(known).reshape(1, -1)
         case = replace(case, stretched=tuple(lines))
     rest = shared["rest"][0]
-    case = replace(
-        case, laws=tuple((j, law) for j, law in laws.items() if is_recorded(law))
-    )
+    recorded = tuple((j, law) for j, law in laws.items() if is_recorded(law))
     laws = {j: law for j, law in laws.items() if not is_recorded(law)}
+    case = replace(case, laws=recorded, efforts=_efforts(elastic, case, laws))
     untraced = UntracedTerms(chain, tuple(loose), laws, rest, tuple(beams))
     case = replace(
         case,

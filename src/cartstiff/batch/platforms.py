@@ -346,7 +346,7 @@ def platform_arrays(
         pair = K_B, arrays["compliance_B"]
         found = noteworthy(body.squared_condition, stiffness["load"], pair)
         doubt = largest(t / body.k / lengths) * (1.0 / MAX_RELATIVE_DEFLECTION)
-        arrays["noteworthy"] = np.array([*found, doubt], object)
+        arrays["noteworthy"] = np.array([*found, doubt, 1.0], object)
     return arrays
 
 

@@ -221,7 +221,7 @@ class ElasticMechanism(ShownInLines):
         """
         return self.mechanism.bounds
 
-    @property
+    @cached_property
     def force_limits(self) -> dict[str, tuple[float, float]]:
         """Least and largest torque (force) of the drives of joints, and tension of legs,
         where they are known.
@@ -229,6 +229,18 @@ class ElasticMechanism(ShownInLines):
         legs = self.mechanism.tension_limits
         pairs = [] if legs is None else [(low, high) for low, high in legs.tolist()]
         return {**dict(zip(self.spring_names, pairs, strict=False)), **self.efforts}
+
+    @cached_property
+    def held_either_way(self) -> Array:
+        """Size (m,) of a force of each of `spring_names` that its drive holds, whatever
+        its sign; zero for a cable that must be taut.
+        """
+        none = (-np.inf, np.inf)
+        pairs = [self.force_limits.get(name, none) for name in self.spring_names]
+        each = [min(-low, high) for low, high in pairs]
+        if not set(self.force_limits) <= set(self.spring_names):
+            each = [0.0 for _ in each]
+        return np.maximum(each, 0.0)
 
     @property
     def masses(self) -> dict[str, float]:

@@ -58,7 +58,7 @@ from cartstiff.statics.small_motions import (
     unstable_up_to,
     vibrations,
 )
-from cartstiff.stiffness.forces import force_notes, forces_of
+from cartstiff.stiffness.forces import force_notes, forces_of, may_be_beyond
 from cartstiff.stiffness.posture import PostureStiffness
 from cartstiff.stiffness.posture_notes import near_constraint
 from cartstiff.stiffness.reduction import reduced_at
@@ -229,7 +229,7 @@ def _notes_on_posture(
     notes = [*notes_at_start(elastic.mechanism, start, limits)]
     if not len(limits) or len(limits_of(elastic.mechanism)) > len(limits):
         notes += limit_notes(elastic.mechanism, posture, "at rest: ")
-    if elastic.force_limits:
+    if may_be_beyond(elastic, posture):
         notes += force_notes(forces_of(elastic, posture, reactions.rigid), elastic)
     notes += deflection_notes(elastic, posture.q)
     notes += elastic.diagnostics(posture)

@@ -105,11 +105,23 @@ def forces_of(
     # Without a load, springs have what rounding leaves of their own sizes.
     least = largest if largest <= max(noise) else numerics.PRINTED_AS_ZERO * largest
     limits, none = elastic.force_limits, (-np.inf, np.inf)
-    found = (
+    found = [
         DriveForce(n, is_length[n], 0.0 if abs(x) <= least else x, *limits.get(n, none))
         for n, x in forces.items()
-    )
-    return tuple(sorted(found, key=lambda one: -np.nan_to_num(one.used, nan=-1.0)))
+    ]
+    used = used_shares(*np.array([one[2:] for one in found]).reshape(-1, 3).T)
+    order = np.argsort(-np.nan_to_num(used, nan=-1.0), kind="stable")
+    return tuple(found[i] for i in order.tolist())
+
+
+def may_be_beyond(elastic: ElasticMechanism, posture: MechanismPosture) -> bool:
+    """Whether `forces_of` may be beyond limits: asked at every rest, where seldom one
+    is.
+    """
+    limits, springs = elastic.force_limits, elastic.springs
+    if not limits or springs is None or elastic.mechanism.rigid:
+        return bool(limits)
+    return not (np.abs(springs.pull(posture)) < elastic.held_either_way).all()
 
 
 def _springs(

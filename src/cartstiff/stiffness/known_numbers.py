@@ -192,7 +192,7 @@ class _Known:
     @cached_property
     def _bounds(self) -> list[float]:
         """At least 1 where notes on a near singularity, on lost digits, on motions that
-        lower the energy, and on wide deflections are possible.
+        lower the energy, on wide deflections and on forces are possible.
         """
         bounds: list[float] = self.record["noteworthy"].tolist()
         return bounds
@@ -217,7 +217,8 @@ class _Known:
     def notes_on_posture(self) -> tuple[Note, ...]:
         """The `notes` without those on matrices."""
         own, asked = self._result, self.asked.elastic
-        is_near, is_wound = not self._bounds[0] < 1.0, not self._bounds[3] < 1.0
+        is_near, _, _, is_wound, is_strained = (not x < 1.0 for x in self._bounds)
+        is_strained = is_strained and bool(asked.force_limits)
         if is_near and self._is_closed:
             return self.asked.core.notes_on_posture
         return (
@@ -225,7 +226,7 @@ class _Known:
             *(self._near() if is_near else ()),
             *self._diagnostics(),
             *limit_notes(asked.mechanism, own),
-            *(force_notes(own.forces, asked) if asked.force_limits else ()),
+            *(force_notes(own.forces, asked) if is_strained else ()),
             *(deflection_notes(own.elastic, own.q) if is_wound else ()),
             *preload_notes(asked, self.asked.wrench is not None),
             *(() if asked.gravity is None else gravity_loads(asked).notes),

@@ -14,7 +14,13 @@ from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import deflection_notes, limit_notes
 from cartstiff.notes import Note
 from cartstiff.potentials.contract import Evaluation
-from cartstiff.stiffness.forces import DriveForce, force_notes, forces_of, rigid_torques
+from cartstiff.stiffness.forces import (
+    DriveForce,
+    force_notes,
+    forces_of,
+    may_be_beyond,
+    rigid_torques,
+)
 from cartstiff.stiffness.leg_length_basis import line_springs_and_rest
 from cartstiff.stiffness.reduction import Reduction
 from cartstiff.stiffness.rounding import norm, without_cancelled
@@ -33,7 +39,7 @@ def notes_on_posture(
     """
     rank, full = reduction.rank, reduction.usual_rank
     forces: tuple[DriveForce, ...] = ()
-    if elastic.force_limits:
+    if may_be_beyond(elastic, posture):
         torques = rigid_torques(elastic, posture, reduction.multipliers)
         forces = forces_of(elastic, posture, torques)
     return (
