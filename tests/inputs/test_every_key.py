@@ -187,7 +187,8 @@ def answer(folder, content):
         if name is not None:
             file.write_text(f"name: {name}\n{file.read_text(encoding='utf-8')}")
         elastic = cartstiff.load(file)
-        result = cartstiff.analyse(elastic).to_dict()
+        posture = cartstiff.analyse(elastic)
+        result = posture.to_dict()
     except InputError as error:
         return f"refused: {error}"
     limits = [(c.lower, c.upper) for c in elastic.mechanism.coordinates]
@@ -195,6 +196,7 @@ def answer(folder, content):
     own = [limits, None if lengths is None else np.array(lengths).tolist()]
     own += [None if elastic.identified is None else elastic.identified.to_dict()]
     own += [None if elastic.damping is None else elastic.damping.tolist(), vibrating(elastic)]
+    own += [[one.stress for one in posture.wrenches]]
     return json.dumps([result, own, np.array(elastic.springs.stiffness).tolist()], default=str)
 
 
