@@ -621,3 +621,33 @@ def replace_state(
     return ViewState(
         q=state.q, connection="load", quantity=quantity, others=others, load=load, load_kind="dead"
     )
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "five-bar", "3-prs", "hexapod", "6-ups"])
+def test_forces_of_drives_and_task_axes_are_those_of_the_command(name):
+    """At another posture than the page's, by statics and by the compliance of the components."""
+    elastic, made = program_of(name)
+    wrench = (1.0, -2.0, 0.5, 3.0, -5.0, -10.0)
+    q = np.array(elastic.q)
+    q[:1] += 0.02
+    state = ViewState(q=q.tolist(), load=wrench, load_axes="body")
+    (found,) = asked_of(made, [state], "program.result(state)")
+    expected = cartstiff.analyse(elastic, found["q"], wrench=wrench).to_dict()
+    assert ("task_axes" in found) == ("task_axes" in expected) == (name in ("five-bar", "3-prs"))
+    for one, other in zip(found["forces"], expected["forces"], strict=True):
+        assert one == other | {
+            key: pytest.approx(other[key], rel=1e-9)
+            for key in ("force", "margin", "used")
+            if other[key] is not None
+        }
+    for key in ("motions", "stiffness", "tangent"):
+        if "task_axes" in found:
+            ours, theirs = (np.array(one["task_axes"][key]) for one in (found, expected))
+            np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9 * np.abs(theirs).max())
+
+
+def test_what_a_file_does_not_compute_is_no_number_of_another_posture():
+    """Flexible forearms share the load with the drives: no forces, rather than those at home."""
+    _, made = program_of("delta")
+    assert "forces" not in made.data["base"]
+    assert "legs" not in made.data["base"]

@@ -515,3 +515,14 @@ def test_ticks_are_round(length):
         digits = tick.lstrip("-0.").replace(".", "").rstrip("0")
         assert len(digits) <= 2, tick
         assert tick != "-0"
+
+
+def test_a_preloaded_platform_has_a_report_under_a_load_in_the_room(tmp_path):
+    """The load is beside the wrench that holds it, and is not taken for one of the springs'."""
+    file = tmp_path / "r.html"
+    run("stewart-gough", "--load", "0,0,0,0,0,-50", "--world", "-o", file)
+    said = words(file.read_text("utf-8"))
+    assert "carries a force of 50 N, vertical downwards. It is held by the wrench" in said
+    W = cartstiff.analyse(cartstiff.load("stewart-gough")).wrench
+    named = re.search(r"held by force \((.*?)\) N, moment", said).group(1)
+    assert [float(x) for x in named.split(", ")] == pytest.approx(W[3:], rel=1e-5)

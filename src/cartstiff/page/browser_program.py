@@ -249,15 +249,46 @@ def _shared_words() -> dict[str, Any]:
     }
 
 
+def _carrying(
+    elastic: ElasticMechanism, result: PostureStiffness
+) -> list[dict[str, Any]] | None:
+    """The drives with their limits, if statics alone says what they carry: as many as
+    motions, nothing but springs, and no weight.
+    """
+    mechanism, freedoms = elastic.mechanism, len(elastic.names)
+    if mechanism.closures:
+        freedoms = result.reduction.rank
+    weighs = elastic.gravity is not None and any(mechanism.masses().values())
+    others = elastic.parted_terms()[1] or len(elastic.potentials) > 1
+    names = {one.name for one in result.forces}
+    if weighs or others or len(names) != freedoms or names - {*elastic.spring_names}:
+        return None
+    order = {name: i for i, name in enumerate(elastic.spring_names)}
+    return [
+        {
+            "name": one.name,
+            "is_length": one.is_length,
+            "coordinate": order[one.name],
+            "least": plain(one.least),
+            "most": plain(one.most),
+        }
+        for one in sorted(result.forces, key=lambda one: order[one.name])
+    ]
+
+
 def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[str, Any]:
     mechanism = elastic.mechanism
     limits = Limits(mechanism)
     chart = [note for note in result.notes if note.code == "kf-undefined"]
-    # What a page as a file does not compute must not stay that of this posture: of legs,
-    # the page finds lengths, forces and margins.
+    # What a page as a file does not compute must not stay that of this posture. It finds
+    # legs of platforms, forces of drives that alone carry the load, and the stiffness in
+    # the task axes of this posture.
     base = result.to_dict()
-    for key in ("legs", "task_axes")[mechanism.coordinates_are_pose :]:
-        base.pop(key, None)
+    if not mechanism.coordinates_are_pose:
+        base.pop("legs", None)
+    drives = _carrying(elastic, result)
+    if drives is None:
+        base.pop("forces", None)
     described = {
         "platform": mechanism.coordinates_are_pose,
         "may_be_loaded": elastic.may_be_loaded,
@@ -274,6 +305,7 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
             "upper": plain(limits.upper.tolist()),
         },
         "notes": [note.to_dict() for note in elastic.notes],
+        "drives": drives,
         "some_assumed": _some_assumed(elastic),
         "illustrative": {
             "springs": sorted(elastic.illustrative),

@@ -1,7 +1,7 @@
 // The numbers of a posture that the page shows, as `cartstiff.page.shown` has them, from its formulas.
 
-import { block, congruence, cross, dot, eigen, identity, largest, motion, place, plus, rotation, scaled,
-  scaledInverse, symmetric, times, transposed } from "./algebra.js";
+import { adjoint, block, congruence, cross, dot, eigen, identity, inverse, largest, motion, place, plus, product,
+  rotation, scaled, scaledInverse, symmetric, times, transposed } from "./algebra.js";
 import { Formulas, rows } from "./formulas.js";
 import { NEGLIGIBLE_DIFFERENCE, ROUNDOFF, ZERO_SHARE } from "./numerics.js";
 import { asymmetry, definiteness, inFrame, principalValues, softest, turnsBy } from "./principal.js";
@@ -17,6 +17,10 @@ function apart({ A, K }) {
     Math.abs(x - K[i][j]) / Math.sqrt(Math.abs(K[i][i] * K[j][j])) || 0)));
   return most < NEGLIGIBLE_DIFFERENCE ? 0 : most;
 }
+
+// Components of a twist, and the turn of a machine that moves in a plane.
+const TWIST = ["rx", "ry", "rz", "x", "y", "z"];
+const turnOf = (names) => `r${["x", "y", "z"].find((axis) => !names.includes(axis))}`;
 
 export class Readings extends Formulas {
   // -- of `Program`, which says what is noteworthy
@@ -78,7 +82,44 @@ export class Readings extends Formulas {
       compliance: this.matrices(m.C) };
     delete found.stored_energy; // gravity's part is not told apart here
     if (found.legs) found.legs = this.drives(m, found.legs);
+    if (found.forces) found.forces = this.forces(m);
+    if (found.task_axes) found.task_axes = this.taskAxes(m, found.task_axes);
     return found;
+  }
+
+  /** What drives carry, by statics alone, with their limits, the most loaded first. */
+  forces(m) {
+    const { drives } = this.data;
+    let carried = m.tensions;
+    if (!carried) {
+      const N = drives.map(({ coordinate }) => (m.N ? m.N[coordinate] : identity(this.n)[coordinate]));
+      carried = times(inverse(transposed(N)), times(transposed(m.J), m.W)).map((x) => -x);
+    }
+    const least = ROUNDOFF * largest([carried]);
+    const found = drives.map(({ name, is_length: isLength, least: low, most: high }, i) => {
+      const force = Math.abs(carried[i]) > least ? carried[i] : 0;
+      const margin = Math.min(force - (low ?? -Infinity), (high ?? Infinity) - force);
+      const middle = (low > 0 && high !== null) || (high < 0 && low !== null) ? (low + high) / 2 : 0;
+      const limit = force < middle ? low : high;
+      const share = limit === null || force === middle ? 0 : (force - middle) / (limit - middle);
+      const used = low === null && high === null ? null : share;
+      return { name, is_length: isLength, force, least: low, most: high,
+        margin: Number.isFinite(margin) ? margin : null, used };
+    });
+    return found.sort((a, b) => (b.used ?? -1) - (a.used ?? -1));
+  }
+
+  /**
+   * The stiffness in the axes of `cartstiff.stiffness.task_axes` that the first posture has: the inverse of the
+   * compliance of these components.
+   */
+  taskAxes(m, { names, axes, alone }) {
+    const turn = motion(axes === "F" ? transposed(rotation(m.pose)) : identity(3), [0, 0, 0]);
+    const [C, loaded] = [m.C.B, m.C.load].map((M) => congruence(transposed(adjoint(turn)), M));
+    const rows = names.map((name) => TWIST.indexOf(name === "phi" ? turnOf(names) : name));
+    const [stiffness, tangent] = [C, loaded].map((M) => inverse(rows.map((i) => rows.map((j) => M[i][j]))));
+    const motions = product(C.map((row) => rows.map((j) => row[j])), stiffness);
+    return { names, axes, alone, motions, stiffness, tangent };
   }
 
   /** Legs with their lengths, forces, and distances to the nearer limit. */
