@@ -348,3 +348,30 @@ def test_two_postures_at_one_scale_in_two_actions(hand):
     )
     assert legends[0] == legends[1]
     page.click(".compare-card label:has-text('side by side')")
+
+
+def test_the_state_as_a_file_after_the_server_has_ended_in_one_action(pages, tmp_path):
+    from tests.inner import Background
+
+    server = Background(Source(cartstiff.load("ur5")))
+    page = pages.open(server.url)
+    page.watch.without_server()
+    page.evaluate("() => { window.cartstiff.source.rest = 100; }")
+    page.wait_for_function("() => window.cartstiff.local !== null")
+    page.focus("#slider-1")
+    page.keyboard.press("ArrowRight")
+    page.wait_for_selector("#export[data-prepared]")
+    server.close()
+    page.wait_for_selector("#banner:has-text('does not answer')")
+    # Another posture than that at which the file was asked for.
+    page.focus("#slider-2")
+    page.keyboard.press("ArrowRight")
+    page.wait_for_function("() => window.cartstiff.busy === null")
+    assert page.locator("button:has-text('Link')").is_disabled()
+    q = page.evaluate("() => window.cartstiff.numbers.result.q")
+    with page.expect_download() as waiting:
+        page.click("#export")
+    file = tmp_path / "state.html"
+    waiting.value.save_as(file)
+    again = pages.open(file.as_uri(), offline=True)
+    assert again.evaluate("() => window.cartstiff.numbers.result.q") == pytest.approx(q, abs=1e-12)

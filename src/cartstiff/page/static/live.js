@@ -28,6 +28,7 @@ export class LiveSource {
     this.moves = true;
     this.shows = null; // everything
     this.delay = 500;
+    this.rest = 10_000; // time (ms) without a change after which a file is asked for that may be needed later
     this.onstatus = (_status) => {};
     this.onanswer = (_data, _commands) => {};
     this.onlost = () => {};

@@ -108,7 +108,8 @@ function banners(store, source) {
   };
   source.onstatus = (status) => {
     if (status === "lost" && !lost) show(source.alone
-      ? "The server does not answer: what is shown is computed in the browser. The page tries again by itself …"
+      ? "The server does not answer: posture, load and springs are computed in the browser, and HTML saves this state. The "
+        + "page tries again by itself …"
       : "The server does not answer. The page shows the last posture and tries again by itself …", "warning");
     if (status === "strange") {
       show("The server has been started anew: the address that it has printed lets you in again, with what is shown "
@@ -117,6 +118,7 @@ function banners(store, source) {
     }
     if (status === "connected" && lost) show(null);
     lost = status !== "connected";
+    store.tell("server", !lost);
     document.body.classList.toggle("lost", lost && !source.alone);
     document.body.classList.toggle("alone", lost && Boolean(source.alone));
   };

@@ -17,6 +17,8 @@ const numbers = (count, isRigid = false) => (text, first) => {
 const three = numbers(() => 3);
 // What is null in a state: springs as in the file, a load that they exert.
 const NOT_GIVEN = "none";
+// Where the address is in a file.
+const ADDRESS = '<meta name="address" content="">';
 const orNone = (form) => (text, first) => (text === NOT_GIVEN ? null : form(text, first));
 // Of the state, what an address holds, and how it is read; undefined for what cannot be.
 const FORMS = {
@@ -125,14 +127,43 @@ export function sharing(store) {
   };
   const html = saved("HTML", "This page as one file that opens without a network", async () => {
     toast("Writing the page …");
-    const { name, text } = await store.ask({ do: "export", address: toHash(store) });
+    const { name, text } = await (hasServer ? store.ask({ do: "export", address: toHash(store) }) : fromPrepared());
     return [name, text, "text/html"];
   });
+  // A file that was asked for while there was a server: with formulas in it, it opens at any state.
+  let prepared = null;
+  let hasServer = true;
+  let rests = null;
+
+  /** What a file cannot change later. */
+  const baked = () => JSON.stringify([store.hello.mechanism.frame, ...(store.local ? [...FIXED].map((key) =>
+    store.state[key]) : [toHash(store)])]);
+
+  async function fromPrepared() {
+    if (prepared?.of !== baked()) throw new Error("the server has ended, and no file of this state was prepared before");
+    const address = toHash(store).replaceAll("&", "&amp;");
+    return { ...prepared, text: prepared.text.replace(ADDRESS, () => ADDRESS.replace('""', `"${address}"`)) };
+  }
+
+  async function prepare() {
+    const of = baked();
+    if (!hasServer || !store.source.live || prepared?.of === of) return;
+    const { name, text } = await store.ask({ do: "export", address: toHash(store) });
+    prepared = { of, name, text };
+    html.dataset.prepared = "";
+  }
+
+  store.on("server", (is) => { link.disabled = !(hasServer = is); });
+  store.on("numbers", () => {
+    clearTimeout(rests);
+    rests = setTimeout(() => prepare().catch(() => {}), store.source.rest);
+  });
+  const link = button("Link", () => copy(linkTo(store), "Address (without its secret)"),
+    { title: "Copy the address of this state, without the secret in it: who opens it is asked for what cartstiff "
+      + "has printed" });
   html.id = "export";
   actions.append(
-    button("Link", () => copy(linkTo(store), "Address (without its secret)"),
-      { title: "Copy the address of this state, without the secret in it: who opens it is asked for what cartstiff "
-        + "has printed" }),
+    link,
     pictureFile(store, () => file(store)),
     saved("JSON", "The numbers at this posture, as `cartstiff analyse --json` prints them", async () =>
       [`${file(store)}.json`, `${JSON.stringify((await store.ask({ do: "result" })).result, null, 1)}\n`,
@@ -171,7 +202,10 @@ export function sharing(store) {
     followed = true;
     store.firstFrame = hello.mechanism.frame;
     if (location.hash) follow(location.hash, true);
-    else apply(`#${hello.address ?? ""}`); // a file has the address that it was made at
+    else { // a file has the address that it was made at, or saved at later
+      const { content } = document.querySelector("meta[name=address]");
+      apply(`#${content || (hello.address ?? "")}`);
+    }
   });
   const settle = () => {
     clearTimeout(timer);
