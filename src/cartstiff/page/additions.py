@@ -159,7 +159,8 @@ class Additions:
                 objects.arrow(node, colour)
             node.show(size > 0.0)
             if size > 0.0:
-                along = objects.axes_along(*way.tolist(), size)
+                a, b, c = way.tolist()
+                along = objects.axes_along(a, b, c, size)
                 x, y, z = ([size * e for e in axis] for axis in along)
                 node.set_columns(x, y, z, point.tolist())
         self.changed()
