@@ -108,8 +108,8 @@ function banners(store, source) {
   };
   source.onstatus = (status) => {
     if (status === "lost" && !lost) show(source.alone
-      ? "The server does not answer: posture, load and springs are computed in the browser, and HTML saves this state. The "
-        + "page tries again by itself …"
+      ? "The server does not answer: posture, load and springs are computed in the browser, and HTML saves this "
+        + "state. The page tries again by itself …"
       : "The server does not answer. The page shows the last posture and tries again by itself …", "warning");
     if (status === "strange") {
       show("The server has been started anew: the address that it has printed lets you in again, with what is shown "

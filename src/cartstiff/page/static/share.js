@@ -140,7 +140,7 @@ export function sharing(store) {
     store.state[key]) : [toHash(store)])]);
 
   async function fromPrepared() {
-    if (prepared?.of !== baked()) throw new Error("the server has ended, and no file of this state was prepared before");
+    if (prepared?.of !== baked()) throw new Error("the server has ended, and no file of this state was prepared");
     const address = toHash(store).replaceAll("&", "&amp;");
     return { ...prepared, text: prepared.text.replace(ADDRESS, () => ADDRESS.replace('""', `"${address}"`)) };
   }
@@ -203,8 +203,8 @@ export function sharing(store) {
     store.firstFrame = hello.mechanism.frame;
     if (location.hash) follow(location.hash, true);
     else { // a file has the address that it was made at, or saved at later
-      const { content } = document.querySelector("meta[name=address]");
-      apply(`#${content || (hello.address ?? "")}`);
+      const later = document.querySelector("meta[name=address]").getAttribute("content");
+      apply(`#${later || (hello.address ?? "")}`);
     }
   });
   const settle = () => {
