@@ -106,7 +106,7 @@ def test_a_file_says_the_same_as_the_server(serve, pages, tmp_path):
     path = tmp_path / "page.html"
     path.write_text(export_page(Source(elastic)), "utf-8")
     change = """() => window.cartstiff.change({ q: [0.3, -1.1, 0.05, -0.7, 0.9, 0.2],
-        others: "held", load_axes: 'body', load: [0, 3, 0, 0, 0, -100] })"""
+        others: "held", drawn: "stiffness", load_axes: "body", load: [0, 3, 0, 0, 0, -100] })"""
     legend = "() => window.cartstiff.legend"
     said = []
     for page in (pages.shared(serve("ur5").url), pages.open(path.as_uri(), offline=True)):
