@@ -98,6 +98,20 @@ def test_every_kind_of_closure_and_load(case):
         np.testing.assert_allclose(at, elastic.mechanism.closed(given).q, rtol=0, atol=ASSEMBLED)
 
 
+@pytest.mark.parametrize("change", [None, weighed, pushed])
+def test_fingers_that_squeeze_while_some_of_their_springs_choose(change):
+    """Closures carry what the others do not."""
+    elastic = cartstiff.load("grasp")
+    elastic = change(elastic) if change else elastic
+    stiff = tuple(name for name in RECORDED if not name.startswith("compliance"))
+    (found,) = assert_same(elastic, starts(elastic, 0.02), "portable", outputs=stiff)
+    assert found.fallback == 0
+    for away in (0.0, 1e-7, 1e-4):  # where they squeeze alone, the spin costs nothing
+        assert_same(elastic, starts(elastic, away), "portable", outputs=stiff)
+    for name in ("compliance_A", "compliance_B"):
+        assert_same(elastic, starts(elastic, 0.02), "portable", outputs=(name,))
+
+
 def test_machine_code():
     elastic = cartstiff.load("3-rps")
     q = starts(elastic, count=11)
@@ -177,7 +191,6 @@ def test_coordinates_are_the_closed_ones_whatever_the_state():
     ("name", "change", "wrench", "why"),
     [
         ("delta", weighed, "none", "beside closures"),
-        ("grasp", None, "none", "beside closures"),
     ],
 )
 def test_what_has_no_arithmetic_says_why(name, change, wrench, why):

@@ -188,7 +188,7 @@ def test_refusals():
         ("ur5", ["B", "compliance_load", "pose"], True),
         ("stewart-gough", ["K", "compliance_B", "wrench"], False),
         ("6-pus", ["compliance_B", "pose"], False),
-        *later(("panda", ["compliance_B"], False)),
+        *later(("panda", ["compliance_B"], False), ("grasp", ["B", "wrench"], False)),
     ],
 )
 def test_c_is_the_program(name, outputs, loaded, tmp_path):
@@ -535,12 +535,15 @@ def test_frequencies_are_those_with_the_payload():
         cartstiff.record(arm, "B", inputs=["pay"])
 
 
-def test_c_bends_links_to_rest(tmp_path):
+@pytest.mark.parametrize(
+    ("name", "scales"), later(("flexible_arm", (1, 10, 30)), ("3-rrr", (0.1, 0.2)))
+)
+def test_c_bends_links_to_rest(name, scales, tmp_path):
     """Where a load deflects flexible links, C takes the program's steps."""
     if (compiler := shutil.which("cc")) is None:
         pytest.skip("no C compiler")
-    example = Path(__file__).resolve().parents[2] / "examples" / "flexible_arm.yaml"
-    elastic = cartstiff.load(example)
+    example = Path(__file__).resolve().parents[2] / "examples" / f"{name}.yaml"
+    elastic = cartstiff.load(example if example.exists() else name)
     program = cartstiff.record(elastic, ["B", "pose"], loaded=True)
     library = tmp_path / "stiffness.so"
     (tmp_path / "stiffness.c").write_text(program.source("c", "stiffness"))
@@ -549,10 +552,13 @@ def test_c_bends_links_to_rest(tmp_path):
     subprocess.run([compiler, str(file), "-o", str(library), *words], check=True)
     function = ctypes.CDLL(str(library)).stiffness
     doubles = ctypes.POINTER(ctypes.c_double)
-    out, rng, moving = np.zeros(52), np.random.default_rng(0), sorted(elastic.mechanism.virtual)
-    for scale in (1.0, 10.0, 30.0):
+    out, rng, chain = np.zeros(52), np.random.default_rng(0), elastic.mechanism
+    moving, driven = sorted(chain.virtual), sorted({*chain.held} - {*chain.virtual})
+    if not chain.closures:
+        driven = np.setdiff1d(np.arange(len(elastic.q)), moving)
+    for scale in scales:
         q = elastic.q.copy()
-        q[np.setdiff1d(np.arange(len(q)), moving)] += rng.uniform(-0.2, 0.2, len(q) - len(moving))
+        q[driven] += rng.uniform(-0.05, 0.05, len(driven))
         here, load = q.copy(), scale * LOAD
         refused = function(*(a.ctypes.data_as(doubles) for a in (here, load, out)))
         answer = program(q, load)

@@ -783,6 +783,10 @@ class ChainNumbers:
         """Wrench that is known without the gradient; None if there is none."""
         return zeros(6) if self.W is None and self.case.is_balancing else self.W
 
+    def resists(self, K: Array) -> Scalar:  # noqa: ARG002
+        """Verdict on whether no motion of the body costs nothing."""
+        return PLAIN
+
     def lagrangian(self, W: Array) -> Array:
         """H_L on the motions; the terms of load and closures are added
         before projection.
@@ -1157,6 +1161,7 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
     verdict = _compliances(chain, W, arrays, wanted)
     if stiffness:
         verdict = larger(verdict, holds_soft_directions(stiffness["B"], wanted))
+        verdict = larger(verdict, chain.resists(stiffness["B"]))
     # An unbalanced posture keeps that verdict, whatever its stiffness would be.
     both = larger(chain.verdict, verdict)
     arrays["verdict"] = np.array([pick(chain.verdict, 1.5, both, chain.verdict)], object)

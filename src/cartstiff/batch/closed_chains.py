@@ -195,6 +195,34 @@ class ClosedChainNumbers(ChainNumbers):
             )
         return S
 
+    def _torques(self, chosen: list[int], gradient: Array) -> Array:
+        """As for an open chain; without a load, and beside springs with rest positions,
+        those that the closures leave, which carry as far as they can what other
+        coordinates do not.
+        """
+        if self.case.is_balancing or not chosen:
+            return super()._torques(chosen, gradient)
+        scaled = self.C * self._solved[2][:, None]
+        others = [a for a in self.case.moving if a not in chosen]
+        gram = congruence(scaled[:, others].T, np.eye(len(others)))
+        inverse_gram = positive_inverse(gram)
+        condition = norm_squared(gram) * norm_squared(inverse_gram)
+        self.verdict = larger(self.verdict, limited(condition, JACOBIAN_CONDITION**2))
+        forces = inverse_gram @ (scaled[:, others] @ gradient[others])
+        return np.asarray(scaled[:, chosen].T @ forces)
+
+    def resists(self, K: Array) -> Scalar:
+        """As for an open chain; beside springs with rest positions a motion may cost
+        nothing, such as the spin of a body that two fingers hold.
+        """
+        if self.case.is_balancing or not self.case.chosen:
+            return PLAIN
+        scale = np.repeat([1.0 / self.length, 1.0], 3)
+        scaled = K * scale * scale[:, None]
+        largest_one = np.array([largest(scaled.diagonal())] * 6, object)
+        pivots = np.array([absolute(x) for x in positive_factor(scaled)[2]], object)
+        return require_pivots(PLAIN, pivots, largest_one, numerics.ROUNDOFF)
+
     def _shared(self, chosen: list[int], wanted: Array) -> Array:
         """Of more springs than motions, or others, the torques nearest to those
         of the wrench.
@@ -775,7 +803,11 @@ def closed_case(
         and (wrench != "none" or acts)
         and (independent or len(chosen) < freedoms or len(kinds) > 1)
     ):
-        return "what springs carry beside closures is found posture by posture"
+        # Without a load the closures leave each spring its torque, where only angles are
+        # weighed.
+        if wrench != "none" or independent or rigid or any(constants.is_length):
+            return "what springs carry beside closures is found posture by posture"
+        is_balancing = False
     if freedoms > 6 and not is_balancing:
         return "whether self-motions of a closed chain balance is seen posture by posture"
     return ChainCase(
