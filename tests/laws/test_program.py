@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tests.inner import QUANTITIES, kernels, with_rest_balancing
 from tests.support.generated import Arm
 
@@ -512,6 +513,46 @@ def test_payload_and_the_load_s_point_may_be_inputs(name, axes):
     # What is not given is as recorded.
     core = cartstiff.analyse(elastic, q, wrench=LOAD, load_axes=axes, load_kind="conservative")
     close(program(q, LOAD).load, core.tangent)
+
+
+@pytest.mark.parametrize("name", ["ur5", *later("panda", "five-bar")])
+def test_the_tool_may_be_an_input(name, tmp_path):
+    """Everything in M, the load, its point and a payload, is then in the tool."""
+    elastic = cartstiff.load(name, gravity=[0.0, 1.0, -9.81])
+    acting = {"load_axes": "body", "load_kind": "dead", "load_at": [0.05, -0.02, 0.1]}
+    outputs = ["load", "wrench", "pose", "condition"]
+    inputs = ["tcp", "payload"] if name == "ur5" else ["tcp"]
+    program = cartstiff.record(elastic, outputs, loaded=True, inputs=inputs, **acting)
+    for q, tool in zip(
+        postures(elastic, 3, 0.05),
+        ([0.0] * 6, [0.1, -0.05, 0.2, 0.0, 0.0, 0.0], [0.02, 0.1, 0.15, 0.3, -0.5, 1.2]),
+        strict=True,
+    ):
+        given = {"tcp": tool, "payload": [2.0, 0.0, 0.01, 0.05]}
+        answer = program(q, LOAD, **{one: given[one] for one in inputs})
+        moved = elastic.mechanism.with_tool(se3_tool(tool))
+        other = replace(elastic, mechanism=moved)
+        if "payload" in inputs:
+            other = other.with_payload(2.0, [0.0, 0.01, 0.05])
+        core = cartstiff.analyse(other, q, wrench=LOAD, **acting)
+        assert answer.is_plain or name == "five-bar"
+        close(answer.pose, core.pose, 1e-14)
+        close(answer.wrench, core.wrench)
+        if name != "five-bar":
+            close(answer.load, core.tangent)
+            many = program.many([q], LOAD, **{one: given[one] for one in inputs})
+            close(many.load[0], core.tangent)
+    hexapod = cartstiff.load("stewart-gough")
+    with pytest.raises(InputError, match="the tool of a chain"):
+        cartstiff.record(hexapod, "B", inputs=["tcp"])
+
+
+def se3_tool(numbers):
+    """Pose of a tool: translation, then roll, pitch, yaw."""
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_euler("xyz", numbers[3:]).as_matrix()
+    T[:3, 3] = numbers[:3]
+    return T
 
 
 def test_frequencies_are_those_with_the_payload():

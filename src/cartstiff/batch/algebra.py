@@ -519,9 +519,10 @@ def equilibrated_squares(matrix: Array, inverse: Array) -> tuple[Scalar, Scalar]
     return squares_over(matrix, sizes), squares_over(inverse, 1.0 / sizes)
 
 
-#: Numbers besides those of the springs that may be inputs: the load's point in M, and
-#: mass and centre in M of a payload.
-CASE_INPUTS = ("load_at", "payload")
+#: Numbers besides those of the springs that may be inputs: the load's point in M, mass
+#: and centre in M of a payload, and a chain's tool, whose pose in the present M (x, y, z;
+#: roll, pitch, yaw) is the M of all others.
+CASE_INPUTS = ("load_at", "payload", "tcp")
 
 
 def taut_stiffness(stiffness: Scalar, stretch: Scalar) -> Scalar:

@@ -611,6 +611,8 @@ def recorded_tree(
 ) -> Kinematics:
     """The tree of a case, with the inputs of `Varied`."""
     varied = VariedNumbers.of(tape, case.varied, len(case.constants.parents))
+    if "tcp" in case.inputs:
+        varied = varied._replace(tool=tape.vector("tcp", 6))
     return Kinematics(case.constants, position, case.fields, start, varied)
 
 

@@ -118,6 +118,10 @@ def plan_with(
         else:
             case = replace(case, points_of_forces=case.points_of_forces[:-1])
         shared["payload"] = np.zeros((1, 4))
+    if "tcp" in own:
+        if taken.untraced:
+            return "terms outside of the recorded arithmetic know no other tool"
+        shared["tcp"] = np.zeros((1, 6))
     return replace(taken, case=case, shared=shared)
 
 

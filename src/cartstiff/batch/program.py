@@ -170,7 +170,8 @@ class Program(Recording):
         Axes of the wrench's components.
     inputs : tuple of str
         Numbers that a call may replace: "stiffness" and "rest" of the springs, the load's
-        point "load_at" (3,) in M, "payload" (4,): mass and centre in M.
+        point "load_at" (3,) in M, "payload" (4,): mass and centre in M, "tcp" (6,): pose
+        of the tool in M.
     path : {"compiled", "python", "engine"}
         Machine code, or Python, for plainly regular postures; or `cartstiff.analyse` for
         all.
@@ -333,7 +334,7 @@ class Program(Recording):
 
     def _checked(self, name: str, values: ArrayLike) -> Array:
         """Numbers of an input."""
-        sizes = {"load_at": 3, "payload": 4}
+        sizes = {"load_at": 3, "payload": 4, "tcp": 6}
         size = sizes.get(name) or len(springs_of(self.elastic).stiffness)
         found = _as_vector(values, size, name)
         if name == "payload" and found[0] < 0.0:
@@ -594,7 +595,7 @@ def record(
     load_kind: Literal["dead", "follower", "conservative"] = "dead",
     load_at: ArrayLike = DEAD_AT_ORIGIN.at,
     load_axes: Literal["body", "world"] = "body",
-    inputs: Sequence[Literal["stiffness", "rest", "load_at", "payload"]] = (),
+    inputs: Sequence[Literal["stiffness", "rest", "load_at", "payload", "tcp"]] = (),
     connection: str | None = None,
     length: float | None = None,
     direction: ArrayLike | None = None,
@@ -619,11 +620,12 @@ def record(
     load_kind, load_at, load_axes
         Behaviour of that load while the body moves, its point of application and its
         axes, as in `cartstiff.analyse`.
-    inputs : sequence of {"stiffness", "rest", "load_at", "payload"}
+    inputs : sequence of {"stiffness", "rest", "load_at", "payload", "tcp"}
         Numbers that a call may replace: those of the springs, the load's point (3,) in M,
-        and (4,) mass [kg] and centre in M of a payload, which hangs besides the
-        mechanism's own. Rest positions must all be given, and without a load, which would
-        replace them; a payload needs gravity.
+        (4,) mass [kg] and centre in M of a payload, which hangs besides the mechanism's
+        own, and (6,) x, y, z and roll, pitch, yaw [rad] of the tool of a chain in the
+        present M, to which then all that is in M refers. Rest positions must all be
+        given, and without a load, which would replace them; a payload needs gravity.
     connection, length, direction, deflect
         Settings of the quantities, as in `cartstiff.maps.map_of`; the default connection
         of a program under a load is "load", and the default length the natural one at the
@@ -693,6 +695,10 @@ def _check_inputs(
         refused = "the point is that of a load", "loaded=True"
     if "payload" in inputs and elastic.gravity is None:
         refused = "a payload weighs nothing here", "a mechanism with gravity"
+    if "tcp" in inputs and elastic.acts_on_body:
+        refused = "something is fixed to M itself", "other inputs"
+    if "tcp" in inputs and not hasattr(elastic.mechanism, "with_tool"):
+        refused = "lines hold this body where it is", "the tool of a chain"
     springs = elastic.springs
     if "load_at" in inputs and springs is not None and springs.gives_aside:
         refused = "the point is found with the struts between flexures", "other inputs"

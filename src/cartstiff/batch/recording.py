@@ -15,7 +15,7 @@ from __future__ import annotations
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -68,7 +68,9 @@ from cartstiff.errors import (
     MissingDependencyError,
     UnknownNameError,
 )
+from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
 from cartstiff.potentials.springs import Springs
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, checked_load
@@ -418,7 +420,11 @@ class Recording:
         """The mechanism, and the kind of load, with other numbers of the inputs."""
         elastic, load = self.elastic, self.load
         own = {name: numbers[name] for name in self.inputs if name in numbers}
-        # Each replaces what the mechanism has.
+        # Each replaces what the mechanism has; a payload hangs on the tool.
+        if "tcp" in own:
+            x, chain = np.ravel(own["tcp"]), cast(Chain, elastic.mechanism)
+            moved = chain.with_tool(se3.from_roll_pitch_yaw(x[:3], x[3:]))
+            elastic = replace(elastic, mechanism=moved)
         if "load_at" in own:
             load = LoadKind(load.kind, own["load_at"])  # type: ignore[arg-type]
         if "payload" in own:

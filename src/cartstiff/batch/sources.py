@@ -610,6 +610,7 @@ def _words(facts: Facts, name: str, is_moved: bool) -> list[str]:
     meanings = {
         "load_at": "point of the load in M",
         "payload": "mass [kg], and its centre in M",
+        "tcp": "pose of the tool in M: x, y, z, and roll, pitch, yaw [rad]",
     }
     for array, count in facts.inputs.items():
         words.append(f"{array}: {meanings.get(array, 'of the springs')}, {count} numbers")

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from cartstiff import numerics
 from cartstiff.batch.algebra import cross, is_zero, zeros
 from cartstiff.batch.tape import Tape, cosine, sine
+from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array, skew_of
 from cartstiff.mechanisms.chain import Chain
 from cartstiff.mechanisms.tree import KinematicTree
@@ -187,6 +188,7 @@ class VariedNumbers(NamedTuple):
     links: Mapping[int, Array] = {}
     ends: Mapping[tuple[int, int], Array] = {}
     masses: Array | None = None
+    tool: Array | None = None
 
     @classmethod
     def of(cls, tape: Tape, varied: Varied, joints: int) -> VariedNumbers:
@@ -212,7 +214,7 @@ class Links:
         self,
         constants: TreeConstants,
         position: Array,
-        moved: Mapping[int, Array] | None = None,
+        varied: VariedNumbers,
     ) -> None:
         self.parents = *constants.parents, constants.carrier
         placements = np.reshape([*constants.placements, *constants.body], (-1, 4, 4))
@@ -232,9 +234,15 @@ class Links:
             turned = np.eye(4)
             turned[:3, :3] = _snapped(before.T @ T[:3, :3] @ after)
             turned[:3, 3] = before.T @ T[:3, 3]
-            if moved and link in moved:
-                turned = _shifted(turned, before.T, after.T, moved[link])
+            if link in varied.links:
+                turned = _shifted(turned, before.T, after.T, varied.links[link])
             self.placements.append(turned)
+        if varied.tool is not None:
+            body = self.placements[-1].astype(object)
+            shift, rotation = varied.tool[:3], se3.rotation_by_angles(varied.tool[3:])
+            body[:3, 3] = body[:3, 3] + body[:3, :3] @ shift
+            body[:3, :3] = body[:3, :3] @ rotation
+            self.placements[-1] = body
         self.position = position
         # Consecutively, so that the vector code computes several at a time.
         self.sines = [
@@ -352,7 +360,7 @@ class Kinematics:
     ) -> None:
         self.constants = constants
         self.varied = VariedNumbers() if varied is None else varied
-        self.links = links = Links(constants, position, self.varied.links)
+        self.links = links = Links(constants, position, self.varied)
         joints, parents = len(links.turning), links.parents
         self.J, self.J_M = zeros(6, joints), zeros(6, joints)
         self._behind: dict[int, Walk] = {}

@@ -423,6 +423,13 @@ class Chain(Mechanism):
         other.frame, other.frame_offset, other.body = name, read_only(np.eye(4)), at
         return other
 
+    def with_tool(self, T_M_tool: Array) -> Chain:
+        """Return the chain with M at a pose in the present one."""
+        other, at = copy(self), self.body
+        other.frame_offset = read_only(self.frame_offset @ T_M_tool)
+        other.body = FixedFrame(at.joint, at.T_j_f @ T_M_tool)
+        return other
+
     def with_mass(
         self, mass: float, centre: Array, carrier: FixedFrame | None = None
     ) -> Chain:

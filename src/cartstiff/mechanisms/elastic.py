@@ -504,17 +504,21 @@ class ElasticMechanism(ShownInLines):
     def frames_of_body(self) -> list[str]:
         """Names of the frames that may take the place of M, the present one among them.
 
-        Those of M's link, for chains. A spring or a load that is fixed to M itself would
-        move with it: then there are no others.
+        Those of M's link, for chains. What is fixed to M itself would move with it: then
+        there are no others.
         """
         mechanism = self.mechanism
-        fixed_to = {
-            getattr(p, side, "")
-            for p in self._acting()
+        return [mechanism.frame] if self.acts_on_body else mechanism.frames_of_body
+
+    @property
+    def acts_on_body(self) -> bool:
+        """Whether a spring, a load or a closure is fixed to M itself."""
+        every = (*self._acting(), *self.mechanism.closures)
+        return any(
+            getattr(one, side, "") == "body"
+            for one in every
             for side in ("frame_a", "frame_b")
-        }
-        fixed_to |= {f for c in mechanism.closures for f in (c.frame_a, c.frame_b)}
-        return [mechanism.frame] if "body" in fixed_to else mechanism.frames_of_body
+        )
 
     def with_frame(self, name: str) -> ElasticMechanism:
         """Return the mechanism with M at another frame of `frames_of_body`.
