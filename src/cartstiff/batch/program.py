@@ -697,7 +697,7 @@ def _check_inputs(
         refused = "a payload weighs nothing here", "a mechanism with gravity"
     if "tcp" in inputs and elastic.acts_on_body:
         refused = "something is fixed to M itself", "other inputs"
-    if "tcp" in inputs and not hasattr(elastic.mechanism, "with_tool"):
+    if "tcp" in inputs and elastic.mechanism.coordinates_are_pose:
         refused = "lines hold this body where it is", "the tool of a chain"
     springs = elastic.springs
     if "load_at" in inputs and springs is not None and springs.gives_aside:

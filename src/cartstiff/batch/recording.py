@@ -137,6 +137,8 @@ class Recording:
         taken = plan_with(elastic, given_as(is_loaded), inputs)
         if isinstance(taken, str):
             self.reason = taken
+            if "tcp" in inputs:
+                raise InputError(taken, where="inputs", expected="inputs without tcp")
             if backend != "auto":
                 raise InputError(
                     f"path {backend!r} does not serve this mechanism: {taken}",
