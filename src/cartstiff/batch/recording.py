@@ -245,7 +245,7 @@ class Recording:
         units |= {one.name: one.words(elastic.units) for one in self._quantities}
         return Postures(
             at,
-            arrays,
+            dict(arrays),
             state,
             tuple(codes),
             path,
