@@ -33,7 +33,7 @@ def test_lengths_margins_and_forces():
 
 def test_they_come_before_everything_but_the_answer():
     text = run("analyse hexapod", LOAD)
-    assert text.index("\nAnswer\n") < text.index("\nLegs\n") < text.index("\nPrincipal")
+    assert text.index("\nAnswer\n") < text.index("\nLegs\n") < text.index("\nK^")
     data = answer("analyse hexapod", LOAD)
     keys = list(data)
     assert keys.index("legs") < keys.index("q")
