@@ -18,7 +18,7 @@ from tests.inner import Playback, Source, export_page
 LOAD = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -300.0])
 #: Where the loops do not close, along the first coordinate.
 GAPS = """async () => {
-    const question = { do: "sweep", coordinate: 0, steps: 121 };
+    const question = { do: "sweep", coordinate: 0, steps: 120 };
     const { rows } = await window.cartstiff.insist(question);
     return rows.map(({ moved }) => moved !== undefined);
 }"""

@@ -376,7 +376,8 @@ export function strip(store) {
     worst.textContent = `▼ worst ${short(values[worstAt], 3)} ${unit === "1" ? "" : `${unit} `}at ${place}`;
     worst.title = `The ${kind} value of all: go there`;
     const [across, up] = [x.place(series.at[worstAt]), clamp(y.place(to(values[worstAt])), y.end, y.start)];
-    if (across >= x.start && across <= x.end) plot.add("path", { class: "flag", d: `M${across},${up}l-5,-9h10z` });
+    if (across >= x.start && across <= x.end && Number.isFinite(up)) plot.add("path",
+      { class: "flag", d: `M${across},${up}l-5,-9h10z` });
   }
 
   /** The displacement that is allowed, and where the load moves the point further. */
