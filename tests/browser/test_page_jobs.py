@@ -375,3 +375,21 @@ def test_the_state_as_a_file_after_the_server_has_ended_in_one_action(pages, tmp
     waiting.value.save_as(file)
     again = pages.open(file.as_uri(), offline=True)
     assert again.evaluate("() => window.cartstiff.numbers.result.q") == pytest.approx(q, abs=1e-12)
+
+
+def test_a_picture_for_a_column_of_85_mm_in_two_actions(hand, tmp_path):
+    """The list, and its entry."""
+    image = pytest.importorskip("PIL.Image")
+    page = hand.page
+    shown(page, {"load": DOWN, "load_axes": "world"})
+    for kind in ("mm85", "clear85"):
+        with page.expect_download() as waiting:
+            page.select_option("select[aria-label='Save the picture']", kind)
+        waiting.value.save_as(tmp_path / f"{kind}.png")
+        with image.open(tmp_path / f"{kind}.png") as picture:
+            assert picture.width == round(85 / 25.4 * 300)
+            assert picture.info["dpi"] == pytest.approx((300, 300), abs=0.1)
+            sky, ground = (
+                picture.convert("RGBA").getpixel((2, y)) for y in (2, picture.height - 3)
+            )
+        assert (sky[3] == 0) == (ground[3] == 0) == (kind == "clear85")

@@ -2,7 +2,7 @@
 // file that carries all of it.
 
 import { byId, dropdown, el, engineering, short, typeset } from "./dom.js";
-import { provenance, saveDrawing, sheet, svg } from "./plotfiles.js";
+import { PRINTED, doubts, printed, provenance, saveDrawing, sheet, svg, timesOf } from "./plotfiles.js";
 
 const MARKS = { translation: "●", rotation: "◆", force: "➞", moment: "↻", deflection: "⇢", tension: "│", nodal: "╱",
   note: "!" };
@@ -106,19 +106,30 @@ export function legendBox(store) {
 
 /** A choice of sizes that saves the picture, with its legend, scale, name, load and version below. */
 export function pictureFile(store, name) {
-  const select = dropdown("Save the picture", [["", "PNG"], ...SIZES.map((times) => [`png${times}`, `PNG × ${times}`])],
-    (kind) => {
+  const select = dropdown("Save the picture", [["", "PNG"], ...SIZES.map((times) => [`png${times}`, `PNG × ${times}`]),
+    ...PRINTED], (kind) => {
     select.value = "";
-    saveDrawing(kind, name(), picture(store, Number(kind.slice(3))));
+    saveDrawing(kind, name(), picture(store, kind));
   }, { class: "save", title: "The picture as a file, with its legend, scale, load and version" });
   return select;
 }
 
+/** How far the load moves the point, in words with units. */
+function answerIn({ numbers: { moved, result }, shown, ...store }) {
+  if (!moved?.resisted) return "";
+  const { units } = store.hello.mechanism;
+  const load = shown.load ?? result.wrench;
+  const sizes = [[3, units.force], [0, `${units.force} ${units.length}`]].map(([i, unit]) =>
+    [Math.hypot(...load.slice(i, i + 3)), unit]).filter(([x]) => x).map(([x, unit]) => engineering(x, unit));
+  const what = shown.point.some((x) => x) ? "the point" : "M";
+  return ` under ${sizes.join(" and ")}: ${what} moves ${engineering(Math.hypot(...moved.displacement), units.length)}`;
+}
+
 /** The picture as a drawing of its own. */
-function picture(store, times) {
+function picture(store, kind) {
   const [width, height] = store.pane.size;
   const { state, legend } = store;
-  const href = store.pane.image(times).toDataURL("image/png");
+  const href = store.pane.image(timesOf(kind, width), kind.startsWith("clear")).toDataURL("image/png");
   const bar = legend.bar.length * store.pane.dotsPerUnit;
   const ink = getComputedStyle(document.body).color;
   const copy = svg("svg", {}, svg("image", { href, width, height }),
@@ -131,6 +142,10 @@ function picture(store, times) {
   const cloud = legend.cloud?.lower === undefined ? []
     : [`${legend.cloud.label} [${legend.cloud.unit}]: from ${short(legend.cloud.lower)} to `
       + `${short(legend.cloud.upper)}`];
-  return sheet(copy, { width, height, ink, paper: getComputedStyle(document.body).backgroundColor },
-    [title, ...words, ...cloud, ...lines]);
+  const paper = getComputedStyle(document.body).backgroundColor;
+  // In print a caption: what moves how far, and what is assumed.
+  const doubted = doubts(store, state).map((doubt) => doubt.words);
+  const caption = [`${store.hello.mechanism.name}${answerIn(store)}`, ...doubted].join(". ");
+  return sheet(copy, { width, height, ink, paper, kind }, printed(kind) ? [`${caption}.`]
+    : [title, ...words, ...cloud, ...lines]);
 }

@@ -295,9 +295,11 @@ export class Pane {
     this.viewer.set_dirty();
   }
 
-  /** The picture on a canvas, so many times as fine. */
-  image(times = 1) {
-    const { renderer } = this.viewer;
+  /** The picture on a canvas, so many times as fine; without a ground on request. */
+  image(times = 1, isClear = false) {
+    const { renderer, scene } = this.viewer;
+    const { background } = scene;
+    if (isClear) scene.background = null;
     const before = renderer.getPixelRatio();
     const canvas = document.createElement("canvas");
     this.waiting = 0;
@@ -306,6 +308,7 @@ export class Pane {
     [canvas.width, canvas.height] = [renderer.domElement.width, renderer.domElement.height];
     canvas.getContext("2d").drawImage(renderer.domElement, 0, 0);
     renderer.setPixelRatio(before);
+    scene.background = background;
     this.viewer.set_dirty();
     return canvas;
   }

@@ -7,6 +7,13 @@ const SVG_SPACE = "http://www.w3.org/2000/svg";
 const OWN = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font-size", "font-family", "font-weight",
   "paint-order"];
 const ROW = 14;
+// Pictures in print: dots per inch, and the height (mm) of a row of letters, about 7 points.
+const DPI = 300;
+const PRINTED_ROW = 3;
+const MM_PER_INCH = 25.4;
+/** Kinds of files for print: a column, a page, without a ground. */
+export const PRINTED = [["mm85", "PNG, 85 mm at 300 dpi"], ["mm180", "PNG, 180 mm at 300 dpi"],
+  ["clear85", "PNG, 85 mm, transparent"]];
 // Width of a letter below a drawing, and of one in it, about.
 export const [LETTER, WIDE_LETTER] = [6, 7];
 
@@ -60,21 +67,29 @@ export function svg(tag, attributes = {}, ...children) {
 export const wrapped = (text, most) => text.match(new RegExp(`.{1,${most}}(?:\\s|$)|\\S{${most}}`, "g"))
   .map((line) => line.trim());
 
-/** A drawing of its own: an SVG with words below, each a text or {text, colour}. */
-export function sheet(copy, { width, height, ink, paper }, words) {
-  const rows = words.flatMap((word) => wrapped(word.text ?? word, Math.floor((width - 12) / LETTER))
+/** The width (mm) of a kind of file for print; null for another. */
+export const printed = (kind) => (/^(mm|clear)\d+$/.test(kind) ? Number(kind.match(/\d+/)[0]) : null);
+
+/** How many times as fine as the page a file of some kind is. */
+export const timesOf = (kind, width) => (printed(kind) ? (printed(kind) * DPI) / MM_PER_INCH / width
+  : Number(kind.slice(3)));
+
+/** A drawing of its own: an SVG with words below, each a text or {text, colour}; in print they are legible. */
+export function sheet(copy, { width, height, ink, paper, kind = "svg" }, words) {
+  const letters = printed(kind) ? Math.max(1, (PRINTED_ROW * width) / printed(kind) / ROW) : 1;
+  const rows = words.flatMap((word) => wrapped(word.text ?? word, Math.floor((width - 12) / LETTER / letters))
     .map((text) => [text, word.colour ?? ink]));
-  const total = height + ROW * (rows.length + 0.6);
-  copy.prepend(svg("rect", { width, height: total, fill: paper }));
-  rows.forEach(([text, fill], i) => copy.append(svg("text",
-    { x: 6, y: height + ROW * (i + 1), "font-size": 11, "font-family": "sans-serif", fill }, text)));
+  const total = height + letters * ROW * (rows.length + 0.6);
+  if (!kind.startsWith("clear")) copy.prepend(svg("rect", { width, height: total, fill: paper }));
+  rows.forEach(([text, fill], i) => copy.append(svg("text", { x: 6, y: height + letters * ROW * (i + 1),
+    "font-size": 11 * letters, "font-family": "sans-serif", fill }, text)));
   for (const [name, value] of Object.entries({ xmlns: SVG_SPACE, width, height: total,
     viewBox: `0 0 ${width} ${total}` })) copy.setAttribute(name, value);
   return { text: `<?xml version="1.0"?>\n${new XMLSerializer().serializeToString(copy)}\n`, width, height: total };
 }
 
 /** A plot on the page as a drawing of its own, what it shows below. */
-export function drawing(plot, lines, legend) {
+export function drawing(plot, lines, legend, kind = "svg") {
   const { clientWidth: width, clientHeight: height } = plot;
   const copy = plot.cloneNode(true);
   const [from, to] = [plot, copy].map((node) => [...node.querySelectorAll("*")]);
@@ -84,7 +99,7 @@ export function drawing(plot, lines, legend) {
   });
   copy.removeAttribute("class");
   const [ink, paper] = [getComputedStyle(plot).color, getComputedStyle(plot.parentElement).backgroundColor];
-  return sheet(copy, { width, height, ink, paper }, [lines[0], ...legend, ...lines.slice(1)]);
+  return sheet(copy, { width, height, ink, paper, kind }, [lines[0], ...legend, ...lines.slice(1)]);
 }
 
 /**
@@ -103,7 +118,7 @@ export function table(lines, names, rows) {
 
 export async function saveDrawing(kind, name, { text, width, height }) {
   if (kind === "svg") return download(`${name}.svg`, text, "image/svg+xml");
-  const times = Number(kind.slice(3));
+  const times = timesOf(kind, width);
   const image = new Image();
   image.src = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(text)}`;
   try {
@@ -114,5 +129,29 @@ export async function saveDrawing(kind, name, { text, width, height }) {
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [Math.round(times * width), Math.round(times * height)];
   canvas.getContext("2d").drawImage(image, 0, 0, canvas.width, canvas.height);
-  canvas.toBlob((blob) => download(`${name}.png`, blob), "image/png");
+  canvas.toBlob(async (blob) => download(`${name}.png`, printed(kind) ? await inPrint(blob) : blob), "image/png");
+}
+
+/** A PNG that says how many dots an inch has: a chunk behind the first one, which takes 33 bytes. */
+async function inPrint(blob) {
+  const chunk = new Uint8Array(21);
+  const view = new DataView(chunk.buffer);
+  const perMetre = Math.round((1000 * DPI) / MM_PER_INCH);
+  view.setUint32(0, 9);
+  chunk.set([..."pHYs"].map((letter) => letter.charCodeAt(0)), 4);
+  view.setUint32(8, perMetre);
+  view.setUint32(12, perMetre);
+  chunk[16] = 1; // per metre
+  view.setUint32(17, checksum(chunk.subarray(4, 17)));
+  return new Blob([blob.slice(0, 33), chunk, blob.slice(33)], { type: "image/png" });
+}
+
+/** CRC-32 of bytes, as PNG has it. */
+function checksum(bytes) {
+  let crc = -1;
+  for (const byte of bytes) {
+    crc ^= byte;
+    for (let k = 0; k < 8; k++) crc = (crc >>> 1) ^ (crc & 1 ? 0xedb88320 : 0);
+  }
+  return (crc ^ -1) >>> 0;
 }

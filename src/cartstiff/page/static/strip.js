@@ -6,7 +6,7 @@ import { heat } from "./heat.js";
 import { PRINTED_AS_ZERO } from "./numerics.js";
 import { player } from "./player.js";
 import { CLOSER, Plot, isWhole, nearer } from "./plot.js";
-import { LETTER, drawing, provenance, saveDrawing, table, svg } from "./plotfiles.js";
+import { LETTER, PRINTED, drawing, provenance, saveDrawing, table, svg } from "./plotfiles.js";
 import { curvesOf, inDegrees, inWords } from "./store.js";
 
 export const MARGIN = { left: 52, right: 12, top: 20, bottom: 18 };
@@ -22,7 +22,7 @@ const LEAST_SEEN = 0.02;
 // first of all may wait for machine code to be made, and the next ones are quick.
 const [SLOW_SWEEPS, QUICK] = [2, 1];
 const SAVED_AS = [["", "Save"], ["svg", "SVG"], ["csv", "CSV"], ["png1", "PNG"],
-  ...[2, 3, 4].map((n) => [`png${n}`, `PNG × ${n}`])];
+  ...[2, 3, 4].map((n) => [`png${n}`, `PNG × ${n}`]), ...PRINTED];
 
 /** Ends of an axis, in what its lines are even in. */
 function range(list, isLog) {
@@ -162,7 +162,7 @@ export function strip(store) {
     }
     if (series.others.length) legend.push(`dash-dot, with a name: ${names[0]} of ${series.others.map(({ called }) =>
       called).join(", ")}`);
-    saveDrawing(kind, name, drawing(plot.node, lines, legend));
+    saveDrawing(kind, name, drawing(plot.node, lines, legend, kind));
   }
 
   const all = () => [series.at[0], series.at.at(-1)];
