@@ -43,16 +43,26 @@ define check_python
 	    "apt install python3-venv" >&2; exit 1; }
 endef
 
-$(RUNTIME): requirements.lock pyproject.toml src/cartstiff/version.py
+# What is installed: the locks, and this package, which is found where it stands.
+LOCKED := requirements.lock pyproject.toml src/cartstiff/version.py
+
+$(PY):
 	$(check_python)
+	@$(PYTHON) -m venv --clear $(VENV)
+
+$(RUNTIME): $(LOCKED) | $(PY)
 	@echo "Installing cartstiff and its locked dependencies into $(VENV)/ (a few minutes at first)"
-	@[ -x $(PY) ] || $(PYTHON) -m venv --clear $(VENV)
 	@$(PIP) --no-deps -r requirements.lock
 	@$(PIP) --no-deps --no-build-isolation -e .
 	@touch $@
 
-$(DEV): requirements-dev.lock $(RUNTIME)
+# The tools alone, beside the packages that cartstiff needs; then what is left of the whole lock.
+$(DEV): requirements-dev.lock $(LOCKED) | $(PY)
 	@echo "Installing the development tools into $(VENV)/"
+	@awk 'NR == FNR { known[$$1]; next } /^[^ #]/ { skip = $$1 in known } !skip' \
+	  requirements.lock requirements-dev.lock > $(VENV)/tools.lock
+	@$(PIP) --no-deps -r $(VENV)/tools.lock & tools=$$!; \
+	  $(MAKE) --no-print-directory $(RUNTIME) || exit 1; wait $$tools
 	@$(PIP) --no-deps -r requirements-dev.lock
 	@$(PY) -m pip check
 	@touch $@
