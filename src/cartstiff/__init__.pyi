@@ -1,6 +1,5 @@
 """Public names: type checkers and `lazy_loader` read them here."""
 
-from .analysis.posture import analyse_posture as analyse_posture
 from .analysis.tolerances import Tolerances as Tolerances
 from .answer.comparison import Comparison as Comparison
 from .answer.comparison import compare as compare
@@ -23,6 +22,7 @@ from .geometry.connections import levi_civita as levi_civita
 from .gradients.gradient import gradient as gradient
 from .gradients.matrices import accuracy as accuracy
 from .gradients.matrices import sensitivities as sensitivities
+from .gradients.spread import analyse_posture as analyse_posture
 from .kinematics.at_pose import at_pose as at_pose
 from .kinematics.inverse import inverse_kinematics as inverse_kinematics
 from .loading import hexapod as hexapod

@@ -1,7 +1,7 @@
 """All results of the stiffness at one posture, as one dict of plain values.
 
-`summarise` needs only matrices; `analyse_posture` adds the sections that need the
-mechanism: deflection, joint stiffness for a target, uncertainty.
+`summarise` needs only matrices, `sections` adds the load and the deflection, and
+`cartstiff.gradients.spread.analyse_posture` joint stiffness for a target and uncertainty.
 """
 
 from __future__ import annotations
@@ -44,10 +44,9 @@ from cartstiff.analysis.screws import (
     twist_compliant_axes,
     wrench_compliant_axes,
 )
-from cartstiff.analysis.sections import Notes, numbers, section
+from cartstiff.analysis.sections import Notes, section
 from cartstiff.arrays import (
     Array,
-    checked_input,
     checked_matrix,
     checked_pose,
     checked_unit,
@@ -55,23 +54,17 @@ from cartstiff.arrays import (
     plain,
     read_only,
 )
-from cartstiff.checked_call import checked
 from cartstiff.errors import (
-    CartstiffError,
-    InputError,
     UndefinedError,
     UnknownNameError,
-    checked_kind,
 )
 from cartstiff.geometry import se3
 from cartstiff.geometry.connections import NAMED
-from cartstiff.matrix_names import LETTERS
 from cartstiff.stiffness.compute import PostureStiffness
 from cartstiff.stiffness.posture import StiffnessInFrame, inverse_pair
 
 if TYPE_CHECKING:
     from cartstiff.analysis.deflection import Deflection
-    from cartstiff.analysis.tolerances import Tolerances
 
 
 def change_from_symmetric(r: PostureStiffness, name: str) -> Array:
@@ -662,144 +655,36 @@ def _axes(axes: Sequence[CompliantAxis] | None) -> list[Any] | None:
     return [section("wrench_compliant_axes", axis, axis.screw) for axis in axes]
 
 
-@checked
-def analyse_posture(
-    result: PostureStiffness,
-    *,
+def sections(
+    r: PostureStiffness,
+    reading: Reading,
     connection: str | None = None,
-    length: float | None = None,
-    mass: float | None = None,
-    inertia: ArrayLike | None = None,
-    mass_centre: ArrayLike = (0.0, 0.0, 0.0),
     at: ArrayLike | None = None,
-    direction: ArrayLike | None = None,
-    wrench: ArrayLike | None = None,
-    load_at: ArrayLike | None = None,
-    target: ArrayLike | None = None,
-    tolerances: Tolerances | None = None,
-    threshold: float = asymmetries.THRESHOLD,
-    progress: Callable[[int, int], None] | None = None,
-) -> dict[str, Any]:
-    r"""Analyse a mechanism at a posture, in any state.
-
-    Parameters
-    ----------
-    result : PostureStiffness
-        From `cartstiff.analyse`.
-    connection : str, optional
-        Letter of the matrix that is analysed. One of load, A, B, K, F and +; default
-        under a load: load, the tangent stiffness under it; without a load all are the
-        same, and it is B.
-    length : float, optional
-        Characteristic length, which makes angles comparable with lengths; default that of
-        the rigid body, if one is given, else the natural length, else one unit.
-    mass, inertia, mass_centre : float, array_like (3, 3), array_like (3,), optional
-        A rigid body as the metric of "modes"; in the frame of the analysis, mass in
-        force time^2 per length.
-    at : array_like, shape (4, 4), optional
-        ``T_M_N``: the frame N fixed to the body in which everything but "deflection" is
-        given; the point of "deflection" is its origin. Every matrix moves there as a
-        tensor: K^K stays that of M's origin, and the load acts where it does.
-    direction : array_like, shape (3,), optional
-        Direction for stiffness along and about it, besides x, y, z; in the axes of the
-        analysis.
-    wrench : array_like, shape (6,), optional
-        Wrench added to the load, whose linear deflection is given: moment and force, in
-        the axes of M; default the load itself, if there is one.
-    load_at : array_like, shape (3,), optional
-        Point of the body, in M, at which that wrench acts; default the point that is
-        analysed.
-    target : array_like, shape (6, 6), optional
-        Desired symmetric part of the analysed matrix (see `connection`) in M, for which
-        joint (or leg) stiffnesses are given.
-    tolerances : Tolerances, optional
-        Standard deviations: relative of every spring stiffness, absolute of every length
-        and rotation [rad] of the geometry. Without them those of measured springs count,
-        where the mechanism has any.
-    threshold : float
-        Relative change above which the choice of connection matters.
-    progress : callable, optional
-        Called with (done, total) while tolerances are propagated.
-
-    Returns
-    -------
-    dict
-        The keys of `summarise`, and "deflection", "uncertainty", "synthesis" with
-        "target". Optional results are None by default; one that does not exist is None
-        with a reason in "notes".
-
-    Raises
-    ------
-    UnknownNameError
-        For an unknown connection.
-    InputError
-        For a wrong shape or numbers that are not finite.
-    """
-    # The reader's wishes, before anything is computed.
-    checked_kind(result, PostureStiffness, "posture", "what cartstiff.analyse answers")
-    if connection is not None and connection not in LETTERS:
-        raise UnknownNameError("connection", connection, LETTERS)
-    added = None if wrench is None else checked_input(wrench, (6,), "wrench")
-    acts_at = (
-        None if load_at is None else checked_vector(load_at, 3, "point of the wrench")
+    wrench: Array | None = None,
+    load_at: Array | None = None,
+) -> tuple[dict[str, Any], Notes]:
+    """`summarise` with "frame", "load" and "deflection"; see `analyse_posture`."""
+    here = r.at(at)
+    name, stiffness = _matrices(r, here, connection)
+    W = np.zeros(6) if here.wrench is None else here.wrench
+    given = PostureMatrices(
+        stiffness,
+        W,
+        name,
+        here.compliances[name],
+        here.pair(name, "held")[1],
+        is_singular=stiffness[name] is not None and here.compliances[name] is None,
     )
-    if acts_at is not None and added is None:
-        raise InputError(
-            "the point of an added wrench needs the wrench", expected="both, or none"
-        )
-
-    reading = Reading(length, mass, inertia, mass_centre, direction, threshold=threshold)
-
-    # Everything that is read from the matrices of one posture; tolerances read it again.
-    def sections(r: PostureStiffness) -> tuple[dict[str, Any], Notes]:
-        here = r.at(at)
-        name, stiffness = _matrices(r, here, connection)
-        W = np.zeros(6) if here.wrench is None else here.wrench
-        given = PostureMatrices(
-            stiffness,
-            W,
-            name,
-            here.compliances[name],
-            here.pair(name, "held")[1],
-            is_singular=stiffness[name] is not None and here.compliances[name] is None,
-        )
-        answer = summarise(given, reading)
-        notes = Notes()
-        notes.entries = answer.pop("notes")
-        answer["frame"] = here.T_M_N.tolist()
-        answer["load"] = plain(_load(r, name))
-        point = here.T_M_N[:3, 3]
-        force_at = point if acts_at is None else acts_at
-        moved = deflection_found(r, name, added, force_at, point, notes)
-        answer["deflection"] = None if moved is None else moved.to_dict()
-        return answer, notes
-
-    # At this posture, and what goes beyond it.
-    answer, notes = sections(result)
-    answer["wrenches"] = [one.to_dict() for one in result.wrenches]
-    answer["synthesis"] = None
-    if target is not None:
-        found = notes.attempt(
-            "joint stiffness for the target", target_section, result, target, connection
-        )
-        answer["synthesis"] = {"target": plain(found)}
-    answer["uncertainty"] = None
-    if tolerances is not None or result.elastic.identified is not None:
-        from cartstiff.analysis.tolerances import Tolerances
-
-        answer["uncertainty"] = plain(
-            notes.attempt(
-                "uncertainty",
-                _uncertainty,
-                result,
-                tolerances or Tolerances(),  # measured springs bring their own
-                numbers(answer),
-                lambda r: numbers(sections(r)[0], answer),
-                progress,
-            )
-        )
-    answer["notes"] = notes.entries
-    return answer
+    answer = summarise(given, reading)
+    notes = Notes()
+    notes.entries = answer.pop("notes")
+    answer["frame"] = here.T_M_N.tolist()
+    answer["load"] = plain(_load(r, name))
+    point = here.T_M_N[:3, 3]
+    force_at = point if load_at is None else load_at
+    moved = deflection_found(r, name, wrench, force_at, point, notes)
+    answer["deflection"] = None if moved is None else moved.to_dict()
+    return answer, notes
 
 
 def _matrices(
@@ -826,73 +711,4 @@ def _load(r: PostureStiffness, connection: str) -> dict[str, Any] | None:
         "moment": moment,
         "force": force,
         "is_tangent": is_tangent(r, connection),
-    }
-
-
-def _uncertainty(
-    result: PostureStiffness,
-    tolerances: Tolerances,
-    nominal: Mapping[str, Array],
-    evaluate: Callable[[PostureStiffness], dict[str, Array]],
-    progress: Callable[[int, int], None] | None,
-) -> dict[str, Any]:
-    """Standard deviation and interval of every number of the analysis."""
-    from cartstiff.analysis.parameters import Parameters
-    from cartstiff.analysis.tolerances import Uncertain, shares_of
-
-    parameters = Parameters(result)
-    uncertain, here = Uncertain.of(parameters, tolerances), [*nominal.values()]
-
-    def seen(r: PostureStiffness) -> list[Array]:
-        # Numbers that do not exist at another value have no derivative.
-        found = evaluate(r)
-        each = [(found.get(name, np.zeros(0)), x) for name, x in nominal.items()]
-        return [there if there.shape == x.shape else x * np.nan for there, x in each]
-
-    slopes = list[Array]()
-    for done, name in enumerate(uncertain.names, 1):
-        try:
-            each = parameters.quotient(name, seen, here).slopes
-        except UndefinedError:
-            raise
-        except CartstiffError as error:
-            words = f"within the tolerances {error}"
-            raise UndefinedError(words, code="no-samples") from None
-        slopes.append(np.concatenate([x.ravel() for x in each]))
-        if progress is not None:
-            progress(done, len(uncertain.names))
-    deviations, shares = shares_of(uncertain.variances(np.array(slopes)))
-    level = 0.95
-    factor = uncertain.factor(level)
-    each_name = [
-        f"{name}[{', '.join(map(str, index))}]" if index else name
-        for name, x in nominal.items()
-        for index in np.ndindex(x.shape)
-    ]
-    values = np.concatenate([x.ravel() for x in here])
-    entries: dict[str, Any] = {}
-    for i in np.flatnonzero(np.isfinite(values)):
-        x, deviation = values[i], deviations[i]
-        entry = entries[each_name[i]] = {
-            "nominal": x,
-            "deviation": deviation,
-            "lower": x - factor * deviation,
-            "upper": x + factor * deviation,
-        }
-        if deviation > 0:
-            worst = int(np.argmax(shares[:, i]))
-            entry |= {
-                "main_parameter": uncertain.names[worst],
-                "main_share": shares[worst, i],
-            }
-    each_value = zip(uncertain.names, uncertain.deviations, strict=True)
-    return {
-        "level": level,
-        "tolerances": tolerances,
-        "left_out": parameters.left_out if tolerances.moves else None,
-        "parameters": {
-            name: {"nominal": parameters.value(name), "deviation": deviation}
-            for name, deviation in each_value
-        },
-        "numbers": entries,
     }

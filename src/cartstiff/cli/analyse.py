@@ -53,7 +53,7 @@ class Analysis(Reading):
         translation).
     """
 
-    API: ClassVar = ("analysis/posture.py analyse_posture tolerance=tolerances",)
+    API: ClassVar = ("gradients/spread.py analyse_posture tolerance=tolerances",)
     RARE: ClassVar = "tolerance target"
 
     level: Annotated[Level, "--analysis"] = "short"
@@ -122,7 +122,7 @@ class Analysis(Reading):
         """
         import numpy as np
 
-        from cartstiff.analysis.posture import analyse_posture
+        from cartstiff.gradients.spread import analyse_posture
 
         tolerances = None
         if self.tolerance is not None:

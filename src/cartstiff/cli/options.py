@@ -781,7 +781,7 @@ class Reading:
     connection : LETTER
     """
 
-    API: ClassVar = ("analysis/posture.py analyse_posture added_load=wrench",)
+    API: ClassVar = ("gradients/spread.py analyse_posture added_load=wrench",)
     RARE: ClassVar = "length"
 
     connection: Letter | None = None

@@ -17,9 +17,9 @@ all motions N that the closures leave: eq. restgradient,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -28,8 +28,8 @@ from cartstiff import numerics
 from cartstiff.analysis.parameters import LOAD, PAYLOAD, Parameters
 from cartstiff.arrays import Array
 from cartstiff.batch.chains import ChainCase
-from cartstiff.batch.gradient import Slopes
-from cartstiff.batch.plans import TracedModel, plan_with
+from cartstiff.batch.gradient import Differentiated, Slopes
+from cartstiff.batch.plans import Case, TracedModel, plan_with
 from cartstiff.batch.platforms import PlatformCase
 from cartstiff.batch.readings import with_masses
 from cartstiff.batch.twists import Varied
@@ -337,6 +337,50 @@ class Recorded:
             following[name] = e - N @ (inverse.matrix @ (N.T @ f_p))
         following.pop("q", None)
         return following
+
+
+def slopes_of_matrices(
+    parameters: Parameters, names: Sequence[str]
+) -> dict[str, Array] | None:
+    """Derivatives (p, ...) of K^B, K^F (where it exists) and the wrench of a held
+    posture by parameters; None where not all of them are exact.
+    """
+    result, recorded = parameters.result, Recorded.of(parameters)
+    needed = tuple(
+        name
+        for name, K in (("stiffness_B", "B"), ("stiffness_F", "F"), ("wrench", ""))
+        if not K or result.matrices[K] is not None
+    )
+    if isinstance(recorded, str) or "stiffness_B" not in needed:
+        return None
+    program = differentiated(recorded.case, needed)
+    found = None if program is None else program.at(recorded.given)
+    by = None if found is None else recorded.named(found)
+    if by is None or not by.keys() >= {*names}:
+        return None
+    flat = np.array([by[name] for name in names]).reshape(len(names), -1)
+    ends = np.cumsum([6 if name == "wrench" else 36 for name in needed])[:-1]
+    parts = zip(needed, np.split(flat, ends, axis=1), strict=True)
+    shapes = {"wrench": (6,)}
+    return {n: x.reshape(-1, *shapes.get(n, (6, 6))) for n, x in parts}
+
+
+@lru_cache(maxsize=8)
+def differentiated(
+    case: Case, names: tuple[str, ...], comes_to_rest: bool = False
+) -> Differentiated | None:
+    """Arrays of an answer with their derivatives, recorded once.
+
+    None if they do not exist.
+    """
+
+    def objective(arrays: Mapping[str, Array]) -> tuple[list[Any], Any]:
+        return [x for name in names for x in np.ravel(arrays[name])], 0.0
+
+    try:
+        return Differentiated(case, names, objective, comes_to_rest)
+    except KeyError:
+        return None
 
 
 def _varied_chain(

@@ -9,8 +9,7 @@ quotients.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property, lru_cache
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 
@@ -19,11 +18,10 @@ from cartstiff.analysis.parameters import Quotient, largest
 from cartstiff.analysis.tolerances import Tolerances, Uncertain, shares_of
 from cartstiff.arrays import Array
 from cartstiff.batch.chains import ChainCase
-from cartstiff.batch.gradient import Differentiated
 from cartstiff.batch.plans import Case
 from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, UndefinedError, one_line
-from cartstiff.gradients.exact import Recorded, parameters_of
+from cartstiff.gradients.exact import Recorded, differentiated, parameters_of
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.statics.small_motions import kinetic_matrix
@@ -186,24 +184,6 @@ def accuracy(
     )
 
 
-@lru_cache(maxsize=8)
-def _program(
-    case: Case, names: tuple[str, ...], comes_to_rest: bool
-) -> Differentiated | None:
-    """Outputs with their derivatives, recorded once.
-
-    None if one of them does not exist.
-    """
-
-    def objective(arrays: Mapping[str, Array]) -> tuple[list[Any], Any]:
-        return [x for name in names for x in np.ravel(arrays[name])], 0.0
-
-    try:
-        return Differentiated(case, names, objective, comes_to_rest)
-    except KeyError:
-        return None
-
-
 #: Arrays of an answer that are differentiated: K^A, K^B, K^K, K^F (4, 6, 6); the pose (4,
 #: 4); K and M on the modes (k, k).
 _Parts = list[Array]
@@ -349,7 +329,7 @@ class _Question:
             if to_motions is None:
                 return {}
             outputs += _ON_MOTIONS
-        program = _program(recorded.case, outputs, self.state is not None)
+        program = differentiated(recorded.case, outputs, self.state is not None)
         found = None if program is None else program.at(recorded.given)
         by = None if found is None else recorded.named(found)
         if found is None or by is None:

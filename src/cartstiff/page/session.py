@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 
 from cartstiff import numerics
-from cartstiff.analysis.posture import analyse_posture
 from cartstiff.answer.posture import answer_at
 from cartstiff.arrays import checked_pose, named_values
 from cartstiff.batch.recorded_postures import RecordedPostures
 from cartstiff.errors import CartstiffError, InputError, UndefinedError, UnknownNameError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.gradients.spread import analyse_posture
 from cartstiff.kinematics.following import Follower
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.page.messages import (

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff import numerics
 from cartstiff.analysis.ellipsoids import softest
-from cartstiff.analysis.posture import analyse_posture
+from cartstiff.analysis.posture import Reading, sections
 from cartstiff.arrays import Array, checked_vector
 from cartstiff.batch.recording import analyse_many
 from cartstiff.checked_call import checked
@@ -224,7 +224,7 @@ class LoadedPostures:
             load_at=self.kind.at,
             load_axes="world",
         )
-        read = analyse_posture(result)
+        read, _ = sections(result, Reading())
         free = read["ellipsoids"]["compliance"]["translation"]["free"]
         found = None if free is None else softest(free["eigenvalues"], free["axes"])
         return {
