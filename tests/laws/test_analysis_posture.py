@@ -38,6 +38,7 @@ from cartstiff.geometry import se3
 LOAD = np.array([3.0, -2.0, 1.0, 20.0, -30.0, 40.0])
 KEYS = {
     "connection",
+    "wrenches",
     "symmetrised",
     "definiteness",
     "frame",
