@@ -209,18 +209,13 @@ def plan(elastic: ElasticMechanism, wrench: str) -> TracedModel | str:
 
     `wrench` is "none", "shared" or "each".
     """
-    if (known := known_plan(elastic, wrench)) is not None:
-        return known
+    for known, kind, found in tuple(_plans):
+        if known is elastic and kind == wrench:
+            return found
     planned = _planned(elastic, wrench)
     if elastic.gravity is None or not elastic.gravity.flags.writeable:
         _plans.append((elastic, wrench, planned))
     return planned
-
-
-def known_plan(elastic: ElasticMechanism, wrench: str) -> TracedModel | str | None:
-    """Cached result of `plan`, or None."""
-    of_it = (p for known, kind, p in tuple(_plans) if known is elastic and kind == wrench)
-    return next(of_it, None)
 
 
 def _planned(elastic: ElasticMechanism, wrench: str) -> TracedModel | str:
