@@ -57,6 +57,8 @@ from .reach.assembly import assemble as assemble
 from .reach.workspace import Workspace as Workspace
 from .reach.workspace import workspace as workspace
 from .scene.scene import Scene as Scene
+from .statics.capacity import Capacity as Capacity
+from .statics.capacity import capacity as capacity
 from .statics.command import after_command as after_command
 from .statics.command import commanded as commanded
 from .statics.continuation import LoadCurve as LoadCurve

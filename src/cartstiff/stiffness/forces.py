@@ -10,7 +10,7 @@ torque is the multiplier of its constraint.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import compress
 from typing import Any, NamedTuple
 
@@ -170,3 +170,39 @@ def rigid_torques(
         return {}
     end = len(posture.residual)
     return dict(zip(names, (-multipliers[end - len(names) : end]).tolist(), strict=True))
+
+
+def drive_rows(
+    elastic: ElasticMechanism, posture: MechanismPosture
+) -> tuple[tuple[str, ...], Array]:
+    """Names of the drives, and the rows (m, n) by which their forces act.
+
+    ``rows^T forces`` is what springs of joints and couplings, legs, and rigid joints add
+    to the gradient.
+    """
+    springs, n = elastic.springs, len(elastic.names)
+    names, rows = list[str](), [np.zeros((0, n))]
+    if springs is not None:
+        own = ~springs.is_passive
+        names += compress(elastic.spring_names, own)
+        sign = -1.0 if springs.has_coordinate(n).any() else 1.0
+        rows.append(sign * springs.rows(posture)[own])
+    rigid = sorted(elastic.mechanism.rigid)
+    names += [elastic.names[j] for j in rigid]
+    rows.append(-np.eye(n)[rigid])
+    for term in elastic.coupled_springs:
+        names += term.names
+        rows.append(term.factors)
+    return tuple(names), np.concatenate(rows)
+
+
+def drive_limits(elastic: ElasticMechanism, names: Sequence[str]) -> tuple[Array, Array]:
+    """Least and largest force (m,) of drives by name; cables cannot push."""
+    limits, springs = elastic.force_limits, elastic.springs
+    pairs = [limits.get(name, (-np.inf, np.inf)) for name in names]
+    low, high = np.array(pairs, float).reshape(-1, 2).T
+    cables = set[str]()
+    if springs is not None:
+        cables = {*compress(elastic.spring_names, springs.cables)}
+    is_cable = np.array([name in cables for name in names], bool)
+    return np.where(is_cable, np.maximum(low, 0.0), low), high

@@ -1,0 +1,326 @@
+"""How much of a load a mechanism holds until the first limit, and which forces at all.
+
+Drives are held to their forces (`cartstiff.stiffness.held_forces`), cables to their least
+tension, joints and legs to their travel, the body to an allowed displacement, and
+everything to stability. To first order forces, motions and stiffness are linear in the
+load at the posture; by the equilibrium the mechanism moves, and each limit is sought
+where the load's multiple reaches it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cartstiff import numerics
+from cartstiff.arrays import Result, checked_length
+from cartstiff.checked_call import checked
+from cartstiff.errors import CartstiffError, InputError, UndefinedError
+from cartstiff.geometry import se3
+from cartstiff.geometry.se3 import Array
+from cartstiff.mechanisms.elastic import ElasticMechanism
+from cartstiff.mechanisms.limits import limits_of
+from cartstiff.results import LabelledResult
+from cartstiff.statics.equilibrium import equilibrium
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
+from cartstiff.stiffness.compute import analyse, analyse_at
+from cartstiff.stiffness.forces import drive_limits, used_shares
+from cartstiff.stiffness.held_forces import HeldForces, held_forces
+from cartstiff.stiffness.posture import PostureStiffness
+
+Kind = Literal["force", "slack", "travel", "buckling", "displacement"]
+#: Multiples of the first estimate at which a limit is looked for.
+_LOOKED_AT = (0.25, 0.5, 0.75, 0.9, 1.0, 1.1, 1.3, 1.6, 2.0, 3.0, 5.0, 10.0)
+#: Multiples beyond which no limit is looked for, without an estimate.
+_MOST = 1000.0
+_MAX_STEPS = 60
+
+
+class FirstLimit(NamedTuple):
+    """The first limit on the way of a growing load.
+
+    Attributes
+    ----------
+    factor : float
+        Multiple of the load at it; infinite if none is met.
+    kind : {"force", "slack", "travel", "buckling", "displacement"} or None
+        Force of a drive, slack cable, end of a joint or leg, loss of stability, allowed
+        displacement.
+    names : tuple of str
+        Drives, joints or legs that are at it.
+    """
+
+    factor: float = np.inf
+    kind: Kind | None = None
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Capacity(Result, LabelledResult):
+    """What a mechanism holds at a posture, from `capacity`.
+
+    Attributes
+    ----------
+    linear : FirstLimit
+        Of the load, to first order at the posture.
+    by_equilibrium : FirstLimit or None
+        The same by the equilibrium, to which the mechanism moves; None if not sought.
+    payload : float or None
+        Greatest mass [kg] at M's origin that the drives hold under gravity, to first
+        order; None without gravity, infinite without limits.
+    polytope : ndarray (k, 3) or None
+        Vertices of the forces on M's origin, along the axes of F, that the drives can
+        hold beside the weight; None if these have no limits.
+    """
+
+    command: ClassVar = ""
+
+    elastic: ElasticMechanism
+    linear: FirstLimit
+    by_equilibrium: FirstLimit | None
+    payload: float | None
+    polytope: Array | None
+
+    @property
+    def factor(self) -> float:
+        """Multiple of the load that is held: by the equilibrium, if that was sought."""
+        return (self.by_equilibrium or self.linear).factor
+
+    def _lines(self) -> list[str]:
+        lines = [f"Capacity of {self.elastic.name}"]
+        for what, one in (("linear", self.linear), ("equilibrium", self.by_equilibrium)):
+            if one is not None:
+                names = ", ".join(one.names)
+                lines.append(
+                    f"  {what:12}{one.factor:.6g} ({one.kind or 'none'} {names})"
+                )
+        return [*lines, f"  payload     {self.payload}"]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        from cartstiff.arrays import plain
+
+        own = {n: getattr(self, n) for n in ("linear", "by_equilibrium")}
+        each = {n: None if x is None else x._asdict() for n, x in own.items()}
+        data: dict[str, Any] = plain(
+            each | {"payload": self.payload, "polytope": self.polytope}
+        )
+        return data
+
+
+@checked
+def capacity(
+    elastic: ElasticMechanism,
+    q: ArrayLike | Mapping[str, float] | None = None,
+    *,
+    wrench: ArrayLike,
+    load_kind: Literal["dead", "follower", "conservative"] = "dead",
+    load_at: ArrayLike = DEAD_AT_ORIGIN.at,
+    load_axes: Literal["body", "world"] = "body",
+    displacement: float | None = None,
+) -> Capacity:
+    """How many times a load is held until the first limit, and which forces at all.
+
+    Parameters
+    ----------
+    elastic, q, wrench, load_kind, load_at, load_axes
+        As in `cartstiff.analyse`.
+    displacement : float, optional
+        Allowed displacement of M's origin by the load.
+
+    Returns
+    -------
+    Capacity
+        Factors to first order and by the equilibrium, payload, and polytope of forces.
+
+    Raises
+    ------
+    InputError
+        As `cartstiff.analyse`; for a load of zero.
+    UndefinedError
+        Where no wrench balances the posture.
+    """
+    result = analyse(
+        elastic,
+        q,
+        wrench=wrench,
+        load_kind=load_kind,
+        load_at=load_at,
+        load_axes=load_axes,
+    )
+    return capacity_at(result, displacement)
+
+
+def capacity_at(
+    result: PostureStiffness,
+    displacement: float | None = None,
+    tolerance: float = numerics.NEGLIGIBLE_DIFFERENCE,
+) -> Capacity:
+    """`capacity` at an analysed posture under its load.
+
+    The factor by the equilibrium is found to `tolerance`; it is not sought for 1.
+    """
+    if displacement is not None:
+        displacement = checked_length(displacement, "allowed displacement")
+    held = held_forces(result)
+    if held is None or result.wrench is None:
+        raise result.reduction.undefined()
+    if not result._load_is_given:
+        raise InputError("no load is given", expected="a wrench other than zero")
+    growing = _Growing(result, held, displacement)
+    linear = min(growing.linear(), key=lambda one: one.factor, default=FirstLimit())
+    gravity, payload = result.elastic.gravity, None
+    if gravity is not None:
+        weight = result.pose[:3, :3].T @ gravity / result.units.newtons
+        payload = held.factor(np.append(np.zeros(3), weight))[0]
+    found = None
+    if tolerance < 1.0:
+        found = growing.by_equilibrium(linear.factor, tolerance)
+    polytope = held.polytope(result.pose[:3, :3]) if held.is_limited else None
+    return Capacity(result.elastic_as_given, linear, found, payload, polytope)
+
+
+class _Growing:
+    """A load that grows from zero, at a posture."""
+
+    def __init__(
+        self, result: PostureStiffness, held: HeldForces, displacement: float | None
+    ) -> None:
+        self.result, self.held, self.displacement = result, held, displacement
+        self.asked, self.posture = result.elastic_as_given, result.posture
+        self.W = np.asarray(result.wrench)
+        self.limits = limits_of(self.asked.mechanism, contacts=True)
+        at = self.asked, self.posture, np.zeros(6)
+        self.unloaded = analyse_at(*at, result.load)
+        self.low, self.high = drive_limits(self.asked, held.names)
+
+    def linear(self) -> Iterator[FirstLimit]:
+        """The first limit of each kind, to first order."""
+        s, at = self.held.factor(self.W)
+        if at or s != s:
+            names = tuple(self.held.names[i] for i in at)
+            slack = [
+                self.low[i] == 0.0 and self.held.low[i] > -np.inf
+                for i in at
+                if i < len(self.low)
+            ]
+            is_slack = bool(slack) and all(slack)
+            kind: Kind = "slack" if is_slack else "force"
+            yield FirstLimit(0.0 if s != s else max(s, 0.0), kind, names)
+        try:
+            motion = self.unloaded.motion_under(self.W)
+        except UndefinedError:
+            return
+        yield from self._travel(motion)
+        far = np.linalg.norm((self.posture.motion.jacobian @ motion)[3:])
+        if self.displacement is not None and far > 0.0:
+            yield FirstLimit(float(self.displacement / far), "displacement")
+        yield from self._buckling()
+
+    def _travel(self, motion: Array) -> Iterator[FirstLimit]:
+        """The first end that a joint or leg reaches."""
+        limits = self.limits
+        if not len(limits):
+            return
+        x = limits.values(self.posture.q, self.posture.pose)
+        rate = self.posture.map_of_bounded(limits.columns).jacobian @ motion
+        with np.errstate(divide="ignore", invalid="ignore"):
+            room = np.where(rate > 0.0, limits.upper - x, limits.lower - x)
+            factors = np.where(rate != 0.0, room / rate, np.inf)
+        i = int(np.nanargmin(factors))
+        if factors[i] < np.inf:
+            yield FirstLimit(max(float(factors[i]), 0.0), "travel", (limits.names[i],))
+
+    def _buckling(self) -> Iterator[FirstLimit]:
+        """Where ``K_0 + s (K_1 - K_0)`` is singular, from both compliances."""
+        C_0, C_1 = self.unloaded.compliances["B"], self.result.compliances["load"]
+        if C_0 is None or C_1 is None:
+            return
+        sizes = np.repeat([1.0, self.result.length], 3)
+        C_0, C_1 = (C / np.outer(sizes, sizes) for C in (C_0, C_1))
+        change = C_0 @ np.linalg.pinv(C_1, rcond=numerics.RANK)
+        values = np.linalg.eigvals(change)
+        real = values.real[np.abs(values.imag) <= numerics.ZERO_SHARE * np.abs(values)]
+        # Outside of the range the product is zero, not one.
+        real = real[(np.abs(real) > numerics.RANK) & (real < 1.0 - numerics.ZERO_SHARE)]
+        if real.size:
+            yield FirstLimit(float(1.0 / (1.0 - real.min())), "buckling")
+
+    def margin(self, s: float) -> tuple[float, FirstLimit]:
+        """Least margin, 1 without a load, and its limit, at the equilibrium under s loads;
+        NaN where there is none.
+        """
+        result = self.result
+        at = np.array(result.load.at)
+        given = np.concatenate([self.W[:3] - se3.cross(at, self.W[3:]), self.W[3:]])
+        load = result.load.acting(s * given, result.pose)
+        try:
+            start = np.array(result.q)
+            start[sorted(self.asked.mechanism.virtual)] = 0.0
+            state = equilibrium(self.asked, start, load, limits=False, settle=False)
+        except CartstiffError:
+            return np.nan, FirstLimit(s, "buckling")
+        if state.stable is False:
+            return np.nan, FirstLimit(s, "buckling")
+        worst = [(1.0, FirstLimit(s))]
+        forces = {one.name: one.force for one in state.stiffness.forces}
+        drives = self.held.names[: len(self.low)]
+        t = np.array([forces[name] for name in drives])
+        used = used_shares(t, self.low, self.high)
+        worst += [
+            (1.0 - x, FirstLimit(s, "force", (name,)))
+            for name, x in zip(drives, used, strict=True)
+            if x == x
+        ]
+        now = {one.name: one.force for one in self.unloaded.forces}
+        worst += [
+            (t[i] / now[name], FirstLimit(s, "slack", (name,)))
+            for i, name in enumerate(drives)
+            if self.low[i] == 0.0 and now[name] > 0.0
+        ]
+        limits = self.limits
+        if len(limits):
+            x, there = (limits.values(p.q, p.pose) for p in (self.posture, state.posture))
+            for i, name in enumerate(limits.names):
+                for end in (limits.lower[i], limits.upper[i]):
+                    if np.isfinite(end) and end != x[i]:
+                        room = float((end - there[i]) / (end - x[i]))
+                        worst.append((room, FirstLimit(s, "travel", (name,))))
+        moved = state.displacement_by_load
+        if self.displacement is not None and moved is not None:
+            far = float(np.linalg.norm(moved[3:])) / self.displacement
+            worst.append((1.0 - far, FirstLimit(s, "displacement")))
+        return min(worst, key=lambda one: one[0])
+
+    def by_equilibrium(self, estimate: float, tolerance: float) -> FirstLimit:
+        """The first limit that the growing load meets."""
+        if not self.margin(0.0)[0] > 0.0:
+            return self.margin(0.0)[1]._replace(factor=0.0)
+        below, room = 0.0, self.margin(0.0)[0]
+        unit = estimate if 0.0 < estimate < _MOST else 1.0
+        for multiple in _LOOKED_AT:
+            above = multiple * unit
+            missed, limit = self.margin(above)
+            if not missed > 0.0:
+                break
+            below, room = above, missed
+        else:
+            return FirstLimit()
+        for _ in range(_MAX_STEPS):
+            if above - below <= tolerance * above:
+                break
+            # Half way where nothing is at rest, else by the margins, safely inside.
+            share = 0.5
+            if missed == missed:
+                share = min(max(room / (room - missed), 0.02), 0.98)
+            middle = below + share * (above - below)
+            now, at = self.margin(middle)
+            if now > 0.0:
+                below, room = middle, now
+            else:
+                above, missed, limit = middle, now, at
+        return limit._replace(factor=0.5 * (below + above))
