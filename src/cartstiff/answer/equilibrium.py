@@ -21,12 +21,12 @@ from cartstiff.answer.data import (
 from cartstiff.answer.posture import (
     circumstances,
     extremes_of,
-    force_statements,
     load_of,
     sizes,
     tables_of,
     vector,
 )
+from cartstiff.answer.strength import force_statements
 from cartstiff.answer.verdict import Level, Verdict
 from cartstiff.geometry.se3 import Array
 

@@ -35,6 +35,7 @@ from cartstiff.answer.data import (
     said,
     table,
 )
+from cartstiff.answer.strength import strength_statements
 from cartstiff.answer.verdict import UNRESOLVED, Verdict, decide, facts_of
 from cartstiff.errors import CartstiffError, UndefinedError
 from cartstiff.geometry import se3
@@ -70,6 +71,7 @@ def answer_at(
     wrench: Array | None = None,
     load_at: Array | None = None,
     load_kind: Behaviour = "dead",
+    allowed: float | None = None,
     quickly: bool = False,
 ) -> Answer:
     """The answer at a posture.
@@ -90,6 +92,8 @@ def answer_at(
         Point of the body, in M, at which that wrench acts; default the point that moves.
     load_kind : {"dead", "follower", "conservative"}
         Its behaviour while the body moves.
+    allowed : float, optional
+        Allowed displacement of M's origin, which limits the load.
     quickly : bool
         Without the equilibrium and without tables, as a page needs it while it is
         dragged.
@@ -119,28 +123,9 @@ def answer_at(
         displacement=moved,
         shares=shares,
         extremes=tuple(extremes_of(result, here, name)),
-        statements=force_statements(result.forces, result.units),
+        statements=strength_statements(result, allowed, quickly),
         tables=() if quickly else tuple(tables_of(result, shares)),
     )
-
-
-def force_statements(forces: Sequence[DriveForce], units: Units) -> list[Statement]:
-    """Which drive is loaded most; without limits the largest torque and force."""
-    acting = [one for one in forces if one.force and one.force == one.force]
-    if not acting:
-        return []
-    worst = forces[0]
-    if worst.used == worst.used:
-        force = Quantity(abs(worst.force), units.effort(worst.is_length))
-        used = Quantity(worst.used, "1")
-        return [said("most-loaded", name=worst.name, force=force, used=used)]
-    acting.sort(key=lambda one: -abs(one.force))
-    largest = {one.is_length: one for one in reversed(acting)}
-    each = [
-        said("force-of", name=x.name, force=Quantity(abs(x.force), units.effort(slides)))
-        for slides, x in largest.items()
-    ]
-    return [said("largest-forces", each=each)]
 
 
 def circumstances(result: PostureStiffness, at_rest: bool = False) -> Iterator[Statement]:

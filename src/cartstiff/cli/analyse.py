@@ -17,6 +17,7 @@ from cartstiff.cli.declare import Overrides
 from cartstiff.cli.options import (
     BalancedSetup,
     Metres,
+    Number,
     OutputFile,
     Parameters,
     Point,
@@ -46,6 +47,8 @@ class Analysis(Reading):
         How much of the analysis is printed. With --json: none leaves it out.
     report_at
         Point of the body that is analysed. In its frame; default its origin.
+    allowed_displacement
+        Allowed displacement of the body frame, which limits the load that is held.
     target : FILE
         Desired stiffness (6x6, symmetric, body frame; .json, .csv or .npy): the joint
         stiffness that produces it under the load, as the matrix of --connection. A .json
@@ -58,6 +61,9 @@ class Analysis(Reading):
 
     level: Annotated[Level, "--analysis"] = "short"
     report_at: Point = None
+    allowed_displacement: Annotated[
+        float | None, Number("D", above_zero=True, kind="length")
+    ] = None
     tolerance: Tolerance = None
     target: Path | None = None
 
@@ -114,6 +120,7 @@ class Analysis(Reading):
                 connection=self.matrix,
                 at=self.frame,
                 wrench=self._in_body(self.added_load, result, world),
+                allowed=Metres.in_units(self.allowed_displacement, result.units),
             )
 
     def run(self, result: PostureStiffness, world: bool) -> dict[str, Any]:

@@ -164,6 +164,16 @@ SENTENCES: dict[str, str] = {
     "not-examined": "Flutter and divergence are not examined: motions without mass are "
     "left",
     "no-rest-before": "  without the load no rest was found: its own part is not known",
+    "capacity": "Holds {factor:3} times this load (by the equilibrium), until {limit}",
+    "capacity-differs": "Holds {factor:3} times this load (by the equilibrium; "
+    "{linear:3} to first order), until {limit}",
+    "capacity-linear": "Holds {factor:3} times this load (to first order), until {limit}",
+    "greatest-payload": "The drives hold a mass of {payload:4} kg here, to first order",
+    "limit-force": "{names} is at its limit",
+    "limit-slack": "{names} is slack",
+    "limit-travel": "{names} is at the end of its travel",
+    "limit-buckling": "the equilibrium is lost",
+    "limit-displacement": "the allowed displacement is reached",
     # assemble
     "held": "Held: {held:6}",
     "modes": "Assembly modes: {count}; searched: {search}",

@@ -28,13 +28,13 @@ from cartstiff.results import LabelledResult
 from cartstiff.statics.equilibrium import equilibrium
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
 from cartstiff.stiffness.compute import analyse, analyse_at
-from cartstiff.stiffness.forces import drive_limits, used_shares
+from cartstiff.stiffness.forces import drive_limits, drive_rows, used_shares
 from cartstiff.stiffness.held_forces import HeldForces, held_forces
 from cartstiff.stiffness.posture import PostureStiffness
 
 Kind = Literal["force", "slack", "travel", "buckling", "displacement"]
 #: Multiples of the first estimate at which a limit is looked for.
-_LOOKED_AT = (0.25, 0.5, 0.75, 0.9, 1.0, 1.1, 1.3, 1.6, 2.0, 3.0, 5.0, 10.0)
+_LOOKED_AT = (0.25, 0.5, 0.75, 0.9, 1.0, 1.1, 1.3, 1.6, 2.0, 3.0, 5.0, 10.0, 100.0)
 #: Multiples beyond which no limit is looked for, without an estimate.
 _MOST = 1000.0
 _MAX_STEPS = 60
@@ -200,26 +200,50 @@ class _Growing:
 
     def linear(self) -> Iterator[FirstLimit]:
         """The first limit of each kind, to first order."""
-        s, at = self.held.factor(self.W)
-        if at or s != s:
-            names = tuple(self.held.names[i] for i in at)
-            slack = [
-                self.low[i] == 0.0 and self.held.low[i] > -np.inf
-                for i in at
-                if i < len(self.low)
-            ]
-            is_slack = bool(slack) and all(slack)
-            kind: Kind = "slack" if is_slack else "force"
-            yield FirstLimit(0.0 if s != s else max(s, 0.0), kind, names)
         try:
             motion = self.unloaded.motion_under(self.W)
         except UndefinedError:
+            motion = None
+        s, at = self._of_drives(motion)
+        if at or s != s:
+            names = tuple(self.held.names[i] for i in at)
+            kind: Kind = "slack" if all(self._is_slack(i) for i in at) else "force"
+            yield FirstLimit(0.0 if s != s else max(s, 0.0), kind, names)
+        if motion is None:
             return
         yield from self._travel(motion)
         far = np.linalg.norm((self.posture.motion.jacobian @ motion)[3:])
         if self.displacement is not None and far > 0.0:
             yield FirstLimit(float(self.displacement / far), "displacement")
         yield from self._buckling()
+
+    def _is_slack(self, i: int) -> bool:
+        """Whether the least force of a drive is that of a cable without tension."""
+        return i < len(self.low) and bool(self.low[i] == 0.0)
+
+    def _of_drives(self, motion: Array | None) -> tuple[float, list[int]]:
+        """Multiple at which drives are at a limit, and these.
+
+        More drives than freedoms share the load by their stiffnesses; others have no
+        choice.
+        """
+        held, elastic = self.held, self.unloaded.elastic
+        springs, (r, m) = elastic.springs, held.A.shape
+        is_shared = m > r and m == len(self.low) and springs is not None
+        if motion is None or not is_shared or elastic.mechanism.rigid:
+            return held.factor(self.W)
+        names, rows = drive_rows(elastic, self.posture)
+        stiffness = springs.tangent(self.posture)[~springs.is_passive]
+        if len(stiffness) != len(names):
+            return held.factor(self.W)
+        now = {one.name: one.force for one in self.unloaded.forces}
+        s, i = _first(
+            np.array([now[name] for name in names]),
+            stiffness * (rows @ motion),
+            self.low,
+            self.high,
+        )
+        return s, [i] * (s < np.inf)
 
     def _travel(self, motion: Array) -> Iterator[FirstLimit]:
         """The first end that a joint or leg reaches."""
@@ -228,12 +252,9 @@ class _Growing:
             return
         x = limits.values(self.posture.q, self.posture.pose)
         rate = self.posture.map_of_bounded(limits.columns).jacobian @ motion
-        with np.errstate(divide="ignore", invalid="ignore"):
-            room = np.where(rate > 0.0, limits.upper - x, limits.lower - x)
-            factors = np.where(rate != 0.0, room / rate, np.inf)
-        i = int(np.nanargmin(factors))
-        if factors[i] < np.inf:
-            yield FirstLimit(max(float(factors[i]), 0.0), "travel", (limits.names[i],))
+        s, i = _first(x, rate, limits.lower, limits.upper)
+        if s < np.inf:
+            yield FirstLimit(max(s, 0.0), "travel", (limits.names[i],))
 
     def _buckling(self) -> Iterator[FirstLimit]:
         """Where ``K_0 + s (K_1 - K_0)`` is singular, from both compliances."""
@@ -251,8 +272,9 @@ class _Growing:
             yield FirstLimit(float(1.0 / (1.0 - real.min())), "buckling")
 
     def margin(self, s: float) -> tuple[float, FirstLimit]:
-        """Least margin, 1 without a load, and its limit, at the equilibrium under s loads;
-        NaN where there is none.
+        """Least margin at the equilibrium under s loads, 1 without a load, and its limit.
+
+        NaN where there is no equilibrium.
         """
         result = self.result
         at = np.array(result.load.at)
@@ -324,3 +346,14 @@ class _Growing:
             else:
                 above, missed, limit = middle, now, at
         return limit._replace(factor=0.5 * (below + above))
+
+
+def _first(x: Array, rate: Array, low: Array, high: Array) -> tuple[float, int]:
+    """Where the first of ``x + s rate`` (m,) is at a bound, and which it is."""
+    least = numerics.NEGLIGIBLE_DIFFERENCE * np.abs(rate).max(initial=0.0)
+    moves = np.abs(rate) > least
+    with np.errstate(divide="ignore", invalid="ignore"):
+        room = np.where(rate > 0.0, high - x, low - x)
+        factors = np.where(moves, room / rate, np.inf)
+    i = int(np.argmin(factors)) if factors.size else 0
+    return float(factors.min(initial=np.inf)), i

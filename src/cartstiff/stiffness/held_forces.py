@@ -3,13 +3,13 @@ r"""The wrenches that drives can hold at a posture, within their limits.
 With N the motions that keep the loop closures, B the rates of the drives' positions and
 J the Jacobian of M, the forces t of the drives hold a wrench W if
 
-    A (t - t_0) = G (W - W_0),      A = (B N)^T,      G = (J N)^T                       (1)
+    A (t - t_0) = G (W - W_0),      A = (B N)^T,      G = (J N)^T                     (1)
 
 where t_0 hold W_0 in the analysed posture: weight, links and all other potentials are in
-the latter. Limits ``low <= t <= high`` make the right side of (1) a zonotope, with one
-pair of hyperplanes for each normal c that is orthogonal to all but a few columns a_i of A:
+these. Limits ``low <= t <= high`` make the right side of (1) a zonotope, with a pair of
+hyperplanes for each normal c that is orthogonal to all but a few columns a_i of A:
 
-    c G (W - W_0) <= sum_i max(c a_i (low_i - t_0i), c a_i (high_i - t_0i)).            (2)
+    c G (W - W_0) <= sum_i max(c a_i (low_i - t_0i), c a_i (high_i - t_0i)).          (2)
 
 For as many drives as freedoms each normal belongs to one drive. Cables are drives that
 cannot push, rigid joints are drives, and so are, without limits, deflections of links.
@@ -63,7 +63,7 @@ class HeldForces(NamedTuple):
         return bool(np.isfinite([self.low, self.high]).any())
 
     def hyperplanes(self) -> tuple[Array, Array]:
-        """Normals (k, r) and offsets (k,) of (2), and those of motions without a drive."""
+        """Normals (k, r) and offsets (k,) of (2), also of motions without a drive."""
         A = self.A
         r, m = A.shape
         U, values, _ = np.linalg.svd(A)

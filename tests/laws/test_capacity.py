@@ -1,0 +1,185 @@
+"""Which loads are held: linear programmes, other polytopes, and bisections of the equilibrium."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+import yaml
+from scipy.optimize import linprog
+from tests.laws.test_balance_of_bodies import EARTH, MAKERS
+from tests.support.commands import answer, run
+
+import cartstiff as cs
+from cartstiff.stiffness.held_forces import held_forces
+
+LIMIT = 40.0
+
+
+def loaded(kind: str, seed: int, folder, **more):
+    """A random mechanism whose drives have limits, under weight and a load."""
+    folder.mkdir(exist_ok=True)
+    rng = np.random.default_rng([seed, len(kind), 7])
+    file = MAKERS[kind](folder, rng)
+    (folder / "m.yaml").write_text(yaml.safe_dump(file | more))
+    elastic = cs.load(str(folder / "m.yaml")).with_gravity(EARTH)
+    return cs.analyse(elastic, wrench=rng.uniform(-30.0, 30.0, 6)), rng
+
+
+def platform(seed: int, cables: bool):
+    """Six legs, or eight cables from all around, by their lines; and what holds the weight."""
+    rng = np.random.default_rng([seed, cables])
+    m = 8 if cables else 6
+    if cables:
+        base = np.array([[x, y, z] for x in (-2, 2) for y in (-2, 2) for z in (0, 3)], float)
+        top = base * [0.15, -0.15, 0.1] + rng.uniform(-0.05, 0.05, (m, 3)) - [0, 0, 0.2]
+    else:
+        angles = np.repeat([0.3, 2.4, 4.5], 2) + np.tile([-0.25, 0.25], 3)
+        base = np.column_stack([np.cos(angles), np.sin(angles), rng.uniform(-0.1, 0.1, m)])
+        turned = np.roll(angles, 1)
+        top = 0.5 * np.column_stack([np.cos(turned), np.sin(turned), rng.uniform(-0.1, 0.1, m)])
+    low, high = (20.0, 900.0) if cables else (-600.0, 500.0)
+    legs = {"stiffness": 1e6, "force": [low, high]}
+    if cables:
+        legs["preload"] = 200.0
+    file = {
+        "kind": "springs", "base": base.tolist(), "platform": top.tolist(), "legs": legs,
+        "pose": {"xyz": [0.1, 0.0, 1.0]}, "body": {"mass": 4.0, "com": [0.02, 0.01, 0.1]},
+        "unilateral": cables,
+    }  # fmt: skip
+    return file, base, top + np.array([0.1, 0.0, 1.0])
+
+
+@pytest.mark.parametrize("cables", [False, True])
+def test_polytopes_of_platforms_are_those_of_a_linear_programme(cables, tmp_path):
+    rng = np.random.default_rng(5)
+    for seed in range(2):
+        file, base, ends = platform(seed, cables)
+        (tmp_path / "p.yaml").write_text(yaml.safe_dump(file))
+        elastic = cs.load(str(tmp_path / "p.yaml")).with_gravity(EARTH)
+        found = cs.capacity(elastic, wrench=[0, 0, 0, 0, 0, 1.0]).polytope
+        along = (base - ends) / np.linalg.norm(base - ends, axis=1)[:, None]
+        at = ends - np.array([0.1, 0.0, 1.0])
+        pulls = np.vstack([np.cross(at, along).T, along.T])  # on the body, about M
+        weight = 4.0 * EARTH
+        own = np.concatenate([np.cross([0.02, 0.01, 0.1], weight), weight])
+        bounds = file["legs"]["force"]
+        # The pulls balance weight and a force on the body: pulls t + own + (0, f) = 0.
+        to_wrench = -np.vstack([np.zeros((3, 3)), np.eye(3)])
+        for direction in rng.normal(size=(250, 3)):
+            u = direction / np.linalg.norm(direction)
+            m = len(base)
+            c = np.concatenate([np.zeros(m), -u])
+            A = np.column_stack([pulls, -to_wrench])
+            free = [(None, None)] * 3
+            best = linprog(c, A_eq=A, b_eq=-own, bounds=[tuple(bounds)] * m + free)
+            assert (found @ u).max() == pytest.approx(-best.fun, rel=1e-6)
+
+
+def test_polytopes_of_arms_are_those_of_their_corners(tmp_path):
+    """Every vertex has as many torques at their limits as it needs, and none beyond."""
+    for seed in range(5):
+        result, _ = loaded("arm", seed, tmp_path / str(seed))
+        held = held_forces(result)
+        vertices = held.polytope(result.pose[:3, :3])
+        if vertices is None:
+            continue
+        J, R = result.jacobian, result.pose[:3, :3]
+        now = {one.name: one.force for one in result.forces}
+        t_0 = np.array([now[name] for name in held.names])
+        for vertex in vertices:
+            W = np.concatenate([np.zeros(3), R.T @ vertex])
+            t = t_0 - J.T @ (W - result.wrench)
+            used = np.abs(t) / LIMIT
+            assert used.max() <= 1.0 + 1e-9
+            assert np.count_nonzero(used > 1.0 - 1e-7) >= np.linalg.matrix_rank(J[3:])
+
+
+def is_held(result, s: float) -> bool:
+    """Whether all torques are within their limits at the equilibrium under s loads."""
+    acting = result.load.acting(s * result.wrench, result.pose)
+    try:
+        state = cs.equilibrium(result.elastic_as_given, result.q, acting, limits=False)
+    except cs.CartstiffError:
+        return False
+    return all(abs(one.force) <= LIMIT for one in state.stiffness.forces)
+
+
+@pytest.mark.parametrize("kind", ["arm", "loop"])
+def test_the_largest_load_is_that_of_a_bisection(kind, tmp_path):
+    checked = 0
+    for seed in range(16):
+        try:
+            result, _ = loaded(kind, seed, tmp_path / str(seed))
+            elastic, W = result.elastic_as_given, result.wrench
+            own = cs.capacity(elastic, result.q, wrench=W)
+        except cs.CartstiffError:
+            continue
+        first = own.by_equilibrium
+        if first.kind != "force" or not 0.0 < first.factor < np.inf:
+            continue
+
+        low, high = 0.9 * first.factor, 1.1 * first.factor
+        holds = partial(is_held, result)
+        assert holds(low)
+        assert not holds(high)
+        while high - low > 1e-7 * high:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if holds(middle) else (low, middle)
+        assert first.factor == pytest.approx(low, rel=1e-6)
+        checked += 1
+    assert checked >= 8
+
+
+def test_a_link_buckles_at_its_load(tmp_path):
+    """Two rigid links of length l on springs k under an axial force: P l / k = (3 - sqrt 5) / 2."""
+    k, length = 50.0, 0.4
+    links = "".join(f'<link name="{n}"/>' for n in ("g", "a", "b", "tip"))
+
+    def hinge(name, parent, child, x, kind="revolute"):
+        limit = '<axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="1"/>'
+        ends = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="{x} 0 0"/>'
+        more = limit * (kind == "revolute")
+        return f'<joint name="{name}" type="{kind}">{ends}{more}</joint>'
+
+    joints = hinge("s", "g", "a", 0) + hinge("e", "a", "b", length)
+    joints += hinge("t", "b", "tip", length, "fixed")
+    (tmp_path / "two.urdf").write_text(f'<robot name="two">{links}{joints}</robot>')
+    elastic = cs.load(str(tmp_path / "two.urdf"), frame="tip", stiffness=k)
+    own = cs.capacity(elastic, [0.0, 0.0], wrench=[0, 0, 0, -1.0, 0, 0])
+    critical = k / length * (3.0 - np.sqrt(5.0)) / 2.0
+    assert own.linear.kind == "buckling"
+    assert own.linear.factor == pytest.approx(critical, rel=1e-9)
+
+
+def test_cables_that_get_slack_travel_and_displacement_limit_a_load(tmp_path):
+    file, *_ = platform(0, cables=True)
+    del file["legs"]["force"]
+    (tmp_path / "c.yaml").write_text(yaml.safe_dump(file))
+    elastic = cs.load(str(tmp_path / "c.yaml")).with_gravity(EARTH)
+    own = cs.capacity(elastic, wrench=[0, 0, 0, 0, 0, 100.0], load_axes="world")
+    assert own.linear.kind == "slack"
+    assert own.linear.factor == pytest.approx(own.factor, rel=0.02)
+    assert own.by_equilibrium.kind == "slack"
+    allowed = 1e-5
+    near = cs.capacity(elastic, wrench=[0, 0, 0, 10.0, 0, 0], displacement=allowed)
+    assert near.linear.kind == near.by_equilibrium.kind == "displacement"
+    state = cs.equilibrium(elastic, wrench=[0, 0, 0, 10.0 * near.factor, 0, 0])
+    assert np.linalg.norm(state.displacement_by_load[3:]) == pytest.approx(allowed, rel=1e-6)
+
+
+def test_the_answer_says_how_many_times_the_load_is_held(tmp_path):
+    from tests.laws.test_drive_forces import TWO
+
+    (tmp_path / "two.urdf").write_text(TWO)
+    words = f"analyse {tmp_path}/two.urdf --frame tip --q 0.2,0.5 --stiffness 3000"
+    words += " --load 0,0,0,0,0,-80 --world --gravity 0,0,-9.81"
+    assert "Holds 0.278 times this load (by the equilibrium), until s is at its limit" in run(words)
+    assert "until the allowed displacement is reached" in run(words + " --allowed-displacement 1mm")
+    said = {one["code"]: one["values"] for one in answer(words)["answer"]["statements"]}
+    # Weight takes 12.38 N m of 30, the load 63.68 N m: by lever arms.
+    x = 0.5 * np.cos(0.2) + 0.4 * np.cos(0.7)
+    own = 2 * 9.81 * 0.25 * np.cos(0.2) + 1.2 * 9.81 * (0.5 * np.cos(0.2) + 0.2 * np.cos(0.7))
+    assert said["capacity"]["linear"] == pytest.approx((30.0 - own) / (80.0 * x), rel=1e-9)
+    assert said["greatest-payload"]["payload"] == pytest.approx((30.0 - own) / (9.81 * x), rel=1e-9)
