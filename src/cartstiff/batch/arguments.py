@@ -29,7 +29,9 @@ OUTPUTS = (
 )
 #: Output for the legs of a platform.
 TENSIONS = "tensions"
-EVERY_OUTPUT = (*OUTPUTS, TENSIONS)
+#: Output for joints: what their drives exert, zero without a spring.
+TORQUES = "torques"
+EVERY_OUTPUT = (*OUTPUTS, TENSIONS, TORQUES)
 #: What programs alone have: bounds on what notes remark on (`algebra.noteworthy`), the
 #: inverse of the symmetric part of the tangent under the load, the characteristic length
 #: of a chain, and lengths and lines of a platform's legs.
@@ -102,6 +104,7 @@ def shape_of(name: str, count: int, n: int, legs: int = 0) -> tuple[int, ...]:
         "wrench": (6,),
         "energy": (),
         TENSIONS: (legs,),
+        TORQUES: (n,),
         NOTEWORTHY: (5,),
         LENGTH: (1,),
         LEGS: (legs,),

@@ -711,12 +711,14 @@ class ChainNumbers:
         for indices, flat in case.still:
             hessian[np.ix_(indices, indices)] = np.reshape(flat, (len(indices), -1))
         springs = JointSpringNumbers(tape, len(self.q), case.laws)
+        self.torques = zeros(len(self.q))
         for a in (a for a in case.springs if a not in chosen):
             own, torque, stiffness = springs.at(a, self.q[a])
-            gradient[a] = gradient[a] + torque
+            gradient[a], self.torques[a] = gradient[a] + torque, -torque
             energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
         for a, torque in zip(chosen, self._torques(chosen, gradient), strict=True):
-            own, stiffness = springs.under(a, torque - gradient[a])
+            self.torques[a] = gradient[a] - torque
+            own, stiffness = springs.under(a, -self.torques[a])
             energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
             gradient[a] = torque
         self.verdict = larger(self.verdict, springs.verdict)
@@ -1114,6 +1116,8 @@ def _singular_arrays(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, 
         "looked_at": np.array(looked_at, object),
     }
     W, verdict = chain.load(), chain.verdict
+    if "torques" in wanted:
+        arrays["torques"] = chain.torques
     if W is not None:
         arrays["wrench"], chain.has_chart = W, False
         # Rejects self-motions that cost nothing or buckle.
@@ -1130,6 +1134,8 @@ def arrays_of(chain: ChainNumbers, wanted: Collection[str]) -> dict[str, Array]:
         "jacobian": chain.J_q,
         "energy": np.array([chain.energy], object),
     }
+    if "torques" in wanted:
+        arrays["torques"] = chain.torques
     stiffness: dict[str, Array] = {}
     if chain.n < 6:
         W = _deficient(chain)

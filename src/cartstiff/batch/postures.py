@@ -24,6 +24,7 @@ from cartstiff import numerics
 from cartstiff.batch.algebra import FALLBACK, PLAIN, UNBALANCED
 from cartstiff.batch.arguments import (
     TENSIONS,
+    TORQUES,
     aligned_empty,
     full_name,
 )
@@ -260,7 +261,13 @@ class Stack:
     def _clear_unbalanced(self, taken: TracedModel, which: Indices) -> None:
         """Remove what does not exist where springs cannot balance the load."""
         self.state[which] = self.index("unbalanced")
-        unknown: tuple[str, ...] = ("wrench", "stiffness", "compliance", TENSIONS)
+        unknown: tuple[str, ...] = (
+            "wrench",
+            "stiffness",
+            "compliance",
+            TENSIONS,
+            TORQUES,
+        )
         if taken.untraced.struts is not None:  # no equilibrium, and so no energy either
             unknown += ("energy", "jacobian")
         for name, array in self.arrays.items():
@@ -437,6 +444,7 @@ def units_of(units: Units) -> dict[str, dict[str, str]]:
     }
     found |= {"energy": units.moment, "wrench": f"{units.moment}, {units.force}"}
     found |= {"pose": f"1, {units.length}", TENSIONS: units.force}
+    found |= {TORQUES: f"{units.moment}, {units.force}"}
     return {name: {"units": unit} for name, unit in found.items()}
 
 
@@ -533,6 +541,7 @@ class Postures:
             "wrench": ("wrench",),
             "energy": (),
             TENSIONS: ("leg",),
+            TORQUES: ("coordinate",),
             "stiffness": ("wrench", "motion"),
             "compliance": ("motion", "wrench"),
         }

@@ -23,6 +23,7 @@ from cartstiff.analysis.ellipsoids import Freedom, Others
 from cartstiff.analysis.matrices import ROTATION, TRANSLATION, UNITS
 from cartstiff.analysis.metrics import characteristic_length
 from cartstiff.arrays import checked_input, checked_unit
+from cartstiff.batch.strength import Drives, effort_margin, largest_load
 from cartstiff.batch.tape import absolute, larger, pick, square_root
 from cartstiff.errors import InputError, UnknownNameError
 from cartstiff.geometry.se3 import Array
@@ -62,6 +63,8 @@ class Settings:
         Whether a load is given.
     damping : Damping
         Damping of the vibrations, besides the mechanism's own dampers.
+    drives : Drives
+        Drives whose forces have limits.
     """
 
     connection: str = "B"
@@ -73,6 +76,7 @@ class Settings:
     deflect_at: tuple[float, ...] = (0.0, 0.0, 0.0)
     is_loaded: bool = False
     damping: Damping = field(default_factory=Damping)
+    drives: Drives = field(default_factory=Drives)
 
     @classmethod
     def of(
@@ -115,6 +119,7 @@ class Settings:
             tuple(checked_input(deflect_at, (3,), "point of the deflection").tolist()),
             wrench is not None,
             Damping() if damping is None else damping,
+            Drives.of(elastic),
         )
 
     @property
@@ -131,6 +136,11 @@ class Settings:
             name = self.connection
             return f"stiffness_{name}", f"compliance_{name}"
         return f"stiffness_{self.matrix}", *self.inverted
+
+    @property
+    def carried(self) -> tuple[str, ...]:
+        """Output with the forces of drives."""
+        return (self.drives.output,)
 
     @property
     def inverted(self) -> tuple[str, ...]:
@@ -301,8 +311,8 @@ class Quantity:
     needs : tuple of str
         Outputs of `cartstiff.batch.recording.analyse_many`; {connection} is replaced by
         the connection, {matrix} by `Settings.matrix`, "inverse" by `Settings.inverted`,
-        "free" by `Settings.free`.
-    asks : {"direction", "deflect", "length", "damping"}, optional
+        "free" by `Settings.free`, "forces" by `Settings.carried`.
+    asks : {"direction", "deflect", "length", "damping", "effort"}, optional
         The setting that it depends on.
     better : {"larger", "smaller"}, optional
         Which end belongs to the better posture.
@@ -315,7 +325,7 @@ class Quantity:
     unit: str
     function: Callable[[Any], Numbers] = field(repr=False)
     needs: tuple[str, ...]
-    asks: Literal["direction", "deflect", "length", "damping"] | None = None
+    asks: Literal["direction", "deflect", "length", "damping", "effort"] | None = None
     better: Literal["larger", "smaller"] | None = "larger"
     is_recorded: bool = True
 
@@ -332,6 +342,7 @@ class Quantity:
         """Required outputs of `analyse_many`."""
         names = {"matrix": settings.matrix, "connection": settings.connection}
         several = {"inverse": settings.inverted, "free": settings.free}
+        several["forces"] = settings.carried
         needed = [several.get(n) or (n.format(**names),) for n in self.needs]
         return tuple(dict.fromkeys(name for some in needed for name in some))
 
@@ -554,6 +565,22 @@ QUANTITIES: dict[str, Quantity] = {
             better=None,
         ),
         Quantity(
+            "effort_margin",
+            "least share of its limit that the force of a drive leaves",
+            "1",
+            effort_margin,
+            ("forces",),
+            "effort",
+        ),
+        Quantity(
+            "largest_load",
+            "how many times the load the drives hold, to first order",
+            "1",
+            largest_load,
+            ("forces", "jacobian", "wrench"),
+            "effort",
+        ),
+        Quantity(
             "energy",
             "potential energy of springs, gravity and loads",
             UNITS.moment,
@@ -625,6 +652,13 @@ def choose_quantities(
         quantity = quantity_named(name, own)
         if (what := missing.get(quantity.asks or "")) is not None:
             raise InputError(f"the quantity {name} needs {what}")
+        if quantity.asks == "effort" and not settings.drives.rows:
+            raise InputError(
+                f"the quantity {name} needs the limit of a drive's force",
+                expected="effort in the file, or a robot that has some",
+            )
+        if name == "largest_load" and not settings.is_loaded:
+            raise InputError(f"the quantity {name} needs a load (--load, wrench=)")
         if quantity.asks == "damping" and not settings.damping.acts_on(elastic):
             raise InputError(
                 f"the quantity {name} needs damping", got="no ratio, no dampers"

@@ -391,6 +391,8 @@ class Readings:
         ]
         if not FREQUENCIES.isdisjoint(self.names):
             names += ["kinetic", "lagrangian", "motion"]
+        if not _OF_DRIVES.isdisjoint(self.names):
+            names.append(self.settings.drives.output)
         return (*names, "stiffness_A", "pose", "jacobian", "wrench", "energy")
 
     def exist_beside(self, arrays: Mapping[str, Array]) -> bool:
@@ -401,6 +403,8 @@ class Readings:
         )
 
 
+#: Quantities that read the forces of drives.
+_OF_DRIVES = frozenset(("effort_margin", "largest_load"))
 #: Largest condition number of a pair, with a margin for two ways to compute it.
 _MAX_PAIR_CONDITION = 0.99 * numerics.LARGEST_PAIRED_CONDITION
 #: Least pivot of a positive matrix of such a condition number that is not round-off, as a

@@ -27,6 +27,7 @@ from cartstiff.batch.arguments import (
     EVERY_OUTPUT,
     MOTIONS,
     TENSIONS,
+    TORQUES,
     aligned_empty,
     arrays_for,
     checked_count,
@@ -462,7 +463,11 @@ def shapes_of(elastic: ElasticMechanism) -> dict[str, tuple[int, ...]]:
     """Shape of each output at one posture."""
     count = len(elastic.mechanism.coordinates)
     legs = len(getattr(elastic.mechanism, "anchors", ()))
-    names = [name for name in (*EVERY_OUTPUT, *DETAILS) if legs or name != TENSIONS]
+    names = [
+        name
+        for name in (*EVERY_OUTPUT, *DETAILS)
+        if name != (TORQUES if legs else TENSIONS)
+    ]
     return {name: shape_of(name, 1, count, legs)[1:] for name in names}
 
 

@@ -20,6 +20,7 @@ from cartstiff.arrays import Array, Result, checked_flag, checked_input
 from cartstiff.batch.gradient import Differentiated
 from cartstiff.batch.plans import Case
 from cartstiff.batch.quantities import Settings, choose_quantities, default_length
+from cartstiff.batch.strength import Drives
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
     CartstiffError,
@@ -281,6 +282,7 @@ def gradient(
         _numbers_of(deflect, 6, "deflect"),
         load=kind,
         is_loaded=wrench is not None,
+        drives=Drives.of(elastic),
     )
     if isinstance(of, str):
         (quantity,) = choose_quantities([of], settings, elastic)

@@ -573,6 +573,14 @@ class PostureStiffness(LabelledResult):
             torques = rigid_torques(*parts)
         return forces_of(self.elastic, self.posture, torques)
 
+    @property
+    def torques(self) -> Array:
+        """What the joints' drives exert on the links that they move (n,), zero without a
+        spring.
+        """
+        known = {one.name: one.force for one in self.forces}
+        return np.array([known.get(name, 0.0) for name in self.elastic.names])
+
     @cached_property
     def wrenches(self) -> tuple[CarriedWrench, ...]:
         """Wrenches in joints, closures, compliant links and lines; none in an unbalanced

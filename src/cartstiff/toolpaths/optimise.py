@@ -42,6 +42,7 @@ from cartstiff.batch.quantities import (
 )
 from cartstiff.batch.recording import analyse_many
 from cartstiff.batch.stacks import evaluate
+from cartstiff.batch.strength import Drives
 from cartstiff.batch.vibrations import ManyModes
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
@@ -707,6 +708,8 @@ class PathCost:
             load=self.load,
             deflect_at=self.load.at,
             damping=self.damping,
+            is_loaded=self.loaded,
+            drives=Drives.of(self.elastic),
         )
 
     def __call__(self, q: Array, points: Array) -> Judged:

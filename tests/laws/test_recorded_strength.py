@@ -1,0 +1,59 @@
+"""Recorded programs have torques, margins and the largest load, with their derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import approx_fprime
+
+import cartstiff as cs
+
+W = np.array([2.0, -3.0, 5.0, 10.0, 20.0, -60.0])
+OUTPUTS = ["effort_margin", "largest_load"]
+
+
+def arm() -> tuple[cs.ElasticMechanism, np.ndarray, str]:
+    elastic = cs.load("ur5").with_gravity()
+    return elastic, elastic.q + 0.1 * np.arange(1, 7), "torques"
+
+
+def platform() -> tuple[cs.ElasticMechanism, np.ndarray, str]:
+    elastic = cs.load("hexapod")
+    limits = {name: (-300.0, 250.0 + 10.0 * i) for i, name in enumerate(elastic.spring_names)}
+    return replace(elastic, efforts=limits), np.array(elastic.q), "tensions"
+
+
+@pytest.mark.parametrize("made", [arm, platform])
+def test_numbers_are_those_of_one_posture(made):
+    elastic, q, forces = made()
+    program = cs.record(elastic, [forces, *OUTPUTS], loaded=True)
+    assert program.path == "compiled"
+    found, result = program(q, wrench=W), cs.analyse(elastic, q, wrench=W)
+    own = result.torques if forces == "torques" else result.tensions
+    assert found[forces] == pytest.approx(own, rel=1e-9, abs=1e-9)
+    least = 1.0 - max(one.used for one in result.forces)
+    assert float(found["effort_margin"]) == pytest.approx(least, rel=1e-9)
+    linear = min(
+        (one for one in [cs.capacity(elastic, q, wrench=W).linear] if one.kind == "force"),
+        key=lambda one: one.factor,
+    )
+    assert float(found["largest_load"]) == pytest.approx(linear.factor, rel=1e-9)
+
+
+@pytest.mark.parametrize("of", OUTPUTS)
+def test_derivatives_are_those_of_differences(of):
+    elastic, q, _ = arm()
+    program = cs.record(elastic, OUTPUTS, loaded=True)
+    exact = program.gradient(of, q, wrench=W)["q"]
+    found = approx_fprime(q, lambda x: float(program(x, wrench=W)[of]), 1e-7)
+    assert exact == pytest.approx(found, abs=1e-5 * np.abs(exact).max())
+
+
+def test_quantities_need_a_limit_and_a_load():
+    elastic, *_ = arm()
+    with pytest.raises(cs.InputError, match="needs a load"):
+        cs.record(elastic, ["largest_load"])
+    with pytest.raises(cs.InputError, match="needs the limit of a drive's force"):
+        cs.record(replace(elastic, efforts={}), ["effort_margin"])
