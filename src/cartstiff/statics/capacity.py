@@ -22,6 +22,7 @@ from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, InputError, UndefinedError
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
+from cartstiff.lazily import cached_property
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import limits_of
 from cartstiff.results import LabelledResult
@@ -72,9 +73,6 @@ class Capacity(Result, LabelledResult):
     payload : float or None
         Greatest mass [kg] at M's origin that the drives hold under gravity, to first
         order; None without gravity, infinite without limits.
-    polytope : ndarray (k, 3) or None
-        Vertices of the forces on M's origin, along the axes of F, that the drives can
-        hold beside the weight; None if these have no limits.
     """
 
     command: ClassVar = ""
@@ -83,7 +81,17 @@ class Capacity(Result, LabelledResult):
     linear: FirstLimit
     by_equilibrium: FirstLimit | None
     payload: float | None
-    polytope: Array | None
+    _held: HeldForces
+    _pose: Array
+
+    @cached_property
+    def polytope(self) -> Array | None:
+        """Vertices (k, 3) of the forces on M's origin, along the axes of F, that the
+        drives can hold beside the weight; None if these have no limits.
+        """
+        if not self._held.is_limited:
+            return None
+        return self._held.polytope(self._pose[:3, :3])
 
     @property
     def factor(self) -> float:
@@ -98,7 +106,7 @@ class Capacity(Result, LabelledResult):
                 lines.append(
                     f"  {what:12}{one.factor:.6g} ({one.kind or 'none'} {names})"
                 )
-        return [*lines, f"  payload     {self.payload}"]
+        return [*lines, f"  payload     {self.payload} kg"]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -178,10 +186,12 @@ def capacity_at(
         weight = result.pose[:3, :3].T @ gravity / result.units.newtons
         payload = held.factor(np.append(np.zeros(3), weight))[0]
     found = None
-    if tolerance < 1.0:
+    # In an answer the way to where the equilibrium is lost takes too long.
+    is_quick = tolerance > numerics.NEGLIGIBLE_DIFFERENCE and linear.kind == "buckling"
+    if tolerance < 1.0 and not is_quick:
         found = growing.by_equilibrium(linear.factor, tolerance)
-    polytope = held.polytope(result.pose[:3, :3]) if held.is_limited else None
-    return Capacity(result.elastic_as_given, linear, found, payload, polytope)
+    own = result.elastic_as_given
+    return Capacity(own, linear, found, payload, held, result.pose)
 
 
 class _Growing:
