@@ -711,16 +711,18 @@ class ChainNumbers:
         for indices, flat in case.still:
             hessian[np.ix_(indices, indices)] = np.reshape(flat, (len(indices), -1))
         springs = JointSpringNumbers(tape, len(self.q), case.laws)
-        self.torques = zeros(len(self.q))
         for a in (a for a in case.springs if a not in chosen):
             own, torque, stiffness = springs.at(a, self.q[a])
-            gradient[a], self.torques[a] = gradient[a] + torque, -torque
+            gradient[a] = gradient[a] + torque
             energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
         for a, torque in zip(chosen, self._torques(chosen, gradient), strict=True):
-            self.torques[a] = gradient[a] - torque
-            own, stiffness = springs.under(a, -self.torques[a])
+            own, stiffness = springs.under(a, torque - gradient[a])
             energy, hessian[a, a] = energy + own, hessian[a, a] + stiffness
             gradient[a] = torque
+        #: What the drives exert on the links that they move (n,).
+        self.torques = zeros(len(self.q))
+        for a, torque in springs.torques.items():
+            self.torques[a] = -torque
         self.verdict = larger(self.verdict, springs.verdict)
         # The deflection of a tip on slides is not bounded by that of its joints.
         is_length = case.constants.is_length

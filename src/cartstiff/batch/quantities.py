@@ -646,6 +646,7 @@ def choose_quantities(
             "a wrench to deflect the body (--load, or --added-load, deflect=)"
         )
     chosen = []
+    # Each by its name, with what it needs of the settings and of the mechanism.
     for name in names:
         if names.count(name) > 1:
             raise InputError("quantity given twice", got=repr(name))

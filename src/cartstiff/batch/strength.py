@@ -11,6 +11,7 @@ which has no zero in a denominator unless a drive is at its limit without the lo
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,7 +54,7 @@ class Drives(NamedTuple):
 def effort_margin(source: Any) -> Any:
     """One less the largest share of a limit that is used."""
     drives = source.settings.drives
-    forces, most = source.entries(drives.output), None
+    forces, each = source.entries(drives.output), list[Any]()
     for i, low, high in drives.rows:
         x = forces[i]
         if np.isfinite(low + high) and (low > 0.0 or high < 0.0):
@@ -61,8 +62,8 @@ def effort_margin(source: Any) -> Any:
         else:
             ends = [x / end for end in (low, high) if np.isfinite(end) and end]
             used = larger(*ends) if len(ends) > 1 else ends[0]
-        most = used if most is None else larger(most, used)
-    return 1.0 - most
+        each.append(used)
+    return 1.0 - reduce(larger, each)
 
 
 def largest_load(source: Any) -> Any:
@@ -70,14 +71,13 @@ def largest_load(source: Any) -> Any:
     drives = source.settings.drives
     forces, W = source.entries(drives.output), source.entries("wrench")
     J = np.moveaxis(source.arrays["jacobian"], (-2, -1), (0, 1))
-    sign, most, over = 1.0 if drives.of_legs else -1.0, None, None
+    sign, shares, beyond = 1.0 if drives.of_legs else -1.0, list[Any](), list[Any]()
     for i, low, high in drives.rows:
         rate = sum(J[k, i] * W[k] for k in range(6)) * sign
         before = forces[i] - rate
-        for end, beyond in ((high, before - high), (low, low - before)):
+        for end, over in ((high, before - high), (low, low - before)):
             if np.isfinite(end):
-                used = rate / (end - before)
-                most = used if most is None else larger(most, used)
-                over = beyond if over is None else larger(over, beyond)
-    least = numerics.TINY
-    return pick(0.0, over, 0.0 * most, 1.0 / larger(most, least + 0.0 * most))
+                shares.append(rate / (end - before))
+                beyond.append(over)
+    used = larger(reduce(larger, shares), numerics.TINY)
+    return pick(0.0, reduce(larger, beyond), 0.0, 1.0 / used)

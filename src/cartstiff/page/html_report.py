@@ -40,7 +40,7 @@ from cartstiff.page.report_parts import (
 from cartstiff.page.shown import distance_to_singularity
 from cartstiff.page.source import Source
 from cartstiff.report.better import NONE_FOUND, better_sentences
-from cartstiff.report.layout import placed
+from cartstiff.report.layout import placed, vector
 from cartstiff.report.sentences import (
     SENTENCES,
     answer_sentences,
@@ -349,10 +349,32 @@ class _Page:
             answer_tables(self.answer),
             section("Distance to a singularity", self._near()),
             section("Load and weight", f"<ul>{items(self._acting())}</ul>"),
+            section("Wrenches in joints, loops, links and lines", self._wrenches()),
             section("Stiffness", matrix(self.result)),
             section("One joint at a time", self._curves()),
         ]
         return "\n".join(part for part in parts if part)
+
+    def _wrenches(self) -> str:
+        """What each carries, about the origin and along the axes of a frame."""
+        wrenches, units = self.result.wrenches, self.elastic.units
+        if not wrenches:
+            return ""
+        sizes = (
+            np.abs([one.wrench for one in wrenches]).reshape(-1, 2, 3).max(axis=(0, 2))
+        )
+        rows = [
+            [
+                one.name + " *" * (not one.is_determined),
+                one.frame,
+                *(vector(one.wrench[3 * k : 3 * k + 3], 5, sizes[k]) for k in (0, 1)),
+            ]
+            for one in wrenches
+        ]
+        heads = ["part", "frame", f"moment [{units.moment}]", f"force [{units.force}]"]
+        open_ = "<p>* redundant closures between rigid links leave these open</p>"
+        is_open = any(not one.is_determined for one in wrenches)
+        return table(rows, heads) + open_ * is_open
 
     def _curves(self) -> str:
         """The displacement while one coordinate moves, where springs take the load."""

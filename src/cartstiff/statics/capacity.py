@@ -27,6 +27,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import limits_of
 from cartstiff.results import LabelledResult
 from cartstiff.statics.equilibrium import equilibrium
+from cartstiff.statics.rest import Equilibrium
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
 from cartstiff.stiffness.compute import analyse, analyse_at
 from cartstiff.stiffness.forces import drive_limits, drive_rows, used_shares
@@ -194,6 +195,10 @@ def capacity_at(
     return Capacity(own, linear, found, payload, held, result.pose)
 
 
+#: Share of a way to a limit that is left, its kind, and what is at it.
+_Margin = tuple[float, Kind, tuple[str, ...]]
+
+
 class _Growing:
     """A load that grows from zero, at a posture."""
 
@@ -239,8 +244,8 @@ class _Growing:
         """
         held, elastic = self.held, self.unloaded.elastic
         springs, (r, m) = elastic.springs, held.A.shape
-        is_shared = m > r and m == len(self.low) and springs is not None
-        if motion is None or not is_shared or elastic.mechanism.rigid:
+        is_shared = m > r and m == len(self.low) and not elastic.mechanism.rigid
+        if motion is None or springs is None or not is_shared:
             return held.factor(self.W)
         names, rows = drive_rows(elastic, self.posture)
         stiffness = springs.tangent(self.posture)[~springs.is_passive]
@@ -261,7 +266,7 @@ class _Growing:
         if not len(limits):
             return
         x = limits.values(self.posture.q, self.posture.pose)
-        rate = self.posture.map_of_bounded(limits.columns).jacobian @ motion
+        rate = self.posture.map_of_bounded(limits.columns.tolist()).jacobian @ motion
         s, i = _first(x, rate, limits.lower, limits.upper)
         if s < np.inf:
             yield FirstLimit(max(s, 0.0), "travel", (limits.names[i],))
@@ -286,47 +291,48 @@ class _Growing:
 
         NaN where there is no equilibrium.
         """
-        result = self.result
-        at = np.array(result.load.at)
+        result, at = self.result, np.array(self.result.load.at)
         given = np.concatenate([self.W[:3] - se3.cross(at, self.W[3:]), self.W[3:]])
         load = result.load.acting(s * given, result.pose)
+        start = np.array(result.q)
+        start[sorted(self.asked.mechanism.virtual)] = 0.0
         try:
-            start = np.array(result.q)
-            start[sorted(self.asked.mechanism.virtual)] = 0.0
             state = equilibrium(self.asked, start, load, limits=False, settle=False)
         except CartstiffError:
             return np.nan, FirstLimit(s, "buckling")
         if state.stable is False:
             return np.nan, FirstLimit(s, "buckling")
-        worst = [(1.0, FirstLimit(s))]
-        forces = {one.name: one.force for one in state.stiffness.forces}
-        drives = self.held.names[: len(self.low)]
-        t = np.array([forces[name] for name in drives])
-        used = used_shares(t, self.low, self.high)
-        worst += [
-            (1.0 - x, FirstLimit(s, "force", (name,)))
-            for name, x in zip(drives, used, strict=True)
-            if x == x
-        ]
-        now = {one.name: one.force for one in self.unloaded.forces}
-        worst += [
-            (t[i] / now[name], FirstLimit(s, "slack", (name,)))
-            for i, name in enumerate(drives)
-            if self.low[i] == 0.0 and now[name] > 0.0
-        ]
-        limits = self.limits
-        if len(limits):
-            x, there = (limits.values(p.q, p.pose) for p in (self.posture, state.posture))
-            for i, name in enumerate(limits.names):
-                for end in (limits.lower[i], limits.upper[i]):
-                    if np.isfinite(end) and end != x[i]:
-                        room = float((end - there[i]) / (end - x[i]))
-                        worst.append((room, FirstLimit(s, "travel", (name,))))
+        every = (*self._of_forces(state), *self._of_travel(state))
         moved = state.displacement_by_load
         if self.displacement is not None and moved is not None:
             far = float(np.linalg.norm(moved[3:])) / self.displacement
-            worst.append((1.0 - far, FirstLimit(s, "displacement")))
-        return min(worst, key=lambda one: one[0])
+            every = (*every, (1.0 - far, "displacement", ()))
+        if not every:
+            return 1.0, FirstLimit(s)
+        least, kind, names = min(every, key=lambda one: one[0])
+        return least, FirstLimit(s, kind, names)
+
+    def _of_forces(self, state: Equilibrium) -> Iterator[_Margin]:
+        """Margins of the drives' forces, and of the cables' tensions."""
+        forces = {one.name: one.force for one in state.stiffness.forces}
+        now = {one.name: one.force for one in self.unloaded.forces}
+        for name, low, high in zip(self.held.names, self.low, self.high, strict=False):
+            used = float(used_shares(forces[name], low, high))
+            if used == used:
+                yield 1.0 - used, "force", (name,)
+            if low == 0.0 and now[name] > 0.0:
+                yield forces[name] / now[name], "slack", (name,)
+
+    def _of_travel(self, state: Equilibrium) -> Iterator[_Margin]:
+        """Margins of joints and legs, as shares of those without a load."""
+        limits = self.limits
+        if not len(limits):
+            return
+        x, there = (limits.values(p.q, p.pose) for p in (self.posture, state.posture))
+        for i, name in enumerate(limits.names):
+            for end in (limits.lower[i], limits.upper[i]):
+                if np.isfinite(end) and end != x[i]:
+                    yield float((end - there[i]) / (end - x[i])), "travel", (name,)
 
     def by_equilibrium(self, estimate: float, tolerance: float) -> FirstLimit:
         """The first limit that the growing load meets."""

@@ -169,6 +169,7 @@ def held_forces(result: PostureStiffness) -> HeldForces | None:
     elastic, posture = result.elastic, result.posture
     if result.wrench is None:
         return None
+    # Motions that keep the loops; rigid joints are drives here, and move.
     sizes, closure = posture.coordinate_lengths, posture.closure
     N = np.eye(len(sizes))
     loops = 0 if closure is None else len(closure.jacobian) - len(elastic.mechanism.rigid)
@@ -177,6 +178,7 @@ def held_forces(result: PostureStiffness) -> HeldForces | None:
         units = np.ones(loops) if closure.sizes is None else closure.sizes[:loops]
         N = decompose(rows / units[:, None]).N
     N = sizes[:, None] * N
+    # The drives with their limits, then the deflections of links without any.
     names, rows = drive_rows(elastic, posture)
     low, high = drive_limits(elastic, names)
     now = {one.name: one.force for one in result.forces}
