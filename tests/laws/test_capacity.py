@@ -12,7 +12,6 @@ from tests.laws.test_balance_of_bodies import EARTH, MAKERS
 from tests.support.commands import answer, run
 
 import cartstiff as cs
-from cartstiff.stiffness.held_forces import held_forces
 
 LIMIT = 40.0
 
@@ -81,13 +80,13 @@ def test_polytopes_of_arms_are_those_of_their_corners(tmp_path):
     """Every vertex has as many torques at their limits as it needs, and none beyond."""
     for seed in range(5):
         result, _ = loaded("arm", seed, tmp_path / str(seed))
-        held = held_forces(result)
-        vertices = held.polytope(result.pose[:3, :3])
+        elastic = result.elastic_as_given
+        vertices = cs.capacity(elastic, result.q, wrench=result.wrench).polytope
         if vertices is None:
             continue
         J, R = result.jacobian, result.pose[:3, :3]
         now = {one.name: one.force for one in result.forces}
-        t_0 = np.array([now[name] for name in held.names])
+        t_0 = np.array([now[name] for name in elastic.names])
         for vertex in vertices:
             W = np.concatenate([np.zeros(3), R.T @ vertex])
             t = t_0 - J.T @ (W - result.wrench)
