@@ -81,10 +81,11 @@ def test_a_delta_has_kxx_kyy_kzz(delta, place):
 
 def test_the_text_has_the_same_numbers(delta):
     text = run("analyse", delta, "--pose", "0.05,-0.03,-0.4,0,0,0")
-    rows = text.split("Stiffness along x, y, z of M, all motions that exist\n")[1].splitlines()[:3]
-    shown = [[float(x) for x in row.split()[:3]] for row in rows]
-    assert np.array(shown) == pytest.approx(by_hand(np.array([0.05, -0.03, -0.4])), rel=1e-5)
-    assert rows[0].split()[3] == "N/m"
+    rows = text.split("Stiffness along x, y, z of M; all motions that exist\n")[1].splitlines()
+    shown = [[float(x) for x in row.split()[1:4]] for row in rows[1:4]]
+    expected = 1e-3 * by_hand(np.array([0.05, -0.03, -0.4]))
+    assert np.array(shown) == pytest.approx(expected, rel=1e-5)
+    assert rows[1].split()[4] == "N/mm"
 
 
 def test_planar_machines_have_x_y_and_phi(tmp_path):

@@ -57,13 +57,13 @@ def answer_text(
         *whole,
     ]
     tables = in_short(answer.tables) if elsewhere else answer.tables
-    every: list[Block] = [
-        *((table_title(shown), table_lines(shown)) for shown in tables),
-        *blocks,
-        ("notes", note_lines(answer.notes)),
-    ]
+    own: list[Block] = [(table_title(shown), table_lines(shown)) for shown in tables]
+    notes: Block = ("notes", note_lines(answer.notes))
     if elsewhere:
+        # What is assumed comes before what only takes room.
+        every = [*own, notes, *blocks]
         return joined([*lines, *_fitting(every, SCREEN - height(lines), elsewhere)])
+    every = [*own, *blocks, notes]
     return joined([*lines, *(line for _, body in every for line in body)])
 
 
