@@ -112,6 +112,15 @@ def test_table_goes_on_in_a_straight_line():
 
 @EVERY
 @given(x=st.floats(-3, 3))
+def test_a_law_in_other_units_is_the_same(law, x):
+    """Deflections a thousand times as many, torques twice."""
+    found = law.in_units(1000.0, 2.0).evaluate(1000.0 * x)
+    expected = np.array(law.evaluate(x)) * [2000.0, 2.0, 0.002]
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+@EVERY
+@given(x=st.floats(-3, 3))
 def test_deflection_for_inverts(law, x):
     """Every law here is monotone: its deflection comes back."""
     torque = law.evaluate(x)[1]
