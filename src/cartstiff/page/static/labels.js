@@ -4,8 +4,9 @@
 
 
 // Parts that are seen through others, by the share of their opacity.
-const SHINING = /^(translation ellipsoid|rotation ellipsoid|wrench|deflection)$/;
-const SHINE = { wrench: 0.9, other: 0.45 };
+const SHINING = /^(translation ellipsoid|rotation ellipsoid|deflection)$/;
+const SHINE = 0.45;
+const OVER_ALL = 15; // but labels and handles
 
 // Places around the point, in sizes of the label, nearest first.
 const PLACES = [0, 1, 2, 3, 4, 5]
@@ -55,12 +56,16 @@ export function pathOf(object) {
 /** Let a part be seen through what stands before it. */
 function shine(mesh) {
   if (mesh.userData.twin !== undefined) return;
+  if (pathOf(mesh)[0] === "wrench") { // a load is never buried
+    Object.assign(mesh.material, { depthTest: false, transparent: true });
+    mesh.renderOrder = OVER_ALL;
+  }
   mesh.userData.twin = SHINING.test(pathOf(mesh)[0]);
   if (!mesh.userData.twin) return;
   const { Mesh, GreaterDepth } = MeshCat.THREE;
   const material = mesh.material.clone();
   Object.assign(material, { transparent: true, depthWrite: false, depthFunc: GreaterDepth,
-    opacity: (SHINE[pathOf(mesh)[0]] ?? SHINE.other) * mesh.material.opacity });
+    opacity: SHINE * mesh.material.opacity });
   const twin = new Mesh(mesh.geometry, material);
   twin.userData.twin = false;
   twin.userData.isTwin = true;

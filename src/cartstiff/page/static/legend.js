@@ -79,6 +79,9 @@ function colourBar({ label, unit, count, lower, upper, log, kinds, stops = [] })
     el("span", { class: "ends small num" }, el("span", {}, short(lower)), el("span", {}, short(upper)))];
 }
 
+/** Whether the colours of legs are those of their shares. */
+const isShared = ({ legs, moved }) => Boolean(legs && moved?.resisted && moved.shares);
+
 export function legendBox(store) {
   const [box, bar] = [byId("legend"), byId("colour-bar")];
   const scale = el("i", { class: "scale" });
@@ -92,7 +95,8 @@ export function legendBox(store) {
     length = legend.bar.length;
     box.replaceChildren(el("div", { class: "num", title: "As long as this at M; what is nearer looks larger" }, scale,
       ` ${legend.bar.text}`),
-      ...legend.lines.map(({ mark, text, title }) => el("div", { title },
+      ...legend.lines.filter(({ mark }) => mark !== "tension" || !isShared(store.numbers))
+        .map(({ mark, text, title }) => el("div", { title },
         el("span", { class: `mark ${mark}`, "aria-hidden": "true" }, MARKS[mark] ?? "·"), ` ${typeset(text)}`)));
     bar.hidden = !legend.cloud;
     if (legend.cloud) bar.replaceChildren(...colourBar(legend.cloud));
