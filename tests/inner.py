@@ -98,7 +98,7 @@ HOMES = {
     "figures": "figure_content new_figure",
     "geometry.charts": "Chart exponential from_pose_function paper product_of_exponentials",
     "geometry.connections": "Field NAMED flat",
-    "geometry.differences": "gradient_and_hessian jacobian",
+    "geometry.differences": "derivative_with_error gradient_and_hessian jacobian",
     "geometry.se3": "Array adjoint exp log right_jacobian se3_inverse=inverse",
     "gradients": "gradients_matrices=matrices",
     "gradients.gradient": "gradient_Question=_Question",

@@ -8,7 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.inner import QUANTITIES, LoadKind, OfFunction, OfQuantity, Settings
+from tests.inner import (
+    QUANTITIES,
+    LoadKind,
+    OfFunction,
+    OfQuantity,
+    Settings,
+    derivative_with_error,
+)
 from tests.inner import gradient_Question as _Question
 from tests.support.builders import general_legs, legs_as_platform, legs_as_tree, loaded_arm
 
@@ -117,3 +124,15 @@ def test_by_all_numbers(seed: int) -> None:
         got, wanted = exact[name] * size, float(found.slopes[0][0]) * size
         least = LIMIT * max(abs(wanted), abs(question.value) * 1e-1)
         assert abs(got - wanted) <= max(least, 3.0 * found.error * abs(question.value)), name
+    # All of them at once: one derivative along a random change of every number.
+    every = [name for name in names if name in question.nominal]
+    change = {name: rng.uniform(-1.0, 1.0) * parameters.size(name) for name in every}
+
+    def along(h: float) -> np.ndarray:
+        there = parameters.at({n: question.nominal[n] + h * x for n, x in change.items()})
+        return np.array([question._seen(there)])
+
+    wanted, error = (float(x[0]) for x in derivative_with_error(along, 5e-4))
+    got = sum(exact[name] * x for name, x in change.items())
+    scale = max(abs(wanted), sum(abs(exact[name] * x) for name, x in change.items()))
+    assert abs(got - wanted) <= max(LIMIT * scale, 3.0 * error)

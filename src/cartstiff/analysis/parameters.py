@@ -272,11 +272,12 @@ class Parameters:
             and tensions is not None
         ):
             elastic = replace(elastic, springs=springs.as_preloaded(tensions))
+        elastic = elastic.with_numbers(values)
         if (mass := values.get(PAYLOAD, 0.0)) != 0.0:
             # A derivative at no payload needs less than none.
             hung = elastic.mechanism.with_mass(mass, np.zeros(3))
             elastic = replace(elastic, mechanism=hung)
-        return elastic.with_numbers(values)
+        return elastic
 
     @property
     def rests_are_given(self) -> bool:
