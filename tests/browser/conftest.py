@@ -221,6 +221,7 @@ RESET = """() => {
     const store = window.cartstiff;
     for (const dialog of document.querySelectorAll("dialog[open]")) dialog.close();
     for (const details of document.querySelectorAll("details[open]")) details.open = false;
+    document.querySelector(".acts").open = true; // how a load acts is asked by many
     for (const tab of ["whole", "joints", "load"]) {
         const inside = ":is(.parts, .posture-card .head, .setup-card > .choice)";
         document.querySelector(`${inside} [data-value=${tab}]`).click();
