@@ -15,6 +15,7 @@ SMALL, LARGE = 1e-3, 1e5
 ALLOWED = {
     "cli/view.py": "bytes to megabytes",
     "loading/postures.py": "joints without limits",
+    "loading/pinocchio_model.py": "efforts that stand for none",
     "loading/mesh_worker.py": "metres of which no robot has so many",
     "loading/mjcf/worker.py": "a mass in kg that stands for none",
     "loading/visuals.py": "metres of which no robot has so many",

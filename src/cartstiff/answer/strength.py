@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cartstiff import numerics
 from cartstiff.answer.data import Quantity, Statement, said
 from cartstiff.errors import CartstiffError
 from cartstiff.stiffness.compute import PostureStiffness
@@ -39,11 +40,9 @@ def strength_statements(
     first = linear if there is None else there
     if first.kind is not None:
         code = "capacity-linear" if there is None else "capacity"
-        if (
-            there is not None
-            and abs(linear.factor / max(there.factor, 1e-300) - 1) > _UNSAID
-        ):
-            code = "capacity-differs"
+        if there is not None:
+            ratio = linear.factor / max(there.factor, numerics.TINY)
+            code = "capacity" if abs(ratio - 1.0) <= _UNSAID else "capacity-differs"
         limit = said(f"limit-{first.kind}", names=list(first.names))
         values = {"factor": first.factor, "linear": linear.factor, "limit": limit}
         found.append(said(code, **values))
