@@ -87,6 +87,7 @@ class Slider:
 
     @value.setter
     def value(self, value: float) -> None:
+        """Move it in every tab."""
         self.take(checked_number(value, "value"))
         self._additions.changed()
 
