@@ -274,7 +274,7 @@ def shown_numbers(
         "compliance": None,
         "wrench": _listed(here.wrench),
         "principal": principal,
-        "softest": softest_in_room(here, result.elastic),
+        "softest": softest_in_room(here, result.elastic_as_given),
         "indices": numbers,
         "apart": apart(shown),
         "symmetric": asymmetries(here, state.quantity),
@@ -568,7 +568,7 @@ def moved_part(result: PostureStiffness, state: ViewState) -> dict[str, Any] | N
     found = _deflection(result, state, notes)
     if found is None:
         return None
-    whole, shares = found.whole, shares_of(found.shares, result.elastic)
+    whole, shares = found.whole, shares_of(found.shares, result.elastic_as_given)
     in_room = (result.pose[:3, :3] @ whole.displacement).tolist()
     motion = motion_of(result, found)
     return {
@@ -576,7 +576,7 @@ def moved_part(result: PostureStiffness, state: ViewState) -> dict[str, Any] | N
         "in_room": in_room,
         "of_frame": whole.twist[3:].tolist(),
         "rotation": whole.twist[:3].tolist(),
-        "which": _which(result.elastic, in_room),
+        "which": _which(result.elastic_as_given, in_room),
         "energy": plain(whole.energy),
         "acts_at": found.acts_at.tolist(),
         "resisted": result._resists,
