@@ -295,7 +295,7 @@ OF_API = {
     options.Vibration: "",
     options.Rayleigh: "rayleigh",
     options.Parameters: "sensitivities",
-    analyse.Analysis: "level report_at target",
+    analyse.Analysis: "level report_at target allowed_displacement",
     maps.Where: "grid random cartesian trajectory",
     maps.Held: "quantities",
     modes.Controller: "impedance order",

@@ -389,7 +389,8 @@ class TestWaysToRun:
     def test_without_llvmlite(self, monkeypatch):
         from cartstiff.errors import MissingDependencyError
 
-        monkeypatch.setattr(kernels, "has_package", lambda _: False)
+        for module in ("kernels", "recording"):
+            monkeypatch.setattr(f"cartstiff.batch.{module}.has_package", lambda _: False)
         elastic, q, _, _ = ur5()
         found = analyse_many(elastic, q)
         assert found.path == "portable"

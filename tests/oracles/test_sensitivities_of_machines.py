@@ -206,7 +206,7 @@ def test_cables():
     with mp.workdps(DIGITS):
         R, place = mp.matrix(result.pose[:3, :3].tolist()), vector(result.pose[:3, 3])
         nominal = {n: mp.mpf(float(v)) for n, v in home.parameters.nominal.items()}
-        assert len(nominal) == 8 * 7
+        assert len(nominal) == 8 * 8  # a stiffness, a preload and two points of each
         preload = mp.ones(8, 1) * 200
         load = cables(nominal, R, place)[0].T * preload
 

@@ -53,6 +53,7 @@ _PARTS = {
     "potentials": "potentials",
     "gravity": "gravity",
     "damping": "dampers",
+    "efforts": "limits of drives' forces",
     "identified": "measured compliances",
     "parameters": "parameters",
 }

@@ -546,6 +546,8 @@ def wrench_lines(wrenches: Sequence[Mapping[str, Any]] | None, u: Units) -> list
     if not wrenches:
         return []
     sizes = np.abs([one["wrench"] for one in wrenches]).reshape(-1, 2, 3).max(axis=(0, 2))
+    if sizes[0] <= numerics.PRINTED_AS_ZERO * sizes[1]:  # of lines: the force's round-off
+        sizes[0] = sizes[1]
     heads = ["part", "frame", f"moment [{u.moment}]", f"force [{u.force}]"]
     rows = [
         [
