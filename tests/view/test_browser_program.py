@@ -446,8 +446,10 @@ def test_a_closed_chain_is_assembled_led_and_swept_as_by_the_library(name):
     far = ViewState(q=q.tolist())
     (found,) = asked(name, [far], "program.result(state)")
     whole = json.loads(json.dumps(cartstiff.analyse(elastic, q).to_dict()))
-    for key in ("stored_energy", "legs", "task_axes"):
+    for key in ("stored_energy", "legs"):
         whole.pop(key, None)
+    if made.data["drives"] is None:
+        whole.pop("forces")  # statics alone does not say what its drives carry
     same(found, whole)
     assert np.abs(mechanism.closed(found["q"]).q - found["q"]).max() < 1e-12
     goal = json.dumps(cartstiff.analyse(elastic, q).pose.tolist())

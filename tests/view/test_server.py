@@ -85,7 +85,7 @@ def test_the_first_picture_is_prepared_before_anybody_asks(platform):
 
 def test_a_tab_is_told_why_there_is_no_picture(platform):
     class Broken(NoPicture):
-        def draw(self, result, state):
+        def draw(self, result, state, moved=None):
             raise InputError("no such mesh")
 
     server = Background(Source(platform), picture=Broken)
@@ -398,10 +398,10 @@ def test_too_many_messages_are_dropped_and_said(tab, monkeypatch):
 
 def test_a_fault_inside_is_said_and_survived(platform, monkeypatch):
     class Faulty(NoPicture):
-        def draw(self, result, state):
+        def draw(self, result, state, moved=None):
             if state.theme == "dark":
                 raise ZeroDivisionError("a bug\nin two lines")
-            return super().draw(result, state)
+            return super().draw(result, state, moved)
 
     server = Background(Source(platform), picture=Faulty)
     one = Tab(server.url)
