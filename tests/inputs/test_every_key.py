@@ -142,13 +142,16 @@ CASES = _cases() | {
 
 
 def keys():
-    """All keys of all models that stand in files, as Model.key."""
+    """All keys of all models that stand in mechanism files, as Model.key.
+
+    Sections of a study have the same base class, but stand in files of their own.
+    """
     models = [schema.FileModel]
     found = []
     while models:
         model = models.pop()
         models += model.__subclasses__()
-        if not model.__subclasses__():
+        if not model.__subclasses__() and model.__module__.startswith("cartstiff.loading."):
             found += [f"{model.__name__}.{key}" for key in model.model_fields]
     return sorted(set(found))
 
