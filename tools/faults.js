@@ -58,8 +58,7 @@
     for (const [label, { left, top, right, bottom }] of labels) {
         if (left < canvas.left - 1 || right > canvas.right + 1 || top < canvas.top - 1 || bottom > canvas.bottom + 1) found.push(`cut: ${label}`);
     }
-    let tool = null;
-    viewer.scene.traverse((node) => { if (node.name === "M") tool = node; });
+    const tool = viewer.scene_tree.find(["meshcat", "cartstiff", "M"]).object; // the shape at rest has an M, too
     const p = viewer.camera.position.clone().setFromMatrixPosition(tool.matrixWorld).project(viewer.camera);
     const [mx, my] = [(p.x + 1) / 2 * canvas.width + canvas.left, (1 - p.y) / 2 * canvas.height + canvas.top];
     for (const [label, { left, top, right, bottom }] of labels) {

@@ -265,6 +265,7 @@ def test_sliders_arrows_and_functions_of_a_script(pages):
         assert page.evaluate(
             "() => window.cartstiff.pane.part('meshcat', 'cartstiff', 'own', '0').visible"
         )
+        page.context.close()  # what it still asks for, it asks a server that runs
 
 
 # -- where is it worst, is it good enough, and what else has a number of actions

@@ -15,14 +15,14 @@ from tests.browser.conftest import setup
 from tests.browser.test_page import close, matrix
 from tests.inner import ViewState, bundled_files, summary_text
 
-# Where the tool is on the screen, within [-1, 1] in both directions if it is in the picture.
+# Where the tool is on the screen, within [-1, 1] in both directions if it is in the picture;
+# the shape at rest, drawn beside the displaced one, has a frame M of its own.
 TOOL = """() => {
     const { viewer } = window.cartstiff.pane;
-    let found = null;
+    const found = viewer.scene_tree.find(["meshcat", "cartstiff", "M"]).object;
     viewer.scene.updateMatrixWorld(true);
     viewer.camera.updateMatrixWorld(true);
     viewer.camera.updateProjectionMatrix();
-    viewer.scene.traverse((node) => { if (node.name === "M") found = node; });
     const p = viewer.camera.position.clone().setFromMatrixPosition(found.matrixWorld);
     p.project(viewer.camera);
     return [p.x, p.y];
@@ -292,13 +292,17 @@ def test_an_exported_page_keeps_point_axes_and_the_kept_state(serve, pages, tmp_
 
 def test_the_first_card_says_how_far_the_load_moves_the_point(ur5):
     card = ur5.locator(".moved-card")
-    assert "no load" in card.inner_text()
+    assert card.inner_text().startswith("Stiffness here\nLoad\n")
+    assert card.locator(".first-load").is_visible()
+    assert card.locator(".moved-head").is_hidden()
     load, point = [0.0, 5.0, 0.0, 0.0, 0.0, -300.0], [0.0, 0.0, 0.1]
     changed(ur5, load_axes="body", load=load, point=point)
     result = cartstiff.analyse(cartstiff.load("ur5"), wrench=load, load_at=point)
     moved = np.linalg.solve(result.tangent, result.wrench)
     d = moved[3:] + np.cross(moved[:3], point)
     words = card.inner_text().replace("\u2212", "-")
+    assert words.startswith("Under this load\n")
+    assert card.locator(".first-load").is_hidden()
     assert f"{1000 * np.linalg.norm(d):.4g} mm" in words
     assert f"{1000 * np.linalg.norm(moved[:3]):.4g} mrad" in words
     room = result.pose[:3, :3] @ d * 1000
@@ -318,7 +322,10 @@ def test_the_first_card_says_how_far_the_load_moves_the_point(ur5):
     assert soft["stiffness"] == pytest.approx(1 / values[2], rel=1e-9)
     assert abs(np.dot(soft["direction"], R @ axes[:, 2])) == pytest.approx(1, abs=1e-9)
     assert "free to turn" in card.inner_text()
-    assert "Every small push is resisted" in card.inner_text()
+    verdict = ur5.locator("#verdict")  # what holds with any load is above all cards
+    assert verdict.get_attribute("data-level") == "good"
+    assert "Positive definite: every small motion is resisted" in verdict.inner_text()
+    assert card.locator(".advice").is_hidden()
 
 
 def test_what_is_pointed_at_says_its_number_and_lights_its_row(ur5):
@@ -336,8 +343,11 @@ def test_what_is_pointed_at_says_its_number_and_lights_its_row(ur5):
     page.mouse.up()
     assert page.locator(f'[data-row-of="{freedom}"].lit, [data-row-of="{freedom}"] .lit').count()
     page.mouse.move(0, 0)
-    page.click("text=Add 100 N downwards")
+    assert page.input_value(".first-load input") == "100"
+    assert page.inner_text(".first-load .unit") == "N"
+    page.click(".first-load button:text-is('downwards')")
     settled(page)
+    assert page.evaluate("() => window.cartstiff.state.load_axes") == "world"
     assert page.evaluate("() => window.cartstiff.state.load") == [0, 0, 0, 0, 0, -100]
     line = page.inner_text(".moved-line")
     assert line.startswith("100 N at M: its force and moment keep their direction in the room")
