@@ -114,8 +114,11 @@ def same_as_page(ours: Any, shown: dict[str, Any], q: np.ndarray) -> None:
     )
     soft = ours.extreme("softest")
     assert shown["softest"]["stiffness"] == pytest.approx(soft.stiffness, rel=1e-9)
-    shares = {part["name"]: part["share"] for part in shown["moved"]["shares"]}
+    shown_shares = shown["moved"]["shares"]
+    assert shown_shares["of"] == ours.shares.of
+    shares = {part["name"]: part["share"] for part in shown_shares["parts"]}
     assert shares == pytest.approx({p.name: p.share for p in ours.shares.parts}, abs=1e-12)
+    assert shown_shares["rest"] == pytest.approx(ours.shares.rest, abs=1e-12)
 
 
 def test_the_equilibrium_is_said_where_the_first_order_misses_it() -> None:

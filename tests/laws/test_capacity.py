@@ -182,3 +182,20 @@ def test_the_answer_says_how_many_times_the_load_is_held(tmp_path):
     own = 2 * 9.81 * 0.25 * np.cos(0.2) + 1.2 * 9.81 * (0.5 * np.cos(0.2) + 0.2 * np.cos(0.7))
     assert said["capacity"]["linear"] == pytest.approx((30.0 - own) / (80.0 * x), rel=1e-9)
     assert said["greatest-payload"]["payload"] == pytest.approx((30.0 - own) / (9.81 * x), rel=1e-9)
+
+
+def test_a_picture_shows_the_corners_of_the_polytope_or_the_factors():
+    held = cs.capacity(cs.load("ur5"), wrench=[0, 0, 0, 0, 0, -100])
+    for axes, plane in zip(held.plot().axes, ([0, 2], [0, 1]), strict=True):
+        corners, shown = held.polytope[:, plane], axes.lines[0].get_xydata()
+        for way in np.random.default_rng(1).normal(size=(20, 2)):
+            assert (shown @ way).max() == pytest.approx((corners @ way).max())
+        assert shown[0] == pytest.approx(shown[-1])
+    free = cs.capacity(cs.load("hexapod"), wrench=[0, 0, 0, 0, 0, -100])
+    assert free.polytope is None
+    (axes,) = free.plot().axes
+    assert axes.patches[0].get_width() == free.linear.factor
+    assert [label.get_text() for label in axes.get_yticklabels()] == [
+        "to first order",
+        "by the equilibrium: no limit",
+    ]

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from cartstiff.statics.rest import Equilibrium
 
 #: Where everything is that a screen does not hold.
-ELSEWHERE = "--analysis full prints all, --json has all"
+ELSEWHERE = "--analysis full or --json has all"
 
 
 def describe(

@@ -74,16 +74,22 @@ def height(lines: Iterable[str]) -> int:
 
 def _fitting(blocks: Sequence[Block], room: int, elsewhere: str) -> list[str]:
     """The blocks that fit into a number of lines; the names of the others."""
-    kept, left = list[str](), list[str]()
-    if sum(height(body) for _, body in blocks) > room:
-        room -= 1  # for the last line
-    for name, body in blocks:
-        if height(body) > room:
-            left.append(name[:1].lower() + name[1:])
-        else:
-            kept += body
-            room -= height(body)
-    return [*kept, *[f"Not shown: {', '.join(left)}; {elsewhere}"] * bool(left)]
+    if sum(height(body) for _, body in blocks) <= room:
+        return [line for _, body in blocks for line in body]
+    # The last line takes as many lines as it needs.
+    last = 1
+    while True:
+        kept, left, free = list[str](), list[str](), room - last
+        for name, body in blocks:
+            if height(body) > free:
+                left.append(name[:1].lower() + name[1:])
+            else:
+                kept += body
+                free -= height(body)
+        line = f"Not shown: {', '.join(left)}; {elsewhere}"
+        if height([line]) <= last:
+            return [*kept, line]
+        last = height([line])
 
 
 def in_short(tables: Iterable[Table]) -> list[Table]:

@@ -20,6 +20,7 @@ from cartstiff import numerics
 from cartstiff.arrays import Result, checked_length
 from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, InputError, UndefinedError
+from cartstiff.figures import draw_bars, new_figure
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
@@ -119,6 +120,66 @@ class Capacity(Result, LabelledResult):
             each | {"payload": self.payload, "polytope": self.polytope}
         )
         return data
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the polytope of forces along two axes of F; the factors, if there is none.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Whose place the picture takes; default a figure of its own.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Forces in the planes x-z and x-y; or a bar for each factor that is finite.
+
+        Raises
+        ------
+        MissingDependencyError
+            Without matplotlib.
+        """
+        figure = new_figure(8.0, 4.2, self.elastic.springs_in_doubt, ax=ax)
+        corners = self.polytope
+        if corners is None:
+            found = {
+                "to first order": self.linear,
+                "by the equilibrium": self.by_equilibrium,
+            }
+            each = {name: one.factor for name, one in found.items() if one is not None}
+            names = [n if x < np.inf else f"{n}: no limit" for n, x in each.items()]
+            widths = [x if x < np.inf else 0.0 for x in each.values()]
+            axes = figure.subplots()
+            draw_bars(axes, names, widths, "multiple of the load that is held")
+            axes.set_title(self.elastic.name)
+            return figure
+        unit = self.elastic.mechanism.units.force
+        for axes, plane in zip(figure.subplots(1, 2), ((0, 2), (0, 1)), strict=True):
+            outline = _outline(corners[:, plane])
+            axes.fill(*outline.T, alpha=0.3)
+            axes.plot(*outline[[*range(len(outline)), 0]].T, marker="o")
+            axes.plot(0.0, 0.0, "k+")
+            axes.set(
+                **{
+                    f"{at}label": f"force along {'xyz'[i]} of F [{unit}]"
+                    for at, i in zip("xy", plane, strict=True)
+                }
+            )
+        figure.suptitle(f"{self.elastic.name}: forces that the drives hold")
+        return figure
+
+
+def _outline(points: Array) -> Array:
+    """Corners of the convex hull of points (k, 2), in order; the ends of a line."""
+    # SciPy takes long to import.
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except (QhullError, ValueError):
+        apart = points - points.mean(axis=0)
+        along = apart @ np.linalg.svd(apart, full_matrices=False)[2][0]
+        return np.asarray(points[[int(along.argmin()), int(along.argmax())]])
 
 
 @checked
