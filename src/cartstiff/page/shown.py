@@ -593,9 +593,10 @@ def apart(matrices: Mapping[str, Array | None]) -> float | None:
     A, K = matrices["A"], matrices["K"]
     if A is None or K is None:
         return None
-    sizes = np.sqrt(np.abs(np.diag(K)))
-    per = np.outer(sizes, sizes)
-    difference = np.abs(A - K)
+    if not (difference := np.abs(A - K)).any():  # as nearly always without a load
+        return 0.0
+    sizes = np.sqrt(np.abs(K.diagonal()))
+    per = sizes[:, None] * sizes
     most = float(np.divide(difference, per, out=0.0 * per, where=per > 0.0).max())
     return 0.0 if most < numerics.NEGLIGIBLE_DIFFERENCE else most
 
