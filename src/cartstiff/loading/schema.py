@@ -935,8 +935,10 @@ def _models(base: type[BaseModel]) -> list[type[BaseModel]]:
 
 
 def _meaning(key: str) -> str | None:
-    """Words of a key that means the same in all models."""
-    fields = (model.model_fields.get(key) for model in _models(FileModel))
+    """Words of a key that means the same in all models of mechanism files."""
+    # A study's sections have the same base class, once that module is imported.
+    own = (m for m in _models(FileModel) if m.__module__.startswith("cartstiff.loading."))
+    fields = (model.model_fields.get(key) for model in own)
     words = {field.description for field in fields if field is not None}
     return words.pop() if len(words) == 1 else None
 
