@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -61,8 +61,8 @@ class PageScene:
         quantity = state.drawn or (
             "compliance" if moved is not None and moved["resisted"] else state.quantity
         )
-        look = replace(
-            _appearance(state, nodal), rest=rest, quantity=quantity, said=state.quantity
+        look = _appearance(
+            state, nodal, rest=rest, quantity=quantity, said=state.quantity
         )
         return {**self._scene.draw(result, look), "rest": factor and {"enlarged": factor}}
 
@@ -141,16 +141,17 @@ class PageScene:
 
 
 def _appearance(
-    state: ViewState, nodal: tuple[int, float, Screw] | None = None
+    state: ViewState, nodal: tuple[int, float, Screw] | None = None, **others: Any
 ) -> Appearance:
-    """Return the appearance of the picture of a state."""
+    """Return the appearance of the picture of a state, some of its fields given."""
     measures = state.measures
     if measures is None:
         kept = None
     else:
         kept = {str(f): one.model_dump() for f, one in measures.items()}
+    alike = {name: getattr(state, name) for name in _ALIKE}
     return Appearance(
-        **{name: getattr(state, name) for name in _ALIKE},
+        **(alike | others),
         axes=state.labels,
         ghost=None if state.ghost is None else tuple(state.ghost),
         nodal=nodal,
