@@ -589,14 +589,14 @@ def plain(value: object) -> Any:
         return value if isfinite(value) else None  # type: ignore[arg-type]
     if value is None or kind is str or kind is int:
         return value
-    if kind is np.ndarray:
-        value = value.tolist()  # type: ignore[attr-defined]
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [v if type(v) is float and isfinite(v) else plain(v) for v in value]
     if is_dataclass(value) and not isinstance(value, type):
         return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [v if type(v) is float and isfinite(v) else plain(v) for v in value]
     if isinstance(value, (bool, np.bool_)):
         return bool(value)
     if isinstance(value, (int, np.integer)):

@@ -110,12 +110,13 @@ def asymmetries(
     """
     matrices = here.matrices if quantity == "stiffness" else here.compliances
     existing = {name: K for name, K in matrices.items() if K is not None}
+    zeros: dict[str, float | None] = dict.fromkeys(existing, 0.0)
+    if here.wrench is not None and not any(here.wrench.tolist()):
+        return dict.fromkeys(matrices) | zeros  # it follows from the wrench alone
     K = np.array([*existing.values()]).reshape(-1, 6, 6)
     skew = K - K.swapaxes(1, 2)
-    sizes = np.zeros(len(K))
-    if skew.any():  # seldom without a load
-        counts = largest_in_blocks(skew, K) > numerics.SYMMETRY
-        sizes = np.where(counts, skew.max(axis=(1, 2)), 0.0)
+    counts = largest_in_blocks(skew, K) > numerics.SYMMETRY
+    sizes = np.where(counts, skew.max(axis=(1, 2)), 0.0)
     return dict.fromkeys(matrices) | dict(zip(existing, sizes.tolist(), strict=True))
 
 

@@ -122,7 +122,7 @@ def shape_of(sizes: list[float], axes: list[list[float]]) -> Ellipsoid:
         ]
     )
     values = rows[9:12]
-    sign = definiteness(values, zero=0.0)
+    sign = definiteness(sizes, zero=0.0)
     return Ellipsoid(rows[:9].reshape(3, 3), rows[12:], values, sign)
 
 
@@ -466,8 +466,11 @@ class MatrixPair:
         if (own := self._whole.get((freedom, others))) is not None:
             if direct:
                 return own
-            inverse = zip([1.0 / x for x in own[0]], own[1], strict=True)
-            pairs = sorted(inverse, key=lambda pair: pair[0])
+            # Smallest first again: values of one sign change their order.
+            values, axes = [1.0 / x for x in own[0][::-1]], own[1][::-1]
+            if values == sorted(values):
+                return values, axes
+            pairs = sorted(zip(values, axes, strict=True), key=lambda pair: pair[0])
             return [x for x, _ in pairs], [axis for _, axis in pairs]
         pair = (self.K, self.C) if quantity == "stiffness" else (self.C, self.K)
         if pair[0] is None:

@@ -12,7 +12,7 @@ and a compliance C takes wrenches to twists, in the same block order.
 from __future__ import annotations
 
 from math import sqrt
-from typing import Final, Literal
+from typing import Final, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -115,7 +115,11 @@ def definiteness(
 ) -> Definiteness:
     """Name the signs of eigenvalues; a share `zero` of the largest counts as zero."""
     # Called for every posture of a page: on a few floats NumPy takes ten times as long.
-    values = real_array(eigenvalues).tolist()
+    values: list[float] = (
+        cast(list[float], eigenvalues)
+        if isinstance(eigenvalues, list)
+        else real_array(eigenvalues).tolist()
+    )
     low, high = min(values, default=0.0), max(values, default=0.0)
     if low > max(0.0, zero * high):
         return "positive"

@@ -292,6 +292,5 @@ def _changed(
             "inverse_of_symmetric_tangent": np.linalg.inv(0.5 * (load + load.T)),
             "wrench": None if result.wrench is None else W,
             "is_loaded": result.is_loaded,
-        },
-        {},
+        }
     )

@@ -280,9 +280,13 @@ class PlatformPosture(MechanismPosture):
     def __init__(self, platform: Platform, q: Array) -> None:
         self.q = q
         self._platform = platform
-        self.pose = platform.pose_of(q)
         self.length = platform.length
         self.coordinate_lengths = np.array([1.0] * 3 + [self.length] * 3)
+
+    @cached_property
+    def pose(self) -> Array:  # type: ignore[override]
+        """``T_F_M``."""
+        return self._platform.pose_of(self.q)
 
     def relative(self, frame_a: str, frame_b: str) -> tuple[Array, SecondOrderMap]:
         """Return the pose ``T_a_b`` of "world" and "body" and its map."""

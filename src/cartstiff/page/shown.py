@@ -254,7 +254,7 @@ def shown_numbers(
     -------
     dict
         Keys "result", "has_compliance", "position", "frame", "stiffness", "compliance",
-        "wrench", "principal", "softest", "indices", "apart", "symmetric", "singularity",
+        "wrench", "principal", "softest", "indices", "symmetric", "singularity",
         "legs", "moved", "modes", "verdict", "doubts"; None for numbers that do not exist.
     """
     # All matrices in the frame that the reader has chosen.
@@ -276,7 +276,6 @@ def shown_numbers(
         "principal": principal,
         "softest": softest_in_room(here, result.elastic_as_given),
         "indices": numbers,
-        "apart": apart(shown),
         "symmetric": asymmetries(here, state.quantity),
         "singularity": distance_to_singularity(result),
         "legs": legs(result),
@@ -584,21 +583,6 @@ def moved_part(result: PostureStiffness, state: ViewState) -> dict[str, Any] | N
         "motion": None if motion is None else motion.tolist(),
         "notes": [note["message"] for note in notes.entries],
     }
-
-
-def apart(matrices: Mapping[str, Array | None]) -> float | None:
-    """Largest difference of two entries of A and K, over the square root of the product
-    of the diagonal entries beside it in K.
-    """
-    A, K = matrices["A"], matrices["K"]
-    if A is None or K is None:
-        return None
-    if not (difference := np.abs(A - K)).any():  # as nearly always without a load
-        return 0.0
-    sizes = np.sqrt(np.abs(K.diagonal()))
-    per = sizes[:, None] * sizes
-    most = float(np.divide(difference, per, out=0.0 * per, where=per > 0.0).max())
-    return 0.0 if most < numerics.NEGLIGIBLE_DIFFERENCE else most
 
 
 def plain_shares(shares: Shares) -> dict[str, Any]:

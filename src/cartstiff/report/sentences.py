@@ -136,7 +136,7 @@ SENTENCES: dict[str, str] = {
     "potential": "  potential of gravity and loads {energy:6}",
     "rows-left-out": "  {count} more without spring, limits and share",
     # a report
-    "carries": "The mechanism carries {what}. It is {how}",
+    "carries": "The mechanism carries {what:a}. It is {how}",
     "a-force": "a force of {size:4e}, {where}",
     "a-moment": "a moment of {size:4e}, {where}",
     "its-weight": "its weight",
@@ -168,7 +168,8 @@ SENTENCES: dict[str, str] = {
     "capacity-differs": "Holds {factor:3} times this load (by the equilibrium; "
     "{linear:3} to first order), until {limit}",
     "capacity-linear": "Holds {factor:3} times this load (to first order), until {limit}",
-    "greatest-payload": "The drives hold a mass of {payload:4} kg here, to first order",
+    "greatest-payload": "In place of the load the drives hold {payload:4} kg at the "
+    "body frame, to first order",
     "limit-force": "{names} is at its limit",
     "limit-slack": "{names} is slack",
     "limit-travel": "{names} is at the end of its travel",
@@ -363,8 +364,6 @@ TITLES: dict[str, str] = {
     "rotations": "Limits that end the rotations at this position (share of directions)",
     "measures": "Objectives and constraints",
     "best design": "Best design",
-    "forces": "Forces of the drives (of joints on the links that they move; of legs "
-    "tensions)",
     "front": "Pareto front: {count} designs, of which none is better in everything",
     "infeasible": "Why designs are infeasible",
     "failed": "Why designs fail",
@@ -613,14 +612,15 @@ def value_words(value: Any, spec: str = "") -> str:
     spec : str
         Digits, default 5, and a letter: f: so many decimal places; n: without the unit;
         e: in the unit of its size, such as kN; p: angles in both units; %: a share in per
-        cent, with two digits.
+        cent, with two digits; a: "and" before the last of a list.
     """
     letter = spec.lstrip("0123456789")
     digits = int(spec.removesuffix(letter) or 5)
     if isinstance(value, dict):
         return ", ".join(f"{key} {value_words(x, spec)}" for key, x in value.items())
     if isinstance(value, (list, tuple)):
-        return ", ".join(value_words(x, spec) for x in value)
+        *words, last = [value_words(x, spec) for x in value] or [""]
+        return ", ".join([*words, "and " * (letter == "a" and bool(words)) + last])
     if isinstance(value, Verdict):
         return title(value)
     if isinstance(value, Shares):
@@ -671,8 +671,3 @@ WORDS = {
     "by worst": "the widest interval",
     "by posture": "the deflection at the test posture",
 }
-
-
-def doubt_sentences(answer: Answer) -> list[str]:
-    """The doubts as sentences, the weightiest first."""
-    return [f"{n.message[:1].upper()}{n.message[1:]}" for n in answer.doubts]

@@ -47,9 +47,8 @@ class NodalAxis:
             )
             self._node.show(True)
             if labels:
-                self._label.show(
-                    f"h = {number(screw.pitch, length)}", point - 1.04 * half * along
-                )
+                end = (point - 1.04 * half * along).tolist()
+                self._label.show(f"h = {number(screw.pitch, length)}", end)
             else:
                 self._label.hide()
         else:
@@ -132,7 +131,8 @@ class CentresPicture:
                 # Above and below in turn, so that labels of neighbours lie apart.
                 side = 0.035 if sum(n != name for n in shown) % 2 == 0 else -0.035
                 shown.append(name)
-                self._labels[name].show(text, M[:3, 3] + [0.0, 0.0, side * self._size])
+                x, y, z = M[:3, 3].tolist()
+                self._labels[name].show(text, [x, y, z + side * self._size])
             else:
                 self._labels[name].hide()
         told = {}

@@ -173,7 +173,7 @@ class Environment:
         for name in ("F", "M"):
             node = self.node[name]
             objects.frame(node, length)
-            Label(node["name"], look).show(name, np.full(3, -0.3 * length))
+            Label(node["name"], look).show(name, [-0.3 * length] * 3)
         return self.node["M"]
 
     def legend(self) -> dict[str, Any]:

@@ -5,7 +5,7 @@ A small picture of its own for a viewer that writes no words.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from functools import cache, lru_cache
 from io import BytesIO
 from typing import Any
@@ -80,8 +80,8 @@ class Label:
         self._height = HEIGHT / node.enlarged
         self._text: str | None = None  # as it was given
 
-    def show(self, text: str, point: Iterable[float]) -> None:
-        """Write a text at a point (3,) of the node's parent."""
+    def show(self, text: str, point: Sequence[float]) -> None:
+        """Write a text at a point of the node's parent, plain numbers."""
         if text != self._text:
             self._text = text
             text = printable(text)
@@ -97,7 +97,7 @@ class Label:
             self.node.set_object(label)
         self._place(point)
 
-    def _place(self, point: Iterable[float]) -> None:
+    def _place(self, point: Sequence[float]) -> None:
         self.node.move_to(point)
         self.node.show(True)
 

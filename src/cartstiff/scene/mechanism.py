@@ -109,14 +109,14 @@ class LinesPicture:
 
         Tensions that are not known yet (no rest length) count as zero.
         """
-        tensions = np.where(np.isnan(tensions), 0.0, tensions)
-        scale = Tension.from_values(tensions)
-        are_slack = [False] * len(tensions)
+        known = [0.0 if x != x else x for x in tensions.tolist()]
+        scale = Tension.from_values(known)
+        are_slack = [False] * len(known)
         if self._cables and taut is not None:
             are_slack = (~taut).tolist()
-        self._paint(scale.share(tensions).tolist(), are_slack)
+        self._paint([*map(scale.share, known)], are_slack)
         slack = [i + 1 for i, is_slack in enumerate(are_slack) if is_slack]
-        told = {"values": tensions.tolist(), "slack": slack, "cables": self._cables}
+        told = {"values": known, "slack": slack, "cables": self._cables}
         return {**scale.legend(), **told}
 
     def _paint(self, shares: list[float], are_slack: list[bool]) -> None:
@@ -202,7 +202,7 @@ class PlatformPicture:
         node: ViewerNode, points: Array, radius: float, colour: int, opacity: float = 1.0
     ) -> None:
         made = objects.solid(objects.sphere(radius), colour, opacity)
-        for i, point in enumerate(np.unique(np.round(points, 12), axis=0)):
+        for i, point in enumerate(np.unique(np.round(points, 12), axis=0).tolist()):
             node[f"joint {i + 1}"].set_object(made)
             node[f"joint {i + 1}"].move_to(point)
 

@@ -6,7 +6,7 @@ matrix is drawn alike, whatever was drawn before. The legend says what the scale
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, floor, inf, isfinite, log, log1p, log10
 from typing import Any, ClassVar, Literal, Self
@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cartstiff import numerics
-from cartstiff.geometry.se3 import Array
 
 
 def round_number(x: float) -> float:
@@ -224,24 +223,24 @@ class Growing:
 
 @dataclass(frozen=True)
 class Tension:
-    """Colours of tensions between round limits of either sign."""
+    """Colours of tensions between round limits of either sign; in plain numbers, as
+    NumPy is slower on six.
+    """
 
     limit: float = 0.0
 
     @classmethod
-    def from_values(cls, tensions: Array) -> Self:
+    def from_values(cls, tensions: Sequence[float]) -> Self:
         """The limits for tensions that are drawn together."""
-        largest = float(np.abs(tensions).max(initial=0.0))
+        largest = max(map(abs, tensions), default=0.0)
         if not 0.0 < largest < np.inf:
             return cls()
         limit = 2.0 * round_number(largest)
         return cls(limit if limit >= largest else 5.0 * round_number(largest))
 
-    def share(self, tensions: Array) -> Array:
-        """Tensions over the limit, within [-1, 1]."""
-        if not self.limit:
-            return np.zeros_like(tensions)
-        return np.clip(tensions / self.limit, -1.0, 1.0)
+    def share(self, tension: float) -> float:
+        """A tension over the limit, within [-1, 1]."""
+        return min(max(tension / self.limit, -1.0), 1.0) if self.limit else 0.0
 
     def legend(self) -> dict[str, Any]:
         """The limits of the colour bar: compression below zero."""

@@ -6,7 +6,7 @@ and packed normals that meshcat's own classes lack, for any ``meshcat.Visualizer
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Protocol
@@ -107,9 +107,9 @@ class ViewerNode:
         """
         self._set_matrix([*x, 0.0, *y, 0.0, *z, 0.0, *origin, 1.0])
 
-    def move_to(self, point: Iterable[float]) -> None:
-        """Pure translation to a point in the parent."""
-        self._set_matrix([*_UNTURNED, *map(float, point), 1.0])
+    def move_to(self, point: Sequence[float]) -> None:
+        """Pure translation to a point in the parent, plain numbers."""
+        self._set_matrix([*_UNTURNED, *point, 1.0])
 
     def _set_matrix(self, matrix: list[float]) -> None:
         self._send({"type": "set_transform", "path": self.path, "matrix": matrix})

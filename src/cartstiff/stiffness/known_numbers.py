@@ -6,7 +6,7 @@ found then: kinematics, rest positions and notes from them, all other by `analys
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -84,103 +84,88 @@ class Question:
 
 @dataclass
 class _Known:
-    """A plainly regular posture: its numbers, and what is found when it is read."""
+    """What is found of a plainly regular posture when it is read, beside its numbers.
+
+    It does not hold the posture: a circle would wait for the garbage collector.
+
+    Attributes
+    ----------
+    asked : Question
+        The question.
+    record : mapping
+        The numbers.
+    bounds : list of float
+        At least 1 where notes on a near singularity, on lost digits, on motions that
+        lower the energy, on wide deflections and on forces are possible.
+    """
 
     asked: Question
-    q: Array
     record: Mapping[str, Array]
+    bounds: list[float]
+    #: Rest positions of an arm and what its springs do there, once found.
+    _balanced: tuple[ElasticMechanism, Evaluation] | None = None
 
     @property
-    def result(self) -> PostureStiffness:
-        """The posture; arrays are read-only views of the record."""
-        asked, record, wrench = self.asked, self.record, self.asked.wrench
-        known: dict[str, Any] = {
-            "q": fixed(self.q),
-            "energy": float(record["energy"]),
-            "matrices": self._named("stiffness"),
-            "compliances": self._named("compliance"),
-            "load": asked.load,
-            "_load_is_given": wrench is not None and any(wrench.tolist()),
-            "_asked": asked.elastic,
-            "_rest_is_chosen": wrench is not None,
-        }
-        for name in _ALIKE:
-            known[name] = record.get(name)
-        if self._bounds[2] < 1.0:
-            known["_resists"] = True
-        # The code has 1 where no joint on the way turns the body; the posture looks at
-        # all joints.
-        if "length" in record and (length := float(record["length"][0])) != 1.0:
-            known["length"] = length
-        self._result = PostureStiffness.of_numbers(
-            known,
-            {
-                "elastic": self.elastic,
-                "posture": self.posture,
-                "evaluation": self.evaluation,
-                "reduction": self.reduction,
-                "notes": self.notes,
-                "notes_on_posture": self.notes_on_posture,
-                "motions_of_closed": self.motions_of_closed,
-            },
-        )
-        return self._result
+    def names(self) -> Container[str]:
+        """The attributes that are found later."""
+        return _LATER
 
-    def _named(self, kind: str) -> NamedArrays:
-        arrays = {name: self.record.get(f"{kind}_{name}") for name in OF_MANY}
-        return NamedArrays.of_fixed(arrays, {"load": arrays.pop("load")})
+    def find(self, name: str, own: PostureStiffness) -> Any:
+        """An attribute of the posture, by its name."""
+        return _LATER[name](self, own)
 
     @property
     def _is_closed(self) -> bool:
         return bool(self.asked.elastic.mechanism.closures)
 
-    def posture(self) -> MechanismPosture:
+    def posture(self, own: PostureStiffness) -> MechanismPosture:
         """Kinematics at q."""
-        posture = self.asked.elastic.mechanism.at(self.q)
+        posture = self.asked.elastic.mechanism.at(own.q)
         if posture.coordinates_are_pose:
             lines = self.record["actuation"]
-            lengths = self._result.leg_lengths
+            lengths = own.leg_lengths
             assert lengths is not None
-            cast(Any, posture).lines = LineGeometry(lengths, lines[:, 3:], lines)
+            found = LineGeometry(lengths, lines[:, 3:], lines)
+            vars(posture).update(pose=own.pose, lines=found)
         return posture
 
-    @cached_property
-    def _force(self) -> Array | None:
+    def _force(self, own: PostureStiffness) -> Array | None:
         """The wrench in M."""
         wrench, asked = self.asked.wrench, self.asked
         if wrench is None:
             return None
-        return wrench_in_body(wrench, self._result.pose, asked.load.at, asked.axes)
+        return wrench_in_body(wrench, own.pose, asked.load.at, asked.axes)
 
-    @cached_property
-    def _balanced(self) -> tuple[ElasticMechanism, Evaluation]:
+    def _at_rest(self, own: PostureStiffness) -> tuple[ElasticMechanism, Evaluation]:
         if self._is_closed:  # the core deflects links
             return self.asked.core.elastic, self.asked.core.evaluation
-        return balanced(self.asked.elastic, self._result.posture, self._force)
+        if self._balanced is None:
+            elastic, force = self.asked.elastic, self._force(own)
+            self._balanced = balanced(elastic, own.posture, force)
+        return self._balanced
 
-    def elastic(self) -> ElasticMechanism:
+    def elastic(self, own: PostureStiffness) -> ElasticMechanism:
         """The mechanism with the rest positions that were used."""
-        posture = self._result.posture
+        posture = own.posture
         if posture.coordinates_are_pose:
-            return with_rest_balancing(self.asked.elastic, posture, self._force)
-        return self._balanced[0]
+            return with_rest_balancing(self.asked.elastic, posture, self._force(own))
+        return self._at_rest(own)[0]
 
-    def evaluation(self) -> Evaluation:
+    def evaluation(self, own: PostureStiffness) -> Evaluation:
         """Energy, gradient, Hessian in the coordinates."""
-        own = self._result
         if own.posture.coordinates_are_pose:
             return Evaluation(
                 own.energy, cast(Array, own.wrench), cast(Array, own.matrices["B"])
             )
-        return self._balanced[1]
+        return self._at_rest(own)[1]
 
-    def reduction(self) -> Reduction:
+    def reduction(self, _: PostureStiffness) -> Reduction:
         """The reduction to the end-effector, of the core."""
         return self.asked.core.reduction
 
-    def motions_of_closed(self) -> tuple[Array, int, Array]:
+    def motions_of_closed(self, own: PostureStiffness) -> tuple[Array, int, Array]:
         """`Reduction.singular_values`, `freedoms` and `motions` of a closed chain."""
-        posture, motions = self._result.posture, self.record.get("motions")
+        posture, motions = own.posture, self.record.get("motions")
         if motions is None:
             return values_of_closed(posture)
         N = np.linalg.qr(motions / posture.coordinate_lengths[:, None])[0]
@@ -189,42 +174,31 @@ class _Known:
     # -- notes
     # ---------------------------------------------------------------------------------
 
-    @cached_property
-    def _bounds(self) -> list[float]:
-        """At least 1 where notes on a near singularity, on lost digits, on motions that
-        lower the energy, on wide deflections and on forces are possible.
-        """
-        bounds: list[float] = self.record["noteworthy"].tolist()
-        return bounds
-
-    def notes(self) -> tuple[Note, ...]:
+    def notes(self, own: PostureStiffness) -> tuple[Note, ...]:
         """Assumptions, and reasons why something does not exist."""
-        own = self._result
-        if not self._bounds[1] < 1.0:
+        if not self.bounds[1] < 1.0:
             return self.asked.core.notes
         chart = own.posture.chart()
         reason = [Note("kf-undefined", chart)] if isinstance(chart, str) else []
-        return (*own.notes_on_posture, *self._signs(), *reason)
+        return (*own.notes_on_posture, *self._signs(own), *reason)
 
-    def _signs(self) -> list[Note]:
-        own = self._result
-        if self._bounds[2] < 1.0:
+    def _signs(self, own: PostureStiffness) -> list[Note]:
+        if self.bounds[2] < 1.0:
             return []
-        natural = np.repeat([1.0, own.length], 3)
         pair = own.tangent, own.tangent_compliance
-        return indefinite(cast(Reduction, None), *pair, natural)
+        return indefinite(cast(Reduction, None), *pair, own._natural)
 
-    def notes_on_posture(self) -> tuple[Note, ...]:
+    def notes_on_posture(self, own: PostureStiffness) -> tuple[Note, ...]:
         """The `notes` without those on matrices."""
-        own, asked = self._result, self.asked.elastic
-        is_near, _, _, is_wound, is_strained = (not x < 1.0 for x in self._bounds)
+        asked = self.asked.elastic
+        is_near, _, _, is_wound, is_strained = (not x < 1.0 for x in self.bounds)
         is_strained = is_strained and bool(asked.force_limits)
         if is_near and self._is_closed:
             return self.asked.core.notes_on_posture
         return (
             *asked.notes,
-            *(self._near() if is_near else ()),
-            *self._diagnostics(),
+            *(self._near(own) if is_near else ()),
+            *self._diagnostics(own),
             *limit_notes(asked.mechanism, own),
             *(force_notes(own.forces, asked) if is_strained else ()),
             *(deflection_notes(own.elastic, own.q) if is_wound else ()),
@@ -232,16 +206,16 @@ class _Known:
             *(() if asked.gravity is None else gravity_loads(asked).notes),
         )
 
-    def _near(self) -> list[Note]:
-        posture = self._result.posture
+    def _near(self, own: PostureStiffness) -> list[Note]:
+        posture = own.posture
         serial = []
         if not posture.coordinates_are_pose:
             serial = near_serial(posture, scaled_values(posture))
         return [*serial, *near_type_2(posture)]
 
-    def _diagnostics(self) -> list[Note]:
+    def _diagnostics(self, own: PostureStiffness) -> list[Note]:
         """Notes of deflected links, of cables, and of more than six lines."""
-        asked, own = self.asked.elastic, self._result
+        asked = self.asked.elastic
         if self._is_closed:
             beams = [term for term in asked.terms() if isinstance(term, Beam)]
             if not beams and not any(type(t) is CoupledSprings for t in asked.terms()):
@@ -253,6 +227,17 @@ class _Known:
             is_many = len(springs.stiffness) > 6
             return own.elastic.diagnostics(own.posture) if is_many else []
         return []
+
+
+_LATER: dict[str, Callable[[_Known, PostureStiffness], Any]] = {
+    "elastic": _Known.elastic,
+    "posture": _Known.posture,
+    "evaluation": _Known.evaluation,
+    "reduction": _Known.reduction,
+    "notes": _Known.notes,
+    "notes_on_posture": _Known.notes_on_posture,
+    "motions_of_closed": _Known.motions_of_closed,
+}
 
 
 def with_numbers(
@@ -270,4 +255,28 @@ def with_numbers(
         Outputs of a program by name, read-only, those that exist: with "noteworthy", and
         "tensions", "leg_lengths" and "actuation" of a platform.
     """
-    return _Known(question, q, numbers).result
+    wrench, bounds = question.wrench, numbers["noteworthy"].tolist()
+    known: dict[str, Any] = {
+        "q": fixed(q),
+        "energy": float(numbers["energy"]),
+        "matrices": _named(numbers, "stiffness"),
+        "compliances": _named(numbers, "compliance"),
+        "load": question.load,
+        "_load_is_given": wrench is not None and any(wrench.tolist()),
+        "_asked": question.elastic,
+        "_rest_is_chosen": wrench is not None,
+    }
+    for name in _ALIKE:
+        known[name] = numbers.get(name)
+    if bounds[2] < 1.0:
+        known["_resists"] = True
+    # The code has 1 where no joint on the way turns the body; the posture looks at all
+    # joints.
+    if "length" in numbers and (length := float(numbers["length"][0])) != 1.0:
+        known["length"] = length
+    return PostureStiffness.of_numbers(known, _Known(question, numbers, bounds))
+
+
+def _named(numbers: Mapping[str, Array], kind: str) -> NamedArrays:
+    arrays = {name: numbers.get(f"{kind}_{name}") for name in OF_MANY}
+    return NamedArrays.of_fixed(arrays, {"load": arrays.pop("load")})

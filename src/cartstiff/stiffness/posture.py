@@ -11,11 +11,11 @@ the point at which the load acts. K^K *recomputed* for N's origin would belong t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -196,9 +196,31 @@ def stiffness_in_frame(result: PostureStiffness, T_M_N: Array) -> StiffnessInFra
     )
 
 
-# The frame M in itself, and its bytes.
-_M = fixed(np.eye(4))
-_HERE = _M.tobytes()
+@lru_cache(maxsize=8)
+def _seen_from(result: PostureStiffness, T_M_N: bytes) -> StiffnessInFrame:
+    """Cache of `PostureStiffness.at`: numbers and picture read the same object.
+
+    It is not kept in the posture: a circle would wait for the garbage collector.
+    """
+    return stiffness_in_frame(result, np.frombuffer(T_M_N).reshape(4, 4))
+
+
+# The bytes of the frame M in itself.
+_HERE = np.eye(4).tobytes()
+
+
+class Later(Protocol):
+    """What finds attributes of a posture whose numbers are known, when they are read.
+
+    It has `notes`, `notes_on_posture` and `motions_of_closed` at least.
+    """
+
+    @property
+    def names(self) -> Container[str]:
+        """The attributes that are found later."""
+
+    def find(self, name: str, posture: PostureStiffness) -> Any:
+        """The attribute of these `names`."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -239,19 +261,19 @@ class PostureStiffness(LabelledResult):
     #: Whether a given wrench determined the rest positions.
     _rest_is_chosen: bool = False
 
-    #: Functions of what `of_numbers` leaves until it is read, by name.
-    _later: ClassVar[Mapping[str, Callable[[], Any]]] = {}
+    #: What finds the attributes that `of_numbers` leaves until they are read.
+    _later: ClassVar[Later | None] = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q", fixed(self.q))
 
     @classmethod
     def of_numbers(
-        cls, known: Mapping[str, Any], later: Mapping[str, Callable[[], Any]]
+        cls, known: Mapping[str, Any], later: Later | None = None
     ) -> PostureStiffness:
         """A regular posture some of whose attributes are `known`.
 
-        `later` finds fields, `notes` and `notes_on_posture` when they are first read.
+        `later` finds others when they are first read.
         """
         own = cls.__new__(cls)
         vars(own).update(known, _later=later)
@@ -261,10 +283,10 @@ class PostureStiffness(LabelledResult):
 
         def __getattr__(self, name):
             """A field that is found when it is first read."""
-            find = vars(self).get("_later", {}).get(name)
-            if find is None:
+            later = vars(self).get("_later")
+            if later is None or name not in later.names:
                 raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
-            value = vars(self)[name] = find()
+            value = vars(self)[name] = later.find(name, self)
             return value
 
     def _lines(self) -> list[str]:
@@ -484,8 +506,8 @@ class PostureStiffness(LabelledResult):
     @property
     def motions_of_closed(self) -> tuple[Array, int, Array | None]:
         """Of a closed chain: `Reduction.singular_values`, `usual_rank`, `motions`."""
-        if (find := self._later.get("motions_of_closed")) is not None:
-            return cast(tuple[Array, int, Array], find())
+        if (later := self._later) is not None:
+            return cast(tuple[Array, int, Array], later.find("motions_of_closed", self))
         found = self.reduction
         return found.singular_values, found.usual_rank, found.motions
 
@@ -681,18 +703,9 @@ class PostureStiffness(LabelledResult):
         InputError
             If it is not a rigid motion.
         """
-        T, key = _M, _HERE
-        if T_M_N is not None:
-            T = checked_pose(T_M_N, "frame of the body")
-            key = T.tobytes()
-        if (found := self._frames.get(key)) is None:
-            found = self._frames[key] = stiffness_in_frame(self, T)
-        return found
-
-    @cached_property
-    def _frames(self) -> dict[bytes, StiffnessInFrame]:
-        """Cache of `at`: numbers and picture read the same object."""
-        return {}
+        if T_M_N is None:
+            return _seen_from(self, _HERE)
+        return _seen_from(self, checked_pose(T_M_N, "frame of the body").tobytes())
 
     @cached_property
     def _flat(self) -> FlatChart:
@@ -717,8 +730,8 @@ class PostureStiffness(LabelledResult):
     @cached_property
     def notes(self) -> tuple[Note, ...]:
         """Assumptions, and reasons why something does not exist."""
-        if (find := self._later.get("notes")) is not None:
-            return cast(tuple[Note, ...], find())
+        if (later := self._later) is not None:
+            return cast(tuple[Note, ...], later.find("notes", self))
         reason = () if self._flat.note is None else (self._flat.note,)
         signs = posture_notes.indefinite(
             self.reduction, self.tangent, self.tangent_compliance, self._natural
@@ -747,8 +760,8 @@ class PostureStiffness(LabelledResult):
     @cached_property
     def notes_on_posture(self) -> tuple[Note, ...]:
         """The `notes` without those on matrices."""
-        if (later := self._later.get("notes_on_posture")) is not None:
-            return cast(tuple[Note, ...], later())
+        if (later := self._later) is not None:
+            return cast(tuple[Note, ...], later.find("notes_on_posture", self))
         known, find = self._notes, posture_notes.notes_on_posture
         if known is not None:
             return known

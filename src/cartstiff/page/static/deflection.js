@@ -5,6 +5,7 @@ import { give } from "./give.js";
 import { symbol } from "./matrix.js";
 import { NEGLIGIBLE_DIFFERENCE } from "./numerics.js";
 import { doubts } from "./plotfiles.js";
+import { differences } from "./principal.js";
 import { shareBars, sharePicture } from "./shares.js";
 
 // A load to begin with: its size in the unit of force, and directions in the room.
@@ -96,7 +97,7 @@ export function deflectionPanel(store) {
 
   /** What is true with a load or without: the softest direction, whether A or K matters, how sure the springs are. */
   function facts() {
-    const { softest: soft, apart: most, result, moved, verdict } = store.numbers;
+    const { softest: soft, result, moved, verdict } = store.numbers;
     softest.hidden = !soft;
     const where = soft?.which ? plainly(soft.which) : "along more than one direction alike";
     if (soft) {
@@ -104,7 +105,9 @@ export function deflectionPanel(store) {
         el("b", {}, engineering(soft.stiffness, `${store.unit("force")}/${store.unit("length")}`)), `, ${where}`);
     }
     // Without a load all matrices are the same.
-    apart.hidden = most === null || !soft || !moved;
+    const [A, K] = ["A", "K"].map((name) => store.matrix(name));
+    apart.hidden = !A || !K || !soft || !moved;
+    const most = differences({ K, A }).find(({ share }) => share < Infinity)?.share ?? 0;
     const both = `${symbol(store.shown, "A")} and ${symbol(store.shown, "K")}`;
     apart.textContent = most === 0 ? `${both} are the same here`
       : `${both} differ by up to ${short(100 * most, 2)} %`;

@@ -3,20 +3,12 @@
 import { adjoint, block, congruence, cross, dot, eigen, identity, inverse, largest, motion, place, plus, product,
   rotation, scaled, scaledInverse, symmetric, times, transposed } from "./algebra.js";
 import { Formulas, rows } from "./formulas.js";
-import { NEGLIGIBLE_DIFFERENCE, ROUNDOFF, ZERO_SHARE } from "./numerics.js";
+import { ROUNDOFF, ZERO_SHARE } from "./numerics.js";
 import { asymmetry, definiteness, inFrame, principalValues, softest, turnsBy } from "./principal.js";
 import { directionWords } from "./words.js";
 
 // Decimal places up to which shares are compared.
 const SAME_SHARE = 9;
-
-/** As `cartstiff.page.shown.apart`. */
-function apart({ A, K }) {
-  if (!A || !K) return null;
-  const most = Math.max(...A.flatMap((row, i) => row.map((x, j) =>
-    Math.abs(x - K[i][j]) / Math.sqrt(Math.abs(K[i][i] * K[j][j])) || 0)));
-  return most < NEGLIGIBLE_DIFFERENCE ? 0 : most;
-}
 
 // Components of a twist, and the turn of a machine that moves in a plane.
 const TWIST = ["rx", "ry", "rz", "x", "y", "z"];
@@ -54,7 +46,7 @@ export class Readings extends Formulas {
       symmetric: { ...asymmetries, "+": asymmetries.A }, singularity: this.distance(m), legs: this.legs(m),
         moved: this.moved(m, state),
       modes: state.mode === null ? null : { missing: "Modes are computed by `cartstiff view`." },
-      softest: found && { ...found, which: this.which(found.direction, true) }, apart: apart(shown),
+      softest: found && { ...found, which: this.which(found.direction, true) },
       verdict: this.verdict(numbers?.definiteness, notes, state, m), doubts: this.doubts(notes, state),
     };
     if (own.length) answer.own = Object.fromEntries(own.map((name) => [name, shown[name]]));
