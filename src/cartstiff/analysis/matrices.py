@@ -115,11 +115,10 @@ def definiteness(
 ) -> Definiteness:
     """Name the signs of eigenvalues; a share `zero` of the largest counts as zero."""
     # Called for every posture of a page: on a few floats NumPy takes ten times as long.
-    values: list[float] = (
-        cast(list[float], eigenvalues)
-        if isinstance(eigenvalues, list)
-        else real_array(eigenvalues).tolist()
-    )
+    values = eigenvalues
+    if not isinstance(values, list):
+        values = real_array(values).tolist()
+    values = cast(list[float], values)
     low, high = min(values, default=0.0), max(values, default=0.0)
     if low > max(0.0, zero * high):
         return "positive"
