@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -370,17 +370,25 @@ class _Question:
 
     # -- by the recorded arithmetic
 
-    def _exact(self) -> tuple[dict[str, float], str]:
-        """Exact derivatives by name, and the reason why there is none."""
-        self._is_kink = False
+    @cached_property
+    def _arithmetic(self) -> tuple[Recorded, Differentiated] | str:
+        """What is recorded, or the reason why nothing is."""
         lengths = tuple(c.is_length for c in self.mechanism.coordinates)
         recorded = Recorded.of(self.parameters, self.state, with_payload=True)
         if isinstance(recorded, str):
-            return {}, f"nothing is recorded: {recorded}"
+            return f"nothing is recorded: {recorded}"
         try:
             program = _program(recorded.case, self.asked, lengths, self.state is not None)
         except KeyError as missing:
-            return {}, f"nothing is recorded: {missing.args[0]} is not among its outputs"
+            return f"nothing is recorded: {missing.args[0]} is not among its outputs"
+        return recorded, program
+
+    def _exact(self) -> tuple[dict[str, float], str]:
+        """Exact derivatives by name, and the reason why there is none."""
+        self._is_kink = False
+        if isinstance(self._arithmetic, str):
+            return {}, self._arithmetic
+        recorded, program = self._arithmetic
         found = program.at(recorded.given)
         if found is None:
             return {}, "the posture is not plainly regular"
