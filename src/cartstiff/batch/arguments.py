@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from itertools import pairwise
 from math import prod
 
@@ -98,7 +99,13 @@ def checked_count(what: str, value: object) -> int | None:
 
 def shape_of(name: str, count: int, n: int, legs: int = 0) -> tuple[int, ...]:
     """Shape of an output at `count` postures of n coordinates."""
-    sizes: dict[str, tuple[int, ...]] = {
+    return (count, *_sizes(n, legs).get(name, (6, 6)))
+
+
+@lru_cache(maxsize=64)
+def _sizes(n: int, legs: int) -> dict[str, tuple[int, ...]]:
+    """Shapes of outputs at one posture that are no matrices (6, 6)."""
+    return {
         "pose": (4, 4),
         "jacobian": (6, n),
         "wrench": (6,),
@@ -110,7 +117,6 @@ def shape_of(name: str, count: int, n: int, legs: int = 0) -> tuple[int, ...]:
         LEGS: (legs,),
         LINES: (legs, 6),
     }
-    return (count, *sizes.get(name, (6, 6)))
 
 
 def arrays_for(

@@ -255,7 +255,8 @@ class Stack:
             for array in self.arrays.values():
                 array[doubtful[left]] = np.nan
             doubtful = doubtful[~left]
-        self.analyse(doubtful)
+        if len(doubtful):
+            self.analyse(doubtful)
         return len(doubtful)
 
     def _clear_unbalanced(self, taken: TracedModel, which: Indices) -> None:

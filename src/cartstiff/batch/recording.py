@@ -164,7 +164,9 @@ class Recording:
         are read from.
         """
         own, settings, elastic = self._own, self._own.settings, self.elastic
-        names = recordable(elastic, case, own.quantities) if reads else ()
+        names: tuple[str, ...] = ()
+        if reads and own.quantities:
+            names = recordable(elastic, case, own.quantities)
         if "payload" in self.inputs:  # the masses of vibrations are constants
             names = tuple(name for name in names if name not in FREQUENCIES)
         few = tuple(name for name in names if name not in FREQUENCIES)

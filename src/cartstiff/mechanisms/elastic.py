@@ -155,7 +155,7 @@ class ElasticMechanism(ShownInLines):
             return True
         return bool(self.illustrative)
 
-    @property
+    @cached_property
     def illustrative(self) -> frozenset[str]:
         """Names of the springs that the file calls illustrative,
         and that were not replaced.
@@ -175,7 +175,7 @@ class ElasticMechanism(ShownInLines):
             }
         return frozenset(name for name, has_spring in sprung if has_spring) - known
 
-    @property
+    @cached_property
     def assumed_springs(self) -> frozenset[str]:
         """Names of the springs whose stiffness was assumed, as none was given."""
         return frozenset(
@@ -185,7 +185,7 @@ class ElasticMechanism(ShownInLines):
             for name in note.values.get("joints", ())  # type: ignore[attr-defined]
         )
 
-    @property
+    @cached_property
     def springs_in_doubt(self) -> str:
         """Which springs nobody measured, in words for a picture; "" if there are none."""
         assumed = self.assumed_springs
@@ -331,9 +331,8 @@ class ElasticMechanism(ShownInLines):
         else:
             values = self.q if q is None else mechanism.checked(q, what)
         posture = mechanism.closed(values, named=named)
-        elastic = (
-            self if np.array_equal(values, self.q) else self._with_given(values, named)
-        )
+        is_own = values.tolist() == self.q.tolist()
+        elastic = self if is_own else self._with_given(values, named)
         return elastic.with_notes(*mechanism.adjusted(values, posture.q, named)), posture
 
     def _with_given(self, values: Array, named: Sequence[int] | None) -> ElasticMechanism:

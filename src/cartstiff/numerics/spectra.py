@@ -68,8 +68,21 @@ def eigenvalues(
     return result.reshape(a.shape)
 
 
+def is_positive(matrix: Array) -> bool:
+    """Whether the symmetric part of one matrix is plainly positive definite: it has a
+    Cholesky factor, which takes a fourth of the time of eigenvalues.
+    """
+    try:
+        np.linalg.cholesky(0.5 * (matrix + matrix.T))
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
 def is_never_negative(matrix: Array) -> bool:
     """Whether one symmetric matrix has no negative one of its `eigenvalues`."""
+    if is_positive(matrix):
+        return True
     least, *_, most = np.linalg.eigvalsh(0.5 * (matrix + matrix.T)).tolist()
     return bool(least >= -ZERO_SHARE * max(-least, most))
 

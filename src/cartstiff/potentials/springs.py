@@ -704,7 +704,12 @@ class JointSprings(Springs):
                 rest[j] = posture.q[j] - law.deflection_for(float(forces[j]))
                 chosen[j] = False
         rest[chosen] = posture.q[chosen] - forces[chosen] / self.stiffness[chosen]
-        return replace(self, rest=rest)
+        rest.flags.writeable = False
+        # All else has been checked, and every posture of an arm comes here.
+        own = object.__new__(JointSprings)
+        vars(own).update(vars(self), rest=rest)
+        vars(own).pop("is_complete", None)
+        return own
 
 
 def unheld(joint: str, torque: str, others: Collection[str]) -> InputError:

@@ -714,7 +714,7 @@ class PostureStiffness(LabelledResult):
     @cached_property
     def _natural(self) -> Array:
         """Natural sizes of the six twist components."""
-        return np.repeat([1.0, self.length], 3)
+        return np.array([1.0] * 3 + [self.length] * 3)
 
     @cached_property
     def jacobian(self) -> Array | None:

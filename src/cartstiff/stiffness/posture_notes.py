@@ -150,7 +150,7 @@ def indefinite(
     K = reduction.reachable_stiffness if tangent is None else tangent * sizes
     C = None if compliance is None else compliance / sizes
     pair = [M for M in (K, C) if M is not None]
-    if any(numerics.asymmetry(M) for M in pair):
+    if any(numerics.asymmetry(M) for M in pair) or all(map(numerics.is_positive, pair)):
         return []
     spectra = [numerics.eigenvalues(M) for M in pair]
     negative = max(

@@ -239,7 +239,7 @@ def reduce_to(
         lead; None if none was found. Without it all of up to six free motions are
         expected to move the output.
     """
-    rows, columns = np.repeat([1.0, 1.0 / length], 3), coordinate_lengths
+    rows, columns = np.array([1.0] * 3 + [1.0 / length] * 3), coordinate_lengths
     with numerics.one_thread(len(columns)):
         H = energy.hessian * columns[:, None] * columns
         # What is left of springs that cancel along a coordinate is no stiffness.
@@ -361,7 +361,7 @@ def balance(
             np.abs(J).max() * np.abs(given).sum() + np.abs(g).max()
         )
         roundoff = np.abs(N.T) @ (rounded + numerics.ROUNDOFF * stiff)
-        if np.all(np.abs(missed) <= numerics.NEGLIGIBLE_FORCE * size + roundoff):
+        if (np.abs(missed) <= numerics.NEGLIGIBLE_FORCE * size + roundoff).all():
             w = given
         else:
             note = Note("wrench-ignored", _IGNORED, {"difference": missed.tolist()})
