@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import shutil
 import subprocess
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import msgpack
@@ -41,6 +43,8 @@ from tests.inner import (
     sine,
     square_root,
 )
+from tests.inputs.test_every_key import PLATFORM
+from tests.mechanisms.machines import write_file
 
 import cartstiff
 from cartstiff import UndefinedError, analyse_many
@@ -448,8 +452,6 @@ def test_a_closed_chain_is_assembled_led_and_swept_as_by_the_library(name):
     whole = json.loads(json.dumps(cartstiff.analyse(elastic, q).to_dict()))
     for key in ("stored_energy", "legs"):
         whole.pop(key, None)
-    if made.data["drives"] is None:
-        whole.pop("forces")  # statics alone does not say what its drives carry
     same(found, whole)
     assert np.abs(mechanism.closed(found["q"]).q - found["q"]).max() < 1e-12
     goal = json.dumps(cartstiff.analyse(elastic, q).pose.tolist())
@@ -648,8 +650,50 @@ def test_forces_of_drives_and_task_axes_are_those_of_the_command(name):
             np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9 * np.abs(theirs).max())
 
 
-def test_what_a_file_does_not_compute_is_no_number_of_another_posture():
-    """Flexible forearms share the load with the drives: no forces, rather than those at home."""
-    _, made = program_of("delta")
-    assert "forces" not in made.data["base"]
-    assert "legs" not in made.data["base"]
+def with_efforts(name: str, most: float) -> Any:
+    """A mechanism whose drives exert so much at most, in either direction."""
+    elastic = cartstiff.load(name)
+    drives = (elastic.names[j] for j in elastic.mechanism.actuated)
+    return dataclasses.replace(elastic, efforts=dict.fromkeys(drives, (-most, most)))
+
+
+def limited_platform(folder: Path, rest: float | None) -> Any:
+    """A body on six legs that carry -10 to 20 kN."""
+    legs = {"stiffness": 1e5, "force": [-1e4, 2e4]}
+    legs |= {} if rest is None else {"rest_length": rest}
+    return cartstiff.load(write_file(folder, **(PLATFORM | {"legs": legs})))
+
+
+#: Mechanisms whose limits of forces the loads below pass, see `SIZES`.
+STRAINED = {
+    "ur5 with its weight": lambda _: cartstiff.load("ur5").with_gravity(),
+    "panda": lambda _: cartstiff.load("panda"),
+    "xarm7, wound up": lambda _: cartstiff.load("xarm7"),
+    "five-bar": lambda _: with_efforts("five-bar", 1.0),
+    "4-rrr": lambda _: with_efforts("4-rrr", 1.0),
+    "delta": lambda _: with_efforts("delta", 0.01),
+    "platform, no rest lengths": lambda folder: limited_platform(folder, None),
+    "platform, rest lengths": lambda folder: limited_platform(folder, 0.9),
+}
+SIZES = {"delta": 0.02, "panda": 20.0, "ur5 with its weight": 60.0, "xarm7, wound up": 2e3}
+
+
+@pytest.mark.parametrize("name", STRAINED)
+def test_forces_beyond_their_limits_are_told_as_by_the_library(name, tmp_path):
+    """Also where the weight acts, where drives are more than motions, and where links bend."""
+    elastic = STRAINED[name](tmp_path)
+    made = browser_program(elastic, cartstiff.analyse(elastic))
+    assert isinstance(made, BrowserProgram), made
+    platform = elastic.mechanism.coordinates_are_pose
+    size = SIZES.get(name, 1e4 if platform else 5.0)
+    wrench = size * np.array([0.1, -0.2, 0.05, 3.0, -5.0, -10.0])
+    at = [ViewState(q=elastic.q.tolist(), load=load) for load in (None, tuple(wrench))]
+    answered = asked_of(made, at, "program.result(state)")
+    count = 0
+    for found, load in zip(answered, (None, wrench), strict=True):
+        expected = json.loads(json.dumps(cartstiff.analyse(elastic, wrench=load).to_dict()))
+        same(found["forces"], expected["forces"])
+        same(found["notes"], expected["notes"])
+        count += any(note["code"] == "force-limits" for note in found["notes"])
+    assert count
+    assert "legs" in made.data["base"] or not platform

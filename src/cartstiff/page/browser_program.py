@@ -30,6 +30,7 @@ from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.gravity_loads import gravity_loads
 from cartstiff.mechanisms.limits import (
     MAX_RELATIVE_DEFLECTION,
+    MAX_WIND_UP,
     Limits,
     stretch_is_doubted,
 )
@@ -54,6 +55,7 @@ _NAMES = (
     "length",
     "frames",
     "tensions",
+    "torques",
     "motions",
     "actuation",
     "leg_lengths",
@@ -220,9 +222,8 @@ def _unsupported(elastic: ElasticMechanism) -> str | None:
         return "intervals of measured springs come from the library"
     if springs is not None and springs.unilateral:
         return "its cables may be slack"
-    is_limited = mechanism.quantities() or mechanism.tension_limits is not None
-    if mechanism.coordinates_are_pose and is_limited:
-        return "its legs have limits besides their lengths"
+    if mechanism.coordinates_are_pose and mechanism.quantities():
+        return "its legs have limits besides their lengths and forces"
     if springs is None:
         return "it has no springs of its own"
     return None
@@ -249,20 +250,10 @@ def _shared_words() -> dict[str, Any]:
     }
 
 
-def _carrying(
-    elastic: ElasticMechanism, result: PostureStiffness
-) -> list[dict[str, Any]] | None:
-    """The drives with their limits, if statics alone says what they carry: as many as
-    motions, nothing but springs, and no weight.
+def _drives(elastic: ElasticMechanism, result: PostureStiffness) -> list[dict[str, Any]]:
+    """The drives of joints, legs and lines, whose forces the formulas have at their
+    coordinates, with limits and words.
     """
-    mechanism, freedoms = elastic.mechanism, len(elastic.names)
-    if mechanism.closures:
-        freedoms = result.reduction.rank
-    weighs = elastic.gravity is not None and any(mechanism.masses().values())
-    others = elastic.parted_terms()[1] or len(elastic.potentials) > 1
-    names = {one.name for one in result.forces}
-    if weighs or others or len(names) != freedoms or names - {*elastic.spring_names}:
-        return None
     order = {name: i for i, name in enumerate(elastic.spring_names)}
     return [
         {
@@ -271,8 +262,11 @@ def _carrying(
             "coordinate": order[one.name],
             "least": plain(one.least),
             "most": plain(one.most),
+            "called": one.called,
+            "unit": elastic.units.effort(one.is_length),
         }
-        for one in sorted(result.forces, key=lambda one: order[one.name])
+        for one in sorted(result.forces, key=lambda one: order.get(one.name, -1))
+        if one.name in order
     ]
 
 
@@ -281,13 +275,13 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
     limits = Limits(mechanism)
     chart = [note for note in result.notes if note.code == "kf-undefined"]
     # What a page as a file does not compute must not stay that of this posture. It finds
-    # legs of platforms, forces of drives that alone carry the load, and the stiffness in
-    # the task axes of this posture.
+    # legs of platforms, forces of joints and legs, and the stiffness in the task axes of
+    # this posture.
     base = result.to_dict()
     if not mechanism.coordinates_are_pose:
         base.pop("legs", None)
-    drives = _carrying(elastic, result)
-    if drives is None:
+    drives = _drives(elastic, result)
+    if len(drives) < len(result.forces):
         base.pop("forces", None)
     described = {
         "platform": mechanism.coordinates_are_pose,
@@ -322,7 +316,7 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
     }
     for key, is_loaded in (("rest_notes", False), ("loaded_rest_notes", True)):
         described[key] = [note.to_dict() for note in preload_notes(elastic, is_loaded)]
-    described["reach"] = result.posture.length
+    described |= {"reach": result.posture.length, "doubted": _doubted(elastic)}
     if mechanism.coordinates_are_pose:
         bounds = [list(pair) for pair in mechanism.bounds.values()]
         described |= {
@@ -331,7 +325,6 @@ def _description(elastic: ElasticMechanism, result: PostureStiffness) -> dict[st
             "length": float(result.posture.length),
             "T_P_M": mechanism.frame_offset.tolist(),
             "leg_limits": bounds or None,
-            "doubted": _doubted_legs(elastic),
         }
     return described
 
@@ -353,17 +346,22 @@ def _always_illustrative(elastic: ElasticMechanism) -> bool:
     return elastic.is_illustrative and others
 
 
-def _doubted_legs(elastic: ElasticMechanism) -> dict[str, Any] | None:
-    """The legs whose stretch is doubted from a share of their length on, with units."""
-    springs, units = elastic.springs, elastic.units
-    if springs is None:
-        return None
-    doubted = stretch_is_doubted(elastic.mechanism, springs)
-    return {
-        "rest_is_open": bool(np.isnan(springs.rest).any()),
-        "legs": np.flatnonzero(doubted).tolist(),
+def _doubted(elastic: ElasticMechanism) -> dict[str, Any]:
+    """What `cartstiff.mechanisms.limits.deflection_notes` doubts, with units: joints that
+    wind up, and tips that move, or legs that stretch by a share of their length.
+    """
+    springs: Any = elastic.springs
+    mechanism, units = elastic.mechanism, elastic.units
+    doubted = {
         "share": MAX_RELATIVE_DEFLECTION,
         "names": list(elastic.spring_names),
         "force": units.force,
-        "spring": units.spring(True),
+        "moment": units.moment,
+        "springs": [units.spring(False), units.spring(True)],
     }
+    if not mechanism.coordinates_are_pose:
+        undriven, reach = sorted(mechanism.undriven), mechanism.reach or 0.0
+        return doubted | {"turn": MAX_WIND_UP, "undriven": undriven, "reach": reach}
+    legs = np.flatnonzero(stretch_is_doubted(mechanism, springs)).tolist()
+    rest_is_open = bool(np.isnan(springs.rest).any())
+    return doubted | {"legs": legs, "rest_is_open": rest_is_open}

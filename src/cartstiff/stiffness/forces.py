@@ -48,6 +48,11 @@ class DriveForce(NamedTuple):
     most: float = np.inf
 
     @property
+    def called(self) -> str:
+        """With what it is, as a limit's note calls it."""
+        return f"{('torque', 'force')[self.is_length]} of {self.name}"
+
+    @property
     def margin(self) -> float:
         """Distance to the nearest limit, below zero beyond; infinite without limits."""
         return min(self.force - self.least, self.most - self.force)
@@ -147,7 +152,7 @@ def force_notes(
     largest = max((abs(one.force) for one in forces if one.force == one.force), default=0)
     beyond = [
         (
-            f"{('torque', 'force')[one.is_length]} of {one.name}",
+            one.called,
             one.force,
             elastic.units.effort(one.is_length),
             one.least,

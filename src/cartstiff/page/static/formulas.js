@@ -154,7 +154,7 @@ export class Formulas {
       q, asked, straight, hessians: inputs.segment_hessians, pose: found("pose", 4), J: found("jacobian", this.n),
         W: found("wrench"), energy: found("energy")[0],
       frames: frames(found("frames")), ...legsOf(found), tensions: found("tensions"),
-        length: found("length")?.[0] ?? this.data.length,
+        torques: found("torques"), length: found("length")?.[0] ?? this.data.length,
       given: Boolean(state.load?.some((x) => x)), stiffness: inputs.stiffness ?? this.data.shared.stiffness,
       ...(state.load || mayBeLoaded ? { at: actsAt(state), kind: state.load_kind } : { at: [0, 0, 0], kind: "dead" }),
     };

@@ -12,6 +12,7 @@ export const RANK = 1e-10;
 export const REPORTED_ERROR = 1e-9;
 export const ROUNDOFF = 1e-12;
 export const SMALLEST_STEP = 1e-16;
+export const STALLED_RESIDUAL = 1e-11;
 export const SYMMETRY = 1e-9;
 export const UNCOUPLED = 1e-10;
 export const ZERO_SHARE = 1e-13;

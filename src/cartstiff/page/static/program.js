@@ -1,6 +1,6 @@
 // Answers without a server: formulas, the numbers that are read from them, and here notes, verdict and doubts.
 
-import { eigen, general, largest, product, scaled, transposed } from "./algebra.js";
+import { eigen, general, largest, place, product, scaled, transposed } from "./algebra.js";
 import { engineering } from "./dom.js";
 import { LIMIT_SLACK, NEAR_SINGULARITY, NEGLIGIBLE_DIFFERENCE, SYMMETRY, ZERO_SHARE } from "./numerics.js";
 import { asymmetry, inFrame, turnsBy } from "./principal.js";
@@ -37,8 +37,8 @@ export class Program extends Readings {
         values: { singular_values: values, ...size, directions: all.slice(-weak)
           .map((v) => v.map((x, i) => x * m.sizes[i])) } });
     }
-    notes.push(...this.beyond(m), ...this.stretched(m), ...(m.given ? data.loaded_rest_notes : data.rest_notes),
-      ...this.indefinite(m), ...data.last_notes);
+    notes.push(...this.beyond(m), ...this.overloaded(m), ...this.implausible(m),
+      ...(m.given ? data.loaded_rest_notes : data.rest_notes), ...this.indefinite(m), ...data.last_notes);
     return notes;
   }
 
@@ -69,22 +69,47 @@ export class Program extends Readings {
       values: { ...note.values, joints } }] : [];
   }
 
-  /** Legs that the load stretches implausibly; where rest lengths were given and no load was, the stretch is meant. */
+  /** The note on what a load deflects implausibly, as `cartstiff.mechanisms.limits.deflection_notes`. */
+  implausible(m) {
+    const [words, values, unit] = this.data.platform ? this.stretched(m) : this.woundUp(m);
+    return words.length ? [{ code: "implausible-deflection", values,
+      message: `${words.join("; ")}. Is the load meant, and the unit of the springs (${unit})?` }] : [];
+  }
+
+  /** Legs that a load stretches; where rest lengths were given and no load was, the stretch is meant. */
   stretched(m) {
-    const { doubted, length_unit: unit } = this.data;
-    if (!doubted || !(doubted.rest_is_open || m.given)) return [];
-    const { lengths } = m;
-    const stretch = m.tensions.map((tension, i) => tension / m.stiffness[i]);
-    const long = doubted.legs.filter((i) => Math.abs(stretch[i]) > doubted.share * lengths[i])
-      .sort((a, b) => Math.abs(stretch[b]) - Math.abs(stretch[a]));
-    if (!long.length) return [];
-    const size = (x, of) => engineering(Math.abs(x), of, 3);
-    const words = long.slice(0, 3)
-      .map((i) => `${doubted.names[i]} changes its length of ${size(lengths[i], unit)} by ${size(stretch[i], unit)} `
-      + `under ${size(m.tensions[i], doubted.force)}, at ${size(m.stiffness[i], doubted.spring)}`);
-    return [{ code: "implausible-deflection",
-      message: `${words.join("; ")}. Is the load meant, and the unit of the springs (1 N/um is 1e6 N/m)?`,
-      values: { stretch: Object.fromEntries(long.map((i) => [doubted.names[i], stretch[i]])) } }];
+    const { doubted: { rest_is_open: isOpen, legs, share, names, force, springs }, length_unit: unit } = this.data;
+    const { lengths, tensions } = m;
+    const stretch = tensions.map((tension, i) => tension / m.stiffness[i]);
+    const isLong = (i) => (isOpen || m.given) && Math.abs(stretch[i]) > share * lengths[i];
+    const long = bySize(stretch, legs.filter(isLong));
+    const words = long.slice(0, 3).map((i) => `${names[i]} changes its length of ${sized(lengths[i], unit)} by `
+      + `${sized(stretch[i], unit)} under ${sized(tensions[i], force)}, at ${sized(m.stiffness[i], springs[1])}`);
+    return [words, { stretch: Object.fromEntries(long.map((i) => [names[i], stretch[i]])) }, "1 N/um is 1e6 N/m"];
+  }
+
+  /** Joints that a load winds up, and how far it moves the tip of an arm. */
+  woundUp(m) {
+    const { doubted: { turn, undriven, share, reach, names, moment, springs }, are_lengths: slides } = this.data;
+    const wound = m.torques.map((x, j) => (x === 0 || undriven.includes(j) ? 0 : -x / m.stiffness[j]));
+    const angles = wound.map((x, j) => (slides[j] ? 0 : Math.abs(x)));
+    const most = bySize(angles, [...angles.keys()].filter((j) => angles[j] > turn));
+    const turned = angles.map((x) => general((x * 180) / Math.PI, 3));
+    const words = most.slice(0, 3).map((j) => `joint '${names[j]}' winds up by ${turned[j]} deg under `
+      + `${sized(m.torques[j], moment)}, at ${sized(m.stiffness[j], springs[0])}`);
+    if (most.length > 3) words.push(`${most.slice(3).map((j) => names[j]).join(", ")}: more than 5 deg`);
+    const values = { wind_up: Object.fromEntries(most.map((j) => [names[j], wound[j]])) };
+    const isSmall = !slides.some(Boolean) && angles.reduce((sum, x) => sum + x, 0) <= turn;
+    if (reach && !isSmall) {
+      const there = this.run("free", { q: m.q.map((x, j) => x - wound[j]) })("pose", 4);
+      const moved = Math.hypot(...place(m.pose).map((x, i) => x - there[i][3]));
+      if (moved > share * reach) {
+        const [way, whole] = [moved, reach].map((x) => sized(x, this.data.length_unit));
+        words.push(`the tip moves by ${way}, its reach is ${whole}`);
+        Object.assign(values, { moved, reach });
+      }
+    }
+    return [words, values, "1 N m/arcmin is 3438 N m/rad"];
   }
 
   /**
@@ -117,21 +142,20 @@ export class Program extends Readings {
 
   beyond(m) {
     const { names, columns, lower, upper } = this.data.limits;
-    const words = [];
-    const values = {};
-    let degrees = false;
-    this.limited(m).forEach((x, i) => {
-      const slack = LIMIT_SLACK * Math.max(1, Math.abs(x));
-      const [low, high] = [lower[i] ?? -Infinity, upper[i] ?? Infinity];
-      if (x >= low - slack && x <= high + slack) return;
-      const unit = this.unit(columns[i]);
-      const text = (y) => (Number.isFinite(y) ? general(y, 6) : y > 0 ? "inf" : "-inf");
-      words.push(`${names[i]} is at ${text(x)} ${unit}, its limits are ${text(low)} and ${text(high)}`);
-      degrees ||= unit === "rad" && Math.abs(x) > 2 * Math.PI;
-      values[names[i]] = { value: x, lower: lower[i], upper: upper[i] };
-    });
-    return words.length ? [{ code: "beyond-limits", message: `beyond limits: ${words.join("; ")}${degrees
-      ? ". Degrees? Angles are in radians" : ""}`, values }] : [];
+    const found = this.limited(m).map((value, i) =>
+      ({ name: names[i], value, unit: this.unit(columns[i]), lower: lower[i], upper: upper[i] }))
+      .filter((one) => isBeyond(one, LIMIT_SLACK * Math.max(1, Math.abs(one.value))));
+    const degrees = found.some(({ value, unit }) => unit === "rad" && Math.abs(value) > 2 * Math.PI);
+    return noteBeyond("beyond-limits", found, degrees ? ". Degrees? Angles are in radians" : "");
+  }
+
+  /** The note on forces of drives beyond their limits, as `cartstiff.stiffness.forces.force_notes`. */
+  overloaded(m) {
+    const words = new Map(this.data.drives.map((one) => [one.name, one]));
+    const found = this.forces(m).map(({ name, force, least, most }) =>
+      ({ name: words.get(name).called, value: force, unit: words.get(name).unit, lower: least, upper: most }));
+    const slack = LIMIT_SLACK * largest([found.map(({ value }) => value)]);
+    return noteBeyond("force-limits", found.filter((one) => isBeyond(one, slack)));
   }
 
   /** The first rule of `cartstiff.answer.verdict` whose facts hold. */
@@ -166,4 +190,19 @@ export class Program extends Readings {
     const codes = [...notes.map(({ code }) => code), ...(remains ? ["springs-illustrative"] : [])];
     return codes.filter((code) => weights.includes(code)).toSorted((a, b) => weights.indexOf(a) - weights.indexOf(b));
   }
+}
+
+const sized = (x, unit) => engineering(Math.abs(x), unit, 3);
+const bySize = (values, which) => which.toSorted((a, b) => Math.abs(values[b]) - Math.abs(values[a]));
+
+const isBeyond = ({ value, lower, upper }, slack) => value < (lower ?? -Infinity) - slack
+  || value > (upper ?? Infinity) + slack;
+
+/** As `cartstiff.mechanisms.limits.note_beyond`. */
+function noteBeyond(code, found, more = "") {
+  if (!found.length) return [];
+  const words = found.map(({ name, value, unit, lower, upper }) => `${name} is at ${general(value, 6)} ${unit}, its `
+    + `limits are ${lower === null ? "-inf" : general(lower, 6)} and ${upper === null ? "inf" : general(upper, 6)}`);
+  return [{ code, message: `beyond limits: ${words.join("; ")}${more}`,
+    values: Object.fromEntries(found.map(({ name, value, lower, upper }) => [name, { value, lower, upper }])) }];
 }

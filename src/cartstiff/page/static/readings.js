@@ -3,7 +3,7 @@
 import { adjoint, block, congruence, cross, dot, eigen, identity, inverse, largest, motion, place, plus, product,
   rotation, scaled, scaledInverse, symmetric, times, transposed } from "./algebra.js";
 import { Formulas, rows } from "./formulas.js";
-import { ROUNDOFF, ZERO_SHARE } from "./numerics.js";
+import { PRINTED_AS_ZERO, ROUNDOFF, STALLED_RESIDUAL, ZERO_SHARE } from "./numerics.js";
 import { asymmetry, definiteness, inFrame, principalValues, softest, turnsBy } from "./principal.js";
 import { directionWords } from "./words.js";
 
@@ -79,17 +79,17 @@ export class Readings extends Formulas {
     return found;
   }
 
-  /** What drives carry, by statics alone, with their limits, the most loaded first. */
+  /** What drives carry, with their limits, the most loaded first, as `cartstiff.stiffness.forces.forces_of`. */
   forces(m) {
-    const { drives } = this.data;
-    let carried = m.tensions;
-    if (!carried) {
-      const N = drives.map(({ coordinate }) => (m.N ? m.N[coordinate] : identity(this.n)[coordinate]));
-      carried = times(inverse(transposed(N)), times(transposed(m.J), m.W)).map((x) => -x);
-    }
-    const least = ROUNDOFF * largest([carried]);
-    const found = drives.map(({ name, is_length: isLength, least: low, most: high }, i) => {
-      const force = Math.abs(carried[i]) > least ? carried[i] : 0;
+    const { drives, closing, platform } = this.data;
+    const carried = m.tensions ?? m.torques;
+    const most = Math.max(...drives.map(({ coordinate: j }) => Math.abs(carried[j])));
+    // Without a load, springs have what rounding leaves of their own sizes.
+    const rounding = drives.map(({ coordinate: j }) => m.stiffness[j] * (platform ? m.length : m.sizes[j]));
+    const isNoise = most <= (closing ? STALLED_RESIDUAL : PRINTED_AS_ZERO) * Math.max(...rounding);
+    const found = drives.map(({ name, is_length: isLength, coordinate, least: low, most: high }) => {
+      const own = carried[coordinate];
+      const force = isNoise || Math.abs(own) <= PRINTED_AS_ZERO * most ? 0 : own;
       const margin = Math.min(force - (low ?? -Infinity), (high ?? Infinity) - force);
       const middle = (low > 0 && high !== null) || (high < 0 && low !== null) ? (low + high) / 2 : 0;
       const limit = force < middle ? low : high;
