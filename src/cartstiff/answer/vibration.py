@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,10 +23,16 @@ from cartstiff.answer.posture import load_of
 from cartstiff.choices import AXES_WORDS, ORDERS
 from cartstiff.errors import one_line
 from cartstiff.units import Units, convert_length
-from cartstiff.vibration.controllers import Impedance
-from cartstiff.vibration.modes import Modes
-from cartstiff.vibration.response import FrequencyResponse
-from cartstiff.vibration.sensitivities import Accuracy, FrequencyInterval, Sensitivities
+
+if TYPE_CHECKING:
+    from cartstiff.vibration.controllers import Impedance
+    from cartstiff.vibration.modes import Modes
+    from cartstiff.vibration.response import FrequencyResponse
+    from cartstiff.vibration.sensitivities import (
+        Accuracy,
+        FrequencyInterval,
+        Sensitivities,
+    )
 
 #: Size for the round-off of components of unit vectors, so that those below 1e-9 are 0.
 COSINES = numerics.REPORTED_ERROR / numerics.PRINTED_AS_ZERO

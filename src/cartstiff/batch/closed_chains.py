@@ -658,16 +658,15 @@ def _samples(chain: Chain, q: Array) -> list[Array]:
 
 
 def _rows(
-    constants: TreeConstants, samples: Sequence[Array], held: Sequence[int] = ()
+    constants: TreeConstants, trees: Sequence[Kinematics], held: Sequence[int]
 ) -> tuple[tuple[tuple[int, ...], ...], list[Array], int] | None:
     """Rows of each closure that make all closures independent; None if the rank differs.
 
-    Also the matrix of these rows at the samples, without columns of held coordinates, and
+    Also the matrix of these rows of each tree, without columns of held coordinates, and
     the number of rows that are not zero.
     """
     every, names = list[Array](), list[tuple[int, int]]()
-    for at in samples:
-        tree = Kinematics(constants, at.astype(object))
+    for tree in trees:
         rows = list[Array]()
         names = []
         for k, tie in enumerate(constants.ties):
@@ -713,7 +712,7 @@ def _independent(
     # Choose dependent coordinates among those that are not held, if possible.
     weights = np.where(np.isin(moving, held), 1e-3, 1.0)
     dependent = numerics.first_independent(closures[0] * weights)
-    free = np.setdiff1d(np.arange(len(moving)), dependent)
+    free = np.delete(np.arange(len(moving)), dependent)
     each = (C[:, dependent] for C in closures)
     is_regular = all(numerics.is_regular(numerics.singular_values(C)) for C in each)
     return tuple(moving[free].tolist()) if is_regular else ()
@@ -744,15 +743,16 @@ def closed_case(
     samples = _samples(chain, elastic.q)
     rigid = tuple(sorted(chain.rigid))
     held = tuple(j for j in chain.held if j not in rigid)
+    trees = [Kinematics(constants, at.astype(object)) for at in samples]
     free, shut = (
-        _rows(constants, samples, some) if samples else None
+        _rows(constants, trees, some) if trees else None
         for some in (rigid, (*held, *rigid))
     )
     if free is None or shut is None:
         return "the closures have no rank that most postures share"
     rows, closures, acting = free
     n, rank = len(constants.is_length), sum(map(len, rows))
-    moving = np.setdiff1d(np.arange(n), rigid)
+    moving = np.delete(np.arange(n), rigid)
     freedoms = len(moving) - rank
     if not freedoms:
         return "no joint gives"

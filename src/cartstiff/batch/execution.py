@@ -14,11 +14,10 @@ import math
 import os
 import re
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache, lru_cache
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +25,9 @@ from cartstiff.batch.arguments import address_of, aligned_empty
 from cartstiff.batch.tape import Program
 from cartstiff.batch.vector_code import LONGEST, input_arrays, scratch_size, vector_code
 from cartstiff.geometry.se3 import Array
+
+if TYPE_CHECKING:
+    from concurrent.futures import ThreadPoolExecutor
 
 #: Postures per chunk: many enough to hide the cost of a call, few enough for the cache.
 CHUNK = 768
@@ -310,6 +312,8 @@ def lanes() -> int:
 
 @lru_cache(maxsize=4)
 def _pool(threads: int) -> ThreadPoolExecutor:
+    from concurrent.futures import ThreadPoolExecutor  # only sweeps need it
+
     return ThreadPoolExecutor(threads, thread_name_prefix="cartstiff-many")
 
 

@@ -258,14 +258,16 @@ class Sweep:
     @np.errstate(all="ignore")
     def at(self, given: Mapping[str, Array]) -> Swept:
         """The numbers and their derivatives, from input arrays (1, ...) by name."""
-        at, operations, m = self._forwards(given), self._tape.operations, len(self)
-        by = {name: np.zeros((m, row.shape[1])) for name, row in given.items()}
-        # Each number has the weight one in its own row.
-        kinks, adjoint = np.zeros(m, np.intp), dict[int, Any]()
-        rows = np.eye(m) if m > 1 else np.ones(m)
-        for number, row in zip(self._numbers, rows, strict=True):
-            if isinstance(number, Number):
-                adjoint[number.step] = adjoint.get(number.step, 0.0) + row
+        at, operations = self._forwards(given), self._tape.operations
+        # Each number that differs has the weight one in its own row; constants share the
+        # last row, which stays zero.
+        steps = [x.step if isinstance(x, Number) else -1 for x in self._numbers]
+        distinct = dict.fromkeys(step for step in steps if step >= 0)
+        places = {step: i for i, step in enumerate(distinct)}
+        m = len(places)
+        by = {name: np.zeros((m + 1, row.shape[1])) for name, row in given.items()}
+        kinks, rows = np.zeros(m + 1, np.intp), np.eye(m) if m > 1 else np.ones(m)
+        adjoint: dict[int, Any] = dict(zip(places, rows, strict=True))
         # Backwards: a step hands its weight on to its arguments, by its derivatives.
         for step in reversed(self._steps):
             if (w := adjoint.pop(step, None)) is None:
@@ -273,14 +275,14 @@ class Sweep:
             name, arguments, _ = operations[step]
             if name == "input":
                 array, component = self._tape.inputs[arguments[0]]
-                by[array][:, component] = w
+                by[array][:m, component] = w
                 continue
             x = [at[argument] for argument in arguments]
             # A choice hands it to what was taken; where both are equal there is a kink.
             if name in _CHOICES:
                 is_tie = abs(x[0] - x[1]) <= _TIE * max(abs(x[0]), abs(x[1]))
                 if is_tie and not self._active.isdisjoint(arguments[:2]):
-                    kinks += np.not_equal(w, 0.0)
+                    kinks[:m] += np.not_equal(w, 0.0)
                 is_less = x[0] < x[1]
                 taken = 3 - is_less if name == "pick" else is_less
                 parts = [(arguments[taken], w)]
@@ -292,7 +294,9 @@ class Sweep:
                     own = adjoint.get(argument)
                     adjoint[argument] = part if own is None else own + part
         values = np.array([_at(at, x) for x in self._numbers], float)
-        return Swept(values, by, kinks, _at(at, self._verdict))
+        each = [places.get(step, m) for step in steps]
+        by = {name: rows[each] for name, rows in by.items()}
+        return Swept(values, by, kinks[each], _at(at, self._verdict))
 
     def _forwards(self, given: Mapping[str, Array]) -> dict[int, float]:
         """Value of each step; what is not defined is not a number."""

@@ -145,7 +145,7 @@ def main(arguments: list[str] | None = None) -> None:
     """
     # Imports create many permanent objects: to look through them for garbage, while they
     # are made and once more at the end, would take a quarter of a short command.
-    gc.set_threshold(100_000)
+    gc.set_threshold(400_000)
     atexit.register(gc.freeze)
     os.environ.setdefault(
         "PYDANTIC_DISABLE_PLUGINS", "__all__"
