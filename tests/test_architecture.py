@@ -139,8 +139,34 @@ def test_no_file_needs_itself():
     assert not _circles(needs)
 
 
+#: The page that says what is where.
+ARCHITECTURE = PACKAGE.parents[1] / "docs" / "architecture.md"
+
+
+def _named_in(path):
+    """Names that a file defines: of the module, and of its classes as ``Class.name``."""
+    found = set()
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        inner = node.body if isinstance(node, ast.ClassDef) else ()
+        name = getattr(node, "name", "")
+        found |= {name} | {f"{name}.{one.name}" for one in inner if hasattr(one, "name")}
+        targets = [*getattr(node, "targets", ()), getattr(node, "target", None)]
+        found |= {target.id for target in targets if isinstance(target, ast.Name)}
+    return found
+
+
+def test_each_question_leads_to_a_name():
+    """A reader finds the place in two hops: the page, the file."""
+    page = ARCHITECTURE.read_text(encoding="utf-8")
+    table = page.partition("## Where is it?")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| .*\? \| `([\w/]+\.py)` \| `([\w.]+)` \|$", table, re.MULTILINE)
+    assert len(rows) >= 25
+    assert len(rows) == table.count("\n| ") - 1  # all but the head
+    assert not [(file, name) for file, name in rows if name not in _named_in(PACKAGE / file)]
+
+
 def test_files_named_on_the_page_exist():
-    page = (PACKAGE.parents[1] / "docs" / "code-tour.md").read_text(encoding="utf-8")
+    page = ARCHITECTURE.read_text(encoding="utf-8")
     named = re.findall(r"`((?:\w+/)*\w+\.py)`", page)
     roots = (PACKAGE, PACKAGE.parents[1])
     assert len(named) > 40
