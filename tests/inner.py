@@ -122,7 +122,7 @@ HOMES = {
     """,
     "kinematics.platform_assembly": "poses_of_lengths",
     "loading": """
-        catalogue joints leg_schema loading_tables=tables mesh_worker meshes passes
+        bare catalogue joints leg_schema loading_tables=tables mesh_worker meshes passes
         platform_schema readers ros schema urdf visuals xacro_worker yaml_file
     """,
     "loading.assembly": "Assembly Part",

@@ -4,6 +4,9 @@ import json
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.inner import SerialFile, bare, bundled_files, read_yaml
 
 import cartstiff
 from cartstiff import InputError, analyse
@@ -188,3 +191,72 @@ def test_springs_that_were_found_replace_those_by_name(tmp_path):
     _put_joints(holder, elastic, "")
     found = [holder["springs"][f"j{i}"]["stiffness"] for i in range(1, 7)]
     np.testing.assert_allclose(found, [*PUBLISHED[:2], 7.0, *PUBLISHED[3:]], rtol=1e-12)
+
+
+# -- files that need no model ----------------------------------------------------------------------
+
+_VALUES = st.sampled_from(
+    [0.0, -0.0, 2, -3.5, 1e12, 1e300, 1e400, True, None, "rigid", "", "~x", [1]]
+)
+_TRIPLES = st.lists(_VALUES | st.floats(), min_size=2, max_size=4)
+_NAMES = st.sampled_from(["j1", "elbow", "", 3])
+_SPRINGS = st.dictionaries(st.sampled_from(["stiffness", "rest", "damping"]), _VALUES, max_size=3)
+_FILES = st.fixed_dictionaries(
+    {"kind": st.just("serial"), "model": st.sampled_from(["ur5", "a.urdf", "~nobody/a", "", 3])},
+    optional={
+        "name": _VALUES | st.just("x" * 4001),
+        "source": st.just("measured"),
+        "gravity": _TRIPLES | st.none(),
+        "q": st.dictionaries(_NAMES, _VALUES, max_size=2),
+        "springs": st.dictionaries(_NAMES, _SPRINGS, max_size=2) | st.just("kuka"),
+        "passive": st.just([]),
+    },
+)
+
+
+def plainly(value):
+    """Numbers and texts of a file's value, whatever holds them."""
+    if isinstance(value, dict):
+        return {name: plainly(entry) for name, entry in value.items()}
+    if hasattr(value, "xyz"):
+        return [*value.xyz], [*value.rpy]
+    if hasattr(value, "polynomial"):
+        keys = ("stiffness", "rest", "polynomial", "points", "table", "damping")
+        return [repr(getattr(value, key)) for key in keys]
+    return repr([*value] if isinstance(value, (list, tuple)) else value)
+
+
+def assert_same(short, model):
+    own = {*vars(short)}
+    assert {*SerialFile.model_fields} == own - {"model_fields_set", "named_folders"} | {"kind"}
+    for key in SerialFile.model_fields:
+        assert plainly(getattr(short, key)) == plainly(getattr(model, key)), key
+    assert short.model_fields_set - {"kind"} == model.model_fields_set - {"kind"}
+
+
+@given(_FILES)
+def test_a_short_file_is_read_as_its_model_reads_it(data):
+    """What the short way accepts, the model accepts, with the same values."""
+    if (short := bare.short_file(data)) is not None:
+        assert_same(short, SerialFile.model_validate(data))
+
+
+def test_bundled_arms_are_short_files():
+    found = set()
+    for name, path in bundled_files().items():
+        data, _ = read_yaml(path)
+        if (short := bare.short_file(data)) is not None:
+            assert_same(short, SerialFile.model_validate(data))
+            found.add(name)
+    assert {"ur5", "ur10", "panda", "xarm7"} <= found
+
+
+def test_a_robot_alone_has_the_defaults_of_a_file():
+    """With overrides of frame, tool, gravity and packages in the same places."""
+    alone, model = bare.Bare(model="ur5"), SerialFile.model_construct(kind="serial", model="ur5")
+    assert_same(alone, model)
+    more = {"locked": {"elbow_joint": 1.0}, "gravity": [0.0, 0.0, -9.81]}
+    assert_same(alone.model_copy(update=more), model.model_copy(update=more))
+    ros = {"a": "1"}, ["/folder"]
+    assert_same(alone.with_ros(*ros), model.with_ros(*ros))
+    assert alone.with_ros(*ros).named_folders == model.with_ros(*ros).named_folders

@@ -16,6 +16,7 @@ from pydantic import (
 
 from cartstiff.errors import InputError, UnknownNameError, check_name, one_line
 from cartstiff.expressions import Expression, is_name
+from cartstiff.loading.bare import place_of
 from cartstiff.loading.schema import (
     FileModel,
     Number,
@@ -26,7 +27,6 @@ from cartstiff.loading.schema import (
     first_error,
     keyed,
     only_one,
-    place_of,
 )
 from cartstiff.loading.yaml_file import Lines, read_yaml
 

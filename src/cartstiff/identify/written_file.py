@@ -16,9 +16,10 @@ from cartstiff.errors import InputError, one_line
 from cartstiff.geometry import se3
 from cartstiff.identify.identification import Identification, with_result
 from cartstiff.identify.unknowns import ZERO, Unknowns, placement_of
+from cartstiff.loading.bare import place_of, pose_of
 from cartstiff.loading.catalogue import bundled
 from cartstiff.loading.mechanism_file import with_parameters
-from cartstiff.loading.schema import PoseModel, place_of, pose_of
+from cartstiff.loading.schema import PoseModel
 from cartstiff.loading.yaml_file import read_yaml, with_scalars
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.elements import Elements, laws_of

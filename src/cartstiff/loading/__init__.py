@@ -347,10 +347,9 @@ def _path_of(text: str) -> Path:
 
 
 def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMechanism:
-    from cartstiff.loading.mechanism_file import places_in, with_overrides
+    from cartstiff.loading.bare import Bare, places_in, with_overrides
     from cartstiff.loading.passes import one_robot
     from cartstiff.loading.readers import robot_of
-    from cartstiff.loading.schema import SerialFile
 
     where = "XML text" if model.lstrip().startswith("<") else one_line(model)
     if parameters := overrides.get("parameters"):
@@ -360,7 +359,7 @@ def _from_robot(model: str, name: str, overrides: dict[str, Any]) -> ElasticMech
             expected="a .yaml file",
             got=", ".join(parameters),
         )
-    alone = SerialFile.model_construct(kind="serial", model=model)
+    alone = Bare(model=model)
     with places_in(where):
         serial = with_overrides(alone, overrides)
         robot, notes = robot_of(serial, None), list[Note]()
@@ -403,8 +402,8 @@ def from_data(
     data: dict[str, Any], lines: Lines, path: Path, overrides: dict[str, Any]
 ) -> ElasticMechanism:
     """Build the mechanism of a file's data with overrides."""
-    from cartstiff.loading.mechanism_file import checked_file, mechanism_of, places_in
-    from cartstiff.loading.schema import place_of
+    from cartstiff.loading.bare import place_of, places_in
+    from cartstiff.loading.mechanism_file import checked_file, mechanism_of
 
     file, parameters = checked_file(data, lines, path, overrides.get("parameters"))
     with places_in(one_line(str(path)), lambda at: place_of(path, lines, at)):

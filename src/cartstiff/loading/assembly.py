@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import isnan
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
 from cartstiff.arrays import Array
+from cartstiff.loading.bare import pose_of
 from cartstiff.loading.description import FileClosure, RobotDescription
-from cartstiff.loading.schema import LineModel, PoseModel, pose_of
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.flexible_links import Give
 from cartstiff.mechanisms.tree import FixedFrame, KinematicTree
@@ -24,6 +24,9 @@ from cartstiff.notes import Note
 from cartstiff.potentials.contract import Potential
 from cartstiff.potentials.springs import JointSprings
 from cartstiff.units import SI, Units
+
+if TYPE_CHECKING:
+    from cartstiff.loading.schema import LineModel
 
 Kind = Literal["serial", "closed-chain", "parallel"]
 _LATER: Any = None  # what a pass sets
@@ -131,7 +134,8 @@ class Part(_Noted):
     @property
     def base(self) -> Array:
         """Pose of the robot's root in F."""
-        return pose_of(getattr(self.entry, "base", PoseModel.model_construct()))
+        base = getattr(self.entry, "base", None)
+        return np.eye(4) if base is None else pose_of(base)
 
     def says(self, words: str) -> str:
         """Words of a note that name the leg."""

@@ -14,14 +14,10 @@ from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, check_name
 from cartstiff.geometry import se3
+from cartstiff.loading.bare import pose_of
 from cartstiff.loading.description import RobotDescription
 from cartstiff.loading.leg_schema import LegEndsModel, LegModel, NamedLegs, ParallelFile
-from cartstiff.loading.schema import (
-    JointSpringModel,
-    PoseModel,
-    one_each,
-    pose_of,
-)
+from cartstiff.loading.schema import JointSpringModel, PoseModel, one_each
 from cartstiff.mechanisms.leg_shapes import Family, LegShape, frame_along, turns
 from cartstiff.notes import Note
 

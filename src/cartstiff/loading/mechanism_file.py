@@ -5,8 +5,7 @@ A refusal names file, line and key.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 from graphlib import CycleError, TopologicalSorter
@@ -16,23 +15,10 @@ from pathlib import Path
 from string import digits
 from typing import Annotated, Any
 
-import numpy as np
-from pydantic import ValidationError
-
-from cartstiff.arrays import Array, checked_number
+from cartstiff.arrays import checked_number
 from cartstiff.errors import InputError, check_name, one_line
 from cartstiff.expressions import Expression, is_name
-from cartstiff.geometry import se3
-from cartstiff.loading.schema import (
-    FILE_KINDS,
-    NamedSprings,
-    PoseModel,
-    file_model,
-    first_error,
-    place_of,
-    pose_of,
-    way_of,
-)
+from cartstiff.loading.bare import place_of, short_file, with_overrides
 from cartstiff.loading.yaml_file import Lines, Way
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.notes import Note
@@ -258,6 +244,13 @@ def checked_file(
     if "closed_loop" in data and "kind" not in data:
         data = _from_closure_list(data, path)
     data, parameters = with_parameters(data, lambda at: place_of(path, lines, at), values)
+    if (short := short_file(data)) is not None:
+        return short, parameters
+    # Few files need no more than that: Pydantic, and the models, take long to import.
+    from pydantic import ValidationError
+
+    from cartstiff.loading.schema import FILE_KINDS, file_model, first_error
+
     kind = data.get("kind")
     if not isinstance(kind, str) or kind not in FILE_KINDS:
         raise InputError(
@@ -333,6 +326,8 @@ def json_schema() -> dict[str, Any]:
     from pydantic import Field, TypeAdapter
     from pydantic.json_schema import GenerateJsonSchema
 
+    from cartstiff.loading.schema import FILE_KINDS, file_model
+
     class WithSections(GenerateJsonSchema):
         """Writes the models of sections, which are built when a file has them."""
 
@@ -347,23 +342,6 @@ def json_schema() -> dict[str, Any]:
     kinds = reduce(or_, map(file_model, FILE_KINDS))
     chosen: Any = Annotated[kinds, Field(discriminator="kind")]
     return TypeAdapter(chosen).json_schema(schema_generator=WithSections)
-
-
-@contextmanager
-def places_in(where: str, place: Callable[[Way], str] | None = None) -> Iterator[None]:
-    """Add the file, and the key's line, to errors within that name a key, or nothing."""
-    try:
-        yield
-    except InputError as error:
-        own = error.where or ""
-        is_key = own.startswith("key ")
-        if where in own and own:
-            raise
-        if own and not is_key:
-            raise error.at(where) from None
-        if is_key and place:
-            raise error.moved_to(place(way_of(own.removeprefix("key ")))) from None
-        raise error.moved_to(f"{where}, {own}" if own else where) from None
 
 
 def mechanism_of(
@@ -386,10 +364,10 @@ def mechanism_of(
         from cartstiff.loading.passes import build
 
         elastic = build(file, path.parent, name)
-    if isinstance(named := getattr(file, "springs", None), NamedSprings):
+    if table := getattr(getattr(file, "springs", None), "name", None):
         from cartstiff.loading.published import with_named_springs
 
-        elastic = with_named_springs(elastic, named.name, "key springs", path.parent)
+        elastic = with_named_springs(elastic, table, "key springs", path.parent)
     notes = (*elastic.notes, *file_notes(file), *parameters.notes())
     source = " ".join((file.source or "").split())
     elastic = replace(elastic, notes=notes, source=source, parameters=parameters.values)
@@ -398,90 +376,3 @@ def mechanism_of(
     from cartstiff.loading.findings import with_findings
 
     return with_findings(elastic, file.identified)
-
-
-def with_overrides(file: Any, overrides: Mapping[str, Any]) -> Any:
-    """Return the file with overrides, which replace its own values.
-
-    Parameters
-    ----------
-    file : a model of the schema
-        The mechanism file.
-    overrides : mapping
-        Any of "frame", "locked", "tcp" (pose of M in that frame), "gravity",
-        "actuator_springs", "xacro", "package_path". The file's payload stays where it is.
-
-    Raises
-    ------
-    InputError
-        For what the file's kind does not have.
-    """
-    get: Callable[[str], Any] = overrides.get
-    keys: dict[str, Any] = {}
-    if get("frame") is not None:
-        file = _with_frame(file, get("frame"))
-    if locked := get("locked"):
-        if file.kind not in ("serial", "closed-chain"):
-            raise InputError(
-                f"kind {file.kind} has no joints to lock",
-                expected="kind serial or closed-chain",
-            )
-        keys["locked"] = {**file.locked, **locked}
-    if any(map(get, ("xacro", "package_path"))):
-        file = _with_ros(file, overrides)
-    if get("actuator_springs"):
-        if not hasattr(file, "actuator_springs"):
-            raise InputError(f"kind {file.kind} has no actuators", where="--springs")
-        keys["actuator_springs"] = True
-    if get("gravity") is not None:
-        keys["gravity"] = list(get("gravity"))
-    if get("tcp") is not None:
-        keys |= _moved(file, get("tcp"))
-    return file.model_copy(update=keys) if keys else file
-
-
-def _moved(file: Any, T: Array) -> dict[str, Any]:
-    """Keys of a file whose M is moved by T; its payload stays where it is."""
-    key, payload = "offset", file.payload
-    if file.kind in ("stewart-gough", "springs"):
-        key = "frame"
-    keys = {key: _model_of(pose_of(getattr(file, key)) @ T)}
-    if payload is not None and payload.carrier is None:
-        centre = (se3.inverse(T) @ [*payload.com, 1.0])[:3].tolist()
-        keys["payload"] = payload.model_copy(update={"com": centre})
-    return keys
-
-
-def _model_of(T: Array) -> PoseModel:
-    xyz, rpy = T[:3, 3].tolist(), se3.roll_pitch_yaw(T).tolist()
-    return PoseModel.model_construct(xyz=xyz, rpy=rpy)
-
-
-def _with_ros(file: Any, overrides: Mapping[str, Any]) -> Any:
-    """Return the file with more xacro arguments and package folders for its robots."""
-    if hasattr(file, "model"):
-        return file.with_ros(
-            overrides.get("xacro", {}), overrides.get("package_path", ())
-        )
-    if isinstance(file.legs, list) and any(leg.drawing is None for leg in file.legs):
-        legs = [
-            _with_ros(leg, overrides) if leg.drawing is None else leg for leg in file.legs
-        ]
-        return file.model_copy(update={"legs": legs})
-    raise InputError(
-        f"kind {file.kind} has no robot description",
-        expected="no xacro arguments and no package path",
-    )
-
-
-def _with_frame(file: Any, frame: str) -> Any:
-    """Return the file with another frame of interest."""
-    only = {"stewart-gough": "platform", "springs": "platform", "parallel": "body"}.get(
-        file.kind
-    )
-    if only is not None:
-        check_name("frame", frame, [only])
-        return file
-    payload = file.payload and file.payload.carried_by(file.frame, file.offset)
-    other = {"frame": frame, "offset": _model_of(np.eye(4)), "payload": payload}
-    return file.model_copy(update=other)

@@ -21,6 +21,7 @@ from cartstiff.arrays import Array, fixed
 from cartstiff.errors import InputError, UndefinedError, check_name
 from cartstiff.geometry import se3
 from cartstiff.loading.assembly import Assembly, Part, give_of, placed_frame
+from cartstiff.loading.bare import both_ways, pose_of
 from cartstiff.loading.description import (
     FileClosure,
     FileSpring,
@@ -47,13 +48,6 @@ from cartstiff.loading.joints import (
 from cartstiff.loading.plausible import large_strains
 from cartstiff.loading.postures import assembled, leg_at_pose, regular_posture
 from cartstiff.loading.readers import robot_of
-from cartstiff.loading.schema import (
-    BeamModel,
-    ClosureModel,
-    JointSpringModel,
-    both_ways,
-    pose_of,
-)
 from cartstiff.mechanisms.chain import Chain, Closure
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.given_springs import rest_of_turns
@@ -73,6 +67,7 @@ from cartstiff.potentials.springs import (
 from cartstiff.units import Units, own_stiffness
 
 if TYPE_CHECKING:
+    from cartstiff.loading.schema import BeamModel, ClosureModel, JointSpringModel
     from cartstiff.mechanisms.leg_shapes import PlacedLeg
 
 # -- where robots stand, and what ties them ----------------------------------------------

@@ -6,7 +6,7 @@ The model is copied and not changed; the order of its joints and their names are
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cache
+from types import SimpleNamespace
 from typing import Any, Unpack
 
 import numpy as np
@@ -19,10 +19,9 @@ from cartstiff.checked_call import checked
 from cartstiff.errors import InputError
 from cartstiff.geometry import se3
 from cartstiff.loading import ModelSetup, load
+from cartstiff.loading.bare import Bare, places_in, with_overrides
 from cartstiff.loading.description import Followers, RobotDescription, successive_turns
-from cartstiff.loading.mechanism_file import places_in, with_overrides
 from cartstiff.loading.passes import one_robot
-from cartstiff.loading.schema import ClosedChainFile, ClosureModel, SerialFile
 from cartstiff.loading.visuals import geometry_pieces
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree import expansion, standing
@@ -131,8 +130,8 @@ def of_pinocchio(
         says: dict[str, Any] = {"model": name}
         if ties:
             says |= {"closures": ties, "actuated": list(actuated)}
-        empty = _empty_file(bool(ties)).model_copy(update=says)
-        file = with_overrides(empty, overrides)
+            says["kind"] = "closed-chain"
+        file = with_overrides(Bare(**says), overrides)
         return one_robot(description, file, name, notes, posture=posture)
 
 
@@ -173,14 +172,6 @@ def _configuration(
         f"no posture was given: the model's reference configuration {chosen!r} is taken"
     )
     return kept[chosen], [Note("default-posture", words)]
-
-
-@cache
-def _empty_file(closed: bool) -> SerialFile | ClosedChainFile:
-    """File with defaults only, which take long to make."""
-    if closed:
-        return ClosedChainFile.model_construct(kind="closed-chain", model="")
-    return SerialFile.model_construct(kind="serial", model="")
 
 
 def _hold_root(
@@ -261,7 +252,7 @@ def _follower(
     return pin.JointModelPrismaticUnaligned(twist[3:] / np.linalg.norm(twist[3:]))
 
 
-def _tie(model: Any, closure: Any, i: int, where: str) -> ClosureModel:
+def _tie(model: Any, closure: Any, i: int, where: str) -> SimpleNamespace:
     """Closure of two frames that are added to the model for a constraint."""
     if not isinstance(closure, pin.RigidConstraintModel) or closure.type not in _TYPES:
         raise InputError(
@@ -285,9 +276,8 @@ def _tie(model: Any, closure: Any, i: int, where: str) -> ClosureModel:
         name = f"{model.names[joint]} (closure {i + 1}, side {len(names) + 1})"
         model.addFrame(pin.Frame(name, joint, T, pin.FrameType.OP_FRAME))
         names.append(name)
-    return ClosureModel.model_construct(
-        frames=names, type=_TYPES[closure.type], points=None
-    )
+    kind = _TYPES[closure.type]
+    return SimpleNamespace(frames=names, type=kind, points=None, axes=None)
 
 
 def _positions(model: Any, q: Array, mimics: Followers) -> dict[str, float]:

@@ -13,9 +13,10 @@ from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.errors import InputError, UndefinedError
 from cartstiff.geometry import se3
+from cartstiff.loading.bare import pose_of
 from cartstiff.loading.platform_schema import BodyModel
 from cartstiff.loading.plausible import large_strains
-from cartstiff.loading.schema import FlexibleModel, one_each, pose_of
+from cartstiff.loading.schema import FlexibleModel, one_each
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.platform import LegLimits, Platform, Struts
 from cartstiff.notes import Note

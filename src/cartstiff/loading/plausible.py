@@ -100,7 +100,7 @@ def file_notes(file: Any) -> list[Note]:
     """Return notes on a mechanism file's angles, lengths, moduli,
     and payload without gravity.
     """
-    poses = dict(_each(file, "", "PoseModel"))
+    poses = dict(_each(file, "", "PoseModel", "Placement"))
     notes = large_angles({f"{place}.rpy": pose.rpy for place, pose in poses.items()})
     lengths: dict[str, Sequence[float]] = {}
     if file.kind in ("stewart-gough", "springs"):
@@ -128,10 +128,10 @@ def file_notes(file: Any) -> list[Note]:
     return notes
 
 
-def _each(value: Any, place: str, form: str) -> Iterator[tuple[str, Any]]:
-    """Yield all entries of a model in a file with their keys."""
+def _each(value: Any, place: str, *forms: str) -> Iterator[tuple[str, Any]]:
+    """Yield all entries of some models in a file with their keys."""
     inner: Iterable[tuple[str, Any]] = ()
-    if type(value).__name__ == form:
+    if type(value).__name__ in forms:
         yield place, value
     elif hasattr(value, "model_fields_set"):
         inner = ((key, getattr(value, key)) for key in value.model_fields_set)
@@ -140,7 +140,7 @@ def _each(value: Any, place: str, form: str) -> Iterator[tuple[str, Any]]:
     elif isinstance(value, list) and "LegModel" in {type(x).__name__ for x in value[:1]}:
         inner = ((str(i), entry) for i, entry in enumerate(value, start=1))
     for key, entry in inner:
-        yield from _each(entry, ".".join(filter(None, (place, key))), form)
+        yield from _each(entry, ".".join(filter(None, (place, key))), *forms)
 
 
 def _numbers(values: Sequence[float]) -> str:

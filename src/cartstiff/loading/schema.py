@@ -44,8 +44,8 @@ from pydantic_core import PydanticCustomError, core_schema
 from cartstiff import numerics
 from cartstiff.arrays import Array
 from cartstiff.choices import LARGEST_INPUT
-from cartstiff.errors import InputError, one_line
-from cartstiff.geometry import se3
+from cartstiff.errors import InputError
+from cartstiff.loading.bare import place_of, way_of
 from cartstiff.loading.yaml_file import Lines, Way
 from cartstiff.units import SI, GivenStiffness, Units
 
@@ -88,12 +88,6 @@ IN_ORDER = AfterValidator(_in_order)
 Limits = Annotated[Pair, IN_ORDER]
 #: Largest torque (force) of a drive either way, or the least and the largest.
 Effort = Positive | Limits
-
-
-def both_ways(effort: float | list[float]) -> tuple[float, float]:
-    """Least and largest torque of an entry."""
-    low, high = effort if isinstance(effort, list) else (-effort, effort)
-    return low, high
 
 
 def with_unit(spring: Literal["slides", "turns", "joint"]) -> WrapValidator:
@@ -227,13 +221,6 @@ class PoseModel(FileModel):
 
     xyz: Vector = [0.0, 0.0, 0.0]
     rpy: Vector = [0.0, 0.0, 0.0]
-
-
-def pose_of(entry: PoseModel) -> Array:
-    """Return the 4x4 pose of an entry."""
-    if not any(entry.xyz) and not any(entry.rpy):
-        return np.eye(4)
-    return se3.from_roll_pitch_yaw(entry.xyz, entry.rpy)
 
 
 class UnitsModel(FileModel):
@@ -838,18 +825,6 @@ def file_model(kind: str) -> Any:
     return getattr(import_module(f"cartstiff.loading.{module}"), name)
 
 
-def place_of(path: Path | str, lines: Lines, at: Way) -> str:
-    """File, line and key of a value, for messages."""
-    known = at
-    while known and known not in lines:
-        known = known[:-1]
-    line = (
-        f", line {lines.get(known, 1)}" if lines else ""
-    )  # data from Python have no lines
-    key = ".".join(str(part + 1) if isinstance(part, int) else part for part in at)
-    return f"{one_line(str(path))}{line}" + (f", key {one_line(key)}" if key else "")
-
-
 def first_error(
     error: ValidationError,
     data: dict[str, Any],
@@ -876,12 +851,6 @@ def first_error(
         return own.moved_to(place_of(path, lines, (*at, *way_of(own.where))))
     what, expected, got = _words(chosen, at)
     return InputError(what, where=place_of(path, lines, at), expected=expected, got=got)
-
-
-def way_of(key: str | None) -> Way:
-    """Keys and indices of a dotted key, which counts from 1."""
-    parts = (key or "").split(".")
-    return tuple(int(part) - 1 if part.isdigit() else part for part in parts if part)
 
 
 def _refusal(problem: Any) -> InputError | None:
