@@ -9,8 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
 
@@ -22,26 +21,32 @@ _HEAD = """\
 // Written by `python tools/page_messages.py` from the models of `cartstiff.page.messages`, which
 // read what a page sends: not to be changed by hand.
 """
-_WORDS = {int: "number", float: "number", bool: "boolean", str: "string", type(None): "null"}
+#: Fields of every message.
+_EVERY = ("id", "state", "do")
 
 
 def javascript() -> str:
-    """The models as JSDoc types, and their fields for whoever sends a message."""
+    """The fields of messages, and of what they hold, for whoever sends one."""
     kinds: tuple[type[BaseModel], ...] = get_args(messages.Message)
     models: dict[str, type[BaseModel]] = {}
     for kind in kinds:
         _collect(kind, models)
-    parts = [_HEAD, *(_typedef(model) for model in models.values())]
-    names = {get_args(kind.model_fields["do"].annotation)[0]: kind.__name__ for kind in kinds}
-    fields, needed = dict[str, Any](), dict[str, Any]()
-    for name, model in models.items():
-        fields[name] = {key: _content(x.annotation) for key, x in model.model_fields.items()}
-        needed[name] = [key for key, x in model.model_fields.items() if x.is_required()]
-    parts += [
-        f"/** Model of each message, by its `do`. */\n{_constant('MESSAGES', names)}",
-        "/** Fields of each model: their model, the words that they may be, or null. */\n"
-        + _constant("FIELDS", fields),
-        f"/** Fields that may not be left out. */\n{_constant('NEEDED', needed)}",
+        del models[kind.__name__]
+    of_messages = {get_args(k.model_fields["do"].annotation)[0]: k for k in kinds}
+    needed = {
+        name: [key for key, x in model.model_fields.items() if x.is_required()]
+        for name, model in {**models, **of_messages}.items()
+    }
+    needed = {name: [key for key in keys if key not in _EVERY] for name, keys in needed.items()}
+    parts = [
+        _HEAD,
+        "/** Fields of each message, by its `do`, beside those of every message: the model that a\n"
+        " * field holds, the words that it may be, or null. */\n"
+        + _constant("MESSAGES", {name: _fields(kind) for name, kind in of_messages.items()}),
+        "/** The same of each model that a message holds. */\n"
+        + _constant("FIELDS", {name: _fields(model) for name, model in models.items()}),
+        "/** Fields that may not be left out. */\n"
+        + _constant("NEEDED", {name: keys for name, keys in needed.items() if keys}),
     ]
     return "\n".join(parts).rstrip() + "\n"
 
@@ -60,23 +65,10 @@ def _held(annotation: Any) -> list[type[BaseModel]]:
     return [model for inner in get_args(annotation) for model in _held(inner)]
 
 
-def _type(annotation: Any) -> str:
-    """A type of Python as one of JSDoc."""
-    origin, inner = get_origin(annotation), get_args(annotation)
-    if origin is Annotated:
-        return _type(inner[0])
-    if origin is Literal:
-        return " | ".join(json.dumps(word) for word in inner)
-    if origin in (UnionType, Union):
-        return " | ".join(_type(one) for one in inner)
-    if origin is list:
-        held = _type(inner[0])
-        return f"({held})[]" if "|" in held else f"{held}[]"
-    if origin is tuple:
-        return f"[{', '.join(_type(one) for one in inner)}]"
-    if origin is dict:
-        return f"Record<{_type(inner[0])}, {_type(inner[1])}>"
-    return annotation.__name__ if issubclass(annotation, BaseModel) else _WORDS[annotation]
+def _fields(model: type[BaseModel]) -> dict[str, str | list[str] | None]:
+    """What each field of a model holds, those of every message left out."""
+    own = {key: x for key, x in model.model_fields.items() if key not in _EVERY}
+    return {key: _content(x.annotation) for key, x in own.items()}
 
 
 def _content(annotation: Any) -> str | list[str] | None:
@@ -87,21 +79,13 @@ def _content(annotation: Any) -> str | list[str] | None:
     return held[0].__name__ if held else None
 
 
-def _typedef(model: type[BaseModel]) -> str:
-    lines = [f"@typedef {{object}} {model.__name__} {(model.__doc__ or '').splitlines()[0]}"]
-    for name, field in model.model_fields.items():
-        called = name if field.is_required() else f"[{name}]"
-        lines += _rows(f"@property {{{_type(field.annotation)}}} {called}".split(" "), "  ")
-    return "\n".join(["/**", *(f" * {line}" for line in lines), " */"])
-
-
-def _rows(words: Iterable[str], begin: str, first: str = "") -> list[str]:
+def _rows(words: Iterable[str], first: str) -> list[str]:
     """Words in lines of at most 110 letters; those after the first begin with blanks."""
     rows = [first]
     for word in words:
         if len(rows[-1]) + len(word) > 110:
-            rows.append(begin)
-        rows[-1] += f"{' ' * (rows[-1].strip() != '')}{word}"
+            rows.append("   ")
+        rows[-1] += f" {word}"
     return rows
 
 
@@ -112,10 +96,10 @@ def _constant(name: str, values: dict[str, Any]) -> str:
 
 def _rows_of(key: str, value: Any) -> list[str]:
     """A constant's entry."""
-    if not isinstance(value, dict):
+    if not isinstance(value, dict) or not value:
         return [f"  {key}: {json.dumps(value)},"]
     held = [f"{name}: {json.dumps(one)}," for name, one in value.items()]
-    return _rows([*held[:-1], *(word[:-1] for word in held[-1:]), "},"], "    ", f"  {key}: {{")
+    return _rows([*held[:-1], held[-1][:-1], "},"], f"  {key}: {{")
 
 
 if __name__ == "__main__":

@@ -288,8 +288,14 @@ def test_an_exported_page_keeps_point_axes_and_the_kept_state(serve, pages, tmp_
     connection = heading.split("K^")[1].split(" ")[0]
     at = se3.pose(translation=[0, 0, 0.2])
     analysis = analyse_posture(result, connection=connection, at=at)
-    # The answer stands before it, in a block of its own.
-    assert page.locator("#report pre").last.text_content() == summary_text(analysis, arm.units)
+    # The answer stands before it, as the page says it, and an empty line.
+    answer, _, rest = page.locator("#report pre").text_content().partition("\n\n")
+    assert rest == summary_text(analysis, arm.units)
+    assert answer.split("\n")[:2] == [
+        "Positive definite: every small motion is resisted (K^B)",
+        "Softest (free to turn): 18.65 N/mm along (0.07, -0.14, 0.99) of the room, "
+        "almost vertical, 9 deg off z; 74.74 N/mm with turning blocked",
+    ]
 
 
 def test_the_first_card_says_how_far_the_load_moves_the_point(ur5):

@@ -57,6 +57,12 @@ def arm():
     return cartstiff.load(f"<robot name='arm'>{ARM}</robot>", stiffness=2e4, gravity=[0, 0, -9.81])
 
 
+@pytest.fixture
+def no_search(monkeypatch):
+    """Reports that look for no better posture, for tests of what else they say."""
+    monkeypatch.setattr("cartstiff.page.html_report.better_posture", lambda *_, **__: None)
+
+
 class Outside(HTMLParser):
     """Collects what a page would load from elsewhere."""
 
@@ -68,6 +74,7 @@ class Outside(HTMLParser):
         self.found += [v for k, v in attrs if k in ("src", "href") and not v.startswith("data:")]
 
 
+@pytest.mark.usefixtures("no_search")
 def test_displacements_of_two_definitions_are_named(arm):
     """Soft springs: from equilibrium to equilibrium it is another number than by the stiffness."""
     soft, W = arm.with_springs(0.05 * arm.springs.stiffness), [0, 0, 0, 0, 30, -200]
@@ -81,6 +88,7 @@ def test_displacements_of_two_definitions_are_named(arm):
     assert f"(by the equilibrium; {linear:.4g} mm to first order, K^load)" in said
 
 
+@pytest.mark.usefixtures("no_search")
 def test_the_answer_is_that_of_the_commands(arm):
     W = [0, 0, 0, 0, 30, -200]
     text = report_page(
@@ -210,6 +218,7 @@ def test_a_map_stands_in_the_report(arm, tmp_path):
         map_section(tmp_path / "m.zarr", None, replace(arm, name="b"))
 
 
+@pytest.mark.usefixtures("no_search")
 def test_the_map_of_the_help_can_be_shown(tmp_path, monkeypatch):
     """Its commands are run as they are printed, with fewer points."""
     monkeypatch.chdir(tmp_path)
@@ -269,6 +278,7 @@ CASES = [
 ]
 
 
+@pytest.mark.usefixtures("no_search")
 @pytest.mark.parametrize(("name", "more", "size"), CASES, ids=[case[0] for case in CASES])
 def test_every_number_is_that_of_the_commands(name, more, size):
     """Matrix, stiffnesses, shares, softest direction, displacement and verdict."""
@@ -359,6 +369,7 @@ def test_no_direction_is_named_where_two_are_alike():
     assert re.search(f"S{same}", told).group(1) == soft.group(1)
 
 
+@pytest.mark.usefixtures("no_search")
 def test_a_sweep_ends_at_the_limit_of_its_joint(arm):
     """Beyond it there is no posture, and no line."""
     q = np.array(Q)
@@ -369,6 +380,7 @@ def test_a_sweep_ends_at_the_limit_of_its_joint(arm):
     assert (ends[0], ends[-1]) == (50.0, 240.0)
 
 
+@pytest.mark.usefixtures("no_search")
 def test_what_springs_hold_before_the_load_is_named_beside_the_picture():
     arm = cartstiff.load("ur5")
     arm = arm.with_springs(None, arm.q + 0.01)  # given, so that a wrench holds the posture
@@ -396,6 +408,7 @@ def test_an_unbalanced_posture_is_not_held():
     assert "not held at this posture" in said
 
 
+@pytest.mark.usefixtures("no_search")
 def test_rigid_and_nonlinear_springs_stand_in_the_table(arm):
     """A rigid joint is no passive joint; a spring by a law has the stiffness at the posture."""
     springs = replace(arm.springs, rigid=frozenset({1}), laws={2: PolynomialLaw((1e4, 0.0, 1e6))})
@@ -427,6 +440,7 @@ def test_compliant_links_have_one_row_each():
     assert rows["the link forearm_link"] == f"{100 * share:.0f} %"
 
 
+@pytest.mark.usefixtures("no_search")
 def test_a_doubt_about_the_load_is_said_once(arm):
     """It has other numbers at the stated posture and at rest."""
     soft = arm.with_springs(0.05 * arm.springs.stiffness)
@@ -446,6 +460,7 @@ def test_a_posture_that_does_not_resist_the_load_has_no_linear_displacement(arm)
     assert "share of" not in text[text.index("<h2>Joints") : text.index("<h2>Load and")]
 
 
+@pytest.mark.usefixtures("no_search")
 def test_a_report_has_a_page_for_each_point_the_worst_first(tmp_path, monkeypatch):
     """Poses reached next to the posture; each page has the numbers of a report of its own."""
     monkeypatch.chdir(tmp_path)
@@ -475,6 +490,7 @@ def test_a_report_has_a_page_for_each_point_the_worst_first(tmp_path, monkeypatc
     assert text.count('<section class="screen">') == 1
 
 
+@pytest.mark.usefixtures("no_search")
 def test_points_may_be_postures_and_what_is_out_of_reach_is_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     arm = cartstiff.load("ur5")
@@ -489,6 +505,7 @@ def test_points_may_be_postures_and_what_is_out_of_reach_is_refused(tmp_path, mo
     assert "point 1 of far.csv is out of reach" in str(done.exception)
 
 
+@pytest.mark.usefixtures("no_search")
 def test_the_deflected_pose_is_drawn_exaggerated_by_the_stated_factor():
     """The green outline's tip is that many times as far from the robot's as the tip moves."""
     arm, W = cartstiff.load("ur5"), [0, 0, 0, 0, 0, -100]
@@ -505,6 +522,7 @@ def test_the_deflected_pose_is_drawn_exaggerated_by_the_stated_factor():
     assert factor in (1, 2, 5, 10, 20, 50, 100, 200, 500)
 
 
+@pytest.mark.usefixtures("no_search")
 @pytest.mark.parametrize("length", ["m", "mm"])
 def test_ticks_are_round(length):
     text = report_page(in_units(cartstiff.load("ur5"), length), wrench=[0, 0, 0, 0, 0, -100])

@@ -427,21 +427,23 @@ export class Store extends EventTarget {
 
 /** A message, if the server reads such a one; what its models do not know is refused where it is sent. */
 function formed(message) {
-  const check = (name, held, place) => {
-    for (const key of NEEDED[name]) if (held[key] === undefined) throw new Error(`message cannot be sent: ${place} `
+  const check = (fields, needed, held, place) => {
+    for (const key of needed) if (held[key] === undefined) throw new Error(`message cannot be sent: ${place} `
       + `has no ${key}`);
     for (const [key, value] of Object.entries(held)) {
-      const content = FIELDS[name][key];
+      const content = fields[key];
       if (value === undefined) continue;
       if (content === undefined) throw new Error(`message cannot be sent: ${place} takes no ${key}`);
       if (Array.isArray(content)
         && !content.includes(value)) throw new Error(`message cannot be sent: ${place} takes no ${key} ${value}`);
       if (typeof content !== "string" || !value) continue;
-      if (key === "measures") Object.values(value).forEach((one) => check(content, one, `${place}.${key}`));
-      else [value].flat().forEach((one) => check(content, one, `${place}.${key}`));
+      const parts = key === "measures" ? Object.values(value) : [value].flat();
+      parts.forEach((one) => check(FIELDS[content], NEEDED[content] ?? [], one, `${place}.${key}`));
     }
   };
-  check(MESSAGES[message.do], message, message.do);
+  const { do: what } = message;
+  check({ id: null, state: "ViewState", do: Object.keys(MESSAGES), ...MESSAGES[what] },
+    ["id", "do", ...(NEEDED[what] ?? [])], message, what);
   return message;
 }
 
