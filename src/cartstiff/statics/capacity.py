@@ -3,8 +3,8 @@
 Drives are held to their forces (`cartstiff.stiffness.held_forces`), cables to their least
 tension, joints and legs to their travel, the body to an allowed displacement, and
 everything to stability. To first order forces, motions and stiffness are linear in the
-load at the posture; by the equilibrium the mechanism moves, and each limit is sought
-where the load's multiple reaches it.
+load at the posture; by the equilibrium the mechanism moves along its load curve
+(`cartstiff.statics.continuation`), on which the first limit is sought.
 """
 
 from __future__ import annotations
@@ -24,23 +24,30 @@ from cartstiff.figures import draw_bars, new_figure
 from cartstiff.geometry import se3
 from cartstiff.geometry.se3 import Array
 from cartstiff.lazily import cached_property
+from cartstiff.mechanisms.contract import MechanismPosture
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.limits import limits_of
+from cartstiff.potentials.loads import Scaled
 from cartstiff.results import LabelledResult
-from cartstiff.statics.equilibrium import equilibrium
-from cartstiff.statics.rest import Equilibrium
+from cartstiff.statics.continuation import CurvePoint, LoadPath, where_it_falls
+from cartstiff.statics.held import displacement_between
+from cartstiff.statics.problem import System, refuse_springs_far_apart
 from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN
+from cartstiff.stiffness.balance import with_rest_balancing
 from cartstiff.stiffness.compute import analyse, analyse_at
-from cartstiff.stiffness.forces import drive_limits, drive_rows, used_shares
+from cartstiff.stiffness.forces import (
+    drive_limits,
+    drive_rows,
+    forces_of,
+    rigid_torques,
+    used_shares,
+)
 from cartstiff.stiffness.held_forces import HeldForces, held_forces
 from cartstiff.stiffness.posture import PostureStiffness
 
 Kind = Literal["force", "slack", "travel", "buckling", "displacement"]
-#: Multiples of the first estimate at which a limit is looked for.
-_LOOKED_AT = (0.25, 0.5, 0.75, 0.9, 1.0, 1.1, 1.3, 1.6, 2.0, 3.0, 5.0, 10.0, 100.0)
-#: Multiples beyond which no limit is looked for, without an estimate.
-_MOST = 1000.0
-_MAX_STEPS = 60
+#: Multiple of the first estimate, or of the load, up to which a limit is looked for.
+_MOST = 100.0
 
 
 class FirstLimit(NamedTuple):
@@ -49,7 +56,8 @@ class FirstLimit(NamedTuple):
     Attributes
     ----------
     factor : float
-        Multiple of the load at it; infinite if none is met.
+        Multiple of the load at it; infinite if none is met. By the equilibrium none is
+        looked for beyond 100 times the factor to first order, or without that the load.
     kind : {"force", "slack", "travel", "buckling", "displacement"} or None
         Force of a drive, slack cable, end of a joint or leg, loss of stability, allowed
         displacement.
@@ -248,9 +256,7 @@ def capacity_at(
         weight = result.pose[:3, :3].T @ gravity / result.units.newtons
         payload = held.factor(np.append(np.zeros(3), weight))[0]
     found = None
-    # In an answer the way to where the equilibrium is lost takes too long.
-    is_quick = tolerance > numerics.NEGLIGIBLE_DIFFERENCE and linear.kind == "buckling"
-    if tolerance < 1.0 and not is_quick:
+    if tolerance < 1.0:
         found = growing.by_equilibrium(linear.factor, tolerance)
     own = result.elastic_as_given
     return Capacity(own, linear, found, payload, held, result.pose)
@@ -258,6 +264,7 @@ def capacity_at(
 
 #: Share of a way to a limit that is left, its kind, and what is at it.
 _Margin = tuple[float, Kind, tuple[str, ...]]
+_NONE: _Margin = 1.0, "force", ()
 
 
 class _Growing:
@@ -347,35 +354,58 @@ class _Growing:
         if real.size:
             yield FirstLimit(float(1.0 / (1.0 - real.min())), "buckling")
 
-    def margin(self, s: float) -> tuple[float, FirstLimit]:
-        """Least margin at the equilibrium under s loads, 1 without a load, and its limit.
+    def by_equilibrium(self, estimate: float, precision: float) -> FirstLimit:
+        """The first limit on the curve of equilibria under the growing load."""
+        unit = estimate if 0.0 < estimate < np.inf else 1.0
+        try:
+            path = self._path(unit)
+        except CartstiffError:
+            return FirstLimit(0.0, "buckling")
 
-        NaN where there is no equilibrium.
-        """
+        def least(state: CurvePoint) -> _Margin:
+            return min(self._margins(path, state), key=lambda one: one[0], default=_NONE)
+
+        found = where_it_falls(path, lambda x: least(x)[0], _MOST * unit, precision)
+        if found is None:
+            return FirstLimit()
+        state, is_held = found
+        lost: _Margin = 0.0, "buckling", ()
+        _, kind, names = least(state) if is_held else lost
+        return FirstLimit(float(state.factor), kind, names)
+
+    def _path(self, unit: float) -> LoadPath:
+        """The curve of equilibria under multiples of the load, whose scale is a unit."""
         result, at = self.result, np.array(self.result.load.at)
         given = np.concatenate([self.W[:3] - se3.cross(at, self.W[3:]), self.W[3:]])
-        load = result.load.acting(s * given, result.pose)
+        load = result.load.acting(given, result.pose)
         start = np.array(result.q)
         start[sorted(self.asked.mechanism.virtual)] = 0.0
-        try:
-            state = equilibrium(self.asked, start, load, limits=False, settle=False)
-        except CartstiffError:
-            return np.nan, FirstLimit(s, "buckling")
-        if state.stable is False:
-            return np.nan, FirstLimit(s, "buckling")
-        every = (*self._of_forces(state), *self._of_travel(state))
-        moved = state.displacement_by_load
-        if self.displacement is not None and moved is not None:
-            far = float(np.linalg.norm(moved[3:])) / self.displacement
-            every = (*every, (1.0 - far, "displacement", ()))
-        if not every:
-            return 1.0, FirstLimit(s)
-        least, kind, names = min(every, key=lambda one: one[0])
-        return least, FirstLimit(s, kind, names)
+        elastic, posture = self.asked.placed(start)
+        refuse_springs_far_apart(elastic)
+        elastic = with_rest_balancing(elastic, posture)
+        none = limits_of(elastic.mechanism, ignore=True)
+        return LoadPath(
+            elastic, posture.q, (load,), (), None, none, unit, 1.0, 1.0, False
+        )
 
-    def _of_forces(self, state: Equilibrium) -> Iterator[_Margin]:
+    def _margins(self, path: LoadPath, state: CurvePoint) -> Iterator[_Margin]:
+        """Shares of the way to each limit that are left at an equilibrium."""
+        point = state.point
+        yield from self._of_forces(path, state)
+        yield from self._of_travel(point.posture)
+        if self.displacement is not None:
+            before = path.origin.point.posture.pose
+            moved = displacement_between(before, point.posture.pose)[3:]
+            far = float(np.linalg.norm(moved)) / self.displacement
+            yield 1.0 - far, "displacement", ()
+
+    def _of_forces(self, path: LoadPath, state: CurvePoint) -> Iterator[_Margin]:
         """Margins of the drives' forces, and of the cables' tensions."""
-        forces = {one.name: one.force for one in state.stiffness.forces}
+        posture = state.point.posture
+        loads = [Scaled(load, state.factor) for load in path.loads]
+        elastic = System(path.system.elastic, loads).at_rest(state.point)
+        rigid = rigid_torques(elastic, posture, state.balance.multipliers)
+        forces = {one.name: one.force for one in forces_of(elastic, posture, rigid)}
         now = {one.name: one.force for one in self.unloaded.forces}
         for name, low, high in zip(self.held.names, self.low, self.high, strict=False):
             used = float(used_shares(forces[name], low, high))
@@ -384,45 +414,16 @@ class _Growing:
             if low == 0.0 and now[name] > 0.0:
                 yield forces[name] / now[name], "slack", (name,)
 
-    def _of_travel(self, state: Equilibrium) -> Iterator[_Margin]:
+    def _of_travel(self, there: MechanismPosture) -> Iterator[_Margin]:
         """Margins of joints and legs, as shares of those without a load."""
         limits = self.limits
         if not len(limits):
             return
-        x, there = (limits.values(p.q, p.pose) for p in (self.posture, state.posture))
+        x, now = (limits.values(p.q, p.pose) for p in (self.posture, there))
         for i, name in enumerate(limits.names):
             for end in (limits.lower[i], limits.upper[i]):
                 if np.isfinite(end) and end != x[i]:
-                    yield float((end - there[i]) / (end - x[i])), "travel", (name,)
-
-    def by_equilibrium(self, estimate: float, tolerance: float) -> FirstLimit:
-        """The first limit that the growing load meets."""
-        if not self.margin(0.0)[0] > 0.0:
-            return self.margin(0.0)[1]._replace(factor=0.0)
-        below, room = 0.0, self.margin(0.0)[0]
-        unit = estimate if 0.0 < estimate < _MOST else 1.0
-        for multiple in _LOOKED_AT:
-            above = multiple * unit
-            missed, limit = self.margin(above)
-            if not missed > 0.0:
-                break
-            below, room = above, missed
-        else:
-            return FirstLimit()
-        for _ in range(_MAX_STEPS):
-            if above - below <= tolerance * above:
-                break
-            # Half way where nothing is at rest, else by the margins, safely inside.
-            share = 0.5
-            if missed == missed:
-                share = min(max(room / (room - missed), 0.02), 0.98)
-            middle = below + share * (above - below)
-            now, at = self.margin(middle)
-            if now > 0.0:
-                below, room = middle, now
-            else:
-                above, missed, limit = middle, now, at
-        return limit._replace(factor=0.5 * (below + above))
+                    yield float((end - now[i]) / (end - x[i])), "travel", (name,)
 
 
 def _first(x: Array, rate: Array, low: Array, high: Array) -> tuple[float, int]:

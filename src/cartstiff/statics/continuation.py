@@ -127,6 +127,8 @@ class LoadPath:
         Limits at which the path ends.
     goal, back, resolution : float
         As `to`, `back` and `resolution` of `load_curve`.
+    settle : bool
+        Begin at a stable equilibrium: not at one near q that is unstable.
 
     Attributes
     ----------
@@ -152,6 +154,7 @@ class LoadPath:
         goal: float,
         back: float,
         resolution: float,
+        settle: bool = True,
     ) -> None:
         self.loads = System(elastic, loads).loads
         self.system = System(elastic, fixed, held)
@@ -162,7 +165,7 @@ class LoadPath:
             resolution,
         )
         self.span = abs(goal)
-        start = solve(self.system, q).point
+        start = solve(self.system, q, settle=settle).point
         upwards = np.zeros(start.posture.coordinate_lengths.size + 1)
         upwards[-1] = np.sign(goal)
         self.origin = self.state(start.q, 0.0, upwards)
@@ -239,6 +242,12 @@ class LoadPath:
         scaled = np.append(per * right[:-1], right[-1] / row)
         solved = np.linalg.lstsq(matrix, scaled, rcond=numerics.ROUNDOFF_OF_SUMS)[0]
         return np.append(per * solved[:-1], solved[-1] / column)
+
+    def distance(self, start: CurvePoint, end: CurvePoint) -> float:
+        """Size of the step from one point that leads to another."""
+        moved = self.system.displacement(start.point, end.point)
+        grown = (end.factor - start.factor) / self.span
+        return float(start.direction @ np.append(moved, grown))
 
     def step(
         self, start: CurvePoint, size: float, direction: Array | None = None
@@ -415,9 +424,10 @@ def _located(
     end: CurvePoint,
     size: float,
     measure: Callable[[CurvePoint], float],
+    precision: float = numerics.ATTAINABLE_PRECISION,
 ) -> CurvePoint:
     """The state between two neighbours in which a measure is nearest to zero."""
-    states = _bracketed(path, start, end, size, measure)
+    states = _bracketed(path, start, end, size, measure, precision)
     return min(states, key=lambda state: abs(measure(state)))
 
 
@@ -427,6 +437,7 @@ def _bracketed(
     end: CurvePoint,
     size: float,
     measure: Callable[[CurvePoint], float],
+    precision: float = numerics.ATTAINABLE_PRECISION,
 ) -> list[CurvePoint]:
     """The states that Brent's method visits while it brackets a change of sign,
     both ends first.
@@ -450,7 +461,7 @@ def _bracketed(
             value,
             0.0,
             size,
-            xtol=numerics.ATTAINABLE_PRECISION * size,
+            xtol=precision * size,
             maxiter=_BISECTIONS,
             disp=False,
         )
@@ -917,6 +928,64 @@ def _trace(
     return _collected(path, notes, states, critical, reason)
 
 
+# The first step to where a measure falls, and the largest turn, as a cosine, of any.
+_FIRST_STEP, _LEAST_TURN = 0.5, 0.99
+
+
+def where_it_falls(
+    path: LoadPath,
+    measure: Callable[[CurvePoint], float],
+    most: float,
+    precision: float,
+) -> tuple[CurvePoint, bool] | None:
+    """The first state of a growing load whose measure is no longer positive.
+
+    Parameters
+    ----------
+    path : LoadPath
+        Traced from its origin.
+    measure : callable
+        Positive while the load may grow.
+    most : float
+        Factor at which the search ends.
+    precision : float
+        Error of the state, as a share of a step.
+
+    Returns
+    -------
+    state : CurvePoint
+        There; or where a motion loses its stiffness, or the curve is lost, before.
+    is_held : bool
+        False in the latter cases.
+        None in place of both if neither is met up to `most`.
+    """
+
+    def falls(state: CurvePoint) -> float:
+        # A measure that stays at zero has no sign to bracket.
+        return measure(state) or -1.0
+
+    here, size = path.origin, _FIRST_STEP
+    if _verdict(here) is False or falls(here) < 0.0:
+        return here, _verdict(here) is not False
+    while here.factor < most:
+        taken = _advance(path, here, size, _LEAST_TURN)
+        if taken is None:
+            return here, False
+        there, size = taken
+        passed = crossings(path, here, there, size)
+        if _is_elsewhere(here, there, passed) and size >= 4 * _SMALLEST_STEP:
+            size *= 0.25
+            continue
+        end = passed[0]._state if passed else there
+        if falls(end) < 0.0:
+            size = path.distance(here, end)
+            return _located(path, here, end, size, falls, precision), True
+        if passed or _verdict(there) is False:
+            return end, False
+        here, size = there, size * _growth(there.corrections)
+    return None
+
+
 def _growth(corrections: int) -> float:
     """Factor of the next step after one that took so many Newton steps."""
     if corrections <= 3:
@@ -948,7 +1017,7 @@ def _is_singular(state: CurvePoint) -> bool:
 
 
 def _advance(
-    path: LoadPath, here: CurvePoint, size: float
+    path: LoadPath, here: CurvePoint, size: float, cosine: float = _COSINE
 ) -> tuple[CurvePoint, float] | None:
     """The next point and its distance.
 
@@ -960,10 +1029,7 @@ def _advance(
         except _LOST:
             size *= 0.5
             continue
-        if (
-            float(there.direction @ here.direction) >= _COSINE
-            or size < 4 * _SMALLEST_STEP
-        ):
+        if float(there.direction @ here.direction) >= cosine or size < 4 * _SMALLEST_STEP:
             return there, size
         size *= 0.5
     return None
