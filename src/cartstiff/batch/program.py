@@ -36,8 +36,7 @@ from cartstiff.batch.execution import (
     Kernel,
     OnePosture,
 )
-from cartstiff.batch.gradient import gradient_program
-from cartstiff.batch.kernels import has_package, kernel_of, run
+from cartstiff.batch.kernels import has_package, kernel_of
 from cartstiff.batch.own_outputs import Function, OwnOutputs
 from cartstiff.batch.plans import (
     CLOSING,
@@ -201,7 +200,6 @@ class Program(Recording):
         self._answer: OnePosture | None = None
         self._closing: Assembly | None = None
         self._settling: OnePosture | None = None
-        self._slopes = dict[str, tuple[OnePosture, Tape]]()
         self._places: dict[str, _Place] = {}
         self._verdict, self._state = 0, REGULAR
         if self._taken is not None and self._tape is not None:
@@ -523,14 +521,10 @@ class Program(Recording):
         """
         # Only a single number of a posture that does not follow from steps has slopes
         # here.
-        taken, tape = self._taken, self._tape
-        numbers = (
-            [] if tape is None else [n for n, s in tape.outputs.items() if len(s) == 1]
-        )
+        outputs = {} if self._tape is None else self._tape.outputs
+        numbers = [name for name, steps in outputs.items() if len(steps) == 1]
         check_name("output", of, [name for name in numbers if name in self.names])
-        assert taken is not None
-        assert tape is not None
-        if taken.is_closed or taken.settles or taken.untraced:
+        if not self.has_slopes:
             raise UndefinedError(
                 "coordinates follow others here: cartstiff.gradient has the derivatives",
                 code="no-objective",
@@ -538,23 +532,8 @@ class Program(Recording):
         if (wrench is None) is self.is_loaded:
             self._refuse(wrench)
         Q = checked_q(self.elastic, np.atleast_2d(np.asarray(q, float)))
-        # Recorded once for each output.
-        kernel, derived = self._slopes.get(of, (None, None))
-        if derived is None:
-            derived = gradient_program(tape, of)
-            shared = {n: np.ascontiguousarray(row) for n, row in taken.shared.items()}
-            kernel = one_posture(derived, shared)
-            self._slopes[of] = kernel, derived
-        # Values and slopes in one pass; where the posture is not plainly regular there
-        # are none.
-        usable = self._kernel(kernel, derived, len(Q))
-        count, verdicts = len(Q), np.zeros(len(Q), np.uint8)
-        outputs = {n: len(s) for n, s in derived.outputs.items() if n != "verdict"}
-        found = {name: np.empty((count, size)) for name, size in outputs.items()}
-        loads = checked_wrench(self.elastic, wrench, count)
-        run(taken, usable, Q, loads, found, verdicts, os.cpu_count() or 1, None)
-        for rows in found.values():
-            rows[verdicts != PLAIN] = np.nan
+        loads = checked_wrench(self.elastic, wrench, len(Q))
+        found = self.slopes(of, Q, loads, os.cpu_count() or 1)
         answer = {name.removeprefix("by_"): rows for name, rows in found.items()}
         answer[of] = answer[of][:, 0]
         return answer if np.ndim(q) > 1 else {n: rows[0] for n, rows in answer.items()}
@@ -566,8 +545,10 @@ class Program(Recording):
         path = "portable" if self.path == "python" else self.path
         return self._kernel(self._answer, self._tape, count), path, self.reason
 
-    def _kernel(self, one: OnePosture | None, tape: Tape, count: int) -> Kernel | None:
-        """The code of a program for many postures."""
+    def _one_of(self, tape: Tape, shared: Mapping[str, Array]) -> OnePosture:
+        return one_posture(tape, shared)
+
+    def _kernel(self, one: Kernel | None, tape: Tape, count: int) -> Kernel | None:
         is_compiled = self.path == "compiled"
         if is_compiled and count < WORTH_WIDENING:
             return one

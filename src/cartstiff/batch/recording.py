@@ -37,6 +37,7 @@ from cartstiff.batch.arguments import (
     shape_of,
 )
 from cartstiff.batch.execution import Kernel
+from cartstiff.batch.gradient import gradient_program
 from cartstiff.batch.kernels import (
     ASKED,
     BACKENDS,
@@ -133,6 +134,7 @@ class Recording:
         self._taken: TracedModel | None = None
         self._tape: Tape | None = None
         self._usual: dict[str, Array] = {}
+        self._derived = dict[str, tuple[Kernel | None, Tape]]()
         if backend == "engine":
             return
         taken = plan_with(elastic, given_as(is_loaded), inputs)
@@ -258,6 +260,49 @@ class Recording:
             described(elastic, load if self.is_loaded else None, self.load_axes),
             units,
         )
+
+    @property
+    def has_slopes(self) -> bool:
+        """Whether outputs have derivatives: nothing follows from steps, or from outside
+        of the recorded arithmetic.
+        """
+        taken = self._taken
+        if taken is None or self._tape is None:
+            return False
+        return not (taken.is_closed or taken.settles or taken.untraced)
+
+    def slopes(
+        self, of: str, q: Array, loads: Array | None, threads: int = 1
+    ) -> dict[str, Array]:
+        """An output that is one number (N, 1), and "by_NAME" its derivatives (N, ...).
+
+        NaN at postures that are not plainly regular.
+        """
+        taken, tape = self._taken, self._tape
+        assert taken is not None
+        assert tape is not None
+        if of not in self._derived:  # recorded once for each output
+            tape = gradient_program(tape, of)
+            shared = {n: np.ascontiguousarray(row) for n, row in taken.shared.items()}
+            self._derived[of] = self._one_of(tape, shared), tape
+        one, tape = self._derived[of]
+        kernel = self._kernel(one, tape, len(q))
+        assert kernel is not None
+        verdicts = np.zeros(len(q), np.uint8)
+        outputs = {name: len(s) for name, s in tape.outputs.items() if name != "verdict"}
+        found = {name: np.empty((len(q), size)) for name, size in outputs.items()}
+        run(taken, kernel, q, loads, found, verdicts, threads, None)
+        for rows in found.values():
+            rows[verdicts != PLAIN] = np.nan
+        return found
+
+    def _one_of(self, tape: Tape, shared: Mapping[str, Array]) -> Kernel | None:  # noqa: ARG002
+        """The code of a program for single postures, if there is some."""
+        return None
+
+    def _kernel(self, one: Kernel | None, tape: Tape, count: int) -> Kernel | None:  # noqa: ARG002
+        """The code of a program for many postures."""
+        return kernel_of(tape, False)
 
     def _code(self, count: int) -> tuple[Kernel | None, str, str]:
         """The code for many postures, its path, and the reason why there is no faster

@@ -93,8 +93,8 @@ def inverse_kinematics(
     cost : callable, optional
         For arms with self-motions: (k, n) postures to (k,) numbers, NaN where there is
         none; each solution is moved along its self-motion to where the number is smallest
-        nearby. Without it a solution is near its start: the steps there are the least
-        ones.
+        nearby. Its method ``slopes``, if it has one, gives the derivatives (k, n).
+        Without a cost a solution is near its start: the steps there are the least ones.
     most : int
         Bound on the listed combinations of solutions of a body's legs, those nearest to
         the first start. `Search.found` counts all of them.

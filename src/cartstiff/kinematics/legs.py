@@ -133,7 +133,8 @@ def of_least_cost(
     tolerance : float
         Largest error of the poses.
     cost : callable
-        (k, n) postures to (k,) numbers, NaN where there is none.
+        (k, n) postures to (k,) numbers, NaN where there is none. A method ``slopes`` has
+        their derivatives (k, n), NaN where these are not known.
     """
     result, rows, sizes = q.copy(), np.arange(len(q)), solver.sizes
     if not len(q):
@@ -188,15 +189,21 @@ def _values(cost: Callable[[Array], Array], q: Array) -> Array:
 def _slopes(
     cost: Callable[[Array], Array], q: Array, value: Array, sizes: Array
 ) -> Array:
-    """Derivatives of the cost (N, n) by differences.
+    """Derivatives of the cost (N, n) in natural sizes: its own ``slopes``, and where
+    there are none, differences.
 
     1, an arbitrary way out, without a cost.
     """
+    own = getattr(cost, "slopes", None)
+    slopes = np.full_like(q, np.nan) if own is None else own(q) * sizes
+    rows = np.flatnonzero(~np.isfinite(slopes).all(axis=1))
     steps = _DIFFERENCE * np.vstack([np.diag(sizes), -np.diag(sizes)])
-    around = cost((q[:, None] + steps).reshape(-1, q.shape[1])).reshape(len(q), 2, -1)
-    around = np.where(np.isfinite(around), around, value[:, None, None])
-    with np.errstate(invalid="ignore"):
-        slopes = (around[:, 0] - around[:, 1]) / (2 * _DIFFERENCE)
+    around = (q[rows, None] + steps).reshape(-1, q.shape[1])
+    if len(around):
+        values = cost(around).reshape(len(rows), 2, -1)
+        values = np.where(np.isfinite(values), values, value[rows, None, None])
+        with np.errstate(invalid="ignore"):
+            slopes[rows] = (values[:, 0] - values[:, 1]) / (2 * _DIFFERENCE)
     return np.where(np.isfinite(slopes), slopes, 1.0)
 
 

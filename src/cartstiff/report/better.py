@@ -43,6 +43,8 @@ def better_sentences(found: BetterPosture, elastic: ElasticMechanism) -> list[st
     worse = "; ".join(_worse(change, elastic) for change in found.worse)
     sentences.append(f"It is at {places}.")
     sentences.append(f"Worse there: {worse}." if worse else "Nothing else gets worse.")
+    if found.reason:
+        sentences.append(f"The search followed difference quotients: {found.reason}.")
     return [*sentences, "Collisions and the floor were not checked."]
 
 

@@ -12,10 +12,10 @@ returned with it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +24,8 @@ from cartstiff import numerics
 from cartstiff.analysis.ellipsoids import softest
 from cartstiff.analysis.posture import Reading, sections
 from cartstiff.arrays import Array, checked_vector
-from cartstiff.batch.recording import analyse_many
+from cartstiff.batch.own_outputs import OwnOutputs
+from cartstiff.batch.recording import Recording, analyse_many, shapes_of
 from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, InputError, UndefinedError
 from cartstiff.geometry import se3
@@ -96,6 +97,9 @@ class BetterPosture:
         characteristic length; None for a platform.
     worse : tuple of Change
         What becomes worse, by the factor `NAMED` at least.
+    reason : str
+        Why the search followed difference quotients; empty where the derivatives are
+        exact, or none are needed.
     """
 
     start: Array
@@ -105,6 +109,7 @@ class BetterPosture:
     is_near: bool
     moves_most: int | None
     worse: tuple[Change, ...]
+    reason: str = ""
 
     @property
     def gain(self) -> float:
@@ -182,19 +187,60 @@ class LoadedPostures:
         """Measures of the posture."""
         return self.measures(self.elastic.q[None])
 
-    def cost(self, Q: Array) -> Array:
-        """Displacements, larger for postures that are far away.
+    def __call__(self, Q: Array) -> Array:
+        """The cost (N,): displacements, larger for postures that are far away.
 
         NaN where another measure is worse than here by more than `WORST`.
         """
-        there, here = self.measures(Q), self.here
-        sizes = self.elastic.mechanism.at(self.elastic.q).coordinate_lengths
-        far = (next_to(self.elastic, Q) - self.elastic.q) / (NEARBY * np.array(sizes))
-        cost = there.displacement * (1.0 + _FAR * (far * far).mean(axis=1))
+        there, here, (factor, _) = self.measures(Q), self.here, self._distance(Q)
+        cost = there.displacement * factor
         is_kept = (there.compliance <= WORST * here.compliance) & (
             there.condition <= WORST * here.condition
         )
         return np.where(is_kept, cost, np.nan)
+
+    def slopes(self, Q: Array) -> Array:
+        """Derivatives (N, n) of the cost by the coordinates; NaN where none is recorded.
+
+        Those of the displacement are exact.
+        """
+        if not self.recorded.has_slopes:
+            return np.full_like(Q, np.nan)
+        found, (factor, rates) = (
+            self.recorded.slopes("moved", Q, self.wrench),
+            self._distance(Q),
+        )
+        return found["by_q"] * factor[:, None] + found["moved"] * rates
+
+    def _distance(self, Q: Array) -> tuple[Array, Array]:
+        """Factor (N,) of the cost by the distance from the posture, and its rates."""
+        sizes = NEARBY * np.array(
+            self.elastic.mechanism.at(self.elastic.q).coordinate_lengths
+        )
+        far = (next_to(self.elastic, Q) - self.elastic.q) / sizes
+        return 1.0 + _FAR * (far * far).mean(axis=1), 2.0 * _FAR * far / (
+            sizes * len(sizes)
+        )
+
+    @cached_property
+    def recorded(self) -> Recording:
+        """The displacement "moved" as recorded arithmetic, if there is some."""
+
+        def moved(at: Mapping[str, Array]) -> Any:
+            C = at["compliance_load"]
+            twist = 0.5 * (C + C.T) @ at["wrench"]
+            step = twist[3:] + se3.skew_of(twist[:3]) @ self.point
+            return np.sqrt(step @ step)
+
+        own = OwnOutputs.of({"moved": moved}, shapes_of(self.elastic))
+        return Recording(self.elastic, (), own, True, self.kind, "world")
+
+    @property
+    def why_quotients(self) -> str:
+        """Why derivatives are difference quotients; empty where they are exact."""
+        if self.recorded.has_slopes:
+            return ""
+        return self.recorded.reason or "some coordinates follow the load"
 
     def settled(self, q: Array) -> float | None:
         """Displacement by the load from equilibrium to equilibrium.
@@ -350,7 +396,7 @@ def _candidates(
             question.pose,
             _STARTS,
             free=free,
-            cost=question.cost,
+            cost=question,
             solver=solver,
         )
         return next_to(elastic, np.asarray(branches))
@@ -371,7 +417,7 @@ def _best(question: LoadedPostures, Q: Array, least: float) -> tuple[Array, floa
     """The candidate of least cost that the equilibrium confirms to be below `least`."""
     if not len(Q):
         return None
-    cost, here = question.cost(Q), question.here.displacement[0]
+    cost, here = question(Q), question.here.displacement[0]
     # Mirrored postures differ by rounding; the first of them is taken.
     for i in np.argsort(np.round(cost / here, 6), kind="stable")[:3]:
         if not cost[i] < here:
@@ -415,6 +461,7 @@ def _described(
         is_near,
         int(np.argmax(moved)) if is_chain else None,
         (*worse, *_margins(elastic, q)),
+        question.why_quotients if is_chain else "",
     )
 
 
