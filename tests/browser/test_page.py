@@ -353,6 +353,7 @@ def test_load_springs_and_reference_point(ur5):
     arm = arm.with_springs({"elbow_joint": 5e4})
     result = cartstiff.analyse(arm, wrench=load, load_axes="world")
     assert close(matrix(ur5), result.tangent)
+    setup(ur5, "load")
     ur5.click("[aria-label='The load acts at'] [data-value=origin]")  # wherever the point is
     setup(ur5, "point")
     ur5.fill("input[aria-label='z m']", "0.1")

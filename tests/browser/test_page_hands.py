@@ -11,7 +11,9 @@ from tests.browser.test_page_state import TOOL, changed
 from tests.inner import COLOURS, ViewState, moved_part
 
 
-@pytest.mark.parametrize("name", ["hexapod", "panda", "delta"])
+@pytest.mark.parametrize(
+    "name", ["hexapod", "ur5", pytest.param("panda", marks=pytest.mark.thorough), "delta"]
+)
 def test_the_tool_follows_the_hand(serve, pages, name):
     page = pages.shared(serve(name).url)
     settled(page)

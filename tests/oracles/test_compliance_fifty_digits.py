@@ -242,7 +242,7 @@ def test_what_is_free_near_a_singularity(distance):
 
 
 @pytest.mark.parametrize("distance", [1e-1, 1e-3, 1e-5, 1e-7, 1e-9])
-@pytest.mark.parametrize("decades", [0, 4, 9])
+@pytest.mark.parametrize("decades", [0, pytest.param(4, marks=pytest.mark.thorough), 9])
 @pytest.mark.parametrize(("joints", "loaded"), [(6, False), (6, True), (7, True)])
 def test_principal_values_of_stiff_springs_near_a_singularity(joints, loaded, decades, distance):
     """Held, free and whole, of one posture and of a map, as far as J itself is known."""

@@ -76,11 +76,6 @@ def test_it_keeps_the_tip_and_is_worth_it(name, W):
         assert worse["condition"] == pytest.approx((condition, condition_there), rel=1e-9)
 
 
-def test_some_are_offered():
-    """Else the test above says nothing."""
-    assert better_posture(cartstiff.load("panda"), wrench=50 * np.array(DOWN), load_axes="world")
-
-
 def test_page_and_report_say_the_same():
     """One function, one text."""
     arm, W = cartstiff.load("ur5"), 100 * np.array(DOWN)

@@ -29,6 +29,8 @@ const FILLED = 0.95;
 const ROOM = 0.94;
 // Height (dots) of a picture in which labels are as large as the scene says.
 const USUAL_HEIGHT = 720;
+// Share of their height there that labels keep in the lowest pictures.
+const LEGIBLE = 0.6;
 // Boxes of words over the picture.
 const OVER = ["cameras", "show", "legend", "colour-bar"];
 
@@ -208,7 +210,8 @@ export class Pane {
 
   /** How much larger labels are than in a picture of the usual height: in a low one they stay legible. */
   get lettering() {
-    return Math.sqrt(USUAL_HEIGHT / Math.max(1, this.size[1]));
+    const times = USUAL_HEIGHT / Math.max(1, this.size[1]);
+    return Math.max(Math.sqrt(times), LEGIBLE * times);
   }
 
   /** Write every label in the colours of the theme. */
