@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import json
-import os
 import pickle
 import shutil
 import subprocess
@@ -30,9 +29,6 @@ ACTING: dict[str, Any] = {
     "load_at": [0.05, -0.02, 0.1],
     "load_kind": "follower",
 }
-
-#: As a controller's compiler does in `make thorough`; that takes eight times as long.
-AS_FAST = "-O2" if os.environ.get("CARTSTIFF_THOROUGH") == "1" else "-O0"
 
 
 def later(*cases: Any) -> list[Any]:
@@ -179,23 +175,38 @@ def test_refusals():
         program.source("fortran")
     with pytest.raises(InputError, match="no source"):
         cartstiff.record(cartstiff.load("flexure-hexapod"), "B").source("c")
-    with pytest.raises(InputError, match="found in steps; expected c"):
-        cartstiff.record(cartstiff.load("6-pus"), "pose").source("jax")
+    with pytest.raises(InputError, match="exist at no posture"):
+        cartstiff.record(cartstiff.load("five-bar"), "B").source("c")
 
 
-@pytest.mark.parametrize(
-    ("name", "outputs", "loaded"),
-    [
-        ("ur5", ["B", "compliance_load", "pose"], True),
-        ("stewart-gough", ["K", "compliance_B", "wrench"], False),
-        ("6-pus", ["compliance_B", "pose"], False),
-        *later(("panda", ["compliance_B"], False), ("grasp", ["B", "wrench"], False)),
-    ],
-)
-def test_c_is_the_program(name, outputs, loaded, tmp_path):
+def function_in_c(source: str, folder: Path, *words: str) -> Any:
+    """The function `stiffness` of arrays, compiled without a warning."""
     compiler = shutil.which("cc")
     if compiler is None:
         pytest.skip("no C compiler")
+    file, library = folder / "stiffness.c", folder / "stiffness.so"
+    file.write_text(source)
+    words = ("-std=c99", "-Wall", "-Wextra", "-Werror", *words, "-shared", "-fPIC", "-lm")
+    subprocess.run([compiler, str(file), "-o", str(library), *words], check=True)
+    function, doubles = ctypes.CDLL(str(library)).stiffness, ctypes.POINTER(ctypes.c_double)
+    return lambda *arrays: function(*(a.ctypes.data_as(doubles) for a in arrays))
+
+
+@pytest.mark.parametrize(
+    ("name", "outputs", "loaded", "spread"),
+    [
+        ("ur5", ["B"], True, 0.05),
+        ("stewart-gough", ["K", "wrench"], False, 0.05),
+        ("five-bar", ["compliance_B", "pose"], True, 0.2),
+        *later(
+            ("ur5", ["B", "compliance_load", "pose"], True, 0.05),
+            ("6-pus", ["compliance_B", "pose"], False, 0.05),
+            ("panda", ["compliance_B"], False, 0.05),
+            ("grasp", ["B", "wrench"], False, 0.05),
+        ),
+    ],
+)
+def test_c_is_the_program(name, outputs, loaded, spread, tmp_path):
     elastic = cartstiff.load(name)
     inputs = ("stiffness",) if name == "panda" else ()
     program = cartstiff.record(elastic, outputs, loaded=loaded, inputs=inputs)
@@ -203,100 +214,181 @@ def test_c_is_the_program(name, outputs, loaded, tmp_path):
     numbers = dict(zip(inputs, more, strict=True))
     source = program.source("c", "stiffness")
     assert f"  0: {elastic.names_with_units[0]}" in source
-    file, library = tmp_path / "stiffness.c", tmp_path / "stiffness.so"
-    file.write_text(source)
-    words = ["-std=c99", "-Wall", "-Wextra", "-Werror", AS_FAST, "-shared", "-fPIC", "-lm"]
-    subprocess.run([compiler, str(file), "-o", str(library), *words], check=True)
-    function = ctypes.CDLL(str(library)).stiffness
-    doubles = ctypes.POINTER(ctypes.c_double)
+    function = function_in_c(source, tmp_path, "-O2")
     out = np.zeros(sum(program(elastic.q, *[LOAD] * loaded)[n].size for n in program.names))
+<<<<<<< HEAD
     plain = needless = 0
     for q in postures(elastic, 300, 0.05):
+=======
+    plain, doubted = 0, 0
+    # Where the body in a grasp spins at no cost, round-off matters more, and decides whether
+    # the posture is plain.
+    share, most_doubted = (1e-12, 5) if name == "grasp" else (1e-13, 0)
+    for q in postures(elastic, 1000, spread):
+>>>>>>> d98b9919 (Sources in every language close chains and bend links, led from the reference posture)
         here = q.copy()
-        arrays = [here, *[LOAD] * loaded, *more, out]
-        refused = function(*(array.ctypes.data_as(doubles) for array in arrays))
+        refused = function(here, *[LOAD] * loaded, *more, out)
         answer = program(q, *[LOAD] * loaded, **numbers)
         assert refused or answer.is_plain
+<<<<<<< HEAD
         needless += bool(refused) and answer.is_plain
+=======
+        doubted += bool(refused and answer.is_plain)
+>>>>>>> d98b9919 (Sources in every language close chains and bend links, led from the reference posture)
         if not refused:
             plain += 1
             found = np.concatenate([answer[n].ravel() for n in program.names])
             sizes = [np.full(answer[n].size, np.abs(answer[n]).max()) for n in program.names]
+<<<<<<< HEAD
             assert (np.abs(out - found) <= 2e-13 * np.concatenate(sizes)).all()
             assert np.abs(here - answer.q).max() <= 1e-13
     assert plain > 150
     # Steps that end in rounding may be vain in C alone: who calls it asks another way then.
     assert needless <= (3 if name == "grasp" else 0)
+=======
+            assert (np.abs(out - found) <= share * np.concatenate(sizes)).all()
+            assert np.abs(here - answer.q).max() <= share
+    assert doubted <= most_doubted
+    assert plain > 500
+>>>>>>> d98b9919 (Sources in every language close chains and bend links, led from the reference posture)
 
 
-@pytest.mark.parametrize("language", ["python", "javascript"])
-def test_other_languages_are_the_program(language):
-    arm = cartstiff.load("ur5")
-    program = cartstiff.record(arm, ["B", "wrench"], loaded=True)
-    source, q = program.source(language, "stiffness"), postures(arm, 1, 0.1)[0]
-    answer = program(q, LOAD)
-    expected = np.concatenate([answer.B.ravel(), answer.wrench])
-    straight = arm.q.copy()
-    straight[4] = 0.0
-    if language == "python":
-        known: dict[str, Any] = {}
-        exec(source, known)
-        is_plain, found = known["stiffness"](q.tolist(), LOAD.tolist())
-        assert is_plain
-        assert not known["stiffness"](straight.tolist(), LOAD.tolist())[0]
-    else:
+def by_source(program, language: str, folder: Path) -> Any:
+    """The source's answer at postures under a load, if there is one: whether each is plain, the
+    record and the coordinates.
+    """
+    source = program.source(language, "stiffness")
+    count = sum(
+        program(program.elastic.q, *[LOAD] * program.is_loaded)[n].size for n in program.names
+    )
+    if language == "c":
+        function, known = function_in_c(source, folder, "-O0"), []
+    elif language == "python":
+        exec(source, known := {})
+    elif language == "jax":
+        jax = pytest.importorskip("jax")
+        jax.config.update("jax_enable_x64", True)
+        exec(source, known := {})
+        function = jax.jit(known["stiffness"])
+
+    def one(q, *load):
+        here, out = q.copy(), np.zeros(count)
+        if language == "c":
+            return not function(here, *load, out), out, here
+        if language == "python":
+            is_plain, record = known["stiffness"](own := q.tolist(), *(w.tolist() for w in load))
+            return is_plain, record, own
+        is_plain, found = function(q, *load)
+        record = np.concatenate([np.ravel(found[output]) for output in program.names])
+        return is_plain, record, found.get("q", q)
+
+    def in_node(Q, *load):
         if (node := shutil.which("node")) is None:
             pytest.skip("no node")
-        calls = f"[{q.tolist()},{straight.tolist()}].map(q=>stiffness(q,{LOAD.tolist()}))"
+        given = ",".join(["q", *(str(w.tolist()) for w in load)])
+        calls = f"{np.asarray(Q).tolist()}.map(q=>[stiffness({given}),q])"
         text = f"{source};console.log(JSON.stringify({calls}))"
         printed = subprocess.run(
             [node, "-"], input=text, capture_output=True, check=True, text=True
         )
-        found, refused = json.loads(printed.stdout)
-        assert refused is None
-    close(np.array(found), expected, 1e-13)
+        return [(out is not None, out, q) for out, q in json.loads(printed.stdout)]
+
+    if language == "javascript":
+        return in_node
+    return lambda Q, *load: [one(q, *load) for q in Q]
+
+
+LANGUAGES = ["c", "jax", "python", "javascript"]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize(
+    ("name", "outputs", "load", "spread"),
+    [
+        ("ur5", ["B", "wrench"], 1.0, 0.1),
+        ("five-bar", ["pose", "compliance_load"], 1.0, 1.5),
+        *later(
+            ("6-ups", ["B", "wrench"], 1.0, 0.3),
+            ("3-rrr", ["pose", "wrench"], 0.0, 0.3),
+            ("3-rrr", ["B", "wrench"], 0.1, 0.05),
+            ("delta", ["B", "wrench"], 0.1, 0.1),
+            ("flexible_arm", ["B", "wrench"], 1.0, 0.3),
+        ),
+    ],
+)
+def test_every_source_is_the_program(name, outputs, load, spread, language, tmp_path):
+    """Also where a chain closes, far from where it was drawn, and links bend under the load."""
+    example = Path(__file__).resolve().parents[2] / "examples" / f"{name}.yaml"
+    elastic = cartstiff.load(example if example.exists() else name)
+    program = cartstiff.record(elastic, outputs, loaded=load > 0.0)
+    given, Q = [load * LOAD] * (load > 0.0), postures(elastic, 12, spread)
+    Q[:, sorted(elastic.mechanism.virtual)] = 0.0
+    if name == "ur5":
+        Q[0] = elastic.q
+        Q[0, 4] = 0.0  # the wrist's axes align
+    found, plain = by_source(program, language, tmp_path)(Q, *given), 0
+    for q, (is_plain, out, at) in zip(Q, found, strict=True):
+        answer = program(q, *given)
+        assert bool(is_plain) is answer.is_plain
+        if is_plain:
+            plain += 1
+            ends = np.cumsum([answer[n].size for n in program.names])[:-1]
+            for output, part in zip(program.names, np.split(np.asarray(out), ends), strict=True):
+                close(part, answer[output].ravel(), 1e-12)
+            assert np.abs(np.asarray(at) - answer.q).max() <= 1e-12
+    assert plain >= 4
 
 
 @pytest.mark.parametrize(
     ("name", "quantity"),
     [
         ("ur5", "translation_free_min"),
-        *later(("stewart-gough", "deflection"), ("panda", "deflection")),
+        *later(
+            ("stewart-gough", "deflection"),
+            ("panda", "deflection"),
+            ("6-ups", "deflection"),
+            ("delta", "deflection"),
+        ),
     ],
 )
 def test_jax_is_the_program_and_has_its_derivatives(name, quantity):
-    jax = pytest.importorskip("jax")
+    """Of a chain's motors, as the rest follows, and of what bends its links."""
+    jax, load = pytest.importorskip("jax"), LOAD * (0.1 if name == "delta" else 1.0)
     elastic = cartstiff.load(name)
     program = cartstiff.record(elastic, ["compliance_load", quantity], loaded=True, **ACTING)
+    moved = np.arange(len(elastic.q))
+    if elastic.mechanism.closures:
+        moved = sorted({*elastic.mechanism.held} - {*elastic.mechanism.virtual})
     known: dict[str, Any] = {}
     exec(program.source("jax", "stiffness"), known)
     function, Q = known["stiffness"], postures(elastic, 3, 0.05)
+    Q[:, sorted(elastic.mechanism.virtual)] = 0.0
     jax.config.update("jax_enable_x64", True)
     one, many = jax.jit(function), jax.jit(jax.vmap(function, in_axes=(0, None)))
 
     def number(q):
-        return function(q, LOAD)[1][quantity]
+        return function(q, load)[1][quantity]
 
-    plain, together = many(Q, LOAD)
+    plain, together = many(Q, load)
     slope = jax.jit(jax.grad(number))
     assert plain.all()
     for i, q in enumerate(Q):
-        answer, (is_plain, found) = program(q, LOAD), one(q, LOAD)
+        answer, (is_plain, found) = program(q, load), one(q, load)
         assert is_plain
         for output, values in answer.items():
             close(np.asarray(found[output]), values, 1e-12)
             close(np.asarray(together[output][i]), values, 1e-12)
-        steps = 1e-6 * np.eye(len(q))
-        ends = [[float(program(q + s * d, LOAD)[quantity]) for s in (1, -1)] for d in steps]
+        steps = 1e-6 * np.eye(len(q))[moved]
+        ends = [[float(program(q + s * d, load)[quantity]) for s in (1, -1)] for d in steps]
         quotients = np.array([(a - b) / 2e-6 for a, b in ends])
-        close(np.asarray(slope(q)), quotients, 1e-6)
+        close(np.asarray(slope(q))[moved], quotients, 1e-6)
     if name == "ur5":
         straight = elastic.q.copy()
         straight[4] = 0.0
-        assert not one(straight, LOAD)[0]
+        assert not one(straight, load)[0]
     jax.config.update("jax_enable_x64", False)
     with pytest.raises(RuntimeError, match="jax_enable_x64"):
-        function(Q[0], LOAD)
+        function(Q[0], load)
 
 
 def generated(seed: int, folder: Path) -> cartstiff.ElasticMechanism:
@@ -316,20 +408,6 @@ pose: {{xyz: [0.05, 0, 0.9], rpy: [0.1, 0, 0.2]}}
 legs: {{stiffness: {rng.uniform(1e5, 1e6, 6).tolist()}}}
 """)
     return cartstiff.load(folder / "platform.yaml")
-
-
-def in_c(source: str, folder: Path) -> Any:
-    """The function `stiffness` of arrays, compiled."""
-    compiler = shutil.which("cc")
-    if compiler is None:
-        return None
-    library = folder / "stiffness.so"
-    (folder / "stiffness.c").write_text(source)
-    words = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O0", "-shared", "-fPIC"]
-    file = str(folder / "stiffness.c")
-    subprocess.run([compiler, *words, file, "-o", str(library), "-lm"], check=True)
-    function, doubles = ctypes.CDLL(str(library)).stiffness, ctypes.POINTER(ctypes.c_double)
-    return lambda *arrays: function(*(a.ctypes.data_as(doubles) for a in arrays))
 
 
 def in_jax(source: str) -> Any:
@@ -356,7 +434,7 @@ def test_generated_mechanisms_and_set_ups(seed, tmp_path):
     kinds = ["compliance_load", "compliance_A", "compliance_B"]
     outputs = [*kinds, "wrench", "pose", "energy"]
     program = cartstiff.record(elastic, outputs, loaded=True, **acting)
-    compiled = in_c(program.source("c", "stiffness"), tmp_path)
+    compiled = function_in_c(program.source("c", "stiffness"), tmp_path, "-O0")
     traced = in_jax(program.source("jax", "stiffness"))
     shapes = {name: np.shape(program(elastic.q, LOAD)[name]) for name in outputs}
     sizes = [int(np.prod(shape)) for shape in shapes.values()]
@@ -402,6 +480,8 @@ def test_every_quantity_is_an_output(name):
     names = [n for n in QUANTITIES if not n.startswith("damping")]
     if elastic.mechanism.closures:
         names = [n for n in names if "jacobian" not in QUANTITIES[n].needs]
+    if not elastic.efforts:  # nothing limits the forces of its drives
+        names = [n for n in names if QUANTITIES[n].asks != "effort"]
     settings = {"direction": [0.0, 0.0, 2.0], "length": 0.4, "connection": "B"}
     program = cartstiff.record(elastic, ["K", *names], loaded=True, **settings)
     assert "connection_change" in program.from_matrices
@@ -583,38 +663,20 @@ def test_frequencies_are_those_with_the_payload():
     ("name", "scales"), later(("flexible_arm", (1, 10, 30)), ("3-rrr", (0.1, 0.2)))
 )
 def test_c_bends_links_to_rest(name, scales, tmp_path):
-    """Where a load deflects flexible links, C takes the program's steps."""
-    if (compiler := shutil.which("cc")) is None:
-        pytest.skip("no C compiler")
+    """As far as the core does, and says where they bend too far."""
     example = Path(__file__).resolve().parents[2] / "examples" / f"{name}.yaml"
     elastic = cartstiff.load(example if example.exists() else name)
     program = cartstiff.record(elastic, ["B", "pose"], loaded=True)
-    library = tmp_path / "stiffness.so"
-    (tmp_path / "stiffness.c").write_text(program.source("c", "stiffness"))
-    words = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O0", "-shared", "-fPIC", "-lm"]
-    file = tmp_path / "stiffness.c"
-    subprocess.run([compiler, str(file), "-o", str(library), *words], check=True)
-    function = ctypes.CDLL(str(library)).stiffness
-    doubles = ctypes.POINTER(ctypes.c_double)
-    out, rng, chain = np.zeros(52), np.random.default_rng(0), elastic.mechanism
-    moving, driven = sorted(chain.virtual), sorted({*chain.held} - {*chain.virtual})
-    if not chain.closures:
-        driven = np.setdiff1d(np.arange(len(elastic.q)), moving)
-    for scale in scales:
-        q = elastic.q.copy()
-        q[driven] += rng.uniform(-0.05, 0.05, len(driven))
+    function = function_in_c(program.source("c", "stiffness"), tmp_path, "-O0")
+    out, moving = np.zeros(52), sorted(elastic.mechanism.virtual)
+    for scale, q in zip(scales, postures(elastic, len(scales), 0.05), strict=True):
+        q[moving] = 0.0
         here, load = q.copy(), scale * LOAD
-        refused = function(*(a.ctypes.data_as(doubles) for a in (here, load, out)))
-        answer = program(q, load)
-        assert not refused
-        assert answer.is_plain
-        assert np.abs(answer.q[moving]).max() > 1e-6
-        close(here, answer.q, 1e-11)
-        close(out[:36], answer.B.ravel(), 1e-11)
+        assert not function(here, load, out)
+        assert np.abs(here[moving]).max() > 1e-6
         core = cartstiff.analyse(elastic, q, wrench=load)
         close(out[:36].reshape(6, 6), core.matrices["B"], 1e-9)
-    far = 1e6 * LOAD
-    assert function(*(a.ctypes.data_as(doubles) for a in (elastic.q.copy(), far, out)))
+    assert function(elastic.q.copy(), 1e6 * LOAD, out)
 
 
 @pytest.mark.parametrize("name", ["6-pus", *later("flexible_arm")])

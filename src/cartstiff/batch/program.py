@@ -55,15 +55,8 @@ from cartstiff.batch.quantities import (
     choose_quantities,
 )
 from cartstiff.batch.recording import NOTHING, Recording, shapes_of, springs_of
-from cartstiff.batch.sources import (
-    LANGUAGES,
-    Before,
-    Facts,
-    c_source,
-    javascript_source,
-    jax_source,
-    python_source,
-)
+from cartstiff.batch.source_steps import Before
+from cartstiff.batch.sources import WRITERS, Facts
 from cartstiff.batch.tape import Program as Tape
 from cartstiff.batch.untraced import UntracedTerms
 from cartstiff.checked_call import checked
@@ -387,7 +380,8 @@ class Program(Recording):
         ----------
         language : {"c", "jax", "python", "javascript"}
             "c" is one C99 function without allocation for a controller; "jax" is a
-            function that JAX compiles, maps and differentiates.
+            function that JAX compiles, maps and differentiates. All close chains and
+            deflect links as a call does.
         name : str
             Of the function; default that of the mechanism.
 
@@ -396,40 +390,31 @@ class Program(Recording):
         UnknownNameError
             For another language.
         InputError
-            If some of the arithmetic is not recorded, or takes steps.
+            If some of the arithmetic is not recorded.
         """
-        check_name("language", language, LANGUAGES)
+        check_name("language", language, WRITERS)
         # What no source can do is refused with its reason.
         taken, tape = self._taken, self._tape
         if taken is None or tape is None:
             raise InputError(f"no source: {self.reason}")
         if taken.untraced.is_dense:
-            raise InputError("no source: some of its potentials are found in steps")
-        if language != "c" and (taken.is_closed or taken.untraced):
-            raise InputError("no source: the posture is found in steps", expected="c")
+            raise InputError(
+                "no source: some of its potentials are evaluated posture by posture",
+                expected="a call of the program",
+            )
         if self.from_matrices:
             names = ", ".join(self.from_matrices)
             raise InputError(f"no source: {names} cannot be recorded")
         name = name or re.sub(r"\W", "_", f"stiffness_of_{self.elastic.name}")
         # All outputs as one row, and what is no input as constants.
         exist = [n for n in self.names if n in tape.outputs]
+        if not exist:
+            raise InputError("no source: the outputs exist at no posture")
         steps = tuple(step for n in exist for step in tape.outputs[n])
         tape = tape.with_outputs({"record": steps, "verdict": tape.outputs["verdict"]})
         shared = {n: row for n, row in taken.shared.items() if n not in self.inputs}
-        # C may also find the posture in steps; JAX wants shapes.
-        if language == "c":
-            case = taken.case
-            before = Before(
-                program_for(case, CLOSING) if taken.is_closed else None,
-                program_for(case, SETTLING) if taken.settles else None,
-                taken.untraced.beams,
-            )
-            return c_source(tape, shared, self._facts(exist), name, before)
-        if language == "jax":
-            shapes = {n: self._shapes[n] for n in exist}
-            return jax_source(tape, shared, self._facts(exist), name, shapes)
-        write = python_source if language == "python" else javascript_source
-        return write(tape, shared, self._facts(exist), name)
+        before = Before.of(taken, self._count)
+        return WRITERS[language](tape, shared, self._facts(exist), name, before)
 
     def _facts(self, exist: Sequence[str]) -> Facts:
         """Names, shapes and units of what goes in and comes out."""
@@ -461,7 +446,8 @@ class Program(Recording):
         )
         title = f"{', '.join(exist)} of {self.elastic.name} at a posture"
         inputs = {name: len(usual) for name, usual in self._usual.items()}
-        return Facts(title, self.elastic.names_with_units, wrench, inputs, lines)
+        shapes = {n: self._shapes[n] for n in exist}
+        return Facts(title, self.elastic.names_with_units, wrench, inputs, lines, shapes)
 
     # -- many postures
     # -------------------------------------------------------------------------

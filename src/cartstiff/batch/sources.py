@@ -11,14 +11,14 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
 from heapq import heapify, heappop, heappush
+from string import Template
 from typing import NamedTuple
 
 import numpy as np
 
-from cartstiff import numerics
 from cartstiff.batch.algebra import PLAIN
-from cartstiff.batch.closed_chains import MAX_SETTLING_STEPS, STEPS
 from cartstiff.batch.execution import (
     HELPERS,
     JAVASCRIPT,
@@ -26,14 +26,9 @@ from cartstiff.batch.execution import (
     Language,
     written,
 )
+from cartstiff.batch.source_steps import Before, declared
 from cartstiff.batch.tape import Program as Tape
-from cartstiff.batch.untraced import segment_program
 from cartstiff.geometry.se3 import Array
-from cartstiff.mechanisms.closures import LONGEST_STEP
-from cartstiff.potentials.beams import Beam, alike
-from cartstiff.stiffness.settled_links import LAST, ROUNDED
-
-LANGUAGES = ("c", "jax", "python", "javascript")
 
 
 class Facts(NamedTuple):
@@ -46,6 +41,7 @@ class Facts(NamedTuple):
     wrench : names with units, and axes and point; empty without a load.
     inputs : other numbers that the function takes, and their count.
     outputs : lines on each output: shape and unit.
+    shapes : shape of each output by name.
     """
 
     title: str
@@ -53,6 +49,7 @@ class Facts(NamedTuple):
     wrench: Sequence[str]
     inputs: Mapping[str, int]
     outputs: Sequence[str]
+    shapes: Mapping[str, tuple[int, ...]]
 
     @property
     def arguments(self) -> dict[str, int]:
@@ -87,26 +84,6 @@ _C = Language(
 _LARGER = "static double larger(double x, double y) { return x > y || x != x ? x : y; }"
 
 
-class Before(NamedTuple):
-    """Steps that a posture takes before its numbers are computed.
-
-    Attributes
-    ----------
-    closing : one step that closes a chain: its outputs are "next" and "left".
-    settling : one step of links towards rest under a load: "settled" and "moved".
-    beams : links, whose derivatives are inputs of the programs.
-    """
-
-    closing: Tape | None = None
-    settling: Tape | None = None
-    beams: Sequence[Beam] = ()
-
-    @property
-    def moves(self) -> bool:
-        """Whether the coordinates change."""
-        return self.closing is not None or self.settling is not None
-
-
 def c_source(
     program: Tape,
     shared: Mapping[str, Array],
@@ -129,115 +106,44 @@ def c_source(
     before : Before
         Steps towards the posture.
     """
-    n, size = len(facts.coordinates), len(program.outputs["record"])
     # The arithmetic of a posture at rest.
     body, read, called = _c_body(program, shared, name)
-    verdict = body.pop()
-    arguments = [f"const double {name}[{m}]" for name, m in facts.arguments.items()]
-    if before.moves:
-        arguments[0] = f"double q[{n}]"
+    *body, verdict = body
+    arguments = declared(facts.arguments, before.moves)
     parts = [_comment(facts, name, before.moves), "#include <math.h>", "", _LARGER]
     calls = [f"  (void){array};" for array in facts.arguments if array not in read]
-    # What comes before it, in this order: shut the closures, come to rest, take up the
-    # beams.
+    # What comes before it, in this order: close the chain, come to rest, take up the
+    # links.
+    write = partial(_c_function, shared)
+    parts += before.text("c", name, facts.arguments, write)
     if before.closing is not None:
-        parts += ["", *_c_closing(before.closing, name, n)]
         calls.append(f"  if ({name}_close(q)) return 1;")
-    if before.beams:
-        parts += ["", *_c_beams(before.beams, name, n)]
-        terms = _terms(before.beams)
-        declared = ", ".join(f"{array}[{m}]" for array, m in terms.items())
-        calls.insert(0, f"  double {declared};")
-        if before.settling is not None:
-            parts += ["", *_c_settling(before.settling, shared, facts, name, terms)]
-            calls.append(f"  if ({name}_settle({', '.join(facts.arguments)})) return 1;")
-        calls.append(f"  if ({name}_terms(q, {', '.join(terms)})) return 1;")
+    if before.settling is not None:
+        calls.append(f"  if ({name}_settle({', '.join(facts.arguments)})) return 1;")
+    if before.terms:
+        arrays = ", ".join(f"{array}[{m}]" for array, m in before.terms.items())
+        calls.insert(0, f"  double {arrays};")
+        calls.append(f"  if ({name}_terms(q, {', '.join(before.terms)})) return 1;")
     # The function itself returns whether the numbers do not count.
-    head = f"int {name}({', '.join([*arguments, f'double out[{size}]'])})"
+    size = len(program.outputs["record"])
+    head = f"int {name}({arguments}, double out[{size}])"
     returned = f"  return !({verdict} == {PLAIN!r});"
     return "\n".join([*parts, "", *called, head, "{", *calls, *body, returned, "}", ""])
 
 
-def _terms(beams: Sequence[Beam]) -> dict[str, int]:
-    """Inputs that links determine, and their sizes."""
-    count = sum(len(beam.indices) for beam in beams)
-    return {"energies": 1, "segment_gradients": 6 * count, "segment_hessians": 36 * count}
-
-
-def _c_beams(beams: Sequence[Beam], name: str, n: int) -> list[str]:
-    """Energy, gradient and Hessian of each segment."""
-    parts, chosen, kinds = list[str](), list[str](), dict[int, int]()
-    for k, group in enumerate(alike(beams)):
-        segment = segment_program(group[0].length, group[0].section)
-        body, _, _ = _c_body(segment, {}, f"{name}_segment{k}")
-        plain = f"  return !({body.pop()} == {PLAIN!r});"
-        head = f"static int {name}_segment{k}(const double x[6], double out[28])"
-        parts += [head, "{", *body, plain, "}", ""]
-        chosen.append(f"    if (kinds[i] == {k} && {name}_segment{k}(x, out)) return 1;")
-        kinds |= {id(beam): k for beam in group}
-    own = [(kinds[id(beam)], row) for beam in beams for row in beam.indices.tolist()]
-    rows = ", ".join(f"{{{', '.join(map(str, row))}}}" for _, row in own)
-    arrays = ", ".join(f"double {array}[{m}]" for array, m in _terms(beams).items())
-    choice = "\n".join(chosen)
-    return [
-        *parts,
-        f"""/* Derivatives of the energy of the links; 1 where one bends too far. */
-static int {name}_terms(const double q[{n}], {arrays})
-{{
-  static const int kinds[{len(own)}] = {{{", ".join(str(k) for k, _ in own)}}};
-  static const int at[{len(own)}][6] = {{{rows}}};
-  int i, a, b;
-  energies[0] = 0.0;
-  for (i = 0; i < {len(own)}; i++) {{
-    double x[6], out[28] = {{0}};
-    const double *entry = out + 7;
-    for (a = 0; a < 6; a++) x[a] = q[at[i][a]];
-{choice}
-    energies[0] += out[0];
-    for (a = 0; a < 6; a++) {{
-      segment_gradients[6*i + a] = out[1 + a];
-      for (b = 0; b <= a; b++, entry++)
-        segment_hessians[36*i + 6*a + b] = segment_hessians[36*i + 6*b + a] = *entry;
-    }}
-  }}
-  return 0;
-}}""",
-    ]
-
-
-def _c_settling(
-    settling: Tape,
-    shared: Mapping[str, Array],
-    facts: Facts,
-    name: str,
-    terms: Mapping[str, int],
-) -> list[str]:
-    """The steps of `closed_chains.settle` for one posture."""
-    n = len(facts.coordinates)
-    body, read, called = _c_body(settling, shared, f"{name}_bend")
-    sizes = {**facts.arguments, **terms}
-    given = [f"const double {array}[{m}]" for array, m in sizes.items()]
-    unread = [f"  (void){array};" for array in sizes if array not in read]
-    step = f"static void {name}_bend({', '.join(given)}, double out[{n + 2}])"
-    own = [f"double q[{n}]", *given[1 : len(facts.arguments)]]
-    declared = ", ".join(f"{array}[{m}]" for array, m in terms.items())
-    loop = f"""
-/* Moves the links to rest under the load, from q, in place; 1 where they do not. */
-static int {name}_settle({", ".join(own)})
-{{
-  double {declared}, out[{n + 2}], moved = INFINITY;
-  int i, steps;
-  for (steps = 0; steps < {MAX_SETTLING_STEPS}; steps++) {{
-    if ({name}_terms(q, {", ".join(terms)})) return 1;
-    {name}_bend({", ".join(sizes)}, out);
-    moved = out[{n}];
-    if (out[{n + 1}] != {PLAIN!r} || !(moved < INFINITY)) return 1;
-    for (i = 0; i < {n}; i++) q[i] = out[i];
-    if (moved <= {LAST!r}) return 0;
-  }}
-  return !(moved <= {ROUNDED!r});
-}}"""
-    return [*called, step, "{", *unread, *body, "}", loop]
+def _c_function(
+    shared: Mapping[str, Array], program: Tape, name: str, arguments: Mapping[str, int]
+) -> str:
+    """A program as a function of all its outputs, the verdict last."""
+    (*body, last), read, called = _c_body(program, shared, name)
+    size = sum(map(len, program.outputs.values()))
+    if "verdict" in program.outputs:
+        body.append(f"  out[{size - 1}]={last};")
+    else:
+        body.append(last)
+    unread = [f"  (void){array};" for array in arguments if array not in read]
+    head = f"static void {name}({declared(arguments)}, double out[{size}])"
+    return "\n".join([*called, head, "{", *unread, *body, "}"])
 
 
 #: Number of lines of a function that a C compiler optimises in seconds.
@@ -298,71 +204,64 @@ def _c_body(
     return body, {*arrays}, [*constants, "", *functions]
 
 
-def _c_closing(closing: Tape, name: str, n: int) -> list[str]:
-    """The steps of `closed_chains.close` for one posture."""
-    width = sum(map(len, closing.outputs.values()))
-    step, _, called = _c_body(closing, {}, f"{name}_step")
-    starts, at = dict[str, int](), 0
-    for output, steps in closing.outputs.items():
-        starts[output], at = at, at + len(steps)
-    left, ahead = starts["left"], starts["next"]
-    tight, loose = numerics.ATTAINABLE_PRECISION, numerics.ROUNDOFF
-    head = f"static void {name}_step(const double q[{n}], double out[{width}])"
-    loop = f"""
-/* Closes the chain from q, in place; 1 where these steps do not close it. */
-static int {name}_close(double q[{n}])
-{{
-  double out[{width}], size = INFINITY, best = INFINITY;
-  int i, steps, futile = 0;
-  for (steps = 0; steps < {STEPS}; steps++) {{
-    const double before = size;
-    double unit, step;
-    {name}_step(q, out);
-    size = out[{left}];
-    step = out[{left + 1}];
-    unit = out[{left + 2}] > 1.0 ? out[{left + 2}] : 1.0;
-    if (size <= {tight!r} * unit) return 0;
-    if (size <= {loose!r} * unit &&
-        (size > 0.1 * before || step <= {numerics.SMALLEST_STEP!r})) return 0;
-    futile = size < 0.9 * best ? 0 : futile + 1;
-    best = size < best ? size : best;
-    if (out[{left + 3}] != {PLAIN!r} || !(step < INFINITY)) return 1;
-    if (futile >= {numerics.MAX_FUTILE_STEPS} && step < {LONGEST_STEP!r}) return 1;
-    for (i = 0; i < {n}; i++) q[i] = out[{ahead} + i];
-  }}
-  return 1;
-}}"""
-    return [*called, head, "{", *step, "}", loop]
-
-
 def python_source(
-    program: Tape, shared: Mapping[str, Array], facts: Facts, name: str
+    program: Tape,
+    shared: Mapping[str, Array],
+    facts: Facts,
+    name: str,
+    before: Before,
 ) -> str:
     """A Python function of numbers: whether the posture is plainly regular,
     and the record.
     """
-    lines, outputs, _, arrays = written(program, PYTHON)
-    names = [*facts.arguments]
-    heads = [
-        f"{short} = {np.ravel(shared[array]).tolist() if array in shared else array}"
-        for array, short in arrays.items()
-    ]
-    *record, verdict = outputs
-    body = [*heads, *lines, f"return {verdict} == {PLAIN!r}, [{', '.join(record)}]"]
-    words = "\n    ".join(_words(facts, name, is_moved=False)[:-1])
+    q_first = ", ".join(facts.arguments)
+    lines = list[str]()
+    if before.closing is not None:
+        lines.append(f"q[:] = {name}_close(q)")
+    if before.settling is not None:
+        lines.append(f"q[:] = {name}_settle({q_first})")
+    if before.terms:
+        lines.append(f"{', '.join(before.terms)} = {name}_terms(q)")
+    body, outputs = _python_body(program, shared)
+    lines += [*body, f"*record, verdict = {', '.join(outputs)}"]
+    lines.append(f"return verdict == {PLAIN!r} and isfinite(sum(record)), record")
+    words = "\n    ".join(_words(facts, name, before.moves)[:-1])
     parts = [
-        "from math import copysign, cos, sin, sqrt",
+        "from math import ceil, copysign, cos, inf, isfinite, sin, sqrt",
         "",
+        *before.text("python", name, facts.arguments, partial(_python_function, shared)),
         "",
-        f"def {name}({', '.join(names)}):",
+        f"def {name}({q_first}):",
         f'    """{words}\n    """',
         "    try:",
-        *(f"        {line}" for line in body),
+        *(f"        {line}" for line in lines),
         "    except (ArithmeticError, ValueError):  # a number does not exist",
         "        return False, []",
         "",
     ]
     return "\n".join(parts)
+
+
+def _python_body(
+    program: Tape, shared: Mapping[str, Array]
+) -> tuple[list[str], list[str]]:
+    """Lines that compute a program, and its outputs."""
+    lines, outputs, _, arrays = written(program, PYTHON)
+    heads = [
+        f"{short} = {np.ravel(shared[array]).tolist() if array in shared else array}"
+        for array, short in arrays.items()
+    ]
+    return [*heads, *lines], outputs
+
+
+def _python_function(
+    shared: Mapping[str, Array], program: Tape, name: str, arguments: Mapping[str, int]
+) -> str:
+    """A program as a function of lists."""
+    lines, outputs = _python_body(program, shared)
+    body = "".join(f"    {line}\n" for line in lines)
+    head = f"\ndef {name}({', '.join(arguments)}):\n"
+    return f"{head}{body}    return [{', '.join(outputs)}]\n"
 
 
 #: Operations at once of a JAX function.
@@ -376,12 +275,6 @@ _JAX = """import jax
 import jax.numpy as jnp
 import numpy as np
 
-# Operations in steps of {width}: kind of each, and the places of what it reads. A place
-# is that of an input or constant, or of an earlier result.
-_KIND = np.array({kinds}, np.int32).reshape(-1, {width})
-_READ = np.array({reads}, np.int32).reshape(-1, {width}, 4)
-_PLACE = {first} + {width} * np.arange(len(_KIND))
-
 
 def _chosen(kind, several):
     found = 0.0
@@ -393,10 +286,10 @@ def _chosen(kind, several):
 def _results(x, kind, turns):
     a, b, c, d = (x[..., i] for i in range(4))
     over, under = jnp.where(kind == 4, b, 1.0), jnp.where(kind == 6, a, 1.0)
-    several = {{1: a + b, 2: a - b, 3: a * b, 4: a / over, 5: -a, 6: jnp.sqrt(under)}}
-    several |= {{7: jnp.abs(a), 8: jnp.maximum(a, b)}}
-    several |= {{11: jnp.abs(a) * jnp.where(jnp.signbit(b), -1.0, 1.0)}}
-    several |= {{12: jnp.where(a < b, c, d)}}
+    several = {1: a + b, 2: a - b, 3: a * b, 4: a / over, 5: -a, 6: jnp.sqrt(under)}
+    several |= {7: jnp.abs(a), 8: jnp.maximum(a, b)}
+    several |= {11: jnp.abs(a) * jnp.where(jnp.signbit(b), -1.0, 1.0)}
+    several |= {12: jnp.where(a < b, c, d)}
     turned = [lambda a: (jnp.sin(a), jnp.cos(a)), lambda a: (a, a)]
     several[9], several[10] = jax.lax.cond(turns, *turned, a)
     return _chosen(kind, several)
@@ -407,59 +300,83 @@ def _slopes(x, y, kind):
     over, root = jnp.where(kind == 4, b, 1.0), jnp.where(kind == 6, y, 1.0)
     size, sign = (jnp.where(jnp.signbit(z), -1.0, 1.0) for z in (a, b))
     taken = jnp.where(a < b, 1.0, 0.0)
-    first = {{1: 1.0, 2: 1.0, 3: b, 4: 1.0 / over, 5: -1.0, 6: 0.5 / root, 7: size}}
-    first |= {{8: 1.0 - taken, 9: jnp.cos(a), 10: -jnp.sin(a), 11: size * sign}}
-    second = {{1: 1.0, 2: -1.0, 3: a, 4: -y / over, 8: taken}}
-    four = first, second, {{12: taken}}, {{12: 1.0 - taken}}
+    first = {1: 1.0, 2: 1.0, 3: b, 4: 1.0 / over, 5: -1.0, 6: 0.5 / root, 7: size}
+    first |= {8: 1.0 - taken, 9: jnp.cos(a), 10: -jnp.sin(a), 11: size * sign}
+    second = {1: 1.0, 2: -1.0, 3: a, 4: -y / over, 8: taken}
+    four = first, second, {12: taken}, {12: 1.0 - taken}
     slopes = jnp.stack([_chosen(kind, each) for each in four], -1)
     return jnp.where(jnp.isfinite(slopes), slopes, 0.0)
 
 
-def _along(numbers, function, *rows):
-    def step(known, row):
-        place, read, *more = row
-        found = function(known[read], *more)
-        return jax.lax.dynamic_update_slice(known, found, (place,)), None
+def _program(inputs, constants, kinds, reads, outputs):
+    # Operations in steps of several: kind of each, and the places of what it reads. A
+    # place is that of an input or constant, or of an earlier result.
+    first, width = len(inputs) + len(constants), $width
+    kinds = np.array(kinds, np.int32).reshape(-1, width)
+    reads = np.array(reads, np.int32).reshape(-1, width, 4)
+    places = first + width * np.arange(len(kinds))
 
-    room = jnp.concatenate([numbers, jnp.zeros(_KIND.size)])
-    return jax.lax.scan(step, room, (_PLACE, _READ, *rows))[0]
+    def along(numbers, function, *rows):
+        def step(known, row):
+            place, read, *more = row
+            found = function(known[read], *more)
+            return jax.lax.dynamic_update_slice(known, found, (place,)), None
+
+        room = jnp.concatenate([numbers, jnp.zeros(kinds.size)])
+        return jax.lax.scan(step, room, (places, reads, *rows))[0]
+
+    # One posture after the other is faster than the table of many.
+    @jax.custom_batching.sequential_vmap
+    def one(numbers):
+        turns = ((kinds == 9) | (kinds == 10)).any(axis=1)
+        return along(numbers, _results, kinds, turns)
+
+    @jax.custom_jvp
+    def values(numbers):
+        return one(numbers)
+
+    @values.defjvp
+    def _(numbers, changes):
+        found = values(*numbers)
+        slopes = _slopes(found[reads], found[first:].reshape(kinds.shape), kinds)
+
+        def change(x, slope):
+            return jnp.where(slope == 0.0, 0.0, x * slope).sum(-1)
+
+        return found, along(*changes, change, slopes)
+
+    arrays = list(dict.fromkeys(array for array, _ in inputs))
+
+    def run(given):
+        rows = [given[array].reshape(-1) for array in arrays]
+        starts = dict(zip(arrays, np.cumsum([0, *map(len, rows)])))
+        at = np.array([starts[array] + i for array, i in inputs])
+        numbers = [jnp.concatenate(rows)[at], np.array(constants)]
+        return values(jnp.concatenate(numbers))[np.array(outputs)]
+
+    return run
 
 
-# One posture after the other is faster than the table of many.
-@jax.custom_batching.sequential_vmap
-def _one(numbers):
-    turns = ((_KIND == 9) | (_KIND == 10)).any(axis=1)
-    return _along(numbers, _results, _KIND, turns)
+def _followed(at, changes, ahead):
+    # Newton's steps from a posture where they end have its derivatives.
+    near = at + changes
+    for _ in range(2):
+        near = ahead(near)
+    return at + near - jax.lax.stop_gradient(near)
+$programs
 
-
-@jax.custom_jvp
-def _values(numbers):
-    return _one(numbers)
-
-
-@_values.defjvp
-def _(numbers, changes):
-    values = _values(*numbers)
-    slopes = _slopes(values[_READ], values[{first} :].reshape(_KIND.shape), _KIND)
-
-    def change(x, slope):
-        return jnp.where(slope == 0.0, 0.0, x * slope).sum(-1)
-
-    return values, _along(*changes, change, slopes)
-
-
-def {name}({arguments}):
-    \"\"\"{words}
+def $name($arguments):
+    \"\"\"$words
     \"\"\"
     if not jax.config.jax_enable_x64:
         raise RuntimeError("jax.config.update('jax_enable_x64', True) first")
-    given = {{{given}}}
-    inputs = [given[array].reshape(-1)[i] for array, i in {inputs}]
-    values = _values(jnp.array([*inputs, *{constants}]))
-    found = values[np.array({outputs})]
-    return values[{verdict}] == 0.0, {{
+    given = {**${name}_shared, $given}
+    fixed, plain = jax.lax.stop_gradient(given), True
+$lines
+    found = ${name}_numbers(given)
+    return plain & (found[-1] == 0.0), {$moved**{
         name: found[start : start + int(np.prod(shape))].reshape(shape)
-        for name, start, shape in {places}
+        for name, start, shape in $places
     }}
 """
 
@@ -469,7 +386,7 @@ def jax_source(
     shared: Mapping[str, Array],
     facts: Facts,
     name: str,
-    shapes: Mapping[str, tuple[int, ...]],
+    before: Before,
 ) -> str:
     """A function of JAX arrays: whether the posture is plainly regular,
     and the outputs by name.
@@ -478,58 +395,81 @@ def jax_source(
     therefore rows of a table, and a loop computes some at once; it compiles in a second,
     whatever their number. Derivatives are those of each operation, along the same loop.
     """
-    steps, place, first = _in_steps(program)
-    # The operations as tables, which one loop in JAX follows: it compiles in a second.
+    # The steps towards the posture, from numbers that are no variables there; then its
+    # derivatives.
+    constants = {array: rows.ravel().tolist() for array, rows in shared.items()}
+    every = ", ".join(f"{n!r}: np.array({row})" for n, row in constants.items())
+    parts = ["", f"\n{name}_shared = {{{every}}}"]
+    parts += before.text("jax", name, facts.arguments, _jax_function)
+    parts.append(_jax_function(program, f"{name}_numbers", {}))
+    lines, ahead = list[str](), f"{name}_step({{'q': q}})"
+    if before.closing is not None:
+        lines += [f"fixed['q'], plain = {name}_close(fixed['q'])"]
+    if before.settling is not None:
+        lines += [f"fixed['q'], at_rest = {name}_settle(fixed)", "plain &= at_rest"]
+        ahead = f"{name}_bend({{**given, **{name}_terms(q)[0], 'q': q}})"
+    if before.moves:
+        n = facts.arguments["q"]
+        lines += ["changes = given['q'] - jax.lax.stop_gradient(given['q'])"]
+        lines += [f"ahead = lambda q: {ahead}[:{n}]"]
+        lines += ["given['q'] = _followed(fixed['q'], changes, ahead)"]
+    if before.terms:
+        lines += [f"terms, unbent = {name}_terms(given['q'])", "given |= terms"]
+        lines += ["plain &= unbent"]
+    # Where each output lies in the flat row.
+    starts, places = 0, list[tuple[str, int, tuple[int, ...]]]()
+    for output, shape in facts.shapes.items():
+        places.append((output, starts, shape))
+        starts += math.prod(shape)
+    head = _words(facts, name, before.moves)[:-2]
+    head += [
+        "",
+        "Returns whether the posture is plainly regular, and the outputs by name;",
+    ]
+    head.append("elsewhere they do not count. Takes jax.jit, jax.vmap and jax.grad.")
+    given = [f"{n!r}: jnp.asarray({n}, float)" for n in facts.arguments]
+    return Template(_JAX).substitute(
+        width=_AT_ONCE,
+        name=name,
+        arguments=", ".join(facts.arguments),
+        words="\n    ".join(head),
+        given=", ".join(given),
+        programs="\n".join(parts),
+        lines="".join(f"    {line}\n" for line in lines).rstrip("\n"),
+        moved="'q': given['q'], " if before.moves else "",
+        places=places,
+    )
+
+
+def _jax_function(
+    program: Tape,
+    name: str,
+    arguments: Mapping[str, int],  # noqa: ARG001
+) -> str:
+    """A program as tables, of all outputs."""
+    steps, place, _ = _in_steps(program)
     inputs, constants = list[tuple[str, int]](), list[float]()
     for operation in program.operations:
         if operation.name == "input":
-            inputs.append(program.inputs[operation.arguments[0]])
+            array, component = program.inputs[operation.arguments[0]]
+            inputs.append((array, component))
         elif operation.name == "constant":
             constants.append(operation.value)
     kinds, reads = list[int](), list[int]()
     # A step does several operations at once; one that is not full is padded.
     for own in steps:
         for step in own + [None] * (_AT_ONCE - len(own)):
-            arguments: Sequence[int] = ()
+            read: Sequence[int] = ()
             kind = 0
             if step is not None:
                 kind = _KINDS.index(program.operations[step].name)
-                arguments = program.operations[step].arguments
+                read = program.operations[step].arguments
             kinds.append(kind)
-            reads += [place[a] for a in arguments] + [0] * (4 - len(arguments))
-    # Where each output lies in the flat row.
-    starts, places = 0, list[tuple[str, int, tuple[int, ...]]]()
-    for output, shape in shapes.items():
-        places.append((output, starts, shape))
-        starts += math.prod(shape)
-    # Arguments and constants by name, and the function's own words.
-    given = [f"{n!r}: jnp.asarray({n}, float)" for n in facts.arguments]
-    given += [
-        f"{n!r}: np.array({np.ravel(rows).tolist()})"
-        for n, rows in shared.items()
-        if any(array == n for array, _ in inputs)
-    ]
-    head = _words(facts, name, is_moved=False)[:-2]
-    head += [
-        "",
-        "Returns whether the posture is plainly regular, and the outputs by name;",
-    ]
-    head.append("elsewhere they do not count. Takes jax.jit, jax.vmap and jax.grad.")
-    return _JAX.format(
-        width=_AT_ONCE,
-        kinds=kinds,
-        reads=reads,
-        first=first,
-        name=name,
-        arguments=", ".join(facts.arguments),
-        words="\n    ".join(head),
-        given=", ".join(given),
-        inputs=[tuple(each) for each in inputs],
-        constants=f"[{', '.join(map(PYTHON.number, constants))}]",
-        outputs=[place[step] for step in program.outputs["record"]],
-        verdict=place[program.outputs["verdict"][0]],
-        places=places,
-    )
+            reads += [place[a] for a in read] + [0] * (4 - len(read))
+    outputs = [place[step] for steps in program.outputs.values() for step in steps]
+    numbers = f"[{', '.join(map(PYTHON.number, constants))}]"
+    given = f"{inputs}, {numbers}, {kinds}, {reads}, {outputs}"
+    return f"{name} = _program({given})"
 
 
 def _in_steps(program: Tape) -> tuple[list[list[int]], dict[int, int], int]:
@@ -571,26 +511,51 @@ def _in_steps(program: Tape) -> tuple[list[list[int]], dict[int, int], int]:
 
 
 def javascript_source(
-    program: Tape, shared: Mapping[str, Array], facts: Facts, name: str
+    program: Tape,
+    shared: Mapping[str, Array],
+    facts: Facts,
+    name: str,
+    before: Before,
 ) -> str:
     """A JavaScript function of arrays: the record, or null where it is not
     plainly regular.
     """
+    arguments, lines = ",".join(facts.arguments), list[str]()
+    # The posture is found first, and replaces the coordinates.
+    moves = {"close(q)": before.closing, f"settle({arguments})": before.settling}
+    for call in (call for call, step in moves.items() if step is not None):
+        lines += [f"const {call[:5]}={name}_{call};", f"if(!{call[:5]})return null;"]
+        lines += [f"for(let i=0;i<q.length;i++)q[i]={call[:5]}[i];"]
+    if before.terms:
+        lines += [f"const terms={name}_terms(q);", "if(!terms)return null;"]
+        lines += [f"const [{','.join(before.terms)}]=terms;"]
+    body, (*record, verdict) = _javascript_body(program, shared)
+    lines += [body, f"return {verdict}==={PLAIN:g}?[{','.join(record)}]:null;"]
+    write = partial(_javascript_function, shared)
+    parts = [_comment(facts, name, before.moves), HELPERS]
+    parts += before.text("javascript", name, facts.arguments, write)
+    return "\n".join([*parts, f"function {name}({arguments}){{{''.join(lines)}}}\n"])
+
+
+def _javascript_body(program: Tape, shared: Mapping[str, Array]) -> tuple[str, list[str]]:
+    """Statements that compute a program, and its outputs."""
     lines, outputs, _, arrays = written(program, JAVASCRIPT)
-    names = [*facts.arguments]
     heads = []
     for array, short in arrays.items():
         numbers = (
             json.dumps(np.ravel(shared[array]).tolist()) if array in shared else array
         )
         heads.append(f"const {short}={numbers};")
-    *record, verdict = outputs
-    ends = f"return {verdict}==={PLAIN:g}?[{','.join(record)}]:null;"
-    parts = [_comment(facts, name, is_moved=False), HELPERS]
-    parts.append(
-        f"function {name}({','.join(names)}){{{''.join([*heads, *lines])}{ends}}}\n"
-    )
-    return "\n".join(parts)
+    return "".join([*heads, *lines]), outputs
+
+
+def _javascript_function(
+    shared: Mapping[str, Array], program: Tape, name: str, arguments: Mapping[str, int]
+) -> str:
+    """A program as a function of arrays."""
+    body, outputs = _javascript_body(program, shared)
+    head = f"function {name}({','.join(arguments)})"
+    return f"{head}{{{body}return [{','.join(outputs)}];}}"
 
 
 def _comment(facts: Facts, name: str, is_moved: bool) -> str:
@@ -620,3 +585,12 @@ def _words(facts: Facts, name: str, is_moved: bool) -> list[str]:
         "count."
     )
     return words
+
+
+#: Writes a source.
+WRITERS = {
+    "c": c_source,
+    "jax": jax_source,
+    "python": python_source,
+    "javascript": javascript_source,
+}
