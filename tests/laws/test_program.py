@@ -216,41 +216,24 @@ def test_c_is_the_program(name, outputs, loaded, spread, tmp_path):
     assert f"  0: {elastic.names_with_units[0]}" in source
     function = function_in_c(source, tmp_path, "-O2")
     out = np.zeros(sum(program(elastic.q, *[LOAD] * loaded)[n].size for n in program.names))
-<<<<<<< HEAD
-    plain = needless = 0
-    for q in postures(elastic, 300, 0.05):
-=======
     plain, doubted = 0, 0
     # Where the body in a grasp spins at no cost, round-off matters more, and decides whether
     # the posture is plain.
     share, most_doubted = (1e-12, 5) if name == "grasp" else (1e-13, 0)
     for q in postures(elastic, 1000, spread):
->>>>>>> d98b9919 (Sources in every language close chains and bend links, led from the reference posture)
         here = q.copy()
         refused = function(here, *[LOAD] * loaded, *more, out)
         answer = program(q, *[LOAD] * loaded, **numbers)
         assert refused or answer.is_plain
-<<<<<<< HEAD
-        needless += bool(refused) and answer.is_plain
-=======
         doubted += bool(refused and answer.is_plain)
->>>>>>> d98b9919 (Sources in every language close chains and bend links, led from the reference posture)
         if not refused:
             plain += 1
             found = np.concatenate([answer[n].ravel() for n in program.names])
             sizes = [np.full(answer[n].size, np.abs(answer[n]).max()) for n in program.names]
-<<<<<<< HEAD
-            assert (np.abs(out - found) <= 2e-13 * np.concatenate(sizes)).all()
-            assert np.abs(here - answer.q).max() <= 1e-13
-    assert plain > 150
-    # Steps that end in rounding may be vain in C alone: who calls it asks another way then.
-    assert needless <= (3 if name == "grasp" else 0)
-=======
             assert (np.abs(out - found) <= share * np.concatenate(sizes)).all()
             assert np.abs(here - answer.q).max() <= share
     assert doubted <= most_doubted
     assert plain > 500
->>>>>>> d98b9919 (Sources in every language close chains and bend links, led from the reference posture)
 
 
 def by_source(program, language: str, folder: Path) -> Any:
