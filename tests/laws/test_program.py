@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from tests.inner import QUANTITIES, kernels, with_rest_balancing
-from tests.support.generated import Arm
+from tests.support.generated import Arm, FourBar
 
 import cartstiff
 from cartstiff import InputError
@@ -375,7 +375,12 @@ def test_jax_is_the_program_and_has_its_derivatives(name, quantity):
 
 
 def generated(seed: int, folder: Path) -> cartstiff.ElasticMechanism:
-    """An arm of two to seven joints with weight and payload, or a platform on six lines."""
+    """An arm of two to seven joints with weight and payload, a platform on six lines, or a four-bar
+    linkage.
+    """
+    if seed % 6 == 5:
+        driven = {"actuated": ["motor"], "springs": {"motor": {"stiffness": 800.0}}}
+        return cartstiff.load(FourBar.generated(seed).written(folder, **driven))
     if seed % 3:
         return cartstiff.load(Arm.generated(seed).written(folder))
     rng = np.random.default_rng(seed)
@@ -405,35 +410,53 @@ def in_jax(source: str) -> Any:
     return jax.jit(known["stiffness"])
 
 
-@pytest.mark.parametrize("seed", [3, 4, *later(*range(5, 20))])
+@pytest.mark.parametrize("seed", [3, 4, 5, *later(*range(6, 20))])
 def test_generated_mechanisms_and_set_ups(seed, tmp_path):
-    """Program, core, C and JAX agree under any load; where the core names a state it is said."""
+    """Program, core, C and JAX agree under any load; where the core names a state it is said.
+
+    The connection is a user's own; tool, payload and the load's point are those of the call.
+    """
     elastic, rng = generated(seed, tmp_path), np.random.default_rng(seed)
     acting = {
         "load_axes": str(rng.choice(["body", "world"])),
         "load_kind": str(rng.choice(["dead", "follower", "conservative"])),
-        "load_at": rng.uniform(-0.2, 0.2, 3).tolist(),
     }
+    # Numbers of the call, and the mechanism that has them.
+    at, other = rng.uniform(-0.2, 0.2, 3), elastic
+    numbers = {"load_at": at}
+    if seed % 3 and not elastic.mechanism.closures:
+        numbers["tcp"] = rng.uniform(-0.3, 0.3, 6)
+        moved = elastic.mechanism.with_tool(se3_tool(numbers["tcp"]))
+        other = replace(other, mechanism=moved)
+    if elastic.gravity is not None:
+        numbers["payload"] = np.array([rng.uniform(0.5, 3.0), *rng.uniform(-0.1, 0.1, 3)])
+        other = other.with_payload(numbers["payload"][0], numbers["payload"][1:])
     kinds = ["compliance_load", "compliance_A", "compliance_B"]
-    outputs = [*kinds, "wrench", "pose", "energy"]
-    program = cartstiff.record(elastic, outputs, loaded=True, **acting)
+    outputs = [*kinds, "wrench", "pose", "energy", MINE]
+    inputs = sorted(numbers)
+    program = cartstiff.record(elastic, outputs, loaded=True, inputs=inputs, **acting)
     compiled = function_in_c(program.source("c", "stiffness"), tmp_path, "-O0")
     traced = in_jax(program.source("jax", "stiffness"))
-    shapes = {name: np.shape(program(elastic.q, LOAD)[name]) for name in outputs}
+    acting["load_at"], more = at.tolist(), [numbers[one] for one in inputs]
+    usual = program(elastic.q, LOAD, **numbers)
+    shapes = {n: usual[n].shape for n in program.names if f"{n} (" in program.source("c")}
     sizes = [int(np.prod(shape)) for shape in shapes.values()]
     Q = [*postures(elastic, 6, 0.3), elastic.q, np.zeros_like(elastic.q)]
     Q += [np.where(rng.uniform(size=len(q)) < 0.3, 1e-9, q) for q in Q[:4]]
     plain = 0
     for q in Q:
-        answer = program(q, LOAD)
-        core = cartstiff.analyse(elastic, q, wrench=LOAD, **acting)
-        state = core.reduction.states[-1].code if core.reduction.states else "regular"
-        assert answer.state == state or not core.reduction.states
-        out = np.zeros(sum(sizes))
-        refused = compiled and compiled(q.copy(), LOAD, out)
+        answer, out = program(q, LOAD, **numbers), np.zeros(sum(sizes))
+        refused, state = compiled(q.copy(), LOAD, *more, out), answer.state
+        try:
+            core = cartstiff.analyse(other, q, wrench=LOAD, **acting)
+        except InputError:  # the load cannot be carried here
+            assert not answer.is_plain
+        else:
+            state = core.reduction.states[-1].code if core.reduction.states else "regular"
+            assert answer.state == state or not core.reduction.states
         if not answer.is_plain:
-            assert compiled is None or refused
-            assert traced is None or not traced(q, LOAD)[0]
+            assert refused
+            assert traced is None or not traced(q, LOAD, *more)[0]
             continue
         plain += 1
         assert answer.state in ("regular", "fewer-than-six-freedoms")
@@ -441,16 +464,19 @@ def test_generated_mechanisms_and_set_ups(seed, tmp_path):
         if state != "regular":  # of fewer freedoms, whose compliance has no inverse
             tolerance = 1e-10
         tolerance = min(tolerance, 1e-8)  # sums in another order, at this condition
-        expected = [core.tangent_compliance, *(core.compliances[x] for x in "AB")]
-        expected += [core.wrench, core.pose, core.energy]
+        expected = {f"compliance_{x}": core.compliances[x] for x in "AB"}
+        expected |= {"compliance_load": core.tangent_compliance, "wrench": core.wrench}
+        expected |= {"pose": core.pose, "energy": core.energy}
+        if "stiffness_mine" in shapes:
+            expected["stiffness_mine"] = core.tensor(MINE).matrix
         parts = np.split(out, np.cumsum(sizes)[:-1])
-        for (name, shape), value, part in zip(shapes.items(), expected, parts, strict=True):
-            close(answer[name], np.asarray(value), tolerance)
-            if compiled is not None:
-                assert not refused
-                close(part.reshape(shape), answer[name], tolerance)
+        for name, part in zip(shapes, parts, strict=True):
+            if name in expected:
+                close(answer[name], np.asarray(expected[name]), tolerance)
+            assert not refused
+            close(part.reshape(shapes[name]), answer[name], tolerance)
             if traced is not None:
-                is_plain, found = traced(q, LOAD)
+                is_plain, found = traced(q, LOAD, *more)
                 assert is_plain
                 close(np.asarray(found[name]), answer[name], tolerance)
     assert plain >= 3
