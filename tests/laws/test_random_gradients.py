@@ -144,7 +144,7 @@ def test_along_a_change_of_all_numbers(seed: int) -> None:
     case.along({name: case.rng.uniform(-1.0, 1.0) * size for name, size in sizes.items()})
 
 
-@pytest.mark.parametrize("seed", _cases(300, lambda seed: seed % 31 == 0 and seed % 5 in (0, 1, 3)))
+@pytest.mark.parametrize("seed", _cases(300, lambda seed: seed in (0, 31, 93)))
 def test_along_each_number_alone(seed: int) -> None:
     case = Case(seed)
     here = [np.array([case.question.value])]

@@ -294,9 +294,9 @@ class Sweep:
                     own = adjoint.get(argument)
                     adjoint[argument] = part if own is None else own + part
         values = np.array([_at(at, x) for x in self._numbers], float)
-        each = [places.get(step, m) for step in steps]
-        by = {name: rows[each] for name, rows in by.items()}
-        return Swept(values, by, kinks[each], _at(at, self._verdict))
+        index = [places.get(step, m) for step in steps]
+        by = {name: rows[index] for name, rows in by.items()}
+        return Swept(values, by, kinks[index], _at(at, self._verdict))
 
     def _forwards(self, given: Mapping[str, Array]) -> dict[int, float]:
         """Value of each step; what is not defined is not a number."""

@@ -45,6 +45,14 @@ from cartstiff.stiffness.posture import PostureStiffness
 
 #: Component of each named parameter in an input array, by array.
 Names = dict[str, dict[str, int]]
+#: Shapes of outputs other than (6, 6); -1 is the number of motions.
+_SHAPES = {
+    "wrench": (6,),
+    "pose": (4, 4),
+    "lagrangian": (-1, -1),
+    "kinetic": (-1, -1),
+    "motion": (6, -1),
+}
 _XYZ, _RXYZ = ("x", "y", "z"), ("rx", "ry", "rz")
 
 
@@ -242,6 +250,37 @@ class Recorded:
         }
         return self._of_measured(named) | named
 
+    def slopes(
+        self,
+        outputs: tuple[str, ...],
+        names: Sequence[str],
+        comes_to_rest: bool = False,
+        motions: int = 6,
+    ) -> tuple[list[str], dict[str, Array], dict[str, Array]] | None:
+        """Those of the parameters that have derivatives; by output the derivatives
+        (p, ...) and the values.
+
+        None where an output does not exist, and where the posture or the state of rest is
+        not regular.
+        """
+        program = differentiated(self.case, outputs, comes_to_rest)
+        found = None if program is None else program.at(self.given)
+        by = None if found is None else self.named(found)
+        if found is None or by is None:
+            return None
+        # The program gives flat rows; they are cut as the outputs lie in them.
+        shapes = [_SHAPES.get(name, (6, 6)) for name in outputs]
+        sizes = [tuple(motions if n < 0 else n for n in shape) for shape in shapes]
+        ends = np.cumsum([np.prod(size) for size in sizes])[:-1]
+
+        def split(flat: Array) -> dict[str, Array]:
+            parts = zip(outputs, np.split(flat, ends, axis=-1), sizes, strict=True)
+            return {name: x.reshape(*x.shape[:-1], *size) for name, x, size in parts}
+
+        kept = [name for name in names if name in by]
+        slopes = np.reshape([by[name] for name in kept], (len(kept), len(found.values)))
+        return kept, split(slopes), split(found.values)
+
     def _of_measured(self, named: Mapping[str, Array]) -> dict[str, Array]:
         """Derivatives by compliances of measured springs, each of one or more springs."""
         known, own = self.elastic.identified, self._own
@@ -353,16 +392,10 @@ def slopes_of_matrices(
     )
     if isinstance(recorded, str) or "stiffness_B" not in needed:
         return None
-    program = differentiated(recorded.case, needed)
-    found = None if program is None else program.at(recorded.given)
-    by = None if found is None else recorded.named(found)
-    if by is None or not by.keys() >= {*names}:
+    found = recorded.slopes(needed, names)
+    if found is None or len(found[0]) < len(names):
         return None
-    flat = np.array([by[name] for name in names]).reshape(len(names), -1)
-    ends = np.cumsum([6 if name == "wrench" else 36 for name in needed])[:-1]
-    parts = zip(needed, np.split(flat, ends, axis=1), strict=True)
-    shapes = {"wrench": (6,)}
-    return {n: x.reshape(-1, *shapes.get(n, (6, 6))) for n, x in parts}
+    return found[1]
 
 
 @lru_cache(maxsize=8)

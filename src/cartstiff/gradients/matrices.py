@@ -21,7 +21,7 @@ from cartstiff.batch.chains import ChainCase
 from cartstiff.batch.plans import Case
 from cartstiff.checked_call import checked
 from cartstiff.errors import CartstiffError, UndefinedError, one_line
-from cartstiff.gradients.exact import Recorded, differentiated, parameters_of
+from cartstiff.gradients.exact import Recorded, parameters_of
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.statics.rest import Equilibrium
 from cartstiff.statics.small_motions import kinetic_matrix
@@ -40,14 +40,6 @@ from cartstiff.vibration.sensitivities import (
 #: Outputs that are differentiated; those on the motions exist with masses only.
 _OUTPUTS = ("stiffness_B", "stiffness_F", "wrench", "pose")
 _ON_MOTIONS = ("lagrangian", "kinetic", "motion")
-#: Shapes of outputs other than (6, 6); -1 is the number of motions.
-_SHAPES = {
-    "wrench": (6,),
-    "pose": (4, 4),
-    "lagrangian": (-1, -1),
-    "kinetic": (-1, -1),
-    "motion": (6, -1),
-}
 
 
 @checked
@@ -329,30 +321,12 @@ class _Question:
             if to_motions is None:
                 return {}
             outputs += _ON_MOTIONS
-        program = differentiated(recorded.case, outputs, self.state is not None)
-        found = None if program is None else program.at(recorded.given)
-        by = None if found is None else recorded.named(found)
-        if found is None or by is None:
-            return {}
-        # The program gives flat rows; they are cut as the outputs lie in them.
         m = 6 if to_motions is None else len(to_motions)
-        shapes = [_SHAPES.get(name, (6, 6)) for name in outputs]
-        sizes = [tuple(m if n < 0 else n for n in shape) for shape in shapes]
-        ends = np.cumsum([np.prod(size) for size in sizes])[:-1]
-
-        def split(flat: Array) -> dict[str, Array]:
-            parts = zip(outputs, np.split(flat, ends, axis=-1), sizes, strict=True)
-            return {name: x.reshape(*x.shape[:-1], *size) for name, x, size in parts}
-
-        kept = [name for name in names if name in by]
-        if not kept:
+        found = recorded.slopes(outputs, names, self.state is not None, m)
+        if found is None:
             return {}
-        stacks = self._parts(
-            split(np.array([by[name] for name in kept])),
-            split(found.values),
-            recorded,
-            to_motions,
-        )
+        kept, slopes, here = found
+        stacks = self._parts(slopes, here, recorded, to_motions)
         return {
             name: Quotient([x[i] for x in stacks], 0.0, np.nan)
             for i, name in enumerate(kept)
