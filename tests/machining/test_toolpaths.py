@@ -468,3 +468,25 @@ def test_loads_along_the_axes_of_the_robots_base(tmp_path):
     path = read_path_file(file, axes="base", base=base)
     assert path.wrench(0) == pytest.approx([0, 0, 0, 0, 1, 0], abs=1e-15)
     assert path.wrench(1) == pytest.approx([0, 0, 0, 0, 0, 2], abs=1e-15)
+
+
+def test_a_path_ends_where_its_cost_is_flat_along_the_self_motion():
+    """By exact slopes: steps that are halved end at 1e-5 of the deflection per radian."""
+    arm = cartstiff.load("xarm7")
+    poses = np.repeat(arm.mechanism.at(arm.q).pose[None], 7, axis=0)
+    poses[:, 1, 3] += np.linspace(-0.1, 0.0, 7)
+    W = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -50.0])
+    path = ToolPath(poses, wrenches=np.tile(W, (7, 1)), axes="world")
+    found = optimise_path(arm, path, smoothness=0.0, near="anywhere")
+
+    def deflection(q):
+        result = cartstiff.analyse(arm, q)
+        R = result.pose[:3, :3]
+        return np.linalg.norm((result.compliances["B"] @ np.append(R.T @ W[:3], R.T @ W[3:]))[3:])
+
+    for q in found.q:
+        J = cartstiff.analyse(arm, q).posture.motion.jacobian
+        # A pose that is off by h^2 on both sides does not change the difference.
+        idle, h = np.linalg.svd(J)[2][6], 1e-4
+        slope = (deflection(q + h * idle) - deflection(q - h * idle)) / (2.0 * h)
+        assert abs(slope) <= 3e-7 * deflection(q)

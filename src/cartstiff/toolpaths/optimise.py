@@ -6,7 +6,8 @@ a choice at every point of a path. The candidates of a point are all branches of
 inverse kinematics on a grid of the free choices. Candidates near singularities are
 dropped, and steps of a joint beyond its bound are forbidden. Dynamic programming finds
 the best sequence of candidates exactly. Then each point moves along its self-motion by
-steps that are halved, again with dynamic programming.
+steps that are halved, and at last by Newton's along exact slopes of its cost where these
+are recorded, again with dynamic programming.
 
 *Cost*: a named quantity of the stiffness at a posture, or one over it, so that smaller is
 better.
@@ -25,6 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import count, product
 from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
@@ -34,13 +36,14 @@ from scipy.spatial import cKDTree
 
 from cartstiff import numerics
 from cartstiff.arrays import Array, checked_seed, csv_text, named_values, plain_dict
+from cartstiff.batch.own_outputs import OwnOutputs
 from cartstiff.batch.quantities import (
     QUANTITIES,
     Quantity,
     Settings,
     choose_quantities,
 )
-from cartstiff.batch.recording import analyse_many
+from cartstiff.batch.recording import Recording, analyse_many
 from cartstiff.batch.stacks import evaluate
 from cartstiff.batch.strength import Drives
 from cartstiff.batch.vibrations import ManyModes
@@ -61,7 +64,7 @@ from cartstiff.notes import Note
 from cartstiff.numerics import NEAR_SINGULARITY
 from cartstiff.potentials.line_springs import line_geometry
 from cartstiff.results import LabelledResult
-from cartstiff.stiffness.applied_load import LoadKind, checked_load
+from cartstiff.stiffness.applied_load import Axes, LoadKind, checked_load
 from cartstiff.stiffness.compute import SCHEMA
 from cartstiff.stiffness.tensor import COMPONENTS
 from cartstiff.toolpaths.tool_path import ToolPath
@@ -754,6 +757,36 @@ class PathCost:
         cost = np.where(np.isfinite(cost) & (value >= 0), cost, np.inf)
         return Judged(q, value, cost, ratio, side)
 
+    @cached_property
+    def recorded(self) -> Recording | None:
+        """The criterion as recorded arithmetic, if it is one for all points."""
+        settings = {self._settings(point) for point in range(len(self.path))}
+        if len(settings) > 1:
+            return None
+        own = OwnOutputs(quantities=(self.quantity.name,), settings=settings.pop())
+        axes: Axes = "body" if self.path.turns_with_body else "world"
+        found = Recording(self.elastic, (), own, self.loaded, self.load, axes)
+        return found if found.has_slopes and not found.from_matrices else None
+
+    def slopes(self, q: Array, points: Array) -> Array:
+        """Exact derivatives (N, n) of the costs by the coordinates.
+
+        NaN where they are not recorded.
+        """
+        if self.recorded is None:
+            return np.full_like(q, np.nan)
+        loads = None
+        if self.loaded:
+            poses = self.solver.kinematics.at(q).pose
+            loads = self.path.wrenches_in_body(points, poses).reshape(-1, 2, 3)
+            if not self.path.turns_with_body:
+                loads = loads @ poses[:, :3, :3].swapaxes(1, 2)
+            loads = loads.reshape(-1, 6)
+        found = self.recorded.slopes(self.quantity.name, q, loads)
+        if self.quantity.better == "smaller":
+            return found["by_q"]
+        return -found["by_q"] / found[self.quantity.name] ** 2
+
     def _regularity(self, jacobian: Array, lengths: Array) -> tuple[Array, Array]:
         length, rank = self.solver.length, self.solver.rank("none")
         scaled = jacobian * np.repeat([1.0, 1.0 / length], 3)[:, None]
@@ -1176,6 +1209,8 @@ def broken(
 MAX_STEP = 0.5
 # Number of refinements, each with half the step of the previous one.
 _REFINEMENTS = 12
+# The first of them that follows exact slopes, where these exist.
+_FIRST_NEWTON = 10
 
 
 @checked
@@ -1627,22 +1662,19 @@ class _Search:
 
     def refined(self, q: Array) -> Array:
         """Move the postures along their self-motions, by steps that are
-        halved repeatedly.
+        halved repeatedly, and at last by Newton's along exact slopes of their costs.
         """
         m, d = len(q), self.grid.dimension
         shifts = _shifts(d)
-        points = np.repeat(np.arange(m), len(shifts))
         never = np.zeros(q.shape[1], bool)
         step = 0.5 * self.grid.spacing
-        for _ in range(_REFINEMENTS):
+        for level in range(_REFINEMENTS):
             motions = self.solver.self_motions(q, self.grid.free, d)
-            begin = q[points] + step * (motions @ shifts.T).swapaxes(1, 2).reshape(
-                -1, q.shape[1]
-            )
-            begin = np.clip(begin, self.solver.lower, self.solver.upper)
-            solved, good = self.solver.solve(
-                self.cost.path.poses[points], begin, self.grid.free
-            )
+            newton = self._newton(q, motions) if level >= _FIRST_NEWTON else None
+            moves = np.tile(step * shifts.T, (m, 1, 1)) if newton is None else newton
+            points = np.repeat(np.arange(m), moves.shape[2])
+            moved = (motions @ moves).swapaxes(1, 2).reshape(-1, q.shape[1])
+            solved, good = self._at_poses(q[points] + moved, points)
             around = [np.vstack([q[i], solved[good & (points == i)]]) for i in range(m)]
             layers = self._layers(around)
             costs = [layer.cost for layer in layers]
@@ -1652,6 +1684,36 @@ class _Search:
             step *= 0.5
             self.advance()
         return q
+
+    def _at_poses(self, q: Array, points: Array) -> tuple[Array, Array]:
+        """Postures at their points of the path, and whether they are there."""
+        begin = np.clip(q, self.solver.lower, self.solver.upper)
+        return self.solver.solve(self.cost.path.poses[points], begin, self.grid.free)
+
+    def _newton(self, q: Array, motions: Array) -> Array | None:
+        """Newton's steps (m, d, 1) along the self-motions (m, n, d); None without exact
+        slopes.
+
+        Zero where the cost does not curve upwards.
+        """
+        if self.cost.recorded is None:
+            return None
+        sizes, d = self.solver.sizes[:, None], motions.shape[2]
+        points, h = np.arange(len(q)), numerics.DIFFERENCE_STEP
+        here = np.einsum("mi,mid->md", self.cost.slopes(q, points), motions)
+        H = np.empty((len(q), d, d))
+        for k in range(d):
+            there, _ = self._at_poses(q + h * motions[:, :, k], points)
+            own = self.solver.self_motions(there, self.grid.free, d)
+            own = own @ ((own / sizes).swapaxes(1, 2) @ (motions / sizes))
+            slopes = np.einsum("mi,mid->md", self.cost.slopes(there, points), own)
+            H[:, :, k] = (slopes - here) / h
+        known = np.isfinite(H).all(axis=(1, 2)) & np.isfinite(here).all(axis=1)
+        H = np.where(known[:, None, None], 0.5 * (H + H.swapaxes(1, 2)), -np.eye(d))
+        steps = np.zeros((len(q), d, 1))
+        up = np.linalg.eigvalsh(H)[:, 0] > 0.0
+        steps[up] = -np.linalg.solve(H[up], here[up, :, None])
+        return steps
 
 
 def _shifts(d: int) -> Array:
