@@ -1700,6 +1700,8 @@ class _Search:
             return None
         sizes, d = self.solver.sizes[:, None], motions.shape[2]
         points, h = np.arange(len(q)), numerics.DIFFERENCE_STEP
+        # Slopes here, and on the self-motions a little further along each of them: their
+        # change is the curvature of the cost.
         here = np.einsum("mi,mid->md", self.cost.slopes(q, points), motions)
         H = np.empty((len(q), d, d))
         for k in range(d):
@@ -1708,10 +1710,10 @@ class _Search:
             own = own @ ((own / sizes).swapaxes(1, 2) @ (motions / sizes))
             slopes = np.einsum("mi,mid->md", self.cost.slopes(there, points), own)
             H[:, :, k] = (slopes - here) / h
+        # Only where the curvature is known and upwards is there a least cost nearby.
         known = np.isfinite(H).all(axis=(1, 2)) & np.isfinite(here).all(axis=1)
         H = np.where(known[:, None, None], 0.5 * (H + H.swapaxes(1, 2)), -np.eye(d))
-        steps = np.zeros((len(q), d, 1))
-        up = np.linalg.eigvalsh(H)[:, 0] > 0.0
+        up, steps = np.linalg.eigvalsh(H)[:, 0] > 0.0, np.zeros((len(q), d, 1))
         steps[up] = -np.linalg.solve(H[up], here[up, :, None])
         return steps
 
