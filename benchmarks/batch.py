@@ -24,7 +24,7 @@ from many_postures import describe, ur5
 from many_postures_peers import lean_loop
 
 import cartstiff
-from cartstiff.batch.recording import analyse_many
+from cartstiff import analyse_many
 
 LOAD = np.array([1.0, -2.0, 3.0, 20.0, 30.0, -40.0])
 ENGINE = 40

@@ -25,8 +25,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import cartstiff
+from cartstiff.extend import jacobian
 from cartstiff.geometry import se3
-from cartstiff.geometry.differences import jacobian
 
 Array = np.ndarray
 #: Wrench (moment, force) that holds the body at a pose, in its own axes, about its own origin.

@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 import cartstiff
-from cartstiff.batch.recording import analyse_many
+from cartstiff import analyse_many
 
 Array = np.ndarray
 Answer = tuple[Array, ...]

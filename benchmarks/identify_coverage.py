@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
-from cartstiff.identify.identification import identify
+from cartstiff.identify import identify
 from cartstiff.identify.models import Model
 from cartstiff.identify.plan import candidates
 from cartstiff.identify.unknowns import unknowns_of

@@ -15,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from cartstiff.identify.identification import identify
+from cartstiff.identify import identify
 from cartstiff.identify.unknowns import unknowns_of
 
 

@@ -30,13 +30,11 @@ import pinocchio as pin
 from machine_limits import Machine, cache_size
 
 import cartstiff
+from cartstiff import ElasticMechanism, JointSprings, analyse_many
 from cartstiff.batch.plans import plan, program_for
-from cartstiff.batch.recording import analyse_many
 from cartstiff.loading.catalogue import example_robot
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.mechanisms.tree_building import plain_tree
-from cartstiff.potentials.springs import JointSprings
 
 Array = np.ndarray
 OUTPUTS = ("jacobian", "wrench", "stiffness_A", "stiffness_B", "stiffness_K", "stiffness_F")

@@ -20,10 +20,11 @@ import numpy as np
 from machine_limits import cache_size
 
 import cartstiff
+from cartstiff import analyse_many
 from cartstiff.batch.own_outputs import OwnOutputs
 from cartstiff.batch.quantities import Settings, choose_quantities
 from cartstiff.batch.readings import READINGS
-from cartstiff.batch.recording import Recording, analyse_many
+from cartstiff.batch.recording import Recording
 from cartstiff.batch.stacks import evaluate
 
 QUANTITIES = ("translation_free_min", "condition", "deflection")

@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 import cartstiff
-from cartstiff.errors import CartstiffError
+from cartstiff import CartstiffError
 
 ALIKE, ROUNDS = 1e-15, 15
 

@@ -399,8 +399,7 @@ def rest_under_load() -> None:
     """Print the time to static equilibrium of a UR5 beside SciPy's minimisers, same energy."""
     from scipy.optimize import minimize
 
-    from cartstiff.potentials.loads import DeadForce
-    from cartstiff.statics.equilibrium import equilibrium
+    from cartstiff import DeadForce, equilibrium
     from cartstiff.stiffness.balance import with_rest_balancing
 
     arm_at_rest = cartstiff.load("ur5")

@@ -12,7 +12,7 @@ import time
 import numpy as np
 
 import cartstiff
-from cartstiff.batch.recording import analyse_many
+from cartstiff import analyse_many
 from cartstiff.potentials.flexure_struts import FlexureStruts
 
 MECHANISMS = (

@@ -14,7 +14,7 @@ import numpy as np
 
 import cartstiff
 from cartstiff.batch.vibrations import ManyModes
-from cartstiff.vibration.response import frequency_response
+from cartstiff.vibration import frequency_response
 
 ROUNDS = 9
 # Required, in seconds: modes of an arm at a posture, six frequencies of 10^5 postures on two cores,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from cartstiff.errors import CartstiffError, InputError
+from cartstiff import CartstiffError, InputError
 from cases.case import read_cases
 from cases.run import run_case, table, tool
 

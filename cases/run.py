@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cartstiff.errors import InputError, one_line
+from cartstiff import InputError
+from cartstiff.errors import one_line
 from cases.case import Asked, Case
 
 #: Name of an asked value to what the tool gives for it; what it does not offer is left out.

@@ -6,7 +6,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE / "_ext"), str(HERE), str(HERE.parent), str(HERE.parent / "src")]
 
-from cartstiff.version import __version__  # noqa: E402
+from cartstiff import __version__  # noqa: E402
 
 project = "cartstiff"
 author = "The cartstiff authors"

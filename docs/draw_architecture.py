@@ -94,7 +94,7 @@ def imports() -> dict[str, dict[str, int]]:
     for path in sorted(SOURCES.rglob("*.py")):
         relative = path.relative_to(SOURCES)
         package = relative.parts[0].removesuffix(".py")
-        if package.startswith("__") or package in SMALL:
+        if package.startswith("__") or package in SMALL | {"extend"}:  # it hands over
             continue
         seen = set()
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

@@ -12,9 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.statics.continuation import LoadCurve, branch, load_curve
+from cartstiff import DeadForce, ElasticMechanism, LoadCurve, load_curve
 
 LENGTH, STIFFNESS = 0.5, 200.0  # m, N m/rad
 LINKS = (1, 2, 3, 4, 5)
@@ -43,7 +41,7 @@ def main(picture: Path | None = None) -> dict[str, object]:
     for n in LINKS:
         straight = load_curve(column(n), unit, to=1.6 * exact[n])
         found[n] = straight.critical[0].factor
-        branches[n] = branch(straight, 0)
+        branches[n] = straight.branch(0)
     two = branches[2]
     if picture is not None:
         draw(branches, exact, picture)

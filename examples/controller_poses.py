@@ -13,9 +13,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import cartstiff
+from cartstiff import FollowerWrench, compensate
 from cartstiff.geometry import se3
-from cartstiff.potentials.loads import FollowerWrench
-from cartstiff.statics.toolpath import compensate
 
 PRESS = FollowerWrench([0.0, 0.0, 0.0, 0.0, 0.0, -60.0])  # N m, N, along the tool's axis
 

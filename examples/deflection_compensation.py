@@ -11,10 +11,8 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
+from cartstiff import CompensatedPath, DeadForce, compensate, equilibrium, payload
 from cartstiff.geometry import se3
-from cartstiff.potentials.loads import DeadForce, payload
-from cartstiff.statics.equilibrium import equilibrium
-from cartstiff.statics.toolpath import CompensatedPath, compensate
 
 RADIUS, POINTS = 0.05, 24  # m
 TOOL = payload(2.0, [0.0, 0.0, -9.81], [0.0, 0.0, 0.06])  # kg, m/s^2, m in the flange's axes

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
-from cartstiff.potentials.beams import Beam
+from cartstiff.extend import Beam
 
 FACTORS = np.array([0.5, 1, 2, 5, 10, 30, 100, 1000])
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import cartstiff
-from cartstiff.analysis.ellipsoids import stiffness_ellipsoid
+from cartstiff.analysis import stiffness_ellipsoid
 from cartstiff.scene import Logarithmic, RecordingWindow, add_ellipsoid, add_path, add_wrench
 
 STRETCHING = np.linspace(1.9, 0.5, 6)  # of the elbow, rad

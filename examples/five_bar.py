@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
-from cartstiff.errors import ConvergenceError
+from cartstiff import ConvergenceError
 
 
 def main(picture: Path | None = None) -> dict[str, float]:

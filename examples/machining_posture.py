@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
+from cartstiff import OptimisedPath, ToolPath, optimise_path
 from cartstiff.geometry import se3
-from cartstiff.toolpaths.optimise import OptimisedPath, optimise_path
-from cartstiff.toolpaths.tool_path import ToolPath
 
 TIP = se3.pose(translation=[0.12, 0.0, 0.05])  # m, in the flange's frame; the spindle is its x
 CUTTING = [0.0, 0.0, 0.0, -80.0, 30.0, 40.0]  # N: back along the tool, along the edge, up

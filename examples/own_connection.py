@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
-from cartstiff.geometry import se3
-from cartstiff.geometry.connections import KINEMATIC, Connection, from_bilinear_map, levi_civita
+from cartstiff.geometry import KINEMATIC, Connection, from_bilinear_map, levi_civita, se3
 
 
 def between(share: float) -> Connection:

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
+from cartstiff import PoseFunction
+from cartstiff.extend import taylor_check
 from cartstiff.geometry import se3
-from cartstiff.potentials.functions import PoseFunction, taylor_check
 
 CENTRE = np.array([0.62, 0.32, 0.30])  # m
 DEPTH, WIDTH = 40.0, 0.10  # J, m

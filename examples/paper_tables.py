@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
-from cartstiff.mechanisms.elastic import ElasticMechanism
-from cartstiff.mechanisms.platform import Platform
-from cartstiff.potentials.line_springs import LineSprings
+from cartstiff import ElasticMechanism, LineSprings
+from cartstiff.extend import Platform
 
 # Upper triangles would do for B, K and F; the tables stand here as the paper prints them.
 PRINTED = {

@@ -15,9 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 import cartstiff
-from cartstiff.kinematics.inverse import inverse_kinematics
-from cartstiff.toolpaths.optimise import optimise_path
-from cartstiff.toolpaths.tool_path import ToolPath
+from cartstiff import ToolPath, inverse_kinematics, optimise_path
 
 POINTS = [[0.22, y, 0.1] for y in np.linspace(-0.12, 0.12, 5)]  # m, close to the base
 LOAD = [0, 0, 0, -80, 30, 0]  # N, along the axes of the room

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
-from cartstiff.potentials.loads import payload
-from cartstiff.statics.equilibrium import equilibrium
+from cartstiff import equilibrium, payload
 
 HEIGHTS = np.linspace(-0.1, 0.1, 9)  # m from the home pose
 WEIGHT = payload(200.0, [0.0, 0.0, -9.81], [0.1, 0.0, 0.05])  # kg, m/s^2, m

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
-from cartstiff.potentials.loads import DeadForce
-from cartstiff.statics.equilibrium import equilibrium
+from cartstiff import DeadForce, equilibrium
 
 TURNS = np.linspace(-0.4, 0.2, 7)  # rad, of all three motors alike
 MOTORS = ("leg1/motor", "leg2/motor", "leg3/motor")

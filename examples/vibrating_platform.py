@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
-from cartstiff.vibration.response import FrequencyResponse, frequency_response
+from cartstiff.vibration import FrequencyResponse, frequency_response
 
 TIP = (0.0, 0.0, 0.05)  # m, in the body frame
 RATIO = 0.02  # of critical damping, of every mode

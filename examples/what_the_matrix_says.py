@@ -10,12 +10,16 @@ from pathlib import Path
 import numpy as np
 
 import cartstiff
-from cartstiff.analysis.asymmetry import compare_connections
-from cartstiff.analysis.centres import centres_of
-from cartstiff.analysis.ellipsoids import stiffness_ellipsoid
-from cartstiff.analysis.indices import best_conditioned_length, condition_numbers, indices_of
-from cartstiff.analysis.metrics import natural_length
-from cartstiff.analysis.screws import eigenscrews
+from cartstiff.analysis import (
+    best_conditioned_length,
+    centres_of,
+    compare_connections,
+    condition_numbers,
+    eigenscrews,
+    indices_of,
+    natural_length,
+    stiffness_ellipsoid,
+)
 
 LENGTHS = np.geomspace(0.02, 2.0, 41)  # m
 FORCES = np.array([100.0, 300.0, 1000.0, 3000.0])  # N

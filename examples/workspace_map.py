@@ -10,7 +10,6 @@ import numpy as np
 
 import cartstiff
 from cartstiff.maps import Axis, Grid, best, compute_map, draw_map, summary
-from cartstiff.report.output import save_figure
 
 QUANTITY = "translation_free_min"
 
@@ -27,7 +26,7 @@ def main(picture: Path | None = None) -> dict[str, object]:
     stiffest = best(dataset, QUANTITY)
     softest = dataset.isel(dataset[QUANTITY].argmin(...))
     if picture is not None:
-        save_figure(draw_map(dataset, QUANTITY), picture)
+        draw_map(dataset, QUANTITY).savefig(picture)
     return {
         "postures": int(dataset[QUANTITY].size),
         "singular": found["states"]["serial-singularity"],

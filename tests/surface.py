@@ -73,6 +73,18 @@ def json_keys() -> dict[str, list[str]]:
     }
 
 
+#: Modules beside `cartstiff` in which public names have their home.
+HOMES = ("analysis", "extend", "geometry", "identify", "maps", "scene", "vibration")
+
+
+def names() -> list[str]:
+    """Public names, those of `cartstiff` itself without a dot."""
+    found = list(cartstiff.__all__)
+    for home in HOMES:
+        found += [f"{home}.{name}" for name in getattr(cartstiff, home).__all__]
+    return sorted(found)
+
+
 def note_codes() -> list[str]:
     """Codes of notes and of undefined states."""
     path = ROOT / "docs" / "_ext" / "codes.py"
@@ -89,7 +101,7 @@ def surface() -> dict[str, Any]:
     """Everything that the committed table has."""
     return {
         "options": options(),
-        "names": sorted(cartstiff.__all__),
+        "names": names(),
         "file keys": file_keys(),
         "json keys": json_keys(),
         "note codes": note_codes(),

@@ -47,7 +47,7 @@ LAYERS = [
 ]
 LEVEL = {part: level for level, parts in enumerate(LAYERS) for part in parts}
 #: Modules at the top of the package that only hand over to others.
-DOORS = {"__init__", "__main__"}
+DOORS = {"__init__", "__main__", "extend"}
 
 #: Who alone may import what.
 OWNERS = {"pinocchio": {"mechanisms", "loading"}, "meshcat": {"scene", "page"}}

@@ -18,8 +18,8 @@ def test_kinds_are_asked_for_in_few_places() -> None:
 
 _ASKS = """
 from functools import singledispatch
-from cartstiff.mechanisms.platform import Platform
-from cartstiff.potentials.line_springs import LineSprings
+from cartstiff.extend import Platform
+from cartstiff import LineSprings
 TABLE = {Platform: 1, LineSprings: 2}
 def asks(x, other):
     if isinstance(x, (Platform, LineSprings)) or type(x) is LineSprings:

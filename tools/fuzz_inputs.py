@@ -104,9 +104,8 @@ def _loaded(name: str) -> Any:
 def call(rng: random.Random) -> str:
     """A call from Python: a result, or an error of the library's own."""
     import cartstiff
-    from cartstiff.errors import CartstiffError
-    from cartstiff.geometry.connections import KINEMATIC
-    from cartstiff.potentials.loads import DeadForce
+    from cartstiff import CartstiffError, DeadForce
+    from cartstiff.geometry import KINEMATIC
 
     elastic = _loaded(rng.choice(["cubic", "ur5", "five-bar", "stewart-gough", "grasp"]))
     n = len(elastic.names)
@@ -148,7 +147,7 @@ def _session(name: str) -> Any:
 
 def message(rng: random.Random) -> str:
     """A message to the page's session, whole or damaged."""
-    from cartstiff.errors import CartstiffError
+    from cartstiff import CartstiffError
     from cartstiff.page.messages import Export, Series, Sweep, read_message
 
     session = _session(rng.choice(["cubic", "ur5", "five-bar"]))

@@ -36,7 +36,7 @@ def whole_map() -> tuple[Path, Any]:
 
 def map_file(rng: random.Random) -> str:
     """A finished map with one or two files damaged, cut, exchanged or lost."""
-    from cartstiff.errors import CartstiffError
+    from cartstiff import CartstiffError
     from cartstiff.maps import open_map
 
     original, expected = whole_map()
@@ -106,7 +106,7 @@ def resealed(folder: Path) -> None:
 def crafted_map(rng: random.Random) -> str:
     """A map with changed descriptions, names or chunks, and right checksums, read in every way."""
     import cartstiff
-    from cartstiff.errors import CartstiffError
+    from cartstiff import CartstiffError
     from cartstiff.maps import RandomPostures, compute_map, open_map
     from cartstiff.page.source import read_cloud
     from cartstiff.report.maps import map_section

@@ -21,7 +21,7 @@ def _mechanism(rng: random.Random) -> Any:
     from tools.fuzz_inputs import bundled, copy_models
 
     import cartstiff
-    from cartstiff.errors import CartstiffError
+    from cartstiff import CartstiffError
 
     try:
         if rng.random() < 0.4:
@@ -46,8 +46,7 @@ def _load(rng: random.Random) -> Any:
 def postures(rng: random.Random) -> str:
     """A stack of postures by array code or machine code, and each of them alone by the engine."""
     import cartstiff
-    from cartstiff.errors import CartstiffError
-    from cartstiff.stiffness.compute import analyse
+    from cartstiff import CartstiffError, analyse
 
     elastic = _mechanism(rng)
     if elastic is None:
@@ -106,7 +105,7 @@ def frequencies(rng: random.Random) -> str:
     from scipy.linalg import eigh
 
     import cartstiff
-    from cartstiff.errors import CartstiffError
+    from cartstiff import CartstiffError
 
     text = _inertial(rng, urdf_text(rng, plain=True))
     path = Path("r.urdf")
@@ -142,8 +141,7 @@ def frequencies(rng: random.Random) -> str:
 def rest(rng: random.Random) -> str:
     """The compliance at rest against where the mechanism comes to rest under a little more."""
     import cartstiff
-    from cartstiff.errors import CartstiffError
-    from cartstiff.potentials.loads import DeadForce
+    from cartstiff import CartstiffError, DeadForce
 
     elastic = _mechanism(rng)
     if elastic is None:
@@ -176,8 +174,8 @@ def rest(rng: random.Random) -> str:
 def _off_at_rest(state: Any, force: Any, step: Any, C: Any) -> float | None:
     """How far the compliance is from half a difference of rests; None where the law has a kink."""
     import cartstiff
+    from cartstiff import DeadForce
     from cartstiff.geometry import se3
-    from cartstiff.potentials.loads import DeadForce
 
     # The rest positions that were chosen stay; without them new ones would carry gravity.
     ends = [

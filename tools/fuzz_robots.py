@@ -86,7 +86,7 @@ def _compared(rng: random.Random, path: Path) -> str:
     import pinocchio as pin
 
     import cartstiff
-    from cartstiff.errors import CartstiffError
+    from cartstiff import CartstiffError
     from cartstiff.geometry import se3
 
     try:

@@ -29,7 +29,7 @@ import mujoco
 import numpy as np
 
 import cartstiff
-from cartstiff.errors import CartstiffError, InputError
+from cartstiff import CartstiffError, InputError
 from cartstiff.loading.assembly import Part
 from cartstiff.loading.joints import cut
 from cartstiff.loading.mjcf import reading as mjcf

@@ -26,9 +26,8 @@ import numpy as np
 import pinocchio as pin
 
 import cartstiff
-from cartstiff.errors import CartstiffError
+from cartstiff import CartstiffError, ElasticMechanism
 from cartstiff.mechanisms.chain import Chain
-from cartstiff.mechanisms.elastic import ElasticMechanism
 
 # Poses of two programs that read the same decimal numbers.
 SAME, SHARE = 1e-9, 0.95

@@ -3,7 +3,7 @@
 import numpy as np
 
 import cartstiff
-from cartstiff.potentials.gravity import Gravity
+from cartstiff.extend import Gravity
 
 INCH, KIP = 0.0254, 4448.2216152605
 

@@ -1,8 +1,7 @@
 """One spring from its loads and deflections, by cartstiff's least squares."""
 
 import cartstiff
-from cartstiff.identify.identification import identify
-from cartstiff.identify.measurements import read_measurements
+from cartstiff.identify import identify, read_measurements
 
 
 def answers(inputs, folder):

@@ -23,6 +23,7 @@ import ast
 import json
 import pkgutil
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -40,11 +41,10 @@ from sphinx.util.docutils import SphinxDirective, SphinxRole
 
 import cartstiff
 from cartstiff.analysis.matrices import PURE
-from cartstiff.batch.quantities import QUANTITIES
 from cartstiff.cli import main as cli
 from cartstiff.cli.declare import HELP_ALL
-from cartstiff.loading.mechanism_file import json_schema
-from cartstiff.report.json_schema import json_schema as output_schema
+from cartstiff.extend import QUANTITIES, file_schema
+from cartstiff.extend import json_schema as output_schema
 from cartstiff.units import SI
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -127,7 +127,7 @@ class MechanismFile(_Text):
 
     def text(self) -> Iterator[str]:
         """The lines, in reStructuredText."""
-        schema = json_schema()
+        schema = file_schema()
         definitions = schema["$defs"]
         kinds = {kind: _name(ref) for kind, ref in schema["discriminator"]["mapping"].items()}
         order = [_name(entry["$ref"]) for entry in schema["oneOf"]]
@@ -258,9 +258,7 @@ def modules_of(name: str) -> Iterator[str]:
 
 def _has_members(name: str) -> bool:
     base = Path(cartstiff.__file__).parent.joinpath(*name.split(".")[1:])
-    if not base.is_dir():
-        return True
-    path = base / "__init__.py"
+    path = base / "__init__.py" if base.is_dir() else base.with_suffix(".py")
     tree = ast.parse(path.read_text(encoding="utf-8"))
     kinds = (ast.FunctionDef, ast.ClassDef)
     # What stands in a branch, as for a type checker, is there too.
@@ -294,6 +292,22 @@ class OtherModules(PackageModules):
         base = Path(cartstiff.__file__).parent
         names = sorted(f"cartstiff.{i.name}" for i in pkgutil.iter_modules([str(base)]))
         return [n for n in names if n not in self.arguments and not n.endswith("__main__")]
+
+
+class PublicNames(_Text):
+    """The public names of each home beside `cartstiff`, by its stub."""
+
+    def text(self) -> Iterator[str]:
+        """The lines, in reStructuredText."""
+        yield from [".. list-table::", ""]
+        for home in self.arguments:
+            module, names = import_module(f"cartstiff.{home}"), list[str]()
+            for name in module.__all__:
+                thing = getattr(module, name)
+                place = thing.__module__ if hasattr(thing, "__qualname__") else None
+                known = f":py:obj:`{name} <{place}.{name}>`" if place else f"``{name}``"
+                names.append(known)
+            yield from [f"   * - ``cartstiff.{home}``", f"     - {', '.join(names)}"]
 
 
 # -- codes of notes and states ----------------------------------------------------------------
@@ -451,6 +465,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("quantities", Quantities)
     app.add_directive("command-help", CommandHelp)
     app.add_directive("package-modules", PackageModules)
+    app.add_directive("public-names", PublicNames)
     app.add_directive("other-modules", OtherModules)
     app.add_directive("state-codes", StateCodes)
     app.add_directive("gallery", Gallery)

@@ -6,29 +6,15 @@ importing the package costs nothing: until the command has set its signals, an i
 would print a traceback.
 """
 
-_stub = []  # look-up of public names, their list, and all of them, once they are read
+from cartstiff.lazily import public
 
-
-def _read():  # type: ignore[no-untyped-def]
-    if not _stub:
-        import lazy_loader
-
-        _stub.extend(lazy_loader.attach_stub(__name__, __file__))
-    return _stub
-
-
-def __dir__() -> list[str]:
-    """The public names."""
-    return sorted(_read()[2])
+_look_up, __dir__ = public(globals())
 
 
 def __getattr__(name: str) -> object:
     """A public name, loaded now."""
-    look_up, _, every = _read()
-    if name == "__all__":
-        return every
     try:
-        return look_up(name)
+        return _look_up(name)
     except AttributeError:
         if not name.startswith("analyze"):
             raise

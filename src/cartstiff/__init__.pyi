@@ -1,6 +1,12 @@
-"""Public names: type checkers and `lazy_loader` read them here."""
+"""Public names, with one home each: type checkers and `lazily.public` read them."""
 
-from .analysis.tolerances import Tolerances as Tolerances
+from . import analysis as analysis
+from . import extend as extend
+from . import geometry as geometry
+from . import identify as identify
+from . import maps as maps
+from . import scene as scene
+from . import vibration as vibration
 from .answer.comparison import Comparison as Comparison
 from .answer.comparison import compare as compare
 from .batch.postures import Postures as Postures
@@ -9,16 +15,9 @@ from .batch.program import record as record
 from .batch.recording import analyse_many as analyse_many
 from .designs.run import design as design
 from .errors import CartstiffError as CartstiffError
+from .errors import ConvergenceError as ConvergenceError
 from .errors import InputError as InputError
 from .errors import UndefinedError as UndefinedError
-from .geometry.connections import BI_INVARIANT as BI_INVARIANT
-from .geometry.connections import CARTAN_MINUS as CARTAN_MINUS
-from .geometry.connections import CARTAN_PLUS as CARTAN_PLUS
-from .geometry.connections import KINEMATIC as KINEMATIC
-from .geometry.connections import Connection as Connection
-from .geometry.connections import from_bilinear_map as from_bilinear_map
-from .geometry.connections import from_symbols as from_symbols
-from .geometry.connections import levi_civita as levi_civita
 from .gradients.gradient import gradient as gradient
 from .gradients.matrices import accuracy as accuracy
 from .gradients.matrices import sensitivities as sensitivities
@@ -29,23 +28,10 @@ from .loading import hexapod as hexapod
 from .loading import load as load
 from .loading import parallel as parallel
 from .loading.pinocchio_model import from_pinocchio as from_pinocchio
-from .maps.cartesian import CartesianGrid as CartesianGrid
-from .maps.pictures import draw_map as draw_map
-from .maps.run import compute_map as compute_map
-from .maps.run import map_of as map_of
-from .maps.sampling import Axis as Axis
-from .maps.sampling import Grid as Grid
-from .maps.sampling import RandomPostures as RandomPostures
-from .maps.sampling import Trajectory as Trajectory
-from .maps.store import open_map as open_map
-from .mechanisms.contract import Mechanism as Mechanism
 from .mechanisms.elastic import ElasticMechanism as ElasticMechanism
 from .page.api import show as show
-from .potentials.contract import PosePotential as PosePotential
-from .potentials.contract import Potential as Potential
 from .potentials.functions import JointFunction as JointFunction
 from .potentials.functions import PoseFunction as PoseFunction
-from .potentials.functions import taylor_check as taylor_check
 from .potentials.line_springs import LineSprings as LineSprings
 from .potentials.loads import DeadForce as DeadForce
 from .potentials.loads import DeadWrench as DeadWrench
@@ -56,7 +42,6 @@ from .reach.assembly import AssemblyModes as AssemblyModes
 from .reach.assembly import assemble as assemble
 from .reach.workspace import Workspace as Workspace
 from .reach.workspace import workspace as workspace
-from .scene.scene import Scene as Scene
 from .statics.capacity import Capacity as Capacity
 from .statics.capacity import capacity as capacity
 from .statics.command import after_command as after_command
@@ -64,13 +49,16 @@ from .statics.command import commanded as commanded
 from .statics.continuation import LoadCurve as LoadCurve
 from .statics.continuation import load_curve as load_curve
 from .statics.equilibrium import equilibrium as equilibrium
+from .statics.equilibrium import relaxed as relaxed
 from .statics.held import Held as Held
 from .statics.rest import Equilibrium as Equilibrium
+from .statics.toolpath import CompensatedPath as CompensatedPath
 from .statics.toolpath import compensate as compensate
 from .stiffness.compute import PostureStiffness as PostureStiffness
 from .stiffness.compute import analyse as analyse
 from .stiffness.tensor import Compliance as Compliance
 from .stiffness.tensor import StiffnessTensor as StiffnessTensor
+from .toolpaths.optimise import OptimisedPath as OptimisedPath
 from .toolpaths.optimise import optimise_path as optimise_path
 from .toolpaths.tool_path import ToolPath as ToolPath
 from .version import __version__ as __version__

@@ -1,9 +1,10 @@
-"""Properties that are computed when they are first read."""
+"""Properties that are computed, and public names that are loaded, when first read."""
 
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from functools import cached_property as cached_property
@@ -21,3 +22,43 @@ else:
                 return self
             value = instance.__dict__[self.attrname] = self.func(instance)
             return value
+
+
+def public(
+    home: dict[str, Any],
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """`__getattr__` and `__dir__` of a module whose stub lists its public names.
+
+    The stub, read when a name is first asked for, has imports only: type checkers read
+    the same lines.
+
+    Parameters
+    ----------
+    home : dict
+        The module's `globals()`.
+    """
+
+    @functools.cache
+    def places() -> dict[str, str]:
+        """Module of each name, as the stub spells it."""
+        import ast
+        from pathlib import Path
+
+        stub = ast.parse(Path(f"{home['__file__']}i").read_text("utf-8"))
+        found = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
+        return {n.name: "." * f.level + (f.module or "") for f in found for n in f.names}
+
+    def look_up(name: str) -> Any:
+        if name == "__all__":
+            return sorted(places())
+        if name not in places():
+            raise AttributeError(f"{home['__name__']} has no attribute {name!r}")
+        from importlib import import_module
+
+        place, package = places()[name], home["__package__"]
+        if place == ".":  # a part of the package, which its import makes an attribute
+            return import_module(f".{name}", package)
+        thing = home[name] = getattr(import_module(place, package), name)
+        return thing
+
+    return look_up, lambda: sorted(places())

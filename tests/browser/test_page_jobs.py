@@ -9,8 +9,7 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff import from_bilinear_map
-from cartstiff.geometry import se3
+from cartstiff.geometry import from_bilinear_map, se3
 from tests.inner import Session, Source, export_page, read_message
 from tests.support.read_units import si
 
@@ -161,7 +160,7 @@ def test_connections_that_cannot_be_shown_are_refused():
     flat = cartstiff.analyse(arm).flat_connection()
     with pytest.raises(cartstiff.InputError, match=r"two connections have this name.*F"):
         Source(arm, connections=(flat,))
-    own = cartstiff.from_symbols(flat.symbols, "chart", left_invariant=False)
+    own = cartstiff.geometry.from_symbols(flat.symbols, "chart", left_invariant=False)
     with pytest.raises(cartstiff.InputError, match="known at one posture only"):
         cartstiff.show(arm, connections=[own])
 

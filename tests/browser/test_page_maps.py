@@ -7,7 +7,7 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff import Axis, Grid, compute_map, open_map
+from cartstiff.maps import Axis, Grid, compute_map, open_map
 from tests.browser.conftest import heard
 from tests.inner import Cloud, Source, cloud_of_workspace, export_page, read_cloud
 

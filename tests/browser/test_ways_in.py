@@ -9,7 +9,7 @@ import pytest
 from tools.screenshot import settled
 
 import cartstiff
-from cartstiff import Axis, Grid, compute_map
+from cartstiff.maps import Axis, Grid, compute_map
 from tests.browser.conftest import short, unfold
 from tests.inner import Background, Setup, Shown, export_page
 

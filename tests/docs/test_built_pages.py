@@ -55,13 +55,13 @@ def test_every_module_is_in_the_reference(built):
 
 
 def test_schema_page_has_every_key(built):
-    from tests.inner import mechanism_file_json_schema as json_schema
+    from tests.inner import file_schema
 
     text = re.sub(r"<[^>]+>", "", _page(built, "reference/mechanism-file.html").text)
-    for model in json_schema()["$defs"].values():
+    for model in file_schema()["$defs"].values():
         for key in model.get("properties", {}):
             assert key in text
-    assert json.dumps(json_schema())
+    assert json.dumps(file_schema())
 
 
 def test_every_equation_of_the_theory_is_numbered_and_rendered(built):

@@ -19,7 +19,8 @@ from tests.inner import (
 )
 
 import cartstiff
-from cartstiff import DeadForce, FollowerWrench, Tolerances, analyse_posture, equilibrium
+from cartstiff import DeadForce, FollowerWrench, analyse_posture, equilibrium
+from cartstiff.analysis import Tolerances
 from cartstiff.errors import UnknownNameError
 
 jsonschema = pytest.importorskip("jsonschema")

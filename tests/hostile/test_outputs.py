@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from tests.inner import create_folder, write_whole
 
-from cartstiff import CARTAN_MINUS, InputError, StiffnessTensor
+from cartstiff import InputError, StiffnessTensor
+from cartstiff.geometry import CARTAN_MINUS
 
 
 def listed(folder: Path) -> list[str]:

@@ -20,8 +20,8 @@ CODE = """
 import sys
 import numpy as np
 import cartstiff
-from cartstiff.errors import InputError
-from cartstiff.maps.sampling import RandomPostures
+from cartstiff import InputError
+from cartstiff.maps import RandomPostures
 itself = []
 itself.append(itself)
 mixed = [0.0] * 5 + [itself]

@@ -12,8 +12,7 @@ from tests.inner import plan_plan as plan
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff import DeadForce, InputError
-from cartstiff.errors import ConvergenceError
+from cartstiff import ConvergenceError, DeadForce, InputError
 
 TRUE = (2.5e4, 3.0e5, 4.0e8)
 # Jacobians by differences of poses; differences of predictions by the parameters.

@@ -8,7 +8,8 @@ from tests.inner import LoadKind, plain
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff import Tolerances, analyse_posture
+from cartstiff import analyse_posture
+from cartstiff.analysis import Tolerances
 from cartstiff.geometry import se3
 
 LOAD = "10,-20,5,30,-40,50"

@@ -172,11 +172,11 @@ ODD = {
     "steps in words": lambda arm: cartstiff.equilibrium(arm, iterations="3"),
     "half a step": lambda arm: cartstiff.equilibrium(arm, iterations=2.5),
     "a threshold": lambda arm: cartstiff.analyse_posture(cartstiff.analyse(arm), threshold="x"),
-    "a tolerance": lambda arm: cartstiff.Tolerances(True),
+    "a tolerance": lambda arm: cartstiff.analysis.Tolerances(True),
     "a truth in words": lambda arm: cartstiff.analyse(arm, strict="no"),
     "limits in words": lambda arm: cartstiff.inverse_kinematics(arm, np.eye(4), limits="no"),
     "settling in words": lambda arm: cartstiff.equilibrium(arm, settle="no"),
-    "no choice of postures": lambda arm: cartstiff.compute_map(
+    "no choice of postures": lambda arm: cartstiff.maps.compute_map(
         arm, [1, 2], ["condition"], "m.zarr"
     ),
     "a locked joint": lambda arm: cartstiff.load("panda", locked={"panda_finger_joint1": "open"}),

@@ -40,7 +40,7 @@ def test_grid_to_file_table_and_picture():
 
 
 def test_the_command_is_in_the_file():
-    from cartstiff import open_map
+    from cartstiff.maps import open_map
 
     run(CUBIC, GRID, "-o m.zarr --world --load 0,0,0,1,0,0 --no-progress")
     command = open_map("m.zarr").attrs["command"]

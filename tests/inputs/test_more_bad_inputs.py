@@ -7,7 +7,8 @@ from tests.mechanisms.machines import joint, write_urdf
 from tests.support.commands import run
 
 import cartstiff
-from cartstiff import Grid, InputError, commanded
+from cartstiff import InputError, commanded
+from cartstiff.maps import Grid
 
 TOO_LARGE = {
     "q of a platform": lambda: cartstiff.analyse(cartstiff.load("stewart-gough"), [1e300] * 6),

@@ -30,7 +30,7 @@ def results():
         cartstiff.modes(arm),
         cartstiff.assemble(platform),
         cartstiff.sensitivities(cartstiff.modes(arm)),
-        cartstiff.accuracy(cartstiff.modes(arm), cartstiff.Tolerances(stiffness=0.05)),
+        cartstiff.accuracy(cartstiff.modes(arm), cartstiff.analysis.Tolerances(stiffness=0.05)),
         impedance(cartstiff.modes(arm), np.diag([50.0, 50, 50, 2000, 2000, 800])),
     ]
     return {f"{i} {type(r).__name__}": r for i, r in enumerate(found)}
@@ -160,6 +160,6 @@ def test_every_class_of_results_has_a_picture():
     for one in LabelledResult.__subclasses__():
         assert "ax" in inspect.signature(one.plot).parameters, one
     modes = cartstiff.modes(cartstiff.load("ur5"))
-    spread = cartstiff.accuracy(modes, cartstiff.Tolerances(stiffness=0.05)).interval
+    spread = cartstiff.accuracy(modes, cartstiff.analysis.Tolerances(stiffness=0.05)).interval
     (lines,) = spread.plot().axes[0].collections
     assert [end[0] for end in lines.get_segments()[0]] == [spread.low[0], spread.high[0]]

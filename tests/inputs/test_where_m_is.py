@@ -80,7 +80,7 @@ def test_platforms(words):
 
 def test_a_map_s_file_says_it(folder, monkeypatch):
     pytest.importorskip("xarray")
-    from cartstiff import open_map
+    from cartstiff.maps import open_map
 
     monkeypatch.chdir(folder)
     where = "--grid elbow_joint=1:2:3 --quantity translation_free_min"

@@ -10,7 +10,7 @@ from cartstiff import InputError
 
 PLATFORM = cartstiff.load("stewart-gough")
 AXES = {"x": (0.0, 1.0, 2)}
-GRID = cartstiff.Grid(AXES, PLATFORM.names, PLATFORM.q)
+GRID = cartstiff.maps.Grid(AXES, PLATFORM.names, PLATFORM.q)
 WRONG = (None, 3, "x", [], {"a": 1}, object())
 
 
@@ -20,19 +20,19 @@ WRONG = (None, 3, "x", [], {"a": 1}, object())
     [
         lambda w: cartstiff.Held(w),
         lambda w: cartstiff.analyse(PLATFORM).K.to_connection(w),
-        lambda w: cartstiff.CartesianGrid(w, PLATFORM, PLATFORM.q),
-        lambda w: cartstiff.CartesianGrid(AXES, w, PLATFORM.q),
-        lambda w: cartstiff.Grid(w, PLATFORM.names, PLATFORM.q),
-        lambda w: cartstiff.RandomPostures(-1 if w == 3 else w, 1, PLATFORM.q, PLATFORM.q),
-        lambda w: cartstiff.Axis(0.0, 1.0, -1 if w == 3 else w),
+        lambda w: cartstiff.maps.CartesianGrid(w, PLATFORM, PLATFORM.q),
+        lambda w: cartstiff.maps.CartesianGrid(AXES, w, PLATFORM.q),
+        lambda w: cartstiff.maps.Grid(w, PLATFORM.names, PLATFORM.q),
+        lambda w: cartstiff.maps.RandomPostures(-1 if w == 3 else w, 1, PLATFORM.q, PLATFORM.q),
+        lambda w: cartstiff.maps.Axis(0.0, 1.0, -1 if w == 3 else w),
         lambda w: cartstiff.analyse_posture(w),
         lambda w: cartstiff.sensitivities(w),
         lambda w: cartstiff.accuracy(w),
         lambda w: cartstiff.modes(w),
         lambda w: cartstiff.optimise_path(PLATFORM, w),
-        lambda w: cartstiff.draw_map(w, "condition"),
-        lambda w: cartstiff.open_map(w),
-        lambda w: cartstiff.compute_map(PLATFORM, GRID, ["condition"], w),
+        lambda w: cartstiff.maps.draw_map(w, "condition"),
+        lambda w: cartstiff.maps.open_map(w),
+        lambda w: cartstiff.maps.compute_map(PLATFORM, GRID, ["condition"], w),
         lambda w: cartstiff.commanded(PLATFORM, w),
         lambda w: cartstiff.ElasticMechanism("name", w, np.zeros(6)),
     ],
@@ -91,7 +91,7 @@ def test_each_argument_of_another_kind_is_refused_or_answered(name):
 def test_a_potential_with_an_old_name_of_a_method_is_refused():
     with pytest.raises(InputError, match=r"Own: .* expected diagnostics, got remarks"):
 
-        class Own(cartstiff.Potential):
+        class Own(cartstiff.extend.Potential):
             def remarks(self, posture):
                 return []
 

@@ -44,15 +44,8 @@ from tests.inner import (
 )
 
 import cartstiff
-from cartstiff import (
-    BI_INVARIANT,
-    CARTAN_MINUS,
-    CARTAN_PLUS,
-    KINEMATIC,
-    UndefinedError,
-    analyse_posture,
-)
-from cartstiff.geometry import se3
+from cartstiff import UndefinedError, analyse_posture
+from cartstiff.geometry import BI_INVARIANT, CARTAN_MINUS, CARTAN_PLUS, KINEMATIC, se3
 
 # Condition numbers of the samples stay below 1e4: sixteen digits less four, less a factor for
 # the chain of operations.

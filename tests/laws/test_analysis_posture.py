@@ -27,12 +27,12 @@ from cartstiff import (
     InputError,
     JointSprings,
     PostureStiffness,
-    Potential,
-    Tolerances,
     UndefinedError,
     analyse_posture,
 )
+from cartstiff.analysis import Tolerances
 from cartstiff.errors import UnknownNameError
+from cartstiff.extend import Potential
 from cartstiff.geometry import se3
 
 LOAD = np.array([3.0, -2.0, 1.0, 20.0, -30.0, 40.0])

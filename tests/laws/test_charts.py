@@ -19,8 +19,7 @@ from tests.support import (
     twist_of,
 )
 
-from cartstiff import UndefinedError
-from cartstiff.errors import ConvergenceError
+from cartstiff import ConvergenceError, UndefinedError
 
 ROUNDING = 1e-12
 # Eighth-order differences at step 0.01 of poses of unit size.

@@ -18,14 +18,13 @@ from tests.support import (
     wrenches,
 )
 
-from cartstiff import (
+from cartstiff import InputError, UndefinedError
+from cartstiff.geometry import (
     BI_INVARIANT,
     CARTAN_MINUS,
     CARTAN_PLUS,
     KINEMATIC,
     Connection,
-    InputError,
-    UndefinedError,
     from_bilinear_map,
     from_symbols,
     levi_civita,

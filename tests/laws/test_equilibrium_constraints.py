@@ -11,8 +11,8 @@ from tests.inner import displacement_between, jacobian, with_rest_balancing
 from tests.support import general_legs, legs_as_platform, relative_error, robot_file
 
 import cartstiff
-from cartstiff import DeadForce, DeadWrench, Held, InputError, equilibrium
-from cartstiff.errors import ConvergenceError, UnknownNameError
+from cartstiff import ConvergenceError, DeadForce, DeadWrench, Held, InputError, equilibrium
+from cartstiff.errors import UnknownNameError
 from cartstiff.geometry import se3
 
 

@@ -14,7 +14,6 @@ from tests.inner import (
     Chain,
     Platform,
     PolynomialLaw,
-    branch,
     plain_tree,
     save_figure,
     with_rest_balancing,
@@ -24,6 +23,7 @@ from tests.support import links, robot_file
 import cartstiff
 from cartstiff import (
     CartstiffError,
+    ConvergenceError,
     DeadForce,
     DeadWrench,
     ElasticMechanism,
@@ -36,7 +36,7 @@ from cartstiff import (
     equilibrium,
     load_curve,
 )
-from cartstiff.errors import ConvergenceError, MissingDependencyError
+from cartstiff.errors import MissingDependencyError
 from cartstiff.geometry import se3
 
 HALF, HEIGHT, STIFFNESS = 1.0, 0.3, 50.0
@@ -95,19 +95,19 @@ def test_the_branch_of_one_link_is_the_exact_one():
     curve = load_curve(column(1), DeadForce([-1.0, 0.0, 0.0]), to=2.0)
     assert [c.factor for c in curve.critical] == pytest.approx([1.0], abs=1e-8)
     for direction in (1, -1):
-        bent = branch(curve, 0, direction)
+        bent = curve.branch(0, direction)
         angle = bent.q[1:, 0]
         assert np.allclose(bent.factors[1:], angle / np.sin(angle), rtol=1e-9)
         assert all(bent.stable[1:])
         assert bent.reason == "factor-reached"
-    assert branch(curve, 0, 1).q[-1, 0] == pytest.approx(-branch(curve, 0, -1).q[-1, 0])
+    assert curve.branch(0, 1).q[-1, 0] == pytest.approx(-curve.branch(0, -1).q[-1, 0])
 
 
 @pytest.mark.parametrize("n", [2, 3])
 def test_branches_hold_balanced_states(n):
     elastic = column(n)
     curve = load_curve(elastic, DeadForce([-1.0, 0.0, 0.0]), to=1.5)
-    bent = branch(curve)
+    bent = curve.branch()
     for factor, q in zip(bent.factors, bent.q, strict=True):
         forces = elastic.with_potential(DeadForce([-factor, 0.0, 0.0]))
         assert np.abs(forces.evaluate(elastic.mechanism.at(q)).gradient).max() < 1e-9
@@ -202,12 +202,12 @@ def test_curves_as_text():
             "resolution cannot be used",
         ),
         (
-            lambda: branch(load_curve(column(1), DeadForce([1.0, 0, 0])), 0),
+            lambda: load_curve(column(1), DeadForce([1.0, 0, 0])).branch(0),
             InputError,
             "no such critical point",
         ),
         (
-            lambda: branch(load_curve(truss(), DeadForce([0, 0, -1.0]), to=2.0), 0),
+            lambda: load_curve(truss(), DeadForce([0, 0, -1.0]), to=2.0).branch(0),
             UndefinedError,
             "no branch starts at a limit point",
         ),

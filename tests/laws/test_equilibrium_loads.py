@@ -13,6 +13,7 @@ from tests.support import links, relative_error, robot_file
 
 import cartstiff
 from cartstiff import (
+    ConvergenceError,
     DeadForce,
     DeadWrench,
     FollowerWrench,
@@ -21,7 +22,6 @@ from cartstiff import (
     equilibrium,
     payload,
 )
-from cartstiff.errors import ConvergenceError
 
 ROBOTS = ("ur5", "panda")
 

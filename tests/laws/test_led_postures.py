@@ -9,8 +9,8 @@ import pytest
 from tests.inner import Assembler, Chain
 
 import cartstiff
-from cartstiff import Grid
-from cartstiff.errors import ConvergenceError
+from cartstiff import ConvergenceError
+from cartstiff.maps import Grid
 
 CLOSE = 1e-9
 

@@ -20,8 +20,8 @@ from tests.mechanisms.machines import write_file
 from tests.view.conftest import NoPicture
 
 import cartstiff
-from cartstiff import Trajectory, compute_map, open_map
 from cartstiff.geometry import se3
+from cartstiff.maps import Trajectory, compute_map, open_map
 
 FIELD, MASS, COM = np.array([0.0, 0.0, -9.81]), 40.0, np.array([0.03, -0.02, 0.05])
 STRUT = {"fixed": 3.0, "moving": 2.0, "fixed_com": 0.2, "moving_com": 0.15}

@@ -12,7 +12,8 @@ from tests.inner import Limits, PlatformPoses, answer_of_compensation, answer_te
 from tests.support import robot_file
 
 import cartstiff
-from cartstiff import Axis, DeadForce, Grid, compensate, compute_map, equilibrium, load_curve
+from cartstiff import DeadForce, compensate, equilibrium, load_curve
+from cartstiff.maps import Axis, Grid, compute_map
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 DEGREES = [0.0, -60.0, 90.0, 0.0, 45.0, 0.0]

@@ -480,7 +480,7 @@ def test_few_closed_chains_are_assembled_one_by_one():
 
 
 def test_closures_that_cannot_be_met_are_named(monkeypatch):
-    from cartstiff.errors import ConvergenceError
+    from cartstiff import ConvergenceError
 
     elastic = cartstiff.load("five-bar")
 

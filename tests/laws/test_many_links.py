@@ -24,7 +24,8 @@ from tests.laws.test_many_engine import assert_same
 from tests.support.read import read as recorded
 
 import cartstiff
-from cartstiff import ElasticMechanism, RandomPostures, analyse_many
+from cartstiff import ElasticMechanism, analyse_many
+from cartstiff.maps import RandomPostures
 
 WRENCH = np.array([1.0, -2.0, 3.0, 20.0, 30.0, -40.0])
 EACH = np.random.default_rng(3).normal(size=(4, 6)) * [1, 1, 1, 20, 20, 20]

@@ -8,7 +8,8 @@ from tests.inner import browser_program, plan
 from tests.laws.test_many_engine import assert_same
 
 import cartstiff
-from cartstiff import InputError, RandomPostures, analyse_many, compute_map, open_map
+from cartstiff import InputError, analyse_many
+from cartstiff.maps import RandomPostures, compute_map, open_map
 
 pytest.importorskip("llvmlite")
 

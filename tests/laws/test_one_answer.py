@@ -46,6 +46,7 @@ from tests.support import (
 
 import cartstiff
 from cartstiff import (
+    ConvergenceError,
     DeadForce,
     DeadWrench,
     ElasticMechanism,
@@ -56,7 +57,6 @@ from cartstiff import (
     analyse_posture,
     equilibrium,
 )
-from cartstiff.errors import ConvergenceError
 
 DISTANCES = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8, 1e-9, 1e-11, 1e-12)
 LOADS = ("none", "dead force", "dead moment", "follower", "conservative", "spring")

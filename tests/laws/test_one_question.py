@@ -70,8 +70,8 @@ def test_map(arm, tmp_path):
     R = T[:3, :3]
     force = R.T @ np.array([0.0, 0.0, -10.0])
     motion = C @ np.concatenate([np.zeros(3), force])
-    postures = cartstiff.Trajectory(np.stack([one.q, one.q + 0.01]))
-    found = cartstiff.compute_map(
+    postures = cartstiff.maps.Trajectory(np.stack([one.q, one.q + 0.01]))
+    found = cartstiff.maps.compute_map(
         elastic,
         postures,
         ["deflection"],
@@ -272,9 +272,9 @@ def test_a_loop_in_maps_and_reports(loop, tmp_path):
     pytest.importorskip("zarr")
     elastic = cartstiff.load(file)
     load = {"wrench": one.W, "load_axes": "world", "load_at": one.at}
-    found = cartstiff.compute_map(
+    found = cartstiff.maps.compute_map(
         elastic,
-        cartstiff.Trajectory(elastic.mechanism.closed(elastic.q).q[None]),
+        cartstiff.maps.Trajectory(elastic.mechanism.closed(elastic.q).q[None]),
         ["deflection"],
         tmp_path / "map.zarr",
         deflect=[0, 0, 0, 0, 0, -10.0],

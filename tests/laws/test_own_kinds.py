@@ -26,7 +26,8 @@ from tests.inner import se3_inverse as inverse
 from tests.view.viewer import Viewer
 
 import cartstiff
-from cartstiff import ElasticMechanism, JointSprings, Mechanism, Potential, analyse_posture
+from cartstiff import ElasticMechanism, JointSprings, analyse_posture
+from cartstiff.extend import Mechanism, Potential
 from cartstiff.scene import Appearance, RecordingWindow, Scene
 
 Q = np.array([0.3, 0.2, 0.4, -0.5, 0.1, 0.7])

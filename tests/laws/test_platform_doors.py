@@ -17,17 +17,9 @@ from tests.mechanisms.machines import write_file
 from tests.support.generated import Arm
 
 import cartstiff
-from cartstiff import (
-    ToolPath,
-    Trajectory,
-    analyse,
-    analyse_many,
-    compute_map,
-    equilibrium,
-    load,
-    modes,
-)
+from cartstiff import ToolPath, analyse, analyse_many, equilibrium, load, modes
 from cartstiff.geometry import se3
+from cartstiff.maps import Trajectory, compute_map
 
 HOME = np.array([0.02, -0.01, 0.8, 0.05, -0.1, 0.08])
 AWAY = HOME + np.array([0.05, -0.04, 0.03, 0.05, 0.1, -0.08])

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from tests.inner import PolynomialLaw, TabulatedLaw, TaylorCheck
 from tests.support import bend, hessian_of, seeds, slope
 
-from cartstiff import InputError, JointFunction, JointSprings, PoseFunction, taylor_check
+from cartstiff import InputError, JointFunction, JointSprings, PoseFunction
+from cartstiff.extend import taylor_check
 
 ROUNDING = 1e-12
 # Eighth-order differences at step 0.01 of a polynomial of low degree.

@@ -22,7 +22,7 @@ from cartstiff import InputError
 from cartstiff.errors import UnknownNameError
 
 LOAD = np.array([4.0, -3.0, 2.0, 20.0, 30.0, -40.0])
-MINE = cartstiff.levi_civita(np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), "mine")
+MINE = cartstiff.geometry.levi_civita(np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), "mine")
 #: In other axes, at another point, of another kind.
 ACTING: dict[str, Any] = {
     "load_axes": "world",

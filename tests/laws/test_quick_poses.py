@@ -7,8 +7,8 @@ import pytest
 from tests.inner import JointPoses, QuickPoses, cartesian
 
 import cartstiff
-from cartstiff import Axis, CartesianGrid
 from cartstiff.geometry import se3
+from cartstiff.maps import Axis, CartesianGrid
 
 COUNT = 300
 

@@ -18,7 +18,7 @@ from tests.inner import (
 )
 
 import cartstiff
-from cartstiff.errors import ConvergenceError
+from cartstiff import ConvergenceError
 
 WRENCH = np.array([4.0, -3.0, 2.0, 20.0, 30.0, -40.0])
 FOLLOWER = LoadKind("follower", (0.05, -0.02, 0.1))

@@ -41,6 +41,7 @@ from tests.support import (
 
 from cartstiff import (
     CartstiffError,
+    ConvergenceError,
     DeadForce,
     DeadWrench,
     ElasticMechanism,
@@ -53,12 +54,11 @@ from cartstiff import (
     StiffnessTensor,
     UndefinedError,
     analyse,
-    from_symbols,
-    levi_civita,
     load,
     payload,
 )
-from cartstiff.errors import ConvergenceError, MissingDependencyError, UnknownNameError
+from cartstiff.errors import MissingDependencyError, UnknownNameError
+from cartstiff.geometry import from_symbols, levi_civita
 
 NAN = float("nan")
 

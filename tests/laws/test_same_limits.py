@@ -16,9 +16,9 @@ from tests.mechanisms.machines import write_file
 from tests.view.conftest import NoPicture
 
 import cartstiff
-from cartstiff import RandomPostures, Trajectory, compute_map, open_map
-from cartstiff.errors import ConvergenceError
+from cartstiff import ConvergenceError
 from cartstiff.geometry import se3
+from cartstiff.maps import RandomPostures, Trajectory, compute_map, open_map
 
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 LIMITED = {"beyond-limits", "force-limits"}

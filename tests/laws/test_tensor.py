@@ -27,17 +27,16 @@ from tests.support import (
 )
 from tests.support.commands import refuses
 
-from cartstiff import (
+from cartstiff import StiffnessTensor, analyse
+from cartstiff.geometry import (
     BI_INVARIANT,
     CARTAN_MINUS,
     CARTAN_PLUS,
     KINEMATIC,
-    StiffnessTensor,
-    analyse,
     from_symbols,
     levi_civita,
+    se3,
 )
-from cartstiff.geometry import se3
 
 ROUNDING = 1e-12
 # Ad is squared and its entries reach three: rounding grows by a hundred.

@@ -12,8 +12,7 @@ from tests.inner import answer_of_compensation, answer_text
 from tests.support.commands import answer, run
 
 import cartstiff
-from cartstiff import InputError, compensate
-from cartstiff.errors import ConvergenceError
+from cartstiff import ConvergenceError, InputError, compensate
 
 FORCE = np.array([20.0, -30.0, -80.0])
 

@@ -18,7 +18,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, dict[str, Any]
     """The map of `machines.COMMAND` computed without a break, and what the command printed."""
     from tests.maps.machines import start_map
 
-    from cartstiff import open_map
+    from cartstiff.maps import open_map
 
     file = tmp_path_factory.mktemp("whole") / "m.zarr"
     process = start_map(file)

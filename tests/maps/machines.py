@@ -12,7 +12,8 @@ from tests.support import loaded_arm, paper_platform
 from tests.support.commands import words
 
 import cartstiff
-from cartstiff import Axis, ElasticMechanism, Grid, RandomPostures
+from cartstiff import ElasticMechanism
+from cartstiff.maps import Axis, Grid, RandomPostures
 
 
 def arm(kinds: str = "RRRRRR", seed: int = 3) -> ElasticMechanism:

@@ -14,7 +14,8 @@ from tests.inner import CHECKSUM, packed, part_elsewhere, prepare_map
 from tests.maps.machines import arm, drawn, marks, start, start_held_map, start_map
 
 import cartstiff
-from cartstiff import Axis, Grid, InputError, JointFunction, RandomPostures, compute_map, open_map
+from cartstiff import InputError, JointFunction
+from cartstiff.maps import Axis, Grid, RandomPostures, compute_map, open_map
 
 
 def _end(process):

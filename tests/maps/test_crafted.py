@@ -11,8 +11,8 @@ from tests.inner import MapFile, read_cloud, store
 from tools.fuzz_maps import crafted_map, resealed, whole_map
 
 import cartstiff
-from cartstiff import Axis, Grid, InputError, RandomPostures, compute_map, draw_map, open_map
-from cartstiff.maps import summary
+from cartstiff import InputError
+from cartstiff.maps import Axis, Grid, RandomPostures, compute_map, draw_map, open_map, summary
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -19,7 +19,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from tests.inner import MapFile
 from tests.maps.machines import arm, drawn, grid_of
 
-from cartstiff import CartstiffError, InputError, Trajectory, compute_map, open_map
+from cartstiff import CartstiffError, InputError
+from cartstiff.maps import Trajectory, compute_map, open_map
 
 QUANTITIES = ["translation_free_min", "condition"]
 #: Damages of each kind that are tried; "170,34,17" for each sampling takes some minutes.

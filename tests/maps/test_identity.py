@@ -22,7 +22,7 @@ EDITS = 20
 
 
 def prepared(elastic, folder, **options):
-    grid = cartstiff.Grid({elastic.names[0]: (0.1, 0.4, 4)}, elastic.names, elastic.q)
+    grid = cartstiff.maps.Grid({elastic.names[0]: (0.1, 0.4, 4)}, elastic.names, elastic.q)
     return prepare_map(elastic, grid, ["condition"], folder / "m.zarr", **options)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from tests.inner import kernels
 from tests.maps.machines import arm, marks, start_held_map, start_map
 
-from cartstiff import RandomPostures, compute_map, open_map
+from cartstiff.maps import RandomPostures, compute_map, open_map
 
 
 def test_killed_map_goes_on(tmp_path, whole):

@@ -15,18 +15,20 @@ from tests.maps.machines import arm, platform, softest
 from tests.support.commands import refuses
 
 import cartstiff
-from cartstiff import (
+from cartstiff import InputError
+from cartstiff.errors import UnknownNameError
+from cartstiff.maps import (
     Axis,
     CartesianGrid,
     Grid,
-    InputError,
     RandomPostures,
     Trajectory,
+    best,
     compute_map,
     open_map,
+    slice_map,
+    summary,
 )
-from cartstiff.errors import UnknownNameError
-from cartstiff.maps import best, slice_map, summary
 
 # Another order of the same operations, matrices of condition up to 1e6.
 SAME = 1e-8
@@ -156,7 +158,7 @@ def test_postures_of_another_mechanism_are_refused(elastic):
         (Grid({names[1]: (0, 1, 3)}, names, elastic.q), "joint0, joint1"),
     ):
         with pytest.raises(InputError, match=f"postures are of another mechanism; .* got {got}"):
-            cartstiff.map_of(elastic, sampling, ["condition"])
+            cartstiff.maps.map_of(elastic, sampling, ["condition"])
 
 
 def test_parts_of_another_size_are_refused(elastic, tmp_path):
@@ -168,7 +170,7 @@ def test_parts_of_another_size_are_refused(elastic, tmp_path):
     found = compute_map(*asked)  # the parts of the file
     assert (found.attrs["chunks"], found.attrs["chunks_done"]) == (3, 3)
     with pytest.raises(InputError, match="size of chunks"):
-        cartstiff.map_of(*asked[:3], chunk=1.5)
+        cartstiff.maps.map_of(*asked[:3], chunk=1.5)
 
 
 # -- Cartesian grids ----------------------------------------------------------------------------

@@ -118,7 +118,7 @@ def _scaled(source):
 
 def test_a_map_of_another_constant_is_not_continued(tmp_path, monkeypatch):
     elastic = cartstiff.load("ur5")
-    grid = cartstiff.Grid({"elbow_joint": (0.1, 0.4, 4)}, elastic.names, elastic.q)
+    grid = cartstiff.maps.Grid({"elbow_joint": (0.1, 0.4, 4)}, elastic.names, elastic.q)
     monkeypatch.setitem(QUANTITIES, "mine", Quantity("mine", "mine", "1", _scaled, ("inverse",)))
     prepare_map(elastic, grid, ["mine"], tmp_path / "m.zarr")
     prepare_map(elastic, grid, ["mine"], tmp_path / "m.zarr")

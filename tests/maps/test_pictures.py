@@ -11,9 +11,8 @@ from tests.inner import assumed_stiffness, histogram, save_figure
 from tests.maps.machines import arm
 
 import cartstiff
-from cartstiff import Axis, Grid, RandomPostures, compute_map, draw_map, map_of
 from cartstiff.errors import UnknownNameError
-from cartstiff.maps import slice_map
+from cartstiff.maps import Axis, Grid, RandomPostures, compute_map, draw_map, map_of, slice_map
 
 QUANTITY = "translation_free_min"
 

@@ -31,8 +31,9 @@ from tests.support import loaded_arm, paper_platform
 from tests.support.commands import refuses
 
 import cartstiff
-from cartstiff import InputError, analyse_many, analyse_posture, open_map
+from cartstiff import InputError, analyse_many, analyse_posture
 from cartstiff.errors import UnknownNameError
+from cartstiff.maps import open_map
 
 LENGTH = 0.3
 DIRECTION = (0.2, -0.5, 0.7)
@@ -307,8 +308,8 @@ def test_what_is_read_of_bodies_with_mass_needs_no_frequencies(name, tmp_path):
     """The compliance alone is in the arrays, without the wrench."""
     elastic = cartstiff.load(name)
     q = elastic.q[None]
-    found = cartstiff.compute_map(
-        elastic, cartstiff.Trajectory(q), ["condition"], tmp_path / "m.zarr"
+    found = cartstiff.maps.compute_map(
+        elastic, cartstiff.maps.Trajectory(q), ["condition"], tmp_path / "m.zarr"
     )
     length = found.attrs["characteristic_length"]
     expected = indices_of(cartstiff.analyse(elastic, q[0]).matrices["B"], length).condition_number
@@ -327,7 +328,7 @@ def _softest(source):
 def test_ones_own_quantities_are_the_same_by_every_way(monkeypatch, tmp_path):
     """Machine code kept the formula of a name that a user had given another meaning."""
     elastic = cartstiff.load("ur5")
-    grid = cartstiff.Grid({"elbow_joint": (0.5, 1.5, 5)}, elastic.names, elastic.q)
+    grid = cartstiff.maps.Grid({"elbow_joint": (0.5, 1.5, 5)}, elastic.names, elastic.q)
     asked = elastic, grid, ["condition"]
     monkeypatch.setitem(QUANTITIES, "condition", _own(_softest))
     job, file = prepare_map(*asked, tmp_path / "m.zarr", chunk=2)
@@ -348,17 +349,19 @@ def test_ones_own_quantities_are_the_same_by_every_way(monkeypatch, tmp_path):
 
 def test_a_quantity_is_one_number_for_each_posture(monkeypatch):
     elastic = cartstiff.load("ur5")
-    grid = cartstiff.Grid({"elbow_joint": (0.5, 1.5, 5)}, elastic.names, elastic.q)
+    grid = cartstiff.maps.Grid({"elbow_joint": (0.5, 1.5, 5)}, elastic.names, elastic.q)
     monkeypatch.setitem(QUANTITIES, "all", _own(lambda s: s.spectrum(), "all"))
     with pytest.raises(InputError, match=r"all is not one number .*\(N,\), got \(6, 5\)"):
-        cartstiff.map_of(elastic, grid, ["all"]).compute()
+        cartstiff.maps.map_of(elastic, grid, ["all"]).compute()
 
 
 @pytest.mark.parametrize("size", [1e-200, 1.0, 1e200])
 def test_a_direction_may_be_of_any_length(size):
     elastic = cartstiff.load("ur5")
-    grid = cartstiff.Grid({"elbow_joint": (0.5, 1.0, 2)}, elastic.names, elastic.q)
-    found = cartstiff.map_of(elastic, grid, ["along_free"], direction=[size, 0, size]).compute()
+    grid = cartstiff.maps.Grid({"elbow_joint": (0.5, 1.0, 2)}, elastic.names, elastic.q)
+    found = cartstiff.maps.map_of(
+        elastic, grid, ["along_free"], direction=[size, 0, size]
+    ).compute()
     C = np.linalg.inv(cartstiff.analyse(elastic, [*elastic.q[:2], 0.5, *elastic.q[3:]]).tangent)
     u = np.array([1, 0, 1]) / np.sqrt(2)
     assert float(found["along_free"][0]) == pytest.approx(1 / (u @ C[3:, 3:] @ u), rel=1e-9)
@@ -366,6 +369,6 @@ def test_a_direction_may_be_of_any_length(size):
 
 def test_a_wrench_beyond_all_bounds_is_refused():
     elastic = cartstiff.load("ur5")
-    grid = cartstiff.Grid({"elbow_joint": (0.5, 1.0, 2)}, elastic.names, elastic.q)
+    grid = cartstiff.maps.Grid({"elbow_joint": (0.5, 1.0, 2)}, elastic.names, elastic.q)
     with pytest.raises(InputError, match="wrench of the deflection is too large"):
-        cartstiff.map_of(elastic, grid, ["deflection"], deflect=[0, 0, 0, 0, 0, 1e308])
+        cartstiff.maps.map_of(elastic, grid, ["deflection"], deflect=[0, 0, 0, 0, 0, 1e308])

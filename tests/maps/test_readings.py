@@ -38,7 +38,8 @@ from tests.support.read import read as recorded
 from tests.support.read import readable
 
 import cartstiff
-from cartstiff import ElasticMechanism, JointSprings, RandomPostures, analyse_many, payload
+from cartstiff import ElasticMechanism, JointSprings, analyse_many, payload
+from cartstiff.maps import RandomPostures
 
 LENGTH = 0.18
 #: Rounding that two ways to a number may differ by, over the condition number of what is read.

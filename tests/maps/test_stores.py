@@ -19,7 +19,8 @@ from tests.maps.machines import arm, drawn, grid_of, start
 from tests.maps.test_damage import _Killed, _killed_after
 from zarr.storage import LocalStore
 
-from cartstiff import InputError, compute_map, map_of, open_map
+from cartstiff import InputError
+from cartstiff.maps import compute_map, map_of, open_map
 
 QUANTITIES = ["translation_free_min", "condition"]
 
@@ -174,8 +175,8 @@ from cartstiff.maps import run
 run.cpu_count = lambda: 16
 arm = cartstiff.load("ur5")
 names = ["condition", "translation_free_min", "manipulability"]
-postures = cartstiff.RandomPostures.within_limits(arm, 4_000_000)
-cartstiff.compute_map(arm, postures, names, sys.argv[1])
+postures = cartstiff.maps.RandomPostures.within_limits(arm, 4_000_000)
+cartstiff.maps.compute_map(arm, postures, names, sys.argv[1])
 # The peak of this program alone: ru_maxrss would hold what the tests' own process had.
 status = open("/proc/self/status").read()
 print(int(status.split("VmHWM:")[1].split()[0]) // 1024)

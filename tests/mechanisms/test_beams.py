@@ -11,6 +11,7 @@ from tests.mechanisms.machines import codes
 from tests.support import cross_matrix, relative_error
 
 from cartstiff import (
+    ConvergenceError,
     DeadForce,
     DeadWrench,
     FollowerWrench,
@@ -19,9 +20,8 @@ from cartstiff import (
     equilibrium,
     load,
     load_curve,
-    taylor_check,
 )
-from cartstiff.errors import ConvergenceError
+from cartstiff.extend import taylor_check
 
 # Linear algebra of condition 1e6, and sums of the same compliances.
 SUM = 1e-10

@@ -7,7 +7,8 @@ from tests.inner import describe
 from tests.mechanisms.machines import write_file
 from tests.mechanisms.oracle import ROBOTS, Held, missed
 
-from cartstiff import CARTAN_PLUS, UndefinedError, analyse, analyse_many, analyse_posture, load
+from cartstiff import UndefinedError, analyse, analyse_many, analyse_posture, load
+from cartstiff.geometry import CARTAN_PLUS
 
 # Differences of the reduced energy and of the load, step 0.005.
 DIFFERENCES = 1e-9

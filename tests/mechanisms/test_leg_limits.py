@@ -130,9 +130,9 @@ def test_a_map_leaves_out_what_is_beyond(tmp_path):
     legs = {"base_joints": {"axis": [0, 0, 1], "angle": 0.9}}
     elastic = _load(tmp_path, legs)
     path = tmp_path / "map.zarr"
-    grid = cartstiff.Grid({"x": cartstiff.Axis(-0.4, 0.4, 9)}, elastic.names, elastic.q)
-    cartstiff.compute_map(elastic, grid, ["translation_free_min"], path)
-    states = cartstiff.open_map(path).load()["state"].values.ravel()
+    grid = cartstiff.maps.Grid({"x": cartstiff.maps.Axis(-0.4, 0.4, 9)}, elastic.names, elastic.q)
+    cartstiff.maps.compute_map(elastic, grid, ["translation_free_min"], path)
+    states = cartstiff.maps.open_map(path).load()["state"].values.ravel()
     assert set(states[[0, -1]]) != {0}
     expected = [
         Limits(elastic.mechanism).holds(q, elastic.mechanism.pose_of(q))
@@ -144,8 +144,8 @@ def test_a_map_leaves_out_what_is_beyond(tmp_path):
         tmp_path, {"rest_length": None, "preload": 0.0, "driven": False, "force": [-2e4, 2e4]}
     )
     path = tmp_path / "forces.zarr"
-    cartstiff.compute_map(forces, grid, ["translation_free_min"], path)
-    states = cartstiff.open_map(path).load()["state"].values.ravel()
+    cartstiff.maps.compute_map(forces, grid, ["translation_free_min"], path)
+    states = cartstiff.maps.open_map(path).load()["state"].values.ravel()
     expected = [
         not _notes(forces, "force-limits", q)
         for q in (np.array([x, *elastic.q[1:]]) for x in np.linspace(-0.4, 0.4, 9))

@@ -9,8 +9,7 @@ from tests.mechanisms.machines import codes, write_file
 from tests.mechanisms.oracle import GRAVITY, Held, displaced, missed
 from tests.support import body_jacobian, frame_pose, relative_error, robot_file
 
-from cartstiff import InputError, analyse, load
-from cartstiff.errors import ConvergenceError
+from cartstiff import ConvergenceError, InputError, analyse, load
 
 # Differences of the reduced energy and of the load, step 0.005.
 DIFFERENCES = 1e-9

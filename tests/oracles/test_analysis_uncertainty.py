@@ -11,7 +11,8 @@ from tests.inner import Parameters, Uncertain, describe, shares_of, summary_text
 from tests.support import loaded_arm
 
 import cartstiff
-from cartstiff import ElasticMechanism, JointSprings, PostureStiffness, Tolerances, analyse_posture
+from cartstiff import ElasticMechanism, JointSprings, PostureStiffness, analyse_posture
+from cartstiff.analysis import Tolerances
 
 HELD = "ellipsoids.stiffness.translation.held.eigenvalues"
 

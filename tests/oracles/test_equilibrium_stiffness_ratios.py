@@ -9,8 +9,7 @@ from tests.inner import with_rest_balancing
 from tests.support import hexagons, platform_mechanism, robot_file
 
 import cartstiff
-from cartstiff import DeadForce, InputError, equilibrium
-from cartstiff.errors import ConvergenceError
+from cartstiff import ConvergenceError, DeadForce, InputError, equilibrium
 from cartstiff.geometry import se3
 
 # Rounding of six joint angles of size 1, and what it does to a reach of one metre.

@@ -15,7 +15,6 @@ from cartstiff import (
     DeadForce,
     ElasticMechanism,
     JointSprings,
-    Tolerances,
     accuracy,
     analyse,
     equilibrium,
@@ -23,6 +22,7 @@ from cartstiff import (
     modes,
     sensitivities,
 )
+from cartstiff.analysis import Tolerances
 
 #: Required; double precision gives 1e-11.
 EXACT = 1e-8

@@ -10,7 +10,7 @@ from tests.mechanisms.machines import write_file
 from tests.support.digits import skew
 
 import cartstiff
-from cartstiff.errors import ConvergenceError
+from cartstiff import ConvergenceError
 from cartstiff.geometry import se3
 
 #: Required of every derivative, of its largest entry; struts give 1e-10.

@@ -8,7 +8,8 @@ import pytest
 from tests.inner import Chain, plain_tree
 from tests.support import add_frame, cross_matrix, platform_mechanism, translation
 
-from cartstiff import BI_INVARIANT, KINEMATIC, ElasticMechanism, JointSprings, PoseFunction, analyse
+from cartstiff import ElasticMechanism, JointSprings, PoseFunction, analyse
+from cartstiff.geometry import BI_INVARIANT, KINEMATIC
 
 # Printed to 15 digits; a handful of operations.
 PRINTED = 1e-12

@@ -12,7 +12,7 @@ import sys
 
 _MEASURE = """
 import json, resource, sys
-from cartstiff.errors import InputError
+from cartstiff import InputError
 {0}
 for argument in json.loads(sys.argv[1]):
     try:

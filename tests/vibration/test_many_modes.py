@@ -9,17 +9,16 @@ from tests.inner import Damping, ManyModes, criteria, in_units, poles, vibration
 from tests.vibration.test_modes import column
 
 from cartstiff import (
+    ConvergenceError,
     InputError,
     ToolPath,
-    Trajectory,
     analyse,
     analyse_many,
-    compute_map,
     load,
     modes,
     optimise_path,
 )
-from cartstiff.errors import ConvergenceError
+from cartstiff.maps import Trajectory, compute_map
 
 
 @pytest.fixture(autouse=True)

@@ -12,16 +12,8 @@ from tests.support import loaded_arm
 from tests.support.commands import answer
 from tests.vibration.test_modes import LENGTH, M_1, K, column
 
-from cartstiff import (
-    InputError,
-    Tolerances,
-    UndefinedError,
-    accuracy,
-    analyse,
-    load,
-    modes,
-    sensitivities,
-)
+from cartstiff import InputError, UndefinedError, accuracy, analyse, load, modes, sensitivities
+from cartstiff.analysis import Tolerances
 
 #: Two rounds of central differences.
 DIFFERENCES = 1e-5

@@ -68,7 +68,7 @@ def test_frequencies_follow_both(bar):
 
 
 def test_tolerances_of_stiffness_include_them(bar):
-    found = cartstiff.accuracy(cartstiff.analyse(bar), cartstiff.Tolerances(stiffness=0.1))
+    found = cartstiff.accuracy(cartstiff.analyse(bar), cartstiff.analysis.Tolerances(stiffness=0.1))
     assert {"stiffness.line1", "stiffness.bar (link)"} <= set(found.names)
 
 
@@ -79,7 +79,7 @@ def test_a_body_that_rests_anywhere_has_none():
     with pytest.raises(cartstiff.UndefinedError, match="a motion of the body costs nothing"):
         cartstiff.sensitivities(rest)
     with pytest.raises(cartstiff.UndefinedError, match="not decided"):
-        cartstiff.accuracy(rest, cartstiff.Tolerances(0.01))
+        cartstiff.accuracy(rest, cartstiff.analysis.Tolerances(0.01))
 
 
 @pytest.mark.parametrize("name", ["parameter.k", "stiffness.elbow"])

@@ -198,7 +198,8 @@ def test_a_map_stands_in_the_report(arm, tmp_path):
 
     from tests.inner import map_section
 
-    from cartstiff import Axis, Grid, InputError, compute_map, open_map
+    from cartstiff import InputError
+    from cartstiff.maps import Axis, Grid, compute_map, open_map
 
     grid = Grid({"j2": Axis(0.3, 0.9, 4), "j3": Axis(-1, -0.4, 3)}, arm.names, Q)
     compute_map(arm, grid, ["condition"], tmp_path / "m.zarr", length=1.0)

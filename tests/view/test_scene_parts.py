@@ -29,12 +29,13 @@ from tests.support import random_pose
 from tests.view.viewer import Viewer, meshcat
 
 import cartstiff
-from cartstiff import InputError, Scene
+from cartstiff import InputError
 from cartstiff.scene import (
     Linear,
     Logarithmic,
     RecordingWindow,
     Root,
+    Scene,
     add_ellipsoid,
     add_path,
     add_points,

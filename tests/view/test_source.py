@@ -121,7 +121,7 @@ def test_a_map_without_positions_is_refused(opened, tmp_path):
 def test_a_real_map_with_places_out_of_reach(tmp_path):
     """Five places along a line of which the last two are beyond the arm."""
     import cartstiff
-    from cartstiff import Axis, CartesianGrid, compute_map, open_map
+    from cartstiff.maps import Axis, CartesianGrid, compute_map, open_map
 
     arm = cartstiff.load("five-bar")
     posture = arm.mechanism.closed(arm.q)
@@ -147,7 +147,7 @@ def test_a_real_map_with_places_out_of_reach(tmp_path):
 
 def test_points_of_a_map_bring_their_postures(tmp_path, monkeypatch):
     import cartstiff
-    from cartstiff import Grid, compute_map
+    from cartstiff.maps import Grid, compute_map
 
     arm = cartstiff.load("ur5")
     grid = Grid({"shoulder_pan_joint": (-1, 1, 3), "elbow_joint": (0.5, 1.5, 3)}, arm.names, arm.q)

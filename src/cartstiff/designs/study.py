@@ -154,7 +154,7 @@ class Poses(FileModel):
 
 
 class Case(FileModel):
-    """A load and the settings of the quantities; keys as in `cartstiff.compute_map`."""
+    """A load and the settings of the quantities; keys as in `maps.compute_map`."""
 
     wrench: _Wrench | None = keyed("moment and force, carried everywhere", None)
     load_kind: Literal["dead", "follower", "conservative"] = "dead"

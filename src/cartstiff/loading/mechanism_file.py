@@ -321,7 +321,7 @@ def _from_closure_list(data: dict[str, Any], path: Path) -> dict[str, Any]:
     }
 
 
-def json_schema() -> dict[str, Any]:
+def file_schema() -> dict[str, Any]:
     """Return the JSON schema of mechanism files of every kind."""
     from pydantic import Field, TypeAdapter
     from pydantic.json_schema import GenerateJsonSchema

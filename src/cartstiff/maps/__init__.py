@@ -3,6 +3,6 @@
 The names in `__init__.pyi` are loaded when first used.
 """
 
-import lazy_loader
+from cartstiff.lazily import public
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__ = public(globals())

@@ -1,4 +1,4 @@
-"""Public names: type checkers and `lazy_loader` read them here."""
+"""Public names, with one home each: type checkers and `lazily.public` read them."""
 
 from .cartesian import CartesianGrid as CartesianGrid
 from .pictures import draw_map as draw_map

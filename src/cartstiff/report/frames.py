@@ -28,7 +28,7 @@ def frames_of(elastic: ElasticMechanism) -> dict[str, Any]:
         "frames" fixed to F; "joints" in the order of the tree, each with its parent (the
         name of a joint, or None for F), its coordinate, spring, mass and the frames fixed
         to it; "closures" that tie frames; "legs" of a platform; "pose" of M in F at the
-        posture; "gravity"; see `cartstiff.report.json_schema.json_schema`.
+        posture; "gravity"; see `cartstiff.extend.json_schema`.
     """
     mechanism = elastic.mechanism
     answer: dict[str, Any] = {

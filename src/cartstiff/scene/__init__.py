@@ -4,6 +4,6 @@ The names in `__init__.pyi` draw in any ``meshcat.Visualizer``; they are loaded 
 used.
 """
 
-import lazy_loader
+from cartstiff.lazily import public
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__ = public(globals())

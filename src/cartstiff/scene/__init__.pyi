@@ -1,4 +1,4 @@
-"""Public names: type checkers and `lazy_loader` read them here."""
+"""Public names, with one home each: type checkers and `lazily.public` read them."""
 
 from .appearance import Appearance as Appearance
 from .arrows import add_wrench as add_wrench

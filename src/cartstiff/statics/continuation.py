@@ -565,6 +565,55 @@ class LoadCurve(Result, LabelledResult):
             )
         return np.column_stack(columns)
 
+    def branch(self, index: int = 0, direction: int = 1, points: int = 200) -> LoadCurve:
+        """The curve that starts at a bifurcation, along its mode or against it.
+
+        Parameters
+        ----------
+        index : int
+            Which of the `critical` points.
+        direction : {1, -1}
+            Sense of the mode.
+        points : int
+            Bound on the number of points.
+
+        Raises
+        ------
+        InputError
+            If there is no such critical point.
+        UndefinedError
+            Code ``"no-branch"`` at a limit point or the onset of flutter.
+        ConvergenceError
+            If the branch cannot be entered.
+        """
+        if not 0 <= index < len(self.critical):
+            raise InputError(
+                "no such critical point",
+                expected=f"below {len(self.critical)}",
+                got=index,
+            )
+        critical = self.critical[index]
+        if critical.kind != "bifurcation":
+            raise UndefinedError(
+                "no branch starts at a limit point or the onset of flutter: the curve "
+                "itself goes on",
+                code="no-branch",
+                values={"factor": critical.factor},
+            )
+        along = np.append(np.sign(direction) * critical.mode, 0.0)
+        size = self._path.resolution
+        while True:
+            try:
+                first = self._path.step(critical._state, size, along)
+                break
+            except _LOST as error:
+                size *= 0.5
+                if size < _SMALLEST_STEP:
+                    raise ConvergenceError(
+                        "no branch can be entered here", iterations=0, residual=np.inf
+                    ) from error
+        return _trace(self._path, self.notes, [critical._state, first], points)
+
     def linear_up_to(
         self,
         tolerance: float = 0.05,
@@ -828,58 +877,6 @@ def load_curve(
     )
     curve = _trace(path, notes, [path.origin], points)
     return replace(curve, _before_load=given.before_load)
-
-
-def branch(
-    curve: LoadCurve, index: int = 0, direction: int = 1, points: int = 200
-) -> LoadCurve:
-    """The curve that starts at a bifurcation, along its mode or against it.
-
-    Parameters
-    ----------
-    curve : LoadCurve
-        From `load_curve`.
-    index : int
-        Which of its `critical` points.
-    direction : {1, -1}
-        Sense of the mode.
-    points : int
-        Bound on the number of points.
-
-    Raises
-    ------
-    InputError
-        If there is no such critical point.
-    UndefinedError
-        Code ``"no-branch"`` at a limit point or the onset of flutter.
-    ConvergenceError
-        If the branch cannot be entered.
-    """
-    if not 0 <= index < len(curve.critical):
-        raise InputError(
-            "no such critical point", expected=f"below {len(curve.critical)}", got=index
-        )
-    critical = curve.critical[index]
-    if critical.kind != "bifurcation":
-        raise UndefinedError(
-            "no branch starts at a limit point or the onset of flutter: the curve itself "
-            "goes on",
-            code="no-branch",
-            values={"factor": critical.factor},
-        )
-    along = np.append(np.sign(direction) * critical.mode, 0.0)
-    size = curve._path.resolution
-    while True:
-        try:
-            first = curve._path.step(critical._state, size, along)
-            break
-        except _LOST as error:
-            size *= 0.5
-            if size < _SMALLEST_STEP:
-                raise ConvergenceError(
-                    "no branch can be entered here", iterations=0, residual=np.inf
-                ) from error
-    return _trace(curve._path, curve.notes, [critical._state, first], points)
 
 
 def _trace(

@@ -147,7 +147,7 @@ def equilibrium(
     Examples
     --------
     >>> import cartstiff
-    >>> from cartstiff.potentials.loads import DeadForce
+    >>> from cartstiff import DeadForce
     >>> state = equilibrium(cartstiff.load("stewart-gough"), DeadForce([0.0, 0.0, -50.0]))
     >>> state.stable
     True

@@ -1,0 +1,29 @@
+"""Public names, with one home each: type checkers and `lazily.public` read them."""
+
+from .batch.quantities import QUANTITIES as QUANTITIES
+from .batch.quantities import Quantity as Quantity
+from .designs.run import evaluator as evaluator
+from .errors import check_name as check_name
+from .geometry.differences import gradient_and_hessian as gradient_and_hessian
+from .geometry.differences import jacobian as jacobian
+from .loading.description import FileSpring as FileSpring
+from .loading.description import RobotDescription as RobotDescription
+from .loading.mechanism_file import file_schema as file_schema
+from .loading.readers import FORMATS as FORMATS
+from .loading.yaml_file import read_text as read_text
+from .mechanisms.contract import Coordinate as Coordinate
+from .mechanisms.contract import Mechanism as Mechanism
+from .mechanisms.contract import MechanismPosture as MechanismPosture
+from .mechanisms.contract import Skeleton as Skeleton
+from .mechanisms.other_units import in_units as in_units
+from .mechanisms.platform import Platform as Platform
+from .mechanisms.tree import add_joint as add_joint
+from .potentials.beams import Beam as Beam
+from .potentials.contract import Evaluation as Evaluation
+from .potentials.contract import Number as Number
+from .potentials.contract import PosePotential as PosePotential
+from .potentials.contract import Potential as Potential
+from .potentials.contract import SecondOrderMap as SecondOrderMap
+from .potentials.functions import taylor_check as taylor_check
+from .potentials.gravity import Gravity as Gravity
+from .report.json_schema import json_schema as json_schema
