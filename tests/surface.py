@@ -18,6 +18,7 @@ import yaml
 import cartstiff
 from cartstiff.cli.main import _COMMANDS
 from cartstiff.cli.main import command as group
+from cartstiff.lazily import HOMES
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = Path(__file__).with_name("surface.yaml")
@@ -71,10 +72,6 @@ def json_keys() -> dict[str, list[str]]:
         table: sorted(key for key in kinds_of(table) if not key.startswith(parts))
         for table in TABLES
     }
-
-
-#: Modules beside `cartstiff` in which public names have their home.
-HOMES = ("analysis", "extend", "geometry", "identify", "maps", "scene", "vibration")
 
 
 def names() -> list[str]:

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 
 from cartstiff.arrays import real_array
 from cartstiff.errors import CartstiffError, InputError, UnknownArgumentError
+from cartstiff.lazily import HOMES
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -123,10 +124,13 @@ class _Names(dict[str, Any]):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self.known = {**vars(builtins), **function.__globals__}
-        self.face = sys.modules[__name__.partition(".")[0]]
 
     def __missing__(self, name: str) -> Any:
-        return self.known[name] if name in self.known else getattr(self.face, name, Any)
+        if name in self.known:
+            return self.known[name]
+        face = sys.modules[__name__.partition(".")[0]]
+        homes = [face, *(getattr(face, home) for home in HOMES)]
+        return next((getattr(h, name) for h in homes if name in dir(h)), Any)
 
 
 def _resolved(annotation: Any, function: Callable[..., Any]) -> Any:

@@ -6,6 +6,9 @@ import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+#: Modules beside `cartstiff` in which public names have their one home.
+HOMES = ("analysis", "extend", "geometry", "identify", "maps", "scene", "vibration")
+
 if TYPE_CHECKING:
     from functools import cached_property as cached_property
 else:

@@ -208,7 +208,7 @@ def test_a_dial_gauge_and_a_spring_scale(tmp_path):
     )
     table = write_table(tmp_path / "d.csv", columns)
     measured = read_measurements(
-        table, elastic, axes="body", point=tuple(gauge), load_at=tuple(hook)
+        table, elastic, load_axes="body", point=tuple(gauge), load_at=tuple(hook)
     )
     result = identify(elastic, measured)
     for e, k in zip(result.estimates, SPRINGS["elbow"], strict=True):

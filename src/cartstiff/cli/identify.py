@@ -87,7 +87,7 @@ class Table:
     def keywords(self) -> dict[str, Any]:
         """Arguments for reading the table."""
         return {
-            "axes": self.axes,
+            "load_axes": self.axes,
             "deviations": deviations_of(self.sd or {}),
             "point": tuple(self.point or (0.0, 0.0, 0.0)),
             "load_at": None if self.load_at is None else tuple(self.load_at),

@@ -513,11 +513,11 @@ def read_measurements(
     table: Any,
     elastic: ElasticMechanism,
     *,
-    axes: str | None = None,
     units: Mapping[str, str] | None = None,
     deviations: Mapping[str, float] | None = None,
     point: tuple[float, float, float] = (0.0, 0.0, 0.0),
     load_at: tuple[float, float, float] | None = None,
+    load_axes: str | None = None,
     open_cells: bool = False,
 ) -> Measurements:
     """Read and check a table of measurements.
@@ -529,9 +529,6 @@ def read_measurements(
         enter?"; or the same columns by name, as in a data frame of pandas.
     elastic : ElasticMechanism
         The measured mechanism.
-    axes : {"base", "body", "world"}, optional
-        Axes of the columns mx, my, mz, fx, fy, fz; default base, and body in a table that
-        `cartstiff path` wrote. They are turned into those of the base.
     units : mapping of str to str, optional
         Units by kind ("length": "mm") of columns without one in their head; default SI.
     deviations : mapping of str to float, optional
@@ -540,6 +537,9 @@ def read_measurements(
         Measured point of the body, in M; default its origin.
     load_at : tuple of 3 floats
         Point of the body, in M, at which loads act; default the measured one.
+    load_axes : {"base", "body", "world"}, optional
+        Axes of the columns mx, my, mz, fx, fy, fz; default base, and body in a table that
+        `cartstiff path` wrote. They are turned into those of the base.
     open_cells : bool
         Whether measured columns may be missing or empty.
 
@@ -597,14 +597,14 @@ def read_measurements(
     mass, mass0 = _loads(numbers, "mass", cells), _loads(numbers, "mass0", cells)
     least = np.minimum(mass, mass0)
     _refuse(least < 0, cells, "mass cannot be used", "zero or more", least)
-    if axes is None and OF_PATH in unused and wrench.any():
+    if load_axes is None and OF_PATH in unused and wrench.any():
         wrench = _in_base(elastic, q, wrench)
     measurements = Measurements(
         q,
         wrench,
         mass,
         mass0,
-        axes or "base",
+        load_axes or "base",
         values,
         sds,
         _directions(numbers, cells, values),
