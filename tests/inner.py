@@ -235,7 +235,7 @@ HOMES = {
     "stiffness.posture_notes": "error_of_soft_directions",
     "stiffness.reduction": "reduce_to",
     "stiffness.tensor": "format_matrix",
-    "toolpaths.better": "LoadedPostures USEFUL_GAIN better_posture",
+    "toolpaths.better": "LoadedPostures better_posture",
     "toolpaths.optimise": "NEARBY Steps best_way criteria",
     "units": "SI Units convert_length engineering",
     "vibration.controllers": "double_diagonalisation impedance square_root_damping",

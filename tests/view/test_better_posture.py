@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.inner import (
-    USEFUL_GAIN,
     Better,
     LoadedPostures,
     LoadKind,
@@ -61,7 +60,7 @@ def test_it_keeps_the_tip_and_is_worth_it(name, W):
     assert turned == pytest.approx(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), abs=1e-7)
     here, there = moved_by(arm, arm.q, W), moved_by(arm, found.q, W)
     assert found.displacement == pytest.approx((here, there), rel=1e-6)
-    assert found.gain >= USEFUL_GAIN
+    assert found.gain >= 0.1  # what is said where none is found
     if found.is_near:
         assert np.abs(found.q - arm.q).max() <= np.pi / 2 + 1e-9
     # Nothing is worse by more than a factor of two, and what is worse is said.
