@@ -12,7 +12,7 @@ from tests.view.test_report import HEAVY
 
 import cartstiff
 from cartstiff import InputError, ToolPath, optimise_path
-from cartstiff.errors import UnknownNameError
+from cartstiff.errors import UndefinedError, UnknownNameError
 
 POINTS = np.column_stack([np.linspace(0.45, 0.3, 3), np.linspace(0.2, 0.35, 3)])
 PATH = ToolPath(planar.poses(POINTS, 0.0), [0, 0, 0, -40.0, 25.0, 0], axes="world")
@@ -96,6 +96,37 @@ def test_progress_comes_to_its_end():
 def test_what_is_refused(options, error, match):
     with pytest.raises(error, match=match):
         optimise_path(planar.arm(), PATH, free="z", samples=12, **options)
+
+
+def test_a_path_keeps_a_margin_and_says_where_it_is_least():
+    """Torques by lever arms: -(r x f) about each joint."""
+    arm = replace(planar.arm(), efforts={"j1": (-60.0, 50.0), "j2": (-20.0, 20.0), "j3": (-4, 5)})
+    keys = {"free": "z", "samples": 24, "near": "anywhere"}
+    free = optimise_path(arm, PATH, **keys)
+    asked = float(free.margins.min()) + 0.03
+    kept = optimise_path(arm, PATH, **keys, ranges={"effort_margin": (asked, 1.0)})
+    for found in (free, kept):
+        shares = np.zeros(found.q.shape)
+        for row, q, pose in zip(shares, found.q, found.poses, strict=True):
+            axes = arm.mechanism.at(q).joint_poses([1, 2, 3])[:, :2, 3]
+            r, f = pose[:2, 3] - axes, np.array([-40.0, 25.0])
+            torque = -(r[:, 0] * f[1] - r[:, 1] * f[0])
+            ends = np.array([arm.efforts[name] for name in arm.names])
+            row[:] = np.maximum(torque / ends[:, 0], torque / ends[:, 1])
+        assert found.margins == pytest.approx(1.0 - shares.max(axis=1), rel=1e-9)
+        point, joint = np.unravel_index(np.argmax(shares), shares.shape)
+        least = {"name": arm.names[joint], "margin": 1.0 - shares.max(), "point": point + 1}
+        assert found.summary()["least_margin"] == pytest.approx(least)
+        assert found.to_dict()["margins"] == found.margins.tolist()
+        said = f"drives: {least['name']} leaves least of its limit at point {point + 1}"
+        assert said in answer_text(answer_of_path(found))
+        assert "effort_margin" in found.to_csv().splitlines()[0]
+    assert kept.margins.min() >= asked > free.margins.min()
+    assert kept.values.mean() > free.values.mean()
+    with pytest.raises(UndefinedError, match=r"only with effort_margin outside 0\.9 to 1"):
+        optimise_path(arm, PATH, **keys, ranges={"effort_margin": (0.9, 1.0)})
+    with pytest.raises(InputError, match="needs the limit of a drive's force"):
+        optimise_path(planar.arm(), PATH, **keys, ranges={"effort_margin": (0.2, 1.0)})
 
 
 def test_platforms_have_no_ranges():

@@ -185,6 +185,7 @@ def answer_of_path(result: OptimisedPath) -> Answer:
         result.notes,
         said("worst-point", point=facts["worst_point"], ratio=facts["smallest_ratio"]),
         _nearest_limit(result),
+        *_least_margin(facts["least_margin"]),
         said("as-said", words=result.configuration),
         said("as-said", words=result.collisions),
         about=[
@@ -245,6 +246,13 @@ def _nearest_limit(result: OptimisedPath) -> Statement:
     far, at = (Quantity(found[key], unit) for key in ("distance", "value"))
     own = {key: found[key] for key in ("name", "point")}
     return said("nearest-limit", distance=far, value=at, **own)
+
+
+def _least_margin(found: dict[str, Any] | None) -> list[Statement]:
+    """The drive that comes nearest to its limit along the path, if any is loaded."""
+    if found is None or found["margin"] == 1.0:
+        return []
+    return [said("least-margin", **found)]
 
 
 def _axes_of_loads(result: OptimisedPath) -> list[Statement]:

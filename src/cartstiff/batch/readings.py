@@ -67,6 +67,7 @@ from cartstiff.batch.quantities import (
     is_own,
     product_of,
 )
+from cartstiff.batch.strength import OF_STRENGTH
 from cartstiff.batch.tape import Scalar, absolute, copysign, larger, pick, square_root
 from cartstiff.batch.twists import numbers
 from cartstiff.geometry.se3 import Array
@@ -391,7 +392,7 @@ class Readings:
         ]
         if not FREQUENCIES.isdisjoint(self.names):
             names += ["kinetic", "lagrangian", "motion"]
-        if not _OF_DRIVES.isdisjoint(self.names):
+        if not set(OF_STRENGTH).isdisjoint(self.names):
             names.append(self.settings.drives.output)
         return (*names, "stiffness_A", "pose", "jacobian", "wrench", "energy")
 
@@ -403,8 +404,6 @@ class Readings:
         )
 
 
-#: Quantities that read the forces of drives.
-_OF_DRIVES = frozenset(("effort_margin", "largest_load"))
 #: Largest condition number of a pair, with a margin for two ways to compute it.
 _MAX_PAIR_CONDITION = 0.99 * numerics.LARGEST_PAIRED_CONDITION
 #: Least pivot of a positive matrix of such a condition number that is not round-off, as a

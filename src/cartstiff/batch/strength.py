@@ -21,6 +21,9 @@ from cartstiff.batch.tape import absolute, larger, pick
 from cartstiff.mechanisms.elastic import ElasticMechanism
 from cartstiff.stiffness.forces import drive_limits
 
+#: Quantities that read the forces of drives.
+OF_STRENGTH = "effort_margin", "largest_load"
+
 
 class Drives(NamedTuple):
     """Drives whose forces have limits.

@@ -113,7 +113,8 @@ def command(
         turns by the free rotation as well, or of the room (as --world); default those of
         the file's poses.
     ranges
-        Keep a joint within this range, besides its limits.
+        Keep a joint within this range, besides its limits; or effort_margin, the least
+        share of its limit that a drive leaves under weight and load, or largest_load.
     near
         Stay in the configuration of this posture: every joint that turns stays within 90
         degrees of it (numbers or name=value pairs; the others as in --q or the file).
@@ -137,6 +138,7 @@ def command(
     elastic = setup.at_posture()
 
     from cartstiff.answer.paths import answer_of_path
+    from cartstiff.batch.strength import OF_STRENGTH
     from cartstiff.cli.tables import read_path_file
     from cartstiff.toolpaths.optimise import optimise_path
 
@@ -153,7 +155,7 @@ def command(
     )
     # Ranges of joints, then the search.
     for name, (low, high) in (ranges or {}).items():
-        check_name("joint", name, elastic.names, "--range")
+        check_name("joint", name, [*elastic.names, *OF_STRENGTH], "--range")
         if not low <= high:
             raise InputError(
                 "values must rise",

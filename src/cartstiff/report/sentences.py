@@ -236,6 +236,8 @@ SENTENCES: dict[str, str] = {
     "no-limits": "no limits are known",
     "nearest-limit": "nearest to a limit: {name} at point {point}, {distance:4} from it, "
     "at {value:4}",
+    "least-margin": "drives: {name} leaves least of its limit at point {point}, a share "
+    "of {margin:3}",
     "as-said": "{words}",
     "no-constant-choice": "  no constant choice follows the path",
     "more-points": "  ... and {count} more points (-o FILE.csv has all)",

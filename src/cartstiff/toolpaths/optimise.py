@@ -25,7 +25,7 @@ of infinite cost are never taken.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import count, product
 from typing import Any, ClassVar, Literal, NamedTuple, get_args
@@ -44,8 +44,8 @@ from cartstiff.batch.quantities import (
     choose_quantities,
 )
 from cartstiff.batch.recording import Recording, analyse_many
-from cartstiff.batch.stacks import evaluate
-from cartstiff.batch.strength import Drives
+from cartstiff.batch.stacks import evaluate, needed_outputs
+from cartstiff.batch.strength import OF_STRENGTH, Drives
 from cartstiff.batch.vibrations import ManyModes
 from cartstiff.checked_call import checked
 from cartstiff.errors import (
@@ -65,7 +65,7 @@ from cartstiff.numerics import NEAR_SINGULARITY
 from cartstiff.potentials.line_springs import line_geometry
 from cartstiff.results import LabelledResult
 from cartstiff.stiffness.applied_load import Axes, LoadKind, checked_load
-from cartstiff.stiffness.compute import SCHEMA
+from cartstiff.stiffness.compute import SCHEMA, analyse
 from cartstiff.stiffness.tensor import COMPONENTS
 from cartstiff.toolpaths.tool_path import ToolPath
 from cartstiff.vibration.response import Damping
@@ -679,6 +679,8 @@ class PathCost:
         Solver of postures.
     damping : Damping
         Damping of the vibrations.
+    kept : mapping of str to (low, high)
+        Ranges of quantities of the drives' strength (`OF_STRENGTH`).
     """
 
     elastic: ElasticMechanism
@@ -689,6 +691,7 @@ class PathCost:
     load: LoadKind
     solver: PathSolver
     damping: Damping
+    kept: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.quantity.better is None:
@@ -699,6 +702,8 @@ class PathCost:
         if self.loaded and self.path.wrenches is None:
             raise InputError("a stiffness under load needs the path's wrenches")
         choose_quantities([self.quantity.name], self._settings(0), self.elastic)
+        if self.kept:
+            choose_quantities([*self.kept], self._under_load, self.elastic)
 
     def _settings(self, point: int) -> Settings:
         direction, wrench = self.path.direction(point), self.path.wrench(point)
@@ -712,8 +717,33 @@ class PathCost:
             deflect_at=self.load.at,
             damping=self.damping,
             is_loaded=self.loaded,
-            drives=Drives.of(self.elastic),
+            drives=self.drives,
         )
+
+    @cached_property
+    def drives(self) -> Drives:
+        """Drives whose forces have limits."""
+        return Drives.of(self.elastic)
+
+    @property
+    def _under_load(self) -> Settings:
+        """Settings under the path's wrenches, whichever the criterion counts."""
+        return replace(self._settings(0), is_loaded=self.path.wrenches is not None)
+
+    def strength(self, q: Array, points: Array, names: Sequence[str]) -> dict[str, Array]:
+        """Quantities of `OF_STRENGTH` (N,) of postures under the path's wrenches."""
+        if not len(names) or not len(q):
+            return {}
+        settings, wrenches, acting = self._under_load, None, dict[str, Any]()
+        if settings.is_loaded:
+            poses = self.solver.kinematics.at(q).pose
+            wrenches = self.path.wrenches_in_body(points, poses)
+            acting = {"load_kind": self.load.kind, "load_at": self.load.at}
+        asked = [QUANTITIES[name] for name in names]
+        outputs = needed_outputs(asked, settings)
+        arrays = analyse_many(self.elastic, q, wrench=wrenches, outputs=outputs, **acting)
+        lengths = np.array([c.is_length for c in self.elastic.mechanism.coordinates])
+        return evaluate(asked, {n: arrays[n] for n in outputs}, settings, lengths)
 
     def __call__(self, q: Array, points: Array) -> Judged:
         """Return the costs of postures (N, n) at points (N,) of the path."""
@@ -755,6 +785,9 @@ class PathCost:
         with np.errstate(divide="ignore", invalid="ignore"):
             cost = value if smaller else np.where(value > 0, 1.0 / value, np.inf)
         cost = np.where(np.isfinite(cost) & (value >= 0), cost, np.inf)
+        for name, x in self.strength(q, points, [*self.kept]).items():
+            low, high = self.kept[name]
+            cost = np.where((x >= low) & (x <= high), cost, np.inf)
         return Judged(q, value, cost, ratio, side)
 
     @cached_property
@@ -869,6 +902,9 @@ class OptimisedPath(LabelledResult):
         Largest distance (rad) of revolute joints from the required posture.
     length : float
         Characteristic length by which the criterion and `ratios` count angles.
+    margins : ndarray (m,) or None
+        Least share of its limit that the force of a drive leaves, under weight and the
+        path's wrenches; None without limits.
     """
 
     #: Links are not tested for collisions.
@@ -896,6 +932,7 @@ class OptimisedPath(LabelledResult):
     off_singular: bool | None = True
     nearby: float | None = None
     length: float = np.nan
+    margins: Array | None = None
 
     @property
     def unit(self) -> str:
@@ -942,6 +979,21 @@ class OptimisedPath(LabelledResult):
         }
 
     @property
+    def least_margin(self) -> dict[str, Any] | None:
+        """Where the drives' forces come nearest to a limit, or are farthest beyond.
+
+        Keys "name" of the drive, "margin" that it leaves, as a share of its limit, and
+        "point", from 1; None without limits.
+        """
+        if self.margins is None or not np.isfinite(self.margins).any():
+            return None
+        point, wrenches = int(np.nanargmin(self.margins)), self.wrenches
+        W = None if wrenches is None else wrenches[point]
+        worst = analyse(self.elastic, self.q[point], wrench=W).forces[0]
+        margin = float(self.margins[point])
+        return {"name": worst.name, "margin": margin, "point": point + 1}
+
+    @property
     def begins_at(self) -> float:
         """Largest distance [rad] of a turning joint of the first posture from the
         mechanism's.
@@ -961,6 +1013,7 @@ class OptimisedPath(LabelledResult):
             "smallest_ratio": float(self.ratios.min()),
             "largest_step": dict(zip(self.elastic.names, largest.tolist(), strict=True)),
             "nearest_limit": self.nearest_limit,
+            "least_margin": self.least_margin,
             "constant": None,
         }
         if self.constant is not None:
@@ -1007,6 +1060,7 @@ class OptimisedPath(LabelledResult):
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         constant = self.constant
+        # What was asked, the postures, and what is said of them.
         data = {
             "schema": SCHEMA,
             "mechanism": self.elastic.name,
@@ -1035,6 +1089,7 @@ class OptimisedPath(LabelledResult):
             "angles": self.angles,
             "values": self.values,
             "ratios": self.ratios,
+            "margins": self.margins,
             "constant": constant
             and {**constant.choice, "q": constant.q, "values": constant.values},
             "summary": self.summary(),
@@ -1085,6 +1140,9 @@ class OptimisedPath(LabelledResult):
         columns.append(np.column_stack([self.values, self.ratios]))
         unit = f" [{self.unit}]" if self.unit not in ("", "1") else ""
         names += [f"{self.criterion.name}{unit}", "singular_ratio"]
+        if self.margins is not None and self.criterion.name != "effort_margin":
+            columns.append(self.margins[:, None])
+            names.append("effort_margin")
         if self.constant is not None:
             columns.append(self.constant.values[:, None])
             names.append(f"{self.criterion.name}_constant{unit}")
@@ -1295,7 +1353,9 @@ def optimise_path(
     damping
         For the criteria ``damping_1`` ..., as in `compute_map`.
     ranges : mapping of str to (low, high), optional
-        Ranges of joints besides their limits.
+        Ranges of joints besides their limits; of "effort_margin", the least share of its
+        limit that the force of a drive leaves under weight and the path's wrench; of
+        "largest_load", how many times that wrench the drives hold.
     near : mapping or array_like (n,) or "anywhere", optional
         A posture near which the path stays: all revolute joints within `NEARBY` of it.
         Without it the path of an arm begins so near to `elastic.q`, or at the nearest
@@ -1317,7 +1377,8 @@ def optimise_path(
     UndefinedError
         If the path cannot be followed, with the first point where it breaks (from 1):
         codes ``"path-unreachable"``, ``"path-beyond-limits"``, ``"path-near-singular"``,
-        ``"path-without-stiffness"``, ``"path-discontinuous"``.
+        ``"path-beyond-strength"``, ``"path-without-stiffness"``,
+        ``"path-discontinuous"``.
     """
     _check_mechanism(checked_elastic(elastic))
     checked_kind(path, ToolPath, "path", "a ToolPath")
@@ -1327,7 +1388,9 @@ def optimise_path(
     _check_shares(singular, smoothness)
     # The posture near which the path begins, and the choices that are left along it.
     near, start = _nearby(elastic, near)
-    solver = path_solver(elastic, ranges, near)
+    kept = {name: (ranges or {})[name] for name in OF_STRENGTH if name in (ranges or {})}
+    of_joints = {n: own for n, own in (ranges or {}).items() if n not in kept}
+    solver = path_solver(elastic, of_joints, near)
     grid = choices_of(solver, free, redundant, samples, list(elastic.names))
     # The cost of a posture: a criterion of the stiffness, of which load and damping are
     # parts.
@@ -1347,6 +1410,7 @@ def optimise_path(
         load,
         solver,
         damping if isinstance(damping, Damping) else Damping(damping),
+        kept,
     )
     # Search on the grid of choices, then on finer grids around the best path.
     levels = _REFINEMENTS if refine and grid.dimension else 0
@@ -1370,7 +1434,10 @@ def optimise_path(
     q, constant = search.among(candidates)
     if levels:
         q = search.refined(q)
-    judged, poses = cost(q, np.arange(len(path))), solver.kinematics.at(q).pose
+    points, poses = np.arange(len(path)), solver.kinematics.at(q).pose
+    judged, margins = cost(q, points), None
+    if cost.drives.rows:
+        margins = cost.strength(q, points, OF_STRENGTH[:1])["effort_margin"]
     return OptimisedPath(
         elastic,
         path,
@@ -1391,6 +1458,7 @@ def optimise_path(
         singular > 0.0 if solver.rank("none") == solver.movable.sum() else None,
         None if near is None else NEARBY,
         solver.length,
+        margins,
     )
 
 
@@ -1488,7 +1556,7 @@ class _Search:
         layers = self._layers([c.q for c in candidates])
         for point, layer in enumerate(layers):
             if not np.isfinite(layer.cost).any():
-                raise self._impossible(point, layer.ratio)
+                raise self._impossible(point, layer)
             self.advance()
         self.price = self.smoothness * float(
             np.mean([layer.cost.min() for layer in layers])
@@ -1506,8 +1574,9 @@ class _Search:
             raise way
         return way[0], self._constant(begun, [c.cell for c in candidates])
 
-    def _impossible(self, point: int, ratios: Array) -> UndefinedError:
+    def _impossible(self, point: int, layer: Judged) -> UndefinedError:
         """Return the error for a point (counted from 0) without any usable candidate."""
+        ratios = layer.ratio
         values: dict[str, Any] = {"point": point + 1, "candidates": len(ratios)}
         here, elastic = f"point {point + 1} of the path", self.cost.elastic
         # Out of reach, or beyond limits.
@@ -1531,7 +1600,7 @@ class _Search:
                 code="path-beyond-limits",
                 values={**values, "limit_of": name, "beyond": amount},
             )
-        # Near singularities only, or without the criterion.
+        # Near singularities only.
         best = float(ratios.max())
         if best < self.singular:
             return UndefinedError(
@@ -1540,6 +1609,19 @@ class _Search:
                 code="path-near-singular",
                 values={**values, "ratio": best, "threshold": self.singular},
             )
+        # Beyond the drives' strength, or without the criterion.
+        rows = layer.q[ratios >= self.singular]
+        strength = self.cost.strength(rows, np.full(len(rows), point), [*self.cost.kept])
+        for name, x in strength.items():
+            low, high = self.cost.kept[name]
+            if not ((x >= low) & (x <= high)).any():
+                most = float(np.nanmax(x, initial=-np.inf))
+                return UndefinedError(
+                    f"{here} is reached only with {name} outside {low:g} to {high:g}: "
+                    f"at most {most:.3g}",
+                    code="path-beyond-strength",
+                    values={**values, "name": name, "most": most},
+                )
         springs = elastic.springs
         is_given = springs is not None and not springs.rest_is_free().any()
         words = (
