@@ -339,7 +339,7 @@ def test_the_gradient_costs_at_most_four_times_its_objective():
         ("6-ups", soft),
     ):
         program = cartstiff.record(cartstiff.load(name), (quantity,), loaded=True)
-        objective = program._tape
+        objective = program.tape
         (of,) = (name for name in objective.outputs if name != "verdict")
         whole = gradient_program(objective, of)
         assert whole.size <= 4.0 * objective.size, (name, whole.size, objective.size)

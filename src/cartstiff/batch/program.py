@@ -54,7 +54,7 @@ from cartstiff.batch.quantities import (
     check_used,
     choose_quantities,
 )
-from cartstiff.batch.recording import NOTHING, Recording, shapes_of, springs_of
+from cartstiff.batch.recording import Recording, shapes_of, springs_of
 from cartstiff.batch.source_steps import Before
 from cartstiff.batch.sources import WRITERS, Facts
 from cartstiff.batch.tape import Program as Tape
@@ -64,7 +64,7 @@ from cartstiff.errors import InputError, UndefinedError, UnknownNameError, check
 from cartstiff.geometry.connections import Connection
 from cartstiff.geometry.se3 import Array
 from cartstiff.mechanisms.elastic import ElasticMechanism, checked_elastic
-from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, Axes, LoadKind, checked_load
+from cartstiff.stiffness.applied_load import DEAD_AT_ORIGIN, LoadKind, checked_load
 
 #: Number of operations beyond which compiling takes more than a quarter of a minute.
 _LARGEST = 150_000
@@ -175,44 +175,26 @@ class Program(Recording):
     """
 
     largest = _LARGEST
+    path = "engine"
+    _untraced: UntracedTerms | None = None
+    _answer: OnePosture | None = None
+    _closing: Assembly | None = None
+    _settling: OnePosture | None = None
+    _verdict, _state = 0, REGULAR
 
-    def __init__(
-        self,
-        elastic: ElasticMechanism,
-        names: tuple[str, ...],
-        own: OwnOutputs = NOTHING,
-        is_loaded: bool = False,
-        load: LoadKind = DEAD_AT_ORIGIN,
-        load_axes: Axes = "body",
-        inputs: tuple[str, ...] = (),
-    ) -> None:
-        super().__init__(elastic, names, own, is_loaded, load, load_axes, inputs)
-        self._count = len(elastic.mechanism.coordinates)
-        self.path = "engine"
-        self._untraced: UntracedTerms | None = None
-        self._answer: OnePosture | None = None
-        self._closing: Assembly | None = None
-        self._settling: OnePosture | None = None
-        self._places: dict[str, _Place] = {}
-        self._verdict, self._state = 0, REGULAR
-        if self._taken is not None and self._tape is not None:
-            self._compile(self._taken, self._tape)
-
-    def _compile(self, taken: TracedModel, program: Tape) -> None:
+    def _use(self, taken: TracedModel, program: Tape) -> None:
         """Make code of the outputs and of the steps towards the posture."""
         if program.size > _LARGEST:
             self.reason = f"{program.size} operations would take too long to compile"
-            self._tape = None
+            self.tape = None
             return
-        shared = {
-            name: np.ascontiguousarray(row)
-            for name, row in taken.shared.items()
-            if name not in self.inputs
-        }
+        shared = self._constants(taken)
         self._answer = one_posture(program, shared)
         # What exists at no posture of the mechanism is missing.
         at = self._answer.at
-        self._places = {name: (at.get(name), self._shapes[name]) for name in self.names}
+        self._places: dict[str, _Place] = {
+            name: (at.get(name), self._shapes[name]) for name in self.names
+        }
         stop = max(place.stop for place in at.values())
         for i, name in enumerate(self.from_matrices):
             self._places[name] = slice(stop + i, stop + i + 1), ()
@@ -358,10 +340,10 @@ class Program(Recording):
         None if unknown.
         """
         at = q if self._closing is None else self._closing(q)
-        if self._settling is None or at is None or self._taken is None:
+        if self._settling is None or at is None or self.taken is None:
             return at
         evaluate = partial(
-            self._taken.untraced.derivatives, compiled=self.path == "compiled"
+            self.taken.untraced.derivatives, compiled=self.path == "compiled"
         )
         moved = at[None].copy()
         load = {name: values[None] for name, values in given.items()}
@@ -394,7 +376,7 @@ class Program(Recording):
         """
         check_name("language", language, WRITERS)
         # What no source can do is refused with its reason.
-        taken, tape = self._taken, self._tape
+        taken, tape = self.taken, self.tape
         if taken is None or tape is None:
             raise InputError(f"no source: {self.reason}")
         if taken.untraced.is_dense:
@@ -412,9 +394,13 @@ class Program(Recording):
             raise InputError("no source: the outputs exist at no posture")
         steps = tuple(step for n in exist for step in tape.outputs[n])
         tape = tape.with_outputs({"record": steps, "verdict": tape.outputs["verdict"]})
+        given = self._constants(taken), self._facts(exist), name
+        return WRITERS[language](tape, *given, Before.of(taken, self._count))
+
+    def _constants(self, taken: TracedModel) -> dict[str, Array]:
+        """Numbers that all postures share and a call cannot replace."""
         shared = {n: row for n, row in taken.shared.items() if n not in self.inputs}
-        before = Before.of(taken, self._count)
-        return WRITERS[language](tape, shared, self._facts(exist), name, before)
+        return {name: np.ascontiguousarray(row) for name, row in shared.items()}
 
     def _facts(self, exist: Sequence[str]) -> Facts:
         """Names, shapes and units of what goes in and comes out."""
@@ -507,7 +493,7 @@ class Program(Recording):
         """
         # Only a single number of a posture that does not follow from steps has slopes
         # here.
-        outputs = {} if self._tape is None else self._tape.outputs
+        outputs = {} if self.tape is None else self.tape.outputs
         numbers = [name for name, steps in outputs.items() if len(steps) == 1]
         check_name("output", of, [name for name in numbers if name in self.names])
         if not self.has_slopes:
@@ -526,10 +512,10 @@ class Program(Recording):
 
     def _code(self, count: int) -> tuple[Kernel | None, str, str]:
         """As of `Recording`; that of single postures for all but very many."""
-        if self._tape is None:
+        if self.tape is None:
             return None, "engine", self.reason
         path = "portable" if self.path == "python" else self.path
-        return self._kernel(self._answer, self._tape, count), path, self.reason
+        return self._kernel(self._answer, self.tape, count), path, self.reason
 
     def _one_of(self, tape: Tape, shared: Mapping[str, Array]) -> OnePosture:
         return one_posture(tape, shared)

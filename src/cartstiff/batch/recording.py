@@ -99,6 +99,15 @@ class Recording:
     reads : bool
         Whether quantities are recorded, as far as they can be, so that no matrices are
         stored.
+
+    Attributes
+    ----------
+    taken : TracedModel, optional
+        The recorded arithmetic with its inputs, if there is some.
+    tape : Program, optional
+        Its program of the outputs.
+    reason : str
+        Why there is none.
     """
 
     #: Number of operations beyond which quantities are read from matrices.
@@ -128,11 +137,12 @@ class Recording:
         self._base = tuple(dict.fromkeys(base))
         self.names = (*names, *own.names, *own.quantities)
         self._shapes = shapes_of(elastic) | own.shapes | dict.fromkeys(own.quantities, ())
-        self._shapes[MOTIONS] = len(elastic.mechanism.coordinates), -1
+        self._count = len(elastic.mechanism.coordinates)
+        self._shapes[MOTIONS] = self._count, -1
         self.reason = ASKED
         self.from_matrices: tuple[str, ...] = own.quantities
-        self._taken: TracedModel | None = None
-        self._tape: Tape | None = None
+        self.taken: TracedModel | None = None
+        self.tape: Tape | None = None
         self._usual: dict[str, Array] = {}
         self._derived = dict[str, tuple[Kernel | None, Tape]]()
         if backend == "engine":
@@ -148,10 +158,14 @@ class Recording:
                     expected="path 'engine'",
                 )
             return
-        self.reason, self._taken = "", taken.under(load, load_axes)
-        self._tape = self._recorded(self._taken.case, reads)
+        self.reason, self.taken = "", taken.under(load, load_axes)
+        self.tape = self._recorded(self.taken.case, reads)
         for name in inputs:
-            self._usual[name] = np.ascontiguousarray(self._taken.shared[name])[0]
+            self._usual[name] = np.ascontiguousarray(self.taken.shared[name])[0]
+        self._use(self.taken, self.tape)
+
+    def _use(self, taken: TracedModel, program: Tape) -> None:
+        """Make what is needed of the recorded arithmetic."""
 
     def _needed(self, quantities: Collection[str]) -> tuple[str, ...]:
         """Outputs that quantities are read from."""
@@ -266,8 +280,8 @@ class Recording:
         """Whether outputs have derivatives: nothing follows from steps, or from outside
         of the recorded arithmetic.
         """
-        taken = self._taken
-        if taken is None or self._tape is None:
+        taken = self.taken
+        if taken is None or self.tape is None:
             return False
         return not (taken.is_closed or taken.settles or taken.untraced)
 
@@ -278,7 +292,7 @@ class Recording:
 
         NaN at postures that are not plainly regular.
         """
-        taken, tape = self._taken, self._tape
+        taken, tape = self.taken, self.tape
         assert taken is not None
         assert tape is not None
         if of not in self._derived:  # recorded once for each output
@@ -308,7 +322,7 @@ class Recording:
         """The code for many postures, its path, and the reason why there is no faster
         one.
         """
-        tape = self._tape
+        tape = self.tape
         if tape is None:
             return None, "engine", self.reason
         reason = ""
@@ -405,7 +419,7 @@ class Recording:
         path : str
             Path of the matrices.
         """
-        usual = REGULAR if self._taken is None else self._taken.regular
+        usual = REGULAR if self.taken is None else self.taken.regular
         codes, fallback, path = list(dict.fromkeys((REGULAR, usual))), 0, "engine"
         which = np.flatnonzero(state != PLAIN)
         state[:] = codes.index(usual)
@@ -458,11 +472,11 @@ class Recording:
 
     def _with(self, numbers: Mapping[str, Array] | None) -> TracedModel | None:
         """The recorded arithmetic with other numbers."""
-        if self._taken is None or not self.inputs:
-            return self._taken
+        if self.taken is None or not self.inputs:
+            return self.taken
         own = {**self._usual, **(numbers or {})}
         given = {name: np.atleast_2d(values) for name, values in own.items()}
-        return replace(self._taken, shared={**self._taken.shared, **given})
+        return replace(self.taken, shared={**self.taken.shared, **given})
 
     def with_numbers(
         self, numbers: Mapping[str, ArrayLike]

@@ -22,7 +22,8 @@ from cartstiff.arrays import plain
 from cartstiff.batch.chains import ChainCase
 from cartstiff.batch.closed_chains import STEPS
 from cartstiff.batch.execution import HELPERS, javascript
-from cartstiff.batch.plans import CLOSING, SETTLING, TracedModel, plan, program_for
+from cartstiff.batch.plans import CLOSING, SETTLING, TracedModel, program_for
+from cartstiff.batch.recording import Recording
 from cartstiff.batch.untraced import segment_program
 from cartstiff.choices import LOAD_KINDS
 from cartstiff.mechanisms.closures import LONGEST_STEP, MOST_STEPS
@@ -93,13 +94,13 @@ def browser_program(
     """
     if (reason := _unsupported(elastic)) is not None:
         return reason
-    chosen = plan(elastic, "none"), plan(elastic, "shared")
-    if (no := next((one for one in chosen if isinstance(one, str)), None)) is not None:
-        return no
-    free, loaded = (one for one in chosen if isinstance(one, TracedModel))
+    bare, pushed = (Recording(elastic, _NAMES, is_loaded=each) for each in (False, True))
+    if not (bare.taken and bare.tape and pushed.taken and pushed.tape):
+        return bare.reason or pushed.reason
+    free, loaded = bare.taken, pushed.taken
     if (reason := _left_out(free)) is not None:
         return reason
-    programs = {"free": program_for(free.case, _NAMES)}
+    programs = {"free": bare.tape}
     if free.is_closed:
         bending, no_load = _link_deflection(loaded, elastic.names)
     else:
@@ -108,7 +109,7 @@ def browser_program(
         programs |= bending.pop("programs")
         no_load = None
     if no_load is None:
-        programs["loaded"] = program_for(loaded.case, _NAMES)
+        programs["loaded"] = pushed.tape
     elif not free.is_closed:
         return no_load
     closing = None
